@@ -1,0 +1,218 @@
+#include <pybind11/eigen.h>
+#include <pybind11/functional.h>
+#include <pybind11/numpy.h>
+#include <pybind11/stl.h>
+
+#include "bindings.hpp"
+#include "feltmb/model/equilibrium.hpp"
+#include "feltmb/model/observables.hpp"
+#include "feltmb/model/simulation.hpp"
+
+namespace py = pybind11;
+
+namespace feltmb::python {
+namespace {
+
+py::dict counts(const IntegratorCounts& c) {
+  py::dict out;
+  out["steps"] = c.steps;
+  out["rhs"] = c.rhs;
+  out["jacobians"] = c.jacobians;
+  out["factorizations"] = c.factorizations;
+  out["rejected"] = c.rejected;
+  out["newton_iterations"] = c.newton_iterations;
+  out["newton_failures"] = c.newton_failures;
+  out["event_evaluations"] = c.event_evaluations;
+  return out;
+}
+
+}  // namespace
+
+void bind_model(py::module_& m) {
+  py::enum_<Profile::Interpolation>(m, "Interpolation")
+      .value("linear", Profile::Interpolation::kLinear)
+      .value("monotone", Profile::Interpolation::kMonotone);
+  py::class_<Profile>(m, "Profile")
+      .def(py::init<std::vector<double>, std::vector<double>, Profile::Interpolation, double,
+                    double>(),
+           py::arg("time"), py::arg("value"), py::arg("interpolation"),
+           py::arg("oscillation_amplitude") = 0.0, py::arg("oscillation_frequency") = 0.0)
+      .def_property_readonly("breakpoints", &Profile::breakpoints)
+      .def("value",
+           [](const Profile& p, py::array_t<double> t) {
+             return py::vectorize([&p](double x) { return p.value(x); })(t);
+           },
+           py::arg("time"))
+      .def("rate",
+           [](const Profile& p, py::array_t<double> t) {
+             return py::vectorize([&p](double x) { return p.rate(x); })(t);
+           },
+           py::arg("time"));
+
+  py::class_<SimulationOptions>(m, "SimulationOptions")
+      .def(py::init<>())
+      .def_readwrite("duration", &SimulationOptions::duration)
+      .def_readwrite("rtol", &SimulationOptions::rtol)
+      .def_readwrite("output_rate", &SimulationOptions::output_rate)
+      .def_readwrite("ledger", &SimulationOptions::ledger)
+      .def_readwrite("events", &SimulationOptions::events)
+      .def_readwrite("outputs", &SimulationOptions::outputs)
+      .def_readwrite("diagnose", &SimulationOptions::diagnose)
+      .def_readwrite("max_order", &SimulationOptions::max_order)
+      .def_readwrite("max_step", &SimulationOptions::max_step)
+      .def_readwrite("max_steps", &SimulationOptions::max_steps)
+      .def_readwrite("max_wall", &SimulationOptions::max_wall)
+      .def_readwrite("peak_contacts", &SimulationOptions::peak_contacts);
+
+  py::class_<Monitor>(m, "Monitor")
+      .def(py::init([](std::string name, int point, std::pair<double, double> direction,
+                       double level) {
+             return Monitor{std::move(name), point, {direction.first, direction.second}, level};
+           }),
+           py::kw_only(), py::arg("name"), py::arg("point"), py::arg("direction"),
+           py::arg("level"));
+
+  m.def(
+      "find_equilibrium",
+      [](const std::shared_ptr<Mechanism>& mechanism, double finger_force) {
+        Equilibrium e;
+        {
+          const py::gil_scoped_release release;
+          e = find_equilibrium(mechanism, finger_force);
+        }
+        py::dict out;
+        out["q"] = Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(
+            e.q.data(), static_cast<Eigen::Index>(e.q.size())));
+        out["eta"] = Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(
+            e.eta.data(), static_cast<Eigen::Index>(e.eta.size())));
+        out["iterations"] = e.iterations;
+        out["residual"] = e.residual;
+        return out;
+      },
+      py::arg("mechanism"), py::arg("finger_force") = 0.0);
+
+  py::class_<RunResult>(m, "RunResult")
+      .def_property_readonly("status",
+                             [](const RunResult& r) {
+                               switch (r.status) {
+                                 case RunStatus::kDone: return "done";
+                                 case RunStatus::kFailed: return "failed";
+                                 case RunStatus::kWallTime: return "wall_time";
+                                 case RunStatus::kInterrupted: return "interrupted";
+                               }
+                               return "?";
+                             })
+      .def_readonly("message", &RunResult::message)
+      .def_readonly("reached", &RunResult::reached)
+      .def_readonly("failed_state", &RunResult::failed_state)
+      .def_readonly("failed_contact", &RunResult::failed_contact)
+      .def_readonly("time", &RunResult::time)
+      .def_readonly("names", &RunResult::names)
+      .def_readonly("units", &RunResult::units)
+      .def_readonly("long_names", &RunResult::long_names)
+      .def_readonly("data", &RunResult::data)
+      .def_readonly("states", &RunResult::states)
+      .def_readonly("ledger_names", &RunResult::ledger_names)
+      .def_readonly("ledger", &RunResult::ledger)
+      .def_property_readonly(
+          "events",
+          [](const RunResult& r) {
+            py::list out;
+            for (const auto& e : r.events) {
+              out.append(py::make_tuple(e.time, e.contact, e.monitor, e.direction, e.row));
+            }
+            return out;
+          },
+          "Tuples (time, contact index or -1, monitor index or -1, direction, row).")
+      .def_readonly("event_states", &RunResult::event_states)
+      .def_readonly("event_compression", &RunResult::event_compression)
+      .def_readonly("event_approach", &RunResult::event_approach)
+      .def_property_readonly("peaks",
+                             [](const RunResult& r) {
+                               py::list out;
+                               for (const auto& p : r.peaks) {
+                                 out.append(py::make_tuple(p.contact, p.force, p.time));
+                               }
+                               return out;
+                             })
+      .def_property_readonly("end_time", [](const RunResult& r) { return r.end.time; })
+      .def_property_readonly("end_state",
+                             [](const RunResult& r) {
+                               return Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(
+                                   r.end.y.data(), static_cast<Eigen::Index>(r.end.y.size())));
+                             })
+      .def_property_readonly("counts", [](const RunResult& r) { return counts(r.counts); })
+      .def_readonly("restarts", &RunResult::restarts)
+      .def_readonly("wall", &RunResult::wall)
+      .def_readonly("limiting_states", &RunResult::limiting_states)
+      .def_readonly("limiting_contacts", &RunResult::limiting_contacts);
+
+  m.def(
+      "simulate",
+      [](const std::shared_ptr<Mechanism>& mechanism, const Profile& profile, bool motion,
+         const SimulationOptions& options, const std::vector<double>& start,
+         const std::vector<Monitor>& monitors, const py::object& progress) {
+        Progress report;
+        if (!progress.is_none()) {
+          // Runs with the GIL released; takes it back for the call and for pending signals.
+          report = [&progress](double t) {
+            const py::gil_scoped_acquire acquire;
+            if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+            return progress(t).cast<bool>();
+          };
+        } else {
+          report = [](double) {
+            const py::gil_scoped_acquire acquire;
+            if (PyErr_CheckSignals() != 0) {
+              PyErr_Clear();
+              return false;
+            }
+            return true;
+          };
+        }
+        SimulationState state;
+        state.y = start;
+        const py::gil_scoped_release release;
+        return simulate(mechanism, FingerInput{profile, motion}, options, state, monitors, report);
+      },
+      py::arg("mechanism"), py::arg("profile"), py::arg("motion"), py::arg("options"),
+      py::arg("start"), py::arg("monitors"), py::arg("progress") = py::none());
+
+  m.def(
+      "jacobian_check",
+      [](const std::shared_ptr<Mechanism>& mechanism, const std::vector<double>& y,
+         const Profile& profile, bool motion, double time, double gamma) {
+        MechanismSystem system(mechanism, FingerInput{profile, motion}, false, {}, false);
+        if (y.size() != system.size()) {
+          throw std::invalid_argument("jacobian_check: wrong length of the state");
+        }
+        const auto n = static_cast<Eigen::Index>(y.size());
+        system.linearize(time, y);
+        if (!system.factorize(gamma)) throw std::invalid_argument("jacobian_check: singular");
+        Eigen::MatrixXd inverse(n, n);
+        for (Eigen::Index j = 0; j < n; ++j) {
+          std::vector<double> b(y.size(), 0.0);
+          b[static_cast<std::size_t>(j)] = 1.0;
+          system.solve(b);
+          for (Eigen::Index i = 0; i < n; ++i) inverse(i, j) = b[static_cast<std::size_t>(i)];
+        }
+        return inverse;
+      },
+      py::arg("mechanism"), py::arg("y"), py::arg("profile"), py::arg("motion"), py::arg("time"),
+      py::arg("gamma"), "Inverse of I - gamma J as the structured solver applies it.");
+
+  m.def(
+      "rhs",
+      [](const std::shared_ptr<Mechanism>& mechanism, const std::vector<double>& y,
+         const Profile& profile, bool motion, double time) {
+        MechanismSystem system(mechanism, FingerInput{profile, motion}, false, {}, false);
+        if (y.size() != system.size()) throw std::invalid_argument("rhs: wrong length of y");
+        Eigen::VectorXd rate(static_cast<Eigen::Index>(y.size()));
+        system.rhs(time, y, {rate.data(), y.size()});
+        return rate;
+      },
+      py::arg("mechanism"), py::arg("y"), py::arg("profile"), py::arg("motion"), py::arg("time"),
+      "y' of the full state [q, v, eta, deta/dt].");
+}
+
+}  // namespace feltmb::python

@@ -1,0 +1,11 @@
+#include "bindings.hpp"
+
+PYBIND11_MODULE(_core, m) {
+  m.doc() = "C++ core of feltmb. Use the package feltmb; names here may change.";
+  m.attr("__version__") = FELTMB_VERSION;
+  feltmb::python::bind_error(m);
+  feltmb::python::bind_contact(m);
+  feltmb::python::bind_modal(m);
+  feltmb::python::bind_planar(m);
+  feltmb::python::bind_model(m);
+}

@@ -1,0 +1,120 @@
+/// A mechanism with its strings as one system of ordinary differential equations.
+#pragma once
+
+#include <Eigen/Dense>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "feltmb/model/profile.hpp"
+#include "feltmb/ode/system.hpp"
+#include "feltmb/planar/dynamics.hpp"
+
+namespace feltmb {
+
+/// Finger input of a run: a force, or the motion of a finger that meets the key through its pad.
+struct FingerInput {
+  Profile profile;
+  bool motion = false;  ///< false: profile is force [N]; true: displacement [m], pad in between
+
+  Drive at(double t) const;
+};
+
+/// Height of a tracking point over a level, or of a coordinate: an event when it crosses.
+struct Monitor {
+  std::string name;
+  int point = -1;         ///< tracking point index
+  Vec2 direction{0.0, 1.0};
+  double level = 0.0;     ///< dot(direction, position) - level is the root function [m]
+};
+
+/// State y = [q, v, eta, deta/dt], n + n + N + N, N all modes of all strings.
+///
+/// q' = v; M v' = Q(q, v, eta, deta/dt, t); eta'' + 2 xi w eta' + w^2 eta = phi F.
+/// Newton matrix: with dq = r_q + gamma dv the first block goes; the modes are diagonal but for the
+/// contact force, one unknown a closed string contact, so they are eliminated: what is factorised
+/// is (n + closed string contacts) square.
+class MechanismSystem : public OdeSystem {
+ public:
+  MechanismSystem(std::shared_ptr<const Mechanism> mechanism, FingerInput input, bool ledger,
+                  std::vector<Monitor> monitors, bool events);
+
+  std::size_t size() const override { return static_cast<std::size_t>(2 * (n_ + modes_)); }
+  std::string state_name(std::size_t i) const override;
+  void rhs(double t, std::span<const double> y, std::span<double> rate) override;
+  void linearize(double t, std::span<const double> y) override;
+  bool factorize(double gamma) override;
+  void solve(std::span<double> b) override;
+  std::size_t n_events() const override;
+  void events(double t, std::span<const double> y, std::span<double> g) override;
+  std::size_t n_quadratures() const override { return quadrature_names_.size(); }
+  void quadratures(double t, std::span<const double> y, std::span<double> h) override;
+
+  /// Names of the ledger's quadratures: work_in, work_throughput, dissipated.* [J].
+  const std::vector<std::string>& quadrature_names() const { return quadrature_names_; }
+
+  /// Contact indices in the order of the event functions, then monitors.
+  const std::vector<int>& event_contacts() const { return event_contacts_; }
+  const std::vector<Monitor>& monitors() const { return monitors_; }
+
+  Dynamics& dynamics() { return dynamics_; }
+  const Mechanism& mechanism() const { return dynamics_.mechanism(); }
+  int coordinates() const { return n_; }
+  int modes() const { return modes_; }
+
+  /// Evaluates everything at (t, y) for outputs.
+  void evaluate(double t, std::span<const double> y);
+  void locate(double t, std::span<const double> y);
+  Drive drive(double t) const { return input_.at(t); }
+
+  /// Absolute tolerance of each state: felt compressions of 1 mm and speeds of 1 m/s times rtol.
+  std::vector<double> absolute_tolerances(double rtol) const;
+
+  /// Contact that ties the given state most stiffly at the last linearisation, -1 if none.
+  int stiffest_contact(std::size_t state) const;
+
+ private:
+  struct Parts {
+    std::span<const double> q, v, eta, eta_rate;
+  };
+  Parts parts(std::span<const double> y) const;
+
+  Dynamics dynamics_;
+  FingerInput input_;
+  int n_ = 0;
+  int modes_ = 0;
+  std::vector<double> modal_stiffness_;
+  std::vector<double> modal_damping_;
+  std::vector<double> modal_rate_factor_;
+  std::vector<std::string> quadrature_names_;
+  std::vector<int> event_contacts_;
+  std::vector<Monitor> monitors_;
+
+  // Linearisation kept between Newton iterations.
+  struct StringCoupling {
+    int string = -1;
+    int offset = 0;
+    double force = 0.0;
+    double by_compression = 0.0;   ///< dF/de
+    double by_rate = 0.0;          ///< dF/d(de/dt)
+    double strike_speed = 0.0;
+    Eigen::VectorXd force_column;  ///< b
+    Eigen::VectorXd displacement_column;  ///< -(b dF/de + c): effect of the string's displacement
+    Eigen::VectorXd gradient;      ///< de/dq
+    Eigen::VectorXd rate_gradient; ///< d(de/dt)/dq
+    Eigen::VectorXd strike;        ///< dy/dq
+    double a00 = 0.0, a01 = 0.0, a11 = 0.0;
+  };
+  Eigen::MatrixXd mass_, stiffness_, damping_;
+  std::vector<StringCoupling> couplings_;
+  int coupling_count_ = 0;
+  std::vector<double> phi_, dphi_;
+  std::vector<int> stiffest_;
+  std::vector<double> tie_;
+  double gamma_ = 0.0;
+  Eigen::MatrixXd newton_;
+  Eigen::PartialPivLU<Eigen::MatrixXd> lu_;
+  Eigen::VectorXd right_, solution_;
+};
+
+}  // namespace feltmb

@@ -1,0 +1,26 @@
+/// Named outputs of a mechanism: one list for Python, files, plots and measured data.
+#pragma once
+
+#include <span>
+#include <string>
+#include <vector>
+
+#include "feltmb/model/mechanism_system.hpp"
+
+namespace feltmb {
+
+struct ObservableInfo {
+  std::string name;
+  std::string unit;
+  std::string long_name;
+};
+
+/// The outputs of a mechanism in a fixed order:
+/// coordinates and their rates, tracking points (.x .y .vx .vy), contacts (.force .compression
+/// .rate .friction), straps (.force), finger.force, strings (.strike, .bridge_force), energies.
+std::vector<ObservableInfo> list_observables(const Mechanism& mechanism);
+
+/// Values at (t, y); `out` has the length of list_observables.
+void observe(MechanismSystem& system, double t, std::span<const double> y, std::span<double> out);
+
+}  // namespace feltmb

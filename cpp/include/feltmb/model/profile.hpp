@@ -1,0 +1,44 @@
+/// Finger force or finger motion against time.
+#pragma once
+
+#include <vector>
+
+namespace feltmb {
+
+/// Piecewise profile through knots; held constant before the first and after the last knot.
+///
+/// value(t) = interpolant(t) [1 + amplitude sin(2 pi frequency t)].
+/// `linear`: straight between knots, every knot is a breakpoint at which an integrator should
+/// restart. Otherwise monotone cubic Hermite (PCHIP), continuous in slope.
+class Profile {
+ public:
+  enum class Interpolation { kLinear, kMonotone };
+
+  Profile() : Profile({0.0}, {0.0}, Interpolation::kLinear) {}
+
+  /// @param time   knots [s], strictly increasing, at least one
+  /// @param value  at the knots, same length: force [N] or displacement [m]
+  /// @param oscillation_amplitude  relative [-], @param oscillation_frequency [Hz]
+  /// Throws InvalidParameter naming the first knot at fault.
+  Profile(std::vector<double> time, std::vector<double> value, Interpolation interpolation,
+          double oscillation_amplitude = 0.0, double oscillation_frequency = 0.0);
+
+  double value(double t) const;
+  double rate(double t) const;                      ///< d value / dt [1/s]
+  const std::vector<double>& breakpoints() const { return breakpoints_; }  ///< [s]
+
+ private:
+  std::size_t interval(double t) const;
+  double base(double t) const;
+  double base_rate(double t) const;
+
+  std::vector<double> time_;
+  std::vector<double> value_;
+  std::vector<double> slope_;
+  std::vector<double> breakpoints_;
+  Interpolation interpolation_;
+  double amplitude_;
+  double omega_;
+};
+
+}  // namespace feltmb

@@ -1,0 +1,90 @@
+/// Runs a mechanism through time: samples, events, peaks, ledger, statistics.
+#pragma once
+
+#include <Eigen/Dense>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "feltmb/model/mechanism_system.hpp"
+#include "feltmb/ode/integrator.hpp"
+
+namespace feltmb {
+
+using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+struct SimulationOptions {
+  double duration = 0.4;       ///< [s], > 0
+  double rtol = 1e-6;          ///< relative tolerance; absolute ones follow from it
+  double output_rate = 10000;  ///< samples a second [Hz], > 0
+  bool ledger = true;          ///< integrate work and dissipation along
+  bool events = true;          ///< find contact openings and closings
+  bool outputs = true;         ///< sample the named outputs; false: end state, events, counts only
+  bool diagnose = true;        ///< count which state and contact limit the step
+  int max_order = 0;           ///< 0: chosen from the damping of the strings
+  double max_step = 0.0;       ///< [s], 0: no limit
+  long max_steps = 20000000;
+  double max_wall = 0.0;       ///< seconds of wall time after which the run stops, 0: none
+  std::vector<int> peak_contacts;  ///< numbers of contacts whose largest force is sought
+};
+
+/// Complete state from which a run can go on.
+struct SimulationState {
+  double time = 0.0;             ///< [s] on the clock of the run that ended
+  std::vector<double> y;         ///< see MechanismSystem
+};
+
+struct SimulationEvent {
+  double time = 0.0;             ///< [s]
+  int contact = -1;              ///< index in Mechanism::contacts, or -1
+  int monitor = -1;              ///< index of the monitor, or -1
+  int direction = 0;             ///< +1: closes or rises, -1: opens or falls
+  int row = 0;                   ///< of event_states, event_compression, event_approach
+};
+
+struct Peak {
+  int contact = -1;              ///< index in Mechanism::contacts
+  double force = 0.0;            ///< largest normal force [N], from dense output
+  double time = 0.0;             ///< [s]
+};
+
+enum class RunStatus { kDone, kFailed, kWallTime, kInterrupted };
+
+struct RunResult {
+  RunStatus status = RunStatus::kDone;
+  std::string message;           ///< why the run stopped early; empty when done
+  double reached = 0.0;          ///< [s]
+  std::string failed_state;      ///< with the largest error at the failure
+  std::string failed_contact;
+
+  Eigen::VectorXd time;                 ///< (n_times) [s]
+  std::vector<std::string> names;       ///< of the outputs
+  std::vector<std::string> units;
+  std::vector<std::string> long_names;
+  RowMatrix data;                       ///< (n_times, n_outputs)
+  RowMatrix states;                     ///< (n_times, n_states)
+  std::vector<std::string> ledger_names;
+  RowMatrix ledger;                     ///< (n_times, n_quadratures) [J]
+  std::vector<SimulationEvent> events;
+  RowMatrix event_states;               ///< (n_events, 2 n): q, v
+  RowMatrix event_compression;          ///< (n_events, n_contacts) [m]
+  RowMatrix event_approach;             ///< (n_events, n_contacts) [m/s] of the materials
+  std::vector<Peak> peaks;
+  SimulationState end;
+  IntegratorCounts counts;
+  long restarts = 0;
+  double wall = 0.0;                    ///< [s]
+  std::vector<std::pair<std::string, long>> limiting_states;    ///< most often first
+  std::vector<std::pair<std::string, long>> limiting_contacts;
+};
+
+/// Called now and then with the simulated time [s]; returning false interrupts the run.
+using Progress = std::function<bool(double)>;
+
+/// Integrates from `start` (the rest pose if y is empty). The clock starts at 0.
+/// Throws InvalidParameter for bad options; a solver failure is a status, not an exception.
+RunResult simulate(const std::shared_ptr<const Mechanism>& mechanism, const FingerInput& input,
+                   const SimulationOptions& options, const SimulationState& start = {},
+                   const std::vector<Monitor>& monitors = {}, const Progress& progress = {});
+
+}  // namespace feltmb

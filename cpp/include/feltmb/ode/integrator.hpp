@@ -1,0 +1,81 @@
+/// One interface to a multistep integrator of stiff systems (SUNDIALS CVODES, BDF).
+///
+/// SUNDIALS: Hindmarsh et al., ACM Trans. Math. Softw. 31 (2005) 363. The integrator knows no
+/// model: it sees an OdeSystem.
+#pragma once
+
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "feltmb/ode/system.hpp"
+
+namespace feltmb {
+
+struct IntegratorOptions {
+  double rtol = 1e-6;               ///< relative tolerance [-], in (0, 0.1]
+  std::vector<double> atol;         ///< absolute tolerance of each state, its unit
+  std::vector<double> quadrature_atol;  ///< absolute tolerance of each quadrature
+  int max_order = 5;                ///< of the BDF, 1 to 5
+  double max_step = 0.0;            ///< [s], 0: no limit
+  double first_step = 0.0;          ///< [s], 0: estimated
+};
+
+struct IntegratorCounts {
+  long steps = 0;
+  long rhs = 0;
+  long jacobians = 0;
+  long factorizations = 0;
+  long rejected = 0;            ///< steps that failed the error test
+  long newton_iterations = 0;
+  long newton_failures = 0;
+  long event_evaluations = 0;
+};
+
+enum class StepStatus {
+  kStep,     ///< one internal step done
+  kEvent,    ///< stopped at a root of the event functions
+  kStop,     ///< reached the stop time
+  kFailed,   ///< cannot go on; see message()
+};
+
+/// BDF integrator in one-step mode with dense output over the last step.
+class Integrator {
+ public:
+  Integrator(OdeSystem& system, const IntegratorOptions& options);
+  ~Integrator();
+  Integrator(const Integrator&) = delete;
+  Integrator& operator=(const Integrator&) = delete;
+
+  /// Starts, or starts anew after a discontinuity, at (t, y); quadratures go on unless `reset`.
+  void start(double t, std::span<const double> y, bool reset_quadratures);
+
+  /// One internal step, never beyond t_stop.
+  StepStatus step(double t_stop);
+
+  double time() const;                       ///< reached (an event time after kEvent) [s]
+  double internal_time() const;              ///< end of the last internal step [s]
+  double last_step() const;                  ///< [s]
+  int last_order() const;
+  std::span<const double> state() const;     ///< at time()
+
+  /// Dense output at t within the last internal step.
+  void interpolate(double t, std::span<double> y) const;
+  void interpolate_quadratures(double t, std::span<double> z) const;
+
+  /// Signs of crossing after kEvent: -1 falling, +1 rising, 0 not involved.
+  std::span<const int> event_directions() const;
+
+  /// State with the largest weighted local error of the last step.
+  std::size_t limiting_state();
+
+  IntegratorCounts counts() const;           ///< since construction, restarts included
+  const std::string& message() const;        ///< of the last failure
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace feltmb

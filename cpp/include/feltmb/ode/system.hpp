@@ -1,0 +1,40 @@
+/// What an integrator needs to know of a system of ordinary differential equations.
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace feltmb {
+
+/// y' = f(t, y) with exact Jacobian in a form of the system's own choosing. An object is a mutable
+/// workspace: one a thread. Functions may throw; the integrator turns that into a failed status.
+class OdeSystem {
+ public:
+  virtual ~OdeSystem() = default;
+
+  virtual std::size_t size() const = 0;
+  virtual std::string state_name(std::size_t i) const = 0;
+
+  virtual void rhs(double t, std::span<const double> y, std::span<double> rate) = 0;
+
+  /// Evaluates and keeps J = df/dy at (t, y).
+  virtual void linearize(double t, std::span<const double> y) = 0;
+
+  /// Factorises I - gamma J with the J kept; returns false if it is singular.
+  virtual bool factorize(double gamma) = 0;
+
+  /// Solves (I - gamma J) x = b in place with the last factors.
+  virtual void solve(std::span<double> b) = 0;
+
+  /// Root functions; their sign changes are events.
+  virtual std::size_t n_events() const { return 0; }
+  virtual void events(double /*t*/, std::span<const double> /*y*/, std::span<double> /*g*/) {}
+
+  /// Quadratures z' = h(t, y) that do not act back on y.
+  virtual std::size_t n_quadratures() const { return 0; }
+  virtual void quadratures(double /*t*/, std::span<const double> /*y*/, std::span<double> /*h*/) {}
+};
+
+}  // namespace feltmb

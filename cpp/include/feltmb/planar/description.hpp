@@ -1,0 +1,131 @@
+/// Plain data that describes a planar mechanism. `assemble` turns it into a Mechanism.
+///
+/// SI units throughout; angles in rad, counterclockwise positive. Body "ground" is the inertial
+/// frame. Points and directions are given in the frame of the body that carries them.
+#pragma once
+
+#include <array>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "feltmb/contact/friction.hpp"
+#include "feltmb/contact/law.hpp"
+#include "feltmb/core/vec2.hpp"
+#include "feltmb/modal/string.hpp"
+
+namespace feltmb {
+
+enum class JointKind {
+  kRevolute,   ///< coordinate: angle relative to the parent [rad]
+  kPrismatic,  ///< coordinate: displacement along `axis` of the parent [m]
+  kWeld,       ///< no coordinate
+};
+
+/// A rigid body and the joint that ties its origin to its parent.
+struct BodyDescription {
+  std::string name;
+  std::string parent = "ground";
+  JointKind joint = JointKind::kRevolute;
+  Vec2 position;             ///< joint on the parent [m]
+  Vec2 axis{0.0, 1.0};       ///< prismatic only: direction in the parent frame, unit length
+  double angle = 0.0;        ///< angle of the body against the parent at coordinate zero [rad]
+  std::string coordinate;    ///< name of the joint coordinate; empty for a weld
+  Friction friction;         ///< of the joint, amplitude in N m (revolute) or N (prismatic)
+  double mass = 0.0;         ///< [kg], >= 0
+  Vec2 center_of_mass;       ///< [m]
+  double inertia = 0.0;      ///< about the center of mass [kg m^2], >= 0
+};
+
+enum class SurfaceKind {
+  kLine,     ///< through `point`, infinite; `normal` points out of the material
+  kCircle,   ///< full circle about `point`, material inside
+  kConcave,  ///< full circle about `point`, material outside: holds the other circle inside
+  kHybrid,   ///< arc about `point` from arc[0] to arc[1] with its two tangent half-lines
+};
+
+/// A contact surface fixed to a body.
+struct SurfaceDescription {
+  std::string name;
+  std::string body;
+  SurfaceKind kind = SurfaceKind::kCircle;
+  Vec2 point;                        ///< point of the line or center of the circle [m]
+  Vec2 normal{0.0, 1.0};             ///< line only, unit length
+  double radius = 0.0;               ///< circles and hybrid [m], >= 0 (0: a point)
+  std::array<double, 2> arc{0.0, 0.0};  ///< hybrid: angles of the arc's ends, counterclockwise [rad]
+};
+
+/// A pair of surfaces that meet through felt or leather.
+struct ContactDescription {
+  int number = 0;                ///< as in thesis Table 4.2; names outputs (contact01, ...)
+  std::string label;             ///< for people
+  std::string surface_a;
+  std::string surface_b;
+  LawParameters law = ExponentialPair{};
+  Friction friction;             ///< amplitude without unit
+  bool enabled = true;
+};
+
+/// Torsion spring on a joint coordinate: torque -K (theta - theta_0) [N m].
+struct TorsionSpringDescription {
+  std::string name;
+  std::string coordinate;
+  double stiffness = 0.0;   ///< K [N m/rad], >= 0
+  double rest_angle = 0.0;  ///< theta_0 [rad]
+};
+
+/// One-sided strap, thesis eq. 4.5: pull f(D) = k3 D^3 + k2 D^2 + k1 D of elongation
+/// D = distance - free_length, held at >= 0; zero when slack.
+struct StrapDescription {
+  std::string name;
+  std::string body_a;
+  Vec2 point_a;
+  std::string body_b;
+  Vec2 point_b;
+  double free_length = 0.0;                          ///< [m], > 0
+  std::array<double, 3> coefficients{0.0, 0.0, 0.0};  ///< k1 [N/m], k2 [N/m^2], k3 [N/m^3]
+};
+
+/// A string behind a line surface of the ground.
+struct StringDescription {
+  std::string name = "string";
+  std::string surface;             ///< the line along which the string runs
+  bool rigid = false;              ///< true: a rigid stop, no modes
+  StringParameters parameters;
+  double anchor = 0.0;             ///< distance of the line's point from the string's end y = 0 [m]
+  Vec2 direction{0.0, -1.0};       ///< sense of increasing y in the ground frame
+  bool moving_strike_point = true; ///< strike point follows the striker along the string
+  double strike_position = 0.0;    ///< y of a strike point that does not move [m]
+};
+
+/// A named point of a body whose motion is an output.
+struct TrackingPointDescription {
+  std::string name;
+  std::string body;
+  Vec2 point;
+};
+
+/// Where the player's finger meets the mechanism.
+struct FingerDescription {
+  std::string body;
+  Vec2 point;
+  Vec2 direction{0.0, -1.0};      ///< in the ground frame, positive sense of force and motion
+  LawParameters pad = HuntCrossley{1.0, 1.0, 0.0};
+};
+
+struct MechanismDescription {
+  std::string name;
+  Vec2 gravity{0.0, -9.81};       ///< [m/s^2]
+  std::vector<BodyDescription> bodies;
+  std::vector<SurfaceDescription> surfaces;
+  std::vector<ContactDescription> contacts;
+  std::vector<TorsionSpringDescription> springs;
+  std::vector<StrapDescription> straps;
+  std::vector<StringDescription> strings;
+  std::vector<TrackingPointDescription> points;
+  std::optional<FingerDescription> finger;
+  /// Start of the equilibrium solve by coordinate name; missing ones are zero. Not a rest pose.
+  std::vector<std::pair<std::string, double>> start_pose;
+};
+
+}  // namespace feltmb

@@ -1,0 +1,177 @@
+/// Equations of motion of an assembled mechanism and their exact derivatives.
+#pragma once
+
+#include <Eigen/Dense>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "feltmb/planar/mechanism.hpp"
+
+namespace feltmb {
+
+/// What acts on the mechanism from outside at one instant.
+struct Drive {
+  double force = 0.0;         ///< finger force along the finger direction [N]
+  bool motion = false;        ///< true: the finger pad is driven by `displacement`
+  double displacement = 0.0;  ///< travel of the finger along its direction [m]
+  double speed = 0.0;         ///< its rate [m/s]
+};
+
+/// Motion of a link frame.
+struct LinkState {
+  Vec2 origin;
+  Rotation rotation;
+  Vec2 velocity;       ///< of the origin
+  double omega = 0.0;
+  Vec2 bias;           ///< acceleration of the origin for zero coordinate accelerations
+  Vec2 acceleration;   ///< of the origin
+  double alpha = 0.0;
+};
+
+/// One contact at one instant. Signs: compression > 0 when touching; slip is the tangential
+/// velocity of b against a along the normal turned by +90 degrees; friction_force acts on b
+/// along the same direction.
+struct ContactState {
+  bool closed = false;
+  double compression = 0.0;    ///< [m], negative: the gap
+  double rate = 0.0;           ///< [m/s]
+  LawValue law;                ///< normal force [N] and slopes
+  double slip = 0.0;           ///< [m/s]
+  FrictionValue friction{0.0, 0.0};
+  Vec2 normal;                 ///< unit, out of a, into b
+  Vec2 point;                  ///< middle of the overlap [m]
+  Vec2 relative_velocity;      ///< of b against a at the point
+  Vec2 center;                 ///< center of the circle of b
+  bool turning_normal = false; ///< normal follows the line between two centers
+  double curvature = 0.0;      ///< 1 / distance of the centers, for circle pairs [1/m]
+  StringPoint string;          ///< string at the strike point, if it is a string contact
+  double strike_position = 0.0;///< y along the string [m]
+  double strike_speed = 0.0;   ///< dy/dt [m/s]
+  Vec2 strike_gradient;        ///< d y / d (center of b), zero if the point is held
+};
+
+/// Derivative of the generalized force of one closed contact, split so that the slopes of the law
+/// enter last: dQ = b dF + c de + (rest, in the stiffness and damping matrices).
+struct ContactGradient {
+  int contact = -1;
+  Eigen::VectorXd by_force;        ///< b = dQ/dF
+  Eigen::VectorXd by_compression;  ///< c = dQ/de at fixed force
+  Eigen::VectorXd compression;     ///< de/dq
+  Eigen::VectorXd rate;            ///< d(de/dt)/dq
+  Eigen::VectorXd strike;          ///< dy/dq of the strike point
+};
+
+/// Mutable workspace that evaluates one mechanism; one a thread.
+///
+/// M(q) a = Q(q, v, t): planar tree of rigid links in relative coordinates. A coordinate k moves a
+/// material point p of its subtree with the velocity t_k + rho_k perp(p - c_k), perp = +90 degrees
+/// (revolute: t = 0, rho = 1, c the pivot; prismatic: t the axis, rho = 0). With absolute
+/// coordinates x(q) the identities dx'/dq = J', dx''/dq = J'' (total time derivatives) give the
+/// exact derivatives of the inertial forces. Cost: O(links x depth of the tree).
+class Dynamics {
+ public:
+  explicit Dynamics(std::shared_ptr<const Mechanism> mechanism);
+
+  const Mechanism& mechanism() const { return *m_; }
+
+  /// Evaluates positions, contacts, forces, mass matrix and accelerations at a state. q, v of
+  /// length n; eta, eta_rate of length total_modes (concatenated strings).
+  void evaluate(std::span<const double> q, std::span<const double> v, std::span<const double> eta,
+                std::span<const double> eta_rate, const Drive& drive);
+
+  /// Positions, velocities and the geometry of all contacts; no forces.
+  void locate(std::span<const double> q, std::span<const double> v, std::span<const double> eta,
+              std::span<const double> eta_rate, const Drive& drive);
+
+  /// Exact derivatives at the state of the last `evaluate`, with the law slopes left out of
+  /// stiffness() and damping() for the contacts listed in gradients().
+  void differentiate();
+
+  const Eigen::VectorXd& acceleration() const { return acceleration_; }  ///< a [rad/s^2, m/s^2]
+  const Eigen::VectorXd& force() const { return force_; }                ///< Q
+  const Eigen::MatrixXd& mass_matrix() const { return mass_; }           ///< M, symmetric
+
+  /// d(Q - M a)/dq and d(Q - M a)/dv at fixed a; see differentiate().
+  const Eigen::MatrixXd& stiffness() const { return stiffness_; }
+  const Eigen::MatrixXd& damping() const { return damping_; }
+  std::span<const ContactGradient> gradients() const {
+    return {gradients_.data(), static_cast<std::size_t>(gradient_count_)};
+  }
+
+  std::span<const ContactState> contacts() const { return contacts_; }
+  std::span<const LinkState> links() const { return links_; }
+
+  /// Force of a string contact on its string [N] by string index; zero if open.
+  double string_force(int string) const;
+
+  /// Mode shapes of a string at its strike point, of the last evaluation.
+  std::span<const double> phi(int string) const;
+  std::span<const double> dphi(int string) const;
+
+  /// Position and velocity of a link point at the last located state.
+  Vec2 position(LinkPoint p) const;
+  Vec2 velocity(LinkPoint p) const;
+
+  double strap_force(int strap) const;      ///< pull [N]
+  double joint_friction(int k) const;       ///< torque or force against the motion, unit of Q_k
+
+  double kinetic_energy(std::span<const double> v) const;  ///< of the links [J], after evaluate
+  double gravity_energy() const;            ///< [J], zero at the origin of the ground frame
+  double spring_energy(std::span<const double> q) const;   ///< torsion springs [J]
+  double strap_energy(int strap) const;     ///< [J]
+
+  /// Solves M x = b in place with the factors of the last evaluate.
+  void solve_mass(Eigen::VectorXd& b) const;
+
+ private:
+  struct Column {
+    Vec2 linear;  ///< velocity of the point for unit rate of the coordinate
+    double rho;
+  };
+  struct Wrench {
+    Vec2 force;
+    double moment = 0.0;  ///< about the origin of the ground frame
+    double virial = 0.0;  ///< sum of force . point of application
+  };
+
+  void move_links(std::span<const double> q, std::span<const double> v);
+  void locate_contact(std::size_t i, std::span<const double> eta,
+                      std::span<const double> eta_rate, const Drive& drive);
+  void apply(int link, Vec2 point, Vec2 force);
+  void compute_mass();
+  void factor_mass();
+  void differentiate_contact(std::size_t i);
+  void differentiate_strap(std::size_t i);
+  Vec2 column(int k, Vec2 point) const;
+  Vec2 column_rate(int k, Vec2 point_velocity) const;
+  bool moves(int k, int link) const { return moves_[static_cast<std::size_t>(link * n_ + k)]; }
+
+  std::shared_ptr<const Mechanism> m_;
+  int n_ = 0;
+  std::vector<LinkState> links_;
+  std::vector<Wrench> applied_;
+  std::vector<ContactState> contacts_;
+  std::vector<char> moves_;             ///< link x coordinate
+  std::vector<Vec2> translation_;       ///< t_k
+  std::vector<Vec2> translation_rate_;
+  std::vector<double> rho_;
+  std::vector<Vec2> pivot_;             ///< c_k
+  std::vector<Vec2> pivot_velocity_;
+  std::vector<double> phi_;
+  std::vector<double> dphi_;
+  std::vector<double> strap_pull_;
+  std::vector<double> strap_slope_;
+  std::vector<double> v_;
+  Eigen::VectorXd force_;
+  Eigen::VectorXd acceleration_;
+  Eigen::MatrixXd mass_;
+  Eigen::MatrixXd factor_;
+  Eigen::MatrixXd stiffness_;
+  Eigen::MatrixXd damping_;
+  std::vector<ContactGradient> gradients_;
+  int gradient_count_ = 0;
+  std::vector<Vec2> column_a_, column_b_, dn_, dp_, du_;
+};
+
+}  // namespace feltmb

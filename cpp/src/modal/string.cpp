@@ -1,0 +1,114 @@
+#include "feltmb/modal/string.hpp"
+
+#include <cmath>
+#include <numbers>
+
+#include "feltmb/core/error.hpp"
+
+namespace feltmb {
+namespace {
+
+void require(bool ok, const char* field, double value, const char* range) {
+  if (!ok) throw InvalidParameter(format("string: %s = %.6g, must be %s", field, value, range));
+}
+
+}  // namespace
+
+ModalString::ModalString(const StringParameters& p) : parameters_(p) {
+  const auto positive = [](double v) { return std::isfinite(v) && v > 0.0; };
+  require(positive(p.diameter), "diameter [m]", p.diameter, "> 0");
+  require(positive(p.tension), "tension [N]", p.tension, "> 0");
+  require(positive(p.length), "length [m]", p.length, "> 0");
+  require(positive(p.linear_density), "linear_density [kg/m]", p.linear_density, "> 0");
+  require(std::isfinite(p.young_modulus) && p.young_modulus >= 0.0, "young_modulus [Pa]",
+          p.young_modulus, ">= 0");
+  require(p.damping_ratio >= 0.0 && p.damping_ratio < 1.0, "damping_ratio", p.damping_ratio,
+          "in [0, 1)");
+  require(p.modes >= 1, "modes", p.modes, ">= 1");
+
+  const double pi = std::numbers::pi;
+  const auto count = static_cast<std::size_t>(p.modes);
+  const double d2 = p.diameter * p.diameter;
+  inharmonicity_ = pi * d2 * d2 * p.young_modulus / (64.0 * p.length * p.length * p.tension);
+  shape_scale_ = std::sqrt(2.0 / (p.linear_density * p.length));
+  const double bending = p.young_modulus * pi * d2 * d2 / 64.0;
+  wave_number_.resize(count);
+  omega_.resize(count);
+  stiffness_.resize(count);
+  damping_.resize(count);
+  bridge_.resize(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    const double j = static_cast<double>(i + 1);
+    const double k = j * pi / p.length;
+    wave_number_[i] = k;
+    omega_[i] = k * std::sqrt(p.tension / p.linear_density * (1.0 + inharmonicity_ * pi * pi * j * j));
+    stiffness_[i] = omega_[i] * omega_[i];
+    damping_[i] = 2.0 * p.damping_ratio * omega_[i];
+    const double end_cosine = (i % 2 == 0) ? -1.0 : 1.0;
+    bridge_[i] = -shape_scale_ * k * end_cosine * (p.tension + bending * k * k);
+  }
+}
+
+void ModalString::shapes(double y, std::span<double> phi, std::span<double> dphi) const {
+  const double angle = wave_number_[0] * y;
+  // Rotation recurrence: one sine and cosine instead of one pair a mode.
+  const double c1 = std::cos(angle);
+  const double s1 = std::sin(angle);
+  double c = c1;
+  double s = s1;
+  for (std::size_t i = 0; i < phi.size(); ++i) {
+    phi[i] = shape_scale_ * s;
+    dphi[i] = shape_scale_ * wave_number_[i] * c;
+    const double next = c * c1 - s * s1;
+    s = s * c1 + c * s1;
+    c = next;
+  }
+}
+
+StringPoint ModalString::point(double y, std::span<const double> eta,
+                               std::span<const double> eta_rate) const {
+  std::vector<double> phi(eta.size());
+  std::vector<double> dphi(eta.size());
+  shapes(y, phi, dphi);
+  return point(phi, dphi, eta, eta_rate);
+}
+
+StringPoint ModalString::point(std::span<const double> phi, std::span<const double> dphi,
+                               std::span<const double> eta,
+                               std::span<const double> eta_rate) const {
+  StringPoint p;
+  for (std::size_t i = 0; i < eta.size(); ++i) {
+    p.displacement += phi[i] * eta[i];
+    p.slope += dphi[i] * eta[i];
+    p.curvature -= wave_number_[i] * wave_number_[i] * phi[i] * eta[i];
+    p.velocity += phi[i] * eta_rate[i];
+    p.slope_rate += dphi[i] * eta_rate[i];
+  }
+  return p;
+}
+
+double ModalString::bridge_force(std::span<const double> eta) const {
+  double sum = 0.0;
+  for (std::size_t i = 0; i < eta.size(); ++i) sum += bridge_[i] * eta[i];
+  return sum;
+}
+
+double ModalString::kinetic_energy(std::span<const double> eta_rate) const {
+  double sum = 0.0;
+  for (const double v : eta_rate) sum += v * v;
+  return 0.5 * sum;
+}
+
+double ModalString::elastic_energy(std::span<const double> eta) const {
+  double sum = 0.0;
+  for (std::size_t i = 0; i < eta.size(); ++i) sum += stiffness_[i] * eta[i] * eta[i];
+  return 0.5 * sum;
+}
+
+double ModalString::dissipated_power(std::span<const double> eta_rate) const {
+  double sum = 0.0;
+  for (std::size_t i = 0; i < eta_rate.size(); ++i) sum += damping_[i] * eta_rate[i] * eta_rate[i];
+  return sum;
+}
+
+}  // namespace feltmb

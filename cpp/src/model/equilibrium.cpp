@@ -1,0 +1,164 @@
+#include "feltmb/model/equilibrium.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "feltmb/core/error.hpp"
+
+namespace feltmb {
+namespace {
+
+class Rest {
+ public:
+  Rest(const std::shared_ptr<const Mechanism>& mechanism, double finger_force)
+      : m_(*mechanism), dynamics_(mechanism), zero_(m_.coordinates.size(), 0.0),
+        eta_(static_cast<std::size_t>(m_.total_modes), 0.0), eta_rate_(eta_) {
+    drive_.force = finger_force;
+  }
+
+  /// Potential energy [J]; also evaluates forces at q.
+  double energy(const Eigen::VectorXd& q) {
+    const std::span<const double> position{q.data(), zero_.size()};
+    dynamics_.evaluate(position, zero_, eta_, eta_rate_, drive_);
+    double sum = dynamics_.gravity_energy() + dynamics_.spring_energy(position);
+    for (std::size_t i = 0; i < m_.straps.size(); ++i) {
+      sum += dynamics_.strap_energy(static_cast<int>(i));
+    }
+    for (std::size_t i = 0; i < m_.contacts.size(); ++i) {
+      const ContactState& s = dynamics_.contacts()[i];
+      if (s.closed) sum += m_.contacts[i].law.stored_energy(s.compression);
+    }
+    if (drive_.force != 0.0) {
+      sum -= drive_.force * dot(m_.finger_direction, dynamics_.position(m_.finger_point));
+    }
+    return sum;
+  }
+
+  Eigen::MatrixXd hessian() {
+    dynamics_.differentiate();
+    Eigen::MatrixXd h = -dynamics_.stiffness();
+    for (const auto& g : dynamics_.gradients()) {
+      const double slope =
+          dynamics_.contacts()[static_cast<std::size_t>(g.contact)].law.d_compression;
+      h -= (slope * g.by_force + g.by_compression) * g.compression.transpose();
+    }
+    return 0.5 * (h + h.transpose());
+  }
+
+  const Eigen::VectorXd& force() const { return dynamics_.force(); }
+
+  /// Static deflection under the present contact forces; returns its largest change [m kg^1/2].
+  double deflect_strings() {
+    double change = 0.0;
+    for (std::size_t s = 0; s < m_.strings.size(); ++s) {
+      const double force = dynamics_.string_force(static_cast<int>(s));
+      const auto phi = dynamics_.phi(static_cast<int>(s));
+      const auto& a = m_.strings[s];
+      for (std::size_t j = 0; j < phi.size(); ++j) {
+        double& eta = eta_[static_cast<std::size_t>(a.offset) + j];
+        // Half steps: felt on a soft string would otherwise overshoot.
+        const double target = phi[j] * force / a.string.stiffness()[j];
+        const double next = 0.5 * (eta + target);
+        change = std::max(change, std::fabs(next - eta));
+        eta = next;
+      }
+    }
+    return change;
+  }
+
+  const Mechanism& m_;
+  Dynamics dynamics_;
+  std::vector<double> zero_;
+  std::vector<double> eta_;
+  std::vector<double> eta_rate_;
+  Drive drive_;
+};
+
+double scaled_residual(const Mechanism& m, const Eigen::VectorXd& force) {
+  double largest = 0.0;
+  for (Eigen::Index k = 0; k < force.size(); ++k) {
+    largest = std::max(largest,
+                       std::fabs(force[k]) * m.coordinate_scale[static_cast<std::size_t>(k)]);
+  }
+  return largest;
+}
+
+}  // namespace
+
+Equilibrium find_equilibrium(const std::shared_ptr<const Mechanism>& mechanism,
+                             double finger_force) {
+  Rest rest(mechanism, finger_force);
+  const Mechanism& m = *mechanism;
+  const auto n = static_cast<Eigen::Index>(m.coordinates.size());
+  Eigen::VectorXd q = Eigen::Map<const Eigen::VectorXd>(m.start_pose.data(), n);
+  const Eigen::VectorXd scale = Eigen::Map<const Eigen::VectorXd>(m.coordinate_scale.data(), n);
+  // 1e-13 J: a force of 0.1 nN on felt that moves by 1 mm.
+  constexpr double enough = 1e-13;
+  constexpr int most = 20000;
+  double radius = 5.0;  // in coordinate scales, about 5 mm of felt travel
+  double energy = rest.energy(q);
+  int iteration = 0;
+  bool stable = false;
+  for (; iteration < most; ++iteration) {
+    const Eigen::VectorXd force = scale.cwiseProduct(rest.force());
+    const Eigen::MatrixXd h =
+        scale.asDiagonal() * rest.hessian() * scale.asDiagonal();
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(h);
+    const Eigen::VectorXd& values = eigen.eigenvalues();
+    const Eigen::VectorXd along = eigen.eigenvectors().transpose() * force;
+    if (force.cwiseAbs().maxCoeff() <= enough) {
+      stable = values.minCoeff() > 0.0;
+      if (stable) break;
+    }
+    // Newton step with the eigenvalues made positive, cut to the trust region.
+    const double floor = 1e-9 * std::max(1e-12, values.cwiseAbs().maxCoeff());
+    Eigen::VectorXd step = along.cwiseQuotient(values.cwiseAbs().cwiseMax(floor));
+    const double length = step.cwiseAbs().maxCoeff();
+    if (length > radius) step *= radius / length;
+    const Eigen::VectorXd dq = scale.cwiseProduct(eigen.eigenvectors() * step);
+    const double predicted = force.dot(dq.cwiseQuotient(scale));
+    const double trial = rest.energy(q + dq);
+    const double residual_before = force.cwiseAbs().maxCoeff();
+    const double residual_after = scaled_residual(m, rest.force());
+    const bool flat = std::fabs(energy - trial) <= 1e-13 * std::fabs(energy);
+    if (energy - trial >= 1e-4 * predicted || (flat && residual_after < residual_before)) {
+      q += dq;
+      energy = trial;
+      radius = std::min(20.0, 2.0 * radius);
+      if (!m.strings.empty()) {
+        rest.deflect_strings();
+        energy = rest.energy(q);
+      }
+    } else {
+      rest.energy(q);
+      radius = 0.25 * std::min(length, radius);
+      if (radius < 1e-14) {
+        stable = values.minCoeff() > 0.0 && residual_before < 1e-10;
+        break;
+      }
+    }
+  }
+  if (!stable) {
+    std::string text = "mechanism \"" + m.name +
+                       "\": no rest pose was reached from start_pose under gravity;";
+    for (Eigen::Index k = 0; k < n; ++k) {
+      const double force = rest.force()[k];
+      if (std::fabs(force) * scale[k] > 1e-10) {
+        text += format(" %s = %.6g still feels %.3g %s;",
+                       m.coordinates[static_cast<std::size_t>(k)].c_str(), q[k], force,
+                       m.coordinate_kind[static_cast<std::size_t>(k)] == JointKind::kRevolute
+                           ? "N m" : "N");
+      }
+    }
+    text += " is a body without support, or start_pose on the wrong side of a contact?";
+    throw ModelError(text);
+  }
+  Equilibrium result;
+  result.q.assign(q.data(), q.data() + n);
+  result.eta = rest.eta_;
+  result.iterations = iteration;
+  result.residual = scaled_residual(m, rest.force());
+  return result;
+}
+
+}  // namespace feltmb

@@ -1,0 +1,363 @@
+#include "feltmb/model/mechanism_system.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "feltmb/core/error.hpp"
+
+namespace feltmb {
+namespace {
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+}  // namespace
+
+Drive FingerInput::at(double t) const {
+  Drive drive;
+  drive.motion = motion;
+  if (motion) {
+    drive.displacement = profile.value(t);
+    drive.speed = profile.rate(t);
+  } else {
+    drive.force = profile.value(t);
+  }
+  return drive;
+}
+
+MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, FingerInput input,
+                                 bool ledger, std::vector<Monitor> monitors, bool events)
+    : dynamics_(std::move(mechanism)), input_(std::move(input)), monitors_(std::move(monitors)) {
+  const Mechanism& m = dynamics_.mechanism();
+  n_ = m.size();
+  modes_ = m.total_modes;
+  if (input_.motion && m.finger_contact < 0) {
+    throw InvalidParameter("finger motion was given but mechanism \"" + m.name +
+                           "\" describes no finger");
+  }
+  for (const auto& s : m.strings) {
+    modal_stiffness_.insert(modal_stiffness_.end(), s.string.stiffness().begin(),
+                            s.string.stiffness().end());
+    modal_damping_.insert(modal_damping_.end(), s.string.damping().begin(),
+                          s.string.damping().end());
+  }
+  modal_rate_factor_.resize(at(modes_));
+  phi_.resize(at(modes_));
+  dphi_.resize(at(modes_));
+  if (ledger) {
+    quadrature_names_ = {"work_in", "work_throughput"};
+    for (const auto& c : m.contacts) {
+      quadrature_names_.push_back("dissipated." + c.name + ".normal");
+      quadrature_names_.push_back("dissipated." + c.name + ".friction");
+    }
+    for (const auto& k : m.coordinates) quadrature_names_.push_back("dissipated.joint." + k);
+    for (const auto& s : m.strings) quadrature_names_.push_back("dissipated." + s.name);
+  }
+  if (events) {
+    for (std::size_t i = 0; i < m.contacts.size(); ++i) {
+      const bool active = m.contacts[i].finger ? input_.motion : m.contacts[i].enabled;
+      if (active) event_contacts_.push_back(static_cast<int>(i));
+    }
+  } else {
+    monitors_.clear();
+  }
+  couplings_.resize(m.strings.size());
+  for (auto& c : couplings_) {
+    for (auto* vector : {&c.force_column, &c.displacement_column, &c.gradient, &c.rate_gradient,
+                         &c.strike}) {
+      vector->setZero(n_);
+    }
+  }
+  stiffest_.assign(at(n_), -1);
+  tie_.assign(at(n_), 0.0);
+}
+
+MechanismSystem::Parts MechanismSystem::parts(std::span<const double> y) const {
+  const std::size_t n = at(n_);
+  const std::size_t modes = at(modes_);
+  return {y.subspan(0, n), y.subspan(n, n), y.subspan(2 * n, modes),
+          y.subspan(2 * n + modes, modes)};
+}
+
+std::string MechanismSystem::state_name(std::size_t i) const {
+  const Mechanism& m = mechanism();
+  const std::size_t n = at(n_);
+  if (i < n) return m.coordinates[i];
+  if (i < 2 * n) return m.coordinates[i - n] + ".rate";
+  std::size_t j = i - 2 * n;
+  const bool rate = j >= at(modes_);
+  if (rate) j -= at(modes_);
+  for (const auto& s : m.strings) {
+    if (j < at(s.offset + s.string.modes())) {
+      return s.name + ".mode" + std::to_string(j - at(s.offset) + 1) + (rate ? ".rate" : "");
+    }
+  }
+  return "state" + std::to_string(i);
+}
+
+void MechanismSystem::evaluate(double t, std::span<const double> y) {
+  const Parts p = parts(y);
+  dynamics_.evaluate(p.q, p.v, p.eta, p.eta_rate, input_.at(t));
+}
+
+void MechanismSystem::locate(double t, std::span<const double> y) {
+  const Parts p = parts(y);
+  dynamics_.locate(p.q, p.v, p.eta, p.eta_rate, input_.at(t));
+}
+
+void MechanismSystem::rhs(double t, std::span<const double> y, std::span<double> rate) {
+  evaluate(t, y);
+  const Parts p = parts(y);
+  const std::size_t n = at(n_);
+  const std::size_t modes = at(modes_);
+  const auto& a = dynamics_.acceleration();
+  for (std::size_t k = 0; k < n; ++k) {
+    rate[k] = p.v[k];
+    rate[n + k] = a[static_cast<Eigen::Index>(k)];
+  }
+  double* eta_rate = rate.data() + 2 * n;
+  double* eta_acceleration = eta_rate + modes;
+  for (std::size_t j = 0; j < modes; ++j) {
+    eta_rate[j] = p.eta_rate[j];
+    eta_acceleration[j] = -modal_stiffness_[j] * p.eta[j] - modal_damping_[j] * p.eta_rate[j];
+  }
+  const auto& strings = mechanism().strings;
+  for (std::size_t s = 0; s < strings.size(); ++s) {
+    const double force = dynamics_.string_force(static_cast<int>(s));
+    if (force == 0.0) continue;
+    const auto phi = dynamics_.phi(static_cast<int>(s));
+    double* target = eta_acceleration + strings[s].offset;
+    for (std::size_t j = 0; j < phi.size(); ++j) target[j] += phi[j] * force;
+  }
+}
+
+void MechanismSystem::linearize(double t, std::span<const double> y) {
+  evaluate(t, y);
+  dynamics_.differentiate();
+  const Mechanism& m = mechanism();
+  mass_ = dynamics_.mass_matrix();
+  stiffness_ = dynamics_.stiffness();
+  damping_ = dynamics_.damping();
+  coupling_count_ = 0;
+  std::fill(stiffest_.begin(), stiffest_.end(), -1);
+  std::fill(tie_.begin(), tie_.end(), 0.0);
+  for (const ContactGradient& g : dynamics_.gradients()) {
+    const Contact& contact = m.contacts[at(g.contact)];
+    const ContactState& state = dynamics_.contacts()[at(g.contact)];
+    for (const int k : contact.coordinates) {
+      const double column = g.by_force[k] * state.law.d_compression + g.by_compression[k];
+      const double rate_column = g.by_force[k] * state.law.d_rate;
+      for (const int j : contact.coordinates) {
+        stiffness_(k, j) += column * g.compression[j] + rate_column * g.rate[j];
+        damping_(k, j) += rate_column * g.compression[j];
+      }
+      const double tie = std::fabs(column * g.compression[k]);
+      if (tie > tie_[at(k)]) {
+        tie_[at(k)] = tie;
+        stiffest_[at(k)] = g.contact;
+      }
+    }
+    if (contact.string < 0) continue;
+    StringCoupling& c = couplings_[at(coupling_count_++)];
+    c.string = contact.string;
+    c.offset = m.strings[at(contact.string)].offset;
+    c.force = state.law.force;
+    c.by_compression = state.law.d_compression;
+    c.by_rate = state.law.d_rate;
+    c.strike_speed = state.strike_speed;
+    c.force_column = g.by_force;
+    c.displacement_column = -(g.by_force * state.law.d_compression + g.by_compression);
+    c.gradient = g.compression;
+    c.rate_gradient = g.rate;
+    c.strike = g.strike;
+    const auto phi = dynamics_.phi(contact.string);
+    const auto dphi = dynamics_.dphi(contact.string);
+    std::copy(phi.begin(), phi.end(), phi_.begin() + c.offset);
+    std::copy(dphi.begin(), dphi.end(), dphi_.begin() + c.offset);
+  }
+}
+
+bool MechanismSystem::factorize(double gamma) {
+  gamma_ = gamma;
+  for (std::size_t j = 0; j < at(modes_); ++j) {
+    modal_rate_factor_[j] =
+        1.0 / (1.0 + gamma * (modal_damping_[j] + gamma * modal_stiffness_[j]));
+  }
+  const int total = n_ + coupling_count_;
+  newton_.resize(total, total);
+  newton_.topLeftCorner(n_, n_) = mass_ - gamma * damping_ - (gamma * gamma) * stiffness_;
+  for (int i = 0; i < coupling_count_; ++i) {
+    StringCoupling& c = couplings_[at(i)];
+    c.a00 = c.a01 = c.a11 = 0.0;
+    const int count = mechanism().strings[at(c.string)].string.modes();
+    for (int j = c.offset; j < c.offset + count; ++j) {
+      const double d = modal_rate_factor_[at(j)];
+      c.a00 += phi_[at(j)] * phi_[at(j)] * d;
+      c.a01 += phi_[at(j)] * dphi_[at(j)] * d;
+      c.a11 += dphi_[at(j)] * dphi_[at(j)] * d;
+    }
+    // String at the strike point against the unknown force and the shift of the strike point:
+    // d velocity = g (a00 dF + a01 F dy), d displacement = g d velocity, d slope = g^2 (a01 dF +
+    // a11 F dy), with dy = strike . dq and dq = r_q + g dv.
+    const double g = gamma;
+    const double velocity_f = g * c.a00;
+    const double slope_f = g * g * c.a01;
+    const double velocity_y = g * c.a01 * c.force;
+    const double slope_y = g * g * c.a11 * c.force;
+    const Eigen::VectorXd rate_column = -c.by_rate * c.force_column;
+    const Eigen::VectorXd slope_column = c.force * c.strike + c.strike_speed * rate_column;
+    const Eigen::VectorXd by_force = (g * velocity_f) * c.displacement_column +
+                                     velocity_f * rate_column + slope_f * slope_column;
+    const Eigen::VectorXd by_strike = (g * velocity_y) * c.displacement_column +
+                                      velocity_y * rate_column + slope_y * slope_column;
+    newton_.topLeftCorner(n_, n_) -= (g * g) * by_strike * c.strike.transpose();
+    newton_.col(n_ + i).head(n_) = -g * by_force;
+    const double own_f = c.by_compression * g * velocity_f +
+                         c.by_rate * (velocity_f + c.strike_speed * slope_f);
+    const double own_y = c.by_compression * g * velocity_y +
+                         c.by_rate * (velocity_y + c.strike_speed * slope_y);
+    newton_.row(n_ + i).setZero();
+    newton_.row(n_ + i).head(n_) =
+        (-(g * c.by_compression + c.by_rate) * c.gradient - (g * c.by_rate) * c.rate_gradient +
+         (g * own_y) * c.strike)
+            .transpose();
+    newton_(n_ + i, n_ + i) = 1.0 + own_f;
+  }
+  if (!newton_.allFinite()) return false;
+  lu_.compute(newton_);
+  const auto diagonal = lu_.matrixLU().diagonal();
+  return diagonal.cwiseAbs().minCoeff() > 0.0;
+}
+
+void MechanismSystem::solve(std::span<double> b) {
+  const std::size_t n = at(n_);
+  const std::size_t modes = at(modes_);
+  const double g = gamma_;
+  const Eigen::Map<Eigen::VectorXd> r_q(b.data(), n_);
+  const Eigen::Map<Eigen::VectorXd> r_v(b.data() + n, n_);
+  double* r_eta = b.data() + 2 * n;
+  double* r_rate = r_eta + modes;
+
+  // Modes without the contact force: their part of the right-hand side.
+  for (std::size_t j = 0; j < modes; ++j) {
+    r_rate[j] = (r_rate[j] - g * modal_stiffness_[j] * r_eta[j]) * modal_rate_factor_[j];
+  }
+  right_.resize(n_ + coupling_count_);
+  right_.head(n_).noalias() = mass_ * r_v;
+  right_.head(n_).noalias() += g * (stiffness_ * r_q);
+  for (int i = 0; i < coupling_count_; ++i) {
+    const StringCoupling& c = couplings_[at(i)];
+    const int count = mechanism().strings[at(c.string)].string.modes();
+    double velocity = 0.0, displacement = 0.0, slope = 0.0;
+    for (int j = c.offset; j < c.offset + count; ++j) {
+      const double rate = r_rate[j];
+      const double eta = r_eta[j] + g * rate;
+      velocity += phi_[at(j)] * rate;
+      displacement += phi_[at(j)] * eta;
+      slope += dphi_[at(j)] * eta;
+    }
+    const double shift = c.strike.dot(r_q) * c.force;
+    velocity += g * c.a01 * shift;
+    displacement += g * g * c.a01 * shift;
+    slope += g * g * c.a11 * shift;
+    right_.head(n_) += g * (displacement * c.displacement_column -
+                            (c.by_rate * (velocity + c.strike_speed * slope)) * c.force_column +
+                            (slope * c.force) * c.strike);
+    right_[n_ + i] =
+        c.by_compression * (c.gradient.dot(r_q) - displacement) +
+        c.by_rate * (c.rate_gradient.dot(r_q) - velocity - c.strike_speed * slope);
+  }
+  solution_ = lu_.solve(right_);
+  for (std::size_t k = 0; k < n; ++k) {
+    const double dv = solution_[static_cast<Eigen::Index>(k)];
+    b[k] += g * dv;
+    b[n + k] = dv;
+  }
+  for (int i = 0; i < coupling_count_; ++i) {
+    const StringCoupling& c = couplings_[at(i)];
+    const int count = mechanism().strings[at(c.string)].string.modes();
+    const double dforce = solution_[n_ + i];
+    const double shift = c.strike.dot(r_q) * c.force;  // r_q now holds dq
+    for (int j = c.offset; j < c.offset + count; ++j) {
+      r_rate[j] += g * (phi_[at(j)] * dforce + dphi_[at(j)] * shift) * modal_rate_factor_[at(j)];
+    }
+  }
+  for (std::size_t j = 0; j < modes; ++j) r_eta[j] += g * r_rate[j];
+}
+
+std::size_t MechanismSystem::n_events() const {
+  return event_contacts_.size() + monitors_.size();
+}
+
+void MechanismSystem::events(double t, std::span<const double> y, std::span<double> g) {
+  locate(t, y);
+  std::size_t i = 0;
+  for (const int contact : event_contacts_) g[i++] = dynamics_.contacts()[at(contact)].compression;
+  for (const Monitor& monitor : monitors_) {
+    const auto& point = mechanism().points[at(monitor.point)].point;
+    g[i++] = dot(monitor.direction, dynamics_.position(point)) - monitor.level;
+  }
+}
+
+void MechanismSystem::quadratures(double t, std::span<const double> y, std::span<double> h) {
+  evaluate(t, y);
+  const Mechanism& m = mechanism();
+  const Parts p = parts(y);
+  const Drive drive = input_.at(t);
+  double power = 0.0;
+  if (drive.motion) {
+    power = dynamics_.contacts()[at(m.finger_contact)].law.force * drive.speed;
+  } else if (drive.force != 0.0) {
+    power = drive.force * dot(m.finger_direction, dynamics_.velocity(m.finger_point));
+  }
+  std::size_t i = 0;
+  h[i++] = power;
+  h[i++] = std::fabs(power);
+  for (std::size_t c = 0; c < m.contacts.size(); ++c) {
+    const ContactState& s = dynamics_.contacts()[c];
+    if (!s.closed) {
+      h[i++] = 0.0;
+      h[i++] = 0.0;
+      continue;
+    }
+    h[i++] = (s.law.force - m.contacts[c].law.elastic_force(s.compression)) * s.rate;
+    h[i++] = s.friction.value * s.law.force * s.slip;
+  }
+  for (int k = 0; k < n_; ++k) h[i++] = dynamics_.joint_friction(k) * p.v[at(k)];
+  for (const auto& s : m.strings) {
+    h[i++] = s.string.dissipated_power(p.eta_rate.subspan(at(s.offset), at(s.string.modes())));
+  }
+}
+
+std::vector<double> MechanismSystem::absolute_tolerances(double rtol) const {
+  const Mechanism& m = mechanism();
+  constexpr double felt = 1e-3;   // m
+  constexpr double speed = 1.0;   // m/s
+  std::vector<double> atol(size());
+  const std::size_t n = at(n_);
+  for (std::size_t k = 0; k < n; ++k) {
+    atol[k] = rtol * m.coordinate_scale[k];
+    atol[n + k] = rtol * m.coordinate_scale[k] * (speed / felt);
+  }
+  for (const auto& s : m.strings) {
+    const auto& p = s.string.parameters();
+    const double shape = std::sqrt(2.0 / (p.linear_density * p.length));
+    for (int j = s.offset; j < s.offset + s.string.modes(); ++j) {
+      atol[2 * n + at(j)] = rtol * felt / shape;
+      atol[2 * n + at(modes_ + j)] = rtol * speed / shape;
+    }
+  }
+  return atol;
+}
+
+int MechanismSystem::stiffest_contact(std::size_t state) const {
+  const std::size_t n = at(n_);
+  if (state < 2 * n) return stiffest_[state % n];
+  const Mechanism& m = mechanism();
+  const std::size_t mode = (state - 2 * n) % std::max<std::size_t>(1, at(modes_));
+  for (const auto& s : m.strings) {
+    if (mode < at(s.offset + s.string.modes())) return s.contact;
+  }
+  return -1;
+}
+
+}  // namespace feltmb

@@ -1,0 +1,101 @@
+#include "feltmb/model/profile.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "feltmb/core/error.hpp"
+
+namespace feltmb {
+
+Profile::Profile(std::vector<double> time, std::vector<double> value, Interpolation interpolation,
+                 double oscillation_amplitude, double oscillation_frequency)
+    : time_(std::move(time)),
+      value_(std::move(value)),
+      interpolation_(interpolation),
+      amplitude_(oscillation_amplitude),
+      omega_(2.0 * std::numbers::pi * oscillation_frequency) {
+  if (time_.empty() || time_.size() != value_.size()) {
+    throw InvalidParameter(format("profile: got %zu times and %zu values, expected equal and >= 1",
+                                  time_.size(), value_.size()));
+  }
+  for (std::size_t i = 0; i < time_.size(); ++i) {
+    if (!std::isfinite(time_[i]) || !std::isfinite(value_[i])) {
+      throw InvalidParameter(format("profile: knot %zu is not a finite number", i));
+    }
+    if (i > 0 && time_[i] <= time_[i - 1]) {
+      throw InvalidParameter(format("profile: time %.9g s of knot %zu does not follow %.9g s",
+                                    time_[i], i, time_[i - 1]));
+    }
+  }
+  const std::size_t n = time_.size();
+  slope_.assign(n, 0.0);
+  if (interpolation_ == Interpolation::kLinear) {
+    // Knots on a straight line need no stop; a sampled record would otherwise restart everywhere.
+    for (std::size_t i = 0; i < n; ++i) {
+      const double left =
+          i == 0 ? 0.0 : (value_[i] - value_[i - 1]) / (time_[i] - time_[i - 1]);
+      const double right =
+          i + 1 == n ? 0.0 : (value_[i + 1] - value_[i]) / (time_[i + 1] - time_[i]);
+      if (std::fabs(right - left) > 1e-9 * (std::fabs(left) + std::fabs(right))) {
+        breakpoints_.push_back(time_[i]);
+      }
+    }
+    return;
+  }
+  // Fritsch-Carlson slopes with the weighted harmonic mean of Fritsch and Butland.
+  for (std::size_t i = 1; i + 1 < n; ++i) {
+    const double h0 = time_[i] - time_[i - 1];
+    const double h1 = time_[i + 1] - time_[i];
+    const double s0 = (value_[i] - value_[i - 1]) / h0;
+    const double s1 = (value_[i + 1] - value_[i]) / h1;
+    if (s0 * s1 <= 0.0) continue;
+    const double w0 = 2.0 * h1 + h0;
+    const double w1 = h1 + 2.0 * h0;
+    slope_[i] = (w0 + w1) / (w0 / s0 + w1 / s1);
+  }
+  // Flat ends join the constant continuation.
+}
+
+std::size_t Profile::interval(double t) const {
+  const auto it = std::upper_bound(time_.begin(), time_.end(), t);
+  return static_cast<std::size_t>(it - time_.begin()) - 1;
+}
+
+double Profile::base(double t) const {
+  if (t <= time_.front()) return value_.front();
+  if (t >= time_.back()) return value_.back();
+  const std::size_t i = interval(t);
+  const double h = time_[i + 1] - time_[i];
+  const double u = (t - time_[i]) / h;
+  if (interpolation_ == Interpolation::kLinear) {
+    return value_[i] + u * (value_[i + 1] - value_[i]);
+  }
+  const double u2 = u * u;
+  const double u3 = u2 * u;
+  return (2.0 * u3 - 3.0 * u2 + 1.0) * value_[i] + (u3 - 2.0 * u2 + u) * h * slope_[i] +
+         (-2.0 * u3 + 3.0 * u2) * value_[i + 1] + (u3 - u2) * h * slope_[i + 1];
+}
+
+double Profile::base_rate(double t) const {
+  if (t < time_.front() || t >= time_.back()) return 0.0;
+  const std::size_t i = interval(t);
+  const double h = time_[i + 1] - time_[i];
+  const double secant = (value_[i + 1] - value_[i]) / h;
+  if (interpolation_ == Interpolation::kLinear) return secant;
+  const double u = (t - time_[i]) / h;
+  return 6.0 * u * (1.0 - u) * secant + (3.0 * u * u - 4.0 * u + 1.0) * slope_[i] +
+         (3.0 * u * u - 2.0 * u) * slope_[i + 1];
+}
+
+double Profile::value(double t) const {
+  return amplitude_ == 0.0 ? base(t) : base(t) * (1.0 + amplitude_ * std::sin(omega_ * t));
+}
+
+double Profile::rate(double t) const {
+  if (amplitude_ == 0.0) return base_rate(t);
+  return base_rate(t) * (1.0 + amplitude_ * std::sin(omega_ * t)) +
+         base(t) * amplitude_ * omega_ * std::cos(omega_ * t);
+}
+
+}  // namespace feltmb

@@ -1,0 +1,405 @@
+#include "feltmb/model/simulation.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <limits>
+
+#include "feltmb/core/error.hpp"
+#include "feltmb/model/equilibrium.hpp"
+#include "feltmb/model/observables.hpp"
+
+namespace feltmb {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+void check(const SimulationOptions& o) {
+  const auto positive = [](double v) { return std::isfinite(v) && v > 0.0; };
+  if (!positive(o.duration)) {
+    throw InvalidParameter(format("duration = %.6g s, must be > 0", o.duration));
+  }
+  if (!(o.rtol >= 1e-13 && o.rtol <= 1e-2)) {
+    throw InvalidParameter(format("rtol = %.6g, must be in [1e-13, 1e-2]", o.rtol));
+  }
+  if (!positive(o.output_rate)) {
+    throw InvalidParameter(format("output_rate = %.6g Hz, must be > 0", o.output_rate));
+  }
+  if (o.max_order < 0 || o.max_order > 5) {
+    throw InvalidParameter(format("max_order = %d, must be 0 (chosen) to 5", o.max_order));
+  }
+  if (!(o.max_step >= 0.0) || !(o.max_wall >= 0.0) || o.max_steps < 1) {
+    throw InvalidParameter("max_step [s] and max_wall [s] must be >= 0, max_steps >= 1");
+  }
+}
+
+/// Grows without moving rows about more than now and then.
+void append_row(RowMatrix& matrix, Eigen::Index row, std::span<const double> values) {
+  if (row >= matrix.rows()) {
+    matrix.conservativeResize(std::max<Eigen::Index>(16, 2 * row),
+                              static_cast<Eigen::Index>(values.size()));
+  }
+  std::copy(values.begin(), values.end(), matrix.row(row).data());
+}
+
+/// Watches the largest force of one contact on the dense output.
+class PeakWatch {
+ public:
+  PeakWatch(int contact, int position) : peak_{contact, 0.0, 0.0}, position_(position) {}
+
+  /// Looks at the step that ended at the integrator's internal time.
+  void look(MechanismSystem& system, const Integrator& integrator, double until,
+            std::vector<double>& y) {
+    const double h = integrator.last_step();
+    const double end = std::min(until, integrator.internal_time());
+    const double begin = integrator.internal_time() - h;
+    const double force = force_at(system, integrator, end, y);
+    const double before = last_;
+    last_ = force;
+    if (force <= 0.0 && before <= 0.0) return;
+    if (std::max(force, before) < 0.9 * peak_.force) return;
+    // Golden section would ask for a unimodal step; a few samples and a parabola do not.
+    constexpr int parts = 4;
+    double t[parts + 1];
+    double f[parts + 1];
+    int best = 0;
+    for (int i = 0; i <= parts; ++i) {
+      t[i] = begin + (end - begin) * i / parts;
+      f[i] = i == parts ? force : force_at(system, integrator, t[i], y);
+      if (f[i] > f[best]) best = i;
+    }
+    offer(f[best], t[best]);
+    if (best == 0 || best == parts) return;
+    const double curvature = f[best - 1] - 2.0 * f[best] + f[best + 1];
+    if (curvature >= 0.0) return;
+    const double shift = 0.5 * (f[best - 1] - f[best + 1]) / curvature;
+    const double top = t[best] + shift * (t[1] - t[0]);
+    offer(force_at(system, integrator, top, y), top);
+  }
+
+  const Peak& peak() const { return peak_; }
+
+ private:
+  double force_at(MechanismSystem& system, const Integrator& integrator, double t,
+                  std::vector<double>& y) const {
+    integrator.interpolate(t, y);
+    system.locate(t, y);
+    const ContactState& s = system.dynamics().contacts()[at(position_)];
+    if (!s.closed) return 0.0;
+    return system.mechanism().contacts[at(position_)].law.evaluate(s.compression, s.rate).force;
+  }
+
+  void offer(double force, double t) {
+    if (force <= peak_.force) return;
+    peak_.force = force;
+    peak_.time = t;
+  }
+
+  Peak peak_;
+  int position_;
+  double last_ = 0.0;
+};
+
+/// Multistep order that stays stable for the damping of the strings: lightly damped modes leave
+/// the stability region of the BDF beyond order two.
+int choose_order(const Mechanism& m) {
+  double smallest = 1.0;
+  for (const auto& s : m.strings) {
+    smallest = std::min(smallest, s.string.parameters().damping_ratio);
+  }
+  return smallest < 0.05 ? 2 : 5;
+}
+
+class Run {
+ public:
+  Run(const std::shared_ptr<const Mechanism>& mechanism, const FingerInput& input,
+      const SimulationOptions& options, const SimulationState& start,
+      const std::vector<Monitor>& monitors, const Progress& progress)
+      : options_(options),
+        progress_(progress),
+        system_(mechanism, input, options.ledger, monitors, options.events),
+        begin_(Clock::now()) {
+    y_.assign(system_.size(), 0.0);
+    if (start.y.empty()) {
+      const Equilibrium rest = find_equilibrium(mechanism);
+      std::copy(rest.q.begin(), rest.q.end(), y_.begin());
+      std::copy(rest.eta.begin(), rest.eta.end(), y_.begin() + 2 * mechanism->size());
+    } else if (start.y.size() != system_.size()) {
+      throw InvalidParameter(format("start state: got %zu values, expected %zu of this mechanism",
+                                    start.y.size(), system_.size()));
+    } else {
+      y_ = start.y;
+    }
+    scratch_.resize(y_.size());
+    for (const double t : input.profile.breakpoints()) {
+      if (t > 0.0 && t < options.duration) stops_.push_back(t);
+    }
+    stops_.push_back(options.duration);
+    for (const int number : options.peak_contacts) {
+      const int index = mechanism->contact_index(number);
+      if (index < 0) {
+        throw InvalidParameter(format("peak_contacts: there is no contact %d", number));
+      }
+      watches_.emplace_back(index, index);
+    }
+    prepare_outputs();
+  }
+
+  RunResult run() {
+    IntegratorOptions o;
+    o.rtol = options_.rtol;
+    o.atol = system_.absolute_tolerances(options_.rtol);
+    o.quadrature_atol.assign(system_.n_quadratures(), options_.rtol * 1e-3);
+    o.max_order = options_.max_order > 0 ? options_.max_order : choose_order(system_.mechanism());
+    o.max_step = options_.max_step;
+    Integrator integrator(system_, o);
+    integrator.start(0.0, y_, true);
+    sample(0.0, y_, nullptr);
+
+    std::size_t next_stop = 0;
+    bool going = true;
+    long steps = 0;
+    while (going) {
+      StepStatus status = StepStatus::kFailed;
+      std::string thrown;
+      try {
+        status = integrator.step(stops_[next_stop]);
+      } catch (const Error& error) {
+        thrown = error.what();
+      }
+      if (status == StepStatus::kFailed) {
+        fail(integrator, thrown.empty() ? integrator.message() : thrown);
+        break;
+      }
+      ++steps;
+      const double now = integrator.time();
+      for (auto& watch : watches_) watch.look(system_, integrator, now, scratch_);
+      sample_until(integrator, now);
+      if (status == StepStatus::kEvent) record_event(integrator);
+      if (options_.diagnose && steps % 4 == 0) diagnose(integrator);
+      if (status == StepStatus::kStop) {
+        ++next_stop;
+        if (next_stop == stops_.size()) {
+          going = false;
+        } else {
+          // The slope of the input jumps here: the multistep history is void.
+          std::copy(integrator.state().begin(), integrator.state().end(), y_.begin());
+          integrator.start(now, y_, false);
+          ++result_.restarts;
+        }
+      }
+      if (going && !may_go_on(now, steps)) going = false;
+    }
+    finish(integrator);
+    return std::move(result_);
+  }
+
+ private:
+  void prepare_outputs() {
+    result_.ledger_names = system_.quadrature_names();
+    if (!options_.outputs) return;
+    for (const auto& info : list_observables(system_.mechanism())) {
+      result_.names.push_back(info.name);
+      result_.units.push_back(info.unit);
+      result_.long_names.push_back(info.long_name);
+    }
+    const double count = std::floor(options_.duration * options_.output_rate * (1.0 + 1e-12));
+    if (count > 5e7) {
+      throw InvalidParameter(format("output_rate = %.6g Hz over %.6g s gives %.3g samples; the "
+                                    "limit is 5e7", options_.output_rate, options_.duration,
+                                    count));
+    }
+    const auto rows = static_cast<Eigen::Index>(count) + 2;
+    result_.time.resize(rows);
+    result_.data.resize(rows, static_cast<Eigen::Index>(result_.names.size()));
+    result_.states.resize(rows, static_cast<Eigen::Index>(y_.size()));
+    result_.ledger.resize(rows, static_cast<Eigen::Index>(result_.ledger_names.size()));
+    ledger_scratch_.resize(result_.ledger_names.size());
+  }
+
+  double sample_time(long i) const {
+    return std::min(static_cast<double>(i) / options_.output_rate, options_.duration);
+  }
+
+  void sample_until(const Integrator& integrator, double now) {
+    if (!options_.outputs) return;
+    while (result_.time.size() > rows_ && sample_time(rows_) <= now &&
+           last_sample_ < options_.duration) {
+      const double t = sample_time(rows_);
+      integrator.interpolate(t, scratch_);
+      sample(t, scratch_, &integrator);
+    }
+  }
+
+  void sample(double t, std::span<const double> y, const Integrator* integrator) {
+    if (!options_.outputs) return;
+    const auto row = static_cast<Eigen::Index>(rows_);
+    result_.time[row] = t;
+    std::copy(y.begin(), y.end(), result_.states.row(row).data());
+    observe(system_, t, y,
+            {result_.data.row(row).data(), static_cast<std::size_t>(result_.data.cols())});
+    if (!ledger_scratch_.empty()) {
+      if (integrator != nullptr) {
+        integrator->interpolate_quadratures(t, ledger_scratch_);
+      } else {
+        std::fill(ledger_scratch_.begin(), ledger_scratch_.end(), 0.0);
+      }
+      std::copy(ledger_scratch_.begin(), ledger_scratch_.end(), result_.ledger.row(row).data());
+    }
+    last_sample_ = t;
+    ++rows_;
+  }
+
+  void record_event(const Integrator& integrator) {
+    constexpr std::size_t most = 100000;
+    if (result_.events.size() >= most) return;
+    const auto y = integrator.state();
+    const double t = integrator.time();
+    system_.locate(t, y);
+    const auto row = static_cast<Eigen::Index>(event_rows_);
+    const auto contacts = system_.dynamics().contacts();
+    std::vector<double> compression(contacts.size());
+    std::vector<double> approach(contacts.size());
+    for (std::size_t i = 0; i < contacts.size(); ++i) {
+      compression[i] = contacts[i].compression;
+      approach[i] = -dot(contacts[i].normal, contacts[i].relative_velocity);
+    }
+    append_row(result_.event_states, row, y.subspan(0, 2 * at(system_.coordinates())));
+    append_row(result_.event_compression, row, compression);
+    append_row(result_.event_approach, row, approach);
+    const auto directions = integrator.event_directions();
+    const auto& event_contacts = system_.event_contacts();
+    for (std::size_t i = 0; i < directions.size(); ++i) {
+      if (directions[i] == 0) continue;
+      SimulationEvent event;
+      event.time = t;
+      event.direction = directions[i];
+      event.row = static_cast<int>(row);
+      if (i < event_contacts.size()) {
+        event.contact = event_contacts[i];
+      } else {
+        event.monitor = static_cast<int>(i - event_contacts.size());
+      }
+      result_.events.push_back(event);
+    }
+    ++event_rows_;
+  }
+
+  void diagnose(Integrator& integrator) {
+    const std::size_t state = integrator.limiting_state();
+    if (state_counts_.empty()) {
+      state_counts_.assign(system_.size(), 0);
+      contact_counts_.assign(system_.mechanism().contacts.size(), 0);
+    }
+    ++state_counts_[state];
+    const int contact = system_.stiffest_contact(state);
+    if (contact >= 0) ++contact_counts_[at(contact)];
+  }
+
+  bool may_go_on(double now, long steps) {
+    if (steps >= options_.max_steps) {
+      result_.status = RunStatus::kFailed;
+      result_.message = format("%ld steps were not enough; reached t = %.6g s", steps, now);
+      return false;
+    }
+    if (steps % 64 != 0) return true;
+    const double wall = std::chrono::duration<double>(Clock::now() - begin_).count();
+    if (options_.max_wall > 0.0 && wall > options_.max_wall) {
+      result_.status = RunStatus::kWallTime;
+      result_.message = format("wall time limit of %.3g s reached at t = %.6g s",
+                               options_.max_wall, now);
+      return false;
+    }
+    if (progress_ && wall >= next_report_) {
+      next_report_ = wall + 0.05;
+      if (!progress_(now)) {
+        result_.status = RunStatus::kInterrupted;
+        result_.message = format("interrupted at t = %.6g s", now);
+        return false;
+      }
+    }
+    return true;
+  }
+
+  void fail(Integrator& integrator, const std::string& why) {
+    result_.status = RunStatus::kFailed;
+    const double t = integrator.internal_time();
+    const std::size_t state = integrator.limiting_state();
+    result_.failed_state = system_.state_name(state);
+    const int contact = system_.stiffest_contact(state);
+    if (contact >= 0) result_.failed_contact = system_.mechanism().contacts[at(contact)].name;
+    result_.message =
+        format("integration stopped at t = %.9g s (step %.3g s): %s; largest error in state %s",
+               t, integrator.last_step(), why.c_str(), result_.failed_state.c_str());
+    if (contact >= 0) {
+      result_.message += ", stiffest contact there " + result_.failed_contact;
+    }
+  }
+
+  void finish(Integrator& integrator) {
+    const auto y = integrator.state();
+    result_.reached = integrator.time();
+    result_.end.time = integrator.time();
+    result_.end.y.assign(y.begin(), y.end());
+    result_.counts = integrator.counts();
+    for (const auto& watch : watches_) result_.peaks.push_back(watch.peak());
+    const auto rows = static_cast<Eigen::Index>(rows_);
+    if (options_.outputs) {
+      result_.time.conservativeResize(rows);
+      result_.data.conservativeResize(rows, Eigen::NoChange);
+      result_.states.conservativeResize(rows, Eigen::NoChange);
+      result_.ledger.conservativeResize(rows, Eigen::NoChange);
+    }
+    const auto event_rows = static_cast<Eigen::Index>(event_rows_);
+    result_.event_states.conservativeResize(event_rows, 2 * system_.coordinates());
+    const auto contacts = static_cast<Eigen::Index>(system_.mechanism().contacts.size());
+    result_.event_compression.conservativeResize(event_rows, contacts);
+    result_.event_approach.conservativeResize(event_rows, contacts);
+    rank(state_counts_, [&](std::size_t i) { return system_.state_name(i); },
+         result_.limiting_states);
+    rank(contact_counts_,
+         [&](std::size_t i) { return system_.mechanism().contacts[i].name; },
+         result_.limiting_contacts);
+    result_.wall = std::chrono::duration<double>(Clock::now() - begin_).count();
+  }
+
+  template <class Name>
+  static void rank(const std::vector<long>& counts, Name&& name,
+                   std::vector<std::pair<std::string, long>>& out) {
+    for (std::size_t i = 0; i < counts.size(); ++i) {
+      if (counts[i] > 0) out.emplace_back(name(i), counts[i]);
+    }
+    std::stable_sort(out.begin(), out.end(),
+                     [](const auto& a, const auto& b) { return a.second > b.second; });
+  }
+
+  SimulationOptions options_;
+  Progress progress_;
+  MechanismSystem system_;
+  Clock::time_point begin_;
+  std::vector<double> y_;
+  std::vector<double> scratch_;
+  std::vector<double> ledger_scratch_;
+  std::vector<double> stops_;
+  std::vector<PeakWatch> watches_;
+  RunResult result_;
+  long rows_ = 0;
+  int event_rows_ = 0;
+  double last_sample_ = -1.0;
+  double next_report_ = 0.05;
+  std::vector<long> state_counts_;
+  std::vector<long> contact_counts_;
+};
+
+}  // namespace
+
+RunResult simulate(const std::shared_ptr<const Mechanism>& mechanism, const FingerInput& input,
+                   const SimulationOptions& options, const SimulationState& start,
+                   const std::vector<Monitor>& monitors, const Progress& progress) {
+  check(options);
+  return Run(mechanism, input, options, start, monitors, progress).run();
+}
+
+}  // namespace feltmb

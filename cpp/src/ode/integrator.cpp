@@ -1,0 +1,399 @@
+#include "feltmb/ode/integrator.hpp"
+
+#include <cvodes/cvodes.h>
+#include <cvodes/cvodes_ls.h>
+#include <sundials/sundials_linearsolver.h>
+#include <sundials/sundials_matrix.h>
+
+#include <algorithm>
+#include <cmath>
+#include <exception>
+
+#include "feltmb/core/error.hpp"
+#include "vector_kernels.hpp"
+
+#if defined(__SSE2__)
+#include <immintrin.h>
+#endif
+
+namespace feltmb {
+namespace {
+
+/// Flush-to-zero while the integrator runs: decaying string modes would turn denormal and slow
+/// every operation down a hundredfold. Restored on leaving.
+class FlushToZero {
+ public:
+#if defined(__SSE2__)
+  FlushToZero() : saved_(_mm_getcsr()) { _mm_setcsr(saved_ | 0x8040U); }
+  ~FlushToZero() { _mm_setcsr(saved_); }
+
+ private:
+  unsigned saved_;
+#endif
+};
+
+const char* flag_text(int flag) {
+  switch (flag) {
+    case CV_TOO_MUCH_WORK: return "too many internal steps";
+    case CV_TOO_MUCH_ACC: return "the tolerance is below what double precision can give";
+    case CV_ERR_FAILURE: return "the error test failed at the smallest step";
+    case CV_CONV_FAILURE: return "the Newton iteration did not converge at the smallest step";
+    case CV_LSETUP_FAIL: return "the Newton matrix could not be factorised";
+    case CV_RHSFUNC_FAIL: return "the right-hand side failed";
+    case CV_FIRST_RHSFUNC_ERR: return "the right-hand side failed at the start";
+    case CV_REPTD_RHSFUNC_ERR: return "the right-hand side kept failing";
+    case CV_UNREC_RHSFUNC_ERR: return "the right-hand side failed and the step could not shrink";
+    case CV_QRHSFUNC_FAIL: return "the ledger's right-hand side failed";
+    case CV_RTFUNC_FAIL: return "an event function failed";
+    case CV_ILL_INPUT: return "the integrator refused its input";
+    case CV_TOO_CLOSE: return "start and end time are too close";
+    default: return "the integrator failed";
+  }
+}
+
+}  // namespace
+
+struct Integrator::Impl {
+  OdeSystem& system;
+  IntegratorOptions options;
+  SUNContext context = nullptr;
+  void* cvode = nullptr;
+  N_Vector y = nullptr;
+  N_Vector work = nullptr;
+  N_Vector weights = nullptr;
+  N_Vector atol = nullptr;
+  N_Vector quad = nullptr;
+  N_Vector quad_work = nullptr;
+  N_Vector quad_atol = nullptr;
+  SUNMatrix matrix = nullptr;
+  SUNLinearSolver solver = nullptr;
+  bool started = false;
+  double time = 0.0;
+  std::exception_ptr thrown;
+  std::string message;
+  std::string captured;
+  std::vector<int> directions;
+  IntegratorCounts total;   ///< of runs before the last restart
+  long jacobians = 0;
+  long factorizations = 0;
+
+  Impl(OdeSystem& s, const IntegratorOptions& o) : system(s), options(o) {}
+
+  ~Impl() {
+    if (cvode != nullptr) CVodeFree(&cvode);
+    if (solver != nullptr) SUNLinSolFree(solver);
+    if (matrix != nullptr) SUNMatDestroy(matrix);
+    for (N_Vector v : {y, work, weights, atol, quad, quad_work, quad_atol}) {
+      if (v != nullptr) N_VDestroy(v);
+    }
+    if (context != nullptr) SUNContext_Free(&context);
+  }
+
+  std::span<double> span(N_Vector v) const {
+    return {NV_DATA_S(v), static_cast<std::size_t>(NV_LENGTH_S(v))};
+  }
+
+  /// Runs a callback of CVODE; exceptions are kept and rethrown by step().
+  template <class F>
+  int guard(F&& call) {
+    try {
+      call();
+      return 0;
+    } catch (...) {
+      thrown = std::current_exception();
+      return -1;
+    }
+  }
+
+  void check(int flag, const char* what) const {
+    if (flag < 0) throw Error(format("integrator: %s failed: %s", what, flag_text(flag)));
+  }
+};
+
+namespace {
+
+template <class Impl>
+Impl& self(void* data) {
+  return *static_cast<Impl*>(data);
+}
+
+}  // namespace
+
+// CVODE's C callbacks need the private Impl, hence one struct of static functions.
+struct IntegratorCallbacks {
+  template <class Impl>
+  static int rhs(realtype t, N_Vector y, N_Vector rate, void* data) {
+    auto& impl = self<Impl>(data);
+    int flag = impl.guard([&] { impl.system.rhs(t, impl.span(y), impl.span(rate)); });
+    if (flag == 0) {
+      // A trial step may leave the domain; CVODE then tries a smaller one.
+      double sum = 0.0;
+      for (const double v : impl.span(rate)) sum += v;
+      if (!std::isfinite(sum)) flag = 1;
+    }
+    return flag;
+  }
+
+  template <class Impl>
+  static int quadratures(realtype t, N_Vector y, N_Vector rate, void* data) {
+    auto& impl = self<Impl>(data);
+    return impl.guard([&] { impl.system.quadratures(t, impl.span(y), impl.span(rate)); });
+  }
+
+  template <class Impl>
+  static int events(realtype t, N_Vector y, realtype* g, void* data) {
+    auto& impl = self<Impl>(data);
+    return impl.guard([&] { impl.system.events(t, impl.span(y), {g, impl.system.n_events()}); });
+  }
+
+  template <class Impl>
+  static int linear_system(realtype t, N_Vector y, N_Vector, SUNMatrix, booleantype jok,
+                           booleantype* jcur, realtype gamma, void* data, N_Vector, N_Vector,
+                           N_Vector) {
+    auto& impl = self<Impl>(data);
+    bool regular = true;
+    const int flag = impl.guard([&] {
+      if (!jok) {
+        impl.system.linearize(t, impl.span(y));
+        ++impl.jacobians;
+      }
+      regular = impl.system.factorize(gamma);
+      ++impl.factorizations;
+    });
+    *jcur = jok ? SUNFALSE : SUNTRUE;
+    if (flag != 0) return flag;
+    return regular ? 0 : 1;
+  }
+
+  template <class Impl>
+  static int solve(SUNLinearSolver s, SUNMatrix, N_Vector x, N_Vector b, realtype) {
+    auto& impl = self<Impl>(s->content);
+    return impl.guard([&] {
+      const auto from = impl.span(b);
+      const auto to = impl.span(x);
+      if (from.data() != to.data()) std::copy(from.begin(), from.end(), to.begin());
+      impl.system.solve(to);
+    });
+  }
+
+  template <class Impl>
+  static void error(int, const char*, const char*, char* text, void* data) {
+    self<Impl>(data).captured = text;
+  }
+
+  static SUNLinearSolver_Type solver_type(SUNLinearSolver) { return SUNLINEARSOLVER_DIRECT; }
+  static SUNMatrix_ID matrix_id(SUNMatrix) { return SUNMATRIX_CUSTOM; }
+  static int solver_ok(SUNLinearSolver) { return 0; }
+  static int setup_ok(SUNLinearSolver, SUNMatrix) { return 0; }
+  static int free_solver(SUNLinearSolver s) {
+    s->content = nullptr;
+    SUNLinSolFreeEmpty(s);
+    return 0;
+  }
+  static void free_matrix(SUNMatrix m) { SUNMatFreeEmpty(m); }
+};
+
+Integrator::Integrator(OdeSystem& system, const IntegratorOptions& options)
+    : impl_(std::make_unique<Impl>(system, options)) {
+  Impl& d = *impl_;
+  if (!(options.rtol > 0.0 && options.rtol <= 0.1)) {
+    throw InvalidParameter(format("rtol = %.6g, must be in (0, 0.1]", options.rtol));
+  }
+  if (options.max_order < 1 || options.max_order > 5) {
+    throw InvalidParameter(format("max_order = %d, must be 1 to 5", options.max_order));
+  }
+  if (options.atol.size() != system.size()) {
+    throw InvalidParameter(format("atol: got %zu values, expected one a state (%zu)",
+                                  options.atol.size(), system.size()));
+  }
+  if (options.quadrature_atol.size() != system.n_quadratures()) {
+    throw InvalidParameter(format("quadrature_atol: got %zu values, expected %zu",
+                                  options.quadrature_atol.size(), system.n_quadratures()));
+  }
+  if (SUNContext_Create(nullptr, &d.context) != 0) throw Error("integrator: no SUNDIALS context");
+  const auto n = static_cast<sunindextype>(system.size());
+  d.y = detail::make_vector(n, d.context);
+  if (d.y == nullptr) throw Error("integrator: out of memory");
+  d.work = N_VClone(d.y);
+  d.weights = N_VClone(d.y);
+  d.atol = N_VClone(d.y);
+  std::copy(options.atol.begin(), options.atol.end(), d.span(d.atol).begin());
+  if (system.n_quadratures() > 0) {
+    d.quad = detail::make_vector(static_cast<sunindextype>(system.n_quadratures()), d.context);
+    d.quad_work = N_VClone(d.quad);
+    d.quad_atol = N_VClone(d.quad);
+    N_VConst(0.0, d.quad);
+    std::copy(options.quadrature_atol.begin(), options.quadrature_atol.end(),
+              d.span(d.quad_atol).begin());
+  }
+  d.directions.assign(system.n_events(), 0);
+
+  d.matrix = SUNMatNewEmpty(d.context);
+  d.matrix->ops->getid = IntegratorCallbacks::matrix_id;
+  d.matrix->ops->destroy = IntegratorCallbacks::free_matrix;
+  d.solver = SUNLinSolNewEmpty(d.context);
+  d.solver->content = impl_.get();
+  d.solver->ops->gettype = IntegratorCallbacks::solver_type;
+  d.solver->ops->initialize = IntegratorCallbacks::solver_ok;
+  d.solver->ops->setup = IntegratorCallbacks::setup_ok;
+  d.solver->ops->solve = IntegratorCallbacks::solve<Impl>;
+  d.solver->ops->free = IntegratorCallbacks::free_solver;
+}
+
+Integrator::~Integrator() = default;
+
+void Integrator::start(double t, std::span<const double> y, bool reset_quadratures) {
+  Impl& d = *impl_;
+  if (y.size() != d.system.size()) {
+    throw InvalidParameter(
+        format("start state: got %zu values, expected %zu", y.size(), d.system.size()));
+  }
+  std::copy(y.begin(), y.end(), d.span(d.y).begin());
+  d.time = t;
+  if (!d.started) {
+    d.cvode = CVodeCreate(CV_BDF, d.context);
+    if (d.cvode == nullptr) throw Error("integrator: CVodeCreate failed");
+    CVodeSetErrHandlerFn(d.cvode, IntegratorCallbacks::error<Impl>, &d);
+    d.check(CVodeInit(d.cvode, IntegratorCallbacks::rhs<Impl>, t, d.y), "CVodeInit");
+    d.check(CVodeSVtolerances(d.cvode, d.options.rtol, d.atol), "CVodeSVtolerances");
+    d.check(CVodeSetUserData(d.cvode, &d), "CVodeSetUserData");
+    d.check(CVodeSetLinearSolver(d.cvode, d.solver, d.matrix), "CVodeSetLinearSolver");
+    d.check(CVodeSetLinSysFn(d.cvode, IntegratorCallbacks::linear_system<Impl>),
+            "CVodeSetLinSysFn");
+    d.check(CVodeSetMaxOrd(d.cvode, d.options.max_order), "CVodeSetMaxOrd");
+    d.check(CVodeSetMaxNumSteps(d.cvode, -1), "CVodeSetMaxNumSteps");
+    CVodeSetMaxHnilWarns(d.cvode, -1);
+    if (d.options.max_step > 0.0) CVodeSetMaxStep(d.cvode, d.options.max_step);
+    if (d.options.first_step > 0.0) CVodeSetInitStep(d.cvode, d.options.first_step);
+    if (d.system.n_events() > 0) {
+      d.check(CVodeRootInit(d.cvode, static_cast<int>(d.system.n_events()),
+                            IntegratorCallbacks::events<Impl>), "CVodeRootInit");
+      CVodeSetNoInactiveRootWarn(d.cvode);
+    }
+    if (d.quad != nullptr) {
+      d.check(CVodeQuadInit(d.cvode, IntegratorCallbacks::quadratures<Impl>, d.quad),
+              "CVodeQuadInit");
+      d.check(CVodeQuadSVtolerances(d.cvode, d.options.rtol, d.quad_atol),
+              "CVodeQuadSVtolerances");
+      d.check(CVodeSetQuadErrCon(d.cvode, SUNTRUE), "CVodeSetQuadErrCon");
+    }
+    d.started = true;
+    return;
+  }
+  d.total = counts();
+  d.jacobians = 0;
+  d.factorizations = 0;
+  if (d.quad != nullptr) {
+    if (reset_quadratures) {
+      N_VConst(0.0, d.quad);
+    } else {
+      double reached = 0.0;
+      CVodeGetQuad(d.cvode, &reached, d.quad_work);
+      CVodeGetQuadDky(d.cvode, t, 0, d.quad);
+    }
+  }
+  d.check(CVodeReInit(d.cvode, t, d.y), "CVodeReInit");
+  if (d.quad != nullptr) d.check(CVodeQuadReInit(d.cvode, d.quad), "CVodeQuadReInit");
+}
+
+StepStatus Integrator::step(double t_stop) {
+  Impl& d = *impl_;
+  const FlushToZero flush;
+  CVodeSetStopTime(d.cvode, t_stop);
+  double reached = d.time;
+  const int flag = CVode(d.cvode, t_stop, d.y, &reached, CV_ONE_STEP);
+  d.time = reached;
+  if (d.thrown) {
+    const std::exception_ptr thrown = d.thrown;
+    d.thrown = nullptr;
+    std::rethrow_exception(thrown);
+  }
+  if (flag == CV_ROOT_RETURN) {
+    CVodeGetRootInfo(d.cvode, d.directions.data());
+    return StepStatus::kEvent;
+  }
+  if (flag == CV_TSTOP_RETURN) return StepStatus::kStop;
+  if (flag >= 0) return StepStatus::kStep;
+  d.message = flag_text(flag);
+  return StepStatus::kFailed;
+}
+
+double Integrator::time() const { return impl_->time; }
+
+double Integrator::internal_time() const {
+  double t = 0.0;
+  CVodeGetCurrentTime(impl_->cvode, &t);
+  return t;
+}
+
+double Integrator::last_step() const {
+  double h = 0.0;
+  CVodeGetLastStep(impl_->cvode, &h);
+  return h;
+}
+
+int Integrator::last_order() const {
+  int order = 0;
+  CVodeGetLastOrder(impl_->cvode, &order);
+  return order;
+}
+
+std::span<const double> Integrator::state() const { return impl_->span(impl_->y); }
+
+void Integrator::interpolate(double t, std::span<double> y) const {
+  CVodeGetDky(impl_->cvode, t, 0, impl_->work);
+  const auto from = impl_->span(impl_->work);
+  std::copy(from.begin(), from.end(), y.begin());
+}
+
+void Integrator::interpolate_quadratures(double t, std::span<double> z) const {
+  CVodeGetQuadDky(impl_->cvode, t, 0, impl_->quad_work);
+  const auto from = impl_->span(impl_->quad_work);
+  std::copy(from.begin(), from.end(), z.begin());
+}
+
+std::span<const int> Integrator::event_directions() const { return impl_->directions; }
+
+std::size_t Integrator::limiting_state() {
+  Impl& d = *impl_;
+  CVodeGetEstLocalErrors(d.cvode, d.work);
+  CVodeGetErrWeights(d.cvode, d.weights);
+  const auto e = d.span(d.work);
+  const auto w = d.span(d.weights);
+  std::size_t worst = 0;
+  double largest = -1.0;
+  for (std::size_t i = 0; i < e.size(); ++i) {
+    const double x = std::fabs(e[i] * w[i]);
+    if (x > largest) {
+      largest = x;
+      worst = i;
+    }
+  }
+  return worst;
+}
+
+IntegratorCounts Integrator::counts() const {
+  const Impl& d = *impl_;
+  IntegratorCounts c = d.total;
+  if (!d.started) return c;
+  long steps = 0, rhs = 0, setups = 0, fails = 0, newton = 0, newton_fails = 0, roots = 0;
+  CVodeGetNumSteps(d.cvode, &steps);
+  CVodeGetNumRhsEvals(d.cvode, &rhs);
+  CVodeGetNumLinSolvSetups(d.cvode, &setups);
+  CVodeGetNumErrTestFails(d.cvode, &fails);
+  CVodeGetNonlinSolvStats(d.cvode, &newton, &newton_fails);
+  CVodeGetNumGEvals(d.cvode, &roots);
+  c.steps += steps;
+  c.rhs += rhs;
+  c.jacobians += d.jacobians;
+  c.factorizations += d.factorizations;
+  c.rejected += fails;
+  c.newton_iterations += newton;
+  c.newton_failures += newton_fails;
+  c.event_evaluations += roots;
+  return c;
+}
+
+const std::string& Integrator::message() const { return impl_->message; }
+
+}  // namespace feltmb

@@ -1,0 +1,852 @@
+"""Mechanisms as data: TOML file, validated description, immutable model.
+
+The only place that knows the file format of mechanisms. ``load_action`` reads a packaged data set
+or a file, :class:`Action` holds it, ``Action.with_values`` changes numbers by their dotted path.
+"""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+import math
+import tomllib
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, ValidationError
+
+from feltmb import _core
+from feltmb.errors import InvalidParameter
+from feltmb.quantity import (
+    META_KEYS,
+    Schema,
+    fault_lines,
+    is_quantity,
+    parse_scalar,
+    quantity,
+    vector,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+__all__ = ["Action", "load_action", "packaged_actions", "parse_setting"]
+
+SCHEMA_VERSION = 1
+LAWS = ("guarded", "printed", "mean", "hunt_crossley")
+LawName = Literal["guarded", "printed", "mean", "hunt_crossley"]
+
+
+def _curve(node: object) -> object:
+    """Accept ``unit = [..]`` for the three coefficients of eq. 4.21 at once."""
+    if not isinstance(node, Mapping):
+        return node
+    units = ("N/m", "1/m", "N/m")
+    given = node.get("unit", units)
+    if isinstance(given, str) or len(given) != 3:
+        raise ValueError(f"got unit {given!r}, expected three, such as {list(units)}")
+    out = {key: node[key] for key in node if key not in META_KEYS}
+    for key, unit in zip("abc", given, strict=True):
+        if key in out and not isinstance(out[key], (Mapping, str)):
+            out[key] = {"value": out[key], "unit": unit}
+    return out
+
+
+def _drop_meta(node: object) -> object:
+    """Let a table carry its own source, status and note."""
+    if not isinstance(node, Mapping):
+        return node
+    return {k: v for k, v in node.items() if k not in ("source", "status", "note", "printed")}
+
+
+class Curve(Schema):
+    """F(e) = a e exp(b e) + c e, thesis eq. 4.21."""
+
+    a: quantity("N/m")
+    b: quantity("1/m", ge=0)
+    c: quantity("N/m")
+
+
+class HuntCrossleyParameters(Schema):
+    """F = k e^p (1 + d de/dt)."""
+
+    stiffness: Annotated[float, Field(gt=0), BeforeValidator(lambda n: _power_stiffness(n))]
+    exponent: quantity("1", ge=1) = 1.5
+    damping: quantity("s/m", ge=0) = 0.0
+
+
+def _power_stiffness(node: object) -> float:
+    """Stiffness of a power law; its unit N/m^p depends on the exponent, so only N and m scale."""
+    if isinstance(node, Mapping) and isinstance(node.get("unit"), str):
+        unit = node["unit"]
+        if not unit.startswith("N/m^") and unit != "N/m":
+            raise ValueError(f"got unit {unit!r}, expected 'N/m^p' with the exponent p of the law")
+        return parse_scalar({"value": node["value"]}, "1")
+    return parse_scalar(node, "1")
+
+
+class FrictionParameters(Schema):
+    """Coulomb friction of thesis eq. A.1."""
+
+    amplitude: Annotated[float, Field(ge=0), BeforeValidator(lambda n: _any_unit(n))] = 0.0
+    b1: quantity("1", ge=0) = 0.0
+    b2: quantity("1", ge=0) = 0.0
+    threshold_speed: Annotated[float, Field(gt=0), BeforeValidator(lambda n: _any_unit(n))] = 1e-3
+
+
+def _any_unit(node: object) -> float:
+    """Friction amplitudes and speeds are linear or angular; any accepted unit of either kind."""
+    if not isinstance(node, Mapping) or "unit" not in node:
+        return parse_scalar(node, "1")
+    for si in ("1", "N", "N m", "m/s", "rad/s"):
+        try:
+            return parse_scalar(node, si)
+        except ValueError as error:
+            if "does not measure" not in str(error):
+                raise
+    raise ValueError(
+        f"got unit {node['unit']!r}, expected a unit of 1, N, N m (amplitude) or m/s, rad/s (speed)"
+    )
+
+
+Friction = Annotated[FrictionParameters, BeforeValidator(_drop_meta)]
+
+
+class Body(Schema):
+    """A rigid body or a uniform beam, and the joint to its parent."""
+
+    label: str = ""
+    note: str = ""
+    kind: Literal["rigid", "beam"] = "rigid"
+    parent: str = "ground"
+    joint: Literal["revolute", "prismatic", "weld"] = "revolute"
+    coordinate: str = ""
+    position: vector("m") = (0.0, 0.0)
+    axis: vector("1") = (0.0, 1.0)
+    angle: quantity("rad") = 0.0
+    friction: Friction = FrictionParameters()
+    mass: quantity("kg", ge=0) = 0.0
+    center_of_mass: vector("m") = (0.0, 0.0)
+    inertia: quantity("kg m^2", ge=0) = 0.0
+    rigid: bool = True
+    length: quantity("m", gt=0) | None = None
+    density: quantity("kg/m^3", gt=0) | None = None
+    area: quantity("m^2", gt=0) | None = None
+    young_modulus: quantity("Pa", gt=0) | None = None
+    second_moment: quantity("m^4", gt=0) | None = None
+
+
+class Surface(Schema):
+    """A contact surface fixed to a body."""
+
+    body: str
+    kind: Literal["line", "circle", "concave", "hybrid"]
+    point: vector("m")
+    normal: vector("1") | None = None
+    radius: quantity("m", ge=0) | None = None
+    arc: vector("rad") | None = None
+    note: str = ""
+
+
+class Contact(Schema):
+    """Two surfaces, a law and friction."""
+
+    label: str = ""
+    note: str = ""
+    surfaces: tuple[str, str]
+    enabled: bool = True
+    law: LawName = "guarded"
+    alpha: quantity("s/m", gt=0) = 100.0
+    loading: Annotated[Curve, BeforeValidator(_curve)] | None = None
+    unloading: Annotated[Curve, BeforeValidator(_curve)] | None = None
+    hunt_crossley: HuntCrossleyParameters | None = None
+    friction: Friction = FrictionParameters()
+
+
+class Spring(Schema):
+    """Torsion spring on a coordinate."""
+
+    label: str = ""
+    coordinate: str
+    stiffness: quantity("N m/rad", ge=0)
+    rest_angle: quantity("rad")
+    enabled: bool = True
+
+
+class Strap(Schema):
+    """One-sided cubic strap, thesis eq. 4.5."""
+
+    label: str = ""
+    body_a: str
+    point_a: vector("m")
+    body_b: str
+    point_b: vector("m")
+    free_length: quantity("m", gt=0)
+    k1: quantity("N/m") = 0.0
+    k2: quantity("N/m^2") = 0.0
+    k3: quantity("N/m^3") = 0.0
+    enabled: bool = True
+
+
+def _strike_point(node: object) -> object:
+    return node if node == "moving" else parse_scalar(node, "m")
+
+
+class String(Schema):
+    """Stiff string of thesis Table 4.1."""
+
+    kind: Literal["modal", "rigid_stop"] = "modal"
+    surface: str
+    modes: Annotated[int, Field(ge=1, le=5000)] = 40
+    diameter: quantity("m", gt=0)
+    tension: quantity("N", gt=0)
+    length: quantity("m", gt=0)
+    linear_density: quantity("kg/m", gt=0)
+    young_modulus: quantity("Pa", ge=0)
+    damping_ratio: quantity("1", ge=0, lt=1) = 0.0
+    anchor: quantity("m", ge=0) = 0.0
+    direction: vector("1") = (0.0, -1.0)
+    strike_point: Annotated[Literal["moving"] | float, BeforeValidator(_strike_point)] = "moving"
+    note: str = ""
+
+
+class Pad(HuntCrossleyParameters):
+    """Finger pad between a prescribed finger motion and the key."""
+
+    law: Literal["hunt_crossley"] = "hunt_crossley"
+
+
+class Finger(Schema):
+    """Where the player's finger meets the mechanism."""
+
+    body: str
+    point: vector("m")
+    direction: vector("1") = (0.0, -1.0)
+    pad: Pad = Pad(stiffness=1.1e5, exponent=1.5, damping=1.0)
+
+
+class Point(Schema):
+    """Tracking point."""
+
+    body: str
+    point: vector("m")
+    label: str = ""
+
+
+class NamedEvent(Schema):
+    """A contact change or a travel of a tracking point that gets a name."""
+
+    contact: int | list[int] | None = None
+    change: Literal["opens", "closes"] | None = None
+    point: str | None = None
+    direction: vector("1") = (0.0, 1.0)
+    travel: quantity("m", gt=0) | None = None
+    which: Literal["first", "last"] = "first"
+    before: str | None = None
+    after: str | None = None
+    within: quantity("s", gt=0) | None = None
+
+
+class SummaryRoles(Schema):
+    """Which contacts and points the summary of a run reads."""
+
+    strike_contact: int | None = None
+    let_off_contact: int | None = None
+    check_contacts: list[int] = []
+    key_point: str | None = None
+
+
+class Source(Schema):
+    """Where a data set comes from."""
+
+    cite: str = ""
+    status: str = ""
+    note: str = ""
+
+
+class MechanismFile(Schema):
+    """A mechanism file."""
+
+    schema_version: Annotated[Literal[1], Field(alias="schema")]
+    name: str
+    about: str = ""
+    source: Source = Source()
+    gravity: vector("m/s^2") = (0.0, -9.81)
+    bodies: dict[str, Body]
+    surfaces: dict[str, Surface] = {}
+    contacts: dict[str, Contact] = {}
+    springs: dict[str, Spring] = {}
+    straps: dict[str, Strap] = {}
+    string: String | None = None
+    finger: Finger | None = None
+    points: dict[str, Point] = {}
+    start_pose: dict[str, float] = {}
+    events: dict[str, NamedEvent] = {}
+    summary: SummaryRoles = SummaryRoles()
+
+
+# --- reading -------------------------------------------------------------------------------------
+
+
+def _params() -> Path:
+    return Path(str(resources.files("feltmb") / "params"))
+
+
+def packaged_actions() -> list[str]:
+    """Names of the data sets of mechanisms that come with the package."""
+    return sorted(p.stem for p in _params().glob("*.toml"))
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise InvalidParameter(f"{path}: cannot be read: {error.strerror}") from None
+    if len(text) > 10_000_000:
+        raise InvalidParameter(f"{path}: {len(text)} bytes; the limit of a TOML file is 10 MB")
+    try:
+        return tomllib.loads(text.decode("utf-8"))
+    except UnicodeDecodeError as error:
+        raise InvalidParameter(f"{path}: is no UTF-8 text (byte {error.start})") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InvalidParameter(f"{path}: is no TOML: {error}") from None
+    except RecursionError:
+        raise InvalidParameter(f"{path}: tables are nested too deeply") from None
+
+
+def _resolve(name_or_path: str | Path) -> Path:
+    text = str(name_or_path)
+    if text in packaged_actions():
+        return _params() / f"{text}.toml"
+    path = Path(text)
+    if path.suffix == ".toml" or path.exists():
+        if not path.is_file():
+            raise InvalidParameter(f"mechanism {text!r}: there is no such file")
+        return path
+    known = ", ".join(packaged_actions())
+    raise InvalidParameter(
+        f"mechanism {text!r} is unknown; packaged are {known}; or give the path of a TOML file"
+    )
+
+
+def _load_raw(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
+    raw = _read_toml(path)
+    if "extends" not in raw:
+        return raw
+    unknown = sorted(set(raw) - {"schema", "name", "about", "source", "extends", "values"})
+    if unknown:
+        raise InvalidParameter(
+            f"{path}: a file with 'extends' holds name, about, source and [values] only; "
+            f"got {', '.join(unknown)}"
+        )
+    base = raw["extends"]
+    if not isinstance(base, str):
+        raise InvalidParameter(f"{path}: extends: got {base!r}, expected a name or a path")
+    base_path = path.parent / base if base.endswith(".toml") else _resolve(base)
+    if base_path.resolve() in [p.resolve() for p in (*seen, path)]:
+        raise InvalidParameter(f"{path}: extends {base!r}, which leads back to itself")
+    merged = _load_raw(base_path, (*seen, path))
+    for key in ("name", "about", "source"):
+        if key in raw:
+            merged[key] = raw[key]
+    values = raw.get("values", {})
+    if not isinstance(values, Mapping):
+        raise InvalidParameter(f"{path}: values: expected a table of dotted paths")
+    return _apply_values(merged, values, str(path))
+
+
+def load_action(name_or_path: str | Path) -> Action:
+    """Read a mechanism: the name of a packaged data set, or the path of a TOML file.
+
+    Raises
+    ------
+    InvalidParameter
+        Listing all faults of the file at once.
+    """
+    path = _resolve(name_or_path)
+    return Action(_load_raw(path), origin=path.name)
+
+
+# --- changing values -------------------------------------------------------------------------------
+
+
+def parse_setting(text: str) -> tuple[str, Any]:
+    """Split ``"string.modes=80"`` into its path and its value, read as TOML, else as text."""
+    path, sign, value = text.partition("=")
+    if not sign or not path.strip():
+        raise InvalidParameter(f"--set {text!r}: expected PATH=VALUE, such as string.modes=80")
+    try:
+        return path.strip(), tomllib.loads(f"v = {value}")["v"]
+    except tomllib.TOMLDecodeError:
+        return path.strip(), value.strip()
+
+
+def _expand(raw: Mapping[str, Any], path: str) -> list[list[str]]:
+    """Paths that ``path`` names: ``*`` matches any key; a body's name stands for bodies.NAME."""
+    parts = path.split(".")
+    if parts[0] not in raw and parts[0] != "*":
+        # Coordinates hold a dot; they are keys of start_pose only.
+        if parts[0] in raw.get("bodies", {}):
+            parts = ["bodies", *parts]
+    if parts[0] == "start_pose" and len(parts) > 2:
+        parts = ["start_pose", ".".join(parts[1:])]
+    found: list[list[str]] = [[]]
+    node_lists: list[Any] = [raw]
+    for part in parts:
+        next_found, next_nodes = [], []
+        for prefix, node in zip(found, node_lists, strict=True):
+            if part == "*" and isinstance(node, Mapping):
+                for key in node:
+                    next_found.append([*prefix, key])
+                    next_nodes.append(node[key])
+            else:
+                next_found.append([*prefix, part])
+                next_nodes.append(node.get(part) if isinstance(node, Mapping) else None)
+        found, node_lists = next_found, next_nodes
+    return found
+
+
+_AXES = {"x": 0, "y": 1}
+
+
+def _set_one(raw: dict[str, Any], parts: list[str], value: Any, where: str) -> None:
+    node: Any = raw
+    for i, part in enumerate(parts[:-1]):
+        if isinstance(node, dict) and isinstance(node.get(part), dict):
+            node = node[part]
+            continue
+        if isinstance(node, dict) and part in node and i == len(parts) - 2:
+            node[part] = _set_component(node[part], parts[-1], value, where, parts)
+            return
+        raise InvalidParameter(
+            f"{where}: path {'.'.join(parts)!r}: {'.'.join(parts[: i + 1])!r} does not exist"
+        )
+    last = parts[-1]
+    if is_quantity(node) and (last in _AXES or last.isdigit()):
+        node["value"] = _set_component(node["value"], last, value, where, parts)
+    elif is_quantity(node) and last not in META_KEYS:
+        raise InvalidParameter(f"{where}: path {'.'.join(parts)!r} leads into a quantity")
+    elif is_quantity(node.get(last)) and not isinstance(value, (Mapping, str)):
+        # A bare number keeps the unit of the entry; what was said of the old number is void.
+        node[last] = {"value": value, "unit": node[last].get("unit", "1"), "note": f"set by {where}"}
+    else:
+        node[last] = copy.deepcopy(value)
+
+
+def _set_component(old: Any, key: str, value: Any, where: str, parts: list[str]) -> list[Any]:
+    index = _AXES.get(key, int(key) if key.isdigit() else -1)
+    if not isinstance(old, list) or not 0 <= index < len(old):
+        raise InvalidParameter(f"{where}: path {'.'.join(parts)!r} does not exist")
+    new = list(old)
+    new[index] = value
+    return new
+
+
+def _apply_values(raw: Mapping[str, Any], values: Mapping[str, Any], where: str) -> dict[str, Any]:
+    out = copy.deepcopy(dict(raw))
+    faults = []
+    for path, value in values.items():
+        try:
+            for parts in _expand(out, path):
+                _set_one(out, parts, value, where)
+        except InvalidParameter as error:
+            faults.append(str(error))
+    if faults:
+        raise InvalidParameter("\n".join(faults))
+    return out
+
+
+# --- checking ------------------------------------------------------------------------------------
+
+
+def _table(raw: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    node = raw.get(key)
+    return node if isinstance(node, Mapping) else {}
+
+
+def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
+    """Names that point nowhere; looked for in the raw file so that they join the other faults."""
+    faults: list[str] = []
+    bodies = {"ground", *_table(raw, "bodies")}
+    surfaces = set(_table(raw, "surfaces"))
+    points = set(_table(raw, "points"))
+    coordinates = {
+        b.get("coordinate") for b in _table(raw, "bodies").values() if isinstance(b, Mapping)
+    } - {None, ""}
+    numbers = set()
+
+    def need(name: object, known: set[Any], where: str, what: str) -> None:
+        if isinstance(name, str) and name not in known:
+            listed = ", ".join(sorted(map(str, known))) or "none"
+            faults.append(f"{where}: {what} {name!r} is missing; {what} names are {listed}")
+
+    for key in _table(raw, "contacts"):
+        if not key.isdigit() or len(key) < 2:
+            faults.append(f"contacts.{key}: expected a number of two digits, such as contacts.06")
+        else:
+            numbers.add(int(key))
+    for table, fields in (
+        ("bodies", ("parent",)),
+        ("surfaces", ("body",)),
+        ("points", ("body",)),
+        ("straps", ("body_a", "body_b")),
+    ):
+        for name, node in _table(raw, table).items():
+            for field in fields:
+                if isinstance(node, Mapping):
+                    need(node.get(field), bodies, f"{table}.{name}.{field}", "body")
+    for name, node in _table(raw, "contacts").items():
+        listed = node.get("surfaces") if isinstance(node, Mapping) else None
+        for surface in listed if isinstance(listed, list) else []:
+            need(surface, surfaces, f"contacts.{name}.surfaces", "surface")
+    for name, node in _table(raw, "springs").items():
+        if isinstance(node, Mapping):
+            need(node.get("coordinate"), coordinates, f"springs.{name}.coordinate", "coordinate")
+    for name in _table(raw, "start_pose"):
+        need(name, coordinates, "start_pose", "coordinate")
+    need(_table(raw, "string").get("surface"), surfaces, "string.surface", "surface")
+    need(_table(raw, "finger").get("body"), bodies, "finger.body", "body")
+    events = set(_table(raw, "events"))
+    for name, node in _table(raw, "events").items():
+        if not isinstance(node, Mapping):
+            continue
+        where = f"events.{name}"
+        need(node.get("point"), points, f"{where}.point", "point")
+        need(node.get("before"), events, f"{where}.before", "event")
+        need(node.get("after"), events, f"{where}.after", "event")
+        listed = node.get("contact")
+        for number in listed if isinstance(listed, list) else [listed]:
+            if isinstance(number, int) and number not in numbers:
+                faults.append(f"{where}.contact: there is no contact {number}")
+        if ("contact" in node) == ("point" in node):
+            faults.append(f"{where}: give either contact and change, or point and travel")
+        elif "contact" in node and "change" not in node:
+            faults.append(f"{where}: a contact event needs change = 'opens' or 'closes'")
+        elif "point" in node and "travel" not in node:
+            faults.append(f"{where}: a point event needs travel")
+    summary = _table(raw, "summary")
+    for key in ("strike_contact", "let_off_contact"):
+        if isinstance(summary.get(key), int) and summary[key] not in numbers:
+            faults.append(f"summary.{key}: there is no contact {summary[key]}")
+    need(summary.get("key_point"), points, "summary.key_point", "point")
+    return faults
+
+
+def _law_faults(raw: Mapping[str, Any]) -> list[str]:
+    faults = []
+    for name, node in _table(raw, "contacts").items():
+        if not isinstance(node, Mapping):
+            continue
+        law = node.get("law", "guarded")
+        needed = ("hunt_crossley",) if law == "hunt_crossley" else ("loading", "unloading")
+        for key in needed:
+            if law in LAWS and key not in node:
+                faults.append(f"contacts.{name}.{key}: is missing; law {law!r} needs it")
+    for name, node in _table(raw, "surfaces").items():
+        if not isinstance(node, Mapping):
+            continue
+        kind = node.get("kind")
+        needed = {"line": ("normal",), "hybrid": ("radius", "arc")}.get(str(kind), ("radius",))
+        if kind in ("line", "circle", "concave", "hybrid"):
+            for key in needed:
+                if key not in node:
+                    faults.append(f"surfaces.{name}.{key}: is missing; kind {kind!r} needs it")
+    for name, node in _table(raw, "bodies").items():
+        if not isinstance(node, Mapping):
+            continue
+        if node.get("kind") == "beam":
+            for key in ("length", "density", "area"):
+                if key not in node:
+                    faults.append(f"bodies.{name}.{key}: is missing; kind 'beam' needs it")
+            if node.get("rigid") is False:
+                faults.append(
+                    f"bodies.{name}.rigid: got false; flexible members are not simulated yet"
+                )
+        if node.get("joint", "revolute") != "weld" and "coordinate" not in node:
+            faults.append(f"bodies.{name}.coordinate: is missing; a joint that moves needs a name")
+    return faults
+
+
+def _validate(raw: Mapping[str, Any], origin: str) -> MechanismFile:
+    faults: list[str] = []
+    parsed: MechanismFile | None = None
+    try:
+        parsed = MechanismFile.model_validate(raw)
+    except ValidationError as error:
+        faults += fault_lines(error, MechanismFile)
+    except RecursionError:
+        faults.append("tables are nested too deeply")
+    faults += _reference_faults(raw)
+    faults += _law_faults(raw)
+    if faults or parsed is None:
+        unique = list(dict.fromkeys(faults))
+        count = "1 fault" if len(unique) == 1 else f"{len(unique)} faults"
+        raise InvalidParameter(f"{origin}: {count}\n" + "\n".join(f"  {f}" for f in unique))
+    return parsed
+
+
+# --- from the file to the core -------------------------------------------------------------------
+
+
+def _core_friction(f: FrictionParameters) -> _core.Friction:
+    return _core.Friction(
+        amplitude=f.amplitude, b1=f.b1, b2=f.b2, threshold_speed=f.threshold_speed
+    )
+
+
+def _core_hunt_crossley(p: HuntCrossleyParameters) -> _core.HuntCrossley:
+    return _core.HuntCrossley(stiffness=p.stiffness, exponent=p.exponent, damping=p.damping)
+
+
+def core_law(contact: Contact) -> Any:
+    """Law parameters of a contact for the core."""
+    if contact.law == "hunt_crossley":
+        assert contact.hunt_crossley is not None
+        return _core_hunt_crossley(contact.hunt_crossley)
+    assert contact.loading is not None
+    assert contact.unloading is not None
+    loading = _core.ExponentialCurve(contact.loading.a, contact.loading.b, contact.loading.c)
+    unloading = _core.ExponentialCurve(
+        contact.unloading.a, contact.unloading.b, contact.unloading.c
+    )
+    if contact.law == "mean":
+        return _core.MeanCurve(loading=loading, unloading=unloading)
+    return _core.ExponentialPair(
+        loading=loading,
+        unloading=unloading,
+        alpha=contact.alpha,
+        guarded=contact.law == "guarded",
+    )
+
+
+def _core_body(name: str, b: Body) -> _core.BodyDescription:
+    d = _core.BodyDescription()
+    d.name = name
+    d.parent = b.parent
+    d.joint = getattr(_core.JointKind, b.joint)
+    d.position = b.position
+    d.axis = b.axis
+    d.angle = b.angle
+    d.coordinate = b.coordinate
+    d.friction = _core_friction(b.friction)
+    d.mass = b.mass
+    d.center_of_mass = b.center_of_mass
+    d.inertia = b.inertia
+    if b.kind == "beam":
+        # A rigid uniform rod: slender, the rotary inertia of its section neglected.
+        assert b.length is not None
+        assert b.density is not None
+        assert b.area is not None
+        d.mass = b.density * b.area * b.length
+        d.center_of_mass = (0.5 * b.length, 0.0)
+        d.inertia = d.mass * b.length**2 / 12.0
+    return d
+
+
+def _core_string(s: String) -> _core.StringDescription:
+    d = _core.StringDescription()
+    d.name = "string"
+    d.surface = s.surface
+    d.rigid = s.kind == "rigid_stop"
+    d.parameters = _core.StringParameters(
+        diameter=s.diameter,
+        tension=s.tension,
+        length=s.length,
+        linear_density=s.linear_density,
+        young_modulus=s.young_modulus,
+        damping_ratio=s.damping_ratio,
+        modes=s.modes,
+    )
+    d.anchor = s.anchor
+    d.direction = s.direction
+    d.moving_strike_point = s.strike_point == "moving"
+    if s.strike_point != "moving":
+        d.strike_position = float(s.strike_point)
+    return d
+
+
+def describe(config: MechanismFile) -> _core.MechanismDescription:
+    """Plain description of a validated file for the core."""
+    d = _core.MechanismDescription()
+    d.name = config.name
+    d.gravity = config.gravity
+    d.bodies = [_core_body(name, b) for name, b in config.bodies.items()]
+    surfaces = []
+    for name, s in config.surfaces.items():
+        sd = _core.SurfaceDescription()
+        sd.name = name
+        sd.body = s.body
+        sd.kind = getattr(_core.SurfaceKind, s.kind)
+        sd.point = s.point
+        if s.normal is not None:
+            sd.normal = s.normal
+        if s.radius is not None:
+            sd.radius = s.radius
+        if s.arc is not None:
+            sd.arc = s.arc
+        surfaces.append(sd)
+    d.surfaces = surfaces
+    contacts = []
+    for key, c in config.contacts.items():
+        cd = _core.ContactDescription()
+        cd.number = int(key)
+        cd.label = c.label
+        cd.surface_a, cd.surface_b = c.surfaces
+        cd.law = core_law(c)
+        cd.friction = _core_friction(c.friction)
+        cd.enabled = c.enabled
+        contacts.append(cd)
+    d.contacts = contacts
+    springs = []
+    for name, sp in config.springs.items():
+        spd = _core.TorsionSpringDescription()
+        spd.name = name
+        spd.coordinate = sp.coordinate
+        spd.stiffness = sp.stiffness
+        spd.rest_angle = sp.rest_angle
+        if sp.enabled:
+            springs.append(spd)
+    d.springs = springs
+    straps = []
+    for name, st in config.straps.items():
+        std = _core.StrapDescription()
+        std.name = name
+        std.body_a, std.point_a = st.body_a, st.point_a
+        std.body_b, std.point_b = st.body_b, st.point_b
+        std.free_length = st.free_length
+        std.coefficients = (st.k1, st.k2, st.k3)
+        if st.enabled:
+            straps.append(std)
+    d.straps = straps
+    if config.string is not None:
+        d.strings = [_core_string(config.string)]
+    points = []
+    for name, p in config.points.items():
+        pd = _core.TrackingPointDescription()
+        pd.name = name
+        pd.body = p.body
+        pd.point = p.point
+        points.append(pd)
+    d.points = points
+    if config.finger is not None:
+        fd = _core.FingerDescription()
+        fd.body = config.finger.body
+        fd.point = config.finger.point
+        fd.direction = config.finger.direction
+        fd.pad = _core_hunt_crossley(config.finger.pad)
+        d.finger = fd
+    d.start_pose = list(config.start_pose.items())
+    return d
+
+
+# --- the public object ---------------------------------------------------------------------------
+
+
+class Action:
+    """A mechanism read from data. Immutable; safe to share between threads.
+
+    Parameters
+    ----------
+    raw
+        The tables of a mechanism file.
+    origin
+        Name used in messages, usually the file's.
+    """
+
+    def __init__(self, raw: Mapping[str, Any], origin: str = "mechanism"):
+        self._raw = copy.deepcopy(dict(raw))
+        self.origin = origin
+        self.config = _validate(self._raw, origin)
+        self.mechanism = _core.assemble(describe(self.config))
+
+    def __repr__(self) -> str:
+        return f"Action({self.name!r}, {len(self.coordinates)} coordinates, hash {self.hash[:12]})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (Action, (self._raw, self.origin))
+
+    @property
+    def name(self) -> str:
+        """Name of the data set."""
+        return self.config.name
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the mechanical coordinates in the order of q."""
+        return tuple(self.mechanism.coordinates)
+
+    @property
+    def raw(self) -> dict[str, Any]:
+        """The tables of the file, with units and sources; a copy."""
+        return copy.deepcopy(self._raw)
+
+    @cached_property
+    def hash(self) -> str:
+        """SHA-256 of all parameters in SI units."""
+        text = json.dumps(self.config.model_dump(mode="json"), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def with_values(self, values: Mapping[str, Any]) -> Action:
+        """Copy with other values by dotted path.
+
+        Parameters
+        ----------
+        values
+            ``{"string.modes": 80}``. A bare number is taken in the unit that the file gives for
+            that entry; a text may carry its own, ``"10.5 mm"``. ``*`` stands for any key
+            (``"contacts.*.law"``), the name of a body for ``bodies.NAME`` (``"shank.rigid"``),
+            ``.x .y`` or ``.0 .1`` for a component of a point.
+
+        Raises
+        ------
+        InvalidParameter
+            A path that does not exist, or a value out of range.
+        """
+        raw = _apply_values(self._raw, values, "with_values")
+        return Action(raw, self.origin)
+
+    def to_toml(self) -> str:
+        """Text of a file that loads as this mechanism."""
+        import tomlkit
+
+        return tomlkit.dumps(self._raw)
+
+    @cached_property
+    def _equilibrium(self) -> dict[str, Any]:
+        return dict(_core.find_equilibrium(self.mechanism))
+
+    @property
+    def rest_pose(self) -> npt.NDArray[np.float64]:
+        """Coordinates at rest under gravity [rad, m], found by an equilibrium solve."""
+        pose: npt.NDArray[np.float64] = self._equilibrium["q"].copy()
+        return pose
+
+    def quantities(self) -> Iterator[tuple[str, Any, str, str]]:
+        """Every number of the file: dotted path, value, unit, source or status."""
+        yield from _walk(self._raw, "")
+
+
+def _walk(node: Any, path: str) -> Iterator[tuple[str, Any, str, str]]:
+    if is_quantity(node):
+        source = str(node.get("source", ""))
+        if node.get("status"):
+            source = f"{source} ({node['status']})" if source else str(node["status"])
+        yield path, node["value"], str(node.get("unit", "1")), source
+    elif isinstance(node, Mapping):
+        if isinstance(node.get("unit"), list):
+            for key, unit in zip("abc", node["unit"], strict=False):
+                if key in node:
+                    yield f"{path}.{key}", node[key], str(unit), str(node.get("source", ""))
+            return
+        for key, value in node.items():
+            yield from _walk(value, f"{path}.{key}" if path else str(key))
+    elif isinstance(node, (int, float)) and not isinstance(node, bool) and math.isfinite(node):
+        yield path, node, "", ""
+
+
+__all__ += ["core_law", "describe"]

@@ -1,0 +1,1 @@
+"""Packaged data sets: mechanisms here, strokes in ``strokes``."""

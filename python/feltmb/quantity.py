@@ -1,0 +1,173 @@
+"""Numbers with units in files: parsing, and errors in one grammar.
+
+Used by the schema of mechanisms and strokes. A quantity is a number in SI, a text ``"10.5 mm"`` or
+a table ``{ value, unit, source, status, note, printed, sd }``.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from feltmb.errors import InvalidParameter
+from feltmb.units import conversion_factor
+
+__all__ = [
+    "META_KEYS",
+    "Schema",
+    "fault_lines",
+    "is_quantity",
+    "parse_scalar",
+    "quantity",
+    "vector",
+]
+
+META_KEYS = frozenset({"value", "unit", "source", "status", "note", "printed", "sd"})
+STATUS = ("measured", "published", "digitised", "assumed", "fitted", "computed", "regulated")
+_TEXT = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)$")
+
+
+class Schema(BaseModel):
+    """Base of all file schemas: unknown keys and non-finite numbers are faults, values frozen."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+def is_quantity(node: object) -> bool:
+    """Whether a node of a file is a quantity table."""
+    return isinstance(node, Mapping) and "value" in node and set(node) <= META_KEYS
+
+
+def _number(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise ValueError(f"got {value!r}, expected a number")
+    if not math.isfinite(value):
+        raise ValueError(f"got {value!r}, expected a finite number")
+    return float(value)
+
+
+def _factor(unit: object, si_unit: str) -> float:
+    if not isinstance(unit, str):
+        raise ValueError(f"got unit {unit!r}, expected a text such as {si_unit!r}")
+    try:
+        return conversion_factor(unit, si_unit)
+    except InvalidParameter as error:
+        raise ValueError(str(error)) from None
+
+
+def _check_table(node: Mapping[str, Any]) -> None:
+    unknown = sorted(set(node) - META_KEYS)
+    if unknown:
+        raise ValueError(
+            f"unknown key {', '.join(unknown)} in a quantity; known are {', '.join(sorted(META_KEYS))}"
+        )
+    if "value" not in node:
+        raise ValueError("a quantity needs the key 'value'")
+    status = node.get("status")
+    if status is not None and status not in STATUS:
+        raise ValueError(f"status {status!r} is none of {', '.join(STATUS)}")
+
+
+def parse_scalar(node: object, si_unit: str) -> float:
+    """Value of a quantity in ``si_unit``. Raises ValueError saying what is wrong."""
+    if isinstance(node, str):
+        match = _TEXT.match(node)
+        if match is None:
+            raise ValueError(f"got {node!r}, expected a number with a unit of {si_unit}")
+        unit = match.group(2).strip()
+        return float(match.group(1)) * (_factor(unit, si_unit) if unit else 1.0)
+    if isinstance(node, Mapping):
+        _check_table(node)
+        return _number(node["value"]) * _factor(node.get("unit", si_unit), si_unit)
+    return _number(node)
+
+
+def _parse_vector(node: object, si_unit: str, length: int) -> tuple[float, ...]:
+    factor = 1.0
+    if isinstance(node, Mapping):
+        _check_table(node)
+        factor = _factor(node.get("unit", si_unit), si_unit)
+        node = node["value"]
+    if isinstance(node, str) or not isinstance(node, Sequence) or len(node) != length:
+        raise ValueError(f"got {node!r}, expected {length} numbers")
+    return tuple(_number(v) * factor for v in node)
+
+
+def quantity(si_unit: str, **limits: float) -> Any:
+    """Annotated float in ``si_unit`` with limits ``gt, ge, lt, le``."""
+    return Annotated[
+        float,
+        Field(json_schema_extra={"unit": si_unit}, **limits),  # type: ignore[arg-type]
+        BeforeValidator(lambda node: parse_scalar(node, si_unit)),
+    ]
+
+
+def vector(si_unit: str, length: int = 2) -> Any:
+    """Annotated tuple of ``length`` floats in ``si_unit``."""
+    return Annotated[
+        tuple[float, ...],
+        Field(json_schema_extra={"unit": si_unit}),
+        BeforeValidator(lambda node: _parse_vector(node, si_unit, length)),
+    ]
+
+
+_LIMITS = {
+    "greater_than": ("gt", ">"),
+    "greater_than_equal": ("ge", ">="),
+    "less_than": ("lt", "<"),
+    "less_than_equal": ("le", "<="),
+}
+
+
+def _fields_at(model: type[BaseModel], loc: tuple[Any, ...]) -> list[str]:
+    """Names of the fields of the table in which ``loc`` lies; empty where they are free."""
+    current: Any = model
+    for part in loc[:-1]:
+        if isinstance(current, type) and issubclass(current, BaseModel):
+            field = current.model_fields.get(str(part))
+            current = field.annotation if field is not None else None
+        else:
+            arguments = getattr(current, "__args__", ())
+            current = arguments[-1] if arguments else None
+        while current is not None and not isinstance(current, type):
+            inner = [a for a in getattr(current, "__args__", ()) if a is not type(None)]
+            if getattr(current, "__origin__", None) is dict:
+                break
+            current = inner[0] if inner else None
+    if isinstance(current, type) and issubclass(current, BaseModel):
+        return [f.alias or name for name, f in current.model_fields.items()]
+    return []
+
+
+def fault_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
+    """One line a fault: where, what was got, what is expected, a hint."""
+    lines = []
+    for item in error.errors(include_url=False):
+        loc = tuple(p for p in item["loc"] if p != "function-before")
+        where = ".".join(str(p) for p in loc) or "file"
+        kind = item["type"]
+        got = item.get("input")
+        if kind == "missing":
+            lines.append(f"{where}: is missing")
+        elif kind == "extra_forbidden":
+            known = _fields_at(model, loc)
+            near = difflib.get_close_matches(str(loc[-1]), known, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            if known and not near:
+                hint = f"; known are {', '.join(known)}"
+            lines.append(f"{where}: unknown key{hint}")
+        elif kind in _LIMITS:
+            key, sign = _LIMITS[kind]
+            lines.append(f"{where}: got {got!r}, must be {sign} {item['ctx'][key]:g}")
+        elif kind == "literal_error":
+            lines.append(f"{where}: got {got!r}, expected {item['ctx']['expected']}")
+        elif kind == "value_error":
+            lines.append(f"{where}: {item['ctx']['error']}")
+        else:
+            lines.append(f"{where}: got {got!r}: {item['msg'].lower()}")
+    return lines

@@ -1,0 +1,125 @@
+"""Units accepted at the door. Inside feltmb everything is SI.
+
+A value in a file is a number (taken in the SI unit of its field), a text ``"10.5 mm"``, or a table
+``{ value = 10.5, unit = "mm", source = "..." }``. Composite units are written with spaces or ``*``
+for products, ``/`` for one quotient and ``^`` for powers: ``"kg mm^2"``, ``"N m/rad"``,
+``"N/m^2.3"``.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+
+from feltmb.errors import InvalidParameter
+
+__all__ = ["ACCEPTED_UNITS", "conversion_factor", "convert", "dimension_text"]
+
+#: name -> (factor to SI, exponents of m, kg, s, rad). Volts and degrees Celsius are not mechanics.
+ACCEPTED_UNITS: dict[str, tuple[float, tuple[float, float, float, float]]] = {
+    "1": (1.0, (0, 0, 0, 0)),
+    "m": (1.0, (1, 0, 0, 0)),
+    "mm": (1e-3, (1, 0, 0, 0)),
+    "cm": (1e-2, (1, 0, 0, 0)),
+    "um": (1e-6, (1, 0, 0, 0)),
+    "µm": (1e-6, (1, 0, 0, 0)),
+    "in": (0.0254, (1, 0, 0, 0)),
+    "kg": (1.0, (0, 1, 0, 0)),
+    "g": (1e-3, (0, 1, 0, 0)),
+    "mg": (1e-6, (0, 1, 0, 0)),
+    "s": (1.0, (0, 0, 1, 0)),
+    "ms": (1e-3, (0, 0, 1, 0)),
+    "us": (1e-6, (0, 0, 1, 0)),
+    "µs": (1e-6, (0, 0, 1, 0)),
+    "min": (60.0, (0, 0, 1, 0)),
+    "rad": (1.0, (0, 0, 0, 1)),
+    "mrad": (1e-3, (0, 0, 0, 1)),
+    "deg": (math.pi / 180.0, (0, 0, 0, 1)),
+    "Hz": (1.0, (0, 0, -1, 0)),
+    "kHz": (1e3, (0, 0, -1, 0)),
+    "N": (1.0, (1, 1, -2, 0)),
+    "mN": (1e-3, (1, 1, -2, 0)),
+    "cN": (1e-2, (1, 1, -2, 0)),
+    "kN": (1e3, (1, 1, -2, 0)),
+    "gf": (9.80665e-3, (1, 1, -2, 0)),
+    "Pa": (1.0, (-1, 1, -2, 0)),
+    "kPa": (1e3, (-1, 1, -2, 0)),
+    "MPa": (1e6, (-1, 1, -2, 0)),
+    "GPa": (1e9, (-1, 1, -2, 0)),
+    "J": (1.0, (2, 1, -2, 0)),
+    "mJ": (1e-3, (2, 1, -2, 0)),
+    "%": (1e-2, (0, 0, 0, 0)),
+}
+
+_FACTOR = re.compile(r"^([A-Za-zµ%1]+)(?:\^(-?[0-9.]+))?$")
+
+
+def _parse(unit: str) -> tuple[float, tuple[float, ...]]:
+    text = unit.strip()
+    if text in ("", "-"):
+        text = "1"
+    parts = text.split("/")
+    if len(parts) > 2:
+        raise ValueError("more than one '/'")
+    factor = 1.0
+    exponents = [0.0, 0.0, 0.0, 0.0]
+    for sign, part in zip((1.0, -1.0), parts, strict=False):
+        for token in part.replace("*", " ").replace("·", " ").split():
+            match = _FACTOR.match(token)
+            if match is None or match.group(1) not in ACCEPTED_UNITS:
+                raise ValueError(f"unknown unit {token!r}")
+            power = sign * float(match.group(2) or 1.0)
+            scale, dims = ACCEPTED_UNITS[match.group(1)]
+            factor *= scale**power
+            exponents = [e + power * d for e, d in zip(exponents, dims, strict=True)]
+    return factor, tuple(exponents)
+
+
+def dimension_text(si_unit: str) -> str:
+    """List of accepted ways to write a quantity whose SI unit is ``si_unit``."""
+    try:
+        _, wanted = _parse(si_unit)
+    except ValueError:
+        return si_unit
+    same = [
+        name
+        for name, (_, dims) in ACCEPTED_UNITS.items()
+        if tuple(map(float, dims)) == wanted and name not in ("1", "µm", "µs")
+    ]
+    return ", ".join(same) if same else si_unit
+
+
+def conversion_factor(unit: str, si_unit: str) -> float:
+    """Factor that turns a value in ``unit`` into the SI unit of its field.
+
+    Parameters
+    ----------
+    unit
+        As written in a file, for example ``"N/mm"``.
+    si_unit
+        Unit of the field, for example ``"N/m"``.
+
+    Raises
+    ------
+    InvalidParameter
+        The unit is unknown or has another dimension. Radians count as a dimension of their own
+        (an angle is no plain number), except that ``1/s`` and ``rad/s`` stay apart too.
+    """
+    try:
+        factor, dims = _parse(unit)
+    except ValueError as error:
+        raise InvalidParameter(
+            f"unit {unit!r}: {error}; expected a unit of {si_unit} ({dimension_text(si_unit)})"
+        ) from None
+    target, wanted = _parse(si_unit)
+    if any(abs(a - b) > 1e-12 for a, b in zip(dims, wanted, strict=True)):
+        raise InvalidParameter(
+            f"unit {unit!r} does not measure this quantity; expected a unit of {si_unit} "
+            f"({dimension_text(si_unit)})"
+        )
+    return factor / target
+
+
+def convert(value: float, unit: str, si_unit: str) -> float:
+    """``value`` in ``unit`` expressed in ``si_unit``; see :func:`conversion_factor`."""
+    return value * conversion_factor(unit, si_unit)
