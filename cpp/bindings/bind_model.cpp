@@ -22,7 +22,6 @@ py::dict counts(const IntegratorCounts& c) {
   out["rejected"] = c.rejected;
   out["newton_iterations"] = c.newton_iterations;
   out["newton_failures"] = c.newton_failures;
-  out["event_evaluations"] = c.event_evaluations;
   return out;
 }
 
@@ -119,11 +118,11 @@ void bind_model(py::module_& m) {
           [](const RunResult& r) {
             py::list out;
             for (const auto& e : r.events) {
-              out.append(py::make_tuple(e.time, e.contact, e.monitor, e.direction, e.row));
+              out.append(py::make_tuple(e.time, e.contact, e.monitor, e.direction));
             }
             return out;
           },
-          "Tuples (time, contact index or -1, monitor index or -1, direction, row).")
+          "Tuples (time, contact index or -1, monitor index or -1, direction).")
       .def_readonly("event_states", &RunResult::event_states)
       .def_readonly("event_compression", &RunResult::event_compression)
       .def_readonly("event_approach", &RunResult::event_approach)
@@ -141,7 +140,11 @@ void bind_model(py::module_& m) {
                                return Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(
                                    r.end.y.data(), static_cast<Eigen::Index>(r.end.y.size())));
                              })
-      .def_property_readonly("counts", [](const RunResult& r) { return counts(r.counts); })
+      .def_property_readonly("counts", [](const RunResult& r) {
+                               py::dict out = counts(r.counts);
+                               out["event_evaluations"] = r.event_evaluations;
+                               return out;
+                             })
       .def_readonly("restarts", &RunResult::restarts)
       .def_readonly("wall", &RunResult::wall)
       .def_readonly("limiting_states", &RunResult::limiting_states)

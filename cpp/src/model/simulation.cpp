@@ -8,6 +8,7 @@
 #include "feltmb/core/error.hpp"
 #include "feltmb/model/equilibrium.hpp"
 #include "feltmb/model/observables.hpp"
+#include "feltmb/ode/events.hpp"
 
 namespace feltmb {
 namespace {
@@ -49,12 +50,11 @@ class PeakWatch {
  public:
   PeakWatch(int contact, int position) : peak_{contact, 0.0, 0.0}, position_(position) {}
 
-  /// Looks at the step that ended at the integrator's internal time.
-  void look(MechanismSystem& system, const Integrator& integrator, double until,
-            std::vector<double>& y) {
+  /// Looks at the step that ended at the integrator's time.
+  void look(MechanismSystem& system, const Integrator& integrator, std::vector<double>& y) {
     const double h = integrator.last_step();
-    const double end = std::min(until, integrator.internal_time());
-    const double begin = integrator.internal_time() - h;
+    const double end = integrator.time();
+    const double begin = end - h;
     const double force = force_at(system, integrator, end, y);
     const double before = last_;
     last_ = force;
@@ -120,6 +120,7 @@ class Run {
       : options_(options),
         progress_(progress),
         system_(mechanism, input, options.ledger, monitors, options.events),
+        locator_(system_),
         begin_(Clock::now()) {
     y_.assign(system_.size(), 0.0);
     if (start.y.empty()) {
@@ -156,6 +157,7 @@ class Run {
     o.max_step = options_.max_step;
     Integrator integrator(system_, o);
     integrator.start(0.0, y_, true);
+    locator_.start(0.0, y_);
     sample(0.0, y_, nullptr);
 
     std::size_t next_stop = 0;
@@ -175,9 +177,11 @@ class Run {
       }
       ++steps;
       const double now = integrator.time();
-      for (auto& watch : watches_) watch.look(system_, integrator, now, scratch_);
+      for (auto& watch : watches_) watch.look(system_, integrator, scratch_);
       sample_until(integrator, now);
-      if (status == StepStatus::kEvent) record_event(integrator);
+      for (const Crossing& crossing : locator_.scan(integrator)) {
+        record_event(integrator, crossing);
+      }
       if (options_.diagnose && steps % 4 == 0) diagnose(integrator);
       if (status == StepStatus::kStop) {
         ++next_stop;
@@ -252,13 +256,12 @@ class Run {
     ++rows_;
   }
 
-  void record_event(const Integrator& integrator) {
+  void record_event(const Integrator& integrator, const Crossing& crossing) {
     constexpr std::size_t most = 100000;
     if (result_.events.size() >= most) return;
-    const auto y = integrator.state();
-    const double t = integrator.time();
-    system_.locate(t, y);
-    const auto row = static_cast<Eigen::Index>(event_rows_);
+    integrator.interpolate(crossing.time, scratch_);
+    system_.locate(crossing.time, scratch_);
+    const auto row = static_cast<Eigen::Index>(result_.events.size());
     const auto contacts = system_.dynamics().contacts();
     std::vector<double> compression(contacts.size());
     std::vector<double> approach(contacts.size());
@@ -266,25 +269,20 @@ class Run {
       compression[i] = contacts[i].compression;
       approach[i] = -dot(contacts[i].normal, contacts[i].relative_velocity);
     }
+    const std::span<const double> y{scratch_};
     append_row(result_.event_states, row, y.subspan(0, 2 * at(system_.coordinates())));
     append_row(result_.event_compression, row, compression);
     append_row(result_.event_approach, row, approach);
-    const auto directions = integrator.event_directions();
+    SimulationEvent event;
+    event.time = crossing.time;
+    event.direction = crossing.direction;
     const auto& event_contacts = system_.event_contacts();
-    for (std::size_t i = 0; i < directions.size(); ++i) {
-      if (directions[i] == 0) continue;
-      SimulationEvent event;
-      event.time = t;
-      event.direction = directions[i];
-      event.row = static_cast<int>(row);
-      if (i < event_contacts.size()) {
-        event.contact = event_contacts[i];
-      } else {
-        event.monitor = static_cast<int>(i - event_contacts.size());
-      }
-      result_.events.push_back(event);
+    if (crossing.event < event_contacts.size()) {
+      event.contact = event_contacts[crossing.event];
+    } else {
+      event.monitor = static_cast<int>(crossing.event - event_contacts.size());
     }
-    ++event_rows_;
+    result_.events.push_back(event);
   }
 
   void diagnose(Integrator& integrator) {
@@ -325,7 +323,7 @@ class Run {
 
   void fail(Integrator& integrator, const std::string& why) {
     result_.status = RunStatus::kFailed;
-    const double t = integrator.internal_time();
+    const double t = integrator.time();
     const std::size_t state = integrator.limiting_state();
     result_.failed_state = system_.state_name(state);
     const int contact = system_.stiffest_contact(state);
@@ -344,6 +342,7 @@ class Run {
     result_.end.time = integrator.time();
     result_.end.y.assign(y.begin(), y.end());
     result_.counts = integrator.counts();
+    result_.event_evaluations = locator_.evaluations();
     for (const auto& watch : watches_) result_.peaks.push_back(watch.peak());
     const auto rows = static_cast<Eigen::Index>(rows_);
     if (options_.outputs) {
@@ -352,7 +351,7 @@ class Run {
       result_.states.conservativeResize(rows, Eigen::NoChange);
       result_.ledger.conservativeResize(rows, Eigen::NoChange);
     }
-    const auto event_rows = static_cast<Eigen::Index>(event_rows_);
+    const auto event_rows = static_cast<Eigen::Index>(result_.events.size());
     result_.event_states.conservativeResize(event_rows, 2 * system_.coordinates());
     const auto contacts = static_cast<Eigen::Index>(system_.mechanism().contacts.size());
     result_.event_compression.conservativeResize(event_rows, contacts);
@@ -378,6 +377,7 @@ class Run {
   SimulationOptions options_;
   Progress progress_;
   MechanismSystem system_;
+  EventLocator locator_;
   Clock::time_point begin_;
   std::vector<double> y_;
   std::vector<double> scratch_;
@@ -386,7 +386,6 @@ class Run {
   std::vector<PeakWatch> watches_;
   RunResult result_;
   long rows_ = 0;
-  int event_rows_ = 0;
   double last_sample_ = -1.0;
   double next_report_ = 0.05;
   std::vector<long> state_counts_;

@@ -44,7 +44,6 @@ const char* flag_text(int flag) {
     case CV_REPTD_RHSFUNC_ERR: return "the right-hand side kept failing";
     case CV_UNREC_RHSFUNC_ERR: return "the right-hand side failed and the step could not shrink";
     case CV_QRHSFUNC_FAIL: return "the ledger's right-hand side failed";
-    case CV_RTFUNC_FAIL: return "an event function failed";
     case CV_ILL_INPUT: return "the integrator refused its input";
     case CV_TOO_CLOSE: return "start and end time are too close";
     default: return "the integrator failed";
@@ -72,7 +71,6 @@ struct Integrator::Impl {
   std::exception_ptr thrown;
   std::string message;
   std::string captured;
-  std::vector<int> directions;
   IntegratorCounts total;   ///< of runs before the last restart
   long jacobians = 0;
   long factorizations = 0;
@@ -138,12 +136,6 @@ struct IntegratorCallbacks {
   static int quadratures(realtype t, N_Vector y, N_Vector rate, void* data) {
     auto& impl = self<Impl>(data);
     return impl.guard([&] { impl.system.quadratures(t, impl.span(y), impl.span(rate)); });
-  }
-
-  template <class Impl>
-  static int events(realtype t, N_Vector y, realtype* g, void* data) {
-    auto& impl = self<Impl>(data);
-    return impl.guard([&] { impl.system.events(t, impl.span(y), {g, impl.system.n_events()}); });
   }
 
   template <class Impl>
@@ -226,7 +218,6 @@ Integrator::Integrator(OdeSystem& system, const IntegratorOptions& options)
     std::copy(options.quadrature_atol.begin(), options.quadrature_atol.end(),
               d.span(d.quad_atol).begin());
   }
-  d.directions.assign(system.n_events(), 0);
 
   d.matrix = SUNMatNewEmpty(d.context);
   d.matrix->ops->getid = IntegratorCallbacks::matrix_id;
@@ -265,11 +256,6 @@ void Integrator::start(double t, std::span<const double> y, bool reset_quadratur
     CVodeSetMaxHnilWarns(d.cvode, -1);
     if (d.options.max_step > 0.0) CVodeSetMaxStep(d.cvode, d.options.max_step);
     if (d.options.first_step > 0.0) CVodeSetInitStep(d.cvode, d.options.first_step);
-    if (d.system.n_events() > 0) {
-      d.check(CVodeRootInit(d.cvode, static_cast<int>(d.system.n_events()),
-                            IntegratorCallbacks::events<Impl>), "CVodeRootInit");
-      CVodeSetNoInactiveRootWarn(d.cvode);
-    }
     if (d.quad != nullptr) {
       d.check(CVodeQuadInit(d.cvode, IntegratorCallbacks::quadratures<Impl>, d.quad),
               "CVodeQuadInit");
@@ -308,23 +294,14 @@ StepStatus Integrator::step(double t_stop) {
     d.thrown = nullptr;
     std::rethrow_exception(thrown);
   }
-  if (flag == CV_ROOT_RETURN) {
-    CVodeGetRootInfo(d.cvode, d.directions.data());
-    return StepStatus::kEvent;
-  }
   if (flag == CV_TSTOP_RETURN) return StepStatus::kStop;
   if (flag >= 0) return StepStatus::kStep;
   d.message = flag_text(flag);
+  if (flag == CV_ILL_INPUT && !d.captured.empty()) d.message += ": " + d.captured;
   return StepStatus::kFailed;
 }
 
 double Integrator::time() const { return impl_->time; }
-
-double Integrator::internal_time() const {
-  double t = 0.0;
-  CVodeGetCurrentTime(impl_->cvode, &t);
-  return t;
-}
 
 double Integrator::last_step() const {
   double h = 0.0;
@@ -352,8 +329,6 @@ void Integrator::interpolate_quadratures(double t, std::span<double> z) const {
   std::copy(from.begin(), from.end(), z.begin());
 }
 
-std::span<const int> Integrator::event_directions() const { return impl_->directions; }
-
 std::size_t Integrator::limiting_state() {
   Impl& d = *impl_;
   CVodeGetEstLocalErrors(d.cvode, d.work);
@@ -376,13 +351,12 @@ IntegratorCounts Integrator::counts() const {
   const Impl& d = *impl_;
   IntegratorCounts c = d.total;
   if (!d.started) return c;
-  long steps = 0, rhs = 0, setups = 0, fails = 0, newton = 0, newton_fails = 0, roots = 0;
+  long steps = 0, rhs = 0, setups = 0, fails = 0, newton = 0, newton_fails = 0;
   CVodeGetNumSteps(d.cvode, &steps);
   CVodeGetNumRhsEvals(d.cvode, &rhs);
   CVodeGetNumLinSolvSetups(d.cvode, &setups);
   CVodeGetNumErrTestFails(d.cvode, &fails);
   CVodeGetNonlinSolvStats(d.cvode, &newton, &newton_fails);
-  CVodeGetNumGEvals(d.cvode, &roots);
   c.steps += steps;
   c.rhs += rhs;
   c.jacobians += d.jacobians;
@@ -390,7 +364,6 @@ IntegratorCounts Integrator::counts() const {
   c.rejected += fails;
   c.newton_iterations += newton;
   c.newton_failures += newton_fails;
-  c.event_evaluations += roots;
   return c;
 }
 

@@ -39,7 +39,6 @@ struct SimulationEvent {
   int contact = -1;              ///< index in Mechanism::contacts, or -1
   int monitor = -1;              ///< index of the monitor, or -1
   int direction = 0;             ///< +1: closes or rises, -1: opens or falls
-  int row = 0;                   ///< of event_states, event_compression, event_approach
 };
 
 struct Peak {
@@ -65,13 +64,14 @@ struct RunResult {
   RowMatrix states;                     ///< (n_times, n_states)
   std::vector<std::string> ledger_names;
   RowMatrix ledger;                     ///< (n_times, n_quadratures) [J]
-  std::vector<SimulationEvent> events;
+  std::vector<SimulationEvent> events;  ///< rows of the three matrices that follow
   RowMatrix event_states;               ///< (n_events, 2 n): q, v
   RowMatrix event_compression;          ///< (n_events, n_contacts) [m]
   RowMatrix event_approach;             ///< (n_events, n_contacts) [m/s] of the materials
   std::vector<Peak> peaks;
   SimulationState end;
   IntegratorCounts counts;
+  long event_evaluations = 0;
   long restarts = 0;
   double wall = 0.0;                    ///< [s]
   std::vector<std::pair<std::string, long>> limiting_states;    ///< most often first

@@ -30,12 +30,10 @@ struct IntegratorCounts {
   long rejected = 0;            ///< steps that failed the error test
   long newton_iterations = 0;
   long newton_failures = 0;
-  long event_evaluations = 0;
 };
 
 enum class StepStatus {
   kStep,     ///< one internal step done
-  kEvent,    ///< stopped at a root of the event functions
   kStop,     ///< reached the stop time
   kFailed,   ///< cannot go on; see message()
 };
@@ -54,8 +52,7 @@ class Integrator {
   /// One internal step, never beyond t_stop.
   StepStatus step(double t_stop);
 
-  double time() const;                       ///< reached (an event time after kEvent) [s]
-  double internal_time() const;              ///< end of the last internal step [s]
+  double time() const;                       ///< reached: the end of the last step [s]
   double last_step() const;                  ///< [s]
   int last_order() const;
   std::span<const double> state() const;     ///< at time()
@@ -63,9 +60,6 @@ class Integrator {
   /// Dense output at t within the last internal step.
   void interpolate(double t, std::span<double> y) const;
   void interpolate_quadratures(double t, std::span<double> z) const;
-
-  /// Signs of crossing after kEvent: -1 falling, +1 rising, 0 not involved.
-  std::span<const int> event_directions() const;
 
   /// State with the largest weighted local error of the last step.
   std::size_t limiting_state();
