@@ -226,6 +226,22 @@ void bind_planar(py::module_& m) {
       "Origin x, y [m] and angle [rad] of every link in the ground frame.");
 
   m.def(
+      "point_position",
+      [](const std::shared_ptr<Mechanism>& mechanism, int point, const Eigen::VectorXd& q) {
+        if (q.size() != mechanism->size() || point < 0 ||
+            point >= static_cast<int>(mechanism->points.size())) {
+          throw InvalidParameter("point_position: no such point, or q of the wrong length");
+        }
+        Dynamics dynamics(mechanism);
+        const std::vector<double> zero(static_cast<std::size_t>(mechanism->total_modes), 0.0);
+        const std::vector<double> rest(static_cast<std::size_t>(mechanism->size()), 0.0);
+        dynamics.locate({q.data(), static_cast<std::size_t>(q.size())}, rest, zero, zero, {});
+        return pair(dynamics.position(mechanism->points[static_cast<std::size_t>(point)].point));
+      },
+      py::arg("mechanism"), py::arg("point"), py::arg("q"),
+      "Position [m] of a tracking point in the ground frame.");
+
+  m.def(
       "jacobian_blocks",
       [](const std::shared_ptr<Mechanism>& mechanism, const Eigen::VectorXd& q,
          const Eigen::VectorXd& qd, double finger_force) {

@@ -1,5 +1,52 @@
 """Multibody simulation of machines whose parts meet through felt."""
 
-from feltmb.config import Action, load_action
+from feltmb._core import __version__
+from feltmb.config import Action, load_action, packaged_actions
+from feltmb.errors import (
+    DataError,
+    FeltmbError,
+    FileExists,
+    IntegrationError,
+    InvalidParameter,
+    ModelError,
+)
+from feltmb.results import Run, load_run
+from feltmb.simulate import Evaluation, evaluate, simulate
+from feltmb.stroke import (
+    Stroke,
+    load_stroke,
+    motion_stroke,
+    packaged_strokes,
+    pulse_stroke,
+    ramp_stroke,
+    read_stroke_csv,
+    sequence,
+    table_stroke,
+)
 
-__all__ = ["Action", "load_action"]
+__all__ = [
+    "Action",
+    "DataError",
+    "Evaluation",
+    "FeltmbError",
+    "FileExists",
+    "IntegrationError",
+    "InvalidParameter",
+    "ModelError",
+    "Run",
+    "Stroke",
+    "__version__",
+    "evaluate",
+    "load_action",
+    "load_run",
+    "load_stroke",
+    "motion_stroke",
+    "packaged_actions",
+    "packaged_strokes",
+    "pulse_stroke",
+    "ramp_stroke",
+    "read_stroke_csv",
+    "sequence",
+    "simulate",
+    "table_stroke",
+]

@@ -21,6 +21,7 @@ from pydantic import BeforeValidator, Field, ValidationError
 
 from feltmb import _core
 from feltmb.errors import InvalidParameter
+from feltmb.files import read_toml
 from feltmb.quantity import (
     META_KEYS,
     Schema,
@@ -302,23 +303,6 @@ def packaged_actions() -> list[str]:
     return sorted(p.stem for p in _params().glob("*.toml"))
 
 
-def _read_toml(path: Path) -> dict[str, Any]:
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise InvalidParameter(f"{path}: cannot be read: {error.strerror}") from None
-    if len(text) > 10_000_000:
-        raise InvalidParameter(f"{path}: {len(text)} bytes; the limit of a TOML file is 10 MB")
-    try:
-        return tomllib.loads(text.decode("utf-8"))
-    except UnicodeDecodeError as error:
-        raise InvalidParameter(f"{path}: is no UTF-8 text (byte {error.start})") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InvalidParameter(f"{path}: is no TOML: {error}") from None
-    except RecursionError:
-        raise InvalidParameter(f"{path}: tables are nested too deeply") from None
-
-
 def _resolve(name_or_path: str | Path) -> Path:
     text = str(name_or_path)
     if text in packaged_actions():
@@ -335,7 +319,7 @@ def _resolve(name_or_path: str | Path) -> Path:
 
 
 def _load_raw(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
-    raw = _read_toml(path)
+    raw = read_toml(path)
     if "extends" not in raw:
         return raw
     unknown = sorted(set(raw) - {"schema", "name", "about", "source", "extends", "values"})

@@ -1,0 +1,80 @@
+"""Files: read with clear errors, written whole or not at all, never overwritten unasked."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from feltmb.errors import FeltmbError, FileExists, InvalidParameter
+
+__all__ = ["check_writable", "read_toml", "write_file", "write_text"]
+
+LARGEST_TOML = 10_000_000  # bytes
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Tables of a TOML file; one clear error if it cannot be read."""
+    try:
+        size = path.stat().st_size
+        if size > LARGEST_TOML:
+            raise InvalidParameter(f"{path}: {size} bytes; the limit of a TOML file is 10 MB")
+        return tomllib.loads(path.read_bytes().decode("utf-8"))
+    except OSError as error:
+        raise InvalidParameter(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise InvalidParameter(f"{path}: is no UTF-8 text (byte {error.start})") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InvalidParameter(f"{path}: is no TOML: {error}") from None
+    except RecursionError:
+        raise InvalidParameter(f"{path}: tables are nested too deeply") from None
+
+
+def check_writable(path: Path, *, force: bool) -> None:
+    """Raise before long work if ``path`` could not be written at its end."""
+    if path.is_dir():
+        raise FileExists(f"{path}: is a folder, expected the name of a file")
+    if path.exists() and not force:
+        raise FileExists(f"{path}: exists already; give another name, or --force to replace it")
+
+
+def write_file(path: Path, write: Callable[[Path], None], *, force: bool = False) -> Path:
+    """Write through a temporary file in the same folder and rename it into place.
+
+    Parameters
+    ----------
+    path
+        Target. Its folder is made if missing.
+    write
+        Called with the temporary path.
+    force
+        Replace an existing file.
+    """
+    path = Path(path)
+    check_writable(path, force=force)
+    temporary: Path | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+        os.close(handle)
+        temporary = Path(name)
+        write(temporary)
+        # mkstemp makes private files; results are for everyone that the umask allows.
+        mask = os.umask(0)
+        os.umask(mask)
+        temporary.chmod(0o666 & ~mask)
+        temporary.replace(path)
+    except OSError as error:
+        raise FeltmbError(f"{path}: cannot be written: {error.strerror or error}") from None
+    finally:
+        if temporary is not None and temporary.exists():
+            temporary.unlink()
+    return path
+
+
+def write_text(path: Path, text: str, *, force: bool = False) -> Path:
+    """Write a UTF-8 text; see :func:`write_file`."""
+    return write_file(path, lambda p: p.write_text(text, encoding="utf-8"), force=force)  # type: ignore[arg-type,return-value]

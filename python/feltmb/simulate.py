@@ -1,0 +1,449 @@
+"""From a mechanism and a stroke to a run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from feltmb import _core
+from feltmb.config import Action, load_action
+from feltmb.errors import IntegrationError, InvalidParameter
+from feltmb.events import Change, name_events
+from feltmb.results import Run
+from feltmb.stroke import Stroke, load_stroke
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    Array = npt.NDArray[np.float64]
+
+__all__ = ["Evaluation", "evaluate", "simulate"]
+
+_CONTACT_COLUMNS = (
+    "compression",
+    "rate",
+    "normal_force",
+    "slip_speed",
+    "friction_force",
+    "x",
+    "y",
+    "normal_x",
+    "normal_y",
+)
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Equations of motion at one state, M(q) qdd = force.
+
+    Attributes
+    ----------
+    mass_matrix : ndarray (n, n)
+        M, unit of energy over squared coordinate rates.
+    force : ndarray (n,)
+        Generalized force with gravity, springs, contacts, friction, finger and the quadratic
+        velocity terms (thesis eq. 4.6) [N m, N].
+    acceleration : ndarray (n,)
+        qdd [rad/s^2, m/s^2].
+    """
+
+    mass_matrix: Array
+    force: Array
+    acceleration: Array
+    _rows: tuple[tuple[float, ...], ...]
+
+    @cached_property
+    def contacts(self) -> pd.DataFrame:
+        """Table by contact number.
+
+        Columns: ``compression`` [m] (negative: the gap), ``rate`` [m/s], ``normal_force`` [N],
+        ``slip_speed`` [m/s] and ``friction_force`` [N] (of the circle's body against the other
+        along the normal turned by +90 degrees), ``x y`` of the contact point [m],
+        ``normal_x normal_y``: unit normal into the circle's body.
+        """
+        import pandas as pd
+
+        frame = pd.DataFrame(
+            [row[1:] for row in self._rows],
+            columns=list(_CONTACT_COLUMNS),
+            index=pd.Index([int(row[0]) for row in self._rows], name="contact"),
+        )
+        return frame.sort_index()
+
+
+def evaluate(
+    action: Action, q: npt.ArrayLike, qd: npt.ArrayLike, finger_force: float = 0.0
+) -> Evaluation:
+    """Evaluate the equations of motion at a state, without integration; the string is at rest.
+
+    Parameters
+    ----------
+    q, qd
+        Mechanical coordinates [rad, m] and their rates, in the order of ``action.coordinates``.
+    finger_force
+        [N], positive pressing.
+    """
+    out = _core.evaluate(
+        action.mechanism,
+        np.asarray(q, dtype=float).ravel(),
+        np.asarray(qd, dtype=float).ravel(),
+        float(finger_force),
+    )
+    return Evaluation(
+        out["mass_matrix"], out["force"], out["acceleration"], tuple(map(tuple, out["contacts"]))
+    )
+
+
+def simulate(
+    action: Action | str,
+    stroke: Stroke | str,
+    duration: float | None = None,
+    rtol: float = 1e-6,
+    *,
+    output_rate: float = 10_000.0,
+    ledger: bool = True,
+    events: bool = True,
+    start: Run | None = None,
+    max_wall: float | None = None,
+    max_step: float | None = None,
+    max_order: int | None = None,
+    progress: Callable[[float], bool] | None = None,
+) -> Run:
+    """Simulate a stroke.
+
+    Parameters
+    ----------
+    action, stroke
+        Objects, or names for :func:`load_action` and :func:`load_stroke`.
+    duration
+        [s], > 0; default: the stroke's own.
+    rtol
+        Relative tolerance of the integrator, 1e-13 to 1e-2. Absolute tolerances follow from it,
+        state by state: rtol times 1 mm of felt compression and 1 m/s.
+    output_rate
+        Samples a second. Events and the largest string force are found on the dense output and do
+        not depend on it.
+    ledger
+        Integrate work and dissipation along with the motion (``run.energy``).
+    events
+        Find contact openings and closings (``run.events``, and most of ``run.summary``).
+    start
+        Go on from the end of another run of the same mechanism, time starting at zero again;
+        default: the rest pose.
+    max_wall
+        Stop after this many seconds of wall time.
+    max_step
+        Largest step [s].
+    max_order
+        Order limit of the BDF, 1 to 5; default: 5, or 2 where a string is damped by less than 5 %.
+    progress
+        Called now and then with the simulated time [s]; returning False interrupts.
+
+    Raises
+    ------
+    InvalidParameter
+        An argument is out of range, or ``start`` belongs to another mechanism.
+    IntegrationError
+        The solver stopped early; ``error.partial`` is the run so far.
+    KeyboardInterrupt
+        Interrupted by the user.
+    """
+    if isinstance(action, str):
+        action = load_action(action)
+    if isinstance(stroke, str):
+        stroke = load_stroke(stroke)
+    options = _core.SimulationOptions()
+    options.duration = float(stroke.duration if duration is None else duration)
+    options.rtol = float(rtol)
+    options.output_rate = float(output_rate)
+    options.ledger = ledger
+    options.events = events
+    if max_wall is not None:
+        options.max_wall = float(max_wall)
+    if max_step is not None:
+        options.max_step = float(max_step)
+    if max_order is not None:
+        options.max_order = int(max_order)
+    roles = action.config.summary
+    if roles.strike_contact is not None:
+        options.peak_contacts = [roles.strike_contact]
+
+    y = _start_state(action, start)
+    result = _core.simulate(
+        action.mechanism,
+        stroke.profile,
+        stroke.kind == "motion",
+        options,
+        list(y),
+        _monitors(action, y),
+        progress,
+    )
+    run = _to_run(action, stroke, options, result)
+    if run.status == "interrupted":
+        raise KeyboardInterrupt(run.message)
+    if run.status != "done":
+        raise IntegrationError(
+            run.message,
+            partial=run,
+            time=run.reached,
+            state=result.failed_state,
+            contact=result.failed_contact,
+        )
+    return run
+
+
+def _start_state(action: Action, start: Run | None) -> Array:
+    n = len(action.coordinates)
+    modes = action.mechanism.total_modes
+    if start is None:
+        rest = action._equilibrium
+        return np.concatenate([rest["q"], np.zeros(n), rest["eta"], np.zeros(modes)])
+    if start.coordinates != action.coordinates or start.end_state.size != 2 * (n + modes):
+        raise InvalidParameter(
+            f"start: the run ends with {start.end_state.size} states of coordinates "
+            f"{', '.join(start.coordinates)}; this mechanism has {2 * (n + modes)} of "
+            f"{', '.join(action.coordinates)}"
+        )
+    return start.end_state
+
+
+def _monitors(action: Action, y: Array) -> list[Any]:
+    monitors = []
+    n = len(action.coordinates)
+    for name, rule in action.config.events.items():
+        if rule.point is None or rule.travel is None:
+            continue
+        index = action.mechanism.point_names.index(rule.point)
+        x = np.asarray(_core.point_position(action.mechanism, index, y[:n]))
+        direction = np.asarray(rule.direction) / np.linalg.norm(rule.direction)
+        monitors.append(
+            _core.Monitor(
+                name=name,
+                point=index,
+                direction=(float(direction[0]), float(direction[1])),
+                level=float(direction @ x) + rule.travel,
+            )
+        )
+    return monitors
+
+
+def _to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
+    import feltmb
+
+    numbers = action.mechanism.contact_numbers
+    monitor_names = [
+        name for name, rule in action.config.events.items() if rule.point is not None
+    ]
+    changes = [
+        Change(
+            time,
+            numbers[contact] if contact >= 0 else None,
+            monitor_names[monitor] if monitor >= 0 else None,
+            direction > 0,
+        )
+        for time, contact, monitor, direction in result.events
+    ]
+    named = name_events(changes, action.config.events)
+    n = len(action.coordinates)
+    modes = action.mechanism.total_modes
+    energy = _energy(result)
+    string = action.config.string
+    provenance: dict[str, Any] = {
+        "feltmb": "run",
+        "version": feltmb.__version__,
+        "action": action.name,
+        "hash": action.hash,
+        "toml": action.to_toml(),
+        "stroke": stroke.as_dict(),
+        "options": {
+            "duration": options.duration,
+            "rtol": options.rtol,
+            "output_rate": options.output_rate,
+        },
+    }
+    if string is not None and string.kind == "modal":
+        provenance["string"] = {
+            key: getattr(string, key)
+            for key in (
+                "diameter",
+                "tension",
+                "length",
+                "linear_density",
+                "young_modulus",
+                "damping_ratio",
+                "modes",
+            )
+        }
+    stats: dict[str, Any] = dict(result.counts)
+    stats.update(
+        restarts=result.restarts,
+        wall=result.wall,
+        reached=result.reached,
+        limiting_states=dict(result.limiting_states[:10]),
+        limiting_contacts=dict(result.limiting_contacts[:10]),
+        rest_iterations=action._equilibrium["iterations"],
+    )
+    states = result.states
+    return Run(
+        time=result.time,
+        names=tuple(result.names),
+        units=tuple(result.units),
+        long_names=tuple(result.long_names),
+        values=result.data,
+        eta=states[:, 2 * n : 2 * n + modes],
+        event_table=_event_table(action, changes, named, result),
+        summary=_summary(action, named, changes, result),
+        energy=energy,
+        stats=stats,
+        provenance=provenance,
+        end_state=result.end_state,
+        coordinates=action.coordinates,
+        status=result.status,
+        message=result.message,
+    )
+
+
+def _event_table(
+    action: Action, changes: list[Change], named: Mapping[str, int], result: Any
+) -> dict[str, list[Any]]:
+    names: dict[int, str] = {}
+    for name, index in named.items():
+        names.setdefault(index, name)
+    table: dict[str, list[Any]] = {
+        "event": [
+            names.get(
+                i,
+                change.monitor
+                if change.monitor is not None
+                else (
+                    f"contact{change.contact:02d}_{'on' if change.closes else 'off'}"
+                    if change.contact
+                    else "finger_on"
+                    if change.closes
+                    else "finger_off"
+                ),
+            )
+            for i, change in enumerate(changes)
+        ],
+        "time": [c.time for c in changes],
+        "contact": [c.contact for c in changes],
+        "change": [
+            "passes" if c.monitor is not None else "closes" if c.closes else "opens"
+            for c in changes
+        ],
+    }
+    n = len(action.coordinates)
+    for k, name in enumerate(action.coordinates):
+        table[f"{name}.rate"] = result.event_states[:, n + k].tolist()
+    for i, number in enumerate(action.mechanism.contact_numbers):
+        if number > 0:
+            table[f"gap{number:02d}"] = (-result.event_compression[:, i]).tolist()
+            table[f"approach{number:02d}"] = result.event_approach[:, i].tolist()
+    return table
+
+
+def _energy(result: Any) -> dict[str, Any]:
+    """Ledger of a run; see docs/model.md, section "Energy"."""
+    if result.ledger.shape[1] == 0 or result.ledger.shape[0] == 0:
+        return {}
+    parts = ("kinetic", "gravity", "elastic", "contact", "string")
+    columns = {name: i for i, name in enumerate(result.names)}
+    stored = {p: result.data[:, columns[f"energy.{p}"]] for p in parts}
+    ledger = dict(zip(result.ledger_names, result.ledger.T, strict=True))
+    dissipated = {
+        name.removeprefix("dissipated."): float(values[-1])
+        for name, values in ledger.items()
+        if name.startswith("dissipated.")
+    }
+    total_dissipated = sum(v for name, v in ledger.items() if name.startswith("dissipated."))
+    total_stored = sum(stored.values())
+    residual = ledger["work_in"] - (total_stored - total_stored[0]) - total_dissipated
+    throughput = float(ledger["work_throughput"][-1])
+    largest = float(np.max(np.abs(residual)))
+    return {
+        "work_in": float(ledger["work_in"][-1]),
+        "work_throughput": throughput,
+        "kinetic": float(stored["kinetic"][-1] - stored["kinetic"][0]),
+        "potential": float(stored["gravity"][-1] - stored["gravity"][0]),
+        "elastic": float(
+            sum(stored[p][-1] - stored[p][0] for p in ("elastic", "contact", "string"))
+        ),
+        "elastic_parts": {
+            "springs": float(stored["elastic"][-1] - stored["elastic"][0]),
+            "contacts": float(stored["contact"][-1] - stored["contact"][0]),
+            "string": float(stored["string"][-1] - stored["string"][0]),
+        },
+        "dissipated": dissipated,
+        "dissipated_total": float(np.asarray(total_dissipated)[-1]),
+        "created_by": sorted(
+            name for name, value in dissipated.items() if value < -1e-9 * max(throughput, 1e-12)
+        ),
+        "residual": float(residual[-1]),
+        "residual_largest": largest,
+        "residual_relative": largest / throughput if throughput > 0 else 0.0,
+    }
+
+
+def _summary(
+    action: Action, named: Mapping[str, int], changes: list[Change], result: Any
+) -> dict[str, float]:
+    roles = action.config.summary
+    numbers = action.mechanism.contact_numbers
+    out: dict[str, float] = {}
+    for name, index in named.items():
+        out[f"{name}_time"] = changes[index].time
+    strike = roles.strike_contact
+    if strike is not None:
+        column = numbers.index(strike)
+        on, off = named.get("string_contact_on"), named.get("string_contact_off")
+        if on is not None:
+            out["impact_time"] = changes[on].time
+            out["impact_speed"] = float(result.event_approach[on, column])
+        if on is not None and off is not None:
+            out["rebound_speed"] = float(-result.event_approach[off, column])
+            out["string_contact_duration"] = changes[off].time - changes[on].time
+        for contact, force, time in result.peaks:
+            if contact == column:
+                out["max_string_force"] = float(force)
+                out["max_string_force_time"] = float(time)
+        if "let_off" in named:
+            out["let_off_gap"] = float(-result.event_compression[named["let_off"], column])
+        _add_check(action, named, column, result, out)
+    _add_key(action, result, out)
+    return out
+
+
+def _add_check(
+    action: Action, named: Mapping[str, int], column: int, result: Any, out: dict[str, float]
+) -> None:
+    """Distance hammer - string at rest in check: mean of the last 10 ms, the string undisplaced."""
+    name = action.mechanism.contact_names[column]
+    columns = {n: i for i, n in enumerate(result.names)}
+    if f"{name}.compression" not in columns or "check" not in named or result.time.size < 2:
+        return
+    tail = result.time >= result.time[-1] - 0.010
+    held = sum(
+        result.data[tail, columns[f"contact{c:02d}.force"]]
+        for c in action.config.summary.check_contacts
+    )
+    if np.mean(held) <= 0.0:
+        return
+    gap = -result.data[tail, columns[f"{name}.compression"]]
+    if "string.strike" in columns:
+        gap = gap - result.data[tail, columns["string.strike"]]
+    out["check_gap"] = float(np.mean(gap))
+    out["check_gap_swing"] = float(np.ptp(gap))
+
+
+def _add_key(action: Action, result: Any, out: dict[str, float]) -> None:
+    point = action.config.summary.key_point
+    columns = {n: i for i, n in enumerate(result.names)}
+    if point is None or f"{point}.y" not in columns or result.time.size == 0:
+        return
+    y = result.data[:, columns[f"{point}.y"]]
+    out["key_travel"] = float(y[0] - np.min(y))

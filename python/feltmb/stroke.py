@@ -1,0 +1,543 @@
+"""Strokes: what the finger does, as force or as motion, against time.
+
+``load_stroke`` reads a packaged stroke, a TOML file or a CSV table; ``ramp_stroke``,
+``pulse_stroke``, ``table_stroke`` and ``sequence`` make them in Python.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import Field, ValidationError
+
+from feltmb import _core
+from feltmb.errors import DataError, InvalidParameter
+from feltmb.files import read_toml
+from feltmb.quantity import Schema, fault_lines, quantity
+from feltmb.units import conversion_factor
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+__all__ = [
+    "Stroke",
+    "load_stroke",
+    "motion_stroke",
+    "packaged_strokes",
+    "pulse_stroke",
+    "ramp_stroke",
+    "read_stroke_csv",
+    "sequence",
+    "table_stroke",
+]
+
+Kind = Literal["force", "motion"]
+Interpolation = Literal["linear", "monotone"]
+UNITS = {"force": "N", "motion": "m"}
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """Finger force [N] or finger displacement [m] through knots, positive pressing.
+
+    Constant before the first and after the last knot. ``linear`` is straight between knots;
+    ``monotone`` is a cubic without overshoot (PCHIP), continuous in slope.
+    """
+
+    name: str
+    kind: Kind
+    time: tuple[float, ...]
+    value: tuple[float, ...]
+    interpolation: Interpolation = "linear"
+    oscillation_amplitude: float = 0.0
+    oscillation_frequency: float = 0.0
+    duration: float = 0.4
+    source: str = ""
+    profile: _core.Profile = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if self.kind not in UNITS:
+            raise InvalidParameter(
+                f"stroke {self.name!r}: kind {self.kind!r} is none of force, motion"
+            )
+        if not (math.isfinite(self.duration) and self.duration > 0):
+            raise InvalidParameter(
+                f"stroke {self.name!r}: duration = {self.duration:g} s, must be > 0"
+            )
+        try:
+            profile = _core.Profile(
+                list(self.time),
+                list(self.value),
+                getattr(_core.Interpolation, self.interpolation),
+                self.oscillation_amplitude,
+                self.oscillation_frequency,
+            )
+        except InvalidParameter as error:
+            raise InvalidParameter(f"stroke {self.name!r}: {error}") from None
+        object.__setattr__(self, "profile", profile)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (
+            Stroke,
+            (
+                self.name,
+                self.kind,
+                self.time,
+                self.value,
+                self.interpolation,
+                self.oscillation_amplitude,
+                self.oscillation_frequency,
+                self.duration,
+                self.source,
+            ),
+        )
+
+    @property
+    def unit(self) -> str:
+        """Unit of the values: N for a force, m for a motion."""
+        return UNITS[self.kind]
+
+    def at(self, time: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Force [N] or displacement [m] at times [s]."""
+        import numpy as np
+
+        return np.asarray(self.profile.value(np.asarray(time, dtype=float)))
+
+    def shifted(self, delay: float) -> Stroke:
+        """The same stroke, later by ``delay`` [s]; the duration grows with it."""
+        return replace(
+            self,
+            time=tuple(t + delay for t in self.time),
+            duration=self.duration + max(0.0, delay),
+        )
+
+    def scaled(self, factor: float) -> Stroke:
+        """The same stroke with its values times ``factor``."""
+        return replace(self, value=tuple(v * factor for v in self.value))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data, for files."""
+        return {
+            "name": self.name,
+            "kind": self.kind,
+            "time": list(self.time),
+            "value": list(self.value),
+            "interpolation": self.interpolation,
+            "oscillation_amplitude": self.oscillation_amplitude,
+            "oscillation_frequency": self.oscillation_frequency,
+            "duration": self.duration,
+            "source": self.source,
+        }
+
+
+def _need(ok: bool, what: str, got: object, expected: str) -> None:
+    if not ok:
+        raise InvalidParameter(f"stroke: {what} = {got!r}, must be {expected}")
+
+
+def _finite(*values: float) -> bool:
+    return all(isinstance(v, (int, float)) and math.isfinite(v) for v in values)
+
+
+def ramp_stroke(
+    force: float,
+    start: float = 0.05,
+    ramp: float = 0.1,
+    *,
+    duration: float | None = None,
+    oscillation: tuple[float, float] | None = None,
+    name: str = "ramp",
+) -> Stroke:
+    """Force that rises linearly from 0 at ``start`` to ``force`` within ``ramp``, then held.
+
+    Parameters
+    ----------
+    force
+        [N]; negative would pull the key up.
+    start, ramp
+        [s], ``start`` >= 0, ``ramp`` > 0.
+    duration
+        Length of a run with this stroke [s]; default 0.22 s beyond the end of the ramp.
+    oscillation
+        Relative amplitude and frequency [Hz] of a factor 1 + a sin(2 pi f t).
+    """
+    _need(_finite(force), "force", force, "a finite number [N]")
+    _need(_finite(start) and start >= 0, "start", start, ">= 0 s")
+    _need(_finite(ramp) and ramp > 0, "ramp", ramp, "> 0 s")
+    amplitude, frequency = oscillation or (0.0, 0.0)
+    _need(_finite(amplitude, frequency), "oscillation", oscillation, "amplitude and Hz")
+    return Stroke(
+        name,
+        "force",
+        (start, start + ramp),
+        (0.0, force),
+        "linear",
+        amplitude,
+        frequency,
+        duration if duration is not None else start + ramp + 0.22,
+    )
+
+
+def pulse_stroke(
+    force: float,
+    start: float = 0.02,
+    rise: float = 0.0125,
+    fall: float = 0.0125,
+    *,
+    hold: float = 0.0,
+    duration: float | None = None,
+    name: str = "pulse",
+) -> Stroke:
+    """Force that rises to ``force`` [N] in ``rise``, holds for ``hold`` and falls in ``fall`` [s]."""
+    _need(_finite(force), "force", force, "a finite number [N]")
+    _need(_finite(start) and start >= 0, "start", start, ">= 0 s")
+    _need(_finite(rise) and rise > 0, "rise", rise, "> 0 s")
+    _need(_finite(fall) and fall > 0, "fall", fall, "> 0 s")
+    _need(_finite(hold) and hold >= 0, "hold", hold, ">= 0 s")
+    time = [start, start + rise]
+    value = [0.0, force]
+    if hold > 0:
+        time.append(time[-1] + hold)
+        value.append(force)
+    time.append(time[-1] + fall)
+    value.append(0.0)
+    end = duration if duration is not None else time[-1] + 0.35
+    return Stroke(name, "force", tuple(time), tuple(value), duration=end)
+
+
+def table_stroke(
+    time: Sequence[float],
+    force: Sequence[float],
+    *,
+    interpolation: Interpolation = "monotone",
+    duration: float | None = None,
+    name: str = "table",
+) -> Stroke:
+    """Force [N] through a table of times [s]."""
+    return _table("force", time, force, interpolation, duration, name)
+
+
+def motion_stroke(
+    time: Sequence[float],
+    displacement: Sequence[float],
+    *,
+    interpolation: Interpolation = "monotone",
+    duration: float | None = None,
+    name: str = "motion",
+) -> Stroke:
+    """Prescribed finger displacement [m], positive down, zero where the pad just touches the key.
+
+    The finger acts through the one-sided pad of the mechanism's ``[finger]``; the force on the key
+    is an output.
+    """
+    return _table("motion", time, displacement, interpolation, duration, name)
+
+
+def _table(
+    kind: Kind,
+    time: Sequence[float],
+    value: Sequence[float],
+    interpolation: Interpolation,
+    duration: float | None,
+    name: str,
+) -> Stroke:
+    times = tuple(float(t) for t in time)
+    end = duration if duration is not None else (times[-1] if times and times[-1] > 0 else 0.4)
+    return Stroke(name, kind, times, tuple(float(v) for v in value), interpolation, duration=end)
+
+
+def sequence(*strokes: Stroke, period: float | None = None, name: str = "sequence") -> Stroke:
+    """Strokes one after the other: repeated blows, press and release.
+
+    Parameters
+    ----------
+    strokes
+        All of force or all of motion, without oscillation, same interpolation.
+    period
+        Each begins this long after the one before [s]; default: when the one before ends
+        (its ``duration``). Knots of one stroke must end before the next begins.
+    """
+    _need(len(strokes) > 0, "sequence", strokes, "at least one stroke")
+    first = strokes[0]
+    time: list[float] = []
+    value: list[float] = []
+    start = 0.0
+    for i, stroke in enumerate(strokes):
+        if stroke.kind != first.kind or stroke.interpolation != first.interpolation:
+            raise InvalidParameter(
+                f"sequence: stroke {i} ({stroke.name}) is a {stroke.interpolation} {stroke.kind}, "
+                f"the first a {first.interpolation} {first.kind}; they must agree"
+            )
+        if stroke.oscillation_amplitude:
+            raise InvalidParameter(f"sequence: stroke {i} ({stroke.name}) oscillates; give a table")
+        for t, v in zip(stroke.time, stroke.value, strict=True):
+            if time and start + t <= time[-1]:
+                raise InvalidParameter(
+                    f"sequence: stroke {i} ({stroke.name}) begins at {start + t:g} s before the "
+                    f"one before it ends at {time[-1]:g} s"
+                )
+            time.append(start + t)
+            value.append(v)
+        end = start + stroke.duration
+        start = end if period is None else start + period
+    return Stroke(name, first.kind, tuple(time), tuple(value), first.interpolation, duration=end)
+
+
+# --- files -----------------------------------------------------------------------------------------
+
+
+class _Ramp(Schema):
+    force: quantity("N")
+    start: quantity("s", ge=0)
+    ramp: quantity("s", gt=0)
+
+
+class _Pulse(Schema):
+    force: quantity("N")
+    start: quantity("s", ge=0)
+    rise: quantity("s", gt=0)
+    hold: quantity("s", ge=0) = 0.0
+    fall: quantity("s", gt=0)
+
+
+class _Knots(Schema):
+    unit: list[str] = ["s", "N"]
+    time: list[float]
+    value: list[float]
+    interpolation: Literal["linear", "monotone"] = "linear"
+
+
+class _Oscillation(Schema):
+    amplitude: quantity("1")
+    frequency: quantity("Hz", gt=0)
+
+
+class _StrokeFile(Schema):
+    schema_version: Annotated[Literal[1], Field(alias="schema")]
+    name: str
+    about: str = ""
+    source: str = ""
+    kind: Literal["force", "motion"] = "force"
+    duration: quantity("s", gt=0) | None = None
+    ramp: _Ramp | None = None
+    pulse: _Pulse | None = None
+    knots: _Knots | None = None
+    oscillation: _Oscillation | None = None
+    repeat: Annotated[int, Field(ge=1, le=1000)] = 1
+    period: quantity("s", gt=0) | None = None
+
+
+def _folder() -> Path:
+    return Path(str(resources.files("feltmb") / "params" / "strokes"))
+
+
+def packaged_strokes() -> list[str]:
+    """Names of the strokes that come with the package."""
+    return sorted(p.stem for p in _folder().glob("*.toml"))
+
+
+def load_stroke(name_or_path: str | Path) -> Stroke:
+    """Read a stroke: a packaged name, a TOML file, or a CSV of time and force or displacement.
+
+    Raises
+    ------
+    InvalidParameter
+        The name is unknown, or a TOML file has faults (all are listed).
+    DataError
+        A CSV has faults (all are listed with their lines).
+    """
+    text = str(name_or_path)
+    if text in packaged_strokes():
+        return _from_toml(_folder() / f"{text}.toml")
+    path = Path(text)
+    if not path.is_file():
+        hint = "there is no such file" if path.suffix else "or give the path of a TOML or CSV file"
+        raise InvalidParameter(
+            f"stroke {text!r} is unknown; packaged are {', '.join(packaged_strokes())}; {hint}"
+        )
+    return _from_toml(path) if path.suffix == ".toml" else read_stroke_csv(path)
+
+
+def _from_toml(path: Path) -> Stroke:
+    raw = read_toml(path)
+    faults: list[str] = []
+    given = [key for key in ("ramp", "pulse", "knots") if key in raw]
+    if len(given) != 1:
+        faults.append(
+            f"give one of ramp, pulse, knots; got {', '.join(given) if given else 'none'}"
+        )
+    try:
+        parsed = _StrokeFile.model_validate(raw)
+    except ValidationError as error:
+        faults += fault_lines(error, _StrokeFile)
+    if faults:
+        raise InvalidParameter(f"{path.name}:\n" + "\n".join(f"  {f}" for f in faults))
+    stroke = _one_stroke(parsed, path)
+    if parsed.oscillation is not None:
+        stroke = replace(
+            stroke,
+            oscillation_amplitude=parsed.oscillation.amplitude,
+            oscillation_frequency=parsed.oscillation.frequency,
+        )
+    if parsed.duration is not None:
+        stroke = replace(stroke, duration=parsed.duration)
+    stroke = replace(stroke, name=parsed.name, source=parsed.source)
+    if parsed.repeat > 1:
+        stroke = sequence(*[stroke] * parsed.repeat, period=parsed.period, name=parsed.name)
+    return stroke
+
+
+def _one_stroke(parsed: _StrokeFile, path: Path) -> Stroke:
+    if parsed.ramp is not None:
+        r = parsed.ramp
+        return ramp_stroke(r.force, r.start, r.ramp)
+    if parsed.pulse is not None:
+        p = parsed.pulse
+        return pulse_stroke(p.force, p.start, p.rise, p.fall, hold=p.hold)
+    knots = parsed.knots
+    assert knots is not None
+    try:
+        time_factor = conversion_factor(knots.unit[0], "s")
+        value_factor = conversion_factor(knots.unit[-1], UNITS[parsed.kind])
+    except InvalidParameter as error:
+        raise InvalidParameter(f"{path.name}: knots.unit: {error}") from None
+    return _table(
+        parsed.kind,
+        [t * time_factor for t in knots.time],
+        [v * value_factor for v in knots.value],
+        knots.interpolation,
+        None,
+        parsed.name,
+    )
+
+
+_HEADER = re.compile(r"^\s*([A-Za-z_ .]+?)\s*(?:\[([^\]]*)\])?\s*$")
+_COLUMNS = {"force": ("force", "N"), "displacement": ("motion", "m"), "motion": ("motion", "m")}
+
+
+def read_stroke_csv(path: str | Path, *, interpolation: Interpolation = "monotone") -> Stroke:
+    """Read a stroke from CSV with the header ``time [s],force [N]`` or ``...,displacement [m]``.
+
+    Units in the header are converted (``time [ms],displacement [mm]``). Faults are collected:
+    missing or wrong header, cells that are no finite number, times that do not grow, gaps of more
+    than five sample intervals.
+
+    Raises
+    ------
+    DataError
+        Listing all faults with their line numbers.
+    """
+    path = Path(path)
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise DataError(f"{path}: is no UTF-8 text (byte {error.start})") from None
+    if len(text) > 200_000_000:
+        raise DataError(f"{path}: {len(text)} bytes; the limit of a stroke is 200 MB")
+    kind, factors, header_faults = _parse_header(text)
+    time, value, faults = _parse_rows(text, factors)
+    faults = header_faults + faults
+    if not faults:
+        faults = _time_faults(time)
+    if faults:
+        shown = faults[:20] + ([f"... and {len(faults) - 20} more"] if len(faults) > 20 else [])
+        raise DataError(
+            f"{path.name}: {len(faults)} fault{'s' if len(faults) > 1 else ''}\n"
+            + "\n".join(f"  {f}" for f in shown)
+        )
+    return _table(kind, [t for _, t in time], value, interpolation, None, path.stem)
+
+
+def _parse_header(text: str) -> tuple[Kind, tuple[float, float], list[str]]:
+    wanted = "'time [s],force [N]' or 'time [s],displacement [m]'"
+    line = next((x for x in text.splitlines() if x.strip() and not x.startswith("#")), "")
+    cells = next(csv.reader([line]), [])
+    kind: Kind = "force"
+    factors = [1.0, 1.0]
+    if len(cells) != 2:
+        return kind, (1.0, 1.0), [f"header: got {line!r}, expected {wanted}"]
+    faults = []
+    for i, cell in enumerate(cells):
+        match = _HEADER.match(cell)
+        name = match.group(1).strip().lower() if match else ""
+        unit = match.group(2) if match else None
+        if i == 0 and name == "time":
+            si = "s"
+        elif i == 1 and name in _COLUMNS:
+            kind, si = _COLUMNS[name]  # type: ignore[assignment]
+        else:
+            faults.append(f"header: got column {cell.strip()!r}, expected {wanted}")
+            continue
+        if unit is None:
+            faults.append(f"header: column {cell.strip()!r} states no unit; write '{name} [{si}]'")
+            continue
+        try:
+            factors[i] = conversion_factor(unit, si)
+        except InvalidParameter as error:
+            faults.append(f"header: column {name!r}: {error}")
+    return kind, (factors[0], factors[1]), faults
+
+
+def _parse_rows(
+    text: str, factors: tuple[float, float]
+) -> tuple[list[tuple[int, float]], list[float], list[str]]:
+    time: list[tuple[int, float]] = []
+    value: list[float] = []
+    faults: list[str] = []
+    header_seen = False
+    for number, line in enumerate(io.StringIO(text), start=1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        if not header_seen:
+            header_seen = True
+            continue
+        cells = line.rstrip("\r\n").split(",")
+        if len(cells) != 2:
+            faults.append(f"line {number}: got {len(cells)} cells, expected 2")
+            continue
+        row = []
+        for cell, column in zip(cells, ("time", "value"), strict=True):
+            try:
+                parsed = float(cell)
+            except ValueError:
+                parsed = math.nan
+            if not math.isfinite(parsed):
+                faults.append(
+                    f"line {number}: {column} is {cell.strip()!r}, expected a finite number"
+                )
+            row.append(parsed)
+        time.append((number, row[0] * factors[0]))
+        value.append(row[1] * factors[1])
+    if len(time) < 2 and not faults:
+        faults.append(f"got {len(time)} rows of data, expected at least 2")
+    return time, value, faults
+
+
+def _time_faults(time: list[tuple[int, float]]) -> list[str]:
+    faults = []
+    steps = [b[1] - a[1] for a, b in zip(time, time[1:], strict=False)]
+    for (number, t), step in zip(time[1:], steps, strict=True):
+        if step <= 0:
+            faults.append(
+                f"line {number}: time {t:.9g} s does not follow {t - step:.9g} s; it must grow"
+            )
+    if not faults and len(steps) > 20:
+        usual = sorted(steps)[len(steps) // 2]
+        for (number, t), step in zip(time[1:], steps, strict=True):
+            if step > 5 * usual:
+                faults.append(
+                    f"line {number}: gap of {step:.6g} s before {t:.6g} s; the usual step is "
+                    f"{usual:.6g} s; fill it or cut the record there"
+                )
+    return faults
