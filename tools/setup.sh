@@ -28,7 +28,7 @@ step() {
   printf '\n### %s\n$ %s\n' "$title" "$*" >>"$log"
   from=$(wc -l <"$log")
   printf '  %s ' "$title"
-  sign_of_life "$title" &
+  sign_of_life "$title" 9>&- &
   ticker=$!
   "$@" >>"$log" 2>&1 </dev/null || status=$?
   kill "$ticker" 2>/dev/null
@@ -45,7 +45,7 @@ step() {
 
 sign_of_life() {  # a clock on a terminal, a dot every 10 s elsewhere
   local seconds=0
-  while sleep 1 && kill -0 $$ 2>/dev/null; do
+  while sleep 1 >/dev/null 2>&1 && kill -0 $$ 2>/dev/null; do
     seconds=$((seconds + 1))
     if [ -t 1 ]; then
       printf '\r  %s ... %d s' "$1" "$seconds"
@@ -110,6 +110,7 @@ find_compiler() {
       export CXX=$candidate
       return 0
     fi
+    [ "$candidate" != "${CXX:-}" ] || say "  CXX=$candidate does not compile C++20; looking for g++"
   done
   return 1
 }
@@ -155,12 +156,12 @@ find_python() {
     return 0
   fi
   for candidate in "${FELTMB_PYTHON:-}" python3 python3.13 python3.12 python3.11 /usr/bin/python3; do
-    command -v "${candidate:-none}" >/dev/null || continue
+    [ -n "$candidate" ] || continue
     if python_suits "$candidate" headers; then
       python=$candidate
       return 0
     fi
-    [ "$candidate" = "${FELTMB_PYTHON:-}" ] &&
+    [ "$candidate" != "${FELTMB_PYTHON:-}" ] ||
       say "  FELTMB_PYTHON=$candidate is older than 3.11 or has no headers; looking for another"
   done
   return 1
@@ -204,10 +205,11 @@ install_packages() {
   step 'apt-get update' apt update || say '  (going on with the package lists that are there)'
   plan=$(apt install --no-install-recommends --assume-no "${packages[@]}" 2>/dev/null </dev/null) || true
   plan=$(printf '%s\n' "$plan" | sed -n -E \
-    -e 's/.* ([0-9]+) newly installed.*/\1 packages/p' \
+    -e 's/.* ([0-9]+) newly installed.*/packages: \1/p' \
     -e 's/^Need to get (.*) of archives\./\1 to download/p' \
     -e 's/^After this operation, (.*) of additional.*/\1 on disk/p' | paste -s -d '|' | sed 's/|/, /g')
-  [ -n "$plan" ] && say "  $plan; a few minutes where it is hundreds"
+  case $plan in *' MB to download'*) plan="$plan; 2 to 5 minutes" ;; esac
+  [ -z "$plan" ] || say "  $plan"
   step 'apt-get install' apt install -y --no-install-recommends "${packages[@]}"
 }
 

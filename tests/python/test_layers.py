@@ -174,16 +174,21 @@ def test_table_has_no_cycle_and_no_unknown_part(language):
     assert set().union(*table.values()) <= set(table)
 
 
+def none(faults: Iterator[str]) -> None:
+    found = list(faults)
+    assert not found, "\n".join(["", *found])
+
+
 def test_cpp_includes_point_one_way():
-    assert list(cpp_faults(ROOT)) == []
+    none(cpp_faults(ROOT))
 
 
 def test_python_imports_point_one_way():
-    assert list(python_faults(ROOT)) == []
+    none(python_faults(ROOT))
 
 
 def test_no_machine_path_and_no_package_host():
-    assert [fault for file in committed_files(ROOT) for fault in text_faults(file, ROOT)] == []
+    none(fault for file in committed_files(ROOT) for fault in text_faults(file, ROOT))
 
 
 # ---------------------------------------------------------------- the checks themselves
