@@ -125,7 +125,7 @@ def main() -> None:
         for wheel in candidates(Path(folder)):
             if wheel is None:
                 continue
-            print(f"installing {wheel.name} from {wheel.parent}")
+            print(f"installing {wheel.name} from {wheel.parent}", flush=True)
             command = [sys.executable, str(wheel / "pip"), "install", "--no-index", str(wheel)]
             if subprocess.run(command, check=False).returncode == 0:
                 return

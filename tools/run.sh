@@ -9,6 +9,6 @@ setup_feltmb
 "$vpy" -c 'import feltmb._core' || die 'feltmb is installed and cannot be imported.'
 
 cd "$start_dir"
-say "feltmb demo --out out $*"
+say "feltmb demo --out out${*:+ $*}"
 "$venv/bin/feltmb" demo --out out "$@"
 say "more: $(short "$venv")/bin/feltmb --help"

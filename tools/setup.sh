@@ -18,7 +18,9 @@ cd "$root" || exit 1
 # ---------------------------------------------------------------- talking
 
 say() { printf '%s\n' "$*"; }
-die() { printf '\n%s\n' "$@" >&2; exit 1; }
+die() { printf '%s\n' '' "$@" >&2; exit 1; }
+
+short() { case $1 in "$root"/*) printf '%s' "${1#"$root"/}" ;; *) printf '%s' "$1" ;; esac; }
 
 # step TITLE COMMAND...: runs quietly with a sign of life and the time taken; on failure the first
 # error lines are shown and the step returns the command's status.
@@ -55,14 +57,16 @@ sign_of_life() {  # a clock on a terminal, a dot every 10 s elsewhere
   done
 }
 
-first_errors() {  # the first error lines of the log after line $1, else its end
-  local lines
-  lines=$(tail -n "+$(($1 + 1))" "$log" | grep -i -E -m 5 -A 3 \
-    '(^|[^[:alnum:]_./-])(error|fatal error|E)(:| at )|cannot |could not |unable to |no space left|permission denied|no module named|killed' |
-    head -n 20) || true
-  [ -n "$lines" ] || lines=$(tail -n "+$(($1 + 1))" "$log" | tail -n 15)
-  printf '%s\n' "$lines" | cut -c 1-200 | sed 's/^/    /'
-  say "  the whole log: ${log#"$root"/}"
+first_errors() {  # the first error lines of the log after line $1, else its end; not pip's own report
+  local output lines
+  local noise='subprocess-exited|did not run successfully|exit code: |Failed building|Failed to build|Could not build'
+  local telling='(^|[^[:alnum:]_./-])(error|fatal error|E)(:| at )|cannot |could not |unable to '
+  telling="$telling|no space left|permission denied|no module named|killed"
+  output=$(tail -n "+$(($1 + 1))" "$log" | grep -v -E "$noise") || true
+  lines=$(grep -i -E -m 5 -A 4 "$telling" <<<"$output" | head -n 20) || true
+  [ -n "$lines" ] || lines=$(tail -n 15 <<<"$output")
+  cut -c 1-200 <<<"$lines" | sed 's/^/    /'
+  say "  the whole log: $(short "$log")"
 }
 
 # ---------------------------------------------------------------- what is there
@@ -123,9 +127,9 @@ find_cmake() {
 find_build_program() { command -v make >/dev/null || command -v ninja >/dev/null; }
 
 find_sundials() {
-  local prefix
+  local prefix config=include/sundials/sundials_config.h
   prefix=$(prefix_with include/cvodes/cvodes.h) &&
-    at_least "$(header_number "$prefix/include/sundials/sundials_config.h" SUNDIALS_VERSION_MAJOR SUNDIALS_VERSION_MINOR)" 6.4 &&
+    at_least "$(header_number "$prefix/$config" SUNDIALS_VERSION_MAJOR SUNDIALS_VERSION_MINOR)" 6.4 &&
     prefix_with 'lib*/libsundials_cvodes.a' 'lib/*/libsundials_cvodes.a' >/dev/null &&
     prefix_with 'lib*/libsundials_nvecserial.a' 'lib/*/libsundials_nvecserial.a' >/dev/null
 }
@@ -151,18 +155,14 @@ PYTHON
 find_python() {
   local candidate
   # An environment that is there already decides, unless another Python is asked for.
-  if [ -z "${FELTMB_PYTHON:-}" ] && [ -x "$vpy" ] && python_suits "$vpy" headers; then
-    python=$vpy
-    return 0
-  fi
-  for candidate in "${FELTMB_PYTHON:-}" python3 python3.13 python3.12 python3.11 /usr/bin/python3; do
+  for candidate in "${FELTMB_PYTHON:-}" "$vpy" python3 python3.13 python3.12 python3.11 /usr/bin/python3; do
     [ -n "$candidate" ] || continue
     if python_suits "$candidate" headers; then
       python=$candidate
       return 0
     fi
     [ "$candidate" != "${FELTMB_PYTHON:-}" ] ||
-      say "  FELTMB_PYTHON=$candidate is older than 3.11 or has no headers; looking for another"
+      say "  FELTMB_PYTHON=$candidate is missing, older than 3.11 or without headers; looking for another"
   done
   return 1
 }
@@ -208,7 +208,7 @@ install_packages() {
     -e 's/.* ([0-9]+) newly installed.*/packages: \1/p' \
     -e 's/^Need to get (.*) of archives\./\1 to download/p' \
     -e 's/^After this operation, (.*) of additional.*/\1 on disk/p' | paste -s -d '|' | sed 's/|/, /g')
-  case $plan in *' MB to download'*) plan="$plan; 2 to 5 minutes" ;; esac
+  case $plan in 'packages: '[1-9][0-9][0-9],*) plan="$plan; 2 to 5 minutes" ;; esac
   [ -z "$plan" ] || say "  $plan"
   step 'apt-get install' apt install -y --no-install-recommends "${packages[@]}"
 }
@@ -222,9 +222,7 @@ get_system_ready() {
     fi
   fi
   if [ ${#need[@]} -gt 0 ]; then
-    printf '\nmissing:\n' >&2
-    printf '  %s\n' "${need_text[@]}" >&2
-    die 'On Debian 12 ask an administrator to run:' \
+    die 'missing:' "${need_text[@]/#/  }" 'On Debian 12 ask an administrator to run:' \
       "  sudo apt-get update && sudo apt-get install -y --no-install-recommends ${need[*]}${want[*]:+ ${want[*]}}" \
       'Elsewhere install them in your own way; CXX, CMAKE_PREFIX_PATH and FELTMB_PYTHON say where they are.' \
       'Then give this command again.'
@@ -242,6 +240,7 @@ make_environment() {
   fi
   step "virtual environment $(short "$venv")" "$python" -m venv --clear --without-pip "$venv" ||
     die "The virtual environment $venv could not be made."
+  printf '*\n' >"$venv/.gitignore"
 }
 
 # An environment made by another Python than the one asked for is made anew.
@@ -249,8 +248,6 @@ same_python() {
   local what='import sys; print(sys.version_info[:2], sys.base_prefix)'
   [ "$("$python" -c "$what")" = "$("$vpy" -c "$what")" ]
 }
-
-short() { case $1 in "$root"/*) printf '%s' "${1#"$root"/}" ;; *) printf '%s' "$1" ;; esac; }
 
 make_pip() {
   pip --version >/dev/null 2>&1 && return 0
@@ -301,7 +298,7 @@ install_package() {
   rm -f "$venv"/feltmb.sources
   mapfile -t requirements < <(pyproject_list build-system requires)
   "$vpy" -c 'import feltmb' 2>/dev/null ||
-    say '  the first time: about 100 MB of Python packages to download, 400 MB on disk, 2 to 4 minutes'
+    say '  the first time: about 100 MB of Python packages (500 MB on disk) and the compilation, 1 to 5 minutes'
   # Built with the environment's own tools: an isolated build would compile everything anew.
   step 'build tools' pip install "${requirements[@]}" ||
     die 'The build tools could not be installed.'
@@ -336,7 +333,8 @@ setup_feltmb() {
     flock 9
   fi
   : >"$log"
-  say "set-up (log in ${log#"$root"/})"
+  trap 'printf "\ninterrupted\n" >&2; exit 130' INT
+  say "set-up (log in $(short "$log"))"
   export CMAKE_BUILD_PARALLEL_LEVEL=${CMAKE_BUILD_PARALLEL_LEVEL:-$(parallel_level)}
   get_system_ready
   if [ -z "${CMAKE_GENERATOR:-}" ] && ! command -v make >/dev/null; then export CMAKE_GENERATOR=Ninja; fi
