@@ -1,0 +1,280 @@
+"""The direction of dependence between the parts of feltmb, and what no committed file may hold."""
+
+import ast
+import graphlib
+import re
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).resolve()
+ROOT = HERE.parents[2]
+
+BASE = "errors _optional units quantity"
+
+# part -> the parts that it may use. C++ parts are folders, Python parts are modules of the package.
+# A new folder or module gets a line here; what points back is refused.
+MAY_USE = {
+    "C++": {
+        "core": "",
+        "numeric": "core",
+        "fiber": "core numeric",
+        "contact": "core numeric fiber",
+        "beam": "core numeric",
+        "modal": "core numeric",
+        "ode": "core numeric",
+        "planar": "core numeric fiber contact beam modal",
+        "model": "core numeric fiber contact beam modal ode planar",
+        "batch": "core numeric fiber contact beam modal ode planar model",
+        "bindings": "core numeric fiber contact beam modal ode planar model batch",
+        "bench": "core numeric fiber contact beam modal ode planar model batch",
+    },
+    # Configuration becomes a simulation, a simulation gives results; what works on results (fit,
+    # gap, plot) has never heard of a configuration and serves any simulator.
+    "Python": {
+        "_core": "",
+        "errors": "",
+        "_optional": "errors",
+        "units": "errors",
+        "quantity": "errors units",
+        "params": BASE,
+        "fiber": f"{BASE} _core",
+        "config": f"{BASE} _core params",
+        "results": BASE,
+        "data": BASE,
+        "simulate": f"{BASE} _core params config results",
+        "fit": f"{BASE} results data",
+        "gap": f"{BASE} results data fit",
+        "plot": f"{BASE} results data",
+        "report": f"{BASE} results data fit gap plot",
+        "__init__": f"{BASE} _core params fiber config results data simulate fit gap plot report",
+        "cli": f"{BASE} __init__ params fiber config results data simulate fit gap plot report",
+    },
+}
+
+# Libraries that only some parts of the core may include.
+ONLY_IN = {
+    r"pybind11/|Python\.h": {"bindings"},
+    r"(cvodes?|sundials|nvector|sunmatrix|sunlinsol|sunnonlinsol)/": {"ode"},
+}
+
+INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]', re.MULTILINE)
+
+MACHINE_PATH = re.compile(r"(?<![\w.}~-])/(?:work|root|home|Users)(?![\w-])")
+PACKAGE_HOST = re.compile(
+    r"pypi\.org|pythonhosted\.org|(?:deb|security|snapshot|ftp)\.debian\.org"
+    r"|npmjs\.(?:org|com)|anaconda\.org|archive\.ubuntu\.com"
+)
+
+
+def check_use(language: str, file: str, user: str, used: str) -> Iterator[str]:
+    """Yield what is wrong when a file of the part `user` uses the part `used`."""
+    table = MAY_USE[language]
+    for part in (user, used):
+        if part not in table:
+            yield f'{file}: {language} part "{part}" is unknown; add it to MAY_USE in {HERE.name}'
+            return
+    if used != user and used not in table[user].split():
+        yield f'{file}: "{user}" may not use "{used}", only: {table[user] or "nothing"}'
+
+
+def cpp_part(path: Path) -> str:
+    """Part of a C++ file, given by its path inside the repository."""
+    match path.parts:
+        case ["cpp", "src", part, _, *_] | ["cpp", "include", "feltmb", part, _, *_]:
+            return part
+        case ["cpp", "bindings", *_]:
+            return "bindings"
+        case ["bench", *_]:
+            return "bench"
+    return str(path)
+
+
+def cpp_faults(root: Path) -> Iterator[str]:
+    files = [f for top in ("cpp", "bench") for f in sorted((root / top).rglob("*.[ch]pp"))]
+    for file in files:
+        path = file.relative_to(root)
+        user = cpp_part(path)
+        yield from check_use("C++", str(path), user, user)
+        for mark, name in INCLUDE.findall(file.read_text(encoding="utf-8")):
+            for library, parts in ONLY_IN.items():
+                if re.match(library, name) and user not in parts:
+                    yield f"{path}: includes {name}, which only {', '.join(parts)} may include"
+                elif re.match(library, name) and path.parts[:2] == ("cpp", "include"):
+                    yield f"{path}: includes {name}, which an installed library may lack"
+            if name.startswith("feltmb/"):
+                included = Path("cpp/include", name)
+            elif mark == '"' and (file.parent / name).exists():
+                included = (file.parent / name).resolve().relative_to(root.resolve())
+            else:
+                continue
+            yield from check_use("C++", str(path), user, cpp_part(included))
+
+
+def imported_names(tree: ast.AST, module: list[str]) -> Iterator[list[str]]:
+    """Yield the full names that a module imports; `module` is its own, split at the dots.
+
+    Imports inside functions count as well: they are late, but they are dependence. Imports for
+    annotations only (`if TYPE_CHECKING:`) do not count.
+    """
+    if isinstance(tree, ast.If) and ast.unparse(tree.test).endswith("TYPE_CHECKING"):
+        return
+    if isinstance(tree, ast.Import):
+        yield from (alias.name.split(".") for alias in tree.names)
+    elif isinstance(tree, ast.ImportFrom):
+        base = module[: -tree.level] if tree.level else []
+        base = base + (tree.module.split(".") if tree.module else [])
+        yield from ([*base, alias.name] for alias in tree.names)
+    for child in ast.iter_child_nodes(tree):
+        yield from imported_names(child, module)
+
+
+def python_faults(root: Path) -> Iterator[str]:
+    package = root / "python" / "feltmb"
+    for file in sorted(package.rglob("*.py")):
+        path = file.relative_to(root)
+        module = ["feltmb", *file.relative_to(package).with_suffix("").parts]
+        user = module[1]
+        yield from check_use("Python", str(path), user, user)
+        for name in imported_names(ast.parse(file.read_text(encoding="utf-8")), module):
+            if name[0] != "feltmb":
+                continue
+            inside = len(name) > 1 and (name[1] in MAY_USE["Python"] or is_part(package, name[1]))
+            yield from check_use("Python", str(path), user, name[1] if inside else "__init__")
+
+
+def is_part(package: Path, name: str) -> bool:
+    return (package / name).is_dir() or (package / f"{name}.py").exists()
+
+
+def committed_files(root: Path) -> list[Path]:
+    """Files that git knows; in an unpacked archive all files but what the tools write."""
+    listing = subprocess.run(
+        ["git", "-C", str(root), "ls-files", "-z"], capture_output=True, text=True, check=False
+    )
+    if listing.returncode == 0 and listing.stdout:
+        return [root / name for name in listing.stdout.split("\0") if (root / name).is_file()]
+    written = {"build", "out", "dist", "__pycache__"}
+    return [
+        file
+        for file in root.rglob("*")
+        if file.is_file()
+        and not any(p in written or p.startswith(".") for p in file.relative_to(root).parts[:-1])
+    ]
+
+
+def text_faults(file: Path, root: Path) -> Iterator[str]:
+    data = file.read_bytes()
+    if b"\0" in data:
+        return
+    for number, line in enumerate(data.decode(errors="replace").splitlines(), start=1):
+        where = f"{file.relative_to(root)}:{number}"
+        if found := MACHINE_PATH.search(line):
+            yield f"{where}: path of a machine {found.group()}"
+        if found := PACKAGE_HOST.search(line):
+            yield f"{where}: package host {found.group()}"
+
+
+@pytest.mark.parametrize("language", MAY_USE)
+def test_table_has_no_cycle_and_no_unknown_part(language):
+    table = {part: set(used.split()) for part, used in MAY_USE[language].items()}
+    graphlib.TopologicalSorter(table).prepare()
+    assert set().union(*table.values()) <= set(table)
+
+
+def none(faults: Iterator[str]) -> None:
+    found = list(dict.fromkeys(faults))
+    assert not found, "\n".join(["", *found])
+
+
+def test_cpp_includes_point_one_way():
+    none(cpp_faults(ROOT))
+
+
+def test_python_imports_point_one_way():
+    none(python_faults(ROOT))
+
+
+def test_no_machine_path_and_no_package_host():
+    none(fault for file in committed_files(ROOT) for fault in text_faults(file, ROOT))
+
+
+# ---------------------------------------------------------------- the checks themselves
+
+
+@pytest.mark.parametrize(
+    ("path", "text", "fault"),
+    [
+        ("cpp/src/core/a.cpp", '#include "feltmb/numeric/b.hpp"', '"core" may not use "numeric"'),
+        ("cpp/include/feltmb/fiber/a.hpp", "#include <feltmb/contact/b.hpp>", 'not use "contact"'),
+        ("cpp/src/contact/a.cpp", '  #  include "feltmb/planar/b.hpp"', 'not use "planar"'),
+        ("cpp/src/planar/a.cpp", '#include "feltmb/bindings/b.hpp"', 'not use "bindings"'),
+        ("cpp/src/fibre/a.cpp", "", 'part "fibre" is unknown; add it'),
+        ("cpp/src/fiber/a.cpp", '#include "feltmb/felt/b.hpp"', 'part "felt" is unknown; add it'),
+        ("cpp/src/a.cpp", "", 'part "cpp/src/a.cpp" is unknown'),
+        ("cpp/src/model/a.cpp", "#include <pybind11/pybind11.h>", "only bindings may include"),
+        ("cpp/include/feltmb/ode/a.hpp", "#include <cvodes/cvodes.h>", "an installed library"),
+        ("cpp/src/planar/a.cpp", "#include <cvodes/cvodes.h>", "only ode may include"),
+        ("python/feltmb/fit.py", "from feltmb.config import Config", 'not use "config"'),
+        ("python/feltmb/gap/a.py", "from ..simulate import run", 'not use "simulate"'),
+        ("python/feltmb/gap/__init__.py", "from .. import config", 'not use "config"'),
+        ("python/feltmb/gap/a.py", "def f():\n    import feltmb.cli", 'not use "cli"'),
+        ("python/feltmb/plot.py", "from feltmb import Config", 'not use "__init__"'),
+        ("python/feltmb/knit/a.py", "", 'part "knit" is unknown; add it'),
+        ("python/feltmb/plot.py", "import feltmb.knit", 'not use "__init__"'),
+    ],
+)
+def test_fault_is_found(tmp_path, path, text, fault):
+    file = tmp_path / path
+    file.parent.mkdir(parents=True)
+    file.write_text(text)
+    faults = [*cpp_faults(tmp_path), *python_faults(tmp_path)]
+    assert len(faults) == 1
+    assert fault in faults[0]
+    assert faults[0].startswith(path)
+
+
+@pytest.mark.parametrize(
+    ("path", "text"),
+    [
+        ("cpp/src/contact/a.cpp", '#include "feltmb/fiber/b.hpp"\n#include <vector>'),
+        ("cpp/src/ode/a.cpp", "#include <cvodes/cvodes.h>"),
+        ("cpp/bindings/a.cpp", '#include "a.hpp"\n#include <pybind11/numpy.h>'),
+        ("bench/a.cpp", "#include <feltmb/batch/b.hpp>"),
+        ("python/feltmb/gap/a.py", "from .b import x\nfrom ..fit import Fit\nimport numpy"),
+        ("python/feltmb/cli/a.py", "from feltmb import __version__, simulate"),
+        ("python/feltmb/errors.py", "if TYPE_CHECKING:\n    from feltmb.results import Run"),
+        ("python/feltmb/__init__.py", "from .simulate import run\nfrom . import plot"),
+    ],
+)
+def test_permitted_use_passes(tmp_path, path, text):
+    file = tmp_path / path
+    file.parent.mkdir(parents=True)
+    file.write_text(text)
+    assert [*cpp_faults(tmp_path), *python_faults(tmp_path)] == []
+
+
+@pytest.mark.parametrize("folder", ["work", "root", "home", "Users"])
+@pytest.mark.parametrize("text", ["see {}/a/b.txt", 'open("{}/x")', "{}", "cd {};"])
+def test_machine_path_is_found(tmp_path, folder, text):
+    file = tmp_path / "a.md"
+    file.write_text(text.format("/" + folder))
+    assert list(text_faults(file, tmp_path)) == [f"a.md:1: path of a machine /{folder}"]
+
+
+def test_package_host_is_found(tmp_path):
+    file = tmp_path / "a.md"
+    host = ".".join(["pypi", "org"])
+    file.write_text(f"one\nhttps://{host}/simple")
+    assert list(text_faults(file, tmp_path)) == [f"a.md:2: package host {host}"]
+
+
+@pytest.mark.parametrize(
+    "text", ["energy/work", "$HOME/work", "../home/x", "~/work", "roots/root", "/workers"]
+)
+def test_other_text_passes(tmp_path, text):
+    file = tmp_path / "a.md"
+    file.write_text(text)
+    assert list(text_faults(file, tmp_path)) == []

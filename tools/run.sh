@@ -1,0 +1,14 @@
+#!/usr/bin/env bash
+# Installs what is missing, builds feltmb, and runs its main job:
+#   bash tools/run.sh [options of `feltmb demo`]
+# Results are written to the folder out.
+set -euo pipefail
+source "$(dirname "${BASH_SOURCE[0]}")/setup.sh"
+
+setup_feltmb
+"$vpy" -c 'import feltmb._core' || die 'feltmb is installed and cannot be imported.'
+
+cd "$start_dir"
+say "feltmb demo --out out${*:+ $*}"
+"$venv/bin/feltmb" demo --out out "$@"
+say "more: $(short "$venv")/bin/feltmb --help"

@@ -1,0 +1,102 @@
+#!/usr/bin/env bash
+# The same set-up as run.sh, then formatting, lint, types, and every test in C++ and Python:
+#   bash tools/test.sh [--slow] [options of pytest]
+# --slow adds the tests marked slow. Each part runs even when another failed.
+set -euo pipefail
+source "$(dirname "${BASH_SOURCE[0]}")/setup.sh"
+
+pytest_options=()
+for argument in "$@"; do
+  if [ "$argument" = --slow ]; then
+    pytest_options+=(-m 'slow or not slow')
+  else
+    pytest_options+=("$argument")
+  fi
+done
+
+setup_feltmb --tests
+export PATH=$venv/bin:$PATH
+
+summary=()
+failures=0
+
+result() { summary+=("$(printf '%-14s %s' "$1" "$2")"); }
+
+# part NAME COMMAND...: runs it, shows its output, keeps the outcome for the summary
+part() {
+  local name=$1
+  shift
+  printf '\n== %s\n' "$name"
+  if "$@"; then
+    result "$name" ok
+  else
+    result "$name" FAILED
+    failures=$((failures + 1))
+    return 1
+  fi
+}
+
+# ---------------------------------------------------------------- formatting, lint, types
+
+install_linters() {
+  local tools pinned
+  mapfile -t tools < <(pyproject_list project optional-dependencies dev | grep -E '^(ruff|mypy|clang-format)[=<>~]')
+  pinned=$(printf '%s\n' "${tools[@]}")
+  fresh linters "$(sha256sum <<<"$pinned")" && return 0
+  step "linters (${tools[*]})" pip install "${tools[@]}" && stamp linters "$(sha256sum <<<"$pinned")"
+}
+
+check_cpp_format() {
+  local files
+  mapfile -t files < <(find cpp tests/cpp tests/cmake_consumer bench -name '*.[ch]pp' | LC_ALL=C sort)
+  clang-format --dry-run --Werror "${files[@]}" && say "${#files[@]} files already formatted"
+}
+
+if install_linters; then
+  part 'ruff check' ruff check . || true
+  part 'ruff format' ruff format --check . || true
+  part 'mypy' mypy || true
+  part 'clang-format' check_cpp_format || true
+else
+  result 'linters' 'not run: they could not be installed'
+fi
+
+# ---------------------------------------------------------------- C++
+
+build_cpp_tests() {
+  local cache=build/tests/CMakeCache.txt
+  if ! find_doctest; then
+    say 'doctest (doctest/doctest.h) is missing; an administrator can run: sudo apt-get install -y doctest-dev'
+    return 1
+  fi
+  # A tree that was configured for another place of this clone is of no use.
+  if [ -e "$cache" ] && ! grep -q -x -F "CMAKE_HOME_DIRECTORY:INTERNAL=$root" "$cache"; then rm -rf build/tests; fi
+  step 'configuring' cmake -S . -B build/tests -DCMAKE_BUILD_TYPE=Release -DFELTMB_TESTS=ON \
+    -DFELTMB_BENCH=ON -DFELTMB_WERROR=ON -DCMAKE_CXX_FLAGS=-D_GLIBCXX_ASSERTIONS &&
+    step "compiling ($CMAKE_BUILD_PARALLEL_LEVEL at a time)" cmake --build build/tests
+}
+
+run_cpp_tests() {
+  ctest --test-dir build/tests --no-tests=error --output-on-failure &&
+    sed -n 's/^\[doctest\] \(test cases\|assertions\)/\1/p' build/tests/Testing/Temporary/LastTest.log
+}
+
+if part 'C++ build' build_cpp_tests; then
+  part 'C++ tests' run_cpp_tests || true
+else
+  result 'C++ tests' 'not run: they were not built'
+fi
+
+# ---------------------------------------------------------------- summary, then Python
+
+printf '\n== summary\n'
+printf '  %s\n' "${summary[@]}"
+if [ "$failures" -gt 0 ]; then
+  printf '  %s\n' "$failures of these failed: this command fails, whatever the Python tests say"
+fi
+printf '  %s\n\n' 'Python tests   follow'
+
+status=0
+pytest "${pytest_options[@]}" || status=$?
+[ "$failures" -eq 0 ] || exit 1
+exit "$status"
