@@ -24,12 +24,12 @@ from feltmb.errors import InvalidParameter
 from feltmb.files import read_toml
 from feltmb.quantity import (
     META_KEYS,
+    SI,
     Schema,
+    SIVector,
     fault_lines,
     is_quantity,
     parse_scalar,
-    quantity,
-    vector,
 )
 
 if TYPE_CHECKING:
@@ -68,17 +68,17 @@ def _drop_meta(node: object) -> object:
 class Curve(Schema):
     """F(e) = a e exp(b e) + c e, thesis eq. 4.21."""
 
-    a: quantity("N/m")
-    b: quantity("1/m", ge=0)
-    c: quantity("N/m")
+    a: Annotated[float, SI("N/m")]
+    b: Annotated[float, SI("1/m"), Field(ge=0)]
+    c: Annotated[float, SI("N/m")]
 
 
 class HuntCrossleyParameters(Schema):
     """F = k e^p (1 + d de/dt)."""
 
     stiffness: Annotated[float, Field(gt=0), BeforeValidator(lambda n: _power_stiffness(n))]
-    exponent: quantity("1", ge=1) = 1.5
-    damping: quantity("s/m", ge=0) = 0.0
+    exponent: Annotated[float, SI("1"), Field(ge=1)] = 1.5
+    damping: Annotated[float, SI("s/m"), Field(ge=0)] = 0.0
 
 
 def _power_stiffness(node: object) -> float:
@@ -95,8 +95,8 @@ class FrictionParameters(Schema):
     """Coulomb friction of thesis eq. A.1."""
 
     amplitude: Annotated[float, Field(ge=0), BeforeValidator(lambda n: _any_unit(n))] = 0.0
-    b1: quantity("1", ge=0) = 0.0
-    b2: quantity("1", ge=0) = 0.0
+    b1: Annotated[float, SI("1"), Field(ge=0)] = 0.0
+    b2: Annotated[float, SI("1"), Field(ge=0)] = 0.0
     threshold_speed: Annotated[float, Field(gt=0), BeforeValidator(lambda n: _any_unit(n))] = 1e-3
 
 
@@ -127,19 +127,19 @@ class Body(Schema):
     parent: str = "ground"
     joint: Literal["revolute", "prismatic", "weld"] = "revolute"
     coordinate: str = ""
-    position: vector("m") = (0.0, 0.0)
-    axis: vector("1") = (0.0, 1.0)
-    angle: quantity("rad") = 0.0
+    position: Annotated[tuple[float, float], SIVector("m")] = (0.0, 0.0)
+    axis: Annotated[tuple[float, float], SIVector("1")] = (0.0, 1.0)
+    angle: Annotated[float, SI("rad")] = 0.0
     friction: Friction = FrictionParameters()
-    mass: quantity("kg", ge=0) = 0.0
-    center_of_mass: vector("m") = (0.0, 0.0)
-    inertia: quantity("kg m^2", ge=0) = 0.0
+    mass: Annotated[float, SI("kg"), Field(ge=0)] = 0.0
+    center_of_mass: Annotated[tuple[float, float], SIVector("m")] = (0.0, 0.0)
+    inertia: Annotated[float, SI("kg m^2"), Field(ge=0)] = 0.0
     rigid: bool = True
-    length: quantity("m", gt=0) | None = None
-    density: quantity("kg/m^3", gt=0) | None = None
-    area: quantity("m^2", gt=0) | None = None
-    young_modulus: quantity("Pa", gt=0) | None = None
-    second_moment: quantity("m^4", gt=0) | None = None
+    length: Annotated[float, SI("m"), Field(gt=0)] | None = None
+    density: Annotated[float, SI("kg/m^3"), Field(gt=0)] | None = None
+    area: Annotated[float, SI("m^2"), Field(gt=0)] | None = None
+    young_modulus: Annotated[float, SI("Pa"), Field(gt=0)] | None = None
+    second_moment: Annotated[float, SI("m^4"), Field(gt=0)] | None = None
 
 
 class Surface(Schema):
@@ -147,10 +147,10 @@ class Surface(Schema):
 
     body: str
     kind: Literal["line", "circle", "concave", "hybrid"]
-    point: vector("m")
-    normal: vector("1") | None = None
-    radius: quantity("m", ge=0) | None = None
-    arc: vector("rad") | None = None
+    point: Annotated[tuple[float, float], SIVector("m")]
+    normal: Annotated[tuple[float, float], SIVector("1")] | None = None
+    radius: Annotated[float, SI("m"), Field(ge=0)] | None = None
+    arc: Annotated[tuple[float, float], SIVector("rad")] | None = None
     note: str = ""
 
 
@@ -162,7 +162,7 @@ class Contact(Schema):
     surfaces: tuple[str, str]
     enabled: bool = True
     law: LawName = "guarded"
-    alpha: quantity("s/m", gt=0) = 100.0
+    alpha: Annotated[float, SI("s/m"), Field(gt=0)] = 100.0
     loading: Annotated[Curve, BeforeValidator(_curve)] | None = None
     unloading: Annotated[Curve, BeforeValidator(_curve)] | None = None
     hunt_crossley: HuntCrossleyParameters | None = None
@@ -174,8 +174,8 @@ class Spring(Schema):
 
     label: str = ""
     coordinate: str
-    stiffness: quantity("N m/rad", ge=0)
-    rest_angle: quantity("rad")
+    stiffness: Annotated[float, SI("N m/rad"), Field(ge=0)]
+    rest_angle: Annotated[float, SI("rad")]
     enabled: bool = True
 
 
@@ -184,13 +184,13 @@ class Strap(Schema):
 
     label: str = ""
     body_a: str
-    point_a: vector("m")
+    point_a: Annotated[tuple[float, float], SIVector("m")]
     body_b: str
-    point_b: vector("m")
-    free_length: quantity("m", gt=0)
-    k1: quantity("N/m") = 0.0
-    k2: quantity("N/m^2") = 0.0
-    k3: quantity("N/m^3") = 0.0
+    point_b: Annotated[tuple[float, float], SIVector("m")]
+    free_length: Annotated[float, SI("m"), Field(gt=0)]
+    k1: Annotated[float, SI("N/m")] = 0.0
+    k2: Annotated[float, SI("N/m^2")] = 0.0
+    k3: Annotated[float, SI("N/m^3")] = 0.0
     enabled: bool = True
 
 
@@ -204,14 +204,14 @@ class String(Schema):
     kind: Literal["modal", "rigid_stop"] = "modal"
     surface: str
     modes: Annotated[int, Field(ge=1, le=5000)] = 40
-    diameter: quantity("m", gt=0)
-    tension: quantity("N", gt=0)
-    length: quantity("m", gt=0)
-    linear_density: quantity("kg/m", gt=0)
-    young_modulus: quantity("Pa", ge=0)
-    damping_ratio: quantity("1", ge=0, lt=1) = 0.0
-    anchor: quantity("m", ge=0) = 0.0
-    direction: vector("1") = (0.0, -1.0)
+    diameter: Annotated[float, SI("m"), Field(gt=0)]
+    tension: Annotated[float, SI("N"), Field(gt=0)]
+    length: Annotated[float, SI("m"), Field(gt=0)]
+    linear_density: Annotated[float, SI("kg/m"), Field(gt=0)]
+    young_modulus: Annotated[float, SI("Pa"), Field(ge=0)]
+    damping_ratio: Annotated[float, SI("1"), Field(ge=0, lt=1)] = 0.0
+    anchor: Annotated[float, SI("m"), Field(ge=0)] = 0.0
+    direction: Annotated[tuple[float, float], SIVector("1")] = (0.0, -1.0)
     strike_point: Annotated[Literal["moving"] | float, BeforeValidator(_strike_point)] = "moving"
     note: str = ""
 
@@ -226,8 +226,8 @@ class Finger(Schema):
     """Where the player's finger meets the mechanism."""
 
     body: str
-    point: vector("m")
-    direction: vector("1") = (0.0, -1.0)
+    point: Annotated[tuple[float, float], SIVector("m")]
+    direction: Annotated[tuple[float, float], SIVector("1")] = (0.0, -1.0)
     pad: Pad = Pad(stiffness=1.1e5, exponent=1.5, damping=1.0)
 
 
@@ -235,7 +235,7 @@ class Point(Schema):
     """Tracking point."""
 
     body: str
-    point: vector("m")
+    point: Annotated[tuple[float, float], SIVector("m")]
     label: str = ""
 
 
@@ -245,12 +245,12 @@ class NamedEvent(Schema):
     contact: int | list[int] | None = None
     change: Literal["opens", "closes"] | None = None
     point: str | None = None
-    direction: vector("1") = (0.0, 1.0)
-    travel: quantity("m", gt=0) | None = None
+    direction: Annotated[tuple[float, float], SIVector("1")] = (0.0, 1.0)
+    travel: Annotated[float, SI("m"), Field(gt=0)] | None = None
     which: Literal["first", "last"] = "first"
     before: str | None = None
     after: str | None = None
-    within: quantity("s", gt=0) | None = None
+    within: Annotated[float, SI("s"), Field(gt=0)] | None = None
 
 
 class SummaryRoles(Schema):
@@ -277,7 +277,7 @@ class MechanismFile(Schema):
     name: str
     about: str = ""
     source: Source = Source()
-    gravity: vector("m/s^2") = (0.0, -9.81)
+    gravity: Annotated[tuple[float, float], SIVector("m/s^2")] = (0.0, -9.81)
     bodies: dict[str, Body]
     surfaces: dict[str, Surface] = {}
     contacts: dict[str, Contact] = {}
@@ -356,7 +356,7 @@ def load_action(name_or_path: str | Path) -> Action:
     return Action(_load_raw(path), origin=path.name)
 
 
-# --- changing values -------------------------------------------------------------------------------
+# --- changing values -----------------------------------------------------------------------------
 
 
 def parse_setting(text: str) -> tuple[str, Any]:
@@ -373,10 +373,9 @@ def parse_setting(text: str) -> tuple[str, Any]:
 def _expand(raw: Mapping[str, Any], path: str) -> list[list[str]]:
     """Paths that ``path`` names: ``*`` matches any key; a body's name stands for bodies.NAME."""
     parts = path.split(".")
-    if parts[0] not in raw and parts[0] != "*":
-        # Coordinates hold a dot; they are keys of start_pose only.
-        if parts[0] in raw.get("bodies", {}):
-            parts = ["bodies", *parts]
+    if parts[0] not in raw and parts[0] in raw.get("bodies", {}):
+        parts = ["bodies", *parts]
+    # Coordinates hold a dot; they are keys of start_pose only.
     if parts[0] == "start_pose" and len(parts) > 2:
         parts = ["start_pose", ".".join(parts[1:])]
     found: list[list[str]] = [[]]
@@ -417,7 +416,8 @@ def _set_one(raw: dict[str, Any], parts: list[str], value: Any, where: str) -> N
         raise InvalidParameter(f"{where}: path {'.'.join(parts)!r} leads into a quantity")
     elif is_quantity(node.get(last)) and not isinstance(value, (Mapping, str)):
         # A bare number keeps the unit of the entry; what was said of the old number is void.
-        node[last] = {"value": value, "unit": node[last].get("unit", "1"), "note": f"set by {where}"}
+        unit = node[last].get("unit", "1")
+        node[last] = {"value": value, "unit": unit, "note": f"set by {where}"}
     else:
         node[last] = copy.deepcopy(value)
 
@@ -535,9 +535,9 @@ def _law_faults(raw: Mapping[str, Any]) -> list[str]:
         if not isinstance(node, Mapping):
             continue
         kind = node.get("kind")
-        needed = {"line": ("normal",), "hybrid": ("radius", "arc")}.get(str(kind), ("radius",))
+        geometry = {"line": ["normal"], "hybrid": ["radius", "arc"]}.get(str(kind), ["radius"])
         if kind in ("line", "circle", "concave", "hybrid"):
-            for key in needed:
+            for key in geometry:
                 if key not in node:
                     faults.append(f"surfaces.{name}.{key}: is missing; kind {kind!r} needs it")
     for name, node in _table(raw, "bodies").items():

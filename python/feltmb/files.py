@@ -58,7 +58,7 @@ def write_file(path: Path, write: Callable[[Path], None], *, force: bool = False
     temporary: Path | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+        handle, name = tempfile.mkstemp(path.suffix, f".{path.stem}", path.parent)
         os.close(handle)
         temporary = Path(name)
         write(temporary)
@@ -77,4 +77,8 @@ def write_file(path: Path, write: Callable[[Path], None], *, force: bool = False
 
 def write_text(path: Path, text: str, *, force: bool = False) -> Path:
     """Write a UTF-8 text; see :func:`write_file`."""
-    return write_file(path, lambda p: p.write_text(text, encoding="utf-8"), force=force)  # type: ignore[arg-type,return-value]
+
+    def write(target: Path) -> None:
+        target.write_text(text, encoding="utf-8")
+
+    return write_file(path, write, force=force)

@@ -10,21 +10,21 @@ import difflib
 import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any
+from typing import Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
 
 from feltmb.errors import InvalidParameter
 from feltmb.units import conversion_factor
 
 __all__ = [
     "META_KEYS",
+    "SI",
+    "SIVector",
     "Schema",
     "fault_lines",
     "is_quantity",
     "parse_scalar",
-    "quantity",
-    "vector",
 ]
 
 META_KEYS = frozenset({"value", "unit", "source", "status", "note", "printed", "sd"})
@@ -64,7 +64,8 @@ def _check_table(node: Mapping[str, Any]) -> None:
     unknown = sorted(set(node) - META_KEYS)
     if unknown:
         raise ValueError(
-            f"unknown key {', '.join(unknown)} in a quantity; known are {', '.join(sorted(META_KEYS))}"
+            f"unknown key {', '.join(unknown)} in a quantity; "
+            f"known are {', '.join(sorted(META_KEYS))}"
         )
     if "value" not in node:
         raise ValueError("a quantity needs the key 'value'")
@@ -98,22 +99,14 @@ def _parse_vector(node: object, si_unit: str, length: int) -> tuple[float, ...]:
     return tuple(_number(v) * factor for v in node)
 
 
-def quantity(si_unit: str, **limits: float) -> Any:
-    """Annotated float in ``si_unit`` with limits ``gt, ge, lt, le``."""
-    return Annotated[
-        float,
-        Field(json_schema_extra={"unit": si_unit}, **limits),  # type: ignore[arg-type]
-        BeforeValidator(lambda node: parse_scalar(node, si_unit)),
-    ]
+def SI(si_unit: str) -> BeforeValidator:
+    """Annotation of a float field: any accepted way to write it becomes ``si_unit``."""
+    return BeforeValidator(lambda node: parse_scalar(node, si_unit))
 
 
-def vector(si_unit: str, length: int = 2) -> Any:
-    """Annotated tuple of ``length`` floats in ``si_unit``."""
-    return Annotated[
-        tuple[float, ...],
-        Field(json_schema_extra={"unit": si_unit}),
-        BeforeValidator(lambda node: _parse_vector(node, si_unit, length)),
-    ]
+def SIVector(si_unit: str, length: int = 2) -> BeforeValidator:
+    """Annotation of a field of ``length`` floats in ``si_unit``."""
+    return BeforeValidator(lambda node: _parse_vector(node, si_unit, length))
 
 
 _LIMITS = {

@@ -237,7 +237,7 @@ class Run:
         data.attrs.update(
             feltmb_format=FILE_FORMAT,
             message=self.message,
-            coordinates=json.dumps(self.coordinates),
+            coordinate_names=json.dumps(self.coordinates),
             summary=json.dumps(self.summary),
             energy=json.dumps(self.energy),
             stats=json.dumps(self.stats),
@@ -278,13 +278,13 @@ def load_run(path: str | Path) -> Run:
         raise DataError(f"{path}: is no NetCDF file of a run: {error}") from None
     if data.attrs.get("feltmb_format") != FILE_FORMAT:
         raise DataError(
-            f"{path}: feltmb_format is {data.attrs.get('feltmb_format')!r}, expected {FILE_FORMAT}; "
-            "was it written by feltmb stroke?"
+            f"{path}: feltmb_format is {data.attrs.get('feltmb_format')!r}, "
+            f"expected {FILE_FORMAT}; was it written by feltmb stroke?"
         )
     try:
         meta = {
             key: json.loads(data.attrs[key])
-            for key in ("coordinates", "summary", "energy", "stats", "provenance", "events")
+            for key in ("coordinate_names", "summary", "energy", "stats", "provenance", "events")
         }
         special = {"string.eta", "end_state"}
         names = tuple(str(n) for n in data.data_vars if n not in special)
@@ -301,7 +301,7 @@ def load_run(path: str | Path) -> Run:
             stats=meta["stats"],
             provenance=meta["provenance"],
             end_state=data["end_state"].to_numpy(),
-            coordinates=tuple(meta["coordinates"]),
+            coordinates=tuple(meta["coordinate_names"]),
             status=str(data.attrs["status"]),
             message=str(data.attrs["message"]),
         )

@@ -236,9 +236,7 @@ def _to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
     import feltmb
 
     numbers = action.mechanism.contact_numbers
-    monitor_names = [
-        name for name, rule in action.config.events.items() if rule.point is not None
-    ]
+    monitor_names = [name for name, rule in action.config.events.items() if rule.point is not None]
     changes = [
         Change(
             time,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import math
 import re
 from collections.abc import Sequence
@@ -21,7 +22,7 @@ from pydantic import Field, ValidationError
 from feltmb import _core
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import read_toml
-from feltmb.quantity import Schema, fault_lines, quantity
+from feltmb.quantity import SI, Schema, fault_lines
 from feltmb.units import conversion_factor
 
 if TYPE_CHECKING:
@@ -197,7 +198,7 @@ def pulse_stroke(
     duration: float | None = None,
     name: str = "pulse",
 ) -> Stroke:
-    """Force that rises to ``force`` [N] in ``rise``, holds for ``hold`` and falls in ``fall`` [s]."""
+    """Force that rises to ``force`` [N] in ``rise`` [s], holds for ``hold``, falls in ``fall``."""
     _need(_finite(force), "force", force, "a finite number [N]")
     _need(_finite(start) and start >= 0, "start", start, ">= 0 s")
     _need(_finite(rise) and rise > 0, "rise", rise, "> 0 s")
@@ -292,21 +293,21 @@ def sequence(*strokes: Stroke, period: float | None = None, name: str = "sequenc
     return Stroke(name, first.kind, tuple(time), tuple(value), first.interpolation, duration=end)
 
 
-# --- files -----------------------------------------------------------------------------------------
+# --- files ---------------------------------------------------------------------------------------
 
 
 class _Ramp(Schema):
-    force: quantity("N")
-    start: quantity("s", ge=0)
-    ramp: quantity("s", gt=0)
+    force: Annotated[float, SI("N")]
+    start: Annotated[float, SI("s"), Field(ge=0)]
+    ramp: Annotated[float, SI("s"), Field(gt=0)]
 
 
 class _Pulse(Schema):
-    force: quantity("N")
-    start: quantity("s", ge=0)
-    rise: quantity("s", gt=0)
-    hold: quantity("s", ge=0) = 0.0
-    fall: quantity("s", gt=0)
+    force: Annotated[float, SI("N")]
+    start: Annotated[float, SI("s"), Field(ge=0)]
+    rise: Annotated[float, SI("s"), Field(gt=0)]
+    hold: Annotated[float, SI("s"), Field(ge=0)] = 0.0
+    fall: Annotated[float, SI("s"), Field(gt=0)]
 
 
 class _Knots(Schema):
@@ -317,8 +318,8 @@ class _Knots(Schema):
 
 
 class _Oscillation(Schema):
-    amplitude: quantity("1")
-    frequency: quantity("Hz", gt=0)
+    amplitude: Annotated[float, SI("1")]
+    frequency: Annotated[float, SI("Hz"), Field(gt=0)]
 
 
 class _StrokeFile(Schema):
@@ -327,13 +328,13 @@ class _StrokeFile(Schema):
     about: str = ""
     source: str = ""
     kind: Literal["force", "motion"] = "force"
-    duration: quantity("s", gt=0) | None = None
+    duration: Annotated[float, SI("s"), Field(gt=0)] | None = None
     ramp: _Ramp | None = None
     pulse: _Pulse | None = None
     knots: _Knots | None = None
     oscillation: _Oscillation | None = None
     repeat: Annotated[int, Field(ge=1, le=1000)] = 1
-    period: quantity("s", gt=0) | None = None
+    period: Annotated[float, SI("s"), Field(gt=0)] | None = None
 
 
 def _folder() -> Path:
@@ -526,7 +527,7 @@ def _parse_rows(
 
 def _time_faults(time: list[tuple[int, float]]) -> list[str]:
     faults = []
-    steps = [b[1] - a[1] for a, b in zip(time, time[1:], strict=False)]
+    steps = [b[1] - a[1] for a, b in itertools.pairwise(time)]
     for (number, t), step in zip(time[1:], steps, strict=True):
         if step <= 0:
             faults.append(

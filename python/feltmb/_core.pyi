@@ -1,0 +1,780 @@
+"""
+C++ core of feltmb. Use the package feltmb; names here may change.
+"""
+
+from __future__ import annotations
+
+import collections.abc
+import typing
+
+import numpy
+import numpy.typing
+
+__all__: list[str] = [
+    "BodyDescription",
+    "ContactDescription",
+    "ContactLaw",
+    "ExponentialCurve",
+    "ExponentialPair",
+    "FingerDescription",
+    "Friction",
+    "HuntCrossley",
+    "Interpolation",
+    "JointKind",
+    "MeanCurve",
+    "Mechanism",
+    "MechanismDescription",
+    "ModalString",
+    "Monitor",
+    "Profile",
+    "RunResult",
+    "SimulationOptions",
+    "StrapDescription",
+    "StringDescription",
+    "StringParameters",
+    "SurfaceDescription",
+    "SurfaceKind",
+    "TorsionSpringDescription",
+    "TrackingPointDescription",
+    "assemble",
+    "evaluate",
+    "find_equilibrium",
+    "jacobian_blocks",
+    "jacobian_check",
+    "link_poses",
+    "point_position",
+    "rhs",
+    "simulate",
+]
+
+class Friction:
+    def __init__(
+        self,
+        *,
+        amplitude: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        b1: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        b2: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        threshold_speed: typing.SupportsFloat | typing.SupportsIndex = 0.001,
+    ) -> None: ...
+    def coefficient(
+        self, speed: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
+    ) -> typing.Any:
+        """
+        mu(v) of thesis eq. A.1 at sliding speed [m/s or rad/s].
+        """
+    @property
+    def amplitude(self) -> float: ...
+    @property
+    def b1(self) -> float: ...
+    @property
+    def b2(self) -> float: ...
+    @property
+    def threshold_speed(self) -> float: ...
+
+class ExponentialCurve:
+    def __init__(
+        self,
+        a: typing.SupportsFloat | typing.SupportsIndex,
+        b: typing.SupportsFloat | typing.SupportsIndex,
+        c: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    def force(
+        self, compression: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
+    ) -> typing.Any:
+        """
+        Force [N] of thesis eq. 4.21 at compression [m].
+        """
+    @property
+    def a(self) -> float: ...
+    @property
+    def b(self) -> float: ...
+    @property
+    def c(self) -> float: ...
+
+class ExponentialPair:
+    def __init__(
+        self,
+        *,
+        loading: ExponentialCurve,
+        unloading: ExponentialCurve,
+        alpha: typing.SupportsFloat | typing.SupportsIndex = 100.0,
+        guarded: bool = True,
+    ) -> None: ...
+
+class MeanCurve:
+    def __init__(self, *, loading: ExponentialCurve, unloading: ExponentialCurve) -> None: ...
+
+class HuntCrossley:
+    def __init__(
+        self,
+        *,
+        stiffness: typing.SupportsFloat | typing.SupportsIndex,
+        exponent: typing.SupportsFloat | typing.SupportsIndex = 1.5,
+        damping: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+    ) -> None: ...
+
+class ContactLaw:
+    def __init__(self, parameters: ExponentialPair | MeanCurve | HuntCrossley) -> None: ...
+    def force(
+        self,
+        compression: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        rate: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] = 0.0,
+    ) -> typing.Any:
+        """
+        Normal force [N] at compression [m] and compression rate [m/s].
+        """
+    def slopes(
+        self,
+        compression: typing.SupportsFloat | typing.SupportsIndex,
+        rate: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+    ) -> tuple[float, float]:
+        """
+        dF/de [N/m] and dF/d(de/dt) [N s/m].
+        """
+    def stored_energy(
+        self, compression: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
+    ) -> typing.Any:
+        """
+        Energy [J] stored at compression [m].
+        """
+    @property
+    def name(self) -> str: ...
+
+class StringParameters:
+    def __init__(
+        self,
+        *,
+        diameter: typing.SupportsFloat | typing.SupportsIndex,
+        tension: typing.SupportsFloat | typing.SupportsIndex,
+        length: typing.SupportsFloat | typing.SupportsIndex,
+        linear_density: typing.SupportsFloat | typing.SupportsIndex,
+        young_modulus: typing.SupportsFloat | typing.SupportsIndex,
+        damping_ratio: typing.SupportsFloat | typing.SupportsIndex,
+        modes: typing.SupportsInt | typing.SupportsIndex,
+    ) -> None: ...
+    @property
+    def damping_ratio(self) -> float: ...
+    @property
+    def diameter(self) -> float: ...
+    @property
+    def length(self) -> float: ...
+    @property
+    def linear_density(self) -> float: ...
+    @property
+    def modes(self) -> int: ...
+    @property
+    def tension(self) -> float: ...
+    @property
+    def young_modulus(self) -> float: ...
+
+class ModalString:
+    def __init__(self, parameters: StringParameters) -> None: ...
+    def bridge_force(
+        self, eta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
+    ) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Transverse force [N] on the far end, shape (n_times,).
+        """
+    def shapes(
+        self, y: typing.SupportsFloat | typing.SupportsIndex
+    ) -> tuple[numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64]]:
+        """
+        phi_j(y) [kg^-1/2] and their slopes at y [m] from the end y = 0.
+        """
+    @property
+    def angular_frequency(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        w_j [rad/s], thesis eq. 4.14, shape (modes,).
+        """
+    @property
+    def inharmonicity_index(self) -> float: ...
+    @property
+    def parameters(self) -> StringParameters: ...
+
+class JointKind:
+    """
+    Members:
+
+      revolute
+
+      prismatic
+
+      weld
+    """
+
+    __members__: typing.ClassVar[dict[str, JointKind]]
+    prismatic: typing.ClassVar[JointKind]
+    revolute: typing.ClassVar[JointKind]
+    weld: typing.ClassVar[JointKind]
+    @typing.overload
+    def __eq__(self, other: JointKind) -> bool: ...
+    @typing.overload
+    def __eq__(self, other: typing.Any) -> bool: ...
+    def __getstate__(self) -> int: ...
+    def __hash__(self) -> int: ...
+    def __index__(self) -> int: ...
+    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __int__(self) -> int: ...
+    @typing.overload
+    def __ne__(self, other: JointKind) -> bool: ...
+    @typing.overload
+    def __ne__(self, other: typing.Any) -> bool: ...
+    def __repr__(self) -> str: ...
+    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __str__(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def value(self) -> int: ...
+
+class SurfaceKind:
+    """
+    Members:
+
+      line
+
+      circle
+
+      concave
+
+      hybrid
+    """
+
+    __members__: typing.ClassVar[dict[str, SurfaceKind]]
+    circle: typing.ClassVar[SurfaceKind]
+    concave: typing.ClassVar[SurfaceKind]
+    hybrid: typing.ClassVar[SurfaceKind]
+    line: typing.ClassVar[SurfaceKind]
+    @typing.overload
+    def __eq__(self, other: SurfaceKind) -> bool: ...
+    @typing.overload
+    def __eq__(self, other: typing.Any) -> bool: ...
+    def __getstate__(self) -> int: ...
+    def __hash__(self) -> int: ...
+    def __index__(self) -> int: ...
+    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __int__(self) -> int: ...
+    @typing.overload
+    def __ne__(self, other: SurfaceKind) -> bool: ...
+    @typing.overload
+    def __ne__(self, other: typing.Any) -> bool: ...
+    def __repr__(self) -> str: ...
+    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __str__(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def value(self) -> int: ...
+
+class BodyDescription:
+    coordinate: str
+    friction: Friction
+    joint: JointKind
+    name: str
+    parent: str
+    def __init__(self) -> None: ...
+    @property
+    def angle(self) -> float: ...
+    @angle.setter
+    def angle(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def axis(self) -> tuple[float, float]: ...
+    @axis.setter
+    def axis(
+        self,
+        arg1: tuple[
+            typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex
+        ],
+    ) -> None: ...
+    @property
+    def center_of_mass(self) -> tuple[float, float]: ...
+    @center_of_mass.setter
+    def center_of_mass(
+        self,
+        arg1: tuple[
+            typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex
+        ],
+    ) -> None: ...
+    @property
+    def inertia(self) -> float: ...
+    @inertia.setter
+    def inertia(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def mass(self) -> float: ...
+    @mass.setter
+    def mass(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def position(self) -> tuple[float, float]: ...
+    @position.setter
+    def position(
+        self,
+        arg1: tuple[
+            typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex
+        ],
+    ) -> None: ...
+
+class SurfaceDescription:
+    body: str
+    kind: SurfaceKind
+    name: str
+    def __init__(self) -> None: ...
+    @property
+    def arc(self) -> typing.Annotated[list[float], "FixedSize(2)"]: ...
+    @arc.setter
+    def arc(
+        self,
+        arg0: typing.Annotated[
+            collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], "FixedSize(2)"
+        ],
+    ) -> None: ...
+    @property
+    def normal(self) -> tuple[float, float]: ...
+    @normal.setter
+    def normal(
+        self,
+        arg1: tuple[
+            typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex
+        ],
+    ) -> None: ...
+    @property
+    def point(self) -> tuple[float, float]: ...
+    @point.setter
+    def point(
+        self,
+        arg1: tuple[
+            typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex
+        ],
+    ) -> None: ...
+    @property
+    def radius(self) -> float: ...
+    @radius.setter
+    def radius(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+
+class ContactDescription:
+    enabled: bool
+    friction: Friction
+    label: str
+    law: ExponentialPair | MeanCurve | HuntCrossley
+    surface_a: str
+    surface_b: str
+    def __init__(self) -> None: ...
+    @property
+    def number(self) -> int: ...
+    @number.setter
+    def number(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+
+class TorsionSpringDescription:
+    coordinate: str
+    name: str
+    def __init__(self) -> None: ...
+    @property
+    def rest_angle(self) -> float: ...
+    @rest_angle.setter
+    def rest_angle(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def stiffness(self) -> float: ...
+    @stiffness.setter
+    def stiffness(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+
+class StrapDescription:
+    body_a: str
+    body_b: str
+    name: str
+    def __init__(self) -> None: ...
+    @property
+    def coefficients(self) -> typing.Annotated[list[float], "FixedSize(3)"]: ...
+    @coefficients.setter
+    def coefficients(
+        self,
+        arg0: typing.Annotated[
+            collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], "FixedSize(3)"
+        ],
+    ) -> None: ...
+    @property
+    def free_length(self) -> float: ...
+    @free_length.setter
+    def free_length(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def point_a(self) -> tuple[float, float]: ...
+    @point_a.setter
+    def point_a(
+        self,
+        arg1: tuple[
+            typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex
+        ],
+    ) -> None: ...
+    @property
+    def point_b(self) -> tuple[float, float]: ...
+    @point_b.setter
+    def point_b(
+        self,
+        arg1: tuple[
+            typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex
+        ],
+    ) -> None: ...
+
+class StringDescription:
+    moving_strike_point: bool
+    name: str
+    parameters: StringParameters
+    rigid: bool
+    surface: str
+    def __init__(self) -> None: ...
+    @property
+    def anchor(self) -> float: ...
+    @anchor.setter
+    def anchor(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def direction(self) -> tuple[float, float]: ...
+    @direction.setter
+    def direction(
+        self,
+        arg1: tuple[
+            typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex
+        ],
+    ) -> None: ...
+    @property
+    def strike_position(self) -> float: ...
+    @strike_position.setter
+    def strike_position(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+
+class TrackingPointDescription:
+    body: str
+    name: str
+    def __init__(self) -> None: ...
+    @property
+    def point(self) -> tuple[float, float]: ...
+    @point.setter
+    def point(
+        self,
+        arg1: tuple[
+            typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex
+        ],
+    ) -> None: ...
+
+class FingerDescription:
+    body: str
+    pad: ExponentialPair | MeanCurve | HuntCrossley
+    def __init__(self) -> None: ...
+    @property
+    def direction(self) -> tuple[float, float]: ...
+    @direction.setter
+    def direction(
+        self,
+        arg1: tuple[
+            typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex
+        ],
+    ) -> None: ...
+    @property
+    def point(self) -> tuple[float, float]: ...
+    @point.setter
+    def point(
+        self,
+        arg1: tuple[
+            typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex
+        ],
+    ) -> None: ...
+
+class MechanismDescription:
+    finger: FingerDescription | None
+    name: str
+    def __init__(self) -> None: ...
+    @property
+    def bodies(self) -> list[BodyDescription]: ...
+    @bodies.setter
+    def bodies(self, arg0: collections.abc.Sequence[BodyDescription]) -> None: ...
+    @property
+    def contacts(self) -> list[ContactDescription]: ...
+    @contacts.setter
+    def contacts(self, arg0: collections.abc.Sequence[ContactDescription]) -> None: ...
+    @property
+    def gravity(self) -> tuple[float, float]: ...
+    @gravity.setter
+    def gravity(
+        self,
+        arg1: tuple[
+            typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex
+        ],
+    ) -> None: ...
+    @property
+    def points(self) -> list[TrackingPointDescription]: ...
+    @points.setter
+    def points(self, arg0: collections.abc.Sequence[TrackingPointDescription]) -> None: ...
+    @property
+    def springs(self) -> list[TorsionSpringDescription]: ...
+    @springs.setter
+    def springs(self, arg0: collections.abc.Sequence[TorsionSpringDescription]) -> None: ...
+    @property
+    def start_pose(self) -> list[tuple[str, float]]: ...
+    @start_pose.setter
+    def start_pose(
+        self,
+        arg0: collections.abc.Sequence[tuple[str, typing.SupportsFloat | typing.SupportsIndex]],
+    ) -> None: ...
+    @property
+    def straps(self) -> list[StrapDescription]: ...
+    @straps.setter
+    def straps(self, arg0: collections.abc.Sequence[StrapDescription]) -> None: ...
+    @property
+    def strings(self) -> list[StringDescription]: ...
+    @strings.setter
+    def strings(self, arg0: collections.abc.Sequence[StringDescription]) -> None: ...
+    @property
+    def surfaces(self) -> list[SurfaceDescription]: ...
+    @surfaces.setter
+    def surfaces(self, arg0: collections.abc.Sequence[SurfaceDescription]) -> None: ...
+
+class Mechanism:
+    @property
+    def contact_names(self) -> list[str]: ...
+    @property
+    def contact_numbers(self) -> list[int]: ...
+    @property
+    def coordinate_scale(self) -> list[float]: ...
+    @property
+    def coordinate_units(self) -> list[str]: ...
+    @property
+    def coordinates(self) -> list[str]: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def point_names(self) -> list[str]: ...
+    @property
+    def total_modes(self) -> int: ...
+
+class Interpolation:
+    """
+    Members:
+
+      linear
+
+      monotone
+    """
+
+    __members__: typing.ClassVar[dict[str, Interpolation]]
+    linear: typing.ClassVar[Interpolation]
+    monotone: typing.ClassVar[Interpolation]
+    @typing.overload
+    def __eq__(self, other: Interpolation) -> bool: ...
+    @typing.overload
+    def __eq__(self, other: typing.Any) -> bool: ...
+    def __getstate__(self) -> int: ...
+    def __hash__(self) -> int: ...
+    def __index__(self) -> int: ...
+    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __int__(self) -> int: ...
+    @typing.overload
+    def __ne__(self, other: Interpolation) -> bool: ...
+    @typing.overload
+    def __ne__(self, other: typing.Any) -> bool: ...
+    def __repr__(self) -> str: ...
+    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __str__(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def value(self) -> int: ...
+
+class Profile:
+    def __init__(
+        self,
+        time: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+        value: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+        interpolation: Interpolation,
+        oscillation_amplitude: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        oscillation_frequency: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+    ) -> None: ...
+    def rate(self, time: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]) -> typing.Any: ...
+    def value(
+        self, time: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
+    ) -> typing.Any: ...
+    @property
+    def breakpoints(self) -> list[float]: ...
+
+class SimulationOptions:
+    diagnose: bool
+    events: bool
+    ledger: bool
+    outputs: bool
+    def __init__(self) -> None: ...
+    @property
+    def duration(self) -> float: ...
+    @duration.setter
+    def duration(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def max_order(self) -> int: ...
+    @max_order.setter
+    def max_order(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    @property
+    def max_step(self) -> float: ...
+    @max_step.setter
+    def max_step(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def max_steps(self) -> int: ...
+    @max_steps.setter
+    def max_steps(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    @property
+    def max_wall(self) -> float: ...
+    @max_wall.setter
+    def max_wall(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def output_rate(self) -> float: ...
+    @output_rate.setter
+    def output_rate(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def peak_contacts(self) -> list[int]: ...
+    @peak_contacts.setter
+    def peak_contacts(
+        self, arg0: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex]
+    ) -> None: ...
+    @property
+    def rtol(self) -> float: ...
+    @rtol.setter
+    def rtol(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+
+class Monitor:
+    def __init__(
+        self,
+        *,
+        name: str,
+        point: typing.SupportsInt | typing.SupportsIndex,
+        direction: tuple[
+            typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex
+        ],
+        level: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+
+class RunResult:
+    @property
+    def counts(self) -> dict: ...
+    @property
+    def data(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def end_state(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    @property
+    def end_time(self) -> float: ...
+    @property
+    def event_approach(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def event_compression(
+        self,
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def event_states(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def events(self) -> list:
+        """
+        Tuples (time, contact index or -1, monitor index or -1, direction).
+        """
+    @property
+    def failed_contact(self) -> str: ...
+    @property
+    def failed_state(self) -> str: ...
+    @property
+    def ledger(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def ledger_names(self) -> list[str]: ...
+    @property
+    def limiting_contacts(self) -> list[tuple[str, int]]: ...
+    @property
+    def limiting_states(self) -> list[tuple[str, int]]: ...
+    @property
+    def long_names(self) -> list[str]: ...
+    @property
+    def message(self) -> str: ...
+    @property
+    def names(self) -> list[str]: ...
+    @property
+    def peaks(self) -> list: ...
+    @property
+    def reached(self) -> float: ...
+    @property
+    def restarts(self) -> int: ...
+    @property
+    def states(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def status(self) -> str: ...
+    @property
+    def time(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    @property
+    def units(self) -> list[str]: ...
+    @property
+    def wall(self) -> float: ...
+
+def assemble(description: MechanismDescription) -> Mechanism:
+    """
+    Checked, immutable mechanism; one error lists all faults.
+    """
+
+def evaluate(
+    mechanism: Mechanism,
+    q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+    qd: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+    finger_force: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+) -> dict: ...
+def find_equilibrium(
+    mechanism: Mechanism, finger_force: typing.SupportsFloat | typing.SupportsIndex = 0.0
+) -> dict: ...
+def jacobian_blocks(
+    mechanism: Mechanism,
+    q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+    qd: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+    finger_force: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+) -> tuple[
+    typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
+    typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"],
+]:
+    """
+    d(Q - M a)/dq and d(Q - M a)/dqd at fixed acceleration a.
+    """
+
+def jacobian_check(
+    mechanism: Mechanism,
+    y: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+    profile: Profile,
+    motion: bool,
+    time: typing.SupportsFloat | typing.SupportsIndex,
+    gamma: typing.SupportsFloat | typing.SupportsIndex,
+) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
+    """
+    Inverse of I - gamma J as the structured solver applies it.
+    """
+
+def link_poses(
+    mechanism: Mechanism, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+) -> dict:
+    """
+    Origin x, y [m] and angle [rad] of every link in the ground frame.
+    """
+
+def point_position(
+    mechanism: Mechanism,
+    point: typing.SupportsInt | typing.SupportsIndex,
+    q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+) -> tuple[float, float]:
+    """
+    Position [m] of a tracking point in the ground frame.
+    """
+
+def rhs(
+    mechanism: Mechanism,
+    y: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+    profile: Profile,
+    motion: bool,
+    time: typing.SupportsFloat | typing.SupportsIndex,
+) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]:
+    """
+    Y' of the full state [q, v, eta, deta/dt].
+    """
+
+def simulate(
+    mechanism: Mechanism,
+    profile: Profile,
+    motion: bool,
+    options: SimulationOptions,
+    start: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+    monitors: collections.abc.Sequence[Monitor],
+    progress: typing.Any = None,
+) -> RunResult: ...
+
+__version__: str = "0.1.0"
