@@ -388,7 +388,7 @@ def compared(law):
 
 def test_coordinates_of_feltmb():
     """Names and order of the coordinates."""
-    _, action = loaded_action("guarded")
+    action = loaded_action("guarded")
     assert tuple(action.coordinates) == aw.COORDINATES
 
 
@@ -441,7 +441,7 @@ def test_contacts_of_feltmb(law):
 
 def test_rest_of_feltmb_is_an_equilibrium():
     """At the equilibrium of the witness the force by feltmb vanishes too."""
-    feltmb, action = loaded_action("guarded")
+    action = loaded_action("guarded")
     rest = aw.equilibrium(aw.REST_POSE)
     expected = aw.evaluate(rest, np.zeros(6))
     point = feltmb.evaluate(action, rest, np.zeros(6), finger_force=0.0)
