@@ -810,6 +810,11 @@ class Action:
         pose: npt.NDArray[np.float64] = self._equilibrium["q"].copy()
         return pose
 
+    @property
+    def rest_iterations(self) -> int:
+        """Iterations that the equilibrium solve took."""
+        return int(self._equilibrium["iterations"])
+
     def quantities(self) -> Iterator[tuple[str, Any, str, str]]:
         """Every number of the file: dotted path, value, unit, source or status."""
         yield from _walk(self._raw, "")

@@ -1,0 +1,357 @@
+// Benchmarks of feltmb: strokes of the upright action, one right-hand side, hammer on string.
+// No Python. See README.md beside this file.
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <cstring>
+#include <fstream>
+#include <functional>
+#include <sstream>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "feltmb/core/error.hpp"
+#include "feltmb/model/equilibrium.hpp"
+#include "feltmb/model/simulation.hpp"
+#include "steinway45.hpp"
+
+namespace {
+
+using feltmb::RunResult;
+using Clock = std::chrono::steady_clock;
+
+struct CaseResult {
+  std::string name;
+  std::vector<double> milliseconds;
+  long steps = 0, rhs = 0, jacobians = 0, factorizations = 0;
+  std::vector<std::pair<std::string, double>> errors;
+  std::uint64_t checksum = 0;
+};
+
+double quantile(std::vector<double> values, double p) {
+  std::sort(values.begin(), values.end());
+  const double at = p * static_cast<double>(values.size() - 1);
+  const auto low = static_cast<std::size_t>(at);
+  const auto high = std::min(low + 1, values.size() - 1);
+  return values[low] + (at - static_cast<double>(low)) * (values[high] - values[low]);
+}
+
+/// FNV-1a over the bytes of the doubles: changes if any bit of the result does.
+std::uint64_t checksum(const double* values, std::size_t count) {
+  std::uint64_t hash = 1469598103934665603ULL;
+  const auto* bytes = reinterpret_cast<const unsigned char*>(values);
+  for (std::size_t i = 0; i < count * sizeof(double); ++i) {
+    hash = (hash ^ bytes[i]) * 1099511628211ULL;
+  }
+  return hash;
+}
+
+feltmb::FingerInput ramp(double force, double start, double rise) {
+  return {feltmb::Profile({start, start + rise}, {0.0, force},
+                          feltmb::Profile::Interpolation::kLinear),
+          false};
+}
+
+feltmb::FingerInput pulse(double force, double start, double half) {
+  return {feltmb::Profile({start, start + half, start + 2 * half}, {0.0, force, 0.0},
+                          feltmb::Profile::Interpolation::kLinear),
+          false};
+}
+
+void take_counts(CaseResult& out, const RunResult& run) {
+  out.steps = run.counts.steps;
+  out.rhs = run.counts.rhs;
+  out.jacobians = run.counts.jacobians;
+  out.factorizations = run.counts.factorizations;
+  out.checksum = checksum(run.end.y.data(), run.end.y.size());
+}
+
+double impact_speed(const RunResult& run, int contact) {
+  for (std::size_t i = 0; i < run.events.size(); ++i) {
+    if (run.events[i].contact == contact && run.events[i].direction > 0) {
+      return run.event_approach(static_cast<Eigen::Index>(i), contact);
+    }
+  }
+  return std::nan("");
+}
+
+CaseResult stroke(const std::string& name, const feltmb::FingerInput& input, double duration,
+                  bool outputs, int repeat) {
+  const auto mechanism = feltmb::assemble(feltmb::bench::steinway45());
+  const int contact = mechanism->contact_index(6);
+  feltmb::SimulationOptions options;
+  options.duration = duration;
+  options.ledger = outputs;
+  options.outputs = outputs;
+  options.diagnose = false;
+  options.peak_contacts = {6};
+  CaseResult out;
+  out.name = name;
+  RunResult run;
+  for (int i = 0; i < repeat; ++i) {
+    const auto begin = Clock::now();
+    run = feltmb::simulate(mechanism, input, options);
+    out.milliseconds.push_back(
+        std::chrono::duration<double, std::milli>(Clock::now() - begin).count());
+  }
+  take_counts(out, run);
+  feltmb::SimulationOptions fine = options;
+  fine.rtol = 1e-10;
+  fine.outputs = false;
+  fine.ledger = false;
+  const RunResult reference = feltmb::simulate(mechanism, input, fine);
+  const double speed = impact_speed(reference, contact);
+  out.errors = {{"impact_speed_rel", std::fabs(impact_speed(run, contact) / speed - 1.0)},
+                {"string_force_rel",
+                 std::fabs(run.peaks[0].force / reference.peaks[0].force - 1.0)}};
+  return out;
+}
+
+/// Time of one evaluation at states along the forte stroke.
+CaseResult evaluation(bool jacobian, int repeat) {
+  const auto mechanism = feltmb::assemble(feltmb::bench::steinway45());
+  const feltmb::FingerInput input = ramp(25.0, 0.05, 0.0905);
+  feltmb::SimulationOptions options;
+  options.output_rate = 1000.0;
+  options.ledger = false;
+  const RunResult run = feltmb::simulate(mechanism, input, options);
+  feltmb::MechanismSystem system(mechanism, input, false, {}, false);
+  std::vector<double> rate(system.size());
+  const auto rows = static_cast<std::size_t>(run.states.rows());
+  CaseResult out;
+  out.name = jacobian ? "jacobian" : "rhs";
+  double sum = 0.0;
+  for (int i = 0; i < repeat; ++i) {
+    const auto begin = Clock::now();
+    for (std::size_t r = 0; r < rows; ++r) {
+      const auto row = static_cast<Eigen::Index>(r);
+      const std::span<const double> y{run.states.row(row).data(), system.size()};
+      if (jacobian) {
+        system.linearize(run.time[row], y);
+        system.factorize(1e-5);
+      } else {
+        system.rhs(run.time[row], y, rate);
+        sum += rate[6];
+      }
+    }
+    out.milliseconds.push_back(
+        std::chrono::duration<double, std::milli>(Clock::now() - begin).count() /
+        static_cast<double>(rows));
+  }
+  out.checksum = checksum(&sum, 1);
+  return out;
+}
+
+struct Reference {
+  std::vector<double> x, force;
+};
+
+Reference read_reference(const std::string& path) {
+  std::ifstream in(path);
+  if (!in) throw feltmb::Error("bench: cannot read " + path);
+  Reference out;
+  std::string line;
+  std::getline(in, line);
+  while (std::getline(in, line)) {
+    double t = 0, x = 0, v = 0, xs = 0, f = 0;
+    if (std::sscanf(line.c_str(), "%lf,%lf,%lf,%lf,%lf", &t, &x, &v, &xs, &f) != 5) {
+      throw feltmb::Error("bench: bad line in " + path + ": " + line);
+    }
+    out.x.push_back(x);
+    out.force.push_back(f);
+  }
+  return out;
+}
+
+feltmb::MechanismDescription hammer_on_string(int modes, double damping) {
+  using namespace feltmb;
+  MechanismDescription d;
+  d.name = "hammer_on_string";
+  d.gravity = {0.0, 0.0};
+  BodyDescription hammer;
+  hammer.name = "hammer";
+  hammer.joint = JointKind::kPrismatic;
+  hammer.axis = {1.0, 0.0};
+  hammer.coordinate = "hammer.x";
+  hammer.mass = 9e-3;
+  d.bodies.push_back(hammer);
+  SurfaceDescription line;
+  line.name = "string";
+  line.body = "ground";
+  line.kind = SurfaceKind::kLine;
+  line.normal = {-1.0, 0.0};
+  SurfaceDescription nose;
+  nose.name = "nose";
+  nose.body = "hammer";
+  d.surfaces = {line, nose};
+  ContactDescription contact;
+  contact.number = 6;
+  contact.surface_a = "string";
+  contact.surface_b = "nose";
+  contact.law = ExponentialPair{{2.35e4, 1.74e3, -2.41e4}, {2.0e3, 4.52e3, -0.82e3}, 10.0,
+                                ExponentialPair::Form::kPrinted};
+  d.contacts.push_back(contact);
+  StringDescription string;
+  string.surface = "string";
+  string.parameters = {0.99e-3, 654.0, 0.6315, 5.98e-3, 2e11, damping, modes};
+  string.moving_strike_point = false;
+  string.strike_position = 0.6315 / 8.0;
+  d.strings.push_back(string);
+  return d;
+}
+
+CaseResult problem_h(int modes, double damping, double rtol, const std::string& folder,
+                     int repeat) {
+  const auto mechanism = feltmb::assemble(hammer_on_string(modes, damping));
+  feltmb::SimulationOptions options;
+  options.duration = 0.05;
+  options.output_rate = 20000.0;
+  options.rtol = rtol;
+  options.ledger = false;
+  options.events = false;
+  options.diagnose = false;
+  feltmb::SimulationState start;
+  start.y.assign(2 + 2 * static_cast<std::size_t>(modes), 0.0);
+  start.y[1] = 3.0;
+  CaseResult out;
+  out.name = feltmb::format("H_N%d_xi%g_rtol%g", modes, damping, rtol);
+  RunResult run;
+  for (int i = 0; i < repeat; ++i) {
+    const auto begin = Clock::now();
+    run = feltmb::simulate(mechanism, {feltmb::Profile(), false}, options, start);
+    out.milliseconds.push_back(
+        std::chrono::duration<double, std::milli>(Clock::now() - begin).count());
+  }
+  take_counts(out, run);
+  const Reference reference =
+      read_reference(folder + feltmb::format("/ref_N%d_xi%g.csv", modes, damping));
+  const auto column = [&](const std::string& name) {
+    const auto it = std::find(run.names.begin(), run.names.end(), name);
+    return static_cast<Eigen::Index>(it - run.names.begin());
+  };
+  const Eigen::Index x = column("hammer.x");
+  const Eigen::Index f = column("contact06.force");
+  double error_x = 0.0, error_f = 0.0, top = 0.0;
+  for (std::size_t i = 0; i < reference.x.size(); ++i) {
+    const auto row = static_cast<Eigen::Index>(i);
+    error_x = std::max(error_x, std::fabs(run.data(row, x) - reference.x[i]));
+    error_f = std::max(error_f, std::fabs(run.data(row, f) - reference.force[i]));
+    top = std::max(top, reference.force[i]);
+  }
+  out.errors = {{"position_m", error_x}, {"force_rel", error_f / top}};
+  return out;
+}
+
+std::string processor() {
+  std::ifstream in("/proc/cpuinfo");
+  std::string line;
+  while (std::getline(in, line)) {
+    if (line.rfind("model name", 0) == 0) return line.substr(line.find(':') + 2);
+  }
+  return "unknown";
+}
+
+void print(const CaseResult& r) {
+  const double median = quantile(r.milliseconds, 0.5);
+  const bool small = median < 0.1;
+  const double scale = small ? 1e3 : 1.0;
+  std::printf("%-26s %9.3f %s [%.3f, %.3f]", r.name.c_str(), median * scale, small ? "us" : "ms",
+              quantile(r.milliseconds, 0.25) * scale, quantile(r.milliseconds, 0.75) * scale);
+  if (r.steps > 0) {
+    std::printf("  %ld steps, %ld rhs, %ld jac, %ld fact", r.steps, r.rhs, r.jacobians,
+                r.factorizations);
+  }
+  for (const auto& [name, value] : r.errors) std::printf("  %s %.2g", name.c_str(), value);
+  std::printf("  #%016llx\n", static_cast<unsigned long long>(r.checksum));
+  std::fflush(stdout);
+}
+
+void write_json(const std::string& path, const std::vector<CaseResult>& results) {
+  std::ofstream out(path);
+  if (!out) throw feltmb::Error("bench: cannot write " + path);
+  out << "{\n  \"version\": \"" << FELTMB_VERSION << "\",\n  \"compiler\": \""
+      << FELTMB_BENCH_FLAGS << "\",\n  \"processor\": \"" << processor()
+      << "\",\n  \"cores\": " << std::thread::hardware_concurrency() << ",\n  \"cases\": [\n";
+  for (std::size_t i = 0; i < results.size(); ++i) {
+    const auto& r = results[i];
+    out << "    {\"name\": \"" << r.name << "\", \"median_ms\": " << quantile(r.milliseconds, 0.5)
+        << ", \"quartile1_ms\": " << quantile(r.milliseconds, 0.25)
+        << ", \"quartile3_ms\": " << quantile(r.milliseconds, 0.75)
+        << ", \"repeats\": " << r.milliseconds.size() << ", \"steps\": " << r.steps
+        << ", \"rhs\": " << r.rhs << ", \"jacobians\": " << r.jacobians
+        << ", \"factorizations\": " << r.factorizations << ", \"errors\": {";
+    for (std::size_t e = 0; e < r.errors.size(); ++e) {
+      out << (e ? ", " : "") << "\"" << r.errors[e].first << "\": " << r.errors[e].second;
+    }
+    out << "}, \"checksum\": \"" << std::hex << r.checksum << std::dec << "\"}"
+        << (i + 1 < results.size() ? "," : "") << "\n";
+  }
+  out << "  ]\n}\n";
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  std::string json, filter, folder = FELTMB_BENCH_REFERENCE;
+  int repeat = 11;
+  for (int i = 1; i < argc; ++i) {
+    const auto value = [&]() -> std::string {
+      if (i + 1 >= argc) {
+        std::fprintf(stderr, "feltmb_bench: %s needs a value\n", argv[i]);
+        std::exit(2);
+      }
+      return argv[++i];
+    };
+    const std::string option = argv[i];
+    if (option == "--json") json = value();
+    else if (option == "--case") filter = value();
+    else if (option == "--reference") folder = value();
+    else if (option == "--repeat") repeat = std::max(1, std::atoi(value().c_str()));
+    else {
+      std::fprintf(stderr,
+                   "usage: feltmb_bench [--case TEXT] [--repeat N] [--json FILE] "
+                   "[--reference FOLDER]\n");
+      return option == "--help" ? 0 : 2;
+    }
+  }
+  std::printf("feltmb %s, %s, %s\n", FELTMB_VERSION, FELTMB_BENCH_FLAGS, processor().c_str());
+  std::printf("median [quartiles] of %d, one thread\n", repeat);
+
+  std::vector<std::pair<std::string, std::function<CaseResult()>>> cases = {
+      {"stroke_piano",
+       [&] { return stroke("stroke_piano", ramp(5.0, 0.083, 0.3475), 0.5, false, repeat); }},
+      {"stroke_forte",
+       [&] { return stroke("stroke_forte", ramp(25.0, 0.05, 0.0905), 0.4, false, repeat); }},
+      {"stroke_staccato",
+       [&] { return stroke("stroke_staccato", pulse(16.0, 0.02, 0.0125), 0.5, false, repeat); }},
+      {"stroke_forte_outputs",
+       [&] { return stroke("stroke_forte_outputs", ramp(25.0, 0.05, 0.0905), 0.4, true, repeat); }},
+      {"rhs", [&] { return evaluation(false, repeat); }},
+      {"jacobian", [&] { return evaluation(true, repeat); }},
+  };
+  for (const int modes : {40, 200}) {
+    for (const double damping : {0.07, 7e-4}) {
+      for (const double rtol : {1e-6, 1e-8}) {
+        cases.emplace_back(feltmb::format("H_N%d_xi%g_rtol%g", modes, damping, rtol),
+                           [=] { return problem_h(modes, damping, rtol, folder, repeat); });
+      }
+    }
+  }
+  std::vector<CaseResult> results;
+  try {
+    for (const auto& [name, run] : cases) {
+      if (name.find(filter) == std::string::npos) continue;
+      results.push_back(run());
+      print(results.back());
+    }
+    if (!json.empty()) write_json(json, results);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "feltmb_bench: %s\n", error.what());
+    return 1;
+  }
+  return results.empty() ? 2 : 0;
+}

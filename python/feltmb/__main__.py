@@ -1,0 +1,5 @@
+"""``python -m feltmb``."""
+
+from feltmb.cli import main
+
+main()

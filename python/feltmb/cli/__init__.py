@@ -1,0 +1,91 @@
+"""Command line of feltmb. Commands are loaded when they are called, so that help is quick."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from typing import Any
+
+import click
+
+__all__ = ["main"]
+
+#: command -> (module below feltmb.cli, one line of help)
+COMMANDS = {
+    "stroke": ("stroke", "Simulate strokes and save, plot or summarise them."),
+    "demo": ("demo", "The main job: piano, forte, staccato; table, plots, animation."),
+    "show": ("show", "Bodies, contacts, springs of a mechanism, with units and sources."),
+    "plot": ("plot", "Plots of saved runs."),
+    "animate": ("animate", "Animation of a saved run (GIF or HTML)."),
+    "wav": ("wav", "The string of a saved run as sound."),
+    "list": ("listing", "Packaged mechanisms, strokes, contact laws, units."),
+    "validate": ("validate", "Check a mechanism, a stroke or a table; all faults at once."),
+    "new": ("new", "Write a commented template of a mechanism file."),
+}
+
+
+class _Lazy(click.Group):
+    """Group whose commands live in modules that are imported on use."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        del ctx
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        del ctx
+        if cmd_name not in COMMANDS:
+            return None
+        module = importlib.import_module(f"feltmb.cli.{COMMANDS[cmd_name][0]}")
+        command: click.Command = module.command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        del ctx
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        import difflib
+
+        name = args[0] if args else ""
+        if name and name not in COMMANDS and not name.startswith("-"):
+            near = difflib.get_close_matches(name, COMMANDS, n=1)
+            hint = f" Did you mean {near[0]!r}?" if near else ""
+            raise click.UsageError(f"No such command {name!r}.{hint}", ctx)
+        return super().resolve_command(ctx, args)
+
+
+@click.group(cls=_Lazy, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="feltmb", prog_name="feltmb")
+def cli() -> None:
+    """Simulate machines whose parts meet through felt.
+
+    Exit codes: 0 done, 1 failed, 2 bad input, 130 interrupted.
+    """
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line; never shows a traceback for a fault of the input."""
+    from feltmb.cli.common import complain
+    from feltmb.errors import FeltmbError
+
+    code: Any = 0
+    try:
+        code = cli.main(arguments, prog_name="feltmb", standalone_mode=False)
+    except click.exceptions.Abort:
+        complain("interrupted")
+        code = 130
+    except click.ClickException as error:
+        error.show()
+        code = error.exit_code
+    except KeyboardInterrupt as error:
+        complain(f"interrupted{f': {error}' if str(error) else ''}")
+        code = 130
+    except FeltmbError as error:
+        complain(str(error))
+        code = 2 if isinstance(error, ValueError) or type(error).__name__ == "FileExists" else 1
+    except BrokenPipeError:
+        code = 0
+    sys.exit(code if isinstance(code, int) else 0)

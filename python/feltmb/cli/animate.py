@@ -1,0 +1,46 @@
+"""``feltmb animate``: a moving picture of a saved run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from feltmb.cli.common import force_option, say_written
+
+
+@click.command("animate")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="GIF or HTML file; default: RUN.gif.")
+@click.option(
+    "--slowness",
+    type=float,
+    default=20.0,
+    show_default=True,
+    help="How many times slower than life.",
+)
+@click.option(
+    "--fps",
+    type=click.IntRange(1, 100),
+    default=30,
+    show_default=True,
+    help="Frames a second of a GIF.",
+)
+@click.option("--window", type=(float, float), metavar="FROM TO", help="Only this time [s].")
+@force_option
+def command(
+    run: Path,
+    out: Path | None,
+    slowness: float,
+    fps: int,
+    window: tuple[float, float] | None,
+    force: bool,
+) -> None:
+    """Animate the mechanism of a saved RUN."""
+    from feltmb.animate import animate
+    from feltmb.results import load_run
+
+    target = out or run.with_suffix(".gif")
+    say_written(
+        animate(load_run(run), target, fps=fps, slowness=slowness, window=window, force=force)
+    )

@@ -1,0 +1,122 @@
+"""What the commands share: consoles, options, numbers for people."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+    from feltmb.config import Action
+
+__all__ = [
+    "complain",
+    "console",
+    "force_option",
+    "json_option",
+    "load_with_settings",
+    "new_table",
+    "pretty",
+    "print_json",
+    "say_written",
+    "set_option",
+]
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def console(*, stderr: bool = False) -> Console:
+    """Console for tables (stdout) or for progress and messages (stderr); plain when piped."""
+    from rich.console import Console
+
+    return Console(stderr=stderr, highlight=False, markup=False, emoji=False)
+
+
+def complain(text: str) -> None:
+    """One message on stderr."""
+    click.echo(f"feltmb: {text}", err=True)
+
+
+def say_written(path: Path) -> None:
+    """Name a file that was written."""
+    click.echo(f"wrote {path}", err=True)
+
+
+def new_table(title: str, *columns: str, right: tuple[int, ...] = ()) -> Table:
+    """Table that prints well at 80 columns; ``right``: indices of right-aligned columns."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title=title, box=box.SIMPLE, title_justify="left", pad_edge=False)
+    for i, column in enumerate(columns):
+        table.add_column(column, justify="right" if i in right else "left", overflow="fold")
+    return table
+
+
+_SCALES = {
+    "m": [(1e-6, 1e6, "um"), (1.0, 1e3, "mm")],
+    "s": [(1.0, 1e3, "ms")],
+    "J": [(1.0, 1e3, "mJ")],
+}
+
+
+def pretty(value: float, unit: str) -> tuple[str, str]:
+    """Number and unit for people: small lengths in mm, short times in ms."""
+    for limit, factor, name in _SCALES.get(unit, []):
+        if abs(value) < limit:
+            return f"{value * factor:.4g}", name
+    return f"{value:.4g}", unit
+
+
+def print_json(value: Any) -> None:
+    """JSON on stdout, keys in a fixed order."""
+    click.echo(json.dumps(value, indent=2, sort_keys=True))
+
+
+def set_option(function: F) -> F:
+    """Option ``--set PATH=VALUE``, any number of times."""
+    return click.option(
+        "--set",
+        "settings",
+        multiple=True,
+        metavar="PATH=VALUE",
+        help="Change a value of the mechanism by its dotted path, such as string.modes=80 or "
+        "contacts.*.law=printed. Repeatable.",
+    )(function)
+
+
+def force_option(function: F) -> F:
+    """Option ``--force``."""
+    return click.option("--force", is_flag=True, help="Replace files that exist.")(function)
+
+
+def json_option(function: F) -> F:
+    """Option ``--json``."""
+    return click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")(
+        function
+    )
+
+
+def load_with_settings(name: str, settings: tuple[str, ...]) -> Action:
+    """Mechanism by name or path, with the values of ``--set``."""
+    from feltmb.config import load_action, parse_setting
+
+    action = load_action(name)
+    if settings:
+        action = action.with_values(dict(parse_setting(text) for text in settings))
+    return action
+
+
+def is_terminal() -> bool:
+    """Whether progress may be drawn."""
+    return sys.stderr.isatty()
+
+
+__all__ += ["is_terminal"]

@@ -1,0 +1,118 @@
+"""``feltmb demo``: the main job from nothing to pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from feltmb.cli.common import console, is_terminal, new_table, pretty, say_written, set_option
+
+if TYPE_CHECKING:
+    from feltmb.results import Run
+
+STROKES = ("piano", "forte", "staccato")
+
+
+@click.command("demo")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("out"),
+    show_default=True,
+    help="Folder for the results; files of a former demo in it are replaced.",
+)
+@click.option("--no-animation", is_flag=True, help="Leave out the animation (the slowest part).")
+@set_option
+def command(out: Path, no_animation: bool, settings: tuple[str, ...]) -> None:
+    """Strike steinway45 piano, forte and staccato.
+
+    Prints the results beside the published ones and writes NetCDF files, plots and an animation.
+    """
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from feltmb.animate import animate
+    from feltmb.cli.common import load_with_settings
+    from feltmb.cli.stroke import summary_table
+    from feltmb.files import write_file
+    from feltmb.plot import mechanism as draw
+    from feltmb.plot import save_all
+    from feltmb.simulate import simulate
+
+    action = load_with_settings("steinway45", settings)
+    screen = console()
+    written: list[Path] = []
+    runs: dict[str, Run] = {}
+    bar = Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TimeRemainingColumn(),
+        console=console(stderr=True),
+        disable=not is_terminal(),
+    )
+
+    def step(task: Any, text: str) -> None:
+        bar.update(task, description=text)
+        if not is_terminal():
+            click.echo(text, err=True)
+
+    with bar:
+        task = bar.add_task("demo", total=2 * len(STROKES) + (6 if not no_animation else 1))
+        step(task, "drawing the mechanism at rest")
+        figure = draw(action)
+        written.append(
+            write_file(out / "mechanism.png", lambda p: figure.savefig(p, dpi=150), force=True)
+        )
+        bar.advance(task)
+        for name in STROKES:
+            step(task, f"simulating {name}")
+            runs[name] = simulate(action, name)
+            written.append(runs[name].save(out / f"{name}.nc", force=True))
+            bar.advance(task)
+            step(task, f"plotting {name}")
+            written += save_all(runs[name], out, name, force=True)
+            bar.advance(task)
+        if not no_animation:
+            step(task, "animating forte")
+            written.append(animate(runs["forte"], out / "forte.gif", force=True))
+            written.append(animate(runs["forte"], out / "forte.html", force=True))
+            bar.advance(task, 5)
+
+    for name, run in runs.items():
+        screen.print(summary_table(run, name))
+    screen.print(published_table(list(runs.values())))
+    screen.print(
+        "String forces and contact times are not reached with the printed string, and are not\n"
+        "tuned to be: see docs/validation.md.",
+    )
+    for path in written:
+        say_written(path)
+
+
+def published_table(runs: list[Run]) -> Any:
+    """Table of simulated beside published numbers."""
+    from feltmb.cli.stroke import SUMMARY_ROWS
+    from feltmb.published import compare_with_published
+
+    table = new_table(
+        "beside the thesis", "stroke", "", "here", "thesis", "unit", "differs", right=(2, 3, 5)
+    )
+    for run in runs:
+        for row in compare_with_published(run):
+            text, _ = SUMMARY_ROWS.get(row.key, (row.key, row.unit))
+            published, unit = pretty(row.published, row.unit)
+            if row.simulated is None:
+                table.add_row(row.stroke, text, "did not happen", published, unit, "-")
+                continue
+            factor = float(published) / row.published
+            difference = row.difference or 0.0
+            table.add_row(
+                row.stroke,
+                text,
+                f"{row.simulated * factor:.4g}",
+                published,
+                unit,
+                f"{100 * difference:+.1f} %",
+            )
+    return table

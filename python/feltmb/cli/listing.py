@@ -1,0 +1,52 @@
+"""``feltmb list``: what there is."""
+
+from __future__ import annotations
+
+import click
+
+from feltmb.cli.common import console, json_option, new_table, print_json
+
+LAWS = {
+    "guarded": "loading-unloading pair of eq. 4.22, held inside 0 <= F_U <= F <= F_L",
+    "printed": "the same as printed: may pull and may create energy where its fits cross",
+    "mean": "mean of loading and unloading, without hysteresis",
+    "hunt_crossley": "k e^p (1 + d de/dt)",
+}
+
+
+@click.command("list")
+@json_option
+def command(as_json: bool) -> None:
+    """List packaged mechanisms and strokes, contact laws and accepted units."""
+    from feltmb.config import load_action, packaged_actions
+    from feltmb.stroke import load_stroke, packaged_strokes
+    from feltmb.units import ACCEPTED_UNITS
+
+    actions = {name: load_action(name).config.about for name in packaged_actions()}
+    strokes = {name: load_stroke(name) for name in packaged_strokes()}
+    if as_json:
+        print_json(
+            {
+                "actions": actions,
+                "strokes": {n: s.as_dict() for n, s in strokes.items()},
+                "laws": LAWS,
+                "units": sorted(ACCEPTED_UNITS),
+            }
+        )
+        return
+    screen = console()
+    table = new_table("mechanisms", "name", "about")
+    for name, about in actions.items():
+        table.add_row(name, about)
+    screen.print(table)
+    table = new_table("strokes", "name", "input", "largest", "length", right=(2, 3))
+    for name, stroke in strokes.items():
+        unit = "N" if stroke.kind == "force" else "mm"
+        top = max(stroke.value) * (1.0 if unit == "N" else 1e3)
+        table.add_row(name, stroke.kind, f"{top:g} {unit}", f"{stroke.duration:g} s")
+    screen.print(table)
+    table = new_table("contact laws (contacts.NN.law)", "name", "about")
+    for name, about in LAWS.items():
+        table.add_row(name, about)
+    screen.print(table)
+    screen.print("units: " + " ".join(sorted(u for u in ACCEPTED_UNITS if u != "1")))

@@ -1,0 +1,43 @@
+"""``feltmb plot``: plots of saved runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from feltmb.cli.common import force_option, say_written
+
+
+@click.command("plot")
+@click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder; default: beside each run.",
+)
+@click.option(
+    "--compare",
+    multiple=True,
+    metavar="OUTPUT",
+    help="Overlay this output of all runs instead, such as hammer_tip.x. Repeatable.",
+)
+@force_option
+def command(
+    runs: tuple[Path, ...], out: Path | None, compare: tuple[str, ...], force: bool
+) -> None:
+    """Draw all plots of each of RUNS, or an overlay of chosen outputs."""
+    from feltmb.files import write_file
+    from feltmb.plot import compare as overlay
+    from feltmb.plot import save_all
+    from feltmb.results import load_run
+
+    loaded = [load_run(path) for path in runs]
+    if compare:
+        figure = overlay(loaded, list(compare))
+        target = (out or runs[0].parent) / "compare.png"
+        say_written(write_file(target, lambda p: figure.savefig(p, dpi=150), force=force))
+        return
+    for path, run in zip(runs, loaded, strict=True):
+        for written in save_all(run, out or path.parent, path.stem, force=force):
+            say_written(written)

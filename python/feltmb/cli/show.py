@@ -1,0 +1,158 @@
+"""``feltmb show``: a mechanism as tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from feltmb.cli.common import (
+    console,
+    force_option,
+    json_option,
+    load_with_settings,
+    new_table,
+    print_json,
+    say_written,
+    set_option,
+)
+
+
+@click.command("show")
+@click.argument("action")
+@set_option
+@click.option("--values", is_flag=True, help="Every number with its unit and source.")
+@click.option("--toml", is_flag=True, help="Print the mechanism file, --set applied.")
+@click.option("--plot", type=click.Path(path_type=Path), help="Draw the mechanism at rest (PNG).")
+@click.option(
+    "--graph",
+    type=click.Path(path_type=Path),
+    help="Draw its linear graph (PNG), or write it as text (.dot).",
+)
+@force_option
+@json_option
+def command(
+    action: str,
+    settings: tuple[str, ...],
+    values: bool,
+    toml: bool,
+    plot: Path | None,
+    graph: Path | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Show bodies, joints, contacts, springs and string of ACTION, with units and sources."""
+    from feltmb.files import write_file, write_text
+
+    mechanism = load_with_settings(action, settings)
+    if toml:
+        click.echo(mechanism.to_toml())
+    elif as_json:
+        print_json(
+            {
+                "name": mechanism.name,
+                "hash": mechanism.hash,
+                "coordinates": mechanism.coordinates,
+                "rest_pose": dict(
+                    zip(mechanism.coordinates, mechanism.rest_pose.tolist(), strict=True)
+                ),
+                "values": [
+                    {"path": p, "value": v, "unit": u, "source": s}
+                    for p, v, u, s in mechanism.quantities()
+                ],
+            }
+        )
+    elif values:
+        table = new_table(f"{mechanism.name}: values", "path", "value", "unit", "source")
+        for path, value, unit, source in mechanism.quantities():
+            table.add_row(path, f"{value}", unit, source)
+        console().print(table)
+    else:
+        _tables(mechanism)
+    if plot is not None:
+        from feltmb.plot import mechanism as draw
+
+        figure = draw(mechanism)
+        say_written(write_file(plot, lambda p: figure.savefig(p, dpi=150), force=force))
+    if graph is not None:
+        from feltmb.graph import draw_graph
+        from feltmb.graph import graph as linear_graph
+
+        if graph.suffix == ".dot":
+            say_written(write_text(graph, linear_graph(mechanism).to_dot(), force=force))
+        else:
+            drawn = draw_graph(mechanism)
+            say_written(write_file(graph, lambda p: drawn.savefig(p, dpi=150), force=force))
+
+
+def _tables(mechanism: object) -> None:
+    from feltmb.config import Action
+
+    assert isinstance(mechanism, Action)
+    config = mechanism.config
+    screen = console()
+    screen.print(f"{config.name}: {config.about}")
+    if config.source.cite:
+        screen.print(f"source: {config.source.cite}")
+    screen.print(f"hash {mechanism.hash[:16]}")
+
+    table = new_table(
+        "bodies", "name", "joint to", "coordinate", "mass [g]", "inertia [kg mm^2]", right=(3, 4)
+    )
+    for name, body in config.bodies.items():
+        mass, inertia = body.mass, body.inertia
+        if body.kind == "beam":
+            assert body.length is not None
+            assert body.density is not None
+            assert body.area is not None
+            mass = body.density * body.area * body.length
+            inertia = mass * body.length**2 / 12
+        table.add_row(
+            name,
+            f"{body.joint} on {body.parent}",
+            body.coordinate or "-",
+            f"{mass * 1e3:.4g}",
+            f"{inertia * 1e6:.4g}",
+        )
+    screen.print(table)
+
+    rest = mechanism.rest_pose
+    table = new_table("rest pose", "coordinate", "value", "unit", right=(1,))
+    units = mechanism.mechanism.coordinate_units
+    for name, value, unit in zip(mechanism.coordinates, rest, units, strict=True):
+        table.add_row(name, f"{value:.7g}", unit)
+    screen.print(table)
+
+    from feltmb.simulate import evaluate
+
+    state = evaluate(mechanism, rest, [0.0] * len(rest)).contacts
+    table = new_table(
+        "contacts", "no", "where", "pair", "law", "gap at rest [mm]", "force [N]", right=(4, 5)
+    )
+    for key, contact in config.contacts.items():
+        row = state.loc[int(key)]
+        table.add_row(
+            key,
+            contact.label,
+            "-".join(contact.surfaces),
+            contact.law if contact.enabled else "off",
+            f"{-1e3 * row['compression']:.3f}",
+            f"{row['normal_force']:.3f}",
+        )
+    screen.print(table)
+
+    table = new_table("springs and straps", "name", "acts on", "data")
+    for name, spring in config.springs.items():
+        text = f"{spring.stiffness:.4g} N m/rad from {spring.rest_angle:.4g} rad"
+        table.add_row(name, spring.coordinate, text if spring.enabled else "off")
+    for name, strap in config.straps.items():
+        text = f"free length {1e3 * strap.free_length:.4g} mm, cubic"
+        table.add_row(name, f"{strap.body_a}, {strap.body_b}", text if strap.enabled else "off")
+    screen.print(table)
+    string = config.string
+    if string is not None:
+        screen.print(
+            f"string: {string.kind}, {string.modes} modes, {string.tension:g} N, "
+            f"{string.length:g} m, {1e3 * string.linear_density:g} g/m, "
+            f"damping ratio {string.damping_ratio:g}",
+        )

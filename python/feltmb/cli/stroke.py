@@ -1,0 +1,218 @@
+"""``feltmb stroke``: simulate strokes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from feltmb.cli.common import (
+    complain,
+    console,
+    force_option,
+    json_option,
+    load_with_settings,
+    new_table,
+    pretty,
+    print_json,
+    say_written,
+    set_option,
+)
+
+if TYPE_CHECKING:
+    from feltmb.results import Run
+
+
+@click.command("stroke")
+@click.argument("action")
+@click.argument("strokes", nargs=-1, required=True)
+@set_option
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="NetCDF file to write; with several strokes the folder for STROKE.nc.",
+)
+@click.option("--plot", is_flag=True, help="Also draw plots beside --out (or here).")
+@click.option("--wav", is_flag=True, help="Also write the string as WAV beside --out (or here).")
+@click.option("--duration", type=float, help="Simulated time [s]; default: the stroke's own.")
+@click.option("--rtol", type=float, default=1e-6, show_default=True, help="Relative tolerance.")
+@click.option(
+    "--output-rate", type=float, default=10000.0, show_default=True, help="Samples a second."
+)
+@click.option(
+    "--max-wall",
+    type=float,
+    help="Give up after this many seconds of wall time a stroke; what was simulated is saved.",
+)
+@click.option(
+    "--start",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="Go on from the end of this saved run.",
+)
+@click.option(
+    "--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Strokes at a time."
+)
+@click.option("--no-ledger", is_flag=True, help="Leave out the energy ledger (faster).")
+@force_option
+@json_option
+def command(
+    action: str,
+    strokes: tuple[str, ...],
+    settings: tuple[str, ...],
+    out: Path | None,
+    plot: bool,
+    wav: bool,
+    duration: float | None,
+    rtol: float,
+    output_rate: float,
+    max_wall: float | None,
+    start: Path | None,
+    jobs: int,
+    no_ledger: bool,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Simulate ACTION under one or more STROKES.
+
+    ACTION is a packaged mechanism or a TOML file. A STROKE is a packaged name, a TOML file or a
+    CSV with the header "time [s],force [N]" or "time [s],displacement [m]". See: feltmb list.
+    """
+    from concurrent.futures import ThreadPoolExecutor
+
+    from feltmb.errors import FeltmbError, IntegrationError
+    from feltmb.files import check_writable
+    from feltmb.results import load_run
+    from feltmb.simulate import simulate
+    from feltmb.stroke import load_stroke
+
+    mechanism = load_with_settings(action, settings)
+    loaded = [load_stroke(s) for s in strokes]
+    targets = _targets(out, [s.name for s in loaded])
+    for target in targets:
+        if target is not None:
+            check_writable(target, force=force)
+    first = load_run(start) if start is not None else None
+
+    stop = {"now": False}
+
+    def one(i: int) -> tuple[Run | None, str]:
+        try:
+            run = simulate(
+                mechanism,
+                loaded[i],
+                duration,
+                rtol,
+                output_rate=output_rate,
+                ledger=not no_ledger,
+                start=first,
+                max_wall=max_wall,
+                progress=(lambda _t: not stop["now"]) if jobs > 1 else None,
+            )
+        except IntegrationError as error:
+            return error.partial, str(error)
+        return run, ""
+
+    failures: list[str] = []
+    summaries: dict[str, Any] = {}
+    screen = console()
+    with ThreadPoolExecutor(max_workers=jobs) as pool:
+        futures = [pool.submit(one, i) for i in range(len(loaded))] if jobs > 1 else None
+        try:
+            for i, stroke in enumerate(loaded):
+                run, failure = futures[i].result() if futures else one(i)
+                assert run is not None
+                if failure:
+                    failures.append(f"{stroke.name}: {failure}")
+                _write(run, targets[i], stroke.name, plot=plot, wav=wav, force=force)
+                summaries[stroke.name] = {
+                    "status": run.status,
+                    "summary": run.summary,
+                    "energy": run.energy,
+                    "stats": run.stats,
+                }
+                if not as_json:
+                    screen.print(summary_table(run, stroke.name))
+        except KeyboardInterrupt:
+            stop["now"] = True
+            raise
+    if as_json:
+        print_json(summaries)
+    if failures:
+        for failure in failures[:-1]:
+            complain(failure)
+        raise FeltmbError(failures[-1])
+
+
+def _targets(out: Path | None, names: list[str]) -> list[Path | None]:
+    if out is None:
+        return [None] * len(names)
+    if len(names) == 1 and out.suffix:
+        return [out]
+    targets: list[Path | None] = []
+    for i, name in enumerate(names):
+        stem = name if names.count(name) == 1 else f"{name}_{i + 1}"
+        targets.append(out / f"{stem}.nc")
+    return targets
+
+
+def _write(run: Run, target: Path | None, name: str, *, plot: bool, wav: bool, force: bool) -> None:
+    if target is not None:
+        say_written(run.save(target, force=force))
+    folder = target.parent if target is not None else Path()
+    stem = target.stem if target is not None else name
+    if plot:
+        from feltmb.plot import save_all
+
+        for path in save_all(run, folder, stem, force=force):
+            say_written(path)
+    if wav:
+        say_written(run.write_wav(folder / f"{stem}.wav", force=force))
+
+
+#: summary key -> (text, unit)
+SUMMARY_ROWS = {
+    "key_start_time": ("key starts", "s"),
+    "damper_start_time": ("damper starts", "s"),
+    "jack_toe_time": ("jack toe meets the button", "s"),
+    "let_off_time": ("let-off", "s"),
+    "let_off_gap": ("hammer - string distance at let-off", "m"),
+    "impact_time": ("hammer meets the string", "s"),
+    "impact_speed": ("impact speed", "m/s"),
+    "max_string_force": ("largest string force", "N"),
+    "string_contact_duration": ("string contact lasts", "s"),
+    "rebound_speed": ("rebound speed", "m/s"),
+    "key_landing_time": ("key lands", "s"),
+    "key_travel": ("key travel", "m"),
+    "check_time": ("backcheck catches", "s"),
+    "check_gap": ("distance in check", "m"),
+}
+
+
+def summary_table(run: Run, title: str) -> Any:
+    """Table of the summary of a run, with its work counts below."""
+    table = new_table(f"{title}: {run.provenance['action']}", "", "value", "unit", right=(1,))
+    for key, (text, unit) in SUMMARY_ROWS.items():
+        if key not in run.summary:
+            continue
+        value = run.summary[key]
+        number, shown = (f"{value:.5f}", "s") if key.endswith("_time") else pretty(value, unit)
+        table.add_row(text, number, shown)
+    stats = run.stats
+    if run.energy:
+        table.add_row("work put in", *pretty(run.energy["work_in"], "J"))
+        table.add_row(
+            "energy not accounted for", f"{run.energy['residual_relative']:.1e}", "of the work"
+        )
+        for name in run.energy["created_by"]:
+            table.add_row(
+                f"energy CREATED by {name}", *pretty(-run.energy["dissipated"][name], "J")
+            )
+    table.caption = (
+        f"{stats['steps']} steps, {stats['rhs']} right-hand sides, "
+        f"{1e3 * stats['wall']:.3g} ms" + (f"; {run.status}" if run.status != "done" else "")
+    )
+    return table
+
+
+__all__ = ["SUMMARY_ROWS", "command", "summary_table"]

@@ -1,0 +1,30 @@
+"""``feltmb wav``: the string as sound."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from feltmb.cli.common import force_option, say_written
+
+
+@click.command("wav")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="Default: RUN.wav.")
+@click.option(
+    "--position",
+    type=float,
+    help="Listen to the string's displacement here [m] from "
+    "its end y = 0; default: the force at the bridge end.",
+)
+@click.option("--slowness", type=float, default=1.0, show_default=True)
+@force_option
+def command(
+    run: Path, out: Path | None, position: float | None, slowness: float, force: bool
+) -> None:
+    """Write the string of a saved RUN as a WAV file."""
+    from feltmb.results import load_run
+
+    target = out or run.with_suffix(".wav")
+    say_written(load_run(run).write_wav(target, position=position, slowness=slowness, force=force))
