@@ -330,13 +330,14 @@ void MechanismSystem::quadratures(double t, std::span<const double> y, std::span
 
 std::vector<double> MechanismSystem::absolute_tolerances(double rtol) const {
   const Mechanism& m = mechanism();
-  constexpr double felt = 1e-3;   // m
-  constexpr double speed = 1.0;   // m/s
+  constexpr double felt = 2e-4;   // m
+  constexpr double speed = 0.2;   // m/s
   std::vector<double> atol(size());
   const std::size_t n = at(n_);
   for (std::size_t k = 0; k < n; ++k) {
-    atol[k] = rtol * m.coordinate_scale[k];
-    atol[n + k] = rtol * m.coordinate_scale[k] * (speed / felt);
+    const double scale = m.coordinate_scale[k] / kFeltTravel;  // coordinate a meter of travel
+    atol[k] = rtol * felt * scale;
+    atol[n + k] = rtol * speed * scale;
   }
   for (const auto& s : m.strings) {
     const auto& p = s.string.parameters();

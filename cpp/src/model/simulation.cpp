@@ -153,7 +153,7 @@ class Run {
     o.rtol = options_.rtol;
     o.atol = system_.absolute_tolerances(options_.rtol);
     o.quadrature_atol.assign(system_.n_quadratures(), options_.rtol * 1e-3);
-    o.max_order = options_.max_order > 0 ? options_.max_order : choose_order(system_.mechanism());
+    o.max_order = options_.max_order > 0 ? options_.max_order : choose_order(system_.mechanism(), options_.rtol);
     o.max_step = options_.max_step;
     Integrator integrator(system_, o);
     integrator.start(0.0, y_, true);

@@ -481,8 +481,7 @@ class Assembler {
   }
 
   void set_scales() {
-    constexpr double felt = 1e-3;  // m, the compression that matters
-    m_->coordinate_scale.assign(m_->coordinates.size(), felt);
+    m_->coordinate_scale.assign(m_->coordinates.size(), kFeltTravel);
     for (std::size_t k = 0; k < m_->coordinates.size(); ++k) {
       if (m_->coordinate_kind[k] != JointKind::kRevolute) continue;
       double arm = 0.0;
@@ -497,7 +496,7 @@ class Assembler {
       for (const auto& link : m_->links) {
         if (link.coordinate == static_cast<int>(k)) arm = std::max(arm, norm(link.center_of_mass));
       }
-      if (arm > 0.0) m_->coordinate_scale[k] = felt / arm;
+      if (arm > 0.0) m_->coordinate_scale[k] = kFeltTravel / arm;
     }
   }
 

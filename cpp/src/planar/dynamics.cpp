@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace feltmb {
 namespace {
@@ -27,6 +28,7 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   pivot_velocity_.assign(n, {});
   phi_.assign(at(m_->total_modes), 0.0);
   dphi_.assign(at(m_->total_modes), 0.0);
+  shaped_at_.assign(m_->strings.size(), std::numeric_limits<double>::quiet_NaN());
   strap_pull_.assign(m_->straps.size(), 0.0);
   strap_slope_.assign(m_->straps.size(), 0.0);
   v_.assign(n, 0.0);
@@ -163,7 +165,11 @@ void Dynamics::locate_contact(std::size_t i, std::span<const double> eta,
                                                          : attached.strike_position;
     const std::span<double> phi{phi_.data() + offset, modes};
     const std::span<double> dphi{dphi_.data() + offset, modes};
-    attached.string.shapes(state.strike_position, phi, dphi);
+    double& shaped = shaped_at_[at(contact.string)];
+    if (state.strike_position != shaped) {
+      attached.string.shapes(state.strike_position, phi, dphi);
+      shaped = state.strike_position;
+    }
     state.string = attached.string.point(phi, dphi, eta.subspan(offset, modes),
                                          eta_rate.subspan(offset, modes));
     const Vec2 center_velocity = b.velocity + b.omega * perp(center - b.origin);

@@ -67,7 +67,8 @@ class MechanismSystem : public OdeSystem {
   void locate(double t, std::span<const double> y);
   Drive drive(double t) const { return input_.at(t); }
 
-  /// Absolute tolerance of each state: felt compressions of 1 mm and speeds of 1 m/s times rtol.
+  /// Absolute tolerance of each state: rtol times 0.2 mm of travel and 0.2 m/s at the contacts, the
+  /// scale of a felt compression; strings likewise at their largest displacement.
   std::vector<double> absolute_tolerances(double rtol) const;
 
   /// Contact that ties the given state most stiffly at the last linearisation, -1 if none.

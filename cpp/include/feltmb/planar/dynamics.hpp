@@ -160,6 +160,7 @@ class Dynamics {
   std::vector<Vec2> pivot_velocity_;
   std::vector<double> phi_;
   std::vector<double> dphi_;
+  std::vector<double> shaped_at_;  ///< strike position of phi_ by string, NaN before the first
   std::vector<double> strap_pull_;
   std::vector<double> strap_slope_;
   std::vector<double> v_;

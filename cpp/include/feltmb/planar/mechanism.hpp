@@ -9,6 +9,9 @@
 
 namespace feltmb {
 
+/// Travel at the contacts that coordinate scales refer to [m].
+inline constexpr double kFeltTravel = 1e-3;
+
 /// A moving rigid body after welds have been merged; link 0 is the ground.
 struct Link {
   std::string name;            ///< name of the body that carries the joint
@@ -105,7 +108,7 @@ class Mechanism {
   std::vector<AttachedString> strings;
   std::vector<TrackingPoint> points;
   std::vector<double> start_pose;          ///< by coordinate
-  std::vector<double> coordinate_scale;    ///< coordinate change that moves felt by about 1 mm
+  std::vector<double> coordinate_scale;    ///< coordinate change that moves a contact by kFeltTravel
   int finger_contact = -1;                 ///< index in contacts, -1 without a finger
   LinkPoint finger_point;
   Vec2 finger_direction{0.0, -1.0};
