@@ -4,6 +4,7 @@
 #include <numbers>
 
 #include "feltmb/core/error.hpp"
+#include "feltmb/modal/kernels.hpp"
 
 namespace feltmb {
 namespace {
@@ -33,6 +34,7 @@ ModalString::ModalString(const StringParameters& p) : parameters_(p) {
   shape_scale_ = std::sqrt(2.0 / (p.linear_density * p.length));
   const double bending = p.young_modulus * pi * d2 * d2 / 64.0;
   wave_number_.resize(count);
+  wave_number_squared_.resize(count);
   omega_.resize(count);
   stiffness_.resize(count);
   damping_.resize(count);
@@ -41,6 +43,7 @@ ModalString::ModalString(const StringParameters& p) : parameters_(p) {
     const double j = static_cast<double>(i + 1);
     const double k = j * pi / p.length;
     wave_number_[i] = k;
+    wave_number_squared_[i] = k * k;
     omega_[i] = k * std::sqrt(p.tension / p.linear_density * (1.0 + inharmonicity_ * pi * pi * j * j));
     stiffness_[i] = omega_[i] * omega_[i];
     damping_[i] = 2.0 * p.damping_ratio * omega_[i];
@@ -76,15 +79,10 @@ StringPoint ModalString::point(double y, std::span<const double> eta,
 StringPoint ModalString::point(std::span<const double> phi, std::span<const double> dphi,
                                std::span<const double> eta,
                                std::span<const double> eta_rate) const {
-  StringPoint p;
-  for (std::size_t i = 0; i < eta.size(); ++i) {
-    p.displacement += phi[i] * eta[i];
-    p.slope += dphi[i] * eta[i];
-    p.curvature -= wave_number_[i] * wave_number_[i] * phi[i] * eta[i];
-    p.velocity += phi[i] * eta_rate[i];
-    p.slope_rate += dphi[i] * eta_rate[i];
-  }
-  return p;
+  const modal::PointSums sums =
+      modal::point_sums(eta.size(), phi.data(), dphi.data(), wave_number_squared_.data(),
+                        eta.data(), eta_rate.data());
+  return {sums.displacement, sums.slope, -sums.curvature, sums.velocity, sums.slope_rate};
 }
 
 double ModalString::bridge_force(std::span<const double> eta) const {

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "feltmb/core/error.hpp"
+#include "feltmb/modal/kernels.hpp"
 
 namespace feltmb {
 namespace {
@@ -116,17 +117,14 @@ void MechanismSystem::rhs(double t, std::span<const double> y, std::span<double>
   }
   double* eta_rate = rate.data() + 2 * n;
   double* eta_acceleration = eta_rate + modes;
-  for (std::size_t j = 0; j < modes; ++j) {
-    eta_rate[j] = p.eta_rate[j];
-    eta_acceleration[j] = -modal_stiffness_[j] * p.eta[j] - modal_damping_[j] * p.eta_rate[j];
-  }
+  std::copy(p.eta_rate.begin(), p.eta_rate.end(), eta_rate);
   const auto& strings = mechanism().strings;
   for (std::size_t s = 0; s < strings.size(); ++s) {
-    const double force = dynamics_.string_force(static_cast<int>(s));
-    if (force == 0.0) continue;
+    const std::size_t first = at(strings[s].offset);
     const auto phi = dynamics_.phi(static_cast<int>(s));
-    double* target = eta_acceleration + strings[s].offset;
-    for (std::size_t j = 0; j < phi.size(); ++j) target[j] += phi[j] * force;
+    modal::accelerate(phi.size(), modal_stiffness_.data() + first, modal_damping_.data() + first,
+                      p.eta.data() + first, p.eta_rate.data() + first, phi.data(),
+                      dynamics_.string_force(static_cast<int>(s)), eta_acceleration + first);
   }
 }
 
@@ -178,23 +176,21 @@ void MechanismSystem::linearize(double t, std::span<const double> y) {
 
 bool MechanismSystem::factorize(double gamma) {
   gamma_ = gamma;
-  for (std::size_t j = 0; j < at(modes_); ++j) {
-    modal_rate_factor_[j] =
-        1.0 / (1.0 + gamma * (modal_damping_[j] + gamma * modal_stiffness_[j]));
-  }
+  modal::newton_factors(at(modes_), gamma, modal_stiffness_.data(), modal_damping_.data(),
+                        modal_rate_factor_.data());
   const int total = n_ + coupling_count_;
   newton_.resize(total, total);
   newton_.topLeftCorner(n_, n_) = mass_ - gamma * damping_ - (gamma * gamma) * stiffness_;
   for (int i = 0; i < coupling_count_; ++i) {
     StringCoupling& c = couplings_[at(i)];
-    c.a00 = c.a01 = c.a11 = 0.0;
-    const int count = mechanism().strings[at(c.string)].string.modes();
-    for (int j = c.offset; j < c.offset + count; ++j) {
-      const double d = modal_rate_factor_[at(j)];
-      c.a00 += phi_[at(j)] * phi_[at(j)] * d;
-      c.a01 += phi_[at(j)] * dphi_[at(j)] * d;
-      c.a11 += dphi_[at(j)] * dphi_[at(j)] * d;
-    }
+    const std::size_t first = at(c.offset);
+    const std::size_t count = at(mechanism().strings[at(c.string)].string.modes());
+    const modal::GramSums gram = modal::gram_sums(count, phi_.data() + first,
+                                                  dphi_.data() + first,
+                                                  modal_rate_factor_.data() + first);
+    c.a00 = gram.phi_phi;
+    c.a01 = gram.phi_dphi;
+    c.a11 = gram.dphi_dphi;
     // String at the strike point against the unknown force and the shift of the strike point:
     // d velocity = g (a00 dF + a01 F dy), d displacement = g d velocity, d slope = g^2 (a01 dF +
     // a11 F dy), with dy = strike . dq and dq = r_q + g dv.
@@ -238,23 +234,18 @@ void MechanismSystem::solve(std::span<double> b) {
   double* r_rate = r_eta + modes;
 
   // Modes without the contact force: their part of the right-hand side.
-  for (std::size_t j = 0; j < modes; ++j) {
-    r_rate[j] = (r_rate[j] - g * modal_stiffness_[j] * r_eta[j]) * modal_rate_factor_[j];
-  }
+  modal::reduce_residual(modes, g, modal_stiffness_.data(), modal_rate_factor_.data(), r_eta,
+                         r_rate);
   right_.resize(n_ + coupling_count_);
   right_.head(n_).noalias() = mass_ * r_v;
   right_.head(n_).noalias() += g * (stiffness_ * r_q);
   for (int i = 0; i < coupling_count_; ++i) {
     const StringCoupling& c = couplings_[at(i)];
-    const int count = mechanism().strings[at(c.string)].string.modes();
-    double velocity = 0.0, displacement = 0.0, slope = 0.0;
-    for (int j = c.offset; j < c.offset + count; ++j) {
-      const double rate = r_rate[j];
-      const double eta = r_eta[j] + g * rate;
-      velocity += phi_[at(j)] * rate;
-      displacement += phi_[at(j)] * eta;
-      slope += dphi_[at(j)] * eta;
-    }
+    const std::size_t first = at(c.offset);
+    const std::size_t count = at(mechanism().strings[at(c.string)].string.modes());
+    auto [velocity, displacement, slope] =
+        modal::residual_sums(count, g, phi_.data() + first, dphi_.data() + first, r_eta + first,
+                             r_rate + first);
     const double shift = c.strike.dot(r_q) * c.force;
     velocity += g * c.a01 * shift;
     displacement += g * g * c.a01 * shift;
@@ -274,14 +265,14 @@ void MechanismSystem::solve(std::span<double> b) {
   }
   for (int i = 0; i < coupling_count_; ++i) {
     const StringCoupling& c = couplings_[at(i)];
-    const int count = mechanism().strings[at(c.string)].string.modes();
+    const std::size_t first = at(c.offset);
+    const std::size_t count = at(mechanism().strings[at(c.string)].string.modes());
     const double dforce = solution_[n_ + i];
     const double shift = c.strike.dot(r_q) * c.force;  // r_q now holds dq
-    for (int j = c.offset; j < c.offset + count; ++j) {
-      r_rate[j] += g * (phi_[at(j)] * dforce + dphi_[at(j)] * shift) * modal_rate_factor_[at(j)];
-    }
+    modal::add_force(count, g, dforce, shift, phi_.data() + first, dphi_.data() + first,
+                     modal_rate_factor_.data() + first, r_rate + first);
   }
-  for (std::size_t j = 0; j < modes; ++j) r_eta[j] += g * r_rate[j];
+  modal::advance(modes, g, r_rate, r_eta);
 }
 
 std::size_t MechanismSystem::n_events() const {

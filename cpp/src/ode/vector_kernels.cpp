@@ -2,13 +2,7 @@
 
 #include <cmath>
 
-// One binary runs everywhere: the loader picks the widest clone that the machine has. Sums use a
-// fixed number of partial sums, so that every clone gives the same bits.
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__SANITIZE_ADDRESS__)
-#define FELTMB_CLONES __attribute__((target_clones("arch=haswell", "default"), optimize("O3")))
-#else
-#define FELTMB_CLONES
-#endif
+#include "feltmb/core/multiversion.hpp"
 
 namespace feltmb::detail {
 namespace {

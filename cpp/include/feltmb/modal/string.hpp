@@ -70,6 +70,7 @@ class ModalString {
   double inharmonicity_ = 0.0;
   double shape_scale_ = 0.0;
   std::vector<double> wave_number_;
+  std::vector<double> wave_number_squared_;
   std::vector<double> omega_;
   std::vector<double> stiffness_;
   std::vector<double> damping_;

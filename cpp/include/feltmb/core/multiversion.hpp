@@ -1,0 +1,12 @@
+/// Function multiversioning: one binary runs everywhere, the loader picks the widest clone.
+///
+/// Kernels marked so must not depend on the width of the vectors: elementwise, or with a fixed
+/// number of partial sums, so that every clone gives the same bits (contraction is off).
+#pragma once
+
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && \
+    !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#define FELTMB_CLONES __attribute__((target_clones("arch=haswell", "default"), optimize("O3")))
+#else
+#define FELTMB_CLONES
+#endif

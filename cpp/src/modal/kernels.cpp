@@ -1,0 +1,120 @@
+#include "feltmb/modal/kernels.hpp"
+
+#include "feltmb/core/multiversion.hpp"
+
+namespace feltmb::modal {
+namespace {
+
+constexpr std::size_t kLanes = 4;
+
+double total(const double* part) { return (part[0] + part[2]) + (part[1] + part[3]); }
+
+}  // namespace
+
+FELTMB_CLONES PointSums point_sums(std::size_t n, const double* __restrict phi,
+                                   const double* __restrict dphi,
+                                   const double* __restrict wave_number_squared,
+                                   const double* __restrict eta, const double* __restrict rate) {
+  double a[kLanes] = {}, b[kLanes] = {}, c[kLanes] = {}, d[kLanes] = {}, e[kLanes] = {};
+  std::size_t i = 0;
+  for (; i + kLanes <= n; i += kLanes) {
+    for (std::size_t j = 0; j < kLanes; ++j) {
+      const double p = phi[i + j] * eta[i + j];
+      a[j] += p;
+      b[j] += dphi[i + j] * eta[i + j];
+      c[j] += wave_number_squared[i + j] * p;
+      d[j] += phi[i + j] * rate[i + j];
+      e[j] += dphi[i + j] * rate[i + j];
+    }
+  }
+  for (std::size_t j = 0; i < n; ++i, ++j) {
+    const double p = phi[i] * eta[i];
+    a[j] += p;
+    b[j] += dphi[i] * eta[i];
+    c[j] += wave_number_squared[i] * p;
+    d[j] += phi[i] * rate[i];
+    e[j] += dphi[i] * rate[i];
+  }
+  return {total(a), total(b), total(c), total(d), total(e)};
+}
+
+FELTMB_CLONES void accelerate(std::size_t n, const double* __restrict stiffness,
+                              const double* __restrict damping, const double* __restrict eta,
+                              const double* __restrict rate, const double* __restrict phi,
+                              double force, double* __restrict acceleration) {
+  for (std::size_t i = 0; i < n; ++i) {
+    acceleration[i] = phi[i] * force - stiffness[i] * eta[i] - damping[i] * rate[i];
+  }
+}
+
+FELTMB_CLONES void newton_factors(std::size_t n, double g, const double* __restrict stiffness,
+                                  const double* __restrict damping, double* __restrict factor) {
+  for (std::size_t i = 0; i < n; ++i) {
+    factor[i] = 1.0 / (1.0 + g * (damping[i] + g * stiffness[i]));
+  }
+}
+
+FELTMB_CLONES GramSums gram_sums(std::size_t n, const double* __restrict phi,
+                                 const double* __restrict dphi, const double* __restrict factor) {
+  double a[kLanes] = {}, b[kLanes] = {}, c[kLanes] = {};
+  std::size_t i = 0;
+  for (; i + kLanes <= n; i += kLanes) {
+    for (std::size_t j = 0; j < kLanes; ++j) {
+      const double p = phi[i + j] * factor[i + j];
+      a[j] += phi[i + j] * p;
+      b[j] += dphi[i + j] * p;
+      c[j] += dphi[i + j] * dphi[i + j] * factor[i + j];
+    }
+  }
+  for (std::size_t j = 0; i < n; ++i, ++j) {
+    const double p = phi[i] * factor[i];
+    a[j] += phi[i] * p;
+    b[j] += dphi[i] * p;
+    c[j] += dphi[i] * dphi[i] * factor[i];
+  }
+  return {total(a), total(b), total(c)};
+}
+
+FELTMB_CLONES void reduce_residual(std::size_t n, double g, const double* __restrict stiffness,
+                                   const double* __restrict factor,
+                                   const double* __restrict eta, double* __restrict rate) {
+  for (std::size_t i = 0; i < n; ++i) {
+    rate[i] = (rate[i] - g * stiffness[i] * eta[i]) * factor[i];
+  }
+}
+
+FELTMB_CLONES ResidualSums residual_sums(std::size_t n, double g, const double* __restrict phi,
+                                         const double* __restrict dphi,
+                                         const double* __restrict eta,
+                                         const double* __restrict rate) {
+  double a[kLanes] = {}, b[kLanes] = {}, c[kLanes] = {};
+  std::size_t i = 0;
+  for (; i + kLanes <= n; i += kLanes) {
+    for (std::size_t j = 0; j < kLanes; ++j) {
+      const double e = eta[i + j] + g * rate[i + j];
+      a[j] += phi[i + j] * rate[i + j];
+      b[j] += phi[i + j] * e;
+      c[j] += dphi[i + j] * e;
+    }
+  }
+  for (std::size_t j = 0; i < n; ++i, ++j) {
+    const double e = eta[i] + g * rate[i];
+    a[j] += phi[i] * rate[i];
+    b[j] += phi[i] * e;
+    c[j] += dphi[i] * e;
+  }
+  return {total(a), total(b), total(c)};
+}
+
+FELTMB_CLONES void add_force(std::size_t n, double g, double a, double b,
+                             const double* __restrict phi, const double* __restrict dphi,
+                             const double* __restrict factor, double* __restrict rate) {
+  for (std::size_t i = 0; i < n; ++i) rate[i] += g * (phi[i] * a + dphi[i] * b) * factor[i];
+}
+
+FELTMB_CLONES void advance(std::size_t n, double g, const double* __restrict rate,
+                           double* __restrict eta) {
+  for (std::size_t i = 0; i < n; ++i) eta[i] += g * rate[i];
+}
+
+}  // namespace feltmb::modal
