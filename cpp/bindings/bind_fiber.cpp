@@ -8,6 +8,7 @@
 #include <string>
 
 #include "feltmb/core/error.hpp"
+#include "feltmb/fiber/bead_spring.hpp"
 #include "feltmb/fiber/compression.hpp"
 #include "feltmb/fiber/contact_count.hpp"
 #include "feltmb/fiber/energy_method.hpp"
@@ -408,6 +409,100 @@ void bind_laws(py::module_& m) {
         py::arg("nodes"));
 }
 
+template <class T>
+py::array_t<T> array_of(const std::vector<T>& v) {
+  return py::array_t<T>(static_cast<py::ssize_t>(v.size()), v.data());
+}
+
+void bind_simulation(py::module_& m) {
+  py::class_<BeadSpringParams>(m, "BeadSpringParams", "Fibers, material and numerics; SI units.")
+      .def(py::init([](std::size_t n_fibers, std::size_t n_beads, double d_f,
+                       double segment_length, double v_f, double crimp, double ratio,
+                       std::uint64_t seed, double modulus, double density,
+                       const std::string& repulsion, double interaction, double friction,
+                       double tangential, double drag, double time_step) {
+             if (repulsion != "hertz" && repulsion != "logarithmic") {
+               throw InvalidParameter("bead-spring network: repulsion = \"" + repulsion +
+                                      "\", must be one of hertz, logarithmic");
+             }
+             const BeadSpringParams p{
+                 n_fibers, n_beads, d_f, segment_length, v_f, crimp, ratio, seed, modulus, density,
+                 repulsion == "hertz" ? Repulsion::hertz : Repulsion::logarithmic,
+                 interaction, friction, tangential, drag, time_step};
+             validate(p);
+             return p;
+           }),
+           py::kw_only(), py::arg("n_fibers"), py::arg("n_beads"), py::arg("d_f"),
+           py::arg("segment_length"), py::arg("v_f"), py::arg("crimp"), py::arg("ratio"),
+           py::arg("seed"), py::arg("E"), py::arg("density"), py::arg("repulsion"),
+           py::arg("interaction"), py::arg("friction"), py::arg("tangential"), py::arg("drag"),
+           py::arg("time_step"));
+
+  py::class_<BeadSpringNetwork>(m, "BeadSpringNetwork", "A periodic box of bead-spring fibers.")
+      .def(py::init<const BeadSpringParams&, std::size_t>(), py::arg("params"),
+           py::arg("threads") = 0)
+      .def(py::init([](const BeadSpringParams& params, const py::dict& d, std::size_t threads) {
+             BeadSpringState s;
+             s.positions = d["positions"].cast<std::vector<double>>();
+             s.velocities = d["velocities"].cast<std::vector<double>>();
+             s.rest_angles = d["rest_angles"].cast<std::vector<double>>();
+             s.box = d["box"].cast<std::vector<double>>();
+             s.books = d["books"].cast<std::vector<double>>();
+             s.contact_pairs = d["contact_pairs"].cast<std::vector<std::int64_t>>();
+             s.contact_springs = d["contact_springs"].cast<std::vector<double>>();
+             return std::make_unique<BeadSpringNetwork>(params, s, threads);
+           }),
+           py::arg("params"), py::arg("state"), py::arg("threads") = 0)
+      .def("relax", &BeadSpringNetwork::relax, py::arg("steps"),
+           py::call_guard<py::gil_scoped_release>())
+      .def("advance", &BeadSpringNetwork::advance, py::arg("steps"), py::arg("strain_per_step"),
+           py::call_guard<py::gil_scoped_release>())
+      .def("sample",
+           [](BeadSpringNetwork& n) {
+             const BeadSpringSample s = n.sample();
+             py::dict d;
+             d["step"] = s.step;
+             d["v_f"] = s.v_f;
+             d["strain"] = s.strain;
+             d["pressure"] = s.pressure;
+             d["lateral"] = s.lateral;
+             d["stretching"] = s.stretching;
+             d["bending"] = s.bending;
+             d["repulsion"] = s.repulsion;
+             d["tangential"] = s.tangential;
+             d["kinetic"] = s.kinetic;
+             d["work"] = s.work;
+             d["friction_loss"] = s.friction_loss;
+             d["drag_loss"] = s.drag_loss;
+             d["contacts"] = s.contacts;
+             d["smallest_distance"] = s.smallest_distance;
+             d["max_force"] = s.max_force;
+             return d;
+           })
+      .def("state",
+           [](const BeadSpringNetwork& n) {
+             const BeadSpringState s = n.state();
+             py::dict d;
+             d["positions"] = array_of(s.positions);
+             d["velocities"] = array_of(s.velocities);
+             d["rest_angles"] = array_of(s.rest_angles);
+             d["box"] = array_of(s.box);
+             d["books"] = array_of(s.books);
+             d["contact_pairs"] = array_of(s.contact_pairs);
+             d["contact_springs"] = array_of(s.contact_springs);
+             return d;
+           })
+      .def("crossings", &BeadSpringNetwork::crossings)
+      .def("directions", &BeadSpringNetwork::directions)
+      .def("free_lengths",
+           [](BeadSpringNetwork& n) { return array_of(n.free_lengths()); })
+      .def("energy_and_forces", [](BeadSpringNetwork& n) {
+        std::vector<double> forces;
+        const double energy = n.energy_and_forces(forces);
+        return py::make_tuple(energy, array_of(forces));
+      });
+}
+
 }  // namespace
 
 void bind_fiber(py::module_& m) {
@@ -415,4 +510,5 @@ void bind_fiber(py::module_& m) {
   bind_orientation(fiber);
   bind_contacts(fiber);
   bind_laws(fiber);
+  bind_simulation(fiber);
 }

@@ -282,6 +282,35 @@ class ArcLaw final : public CompressionLaw {
   EnergyParams params_;
 };
 
+/// Straight segments renewed in every increment: each increment starts with buckling, so that
+/// P = 6 v (8 E f^2 v^2 / pi^2) <cos^2>, the onset stress of the energy method at fraction v.
+class RenewedArcLaw final : public CompressionLaw {
+ public:
+  RenewedArcLaw(double modulus, double v0, double v_random)
+      : CompressionLaw(v0, kInfinity), scale_(48.0 * modulus / (kPi * kPi)), v_random_(v_random) {
+    offset_ = raw(v0);
+    energy_ = CumulativeIntegral(
+        [&](double s) { return (raw(std::exp(s)) - offset_) / std::exp(s); }, std::log(v0), 0.0,
+        panels_for(v0));
+  }
+
+ protected:
+  [[nodiscard]] double pressure_at(double v) const override { return raw(v) - offset_; }
+  [[nodiscard]] double slope_at(double v) const override {
+    const double h = 1e-3 * v;
+    return (8.0 * (raw(v + h) - raw(v - h)) - raw(v + 2.0 * h) + raw(v - 2.0 * h)) / (12.0 * h);
+  }
+  [[nodiscard]] double energy_at(double v) const override { return energy_.integral(std::log(v)); }
+
+ private:
+  [[nodiscard]] double raw(double v) const {
+    const UniaxialStructure s = uniaxial_structure(v / v_random_);
+    return scale_ * s.f * s.f * (1.0 - s.M3) * v * v * v;
+  }
+  double scale_, v_random_, offset_ = 0.0;
+  CumulativeIntegral energy_;
+};
+
 std::vector<LawDescription> make_descriptions() {
   const LawParameter k_p{"k_p", "", kNaN, 0, 1e6, true, 1e-6, 1e3, true,
                          "van Wyk's constant; 3/8 for clamped straight random fibers, 0.01 found"};
@@ -351,6 +380,10 @@ std::vector<LawDescription> make_descriptions() {
                  "thesis 2.2.1; Komori, Itoh 1991",
                  "P(v_f0+) > 0 (buckling); contacts as at v_f0",
                  {modulus, v_f0}});
+  all.push_back({"komori_itoh_renewed", "Komori and Itoh with contacts renewed in every increment",
+                 "thesis 2.2.1; Komori, Itoh 1991 (judged reading)",
+                 "straight segments; isotropic value E (v_f^3 - v_f0^3) without reorientation",
+                 {modulus, v_f0, v_random}});
   all.push_back({"lee_carnaby", "Lee and Carnaby: crimped segments bent to arcs, confined",
                  "thesis 2.2.1, eq. 2.6; Lee, Carnaby 1992", "contacts as at v_f0",
                  {modulus, v_f0,
@@ -450,6 +483,9 @@ std::unique_ptr<const CompressionLaw> make_law(const std::string& name, const Va
   if (name == "alkhagen_toll") return std::make_unique<AlkhagenTollLaw>(values);
   if (name == "binomial") return std::make_unique<BinomialLaw>(values);
   if (name == "bending_chain") return std::make_unique<BendingChainLaw>(values);
+  if (name == "komori_itoh_renewed") {
+    return std::make_unique<RenewedArcLaw>(values.at("E"), v0, values.at("v_random"));
+  }
   EnergyParams arcs{};
   arcs.E = values.at("E");
   arcs.v_f0 = v0;

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <utility>
 
 #include "feltmb/fiber/faults.hpp"
 #include "feltmb/fiber/orientation.hpp"
@@ -64,7 +65,11 @@ void validate(const EnergyParams& p) {
   faults.raise_if_any();
 }
 
-EnergyState evaluate_energy(const EnergyParams& p, double axial_stretch, double lateral_stretch) {
+namespace {
+
+/// State and the lateral derivative of energy plus slip work per volume of fiber.
+std::pair<EnergyState, double> evaluate_both(const EnergyParams& p, double axial_stretch,
+                                             double lateral_stretch) {
   const double la2 = axial_stretch * axial_stretch;
   const double ll2 = lateral_stretch * lateral_stretch;
   const double rest_angle = half_angle(p.chord_ratio);
@@ -153,23 +158,14 @@ EnergyState evaluate_energy(const EnergyParams& p, double axial_stretch, double 
   // Stress per current area: v0 dU/d(stretch) over the area stretch.
   state.pressure =
       -p.v_f0 * (scale * sums.axial + slip_scale * sums.axial_slip) / ll2;
-  return state;
-}
-
-namespace {
-
-/// Same sums, lateral derivative of energy plus slip work per fiber volume.
-double lateral_derivative(const EnergyParams& p, double axial, double lateral) {
-  // Central difference of an energy known to rounding; only used to find its minimum.
-  const double h = 1e-5;
-  const auto total = [&](double stretch) {
-    const EnergyState s = evaluate_energy(p, axial, stretch);
-    return s.bending + s.straightening + s.slipping + s.slip_work;
-  };
-  return (total(lateral + h) - total(lateral - h)) / (2.0 * h);
+  return {state, scale * sums.lateral + slip_scale * sums.lateral_slip};
 }
 
 }  // namespace
+
+EnergyState evaluate_energy(const EnergyParams& p, double axial_stretch, double lateral_stretch) {
+  return evaluate_both(p, axial_stretch, lateral_stretch).first;
+}
 
 EnergyState compress_energy(const EnergyParams& p, CompressionScheme scheme, double strain) {
   validate(p);
@@ -196,24 +192,31 @@ EnergyState compress_energy(const EnergyParams& p, CompressionScheme scheme, dou
     return state;
   }
   if (strain == 0.0 && p.chord_ratio < 1.0) return evaluate_energy(p, 1.0, 1.0);
-  double high = 1.0 + 1e-3;
-  while (lateral_derivative(p, axial, high) < 0.0) {
-    high = 1.0 + 1.5 * (high - 1.0);
-    if (high > 4.0) {
-      throw ModelError(
-          format("energy method: no lateral equilibrium at strain %.6g below lateral stretch 4; "
-                 "segments give no resistance sideways (chord_ratio %.6g, slip_stress %.6g Pa); "
-                 "use crimp, a slip stress, or the confined scheme",
-                 strain, p.chord_ratio, p.slip_stress));
+  const auto derivative = [&](double stretch) { return evaluate_both(p, axial, stretch).second; };
+  // The lateral force peaks where the flattest segments are drawn straight: look there first, the
+  // peak may be narrow. Beyond it the mass gives way until slipping holds it.
+  double low = 1.0 - 1e-9;
+  double high = 1.0 / p.chord_ratio - 1e-12;
+  if (!(derivative(high) > 0.0)) {
+    low = high;
+    while (derivative(high) < 0.0) {
+      high *= 1.02;
+      if (high > 4.0) {
+        throw ModelError(format(
+            "energy method: no lateral equilibrium at strain %.6g below lateral stretch 4; "
+            "segments give no resistance sideways (chord_ratio %.6g, slip_stress %.6g Pa); "
+            "use crimp, a slip stress, or the confined scheme",
+            strain, p.chord_ratio, p.slip_stress));
+      }
     }
   }
   const double lateral = find_root(
       [&](double stretch) {
-        const double value = lateral_derivative(p, axial, stretch);
+        const double value = derivative(stretch);
         // No slope is given: NaN makes the root finder bisect.
         return std::pair(value, std::numeric_limits<double>::quiet_NaN());
       },
-      1.0 - 1e-6, high, 1e-11);
+      low, high, 1e-15);
   return evaluate_energy(p, axial, lateral);
 }
 

@@ -212,7 +212,7 @@ std::vector<LawDescription> make_descriptions() {
   std::vector<LawDescription> all;
   all.push_back({"dunlop", "Dunlop: spring-slider units in series", "thesis 2.2.3; Dunlop 1983",
                  "rate independent; judged form", {friction, slope}});
-  all.push_back({"stamm", "Stamm: Dunlop in series with a Kelvin element", "thesis 2.2.3; Stamm",
+  all.push_back({"stamm_kelvin", "Stamm: Dunlop in series with a Kelvin element", "thesis 2.2.3; Stamm",
                  "judged form",
                  {friction, slope, positive("G", "Pa", "Kelvin spring"),
                   positive("c", "Pa s", "Kelvin dashpot")}});
@@ -276,7 +276,7 @@ std::unique_ptr<HistoryLaw> make_history_law(const std::string& name, const List
                                    [&](const LawParameter& p) { return p.name == key; });
     if (!found) faults.add_text("unknown parameter \"" + key + "\", expected only " + known);
   }
-  const bool many_units = name == "dunlop" || name == "stamm" || name == "maxwell";
+  const bool many_units = name == "dunlop" || name == "stamm_kelvin" || name == "maxwell";
   for (const LawParameter& p : description->parameters) {
     const auto found = parameters.find(p.name);
     if (found == parameters.end() || found->second.empty()) {
@@ -309,11 +309,11 @@ std::unique_ptr<HistoryLaw> make_history_law(const std::string& name, const List
       faults.add_text(format("parameter \"%s\" has %zu values, expected 1 or %zu", key, v.size(), n));
     }
   };
-  if (name == "dunlop" || name == "stamm") {
+  if (name == "dunlop" || name == "stamm_kelvin") {
     if (!spring) faults.add_text("needs a spring, expected a compression law");
     repeat("phi", values["f_c"].size());
     faults.raise_if_any();
-    const bool kelvin = name == "stamm";
+    const bool kelvin = name == "stamm_kelvin";
     return std::make_unique<DunlopLaw>(std::move(spring), values["f_c"], values["phi"],
                                        kelvin ? values["G"][0] : 0.0,
                                        kelvin ? values["c"][0] : 0.0);

@@ -88,6 +88,8 @@ class CompressionLaw {
 ///                            (32 M_3 gamma^2); isotropic, or following R = v/v_random if given
 ///   komori_itoh    2.2.1     straight segments bent to arcs, lateral dimensions held; P(v0+) > 0:
 ///                            segments must buckle first (see energy_method.hpp)
+///   komori_itoh_renewed    the same, but segments and contacts are those of the present fraction
+///                          in every increment: P = (48/pi^2) E f^2 <cos^2> v^3 less its value at v0
 ///   lee_carnaby    2.2.1     the same with crimped segments, P(v0) = 0
 const std::vector<LawDescription>& law_descriptions();
 

@@ -2,7 +2,7 @@
 ///
 /// Input is a history of compression x(t), output stress [Pa] or force [N], both positive in
 /// compression and never negative (felt does not pull).
-/// For dunlop, stamm and maxwell x is engineering strain 1 - v_f0/v_f [-] and the result a stress;
+/// For dunlop, stamm_kelvin and maxwell x is engineering strain 1 - v_f0/v_f [-] and the result a stress;
 /// for the others x is a compression [m] and the result a force [N].
 /// Sources: thesis 2.2.3, eqs. 2.11, 2.12; Dunlop 1983 [23], Stamm [100], Stulov [103-107],
 /// Sajn [116], Hunt and Crossley [38], Lankarani and Nikravesh [55].
@@ -37,7 +37,7 @@ class HistoryLaw {
 ///           phi_i s_i; strain is the mean of the units' strains. f_c [Pa] list >= 0,
 ///           phi [-] list in [0, 1) (one value is repeated). Spring: any compression law.
 ///           Rate independent, remembers turning points, keeps a residual strain.
-///   stamm   dunlop in series with a Kelvin element: G [Pa] > 0, c [Pa s] > 0: hysteresis creep.
+///   stamm_kelvin  dunlop in series with a Kelvin element: G [Pa] > 0, c [Pa s] > 0: hysteresis creep.
 ///   maxwell nonlinear spring E_inf x^p_inf in parallel with Maxwell branches whose springs are
 ///           E_i x^p_i and relaxation times tau_i [s]: E, p, tau lists (one branch: the
 ///           three-component model).
@@ -50,7 +50,7 @@ class HistoryLaw {
 const std::vector<LawDescription>& history_descriptions();
 
 /// A history law in its virgin state.
-/// @param spring  compression law of the springs (dunlop, stamm); ignored by others
+/// @param spring  compression law of the springs (dunlop, stamm_kelvin); ignored by others
 /// Throws InvalidParameter naming every unknown, missing and out-of-range parameter at once.
 std::unique_ptr<HistoryLaw> make_history_law(const std::string& name,
                                              const std::map<std::string, std::vector<double>>& p,
