@@ -96,7 +96,7 @@ std::pair<EnergyState, double> evaluate_both(const EnergyParams& p, double axial
     const double x = p.chord_ratio * s;
     const double ds_axial = axial_stretch * c * c / s;
     const double ds_lateral = lateral_stretch * (1.0 - c) * (1.0 + c) / s;
-    if (x >= 1.0) {
+    if (x >= 1.0 && s > 1.0) {
       sums.slipping += share * rest_angle * rest_angle;
       sums.slip += share * (x - 1.0);
       sums.slipping_share += share;

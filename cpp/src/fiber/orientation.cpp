@@ -643,6 +643,9 @@ Directions make_random_directions(std::size_t n, std::uint64_t seed, std::size_t
   const double spacing = std::sqrt(2.0 * kPi / static_cast<double>(n));
   const double reach = std::min(2.5 * spacing, 1.0);
   for (std::size_t step = 0; step < spread; ++step) {
+    // Large steps even out the long waves, small ones at the end the nearest neighbors.
+    const double reduced = 1.0 - static_cast<double>(step) / static_cast<double>(spread);
+    const double amount = spacing * (0.02 + 0.98 * reduced * reduced);
     Directions axes(2 * points.rows(), 3);
     axes << points, -points;
     const SphereCells cells(axes, reach);
@@ -661,7 +664,7 @@ Directions make_random_directions(std::size_t n, std::uint64_t seed, std::size_t
           }
         });
         push -= point * point.dot(push);
-        moved.row(static_cast<Eigen::Index>(i)) = (point + 0.3 * spacing * push).normalized();
+        moved.row(static_cast<Eigen::Index>(i)) = (point + amount * push).normalized();
       }
     });
     points = moved;
