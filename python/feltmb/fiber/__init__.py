@@ -1,0 +1,63 @@
+"""Micromechanics of fiber networks: structure, contacts, compression laws, fits, simulation.
+
+All numbers are in SI units; volume fractions, strains and structural numbers are dimensionless.
+Compression and pressure are positive. See ``docs/fiber.md``.
+"""
+
+from feltmb.fiber.contacts import (
+    ContactCount,
+    contact_count,
+    contacts_per_volume,
+    free_length_survival,
+    mean_free_length,
+)
+from feltmb.fiber.data import CompressionData, read_compression
+from feltmb.fiber.energy import EnergyCurve, compress_arcs
+from feltmb.fiber.fit import Fit, compare, fit
+from feltmb.fiber.granular import granular_stress
+from feltmb.fiber.history import history, history_models
+from feltmb.fiber.laws import energy, law, models, pressure, slope, tangent_modulus
+from feltmb.fiber.orientation import (
+    Network,
+    NetworkEstimate,
+    density_structure,
+    narter_tensors,
+    network,
+    structure,
+)
+from feltmb.fiber.simulation import Cycle, FiberBox, FiberRun, lay, simulate
+
+__all__ = [
+    "CompressionData",
+    "ContactCount",
+    "Cycle",
+    "EnergyCurve",
+    "FiberBox",
+    "FiberRun",
+    "Fit",
+    "Network",
+    "NetworkEstimate",
+    "compare",
+    "compress_arcs",
+    "contact_count",
+    "contacts_per_volume",
+    "density_structure",
+    "energy",
+    "fit",
+    "free_length_survival",
+    "granular_stress",
+    "history",
+    "history_models",
+    "law",
+    "lay",
+    "mean_free_length",
+    "models",
+    "narter_tensors",
+    "network",
+    "pressure",
+    "read_compression",
+    "simulate",
+    "slope",
+    "structure",
+    "tangent_modulus",
+]

@@ -1,0 +1,525 @@
+"""Identification of compression laws from measured curves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feltmb._core import fiber as _core
+from feltmb.errors import InvalidParameter
+from feltmb.fiber.data import CompressionData
+from feltmb.fiber.laws import law, models
+
+Array = NDArray[np.float64]
+
+DEFAULT_FREE: dict[str, tuple[str, ...]] = {
+    "van_wyk": ("k_p",),
+    "neckar": ("k_p", "v_fm"),
+    "stamm": ("k_p", "w_f"),
+    "toll_planar": ("E",),
+    "narter": ("K_E", "gamma"),
+    "alkhagen_toll": ("k_b", "k_t", "beta"),
+    "binomial": ("K_p", "gamma"),
+    "bending_chain": ("K_p", "gamma"),
+    "komori_itoh": ("E",),
+    "komori_itoh_renewed": ("E",),
+    "lee_carnaby": ("E", "chord_ratio"),
+}
+"""Parameters that a fit frees unless told otherwise; the others keep the values given."""
+
+# The pressure is proportional to each of these alone or together: they only set the scale.
+_SCALE: dict[str, tuple[str, ...]] = {
+    "van_wyk": ("k_p", "E"),
+    "neckar": ("k_p", "E"),
+    "stamm": ("k_p", "E"),
+    "toll_planar": ("E",),
+    "narter": ("K_E", "E"),
+    "alkhagen_toll": ("E",),
+    "binomial": ("K_p",),
+    "bending_chain": ("K_p", "E"),
+    "komori_itoh": ("E",),
+    "komori_itoh_renewed": ("E",),
+    "lee_carnaby": ("E",),
+}
+
+WOOL_MODULUS = 2.5e9
+"""Default fiber modulus [Pa]: wool, between 2.38 and 2.53 GPa."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Result of an identification."""
+
+    model: str
+    free: tuple[str, ...]
+    values: dict[str, float]
+    """All parameters of the law in SI units, fitted and fixed."""
+    units: dict[str, str]
+    interval: dict[str, tuple[float, float]]
+    """Confidence interval of every free parameter; infinite ends where the data say nothing."""
+    level: float
+    """Confidence level of the intervals [-]."""
+    correlation: Array
+    """Of the free parameters (of their logarithms where they are fitted so), shape (p, p)."""
+    singular_values: Array
+    """Of the residuals' derivative with respect to the scaled parameters, largest first, over it."""
+    v_f: Array
+    """Data [-]."""
+    pressure: Array
+    """Data [Pa]."""
+    fitted: Array
+    """Law at the data [Pa]."""
+    rmse: float
+    """Root mean square residual [Pa]."""
+    bic: float
+    """Bayesian information criterion, n log(SSR/n) + (p + 1) log n; smaller is better."""
+    r_squared: float
+    warnings: tuple[str, ...]
+    method: str
+    n_starts: int
+    n_best: int
+    """Number of starts that ended within 0.1 % of the best sum of squares."""
+    branch: str
+    name: str
+    at_bound: tuple[str, ...] = field(default=())
+
+    @property
+    def residuals(self) -> Array:
+        """Data minus law [Pa]."""
+        return self.pressure - self.fitted
+
+    def law(self) -> _core.CompressionLaw:
+        """Return the law with the fitted parameters."""
+        return law(self.model, **self.values)
+
+
+def _defaults(model: str, data: CompressionData) -> dict[str, float]:
+    values: dict[str, float] = {"v_f0": data.v_f0}
+    for p in models()[model].parameters:
+        if p.name == "E":
+            values["E"] = WOOL_MODULUS
+        elif p.name == "v_fm" and model == "stamm":
+            values["v_fm"] = 1.0
+        elif p.name not in values and not math.isnan(p.default):
+            values[p.name] = p.default
+    return values
+
+
+def fit(
+    data: CompressionData,
+    model: str,
+    *,
+    free: Sequence[str] | None = None,
+    fixed: Mapping[str, float] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    start: Mapping[str, float] | None = None,
+    branch: str = "loading",
+    method: str = "least_squares",
+    n_starts: int = 12,
+    seed: int = 0,
+    relative: float = 0.0,
+    level: float = 0.95,
+) -> Fit:
+    """Fit a compression law to one branch of a test.
+
+    Minimises the sum over samples of ``((P_law - P_data) / w)^2`` with
+    ``w = 1 + relative * P_data / max(P_data)`` (relative = 0: equal weights), from several starts.
+
+    Parameters
+    ----------
+    data
+        Test, see :func:`read_compression`.
+    model
+        Name of a compression law.
+    free
+        Parameters to identify; :data:`DEFAULT_FREE` when not given.
+    fixed
+        Values of the others in SI units. Defaults: E = 2.5 GPa (wool), v_f0 of the data, Q = 2,
+        v_random = v_f0.
+    bounds
+        ``name -> (low, high)``; the law's usual range when not given.
+    start
+        One start; the others are drawn from the bounds.
+    branch
+        ``"loading"``, ``"unloading"`` or ``"both"`` (one curve through both).
+    method
+        ``"least_squares"`` (trust region with bounds) or ``"nelder_mead"`` (as in the thesis).
+    n_starts
+        Number of starts.
+    seed
+        For the random starts.
+    relative
+        Weight of a relative error, see above.
+    level
+        Confidence level of the intervals.
+
+    Returns
+    -------
+    Fit
+        Values, intervals (linearised, Student t, in the scale the parameter is fitted in),
+        correlation, residuals, BIC, warnings.
+
+    Raises
+    ------
+    InvalidParameter
+        Naming every unknown or contradictory name and value.
+    """
+    from scipy import optimize, stats
+
+    known = models()
+    if model not in known:
+        raise InvalidParameter(f'fit: model = "{model}", must be one of {", ".join(known)}')
+    described = {p.name: p for p in known[model].parameters}
+    names = tuple(DEFAULT_FREE[model] if free is None else free)
+    fixed = dict(fixed or {})
+    faults = [
+        f'fit, model "{model}": {what} parameter "{name}" is unknown, expected one of '
+        f"{', '.join(described)}"
+        for what, given in (("free", names), ("fixed", fixed), ("bounds", bounds or {}),
+                            ("start", start or {}))
+        for name in given
+        if name not in described
+    ]
+    faults += [f'fit: parameter "{n}" is both free and fixed' for n in names if n in fixed]
+    if not names:
+        faults.append("fit: no free parameter, expected at least one")
+    if method not in ("least_squares", "nelder_mead"):
+        faults.append(f'fit: method = "{method}", expected least_squares or nelder_mead')
+    if n_starts < 1:
+        faults.append(f"fit: n_starts = {n_starts}, expected >= 1")
+    if not 0 < level < 1:
+        faults.append(f"fit: level = {level:.6g}, expected between 0 and 1")
+    if faults:
+        raise InvalidParameter("\n".join(faults))
+
+    part = data.branch(branch)
+    v, p = part.v_f, part.pressure
+    n, k = len(v), len(names)
+    if n <= k:
+        raise InvalidParameter(
+            f"fit: {n} samples on branch {branch} for {k} free parameters, expected more samples"
+        )
+    base = {**_defaults(model, part), **fixed}
+    for name in names:
+        base.pop(name, None)
+    missing = [m for m, d in described.items()
+               if m not in base and m not in names and m != "v_random" and math.isnan(d.default)]
+    if missing:
+        raise InvalidParameter(
+            f'fit, model "{model}": {", ".join(missing)} neither free nor given, expected values'
+        )
+    low, high = _limits(names, described, bounds or {}, v, base)
+    logs = np.array([described[m].log_scale and low[i] > 0 for i, m in enumerate(names)])
+    weight = 1.0 / (1.0 + relative * np.maximum(p, 0) / np.max(p))
+    scale = float(np.max(np.abs(p)))
+
+    def encode(x: Array) -> Array:
+        return np.where(logs, np.log(np.where(logs, x, 1.0)), x)
+
+    def decode(u: Array) -> Array:
+        inside = np.clip(u, encode(low), encode(high))
+        return np.clip(np.where(logs, np.exp(np.where(logs, inside, 0.0)), inside), low, high)
+
+    def curve(x: Array) -> Array:
+        try:
+            made = law(model, **base, **dict(zip(names, x.tolist(), strict=True)))
+            result: Array = made.pressure(v, 1)
+        except InvalidParameter:
+            return np.full(n, 1e3 * scale)
+        return np.clip(np.nan_to_num(result, nan=1e6 * scale), -1e6 * scale, 1e6 * scale)
+
+    def residual(u: Array) -> Array:
+        return np.asarray((curve(decode(u)) - p) * weight / scale)
+
+    curve(encode(low))  # a wrong fixed value must be reported, not absorbed by the residual
+    law(model, **base, **dict(zip(names, (0.5 * (low + high)).tolist(), strict=True)))
+    starts = _starts(model, names, low, high, logs, encode, decode, curve, p, weight,
+                     start, n_starts, seed)
+    found: list[tuple[float, Array]] = []
+    for u0 in starts:
+        found.append(_minimise(optimize, method, residual, u0, encode(low), encode(high)))
+    found.sort(key=lambda pair: pair[0])
+    best_cost, best = found[0]
+    n_best = sum(cost <= best_cost * 1.001 + 1e-30 for cost, _ in found)
+
+    x = decode(best)
+    fitted = curve(x)
+    ssr = float(np.sum((fitted - p) ** 2))
+    weighted = float(np.sum(residual(best) ** 2))
+    jacobian = _jacobian(residual, best, encode(low), encode(high))
+    # A parameter that spans its whole range moves the curve by column * span.
+    span = np.where(logs, 1.0, np.maximum(np.abs(x), 1e-12))
+    _, singular, vt = np.linalg.svd(jacobian * span, full_matrices=False)
+    ratio = singular / singular[0] if singular[0] > 0 else np.zeros_like(singular)
+    variance = weighted / (n - k)
+    lost = ratio < 1e-9
+    inverse = np.where(lost, 0.0, 1.0 / np.where(lost, 1.0, singular))
+    covariance = (vt.T * inverse**2) @ vt * variance
+    blind = np.any(np.abs(vt[lost]) > 1e-6, axis=0) if lost.any() else np.zeros(k, bool)
+    sd = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.maximum(np.outer(sd, sd), 1e-300)
+    quantile = float(stats.t.ppf(0.5 + 0.5 * level, n - k))
+    interval: dict[str, tuple[float, float]] = {}
+    for i, name in enumerate(names):
+        half = quantile * sd[i] * span[i]
+        if blind[i]:
+            interval[name] = (-math.inf, math.inf)
+        elif logs[i]:
+            top = math.log(x[i]) + half
+            interval[name] = (
+                math.exp(max(-700.0, math.log(x[i]) - half)),
+                math.exp(top) if top < 700 else math.inf,
+            )
+        else:
+            interval[name] = (float(x[i] - half), float(x[i] + half))
+    values = {**base, **dict(zip(names, x.tolist(), strict=True))}
+    if "v_random" in described and "v_random" not in values and model != "bending_chain":
+        values["v_random"] = values["v_f0"]
+    reach = encode(high) - encode(low)
+    at_bound = tuple(
+        name for i, name in enumerate(names)
+        if min(best[i] - encode(low)[i], encode(high)[i] - best[i]) < 1e-4 * reach[i]
+    )
+    mean = float(np.sum((p - np.mean(p)) ** 2))
+    warnings = _warnings(model, names, values, interval, correlation, blind, at_bound, low, high)
+    if n_best < max(1, len(starts) // 4) and len(starts) > 3:
+        warnings.append(
+            f"only {n_best} of {len(starts)} starts reached the best fit: several minima"
+        )
+    return Fit(
+        model=model,
+        free=names,
+        values=values,
+        units={m: d.unit for m, d in described.items()},
+        interval=interval,
+        level=level,
+        correlation=correlation,
+        singular_values=ratio,
+        v_f=v,
+        pressure=p,
+        fitted=fitted,
+        rmse=math.sqrt(ssr / n),
+        bic=n * math.log(max(ssr, 1e-300) / n) + (k + 1) * math.log(n),
+        r_squared=1 - ssr / mean if mean > 0 else float("nan"),
+        warnings=tuple(warnings),
+        method=method,
+        n_starts=len(starts),
+        n_best=n_best,
+        branch=branch,
+        name=data.name,
+        at_bound=at_bound,
+    )
+
+
+def _limits(
+    names: tuple[str, ...],
+    described: Mapping[str, Any],
+    bounds: Mapping[str, tuple[float, float]],
+    v: Array,
+    base: Mapping[str, float],
+) -> tuple[Array, Array]:
+    low = np.array([described[m].fit_low for m in names])
+    high = np.array([described[m].fit_high for m in names])
+    top = float(np.max(v))
+    for i, name in enumerate(names):
+        # Jamming must stay beyond the data.
+        if name == "v_fm":
+            low[i] = min(0.999, top * 1.0005)
+        if name == "w_f":
+            low[i] = min(0.999, top**3 / base.get("v_fm", 1.0) ** 2 * 1.0005)
+        if name == "v_f0":
+            high[i] = top * 0.999
+        if name in bounds:
+            low[i], high[i] = bounds[name]
+    bad = [
+        f"fit: bounds of {m} = ({low[i]:.6g}, {high[i]:.6g}), expected low < high"
+        for i, m in enumerate(names)
+        if not low[i] < high[i]
+    ]
+    if bad:
+        raise InvalidParameter("\n".join(bad))
+    return low, high
+
+
+def _starts(
+    model: str,
+    names: tuple[str, ...],
+    low: Array,
+    high: Array,
+    logs: NDArray[np.bool_],
+    encode: Callable[[Array], Array],
+    decode: Callable[[Array], Array],
+    curve: Callable[[Array], Array],
+    p: Array,
+    weight: Array,
+    start: Mapping[str, float] | None,
+    n_starts: int,
+    seed: int,
+) -> list[Array]:
+    rng = np.random.default_rng(seed)
+    lower, upper = encode(low), encode(high)
+    scalers = [i for i, m in enumerate(names) if m in _SCALE[model]]
+    together = [i for i, m in enumerate(names) if m in ("k_b", "k_t")]
+    result: list[Array] = []
+    for number in range(n_starts):
+        u = lower + (upper - lower) * rng.uniform(size=len(names))
+        if number == 0:
+            u = lower + 0.5 * (upper - lower)
+            if start:
+                x = decode(u)
+                for i, m in enumerate(names):
+                    x[i] = start.get(m, x[i])
+                result.append(np.clip(encode(np.clip(x, low, high)), lower, upper))
+                continue
+        # The scale has a closed form: the best multiple of the curve.
+        movable = scalers[:1] or (together if len(together) == 2 else together[:1])
+        if movable:
+            for _ in range(3):
+                x = decode(u)
+                c = curve(x)
+                denominator = float(np.sum((c * weight) ** 2))
+                factor = float(np.sum(c * p * weight**2)) / denominator if denominator > 0 else 1.0
+                if not factor > 0:
+                    break
+                for i in movable:
+                    x[i] = x[i] * factor
+                u = np.clip(encode(np.clip(x, low, high)), lower, upper)
+        result.append(u)
+    return result
+
+
+def _minimise(
+    optimize: Any,
+    method: str,
+    residual: Callable[[Array], Array],
+    u0: Array,
+    low: Array,
+    high: Array,
+) -> tuple[float, Array]:
+    if method == "least_squares":
+        margin = 1e-9 * (high - low)
+        found = optimize.least_squares(
+            residual,
+            np.clip(u0, low + margin, high - margin),
+            bounds=(low, high),
+            jac="3-point",
+            x_scale="jac",
+            xtol=1e-13,
+            ftol=1e-13,
+            gtol=1e-13,
+            max_nfev=300,
+        )
+        return float(2 * found.cost), np.asarray(found.x)
+    found = optimize.minimize(
+        lambda u: float(np.sum(residual(u) ** 2)),
+        u0,
+        method="Nelder-Mead",
+        bounds=list(zip(low, high, strict=True)),
+        options={"xatol": 1e-9, "fatol": 1e-16, "maxiter": 4000, "maxfev": 8000,
+                 "adaptive": len(u0) > 2},
+    )
+    return float(found.fun), np.asarray(found.x)
+
+
+def _jacobian(residual: Callable[[Array], Array], u: Array, low: Array, high: Array) -> Array:
+    columns = []
+    for i in range(len(u)):
+        h = 1e-5 * max(1.0, abs(u[i]))
+        up, down = u.copy(), u.copy()
+        up[i] = min(u[i] + h, high[i])
+        down[i] = max(u[i] - h, low[i])
+        columns.append((residual(up) - residual(down)) / (up[i] - down[i]))
+    return np.array(columns).T
+
+
+def _warnings(
+    model: str,
+    names: tuple[str, ...],
+    values: Mapping[str, float],
+    interval: Mapping[str, tuple[float, float]],
+    correlation: Array,
+    blind: NDArray[np.bool_],
+    at_bound: tuple[str, ...],
+    low: Array,
+    high: Array,
+) -> list[str]:
+    out: list[str] = []
+    for i, name in enumerate(names):
+        bottom, top = interval[name]
+        if blind[i]:
+            out.append(f"{name} is not identifiable: the curve does not depend on it here")
+        elif bottom <= low[i] and top >= high[i]:
+            out.append(
+                f"{name} is not identifiable: its interval ({bottom:.3g}, {top:.3g}) covers the "
+                f"whole range searched ({low[i]:.3g}, {high[i]:.3g})"
+            )
+        elif top > 0 and bottom > 0 and top / bottom > 1e3:
+            out.append(f"{name} is poorly identifiable: interval {bottom:.3g} to {top:.3g}")
+    for name in at_bound:
+        out.append(f"{name} = {values[name]:.4g} lies at a bound of the search")
+    for i in range(len(names)):
+        for j in range(i):
+            if not (blind[i] or blind[j]) and abs(correlation[i, j]) > 0.999:
+                out.append(
+                    f"{names[j]} and {names[i]} are correlated {correlation[i, j]:+.4f}: "
+                    "only a combination of them is identified"
+                )
+    gamma = values.get("gamma")
+    if gamma is not None and gamma <= 0:
+        out.append(
+            f"gamma = {gamma:.4g} is unphysical (a blocked length cannot be negative): axial "
+            "deformation of fibers is not what carries the load"
+        )
+    elif gamma is not None and gamma > 10:
+        out.append(f"gamma = {gamma:.4g} is far from its geometric value pi/2")
+    if model == "alkhagen_toll":
+        if "k_t" in names and values["k_t"] < 1e-6:
+            out.append(
+                "k_t is near zero: the crimp term vanishes, torsion and beta are not identifiable"
+            )
+        if values["k_b"] > 100:
+            out.append(f"k_b = {values['k_b']:.4g} is far above 1 of a clamped beam: unphysical")
+    if values.get("k_p", 0) > 10:
+        out.append(f"k_p = {values['k_p']:.4g} is far above the theory's 3/8: unphysical")
+    if model in ("komori_itoh", "komori_itoh_renewed", "lee_carnaby", "toll_planar") and "E" in names:
+        out.append("E is an effective modulus here; compare it with that of the fiber")
+    return out
+
+
+def compare(
+    data: CompressionData,
+    names: Sequence[str] | None = None,
+    *,
+    branch: str = "loading",
+    fixed: Mapping[str, float] | None = None,
+    **options: Any,
+) -> list[Fit]:
+    """Fit several laws and sort them by BIC, the best first.
+
+    Parameters
+    ----------
+    data
+        Test.
+    names
+        Laws; all of them when not given.
+    branch
+        See :func:`fit`.
+    fixed
+        Values of parameters that are not fitted; each law takes those it knows and does not free.
+    options
+        Passed to :func:`fit`.
+    """
+    known = models()
+    results = []
+    for name in names or list(known):
+        if name not in known:
+            raise InvalidParameter(f'compare: model = "{name}", must be one of {", ".join(known)}')
+        own = {p.name for p in known[name].parameters} - set(DEFAULT_FREE[name])
+        given = {k: v for k, v in (fixed or {}).items() if k in own}
+        results.append(fit(data, name, branch=branch, fixed=given, **options))
+    return sorted(results, key=lambda f: f.bic)

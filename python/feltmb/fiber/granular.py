@@ -1,0 +1,64 @@
+"""Alkhagen and Toll's granular rate theory in tensor form."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from feltmb._core import fiber as _core
+from feltmb.errors import InvalidParameter
+
+
+def granular_stress(
+    path: ArrayLike,
+    *,
+    v_random: float,
+    E: float,
+    k_b: float = 1.0,
+    k_t: float = 1.0,
+    beta: float = 0.0,
+    transverse: bool = False,
+    substeps: int = 4,
+    nodes: int = 24,
+) -> NDArray[np.float64]:
+    """Cauchy stress along a path of deformation gradients (eqs. 3.39, 3.53).
+
+    Parameters
+    ----------
+    path
+        Deformation gradients since the random state, shape (n, 3, 3); stress is zero at the first.
+    v_random
+        Volume fraction at F = I [-].
+    E
+        Fiber modulus [Pa].
+    k_b, k_t, beta
+        Bending and torsion constants and crimp ratio [-].
+    transverse
+        Keep the term of the transverse compliance (eq. 3.52), left out in eq. 3.53.
+    substeps
+        Runge-Kutta steps between two given gradients.
+    nodes
+        Polar nodes of the orientation average; raise for strong anisotropy.
+
+    Returns
+    -------
+    ndarray
+        Stress [Pa], shape (n, 3, 3), tension positive; pressure is ``-stress[:, 2, 2]``.
+    """
+    given = np.asarray(path, dtype=float)
+    if given.ndim != 3 or given.shape[1:] != (3, 3):
+        raise InvalidParameter(
+            f"granular rate theory: path has shape {given.shape}, expected (n, 3, 3)"
+        )
+    result: NDArray[np.float64] = _core.granular_stress_path(
+        list(given),
+        v_random,
+        E=E,
+        k_b=k_b,
+        k_t=k_t,
+        beta=beta,
+        transverse=transverse,
+        substeps=substeps,
+        nodes=nodes,
+    )
+    return result

@@ -1,0 +1,132 @@
+"""Compression laws: pressure, tangent and stored energy against volume fraction or strain."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from feltmb._core import fiber as _core
+from feltmb.errors import InvalidParameter
+
+Array = NDArray[np.float64]
+
+
+def models() -> dict[str, Any]:
+    """Describe every compression law: name -> title, source, validity, parameters."""
+    return {d.name: d for d in _core.law_descriptions()}
+
+
+def law(model: str, **params: float) -> _core.CompressionLaw:
+    """Make a law object, with ``pressure``, ``slope``, ``energy`` and ``volume_fraction``.
+
+    Parameters
+    ----------
+    model
+        ``"van_wyk"``, ``"neckar"``, ``"stamm"``, ``"toll_planar"``, ``"narter"``,
+        ``"alkhagen_toll"``, ``"binomial"``, ``"bending_chain"``, ``"komori_itoh"``,
+        ``"komori_itoh_renewed"`` or ``"lee_carnaby"``.
+    params
+        Parameters in SI units by the thesis's names: ``k_p E v_f0 v_fm w_f f gamma K_E K_p Q k_b
+        k_t beta v_random chord_ratio``; ``models()`` lists them with meaning and range.
+
+    Raises
+    ------
+    InvalidParameter
+        Naming every unknown, missing and out-of-range parameter.
+    """
+    return _core.CompressionLaw(model, {k: float(v) for k, v in params.items()})
+
+
+def _fraction(made: Any, v_f: ArrayLike | None, strain: ArrayLike | None) -> Array:
+    if (v_f is None) == (strain is None):
+        raise InvalidParameter("compression law: give either v_f or strain, and not both")
+    if v_f is not None:
+        return np.asarray(v_f, dtype=float)
+    e = np.asarray(strain, dtype=float)
+    if not np.all(e < 1.0):
+        raise InvalidParameter(
+            f"compression law: strain = {float(np.max(e)):.6g}, must be < 1 (engineering strain, "
+            "compression positive)"
+        )
+    return np.asarray(made.v_f0 / (1.0 - e))
+
+
+def _result(values: Array) -> Any:
+    return float(values) if values.ndim == 0 else values
+
+
+def pressure(
+    model: str,
+    v_f: ArrayLike | None = None,
+    *,
+    strain: ArrayLike | None = None,
+    threads: int = 0,
+    **params: float,
+) -> Any:
+    """Pressure of a compression law.
+
+    Parameters
+    ----------
+    model
+        Name of the law, see :func:`law`.
+    v_f
+        Volume fraction [-], number or array, 0 < v_f <= 1.
+    strain
+        Instead of ``v_f``: engineering strain of compression, ``v_f = v_f0 / (1 - strain)``.
+    threads
+        0: all cores (long arrays only).
+    params
+        Parameters of the law in SI units.
+
+    Returns
+    -------
+    float or ndarray
+        Pressure [Pa], compression positive; 0 at and below ``v_f0``.
+    """
+    made = law(model, **params)
+    return _result(made.pressure(_fraction(made, v_f, strain), threads))
+
+
+def slope(
+    model: str,
+    v_f: ArrayLike | None = None,
+    *,
+    strain: ArrayLike | None = None,
+    threads: int = 0,
+    **params: float,
+) -> Any:
+    """Derivative dP/dv_f [Pa]; arguments as :func:`pressure`."""
+    made = law(model, **params)
+    return _result(made.slope(_fraction(made, v_f, strain), threads))
+
+
+def tangent_modulus(
+    model: str,
+    v_f: ArrayLike | None = None,
+    *,
+    strain: ArrayLike | None = None,
+    threads: int = 0,
+    **params: float,
+) -> Any:
+    """Tangent modulus v_f dP/dv_f [Pa] of uniaxial compression, per true strain dv_f/v_f."""
+    made = law(model, **params)
+    v = _fraction(made, v_f, strain)
+    return _result(np.asarray(v * made.slope(v, threads)))
+
+
+def energy(
+    model: str,
+    v_f: ArrayLike | None = None,
+    *,
+    strain: ArrayLike | None = None,
+    threads: int = 0,
+    **params: float,
+) -> Any:
+    """Stored energy per volume of fiber, the integral of P dv_f / v_f^2 [J/m^3].
+
+    Times ``v_f0`` it is the energy per volume of the uncompressed assembly.
+    """
+    made = law(model, **params)
+    return _result(made.energy(_fraction(made, v_f, strain), threads))

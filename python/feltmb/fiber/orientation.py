@@ -1,0 +1,251 @@
+"""Orientation of the fibers and the structural numbers that follow from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from feltmb._core import fiber as _core
+from feltmb.errors import InvalidParameter
+
+Array = NDArray[np.float64]
+
+
+def structure(ratio: float) -> _core.UniaxialStructure:
+    """Exact structural numbers of a network compressed uniaxially from a random state.
+
+    Parameters
+    ----------
+    ratio
+        R = v_f / v_random [-]: 1 isotropic, large values planar, below 1 stretched.
+        1e-3 to 1e6.
+
+    Returns
+    -------
+    UniaxialStructure
+        ``f`` (mean sine of the angle between fibers), ``n3`` and ``e3`` (fourth moments
+        ``<n3^4>_c``, ``<e3^4>_c`` of contact normals and axes), ``K3`` (mean abs cos theta),
+        ``M3`` (mean sin^2 theta), ``cos4``, ``sine``; methods ``density(cos_theta)``
+        [1/sr, half sphere], ``mean_sine``, ``mean_inverse_sine``, ``obstruction()``.
+
+    Raises
+    ------
+    InvalidParameter
+        The ratio is out of range.
+    """
+    return _core.compute_uniaxial_structure(float(ratio))
+
+
+@dataclass(frozen=True)
+class NetworkEstimate:
+    """Structural numbers of a sampled network, each with one standard error."""
+
+    f: float
+    n3: float
+    e3: float
+    K3: float
+    M3: float
+    error: dict[str, float]
+    """Standard errors by name; upper bounds when the network was spread."""
+
+
+@dataclass(frozen=True)
+class Network:
+    """Directions of the fibers of a random network."""
+
+    directions: Array
+    """Unit vectors [-], shape (n, 3), read-only."""
+    seed: int
+    spread: int
+    """Diffusion steps after the rejection sampling."""
+    deformation: Array
+    """Deformation gradient since the random state [-], shape (3, 3)."""
+
+    def deform(self, deformation: ArrayLike) -> Network:
+        """Rotate every fiber affinely (eq. 3.46).
+
+        Parameters
+        ----------
+        deformation
+            Deformation gradient F, shape (3, 3), det F > 0; or one number R for uniaxial
+            compression along axis 3, F = diag(1, 1, 1/R) (eq. 3.57).
+        """
+        given = np.asarray(deformation, dtype=float)
+        if given.ndim == 0:
+            if not given > 0:
+                raise InvalidParameter(f"network: ratio = {float(given):.6g}, must be > 0")
+            given = np.diag([1.0, 1.0, 1.0 / float(given)])
+        if given.shape != (3, 3):
+            raise InvalidParameter(
+                f"network: deformation has shape {given.shape}, expected (3, 3) or one number"
+            )
+        moved = _core.deform_directions(self.directions, given)
+        moved.flags.writeable = False
+        return Network(moved, self.seed, self.spread, given @ self.deformation)
+
+    def structure(self, threads: int = 0) -> NetworkEstimate:
+        """Estimate f, n3, e3, K3, M3 with their sampling error (all pairs of fibers)."""
+        values = _core.estimate_structure(self.directions, threads)
+        return NetworkEstimate(
+            **{name: value for name, (value, _) in values.items()},
+            error={name: error for name, (_, error) in values.items()},
+        )
+
+    def tensors(self, threads: int = 0) -> _core.FiberStructure:
+        """Second and fourth-order structure tensors in full, by sums over all pairs."""
+        return _core.estimate_tensors(self.directions, threads)
+
+    def replicate_error(self, n_replicates: int = 16, threads: int = 0) -> dict[str, float]:
+        """Sampling error from the scatter of networks with other seeds.
+
+        Unlike the error of :meth:`structure` it is right for spread networks too.
+        """
+        if n_replicates < 2:
+            raise InvalidParameter(f"network: n_replicates = {n_replicates}, must be >= 2")
+        rows = []
+        for k in range(n_replicates):
+            other = network(len(self.directions), self.seed + 1 + k, self.spread, threads)
+            s = other.deform(self.deformation).structure(threads)
+            rows.append([s.f, s.n3, s.e3, s.K3, s.M3])
+        scatter = np.std(np.array(rows), axis=0, ddof=1)
+        return dict(zip(["f", "n3", "e3", "K3", "M3"], scatter.tolist(), strict=True))
+
+
+def network(n: int, seed: int = 0, spread: int = 30, threads: int = 0) -> Network:
+    """Make a random isotropic network (thesis 3.1.3).
+
+    Points uniform in a cube, those outside the unit ball rejected, the rest projected on the
+    sphere; then ``spread`` steps of diffusion push neighboring axes apart.
+
+    Parameters
+    ----------
+    n
+        Number of fibers, 2 to 1 000 000 (the thesis uses 6000).
+    seed
+        Equal seeds give equal networks for every number of threads.
+    spread
+        Diffusion steps; 0 keeps the fibers statistically independent.
+    threads
+        0: all cores.
+    """
+    if n < 2 or seed < 0 or spread < 0:
+        raise InvalidParameter(
+            f"network: n = {n}, seed = {seed}, spread = {spread}; "
+            "expected n >= 2, seed >= 0, spread >= 0"
+        )
+    directions = _core.make_random_directions(int(n), int(seed), int(spread), int(threads))
+    directions.flags.writeable = False
+    return Network(directions, int(seed), int(spread), np.eye(3))
+
+
+Density = Callable[[Array, Array], ArrayLike]
+
+
+def density_structure(
+    density: Density | None = None,
+    *,
+    deformation: ArrayLike | None = None,
+    tolerance: float = 1e-9,
+    obstruction: bool = False,
+    max_nodes: int = 96,
+) -> _core.FiberStructure:
+    """Structure of a general orientation density, with full fourth-order tensors.
+
+    Parameters
+    ----------
+    density
+        Function of polar angle theta and azimuth phi (arrays [rad], theta in [0, pi],
+        phi in [0, pi]) giving Omega or any multiple of it; it is normalised here.
+    deformation
+        Instead of ``density``: F of an initially isotropic network, shape (3, 3).
+    tolerance
+        Nodes are increased until f, n3 and e3 change by less than this.
+    obstruction
+        Also compute Psi of Pan's contact model (many more points).
+    max_nodes
+        Give up above this many polar nodes.
+
+    Returns
+    -------
+    FiberStructure
+        ``f, n3, e3, K3, M3, ee, eeee, nnnn_contact, eeee_contact, tttt_contact, obstruction``.
+
+    Raises
+    ------
+    InvalidParameter
+        Density negative, not finite or not resolved with ``max_nodes``.
+    """
+    if (density is None) == (deformation is None):
+        raise InvalidParameter("orientation: give either density or deformation, and not both")
+    previous: Any = None
+    nodes = 12
+    change = float("inf")
+    while nodes <= max_nodes:
+        quadrature = _core.OrientationQuadrature(nodes, 2 * nodes, 2 * nodes, obstruction)
+        directions = quadrature.directions()
+        if density is None:
+            values = _core.affine_density(np.asarray(deformation, dtype=float), directions)
+        else:
+            # Axes have no sense: fold them on phi in [0, pi].
+            folded = np.where(directions[:, 1:2] < 0, -directions, directions)
+            theta = np.arccos(np.clip(folded[:, 2], -1.0, 1.0))
+            phi = np.arctan2(folded[:, 1], folded[:, 0])
+            values = np.broadcast_to(np.asarray(density(theta, phi), dtype=float), theta.shape)
+        result = quadrature.compute(np.ascontiguousarray(values))
+        if previous is not None:
+            change = max(abs(getattr(result, k) - getattr(previous, k)) for k in ("f", "n3", "e3"))
+            if change < tolerance:
+                return result
+        previous = result
+        nodes = nodes * 3 // 2
+    raise InvalidParameter(
+        f"orientation: f, n3 or e3 still changes by {change:.3g} with {nodes * 2 // 3} polar "
+        f"nodes, must be below {tolerance:.3g} (raise max_nodes or tolerance; a density with "
+        "jumps or a very sharp peak is not resolved)"
+    )
+
+
+@dataclass(frozen=True)
+class NarterTensors:
+    """Linear elasticity of a bonded network (Narter). Order 11, 22, 33, 12, 13, 23."""
+
+    stiffness: Array
+    """[Pa], shape (6, 6)."""
+    compliance: Array
+    """[1/Pa], shape (6, 6)."""
+    young: tuple[float, float, float]
+    """E1, E2, E3 [Pa]."""
+    shear: tuple[float, float, float]
+    """G12, G13, G23 [Pa]."""
+    poisson: dict[str, float]
+    """nu12, nu13, nu21, nu23, nu31, nu32 [-]."""
+
+
+def narter_tensors(eeee: ArrayLike, E: float, v_f: float) -> NarterTensors:
+    """Stiffness, compliance and engineering moduli of Narter's axial model (eqs. 3.16-3.25).
+
+    Parameters
+    ----------
+    eeee
+        Fourth-order orientation tensor over fibers, shape (3, 3, 3, 3), for example
+        ``density_structure(...).eeee`` or ``network(...).tensors().eeee``.
+    E
+        Fiber modulus [Pa].
+    v_f
+        Fiber volume fraction [-]; K = E v_f.
+    """
+    if not (E > 0 and 0 < v_f < 1):
+        raise InvalidParameter(
+            f"narter: E = {E:.6g} Pa, v_f = {v_f:.6g}, expected E > 0 and 0 < v_f < 1"
+        )
+    stiffness = _core.narter_stiffness(np.asarray(eeee, dtype=float), float(E) * float(v_f))
+    compliance = _core.narter_compliance(stiffness)
+    young, shear, poisson = _core.engineering_moduli(compliance)
+    names = ["nu12", "nu13", "nu21", "nu23", "nu31", "nu32"]
+    return NarterTensors(
+        stiffness, compliance, tuple(young), tuple(shear), dict(zip(names, poisson, strict=True))
+    )

@@ -1,0 +1,296 @@
+"""Fiber by fiber: compress and release a periodic box of bead-spring fibers."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feltmb._core import fiber as _core
+from feltmb.errors import DataError, FeltmbError, InvalidParameter
+
+Array = NDArray[np.float64]
+_FORMAT = 1
+_STATE = (
+    "positions",
+    "velocities",
+    "rest_angles",
+    "box",
+    "books",
+    "contact_pairs",
+    "contact_springs",
+)
+
+
+@dataclass(frozen=True)
+class FiberBox:
+    """Fibers, material and numerics of a bead-spring simulation; SI units."""
+
+    n_fibers: int = 100
+    n_beads: int = 21
+    """Beads per fiber."""
+    d_f: float = 25e-6
+    """Fiber diameter [m]."""
+    segment_length: float = 62.5e-6
+    """Distance of beads [m], at least d_f."""
+    v_f: float = 0.03
+    """Volume fraction of the first, cubic box [-]."""
+    crimp: float = 0.0
+    """Root mean square turning angle of the unloaded fiber at each bead [rad]."""
+    ratio: float = 1.0
+    """Orientation R of the fibers as laid (1 isotropic)."""
+    seed: int = 0
+    E: float = 2.5e9
+    """Fiber modulus [Pa]."""
+    density: float = 1310.0
+    """Of the fiber [kg/m^3]."""
+    repulsion: str = "hertz"
+    """``"hertz"`` or ``"logarithmic"`` (eq. 2.10)."""
+    interaction: float = 0.0
+    """K_I [J]; 0: Hertz contact of crossed cylinders, 0.41 E d_f^3."""
+    friction: float = 0.0
+    """Coulomb coefficient [-]."""
+    tangential: float = 0.3
+    """Tangential over normal contact stiffness [-]."""
+    drag: float = 0.05
+    """Drag rate over the highest stretching frequency [-]."""
+    time_step: float = 0.2
+    """Time step over the inverse of that frequency, up to 0.8 [-]."""
+
+    def core(self) -> Any:
+        """Check and hand over to the core."""
+        return _core.BeadSpringParams(**asdict(self))
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """What to do with the box."""
+
+    v_max: float = 0.15
+    """Volume fraction at which compression turns to release [-]."""
+    strain_per_step: float = 5e-5
+    """True strain of each step [-]; halve it to see whether it is slow enough."""
+    relax_steps: int = 4000
+    """Steps that remove the overlaps of the random laying."""
+    sample_every: int = 200
+    """Steps between two samples."""
+    cycles: int = 1
+
+
+@dataclass
+class FiberRun:
+    """Samples of a simulation: pressure against volume fraction, contacts and energy books."""
+
+    box: FiberBox
+    cycle: Cycle
+    table: dict[str, list[float]] = field(default_factory=dict)
+    """Columns: phase (0 loading, 1 unloading), step, v_f [-], strain [-], pressure [Pa],
+    lateral [Pa], energies [J] (stretching, bending, repulsion, tangential, kinetic),
+    work, friction_loss, drag_loss [J], contacts [1], smallest_distance [-], max_force [-]."""
+    laid: dict[str, float] = field(default_factory=dict)
+    """Before relaxation: crossings, volume [m^3], and what Toll's formula expects."""
+    relaxed: dict[str, float] = field(default_factory=dict)
+    """After relaxation: contacts and what Toll's formula expects."""
+    state: dict[str, Any] = field(default_factory=dict)
+    """Final state of the core, for a restart."""
+    done: bool = False
+
+    def column(self, name: str) -> Array:
+        """One column of the table as an array."""
+        return np.array(self.table[name], dtype=float)
+
+    @property
+    def loop_loss(self) -> float:
+        """Fraction of the work of loading that release does not give back [-]."""
+        phase, strain = self.column("phase"), self.column("strain")
+        virial = self.column("pressure") / self.column("v_f")
+        done = []
+        for which in (0, 1):
+            keep = phase == which
+            done.append(abs(float(np.trapezoid(virial[keep], strain[keep]))))
+        return 1.0 - done[1] / done[0] if done[0] > 0 else math.nan
+
+    def save(self, path: str | Path) -> Path:
+        """Write everything to one ``.npz``; the file is replaced whole."""
+        file = Path(path)
+        header = {
+            "format": _FORMAT,
+            "box": asdict(self.box),
+            "cycle": asdict(self.cycle),
+            "laid": self.laid,
+            "relaxed": self.relaxed,
+            "done": self.done,
+        }
+        partial = file.with_name(file.name + ".partial.npz")
+        columns = {f"table_{k}": np.array(v, dtype=float) for k, v in self.table.items()}
+        state = {f"state_{k}": np.asarray(self.state[k]) for k in _STATE if k in self.state}
+        np.savez(partial, header=np.array(json.dumps(header)), **columns, **state)  # type: ignore[arg-type]
+        os.replace(partial, file)
+        return file
+
+    @classmethod
+    def load(cls, path: str | Path) -> FiberRun:
+        """Read what :meth:`save` wrote.
+
+        Raises
+        ------
+        DataError
+            The file does not exist or is not one of ours.
+        """
+        file = Path(path)
+        try:
+            with np.load(file, allow_pickle=False) as stored:
+                header = json.loads(str(stored["header"]))
+                if header.get("format") != _FORMAT:
+                    raise DataError(
+                        f"{file}: format = {header.get('format')}, expected {_FORMAT}"
+                    )
+                table = {k[6:]: stored[k].tolist() for k in stored.files if k.startswith("table_")}
+                state = {k[6:]: stored[k] for k in stored.files if k.startswith("state_")}
+        except FileNotFoundError:
+            raise DataError(f"{file}: no such file, expected a saved simulation") from None
+        except DataError:
+            raise
+        except (OSError, ValueError, KeyError) as error:
+            raise DataError(f"{file}: is not a saved fiber simulation ({error})") from None
+        return cls(
+            FiberBox(**header["box"]),
+            Cycle(**header["cycle"]),
+            table,
+            header["laid"],
+            header["relaxed"],
+            state,
+            header["done"],
+        )
+
+
+def _expected(box: FiberBox, directions: Array, v_f: float, volume: float) -> dict[str, float]:
+    # Toll: one contact per pair counts d l^2 <sin> N(N-1)/2 2/V; segments of one fiber excluded.
+    step = max(1, len(directions) // 4000)
+    f = _core.estimate_structure(np.ascontiguousarray(directions[::step]))["f"][0]
+    length = v_f * volume / (math.pi / 4 * box.d_f**2)
+    contacts = box.d_f * length**2 * f / volume * (1 - 1 / box.n_fibers)
+    return {"toll": contacts, "f": f, "volume": volume}
+
+
+def lay(box: FiberBox, threads: int = 0) -> Any:
+    """Lay the fibers at random; return the core's network (see ``feltmb.fiber.simulate``)."""
+    return _core.BeadSpringNetwork(box.core(), threads)
+
+
+def simulate(
+    box: FiberBox,
+    cycle: Cycle | None = None,
+    *,
+    resume: FiberRun | None = None,
+    threads: int = 0,
+    progress: Callable[[float, dict[str, Any]], None] | None = None,
+    checkpoint: str | Path | None = None,
+    max_samples: int | None = None,
+) -> FiberRun:
+    """Lay, relax, compress and release a box of fibers.
+
+    Parameters
+    ----------
+    box, cycle
+        What is simulated.
+    resume
+        Go on with this unfinished run (``box`` and ``cycle`` must be the same).
+    threads
+        0: all cores. The result does not depend on it.
+    progress
+        Called after every sample with the fraction done and the sample.
+    checkpoint
+        File rewritten after every tenth sample and at the end.
+    max_samples
+        Stop after this many new samples (the run can be resumed).
+
+    Returns
+    -------
+    FiberRun
+        Samples, contact counts against Toll's formula, final state.
+
+    Raises
+    ------
+    InvalidParameter
+        Naming every bad number.
+    FeltmbError
+        The box became too small for the search of neighbors, or motion is unstable.
+    """
+    plan = cycle or Cycle()
+    faults = []
+    if not box.v_f < plan.v_max < 0.9:
+        faults.append(
+            f"simulate: v_max = {plan.v_max:.6g}, expected between v_f = {box.v_f:.6g} and 0.9"
+        )
+    if not 0 < plan.strain_per_step < 0.01:
+        faults.append(
+            f"simulate: strain_per_step = {plan.strain_per_step:.6g}, expected > 0 and < 0.01"
+        )
+    for name in ("sample_every", "cycles"):
+        if getattr(plan, name) < 1:
+            faults.append(f"simulate: {name} = {getattr(plan, name)}, expected >= 1")
+    if plan.relax_steps < 0:
+        faults.append(f"simulate: relax_steps = {plan.relax_steps}, expected >= 0")
+    if resume is not None and (resume.box != box or resume.cycle != plan):
+        faults.append("simulate: resume is a run of another box or cycle, expected the same")
+    if faults:
+        raise InvalidParameter("\n".join(faults))
+    params = box.core()
+    if resume is not None:
+        run = resume
+        network = _core.BeadSpringNetwork(params, run.state, threads)
+    else:
+        network = _core.BeadSpringNetwork(params, threads)
+        run = FiberRun(box, plan)
+        volume = float(np.prod(network.state()["box"]))
+        run.laid = {
+            "crossings": float(network.crossings()),
+            **_expected(box, network.directions(), box.v_f, volume),
+        }
+        network.relax(plan.relax_steps)
+        run.relaxed = {
+            "contacts": float(network.sample()["contacts"]),
+            **_expected(box, network.directions(), box.v_f, volume),
+        }
+    total_strain = math.log(plan.v_max / box.v_f)
+    legs_samples = math.ceil(total_strain / plan.strain_per_step / plan.sample_every)
+    strain = total_strain / (legs_samples * plan.sample_every)
+    total = 2 * plan.cycles * legs_samples
+    taken = max(0, len(run.table.get("step", [])) - 1)
+    if not run.table:
+        _append(run, network.sample(), 0)
+    new = 0
+    while taken < total and (max_samples is None or new < max_samples):
+        unloading = (taken // legs_samples) % 2
+        network.advance(plan.sample_every, -strain if unloading else strain)
+        sample = network.sample()
+        if not math.isfinite(sample["pressure"]):
+            raise FeltmbError(
+                f"simulate: pressure is not finite at step {sample['step']}; reduce time_step"
+            )
+        taken += 1
+        new += 1
+        _append(run, sample, unloading)
+        if progress is not None:
+            progress(taken / total, sample)
+        if checkpoint is not None and taken % 10 == 0:
+            run.state = network.state()
+            run.save(checkpoint)
+    run.state = network.state()
+    run.done = taken >= total
+    if checkpoint is not None:
+        run.save(checkpoint)
+    return run
+
+
+def _append(run: FiberRun, sample: dict[str, Any], phase: int) -> None:
+    for key, value in {"phase": phase, **sample}.items():
+        run.table.setdefault(key, []).append(float(value))

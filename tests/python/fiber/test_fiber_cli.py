@@ -1,0 +1,160 @@
+"""Command group ``feltmb fiber``: every command, exit codes, files written whole or not at all."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from feltmb.cli.fiber import fiber
+from feltmb.fiber import pressure
+
+
+def run(*args, code=0):
+    result = CliRunner().invoke(fiber, [str(a) for a in args], catch_exceptions=False)
+    assert result.exit_code == code, result.output
+    assert all(len(line) <= 80 for line in result.stdout.splitlines()
+               if not line.startswith(("warning", "wrote", "error"))), result.stdout
+    return result.output
+
+
+@pytest.fixture
+def loop(tmp_path):
+    v = np.linspace(0.132, 0.33, 41)
+    rng = np.random.default_rng(0)
+    up = pressure("binomial", v, K_p=4e6, gamma=1.3, v_f0=0.132)
+    down = pressure("binomial", v, K_p=3.82e5, gamma=3.16, v_f0=0.132)
+    rows = ["v_f [-],pressure [kPa],branch"]
+    for p, word, order in ((up, "loading", 1), (down, "unloading", -1)):
+        noisy = p / 1e3 + rng.normal(size=41)
+        rows += [f"{a:.6f},{b:.6f},{word}" for a, b in list(zip(v, noisy, strict=True))[::order]]
+    path = tmp_path / "loop.csv"
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def test_models():
+    text = run("models")
+    assert "van_wyk" in text
+    assert "dunlop" in text
+    text = run("models", "binomial")
+    assert "K_p" in text
+    assert "3.64" in text
+    assert "must be one of" in run("models", "wyk", code=2)
+
+
+def test_structure():
+    text = run("structure", 1, 3, "--network", 300)
+    assert "0.785398163" in text
+    assert "sampled" in text
+    assert "ratio = -1" in run("structure", "--", -1, code=2)
+
+
+def test_contacts():
+    text = run("contacts", "--v-f", 0.1, "--length", 1e-3)
+    assert "komori_makishima" in text
+    assert "binomial" in text
+    assert "v_f = 2" in run("contacts", "--v-f", 2, code=2)
+
+
+def test_tensor_and_arcs():
+    text = run("tensor", "--v-f", 0.12, "--e-modulus", 1e9)
+    assert "2e+07" in text  # K/6
+    text = run("arcs", "--v-f0", 0.05, "--chord-ratio", 0.9, "--scheme", "simple", "--points", 4)
+    assert "straight" in text
+    assert "no lateral equilibrium" in run("arcs", "--v-f0", 0.05, "--scheme", "simple", code=1)
+
+
+def test_pressure_table_csv_and_picture(tmp_path):
+    given = ["-s", "K_p=4e6", "-s", "gamma=1.3", "-s", "v_f0=0.1"]
+    assert "tangent" in run("pressure", "binomial", *given)
+    out = tmp_path / "p.csv"
+    run("pressure", "binomial", *given, "-o", out, "--points", 5)
+    table = np.loadtxt(out, delimiter=",", skiprows=1)
+    assert table[-1, 2] == pytest.approx(pressure("binomial", 0.5, K_p=4e6, gamma=1.3, v_f0=0.1))
+    before = out.read_text()
+    assert "--force" in run("pressure", "binomial", *given, "-o", out, code=2)
+    assert out.read_text() == before
+    run("pressure", "binomial", *given, "-o", out, "--points", 3, "--force")
+    run("pressure", "binomial", *given, "-o", tmp_path / "p.svg")
+    assert (tmp_path / "p.svg").read_text().lstrip().startswith("<?xml")
+    assert "cannot draw" in run("pressure", "binomial", *given, "-o", tmp_path / "p.gif", code=2)
+    text = run("pressure", "binomial", "-s", "K_p", "-s", "gamma=x", code=2)
+    assert '"K_p"' in text
+    assert '"gamma=x"' in text
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["p.csv", "p.svg"]
+
+
+def test_fit_both_branches(loop, tmp_path):
+    out, picture = tmp_path / "fit.json", tmp_path / "fit.png"
+    text = run("fit", loop, "--model", "binomial", "-o", out, "--plot", picture)
+    assert "K_p" in text
+    assert "Correlation" in text
+    fits = json.loads(out.read_text())["fits"]
+    assert [f["branch"] for f in fits] == ["loading", "unloading"]
+    for f, truth in zip(fits, ({"K_p": 4e6, "gamma": 1.3}, {"K_p": 3.82e5, "gamma": 3.16}),
+                        strict=True):
+        for name, value in truth.items():
+            low, high = f["interval"][name]
+            assert low - 0.05 * value <= value <= high + 0.05 * value
+    assert picture.stat().st_size > 10000
+    assert "exists already" in run("fit", loop, "-o", out, code=2)
+
+
+def test_fit_all_and_options(loop):
+    text = run("fit", loop, "--all", "--branch", "loading", "--starts", 4)
+    assert text.index("binomial") < text.index("van_wyk")
+    text = run("fit", loop, "--model", "van_wyk", "--branch", "loading", "-f", "E=1e9",
+               "--method", "nelder_mead", "-b", "k_p=1e-4:1")
+    assert "fixed" in text
+    text = run("fit", loop, "--bound", "gamma=1", code=2)
+    assert "low:high" in text
+
+
+def test_fit_bad_file(tmp_path):
+    bad = tmp_path / "bad.csv"
+    bad.write_text("v_f [-],pressure [kPa]\n0.1,a\n0.2,b\n")
+    text = run("fit", bad, code=2)
+    assert "line 2" in text
+    assert "line 3" in text
+    assert text.count("error:") == 1
+
+
+def test_history(tmp_path):
+    path = tmp_path / "path.csv"
+    path.write_text("time [s],strain [-]\n0,0\n1,0.3\n2,0.1\n3,0.4\n")
+    out = tmp_path / "out.csv"
+    text = run("history", "dunlop", path, "-s", "k_p=0.01", "-s", "E=2.5e9", "-s", "v_f0=0.1",
+               "-s", "f_c=100,1000", "-s", "phi=0.2", "-o", out)
+    assert "not given back" in text
+    assert out.read_text().startswith("time [s],strain [-],stress [Pa]")
+    path.write_text("t,x\n0,0\n")
+    assert "header" in run("history", "dunlop", path, code=2)
+
+
+def test_simulate_and_resume(tmp_path):
+    out, whole = tmp_path / "run.npz", tmp_path / "whole.npz"
+    given = ["--fibers", 24, "--beads", 11, "--v-f", 0.03, "--v-max", 0.036,
+             "--strain-per-step", 5e-4, "--threads", 1]
+    text = run("simulate", out, *given, "--samples", 3)
+    assert "unfinished" in text
+    assert "exists already" in run("simulate", out, *given, code=2)
+    text = run("simulate", out, "--resume", "--plot", tmp_path / "run.png")
+    assert "loop loss" in text
+    run("simulate", whole, *given)
+    with np.load(out) as a, np.load(whole) as b:
+        assert np.array_equal(a["table_pressure"], b["table_pressure"])
+        assert np.array_equal(a["state_positions"], b["state_positions"])
+    assert ".npz" in run("simulate", tmp_path / "run.txt", code=2)
+    assert "no such file" in run("simulate", tmp_path / "none.npz", "--resume", code=2)
+    assert "n_fibers" in run("simulate", tmp_path / "x.npz", "--fibers", 1, code=2)
+    assert not (tmp_path / "x.npz").exists()
+
+
+def test_gallery(tmp_path):
+    text = run("gallery", tmp_path / "pictures", "--fibers", 300)
+    names = {p.stem for p in (tmp_path / "pictures").iterdir()}
+    assert names == {"pressures", "sphere", "structure", "planar", "van_wyk", "toll", "contacts",
+                     "arcs", "history"}
+    assert text.count("wrote") == len(names)
+    assert "exists already" in run("gallery", tmp_path / "pictures", "--fibers", 300, code=2)
