@@ -52,6 +52,7 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Fin
     }
     for (const auto& k : m.coordinates) quadrature_names_.push_back("dissipated.joint." + k);
     for (const auto& s : m.strings) quadrature_names_.push_back("dissipated." + s.name);
+    for (const auto& b : m.beams) quadrature_names_.push_back("dissipated." + b.name);
   }
   if (events) {
     for (std::size_t i = 0; i < m.contacts.size(); ++i) {
@@ -316,6 +317,9 @@ void MechanismSystem::quadratures(double t, std::span<const double> y, std::span
   for (int k = 0; k < n_; ++k) h[i++] = dynamics_.joint_friction(k) * p.v[at(k)];
   for (const auto& s : m.strings) {
     h[i++] = s.string.dissipated_power(p.eta_rate.subspan(at(s.offset), at(s.string.modes())));
+  }
+  for (std::size_t b = 0; b < m.beams.size(); ++b) {
+    h[i++] = dynamics_.beam_damping_power(static_cast<int>(b));
   }
 }
 

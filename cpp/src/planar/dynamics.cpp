@@ -17,20 +17,20 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   links_.resize(m_->links.size());
   applied_.resize(m_->links.size());
   contacts_.resize(m_->contacts.size());
-  moves_.assign(m_->links.size() * n, 0);
+  motion_of_.assign(m_->links.size() * n, -1);
   for (std::size_t i = 0; i < m_->links.size(); ++i) {
-    for (const int k : m_->links[i].path) moves_[i * n + at(k)] = 1;
+    for (const int motion : m_->links[i].path) {
+      motion_of_[i * n + at(m_->motions[at(motion)].coordinate)] = motion;
+    }
   }
-  translation_.assign(n, {});
-  translation_rate_.assign(n, {});
-  rho_.assign(n, 0.0);
-  pivot_.assign(n, {});
-  pivot_velocity_.assign(n, {});
+  translation_.assign(m_->motions.size(), {});
+  translation_rate_.assign(m_->motions.size(), {});
   phi_.assign(at(m_->total_modes), 0.0);
   dphi_.assign(at(m_->total_modes), 0.0);
   shaped_at_.assign(m_->strings.size(), std::numeric_limits<double>::quiet_NaN());
   strap_pull_.assign(m_->straps.size(), 0.0);
   strap_slope_.assign(m_->straps.size(), 0.0);
+  q_.assign(n, 0.0);
   v_.assign(n, 0.0);
   force_.setZero(n_);
   acceleration_.setZero(n_);
@@ -45,46 +45,40 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
     }
   }
   for (auto* vector : {&column_a_, &column_b_, &dn_, &dp_, &du_}) vector->assign(n, {});
-  for (std::size_t k = 0; k < n; ++k) {
-    rho_[k] = m_->coordinate_kind[k] == JointKind::kRevolute ? 1.0 : 0.0;
-  }
 }
 
 void Dynamics::move_links(std::span<const double> q, std::span<const double> v) {
+  std::copy(q.begin(), q.end(), q_.begin());
   std::copy(v.begin(), v.end(), v_.begin());
   for (std::size_t i = 1; i < links_.size(); ++i) {
     const Link& link = m_->links[i];
     const LinkState& parent = links_[at(link.parent)];
     LinkState& state = links_[i];
-    const std::size_t k = at(link.coordinate);
     Vec2 arm = parent.rotation * link.position;
-    double angle = link.angle;
-    if (link.kind == JointKind::kRevolute) {
-      angle += q[k];
-      state.omega = parent.omega + v[k];
-      state.velocity = parent.velocity + parent.omega * perp(arm);
-      state.bias = parent.bias - (parent.omega * parent.omega) * arm;
-      translation_rate_[k] = {};
-    } else {
-      const Vec2 axis = parent.rotation * link.axis;
-      arm += q[k] * axis;
-      state.omega = parent.omega;
-      state.velocity = parent.velocity + parent.omega * perp(arm) + v[k] * axis;
-      state.bias = parent.bias - (parent.omega * parent.omega) * arm +
-                   (2.0 * parent.omega * v[k]) * perp(axis);
-      translation_[k] = axis;
-      translation_rate_[k] = parent.omega * perp(axis);
+    Rotation frame = parent.rotation;
+    if (link.angle != 0.0) frame = frame * link.base;
+    if (link.kind == LinkKind::kStation) arm += frame * Vec2{link.station, 0.0};
+    double turn = 0.0;
+    double turn_rate = 0.0;
+    Vec2 relative_velocity{};
+    for (const int index : link.motions) {
+      const Motion& motion = m_->motions[at(index)];
+      const std::size_t k = at(motion.coordinate);
+      turn += motion.rho * q[k];
+      turn_rate += motion.rho * v[k];
+      if (link.kind == LinkKind::kRevolute) continue;
+      const Vec2 t = frame * motion.translation;
+      translation_[at(index)] = t;
+      translation_rate_[at(index)] = parent.omega * perp(t);
+      arm += q[k] * t;
+      relative_velocity += v[k] * t;
     }
     state.origin = parent.origin + arm;
-    if (angle != 0.0) {
-      const Rotation turn = Rotation::of(angle);
-      state.rotation = {parent.rotation.c * turn.c - parent.rotation.s * turn.s,
-                        parent.rotation.s * turn.c + parent.rotation.c * turn.s};
-    } else {
-      state.rotation = parent.rotation;
-    }
-    pivot_[k] = state.origin;
-    pivot_velocity_[k] = state.velocity;
+    state.rotation = turn != 0.0 ? frame * Rotation::of(turn) : frame;
+    state.omega = parent.omega + turn_rate;
+    state.velocity = parent.velocity + parent.omega * perp(arm) + relative_velocity;
+    state.bias = parent.bias - (parent.omega * parent.omega) * arm +
+                 (2.0 * parent.omega) * perp(relative_velocity);
   }
 }
 
@@ -98,12 +92,15 @@ Vec2 Dynamics::velocity(LinkPoint p) const {
   return link.velocity + link.omega * perp(link.rotation * p.local);
 }
 
-Vec2 Dynamics::column(int k, Vec2 point) const {
-  return translation_[at(k)] + rho_[at(k)] * perp(point - pivot_[at(k)]);
+Vec2 Dynamics::column(int motion, Vec2 point) const {
+  const Motion& m = m_->motions[at(motion)];
+  return translation_[at(motion)] + m.rho * perp(point - links_[at(m.link)].origin);
 }
 
-Vec2 Dynamics::column_rate(int k, Vec2 point_velocity) const {
-  return translation_rate_[at(k)] + rho_[at(k)] * perp(point_velocity - pivot_velocity_[at(k)]);
+Vec2 Dynamics::column_rate(int motion, Vec2 point_velocity) const {
+  const Motion& m = m_->motions[at(motion)];
+  return translation_rate_[at(motion)] +
+         m.rho * perp(point_velocity - links_[at(m.link)].velocity);
 }
 
 void Dynamics::locate_contact(std::size_t i, std::span<const double> eta,
@@ -270,9 +267,21 @@ void Dynamics::evaluate(std::span<const double> q, std::span<const double> v,
     const Vec2 bias = state.bias - (state.omega * state.omega) * arm;
     apply(static_cast<int>(i), state.origin + arm, link.mass * (m_->gravity - bias));
     const Wrench& w = applied_[i];
-    for (const int k : link.path) {
-      force_[k] += dot(translation_[at(k)], w.force) +
-                   rho_[at(k)] * (w.moment - cross(pivot_[at(k)], w.force));
+    for (const int index : link.path) {
+      const Motion& motion = m_->motions[at(index)];
+      force_[motion.coordinate] +=
+          dot(translation_[at(index)], w.force) +
+          motion.rho * (w.moment - cross(links_[at(motion.link)].origin, w.force));
+    }
+  }
+  for (const FlexibleBeam& beam : m_->beams) {
+    for (int k = 0; k < beam.count; ++k) {
+      double f = 0.0;
+      for (int j = 0; j < beam.count; ++j) {
+        f += beam.stiffness(k, j) * (q_[at(beam.first + j)] +
+                                     beam.damping_time * v_[at(beam.first + j)]);
+      }
+      force_[beam.first + k] -= f;
     }
   }
   for (const auto& spring : m_->springs) {
@@ -300,11 +309,12 @@ void Dynamics::compute_mass() {
     const Vec2 center = state.origin + state.rotation * link.center_of_mass;
     for (std::size_t x = 0; x < link.path.size(); ++x) {
       const int k = link.path[x];
+      const int row = m_->motions[at(k)].coordinate;
       const Vec2 jk = column(k, center);
       for (std::size_t y = 0; y <= x; ++y) {
         const int j = link.path[y];
-        mass_(k, j) += link.mass * dot(jk, column(j, center)) +
-                       link.inertia * rho_[at(k)] * rho_[at(j)];
+        mass_(row, m_->motions[at(j)].coordinate) +=
+            link.mass * dot(jk, column(j, center)) + link.inertia * rho(k) * rho(j);
       }
     }
   }
@@ -369,16 +379,15 @@ void Dynamics::differentiate() {
     const LinkState& parent = links_[at(link.parent)];
     LinkState& state = links_[i];
     const Vec2 arm = state.origin - parent.origin;
-    const double a_k = acceleration_[link.coordinate];
     state.acceleration = parent.acceleration + parent.alpha * perp(arm) -
                          (parent.omega * parent.omega) * arm;
     state.alpha = parent.alpha;
-    if (link.kind == JointKind::kRevolute) {
-      state.alpha += a_k;
-    } else {
-      const std::size_t k = at(link.coordinate);
-      state.acceleration += a_k * translation_[k] +
-                            (2.0 * v_[k]) * (parent.omega * perp(translation_[k]));
+    for (const int index : link.motions) {
+      const Motion& motion = m_->motions[at(index)];
+      const double a_k = acceleration_[motion.coordinate];
+      state.alpha += motion.rho * a_k;
+      state.acceleration += a_k * translation_[at(index)] +
+                            (2.0 * v_[at(motion.coordinate)]) * translation_rate_[at(index)];
     }
   }
 
@@ -398,39 +407,43 @@ void Dynamics::differentiate() {
     const double net_virial = w.virial + dot(center, remaining);
 
     for (std::size_t x = 0; x < link.path.size(); ++x) {
-      const int k = link.path[x];
-      // Turning an upstream frame j turns the column of k with it.
-      const double turn = dot(net_force, perp(translation_[at(k)])) -
-                          rho_[at(k)] * (net_virial - dot(net_force, pivot_[at(k)]));
-      if (rho_[at(k)] != 0.0) stiffness_(k, k) += turn;
+      const Motion& mk = m_->motions[at(link.path[x])];
+      const int k = mk.coordinate;
+      // Turning an upstream frame j turns the column of k with it; within one beam only the arm.
+      const double arm_turn =
+          -mk.rho * (net_virial - dot(net_force, links_[at(mk.link)].origin));
+      const double turn = dot(net_force, perp(translation_[at(link.path[x])])) + arm_turn;
+      stiffness_(k, k) += mk.rho * arm_turn;
       for (std::size_t y = 0; y < x; ++y) {
-        const int j = link.path[y];
-        if (rho_[at(j)] == 0.0) continue;
-        stiffness_(k, j) += turn;
-        stiffness_(j, k) += turn;
+        const Motion& mj = m_->motions[at(link.path[y])];
+        if (mj.rho == 0.0) continue;
+        const double value = mj.rho * (mj.group == mk.group ? arm_turn : turn);
+        stiffness_(k, mj.coordinate) += value;
+        stiffness_(mj.coordinate, k) += value;
       }
     }
     if (link.mass == 0.0) continue;
     for (const int j : link.path) {
-      const int joint_link = m_->coordinate_link[at(j)];
-      const LinkState& moved = links_[at(joint_link)];
-      const LinkState& base = links_[at(m_->links[at(joint_link)].parent)];
-      Vec2 second;
-      if (rho_[at(j)] != 0.0) {
-        second = perp(acceleration - moved.acceleration);
-      } else {
-        second = base.alpha * perp(translation_[at(j)]) -
-                 (base.omega * base.omega) * translation_[at(j)];
-      }
+      const Motion& mj = m_->motions[at(j)];
+      const LinkState& base = links_[at(m_->links[at(mj.link)].parent)];
+      const Vec2 t = translation_[at(j)];
+      const Vec2 second = base.alpha * perp(t) - (base.omega * base.omega) * t +
+                          mj.rho * perp(acceleration - links_[at(mj.link)].acceleration);
       const Vec2 first = column_rate(j, velocity);
       for (const int k : link.path) {
         const Vec2 jk = column(k, center);
-        stiffness_(k, j) -= link.mass * dot(jk, second);
-        damping_(k, j) -= 2.0 * link.mass * dot(jk, first);
+        const int row = m_->motions[at(k)].coordinate;
+        stiffness_(row, mj.coordinate) -= link.mass * dot(jk, second);
+        damping_(row, mj.coordinate) -= 2.0 * link.mass * dot(jk, first);
       }
     }
   }
 
+  for (const FlexibleBeam& beam : m_->beams) {
+    stiffness_.block(beam.first, beam.first, beam.count, beam.count) -= beam.stiffness;
+    damping_.block(beam.first, beam.first, beam.count, beam.count) -=
+        beam.damping_time * beam.stiffness;
+  }
   for (const auto& spring : m_->springs) {
     stiffness_(spring.coordinate, spring.coordinate) -= spring.stiffness;
   }
@@ -454,8 +467,8 @@ void Dynamics::differentiate_strap(std::size_t i) {
   const double geometric = strap_pull_[i] / distance;
   for (const int k : strap.coordinates) {
     Vec2 jk{};
-    if (moves(k, strap.b.link)) jk += column(k, pb);
-    if (moves(k, strap.a.link)) jk -= column(k, pa);
+    if (const int motion = motion_of(k, strap.b.link); motion >= 0) jk += column(motion, pb);
+    if (const int motion = motion_of(k, strap.a.link); motion >= 0) jk -= column(motion, pa);
     column_b_[at(k)] = jk;
   }
   for (const int k : strap.coordinates) {
@@ -491,22 +504,24 @@ void Dynamics::differentiate_contact(std::size_t i) {
   const bool with_string = contact.string >= 0;
 
   for (const int j : contact.coordinates) {
-    const bool in_a = moves(j, contact.a.link);
-    const bool in_b = moves(j, contact.b.link);
-    const Vec2 ja = in_a ? column(j, s.point) : Vec2{};
-    const Vec2 jb = in_b ? column(j, s.point) : Vec2{};
-    const Vec2 center_column = in_b ? column(j, s.center) : Vec2{};
+    const int motion_a = motion_of(j, contact.a.link);
+    const int motion_b = motion_of(j, contact.b.link);
+    const bool in_a = motion_a >= 0;
+    const bool in_b = motion_b >= 0;
+    const Vec2 ja = in_a ? column(motion_a, s.point) : Vec2{};
+    const Vec2 jb = in_b ? column(motion_b, s.point) : Vec2{};
+    const Vec2 center_column = in_b ? column(motion_b, s.center) : Vec2{};
     column_a_[at(j)] = ja;
     column_b_[at(j)] = jb;
 
     Vec2 dn{};
     if (s.turning_normal) {
-      const Vec2 base_column = in_a ? column(j, base) : Vec2{};
+      const Vec2 base_column = in_a ? column(motion_a, base) : Vec2{};
       const Vec2 shift = center_column - base_column;
       const double sign = contact.kind == PairKind::kConcaveCircle ? -1.0 : 1.0;
       dn = (sign * s.curvature) * (shift - dot(n, shift) * n);
     } else if (in_a) {
-      dn = rho_[at(j)] * tangent;
+      dn = rho(motion_a) * tangent;
     }
     dn_[at(j)] = dn;
 
@@ -523,15 +538,15 @@ void Dynamics::differentiate_contact(std::size_t i) {
     const Vec2 dp = center_column - (contact.radius_b - 0.5 * s.compression) * dn;
     dp_[at(j)] = dp;
     Vec2 du{};
-    if (in_b) du += column_rate(j, velocity_b) + b.omega * perp(dp - jb);
+    if (in_b) du += column_rate(motion_b, velocity_b) + b.omega * perp(dp - jb);
     else du += b.omega * perp(dp);
-    if (in_a) du -= column_rate(j, velocity_a) + a.omega * perp(dp - ja);
+    if (in_a) du -= column_rate(motion_a, velocity_a) + a.omega * perp(dp - ja);
     else du -= a.omega * perp(dp);
     du_[at(j)] = du;
 
     double de_rate = -dot(dn, s.relative_velocity) - dot(n, du);
     if (with_string) {
-      const Vec2 center_rate = in_b ? column_rate(j, center_velocity) : Vec2{};
+      const Vec2 center_rate = in_b ? column_rate(motion_b, center_velocity) : Vec2{};
       de_rate -= s.string.slope_rate * strike + s.string.curvature * strike * s.strike_speed +
                  s.string.slope * dot(s.strike_gradient, center_rate);
     }
@@ -541,12 +556,14 @@ void Dynamics::differentiate_contact(std::size_t i) {
   const double slip_by_compression = 0.5 * (b.omega - a.omega);
   for (const int k : contact.coordinates) {
     const Vec2 jk = column_b_[at(k)] - column_a_[at(k)];
-    const double turn = rho_[at(k)] * ((moves(k, contact.b.link) ? 1.0 : 0.0) -
-                                       (moves(k, contact.a.link) ? 1.0 : 0.0));
+    const int motion_a = motion_of(k, contact.a.link);
+    const int motion_b = motion_of(k, contact.b.link);
+    const double rho_a = motion_a >= 0 ? rho(motion_a) : 0.0;
+    const double rho_b = motion_b >= 0 ? rho(motion_b) : 0.0;
     const double along = dot(jk, tangent);
     g.by_force[k] = dot(jk, n) - mu * along;
     if (with_string) g.by_force[k] += s.string.slope * g.strike[k];
-    g.by_compression[k] = turn * dot(perp(0.5 * n), f) -
+    g.by_compression[k] = (rho_b - rho_a) * dot(perp(0.5 * n), f) -
                           force * s.friction.slope * slip_by_compression * along;
 
     for (const int j : contact.coordinates) {
@@ -555,12 +572,8 @@ void Dynamics::differentiate_contact(std::size_t i) {
       const Vec2 df = force * (dn - mu * perp(dn) - (s.friction.slope * dslip) * tangent);
       double value = dot(jk, df);
       // Where the point of application moves against the material of each link.
-      if (moves(k, contact.b.link)) {
-        value += rho_[at(k)] * dot(perp(dp_[at(j)] - column_b_[at(j)]), f);
-      }
-      if (moves(k, contact.a.link)) {
-        value -= rho_[at(k)] * dot(perp(dp_[at(j)] - column_a_[at(j)]), f);
-      }
+      value += rho_b * dot(perp(dp_[at(j)] - column_b_[at(j)]), f) -
+               rho_a * dot(perp(dp_[at(j)] - column_a_[at(j)]), f);
       if (with_string) value += force * s.string.curvature * g.strike[k] * g.strike[j];
       stiffness_(k, j) += value;
       damping_(k, j) -= force * s.friction.slope * along *
@@ -591,6 +604,18 @@ double Dynamics::spring_energy(std::span<const double> q) const {
     energy += 0.5 * s.stiffness * angle * angle;
   }
   return energy;
+}
+
+double Dynamics::beam_energy(int index, std::span<const double> q) const {
+  const FlexibleBeam& beam = m_->beams[at(index)];
+  const Eigen::Map<const Eigen::VectorXd> e(q.data() + beam.first, beam.count);
+  return 0.5 * e.dot(beam.stiffness * e);
+}
+
+double Dynamics::beam_damping_power(int index) const {
+  const FlexibleBeam& beam = m_->beams[at(index)];
+  const Eigen::Map<const Eigen::VectorXd> rate(v_.data() + beam.first, beam.count);
+  return beam.damping_time * rate.dot(beam.stiffness * rate);
 }
 
 double Dynamics::strap_energy(int index) const {

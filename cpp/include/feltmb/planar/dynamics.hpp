@@ -64,11 +64,12 @@ struct ContactGradient {
 
 /// Mutable workspace that evaluates one mechanism; one a thread.
 ///
-/// M(q) a = Q(q, v, t): planar tree of rigid links in relative coordinates. A coordinate k moves a
-/// material point p of its subtree with the velocity t_k + rho_k perp(p - c_k), perp = +90 degrees
-/// (revolute: t = 0, rho = 1, c the pivot; prismatic: t the axis, rho = 0). With absolute
+/// M(q) a = Q(q, v, t): planar tree of links in relative coordinates, rigid or stations of flexible
+/// beams. A coordinate k moves a material point p of a link beyond it with the velocity
+/// t_k + rho_k perp(p - c_k), perp = +90 degrees (revolute: t = 0, rho = 1, c the pivot; prismatic:
+/// t the axis, rho = 0; elastic: t the shape at the station c, rho its slope). With absolute
 /// coordinates x(q) the identities dx'/dq = J', dx''/dq = J'' (total time derivatives) give the
-/// exact derivatives of the inertial forces. Cost: O(links x depth of the tree).
+/// exact derivatives of the inertial forces. Cost: O(links x depth of the tree^2).
 class Dynamics {
  public:
   explicit Dynamics(std::shared_ptr<const Mechanism> mechanism);
@@ -115,20 +116,18 @@ class Dynamics {
 
   double strap_force(int strap) const;      ///< pull [N]
   double joint_friction(int k) const;       ///< torque or force against the motion, unit of Q_k
+  double beam_damping_power(int beam) const;  ///< dissipated by the structural damping, >= 0 [W]
 
   double kinetic_energy(std::span<const double> v) const;  ///< of the links [J], after evaluate
   double gravity_energy() const;            ///< [J], zero at the origin of the ground frame
   double spring_energy(std::span<const double> q) const;   ///< torsion springs [J]
   double strap_energy(int strap) const;     ///< [J]
+  double beam_energy(int beam, std::span<const double> q) const;  ///< elastic [J]
 
   /// Solves M x = b in place with the factors of the last evaluate.
   void solve_mass(Eigen::VectorXd& b) const;
 
  private:
-  struct Column {
-    Vec2 linear;  ///< velocity of the point for unit rate of the coordinate
-    double rho;
-  };
   struct Wrench {
     Vec2 force;
     double moment = 0.0;  ///< about the origin of the ground frame
@@ -143,26 +142,28 @@ class Dynamics {
   void factor_mass();
   void differentiate_contact(std::size_t i);
   void differentiate_strap(std::size_t i);
-  Vec2 column(int k, Vec2 point) const;
-  Vec2 column_rate(int k, Vec2 point_velocity) const;
-  bool moves(int k, int link) const { return moves_[static_cast<std::size_t>(link * n_ + k)]; }
+  Vec2 column(int motion, Vec2 point) const;
+  Vec2 column_rate(int motion, Vec2 point_velocity) const;
+  /// Motion by which coordinate k moves a link, -1 if it does not.
+  int motion_of(int k, int link) const {
+    return motion_of_[static_cast<std::size_t>(link * n_ + k)];
+  }
+  double rho(int motion) const { return m_->motions[static_cast<std::size_t>(motion)].rho; }
 
   std::shared_ptr<const Mechanism> m_;
   int n_ = 0;
   std::vector<LinkState> links_;
   std::vector<Wrench> applied_;
   std::vector<ContactState> contacts_;
-  std::vector<char> moves_;             ///< link x coordinate
-  std::vector<Vec2> translation_;       ///< t_k
+  std::vector<int> motion_of_;          ///< link x coordinate
+  std::vector<Vec2> translation_;       ///< t by motion, in the ground frame
   std::vector<Vec2> translation_rate_;
-  std::vector<double> rho_;
-  std::vector<Vec2> pivot_;             ///< c_k
-  std::vector<Vec2> pivot_velocity_;
   std::vector<double> phi_;
   std::vector<double> dphi_;
   std::vector<double> shaped_at_;  ///< strike position of phi_ by string, NaN before the first
   std::vector<double> strap_pull_;
   std::vector<double> strap_slope_;
+  std::vector<double> q_;
   std::vector<double> v_;
   Eigen::VectorXd force_;
   Eigen::VectorXd acceleration_;

@@ -1,6 +1,7 @@
 /// An assembled mechanism: immutable, shared between threads.
 #pragma once
 
+#include <Eigen/Dense>
 #include <memory>
 #include <string>
 #include <vector>
@@ -12,25 +13,60 @@ namespace feltmb {
 /// Travel at the contacts that coordinate scales refer to [m].
 inline constexpr double kFeltTravel = 1e-3;
 
-/// A moving rigid body after welds have been merged; link 0 is the ground.
-struct Link {
-  std::string name;            ///< name of the body that carries the joint
-  int parent = -1;             ///< link index; -1 for the ground itself
-  JointKind kind = JointKind::kWeld;
-  int coordinate = -1;         ///< index in q, -1 for the ground
-  Vec2 position;               ///< joint on the parent link [m]
-  Vec2 axis;                   ///< prismatic: unit direction in the parent frame
-  double angle = 0.0;          ///< link angle against the parent at coordinate zero [rad]
-  double mass = 0.0;           ///< [kg]
-  Vec2 center_of_mass;         ///< [m]
-  double inertia = 0.0;        ///< about the center of mass [kg m^2]
-  std::vector<int> path;       ///< coordinates that move the link, from the root outward
-};
-
 /// A point fixed to a link.
 struct LinkPoint {
   int link = 0;
   Vec2 local;
+};
+
+/// Where the frame of a body sits in its link.
+struct Placement {
+  int link = 0;
+  Vec2 offset;
+  double angle = 0.0;
+  int beam = -1;               ///< index of the flexible beam that the body is, -1 if rigid
+};
+
+/// Way in which one coordinate moves the links beyond a joint or a station of a beam: a material
+/// point p gets the velocity t + rho perp(p - c) a unit of coordinate rate, c the link's origin.
+struct Motion {
+  int coordinate = 0;
+  int link = 0;                ///< link whose origin is c and whose parent carries t
+  Vec2 translation;            ///< t in the frame of the joint on the parent: axis or (U, V)
+  double rho = 0.0;            ///< 1 (revolute), 0 (prismatic), dV/dx (station)
+  int group = 0;               ///< first coordinate of the joint or beam
+};
+
+enum class LinkKind { kGround, kRevolute, kPrismatic, kStation };
+
+/// A moving rigid frame after welds have been merged; link 0 is the ground. A station is a cross
+/// section of a flexible beam, with the bodies welded to it, or a lump of the beam's own mass.
+struct Link {
+  std::string name;            ///< name of the body that carries the joint
+  int parent = -1;             ///< link index; -1 for the ground itself
+  LinkKind kind = LinkKind::kGround;
+  Vec2 position;               ///< joint, or base of the beam, on the parent link [m]
+  Rotation base;               ///< rotation of the joint frame against the parent
+  double angle = 0.0;          ///< angle of the same [rad]
+  double station = 0.0;        ///< station: x along the undeformed beam [m]
+  bool lump = false;           ///< station: a lump of the beam's mass, whose turning is left out
+  double mass = 0.0;           ///< [kg]
+  Vec2 center_of_mass;         ///< [m]
+  double inertia = 0.0;        ///< about the center of mass [kg m^2]
+  std::vector<int> motions;    ///< of its own joint or station
+  std::vector<int> path;       ///< motions that move the link, from the root outward
+};
+
+/// Elastic coordinates of a flexible beam and their constant stiffness.
+struct FlexibleBeam {
+  std::string name;
+  int first = 0;               ///< first coordinate
+  int count = 0;
+  Eigen::MatrixXd stiffness;   ///< K [N/m]
+  double damping_time = 0.0;   ///< beta [s]
+  Placement base;              ///< where its frame sits
+  BeamShapes shapes;
+  double length = 0.0;
 };
 
 /// Flat side of a contact pair: every pair of surfaces reduces to a circle on link b against one
@@ -98,8 +134,9 @@ class Mechanism {
   Vec2 gravity;
   std::vector<Link> links;                 ///< parents before children; links[0] is the ground
   std::vector<std::string> coordinates;    ///< names in the order of q
-  std::vector<JointKind> coordinate_kind;
-  std::vector<int> coordinate_link;        ///< link moved by each coordinate
+  std::vector<bool> coordinate_is_angle;   ///< unit rad, else m
+  std::vector<Motion> motions;
+  std::vector<FlexibleBeam> beams;
   std::vector<int> coordinate_parent;      ///< next coordinate toward the root, -1 at a root
   std::vector<Friction> joint_friction;    ///< by coordinate
   std::vector<Contact> contacts;           ///< described contacts, then the finger pad if any
@@ -107,6 +144,7 @@ class Mechanism {
   std::vector<Strap> straps;
   std::vector<AttachedString> strings;
   std::vector<TrackingPoint> points;
+  std::vector<std::pair<std::string, Placement>> bodies;  ///< every described body
   std::vector<double> start_pose;          ///< by coordinate
   std::vector<double> coordinate_scale;    ///< coordinate change that moves a contact by kFeltTravel
   int finger_contact = -1;                 ///< index in contacts, -1 without a finger
