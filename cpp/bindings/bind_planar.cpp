@@ -45,7 +45,8 @@ void bind_description(py::module_& m) {
       .def_readwrite("shapes", &BeamDescription::shapes)
       .def_readwrite("axial_shapes", &BeamDescription::axial_shapes)
       .def_readwrite("lateral_shapes", &BeamDescription::lateral_shapes)
-      .def_readwrite("damping_time", &BeamDescription::damping_time);
+      .def_readwrite("damping_time", &BeamDescription::damping_time)
+      .def_readwrite("condense_axial", &BeamDescription::condense_axial);
 
   py::class_<BodyDescription> body(m, "BodyDescription");
   body.def(py::init<>())

@@ -144,6 +144,7 @@ class Body(Schema):
     axial_shapes: Annotated[int, Field(ge=0, le=12)] = 1
     lateral_shapes: Annotated[int, Field(ge=1, le=12)] = 2
     damping_time: Annotated[float, SI("s"), Field(ge=0)] = 0.0
+    condense_axial: bool = True
 
 
 class Surface(Schema):
@@ -642,6 +643,7 @@ def _core_body(name: str, b: Body) -> _core.BodyDescription:
             beam.axial_shapes = b.axial_shapes
             beam.lateral_shapes = b.lateral_shapes
             beam.damping_time = b.damping_time
+            beam.condense_axial = b.condense_axial
             d.beam = beam
             return d
         d.mass = b.density * b.area * b.length

@@ -31,6 +31,7 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Fin
   const Mechanism& m = dynamics_.mechanism();
   n_ = m.size();
   modes_ = m.total_modes;
+  dynamics_.condense_axial();
   if (input_.motion && m.finger_contact < 0) {
     throw InvalidParameter("finger motion was given but mechanism \"" + m.name +
                            "\" describes no finger");

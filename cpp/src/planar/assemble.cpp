@@ -251,7 +251,7 @@ class Assembler {
     try {
       FlexibleBeam beam{b.name, m_->size(), 0, {}, d.damping_time, base,
                         BeamShapes(d.shapes, d.length, d.axial_shapes, d.lateral_shapes),
-                        d.length};
+                        d.length, d.condense_axial};
       beam.count = d.axial_shapes + d.lateral_shapes;
       for (int k = 0; k < beam.count; ++k) {
         const bool axial = k < d.axial_shapes;

@@ -289,9 +289,54 @@ void Dynamics::evaluate(std::span<const double> q, std::span<const double> v,
   }
 
   compute_mass();
+  if (!condensed_.empty()) hold_condensed();
   factor_mass();
   acceleration_ = force_;
   solve_mass(acceleration_);
+  for (std::size_t i = 0; i < condensed_.size(); ++i) {
+    condensed_force_[static_cast<Eigen::Index>(i)] -=
+        condensed_rows_.row(static_cast<Eigen::Index>(i)).dot(acceleration_);
+  }
+}
+
+void Dynamics::condense_axial() {
+  condensed_.clear();
+  for (const FlexibleBeam& beam : m_->beams) {
+    if (!beam.condense_axial) continue;
+    for (int k = 0; k < beam.shapes.axial(); ++k) condensed_.push_back(beam.first + k);
+  }
+  const auto count = static_cast<Eigen::Index>(condensed_.size());
+  condensed_force_.setZero(count);
+  condensed_rows_.setZero(count, n_);
+}
+
+void Dynamics::hold_condensed() {
+  for (std::size_t i = 0; i < condensed_.size(); ++i) {
+    const int k = condensed_[i];
+    const auto row = static_cast<Eigen::Index>(i);
+    condensed_rows_.row(row) = mass_.row(k);
+    condensed_force_[row] = force_[k];
+  }
+  for (const int k : condensed_) {
+    mass_.row(k).setZero();
+    mass_.col(k).setZero();
+    mass_(k, k) = 1.0;
+    force_[k] = 0.0;
+  }
+}
+
+double Dynamics::condensed_deflection(int k) const {
+  for (const FlexibleBeam& beam : m_->beams) {
+    const int axial = beam.shapes.axial();
+    if (!beam.condense_axial || k < beam.first || k >= beam.first + axial) continue;
+    for (std::size_t i = 0; i < condensed_.size(); ++i) {
+      if (condensed_[i] != beam.first) continue;
+      const Eigen::VectorXd f = condensed_force_.segment(static_cast<Eigen::Index>(i), axial);
+      const Eigen::VectorXd u = beam.stiffness.topLeftCorner(axial, axial).ldlt().solve(f);
+      return u[k - beam.first];
+    }
+  }
+  return 0.0;
 }
 
 double Dynamics::joint_friction(int k) const {
@@ -455,6 +500,19 @@ void Dynamics::differentiate() {
   }
   for (std::size_t i = 0; i < contacts_.size(); ++i) {
     if (contacts_[i].closed) differentiate_contact(i);
+  }
+  for (const int k : condensed_) {
+    stiffness_.row(k).setZero();
+    stiffness_.col(k).setZero();
+    damping_.row(k).setZero();
+    damping_.col(k).setZero();
+    for (int i = 0; i < gradient_count_; ++i) {
+      ContactGradient& g = gradients_[at(i)];
+      for (auto* vector :
+           {&g.by_force, &g.by_compression, &g.compression, &g.rate, &g.strike}) {
+        (*vector)[k] = 0.0;
+      }
+    }
   }
 }
 

@@ -149,9 +149,7 @@ class FiberRun:
             with np.load(file, allow_pickle=False) as stored:
                 header = json.loads(str(stored["header"]))
                 if header.get("format") != _FORMAT:
-                    raise DataError(
-                        f"{file}: format = {header.get('format')}, expected {_FORMAT}"
-                    )
+                    raise DataError(f"{file}: format = {header.get('format')}, expected {_FORMAT}")
                 table = {k[6:]: stored[k].tolist() for k in stored.files if k.startswith("table_")}
                 state = {k[6:]: stored[k] for k in stored.files if k.startswith("state_")}
         except FileNotFoundError:

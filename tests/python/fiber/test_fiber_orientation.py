@@ -80,8 +80,15 @@ def test_fiber_averages_against_quadrature(ratio):
 
     def mean(q):
         edge = [1 / ratio] if ratio > 2 else None
-        return integrate.quad(lambda c: 4 * math.pi * density(ratio, c) * q(c), 0, 1,
-                              points=edge, epsabs=1e-13, epsrel=1e-12, limit=400)[0]
+        return integrate.quad(
+            lambda c: 4 * math.pi * density(ratio, c) * q(c),
+            0,
+            1,
+            points=edge,
+            epsabs=1e-13,
+            epsrel=1e-12,
+            limit=400,
+        )[0]
 
     assert mean(lambda c: 1.0) == pytest.approx(1, abs=1e-11)
     assert mean(abs) == pytest.approx(s.K3, abs=1e-11)
@@ -98,9 +105,11 @@ def test_mean_sine_and_inverse_sine(ratio, theta):
     # Polar coordinates around the fiber itself: sin(kappa) dkappa dchi has no singularity left.
     def inner(power):
         def q(chi, kappa):
-            c = (math.cos(kappa) * math.cos(theta)
-                 + math.sin(kappa) * math.sin(theta) * math.cos(chi))
+            c = math.cos(kappa) * math.cos(theta) + math.sin(kappa) * math.sin(theta) * math.cos(
+                chi
+            )
             return density(ratio, c) * math.sin(kappa) ** (1 + power)
+
         return integrate.dblquad(q, 0, math.pi, 0, 2 * math.pi, epsabs=1e-9, epsrel=1e-9)[0]
 
     c = math.cos(theta)
@@ -220,8 +229,9 @@ def test_general_density_tensors_against_samples():
 
 def test_density_function_and_its_errors():
     exact = structure(2.0)
-    s = density_structure(lambda theta, phi: density(2.0, np.cos(theta)) + 0 * phi,
-                          obstruction=True, tolerance=1e-8)
+    s = density_structure(
+        lambda theta, phi: density(2.0, np.cos(theta)) + 0 * phi, obstruction=True, tolerance=1e-8
+    )
     assert s.f == pytest.approx(exact.f, abs=1e-9)
     assert s.obstruction == pytest.approx(exact.obstruction(), abs=1e-7)
     with pytest.raises(InvalidParameter, match="must be finite and >= 0"):
@@ -259,8 +269,14 @@ def test_narter_stiffness_by_direct_integration():
     before = e / np.diag(deformation)
     psi = 1 / (4 * math.pi * np.linalg.det(deformation) * np.linalg.norm(before, axis=-1) ** 3)
     weight = w[:, None] * (2 * math.pi / 160) * psi
-    strain_of = [e[..., 0] ** 2, e[..., 1] ** 2, e[..., 2] ** 2, e[..., 0] * e[..., 1],
-                 e[..., 0] * e[..., 2], e[..., 1] * e[..., 2]]
+    strain_of = [
+        e[..., 0] ** 2,
+        e[..., 1] ** 2,
+        e[..., 2] ** 2,
+        e[..., 0] * e[..., 1],
+        e[..., 0] * e[..., 2],
+        e[..., 1] * e[..., 2],
+    ]
     direct = [[0.5 * np.sum(weight * a * b) for b in strain_of] for a in strain_of]
     assert np.allclose(t.stiffness, direct, atol=1e-9)
 
@@ -268,8 +284,14 @@ def test_narter_stiffness_by_direct_integration():
 def test_narter_refuses_planar_fibers():
     flat = np.zeros((3, 3, 3, 3))
     flat[0, 0, 0, 0] = flat[1, 1, 1, 1] = 3 / 8
-    for i, j, k, m in [(0, 0, 1, 1), (1, 1, 0, 0), (0, 1, 0, 1), (0, 1, 1, 0), (1, 0, 0, 1),
-                       (1, 0, 1, 0)]:
+    for i, j, k, m in [
+        (0, 0, 1, 1),
+        (1, 1, 0, 0),
+        (0, 1, 0, 1),
+        (0, 1, 1, 0),
+        (1, 0, 0, 1),
+        (1, 0, 1, 0),
+    ]:
         flat[i, j, k, m] = 1 / 8
     with pytest.raises(InvalidParameter, match="spatial orientation"):
         narter_tensors(flat, 1e9, 0.1)

@@ -37,6 +37,7 @@ struct BeamDescription {
   int axial_shapes = 1;           ///< number of axial coordinates, >= 0 (0: inextensible)
   int lateral_shapes = 2;         ///< number of lateral coordinates, >= 1
   double damping_time = 0.0;      ///< stiffness-proportional damping beta [s], >= 0: -beta K de/dt
+  bool condense_axial = true;     ///< in time: axial coordinates follow statically, see FlexibleBeam
 };
 
 /// A rigid body or flexible beam and the joint that ties its origin to its parent.

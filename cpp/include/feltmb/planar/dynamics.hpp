@@ -76,6 +76,13 @@ class Dynamics {
 
   const Mechanism& mechanism() const { return *m_; }
 
+  /// From now on keeps the axial coordinates of beams with `condense_axial` where they are.
+  void condense_axial();
+
+  /// Deflection of a kept coordinate from its kept value [m], from its equation without inertia;
+  /// zero for other coordinates. At the state of the last `evaluate`.
+  double condensed_deflection(int k) const;
+
   /// Evaluates positions, contacts, forces, mass matrix and accelerations at a state. q, v of
   /// length n; eta, eta_rate of length total_modes (concatenated strings).
   void evaluate(std::span<const double> q, std::span<const double> v, std::span<const double> eta,
@@ -139,6 +146,7 @@ class Dynamics {
                       std::span<const double> eta_rate, const Drive& drive);
   void apply(int link, Vec2 point, Vec2 force);
   void compute_mass();
+  void hold_condensed();
   void factor_mass();
   void differentiate_contact(std::size_t i);
   void differentiate_strap(std::size_t i);
@@ -163,6 +171,9 @@ class Dynamics {
   std::vector<double> shaped_at_;  ///< strike position of phi_ by string, NaN before the first
   std::vector<double> strap_pull_;
   std::vector<double> strap_slope_;
+  std::vector<int> condensed_;          ///< kept coordinates, ascending
+  Eigen::VectorXd condensed_force_;     ///< Q - M a of these, before they were held
+  Eigen::MatrixXd condensed_rows_;      ///< their rows of M
   std::vector<double> q_;
   std::vector<double> v_;
   Eigen::VectorXd force_;
