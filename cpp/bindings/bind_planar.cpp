@@ -233,7 +233,8 @@ void bind_planar(py::module_& m) {
         Drive drive;
         drive.force = finger_force;
         const auto count = static_cast<std::size_t>(n);
-        dynamics.evaluate({q.data(), count}, {qd.data(), count}, zero, zero, drive);
+        dynamics.evaluate({q.data(), count}, {qd.data(), count}, zero, zero, drive,
+                          Detail::kAllContacts);
         py::dict out;
         out["mass_matrix"] = dynamics.mass_matrix();
         out["force"] = dynamics.force();

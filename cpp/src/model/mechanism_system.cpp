@@ -97,14 +97,14 @@ std::string MechanismSystem::state_name(std::size_t i) const {
   return "state" + std::to_string(i);
 }
 
-void MechanismSystem::evaluate(double t, std::span<const double> y) {
+void MechanismSystem::evaluate(double t, std::span<const double> y, Detail detail) {
   const Parts p = parts(y);
-  dynamics_.evaluate(p.q, p.v, p.eta, p.eta_rate, input_.at(t));
+  dynamics_.evaluate(p.q, p.v, p.eta, p.eta_rate, input_.at(t), detail);
 }
 
-void MechanismSystem::locate(double t, std::span<const double> y) {
+void MechanismSystem::locate(double t, std::span<const double> y, Detail detail) {
   const Parts p = parts(y);
-  dynamics_.locate(p.q, p.v, p.eta, p.eta_rate, input_.at(t));
+  dynamics_.locate(p.q, p.v, p.eta, p.eta_rate, input_.at(t), detail);
 }
 
 void MechanismSystem::rhs(double t, std::span<const double> y, std::span<double> rate) {

@@ -55,16 +55,14 @@ std::vector<ObservableInfo> list_observables(const Mechanism& m) {
 }
 
 void observe(MechanismSystem& system, double t, std::span<const double> y, std::span<double> out) {
-  system.evaluate(t, y);
+  system.evaluate(t, y, Detail::kAllContacts);
   const Mechanism& m = system.mechanism();
   Dynamics& dynamics = system.dynamics();
   const std::size_t n = m.coordinates.size();
   const std::size_t modes = at(m.total_modes);
   std::size_t i = 0;
-  for (std::size_t k = 0; k < n; ++k) {
-    out[i++] = y[k] + dynamics.condensed_deflection(static_cast<int>(k));
-  }
-  for (std::size_t k = n; k < 2 * n; ++k) out[i++] = y[k];
+  for (std::size_t k = 0; k < 2 * n; ++k) out[i++] = y[k];
+  dynamics.add_condensed_deflection(out.subspan(0, n));
   for (const auto& p : m.points) {
     const Vec2 r = dynamics.position(p.point);
     const Vec2 v = dynamics.velocity(p.point);

@@ -251,7 +251,7 @@ class Assembler {
     try {
       FlexibleBeam beam{b.name, m_->size(), 0, {}, d.damping_time, base,
                         BeamShapes(d.shapes, d.length, d.axial_shapes, d.lateral_shapes),
-                        d.length, d.condense_axial};
+                        d.length, d.condense_axial, 0.0, 0.0, 0.0, {}, {}, {}, {}, {}};
       beam.count = d.axial_shapes + d.lateral_shapes;
       for (int k = 0; k < beam.count; ++k) {
         const bool axial = k < d.axial_shapes;
@@ -261,6 +261,7 @@ class Assembler {
         if (k > 0) m_->coordinate_parent.back() = m_->size() - 2;
       }
       integrate_stiffness(beam, d);
+      integrate_mass(beam, d);
       const int index = static_cast<int>(m_->beams.size());
       m_->beams.push_back(beam);
       const QuadratureRule rule = make_gauss_legendre(at(beam.shapes.quadrature_points()));
@@ -276,6 +277,37 @@ class Assembler {
     } catch (const InvalidParameter& error) {
       fault(where + ": " + error.what());
       unplaced_.insert(b.name);
+    }
+  }
+
+  static void integrate_mass(FlexibleBeam& beam, const BeamDescription& d) {
+    beam.shape_moment.assign(at(beam.count), {});
+    beam.radial.assign(at(beam.count), 0.0);
+    beam.transverse.assign(at(beam.count), 0.0);
+    beam.shape_product.setZero(beam.count, beam.count);
+    beam.shape_cross.setZero(beam.count, beam.count);
+    const QuadratureRule rule = make_gauss_legendre(at(beam.shapes.quadrature_points()));
+    std::vector<Vec2> shape(at(beam.count));
+    for (std::size_t i = 0; i < rule.nodes.size(); ++i) {
+      const double mass = 0.5 * d.length * rule.weights[i] * d.linear_density;
+      const double x = 0.5 * d.length * (1.0 + rule.nodes[i]);
+      const ShapeValues v = beam.shapes.at(x);
+      beam.mass += mass;
+      beam.first_moment += mass * x;
+      beam.second_moment += mass * x * x;
+      for (int k = 0; k < beam.count; ++k) {
+        const int lateral = k - d.axial_shapes;
+        shape[at(k)] = lateral < 0 ? Vec2{v.axial[at(k)], 0.0} : Vec2{0.0, v.lateral[at(lateral)]};
+        beam.shape_moment[at(k)] += mass * shape[at(k)];
+        beam.radial[at(k)] += mass * x * shape[at(k)].x;
+        beam.transverse[at(k)] += mass * x * shape[at(k)].y;
+      }
+      for (int k = 0; k < beam.count; ++k) {
+        for (int l = 0; l < beam.count; ++l) {
+          beam.shape_product(k, l) += mass * dot(shape[at(k)], shape[at(l)]);
+          beam.shape_cross(k, l) += mass * cross(shape[at(k)], shape[at(l)]);
+        }
+      }
     }
   }
 

@@ -61,6 +61,9 @@ class ModalString {
   /// -(T w_y - E I w_yyy)(L), positive in the sense of w.
   double bridge_force(std::span<const double> eta) const;
 
+  /// Bound on |w| anywhere: the sum of the modal amplitudes [m].
+  double largest_displacement(std::span<const double> eta) const;
+
   double kinetic_energy(std::span<const double> eta_rate) const;   ///< [J]
   double elastic_energy(std::span<const double> eta) const;        ///< [J]
   double dissipated_power(std::span<const double> eta_rate) const; ///< >= 0 [W]

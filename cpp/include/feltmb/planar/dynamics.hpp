@@ -62,6 +62,9 @@ struct ContactGradient {
   Eigen::VectorXd strike;          ///< dy/dq of the strike point
 };
 
+/// How much of the contacts is wanted: an open contact needs its compression only.
+enum class Detail { kClosedContacts, kAllContacts };
+
 /// Mutable workspace that evaluates one mechanism; one a thread.
 ///
 /// M(q) a = Q(q, v, t): planar tree of links in relative coordinates, rigid or stations of flexible
@@ -79,18 +82,20 @@ class Dynamics {
   /// From now on keeps the axial coordinates of beams with `condense_axial` where they are.
   void condense_axial();
 
-  /// Deflection of a kept coordinate from its kept value [m], from its equation without inertia;
-  /// zero for other coordinates. At the state of the last `evaluate`.
-  double condensed_deflection(int k) const;
+  /// Deflection of the kept coordinates from their kept values [m], from their equations without
+  /// inertia; zero for other coordinates. At the state of the last `evaluate`.
+  void add_condensed_deflection(std::span<double> q);
 
   /// Evaluates positions, contacts, forces, mass matrix and accelerations at a state. q, v of
   /// length n; eta, eta_rate of length total_modes (concatenated strings).
   void evaluate(std::span<const double> q, std::span<const double> v, std::span<const double> eta,
-                std::span<const double> eta_rate, const Drive& drive);
+                std::span<const double> eta_rate, const Drive& drive,
+                Detail detail = Detail::kClosedContacts);
 
-  /// Positions, velocities and the geometry of all contacts; no forces.
+  /// Positions, velocities and the geometry of the contacts; no forces.
   void locate(std::span<const double> q, std::span<const double> v, std::span<const double> eta,
-              std::span<const double> eta_rate, const Drive& drive);
+              std::span<const double> eta_rate, const Drive& drive,
+              Detail detail = Detail::kClosedContacts);
 
   /// Exact derivatives at the state of the last `evaluate`, with the law slopes left out of
   /// stiffness() and damping() for the contacts listed in gradients().
@@ -142,12 +147,23 @@ class Dynamics {
   };
 
   void move_links(std::span<const double> q, std::span<const double> v);
+  void move_link(std::size_t i);
   void locate_contact(std::size_t i, std::span<const double> eta,
-                      std::span<const double> eta_rate, const Drive& drive);
+                      std::span<const double> eta_rate, const Drive& drive, Detail detail);
+  void locate_string(const Contact& contact, ContactState& state, Vec2 d,
+                     std::span<const double> eta, std::span<const double> eta_rate);
   void apply(int link, Vec2 point, Vec2 force);
-  void compute_mass();
+  void apply_contacts();
+  void apply_straps();
+  void apply_inertia(std::size_t i);
+  void project(const Wrench& w, const std::vector<int>& path);
+  void add_mass(double mass, double inertia, Vec2 center, const std::vector<int>& path);
+  void add_beam(const FlexibleBeam& beam);
   void hold_condensed();
   void factor_mass();
+  void move_lumps();
+  /// Lumps, and accelerations of all links, for what needs each mass on its own.
+  void complete_links();
   void differentiate_contact(std::size_t i);
   void differentiate_strap(std::size_t i);
   Vec2 column(int motion, Vec2 point) const;
@@ -172,8 +188,6 @@ class Dynamics {
   std::vector<double> strap_pull_;
   std::vector<double> strap_slope_;
   std::vector<int> condensed_;          ///< kept coordinates, ascending
-  Eigen::VectorXd condensed_force_;     ///< Q - M a of these, before they were held
-  Eigen::MatrixXd condensed_rows_;      ///< their rows of M
   std::vector<double> q_;
   std::vector<double> v_;
   Eigen::VectorXd force_;
@@ -184,7 +198,7 @@ class Dynamics {
   Eigen::MatrixXd damping_;
   std::vector<ContactGradient> gradients_;
   int gradient_count_ = 0;
-  std::vector<Vec2> column_a_, column_b_, dn_, dp_, du_;
+  std::vector<Vec2> column_a_, column_b_, dn_, dp_, du_, columns_;
 };
 
 }  // namespace feltmb

@@ -74,6 +74,18 @@ struct FlexibleBeam {
   BeamShapes shapes;
   double length = 0.0;
   bool condense_axial = true;
+
+  // Integrals of the mass over the centerline d = (x, 0) + sum S_k e_k in the beam's frame. They
+  // give the same as the lumps, which stand at Gauss points, in a fraction of the time; the exact
+  // derivatives use the lumps.
+  double mass = 0.0;               ///< of the beam [kg]
+  double first_moment = 0.0;       ///< of x [kg m]
+  double second_moment = 0.0;      ///< of x^2 [kg m^2]
+  std::vector<Vec2> shape_moment;  ///< of S_k [kg]
+  std::vector<double> radial;      ///< of x S_k,x [kg m]
+  std::vector<double> transverse;  ///< of x S_k,y [kg m]
+  Eigen::MatrixXd shape_product;   ///< of S_k . S_l [kg]
+  Eigen::MatrixXd shape_cross;     ///< of S_k x S_l [kg]
 };
 
 /// Flat side of a contact pair: every pair of surfaces reduces to a circle on link b against one
