@@ -66,7 +66,7 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Fin
   couplings_.resize(m.strings.size());
   for (auto& c : couplings_) {
     for (auto* vector : {&c.force_column, &c.displacement_column, &c.gradient, &c.rate_gradient,
-                         &c.strike}) {
+                         &c.strike, &c.slope_force}) {
       vector->setZero(n_);
     }
   }
@@ -169,6 +169,7 @@ void MechanismSystem::linearize(double t, std::span<const double> y) {
     c.gradient = g.compression;
     c.rate_gradient = g.rate;
     c.strike = g.strike;
+    c.slope_force = g.by_slope;
     const auto phi = dynamics_.phi(contact.string);
     const auto dphi = dynamics_.dphi(contact.string);
     std::copy(phi.begin(), phi.end(), phi_.begin() + c.offset);
@@ -202,7 +203,7 @@ bool MechanismSystem::factorize(double gamma) {
     const double velocity_y = g * c.a01 * c.force;
     const double slope_y = g * g * c.a11 * c.force;
     const Eigen::VectorXd rate_column = -c.by_rate * c.force_column;
-    const Eigen::VectorXd slope_column = c.force * c.strike + c.strike_speed * rate_column;
+    const Eigen::VectorXd slope_column = c.force * c.slope_force + c.strike_speed * rate_column;
     const Eigen::VectorXd by_force = (g * velocity_f) * c.displacement_column +
                                      velocity_f * rate_column + slope_f * slope_column;
     const Eigen::VectorXd by_strike = (g * velocity_y) * c.displacement_column +
@@ -254,7 +255,7 @@ void MechanismSystem::solve(std::span<double> b) {
     slope += g * g * c.a11 * shift;
     right_.head(n_) += g * (displacement * c.displacement_column -
                             (c.by_rate * (velocity + c.strike_speed * slope)) * c.force_column +
-                            (slope * c.force) * c.strike);
+                            (slope * c.force) * c.slope_force);
     right_[n_ + i] =
         c.by_compression * (c.gradient.dot(r_q) - displacement) +
         c.by_rate * (c.rate_gradient.dot(r_q) - velocity - c.strike_speed * slope);

@@ -106,17 +106,14 @@ void Dynamics::differentiate() {
   for (std::size_t i = 0; i < contacts_.size(); ++i) {
     if (contacts_[i].closed) differentiate_contact(i);
   }
+  // Held coordinates have no equation; others still depend on where they are held.
   for (const int k : condensed_) {
     stiffness_.row(k).setZero();
-    stiffness_.col(k).setZero();
     damping_.row(k).setZero();
-    damping_.col(k).setZero();
     for (int i = 0; i < gradient_count_; ++i) {
-      ContactGradient& g = gradients_[at(i)];
-      for (auto* vector :
-           {&g.by_force, &g.by_compression, &g.compression, &g.rate, &g.strike}) {
-        (*vector)[k] = 0.0;
-      }
+      gradients_[at(i)].by_force[k] = 0.0;
+      gradients_[at(i)].by_compression[k] = 0.0;
+      gradients_[at(i)].by_slope[k] = 0.0;
     }
   }
 }
@@ -151,7 +148,8 @@ void Dynamics::differentiate_contact(std::size_t i) {
   const LinkState& b = links_[at(contact.b.link)];
   ContactGradient& g = gradients_[at(gradient_count_++)];
   g.contact = static_cast<int>(i);
-  for (auto* vector : {&g.by_force, &g.by_compression, &g.compression, &g.rate, &g.strike}) {
+  for (auto* vector : {&g.by_force, &g.by_compression, &g.compression, &g.rate, &g.strike,
+                       &g.by_slope}) {
     vector->setZero();
   }
 
@@ -196,6 +194,7 @@ void Dynamics::differentiate_contact(std::size_t i) {
     }
     g.compression[j] = de;
     g.strike[j] = strike;
+    g.by_slope[j] = strike;
 
     // Point of application at fixed compression; its share through de is in by_compression.
     const Vec2 dp = center_column - (contact.radius_b - 0.5 * s.compression) * dn;

@@ -40,7 +40,8 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   damping_.setZero(n_, n_);
   gradients_.resize(m_->contacts.size());
   for (auto& g : gradients_) {
-    for (auto* vector : {&g.by_force, &g.by_compression, &g.compression, &g.rate, &g.strike}) {
+    for (auto* vector : {&g.by_force, &g.by_compression, &g.compression, &g.rate, &g.strike,
+                         &g.by_slope}) {
       vector->setZero(n_);
     }
   }

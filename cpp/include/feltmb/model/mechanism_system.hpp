@@ -104,6 +104,7 @@ class MechanismSystem : public OdeSystem {
     Eigen::VectorXd gradient;      ///< de/dq
     Eigen::VectorXd rate_gradient; ///< d(de/dt)/dq
     Eigen::VectorXd strike;        ///< dy/dq
+    Eigen::VectorXd slope_force;   ///< dQ/d(F x slope of the string)
     double a00 = 0.0, a01 = 0.0, a11 = 0.0;
   };
   Eigen::MatrixXd mass_, stiffness_, damping_;

@@ -60,6 +60,7 @@ struct ContactGradient {
   Eigen::VectorXd compression;     ///< de/dq
   Eigen::VectorXd rate;            ///< d(de/dt)/dq
   Eigen::VectorXd strike;          ///< dy/dq of the strike point
+  Eigen::VectorXd by_slope;        ///< dQ/d(F x slope of the string): strike, as a force
 };
 
 /// How much of the contacts is wanted: an open contact needs its compression only.
