@@ -298,6 +298,21 @@ void bind_planar(py::module_& m) {
       "Position [m] of a tracking point in the ground frame.");
 
   m.def(
+      "finger_place",
+      [](const std::shared_ptr<Mechanism>& mechanism, const Eigen::VectorXd& q) {
+        if (q.size() != mechanism->size() || mechanism->finger_contact < 0) {
+          throw InvalidParameter("finger_place: no finger, or q of the wrong length");
+        }
+        Dynamics dynamics(mechanism);
+        const std::vector<double> zero(static_cast<std::size_t>(mechanism->total_modes), 0.0);
+        const std::vector<double> rest(static_cast<std::size_t>(mechanism->size()), 0.0);
+        const std::vector<double> law(static_cast<std::size_t>(mechanism->total_law_states), 0.0);
+        dynamics.locate({{q.data(), static_cast<std::size_t>(q.size())}, rest, law, zero, zero}, {});
+        return dot(mechanism->finger_direction, dynamics.position(mechanism->finger_point));
+      },
+      py::arg("mechanism"), py::arg("q"), "Place of the finger's point along its direction [m].");
+
+  m.def(
       "jacobian_blocks",
       [](const std::shared_ptr<Mechanism>& mechanism, const Eigen::VectorXd& q,
          const Eigen::VectorXd& qd, double finger_force) {

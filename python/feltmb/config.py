@@ -102,17 +102,15 @@ class FrictionParameters(Schema):
 
 def _any_unit(node: object) -> float:
     """Friction amplitudes and speeds are linear or angular; any accepted unit of either kind."""
-    if not isinstance(node, Mapping) or "unit" not in node:
-        return parse_scalar(node, "1")
+    fault = None
     for si in ("1", "N", "N m", "m/s", "rad/s"):
         try:
             return parse_scalar(node, si)
         except ValueError as error:
             if "does not measure" not in str(error):
                 raise
-    raise ValueError(
-        f"got unit {node['unit']!r}, expected a unit of 1, N, N m (amplitude) or m/s, rad/s (speed)"
-    )
+            fault = error
+    raise ValueError(f"{str(fault).partition(';')[0]}; expected a unit of 1, N, N m, m/s or rad/s")
 
 
 Friction = Annotated[FrictionParameters, BeforeValidator(_drop_meta)]

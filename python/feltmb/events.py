@@ -65,8 +65,19 @@ def name_events(changes: Sequence[Change], rules: Mapping[str, NamedEvent]) -> d
         ]
         if not candidates:
             return None
-        found[name] = candidates[0] if rule.which == "first" else candidates[-1]
-        return found[name]
+        chosen = candidates[0] if rule.which == "first" else candidates[-1]
+        if rule.which == "last" and rule.before is not None and rule.contact is not None:
+            # The last opening before an event counts only if the contact then stayed open.
+            undone = any(
+                change.contact == changes[chosen].contact
+                and change.closes != changes[chosen].closes
+                and changes[chosen].time < change.time <= high
+                for change in changes
+            )
+            if undone:
+                return None
+        found[name] = chosen
+        return chosen
 
     for name in rules:
         visiting.clear()

@@ -96,7 +96,9 @@ def _parse_vector(node: object, si_unit: str, length: int) -> tuple[float, ...]:
         node = node["value"]
     if isinstance(node, str) or not isinstance(node, Sequence) or len(node) != length:
         raise ValueError(f"got {node!r}, expected {length} numbers")
-    return tuple(_number(v) * factor for v in node)
+    return tuple(
+        parse_scalar(v, si_unit) if isinstance(v, str) else _number(v) * factor for v in node
+    )
 
 
 def SI(si_unit: str) -> BeforeValidator:
@@ -137,6 +139,15 @@ def _fields_at(model: type[BaseModel], loc: tuple[Any, ...]) -> list[str]:
     return []
 
 
+def _plain_input(node: object) -> str:
+    """What a reader wrote, without the table around it."""
+    if is_quantity(node):
+        assert isinstance(node, Mapping)
+        return f"{node['value']!r} {node.get('unit', '')}".strip()
+    text = repr(node)
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
 def fault_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
     """One line a fault: where, what was got, what is expected, a hint."""
     lines = []
@@ -144,7 +155,7 @@ def fault_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
         loc = tuple(p for p in item["loc"] if p != "function-before")
         where = ".".join(str(p) for p in loc) or "file"
         kind = item["type"]
-        got = item.get("input")
+        got = _plain_input(item.get("input"))
         if kind == "missing":
             lines.append(f"{where}: is missing")
         elif kind == "extra_forbidden":
@@ -156,11 +167,11 @@ def fault_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
             lines.append(f"{where}: unknown key{hint}")
         elif kind in _LIMITS:
             key, sign = _LIMITS[kind]
-            lines.append(f"{where}: got {got!r}, must be {sign} {item['ctx'][key]:g}")
+            lines.append(f"{where}: got {got}, must be {sign} {item['ctx'][key]:g}")
         elif kind == "literal_error":
-            lines.append(f"{where}: got {got!r}, expected {item['ctx']['expected']}")
+            lines.append(f"{where}: got {got}, expected {item['ctx']['expected']}")
         elif kind == "value_error":
             lines.append(f"{where}: {item['ctx']['error']}")
         else:
-            lines.append(f"{where}: got {got!r}: {item['msg'].lower()}")
+            lines.append(f"{where}: got {got}: {item['msg'].lower()}")
     return lines

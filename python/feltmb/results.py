@@ -65,6 +65,7 @@ class Run:
     stats: dict[str, Any]
     provenance: dict[str, Any]
     end_state: Array
+    end_memory: Array
     coordinates: tuple[str, ...]
     status: str = "done"
     message: str = ""
@@ -250,6 +251,8 @@ class Run:
             {"units": "m kg^0.5", "long_name": "modal coordinates of the string"},
         )
         data["end_state"] = ("state", self.end_state, {"units": "SI", "long_name": "state at end"})
+        text = "largest compression that each contact remembers at the end"
+        data["end_memory"] = ("contact", self.end_memory, {"units": "m", "long_name": text})
         encoding = {
             str(name): {"zlib": True, "complevel": 1, "shuffle": True}
             for name in data.data_vars
@@ -286,7 +289,7 @@ def load_run(path: str | Path) -> Run:
             key: json.loads(data.attrs[key])
             for key in ("coordinate_names", "summary", "energy", "stats", "provenance", "events")
         }
-        special = {"string.eta", "end_state"}
+        special = {"string.eta", "end_state", "end_memory"}
         names = tuple(str(n) for n in data.data_vars if n not in special)
         return Run(
             time=data["time"].to_numpy(),
@@ -301,6 +304,7 @@ def load_run(path: str | Path) -> Run:
             stats=meta["stats"],
             provenance=meta["provenance"],
             end_state=data["end_state"].to_numpy(),
+            end_memory=data["end_memory"].to_numpy(),
             coordinates=tuple(meta["coordinate_names"]),
             status=str(data.attrs["status"]),
             message=str(data.attrs["message"]),

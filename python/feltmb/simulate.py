@@ -174,7 +174,9 @@ def simulate(
     if roles.strike_contact is not None:
         options.peak_contacts = [roles.strike_contact]
 
-    y = _start_state(action, start)
+    y, memory = _start_state(action, start)
+    if action.config.finger is not None:
+        options.finger_reference = _core.finger_place(action.mechanism, action.rest_pose)
     result = _core.simulate(
         action.mechanism,
         stroke.profile,
@@ -183,6 +185,7 @@ def simulate(
         list(y),
         _monitors(action, y),
         progress,
+        list(memory),
     )
     run = _to_run(action, stroke, options, result)
     if run.status == "interrupted":
@@ -198,19 +201,22 @@ def simulate(
     return run
 
 
-def _start_state(action: Action, start: Run | None) -> Array:
+def _start_state(action: Action, start: Run | None) -> tuple[Array, Array]:
+    """Full state [q, v, law states, eta, deta/dt] and remembered compressions."""
     n = len(action.coordinates)
     modes = action.mechanism.total_modes
+    size = 2 * (n + modes) + action.mechanism.total_law_states
     if start is None:
         rest = action._equilibrium
-        return np.concatenate([rest["q"], np.zeros(n), rest["eta"], np.zeros(modes)])
-    if start.coordinates != action.coordinates or start.end_state.size != 2 * (n + modes):
+        y = np.concatenate([rest["q"], np.zeros(n), rest["law"], rest["eta"], np.zeros(modes)])
+        return y, np.asarray(rest["largest_compression"])
+    if start.coordinates != action.coordinates or start.end_state.size != size:
         raise InvalidParameter(
             f"start: the run ends with {start.end_state.size} states of coordinates "
-            f"{', '.join(start.coordinates)}; this mechanism has {2 * (n + modes)} of "
+            f"{', '.join(start.coordinates)}; this mechanism has {size} of "
             f"{', '.join(action.coordinates)}"
         )
-    return start.end_state
+    return start.end_state, start.end_memory
 
 
 def _monitors(action: Action, y: Array) -> list[Any]:
@@ -288,23 +294,38 @@ def _to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
         rest_iterations=action._equilibrium["iterations"],
     )
     states = result.states
+    laws = action.mechanism.total_law_states
+    stats["warnings"] = _warnings(energy, options)
     return Run(
         time=result.time,
         names=tuple(result.names),
         units=tuple(result.units),
         long_names=tuple(result.long_names),
         values=result.data,
-        eta=states[:, 2 * n : 2 * n + modes],
+        eta=states[:, 2 * n + laws : 2 * n + laws + modes],
         event_table=_event_table(action, changes, named, result),
         summary=_summary(action, named, changes, result),
         energy=energy,
         stats=stats,
         provenance=provenance,
         end_state=result.end_state,
+        end_memory=np.asarray(result.end_largest_compression),
         coordinates=action.coordinates,
         status=result.status,
         message=result.message,
     )
+
+
+def _warnings(energy: Mapping[str, Any], options: Any) -> list[str]:
+    """What a careful user would want to be told about a run that did not fail."""
+    out = []
+    residual = energy.get("residual_relative", 0.0)
+    if residual > 1e-3:
+        out.append(
+            f"energy not accounted for is {100 * residual:.2g} % of the work at rtol "
+            f"{options.rtol:g}: use a smaller rtol"
+        )
+    return out
 
 
 def _event_table(
@@ -399,7 +420,7 @@ def _summary(
     strike = roles.strike_contact
     if strike is not None:
         column = numbers.index(strike)
-        on, off = named.get("string_contact_on"), named.get("string_contact_off")
+        on, off = _strike(changes, strike)
         if on is not None:
             out["impact_time"] = changes[on].time
             out["impact_speed"] = float(result.event_approach[on, column])
@@ -415,6 +436,24 @@ def _summary(
         _add_check(action, named, column, result, out)
     _add_key(action, result, out)
     return out
+
+
+#: A hammer may leave the string and touch it again within this time of one blow [s].
+_ONE_BLOW = 6e-3
+
+
+def _strike(changes: list[Change], contact: int) -> tuple[int | None, int | None]:
+    """First closing of the strike contact and its last opening within one blow."""
+    on = next((i for i, c in enumerate(changes) if c.contact == contact and c.closes), None)
+    if on is None:
+        return None, None
+    end = changes[on].time + _ONE_BLOW
+    offs = [
+        i
+        for i, c in enumerate(changes)
+        if c.contact == contact and not c.closes and changes[on].time < c.time <= end
+    ]
+    return on, offs[-1] if offs else None
 
 
 def _add_check(

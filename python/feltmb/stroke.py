@@ -448,9 +448,7 @@ def read_stroke_csv(path: str | Path, *, interpolation: Interpolation = "monoton
         raise DataError(f"{path}: {len(text)} bytes; the limit of a stroke is 200 MB")
     kind, factors, header_faults = _parse_header(text)
     time, value, faults = _parse_rows(text, factors)
-    faults = header_faults + faults
-    if not faults:
-        faults = _time_faults(time)
+    faults = header_faults + faults + _time_faults([row for row in time if math.isfinite(row[1])])
     if faults:
         shown = faults[:20] + ([f"... and {len(faults) - 20} more"] if len(faults) > 20 else [])
         raise DataError(

@@ -54,7 +54,9 @@ Profile::Profile(std::vector<double> time, std::vector<double> value, Interpolat
     const double w1 = h1 + 2.0 * h0;
     slope_[i] = (w0 + w1) / (w0 / s0 + w1 / s1);
   }
-  // Flat ends join the constant continuation.
+  // Flat ends join the constant continuation. Knots are stops: at rest a step could pass over a
+  // whole pulse.
+  knots_ = time_;
 }
 
 std::size_t Profile::interval(double t) const {

@@ -159,10 +159,16 @@ class Run {
     recovered_.assign(mechanism->contacts.size(), 0.0);
     set_finger_reference();
     scratch_.resize(y_.size());
-    for (const double t : input.profile.breakpoints()) {
-      if (t > 0.0 && t < options.duration) stops_.push_back(t);
-    }
-    stops_.push_back(options.duration);
+    const auto add_stops = [&](const std::vector<double>& times, bool restart) {
+      for (const double t : times) {
+        if (t > 0.0 && t < options.duration) stops_.push_back({t, restart});
+      }
+    };
+    add_stops(input.profile.breakpoints(), true);
+    add_stops(input.profile.knots(), false);
+    std::stable_sort(stops_.begin(), stops_.end(),
+                     [](const Stop& a, const Stop& b) { return a.time < b.time; });
+    stops_.push_back({options.duration, false});
     for (const int number : options.peak_contacts) {
       const int index = mechanism->contact_index(number);
       if (index < 0) {
@@ -192,7 +198,7 @@ class Run {
       StepStatus status = StepStatus::kFailed;
       std::string thrown;
       try {
-        status = integrator.step(stops_[next_stop]);
+        status = integrator.step(stops_[next_stop].time);
       } catch (const Error& error) {
         thrown = error.what();
       }
@@ -212,10 +218,11 @@ class Run {
       if (reversal.contact >= 0) {
         restart_at(integrator, reversal);
       } else if (status == StepStatus::kStop) {
+        const bool restart = stops_[next_stop].restart;
         ++next_stop;
         if (next_stop == stops_.size()) {
           going = false;
-        } else {
+        } else if (restart) {
           // The slope of the input jumps here: the multistep history is void.
           std::copy(integrator.state().begin(), integrator.state().end(), y_.begin());
           integrator.start(now, y_, false);
@@ -229,6 +236,11 @@ class Run {
   }
 
  private:
+  struct Stop {
+    double time;
+    bool restart;
+  };
+
   struct Reversal {
     int contact = -1;
     double time = 0.0;
@@ -419,6 +431,8 @@ class Run {
     }
     ++state_counts_[state];
     const int contact = system_.stiffest_contact(state);
+    limiting_state_ = state;
+    limiting_contact_ = contact;
     if (contact >= 0) ++contact_counts_[at(contact)];
   }
 
@@ -429,6 +443,24 @@ class Run {
       return false;
     }
     if (steps % 64 != 0) return true;
+    // A regularised law outside its data can hold the step at microscopic sizes for hours.
+    constexpr long window = 100000;
+    constexpr double least = 1e-5;  // s
+    if (steps - progress_step_ >= window) {
+      if (now - progress_time_ < least) {
+        result_.status = RunStatus::kFailed;
+        const int contact = limiting_contact_;
+        result_.failed_state = system_.state_name(limiting_state_);
+        if (contact >= 0) result_.failed_contact = system_.mechanism().contacts[at(contact)].name;
+        result_.message = format(
+            "no progress: %ld steps moved the time by %.3g s only, at t = %.9g s; state %s limits "
+            "the step%s%s", window, now - progress_time_, now, result_.failed_state.c_str(),
+            contact >= 0 ? ", stiffest contact there " : "", result_.failed_contact.c_str());
+        return false;
+      }
+      progress_step_ = steps;
+      progress_time_ = now;
+    }
     const double wall = std::chrono::duration<double>(Clock::now() - begin_).count();
     if (options_.max_wall > 0.0 && wall > options_.max_wall) {
       result_.status = RunStatus::kWallTime;
@@ -509,7 +541,7 @@ class Run {
   std::vector<double> y_;
   std::vector<double> scratch_;
   std::vector<double> ledger_scratch_;
-  std::vector<double> stops_;
+  std::vector<Stop> stops_;
   std::vector<PeakWatch> watches_;
   std::vector<std::size_t> remembering_;   ///< contacts whose laws have memory
   std::vector<double> felt_rate_;          ///< of these, at the end of the last step
@@ -518,6 +550,10 @@ class Run {
   long rows_ = 0;
   double last_sample_ = -1.0;
   double next_report_ = 0.05;
+  long progress_step_ = 0;
+  double progress_time_ = 0.0;
+  std::size_t limiting_state_ = 0;
+  int limiting_contact_ = -1;
   std::vector<long> state_counts_;
   std::vector<long> contact_counts_;
 };

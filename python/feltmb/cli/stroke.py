@@ -133,6 +133,8 @@ def command(
                 }
                 if not as_json:
                     screen.print(summary_table(run, stroke.name))
+                for warning in run.stats["warnings"]:
+                    complain(f"warning: {stroke.name}: {warning}")
         except KeyboardInterrupt:
             stop["now"] = True
             raise

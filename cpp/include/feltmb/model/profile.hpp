@@ -25,7 +25,8 @@ class Profile {
 
   double value(double t) const;
   double rate(double t) const;                      ///< d value / dt [1/s]
-  const std::vector<double>& breakpoints() const { return breakpoints_; }  ///< [s]
+  const std::vector<double>& breakpoints() const { return breakpoints_; }  ///< slope jumps [s]
+  const std::vector<double>& knots() const { return knots_; }  ///< to stop at without restart [s]
 
  private:
   std::size_t interval(double t) const;
@@ -36,6 +37,7 @@ class Profile {
   std::vector<double> value_;
   std::vector<double> slope_;
   std::vector<double> breakpoints_;
+  std::vector<double> knots_;
   Interpolation interpolation_;
   double amplitude_;
   double omega_;
