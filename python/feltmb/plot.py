@@ -8,6 +8,7 @@ a run does not have is left out; a picture of which nothing would be left is ref
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -132,7 +133,9 @@ def _plain(text: str) -> str:
 def _run_name(run: Run) -> str:
     stroke = run.provenance.get("stroke", {}).get("name", "")
     action = str(run.provenance.get("action", ""))
-    return _plain(" · ".join(part for part in (action, f"stroke {stroke}" if stroke else "") if part))
+    return _plain(
+        " · ".join(part for part in (action, f"stroke {stroke}" if stroke else "") if part)
+    )
 
 
 def _title(figure: Figure, run: Run, what: str) -> None:
@@ -182,9 +185,7 @@ def _contact_numbers(run: Run) -> list[int]:
 
 def _loaded_contacts(run: Run, least: float = 1e-6) -> list[int]:
     """Numbers of the contacts that carry more than ``least`` [N] at some sample."""
-    return [
-        n for n in _contact_numbers(run) if float(np.max(run[f"contact{n:02d}.force"])) > least
-    ]
+    return [n for n in _contact_numbers(run) if float(np.max(run[f"contact{n:02d}.force"])) > least]
 
 
 _AUTOMATIC = re.compile(r"(contact\d+|finger)_(on|off)")
@@ -277,7 +278,9 @@ def _mark_events(
     shift = _spread(fractions, gap)
     over = shift[-1] - 1.0
     if over > 0:
-        shift = _spread([min(s, 1.0 - (len(shift) - 1 - i) * gap) for i, s in enumerate(shift)], gap)
+        shift = _spread(
+            [min(s, 1.0 - (len(shift) - 1 - i) * gap) for i, s in enumerate(shift)], gap
+        )
     for (time, name), x, place in zip(events, fractions, shift, strict=True):
         ax.axvline(1e3 * time, color=GRAY, linewidth=0.6, linestyle=(0, (3, 2)), zorder=1)
         if not labels:
@@ -345,7 +348,7 @@ def _draw_motion(ax: Axes, run: Run) -> None:
     _style(ax, "time, ms", "displacement from start, mm")
 
 
-def _set_window(ax: Axes, run: Run, window: tuple[float, float]) -> None:
+def _set_window(ax: Axes, window: tuple[float, float]) -> None:
     """Limits of time [s], and of the ordinate from what is seen in them."""
     ax.set_xlim(1e3 * window[0], 1e3 * window[1])
     low, high = math.inf, -math.inf
@@ -383,7 +386,7 @@ def motion(run: Run) -> Figure:
     axes = figure.subplots(2 if zoom else 1, 1, squeeze=False)[:, 0]
     for ax, window in zip(axes, (whole, near), strict=False):
         _draw_motion(ax, run)
-        _set_window(ax, run, window)
+        _set_window(ax, window)
     if zoom:
         axes[0].axvspan(1e3 * near[0], 1e3 * near[1], color="#F2F2F2", zorder=0)
         axes[0].set_xlabel("")
@@ -456,7 +459,7 @@ def hammer_speed(run: Run) -> Figure:
     _title(figure, run, "Hammer speed")
     ax = figure.subplots()
     _draw_speed(ax, run)
-    _set_window(ax, run, _action_window(run))
+    _set_window(ax, _action_window(run))
     return figure
 
 
@@ -485,7 +488,9 @@ def contact_forces(run: Run) -> Figure:
     figure = _figure(2.9 * columns + 0.4, 1.75 * rows + 0.7)
     _title(figure, run, "Contact forces")
     window = _busy_window(run)
-    for i, (ax, number) in enumerate(zip(_grid(figure, len(numbers), columns), numbers, strict=True)):
+    for i, (ax, number) in enumerate(
+        zip(_grid(figure, len(numbers), columns), numbers, strict=True)
+    ):
         force = run[f"contact{number:02d}.force"]
         peak = int(np.argmax(force))
         ax.fill_between(1e3 * run.time, force, color=BLUE, alpha=0.15, linewidth=0)
@@ -557,7 +562,9 @@ def finger_force(run: Run) -> Figure:
         stroke = run.provenance.get("stroke", {})
         if moved:
             profile = _core.Profile(
-                stroke["time"], stroke["value"], getattr(_core.Interpolation, stroke["interpolation"])
+                stroke["time"],
+                stroke["value"],
+                getattr(_core.Interpolation, stroke["interpolation"]),
             )
             prescribed = np.asarray(profile.value(run.time))
             ax.plot(
@@ -570,7 +577,7 @@ def finger_force(run: Run) -> Figure:
             )
             _legend(ax)
         _style(ax, "time, ms", "travel, mm")
-        _set_window(ax, run, window)
+        _set_window(ax, window)
         _mark_events(ax, run, window, width=6.0, labels=False)
     return figure
 
@@ -614,7 +621,7 @@ def string(run: Run) -> Figure:
         ax.plot(1e3 * run.time, factor * run[name], color=color, linewidth=1.2)
         ax.axhline(0.0, color=GRAY, linewidth=0.6)
         _style(ax, "", f"{what}, {unit}")
-        _set_window(ax, run, window)
+        _set_window(ax, window)
         only = ("string_contact_on", "string_contact_off")
         _mark_events(ax, run, window, width=6.0, only=only, labels=ax is axes[0])
     if shape:
@@ -896,7 +903,7 @@ def overview(run: Run) -> Figure:
                     label=_contact_label(run, number),
                 )
             _style(ax, "time, ms", "contact force, N")
-        _set_window(ax, run, window)
+        _set_window(ax, window)
         if window == near:
             _mark_events(ax, run, near, width=5.2, labels=not labelled)
             labelled = True
@@ -954,9 +961,7 @@ def compare(runs: Sequence[Run], names: Sequence[str]) -> Figure:
     axes = figure.subplots(len(names), 1, squeeze=False, sharex=True)[:, 0]
     labels = [_run_name(run) or f"run {i + 1}" for i, run in enumerate(runs)]
     doubled = {label for label in labels if labels.count(label) > 1}
-    labels = [
-        f"{label} ({i + 1})" if label in doubled else label for i, label in enumerate(labels)
-    ]
+    labels = [f"{label} ({i + 1})" if label in doubled else label for i, label in enumerate(labels)]
     shown: dict[str, Any] = {}
     for ax, name in zip(axes, names, strict=True):
         having = [i for i, run in enumerate(runs) if name in run]
@@ -1142,8 +1147,11 @@ def _box(low: Array, high: Array, radius: float) -> Array:
 
 def _unit(action: Action, poses: Mapping[str, Pose]) -> float:
     """Size of the mechanism over 500: one millimeter of an upright action."""
-    points = [_to_ground(poses[s.body], np.array([s.point])) for s in action.config.surfaces.values()
-              if s.radius is None or s.radius < 0.05]  # fmt: skip
+    points = [
+        _to_ground(poses[s.body], np.array([s.point]))
+        for s in action.config.surfaces.values()
+        if s.radius is None or s.radius < 0.05
+    ]
     points += [np.array([pose[:2]]) for pose in poses.values()]
     cloud = np.vstack(points)
     size = float(np.max(np.ptp(cloud, axis=0)))
@@ -1217,8 +1225,10 @@ def _center(action: Action, body: str) -> Array:
     if body == "ground":
         return np.zeros(2)
     b = action.config.bodies[body]
-    return np.array([0.5 * b.length, 0.0]) if b.kind == "beam" and b.length else np.array(
-        b.center_of_mass
+    return (
+        np.array([0.5 * b.length, 0.0])
+        if b.kind == "beam" and b.length
+        else np.array(b.center_of_mass)
     )
 
 
@@ -1320,8 +1330,9 @@ def _hybrid_piece(name: str, s: Surface, touched: list[Array], u: float) -> _Pie
         [first + before * reach_before, _circle(p, radius, low, high), last + after * reach_after]
     )
     depth = 5.0 * u
-    inner = np.vstack([last + after * reach_after + before * depth, first + before * reach_before
-                       + after * depth])  # fmt: skip
+    inner = np.vstack(
+        [last + after * reach_after + before * depth, first + before * reach_before + after * depth]
+    )
     shapes = [
         Shape(s.body, "pad", name, np.vstack([curve, inner]), True),
         Shape(s.body, "surface", name, curve, False),
@@ -1335,9 +1346,9 @@ def _body_shapes(action: Action, name: str, pieces: Mapping[str, _Piece], u: flo
     body = config.bodies[name]
     thin: list[Array] = []
     for strap in config.straps.values():
-        for end, point in ((strap.body_a, strap.point_a), (strap.body_b, strap.point_b)):
+        for end, place in ((strap.body_a, strap.point_a), (strap.body_b, strap.point_b)):
             if end == name and strap.enabled:
-                thin.append(np.array(point))
+                thin.append(np.array(place))
     if body.kind == "beam":
         assert body.length is not None
         assert body.area is not None
@@ -1374,11 +1385,9 @@ def _body_shapes(action: Action, name: str, pieces: Mapping[str, _Piece], u: flo
                 shapes.append(
                     Shape(name, "wood", name, _capsule(foot, radius, piece.node, radius), True)
                 )
-        anchors = [foot for foot in (np.clip(t, low, high) for t in thin)]
-        for point, foot in zip(thin, anchors, strict=True):
-            shapes.append(
-                Shape(name, "wire", name, _capsule(foot, 0.7 * u, point, 0.7 * u), True)
-            )
+        for point in thin:
+            foot = np.clip(point, low, high)
+            shapes.append(Shape(name, "wire", name, _capsule(foot, 0.7 * u, point, 0.7 * u), True))
         return shapes
     nodes.insert(len(children) + 1, (np.array(body.center_of_mass), heavy))
     nodes += [(p.node, p.radius) for p in pieces.values()]
@@ -1388,8 +1397,9 @@ def _body_shapes(action: Action, name: str, pieces: Mapping[str, _Piece], u: flo
         if gap > 1.5 * (ra + rb):
             # Far apart: a limb no thicker than needed, the discs at its ends stay visible.
             ra, rb = min(ra, 3.6 * u), min(rb, 3.6 * u)
-        shapes.append(Shape(name, "wood", name, _capsule(pa, max(ra, 1.2 * u), pb, max(rb, 1.2 * u)),
-                            True))  # fmt: skip
+        shapes.append(
+            Shape(name, "wood", name, _capsule(pa, max(ra, 1.2 * u), pb, max(rb, 1.2 * u)), True)
+        )
     for node, radius in nodes:
         if radius > 2.8 * u and len(nodes) > 1:
             shapes.append(Shape(name, "wood", name, _capsule(node, radius, node, radius), True))
@@ -1659,7 +1669,9 @@ def draw_fixed(
     for _, kind, parent, place in _joints(action):
         if parent == "ground" and kind == "revolute":
             foot = place + np.array([[0.0, 0.0], [-4.2 * u, -7.0 * u], [4.2 * u, -7.0 * u]])
-            ax.fill(foot[:, 0], foot[:, 1], facecolor="white", edgecolor=GRAY, linewidth=0.8, zorder=1.7)
+            ax.fill(
+                foot[:, 0], foot[:, 1], facecolor="white", edgecolor=GRAY, linewidth=0.8, zorder=1.7
+            )
             for k in range(5):
                 x = place[0] + (-4.2 + 2.1 * k) * u
                 y = place[1] - 7.0 * u
@@ -1683,7 +1695,7 @@ def draw_joints(ax: Axes, action: Action, drawn: Scene, poses: Mapping[str, Pose
                 line.set_transform(_body_transform(ax, poses[parent]))
                 out.append((parent, line))
         else:
-            (line,) = ax.fill(
+            (pin,) = ax.fill(
                 ring[:, 0] + place[0],
                 ring[:, 1] + place[1],
                 facecolor="white",
@@ -1691,18 +1703,24 @@ def draw_joints(ax: Axes, action: Action, drawn: Scene, poses: Mapping[str, Pose
                 linewidth=1.1,
                 zorder=5.2,
             )
-            line.set_transform(_body_transform(ax, poses[parent]))
-            out.append((parent, line))
-    coordinates = {b.coordinate: n for n, b in action.config.bodies.items() if b.coordinate}
-    for spring in action.config.springs.values():
-        body = coordinates.get(spring.coordinate)
-        if not spring.enabled or body is None:
-            continue
+            pin.set_transform(_body_transform(ax, poses[parent]))
+            out.append((parent, pin))
+    for body in _spring_bodies(action):
         points = spiral(4.6 * u)
         (line,) = ax.plot(points[:, 0], points[:, 1], color=GREEN, linewidth=0.9, zorder=5.1)
         line.set_transform(_body_transform(ax, poses[body]))
         out.append((body, line))
     return out
+
+
+def _spring_bodies(action: Action) -> list[str]:
+    """Bodies whose joints carry a torsion spring."""
+    bodies = {b.coordinate: n for n, b in action.config.bodies.items() if b.coordinate}
+    return [
+        bodies[s.coordinate]
+        for s in action.config.springs.values()
+        if s.enabled and s.coordinate in bodies
+    ]
 
 
 def strap_ends(action: Action, poses: Mapping[str, Pose]) -> list[tuple[str, Array, Array, float]]:
@@ -1761,7 +1779,9 @@ def mechanism(action: Action, q: npt.ArrayLike | None = None) -> Figure:
     width = float(np.clip(height * size[0] / size[1], 4.5, 11.0))
     # Room that the list needs, in inches.
     text_height, text_width = 0.155 * rows + 0.2, 2.9
-    inside = _inside_upper_right(cloud, limits, np.array([text_width / width, text_height / height]))
+    inside = _inside_upper_right(
+        cloud, limits, np.array([text_width / width, text_height / height])
+    )
     figure = _figure(width + (0.2 if inside else text_width + 0.2), height + 0.5)
     figure.set_layout_engine("none")
     total_w, total_h = figure.get_size_inches()
@@ -1787,31 +1807,46 @@ def mechanism(action: Action, q: npt.ArrayLike | None = None) -> Figure:
     _draw_scale(ax, drawn, limits)
     figure.draw_without_rendering()
     _label_mechanism(ax, action, drawn, pose, poses)
-    _list_contacts(figure, ax, action, contacts, drawn, inside, text_width)
+    _list_contacts(figure, action, contacts)
     return figure
 
 
-def _draw_attachments(
-    ax: Axes, action: Action, drawn: Scene, poses: Mapping[str, Pose]
-) -> None:
+def _draw_attachments(ax: Axes, action: Action, drawn: Scene, poses: Mapping[str, Pose]) -> None:
     u = drawn.unit
     for name, a, b, free in strap_ends(action, poses):
         curve = strap_curve(a, b, free)
         ax.plot(
             curve[:, 0], curve[:, 1], color=PURPLE, linewidth=1.5, zorder=5.3, gid=f"strap:{name}"
         )
-        ax.plot(*np.array([a, b]).T, "o", color=PURPLE, markersize=2.6, zorder=5.4, linestyle="none")
+        ax.plot(
+            *np.array([a, b]).T, "o", color=PURPLE, markersize=2.6, zorder=5.4, linestyle="none"
+        )
     for name, body in action.config.bodies.items():
         if body.mass <= 0 and body.kind != "beam":
             continue
         center = _to_ground(poses[name], _center(action, name)[None, :])[0]
-        ax.plot(*center, marker="o", markersize=5.0, color="white", markeredgecolor=INK,
-                markeredgewidth=0.7, zorder=5.5)  # fmt: skip
+        ax.plot(
+            *center,
+            marker="o",
+            markersize=5.0,
+            color="white",
+            markeredgecolor=INK,
+            markeredgewidth=0.7,
+            zorder=5.5,
+        )
         ax.plot(*center, marker="+", markersize=5.0, color=INK, markeredgewidth=0.7, zorder=5.6)
     for name, point in action.config.points.items():
         at = _to_ground(poses[point.body], np.array([point.point]))[0]
-        ax.plot(*at, marker="D", markersize=3.2, color=BLUE, markeredgecolor="white",
-                markeredgewidth=0.4, zorder=5.8, gid=f"point:{name}")  # fmt: skip
+        ax.plot(
+            *at,
+            marker="D",
+            markersize=3.2,
+            color=BLUE,
+            markeredgecolor="white",
+            markeredgewidth=0.4,
+            zorder=5.8,
+            gid=f"point:{name}",
+        )
     finger = action.config.finger
     if finger is not None:
         at = _to_ground(poses[finger.body], np.array([finger.point]))[0]
@@ -1823,8 +1858,15 @@ def _draw_attachments(
             arrowprops={"arrowstyle": "-|>", "color": RED, "linewidth": 1.6},
             zorder=6,
         )
-        ax.text(*(at - 34.0 * u * direction), "finger", color=RED, fontsize=NORMAL, ha="center",
-                va="bottom" if direction[1] < 0 else "top")  # fmt: skip
+        ax.text(
+            float(at[0] - 34.0 * u * direction[0]),
+            float(at[1] - 34.0 * u * direction[1]),
+            "finger",
+            color=RED,
+            fontsize=NORMAL,
+            ha="center",
+            va="bottom" if direction[1] < 0 else "top",
+        )
 
 
 def _draw_scale(ax: Axes, drawn: Scene, limits: tuple[Array, Array]) -> None:
@@ -1838,8 +1880,14 @@ def _draw_scale(ax: Axes, drawn: Scene, limits: tuple[Array, Array]) -> None:
     x1 = limits[1][0] - 6.0 * drawn.unit
     y = limits[0][1] + 6.0 * drawn.unit
     ax.plot([x1 - round_length, x1], [y, y], color=INK, linewidth=2.0, solid_capstyle="butt")
-    ax.text(x1 - 0.5 * round_length, y + 2.0 * drawn.unit, f"{1e3 * round_length:g} mm",
-            ha="center", va="bottom", fontsize=SMALL + 0.5)  # fmt: skip
+    ax.text(
+        x1 - 0.5 * round_length,
+        y + 2.0 * drawn.unit,
+        f"{1e3 * round_length:g} mm",
+        ha="center",
+        va="bottom",
+        fontsize=SMALL + 0.5,
+    )
 
 
 def _body_label(action: Action, name: str) -> str:
@@ -1856,9 +1904,11 @@ def _label_mechanism(
         if shape.role in ("surface", "wood", "wire"):
             points = _to_ground(poses[shape.body], shape.points)
             steps = np.vstack([points[::4], points[-1:]])
-            dense = np.vstack(
-                [np.linspace(a, b, 8) for a, b in zip(steps[:-1], steps[1:], strict=True)]
-            ) if len(steps) > 1 else steps  # fmt: skip
+            dense = (
+                np.vstack([np.linspace(a, b, 8) for a, b in itertools.pairwise(steps)])
+                if len(steps) > 1
+                else steps
+            )
             obstacles.append(to_pixels.transform(dense))
     line = string_line(action)
     if line is not None:
@@ -1868,13 +1918,16 @@ def _label_mechanism(
     if finger is not None:
         at = _to_ground(poses[finger.body], np.array([finger.point]))[0]
         away = -np.array(finger.direction) / np.hypot(*finger.direction)
-        obstacles.append(to_pixels.transform(at + np.linspace(0, 42 * drawn.unit, 60)[:, None] * away))
+        obstacles.append(
+            to_pixels.transform(at + np.linspace(0, 42 * drawn.unit, 60)[:, None] * away)
+        )
     rows = contact_rows(action, q)
     for key, contact in action.config.contacts.items():
         if contact.enabled:
             x, y, nx, ny, compression = rows[int(key)]
             half = 0.5 * max(-compression, 0.0) * np.array([nx, ny])
-            ends = np.array([[x, y] - half, [x, y] + half])
+            middle = np.array([x, y])
+            ends = np.array([middle - half, middle + half])
             if half @ half > (0.4 * drawn.unit) ** 2:
                 ax.plot(*ends.T, color=SURFACE, linewidth=0.7, linestyle=(0, (1, 1.5)), zorder=5.9)
                 obstacles.append(to_pixels.transform(np.linspace(ends[0], ends[1], 10)))
@@ -1911,8 +1964,17 @@ def _label_mechanism(
                 "edgecolor": color,
                 "linewidth": 0.8,
             }
-        ax.text(*where, text, fontsize=size, color=color, ha="center", va="center", zorder=8,
-                **options)  # fmt: skip
+        ax.text(
+            where[0],
+            where[1],
+            text,
+            fontsize=size,
+            color=color,
+            ha="center",
+            va="center",
+            zorder=8,
+            **options,
+        )
 
     for key, contact in action.config.contacts.items():
         if contact.enabled:
@@ -1933,15 +1995,7 @@ def _label_mechanism(
         put(_plain(name.replace("_", " ")), at, SMALL - 0.5, BLUE, False, 1.6 * SMALL * pixel)
 
 
-def _list_contacts(
-    figure: Figure,
-    ax: Axes,
-    action: Action,
-    contacts: Mapping[int, Any],
-    drawn: Scene,
-    inside: bool,
-    width: float,
-) -> None:
+def _list_contacts(figure: Figure, action: Action, contacts: Mapping[int, Any]) -> None:
     """Numbers and names of the contacts, and the signs, as a list beside the drawing."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -1949,30 +2003,63 @@ def _list_contacts(
     handles: list[Any] = []
     for number, contact in contacts.items():
         handles.append(
-            Line2D([], [], linestyle="none", marker=f"${number}$", markeredgewidth=0, markersize=5.5 + 2.5 * (number > 9),
-                   color=SURFACE, label=_plain(contact.label or f"contact {number}"))  # fmt: skip
+            Line2D(
+                [],
+                [],
+                linestyle="none",
+                marker=f"${number}$",
+                markeredgewidth=0,
+                markersize=5.5 + 2.5 * (number > 9),
+                color=SURFACE,
+                label=_plain(contact.label or f"contact {number}"),
+            )
         )
     handles.append(Line2D([], [], color=SURFACE, linewidth=1.2, label="contact surface"))
     handles.append(Patch(facecolor=RAIL, label="fixed to the ground"))
     if any(s.enabled for s in action.config.springs.values()):
-        handles.append(Line2D([], [], color=GREEN, marker="$◎$", linestyle="none", label="torsion spring"))
+        handles.append(
+            Line2D([], [], color=GREEN, marker="$◎$", linestyle="none", label="torsion spring")
+        )
     for strap in action.config.straps.values():
         if strap.enabled:
             name = strap.label.split(",")[0] or "strap"
             handles.append(Line2D([], [], color=PURPLE, linewidth=1.5, label=_plain(name)))
             break
     handles.append(
-        Line2D([], [], color="white", marker="o", markeredgecolor=INK, linestyle="none",
-               markersize=6, label="joint")  # fmt: skip
+        Line2D(
+            [],
+            [],
+            color="white",
+            marker="o",
+            markeredgecolor=INK,
+            linestyle="none",
+            markersize=6,
+            label="joint",
+        )
     )
     handles.append(
-        Line2D([], [], color=INK, marker="P", markeredgecolor=INK, linestyle="none", markersize=4.5,
-               label="center of mass")  # fmt: skip
+        Line2D(
+            [],
+            [],
+            color=INK,
+            marker="P",
+            markeredgecolor=INK,
+            linestyle="none",
+            markersize=4.5,
+            label="center of mass",
+        )
     )
     if action.config.points:
         handles.append(
-            Line2D([], [], color=BLUE, marker="D", linestyle="none", markersize=3.5,
-                   label="tracking point")  # fmt: skip
+            Line2D(
+                [],
+                [],
+                color=BLUE,
+                marker="D",
+                linestyle="none",
+                markersize=3.5,
+                label="tracking point",
+            )
         )
     if action.config.string is not None:
         handles.append(Line2D([], [], color=INK, linewidth=1.8, label="string"))
