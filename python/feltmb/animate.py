@@ -119,7 +119,8 @@ def _times(start: float, end: float, step: float) -> Array:
             f"animate: {count} pictures, the limit is {MOST_FRAMES}; choose a shorter window or a "
             "smaller slowness"
         )
-    return start + step * np.arange(max(count, 2))
+    out: Array = start + step * np.arange(max(count, 2), dtype=np.float64)
+    return out
 
 
 class _Film:
@@ -153,7 +154,7 @@ class _Film:
         self.string = self._string_shapes()
 
     def sample(self, name: str) -> Array:
-        return np.asarray(np.interp(self.time, self.run.time, self.run[name]), dtype=float)
+        return np.asarray(np.interp(self.time, self.run.time, self.run[name]))
 
     def poses(self, i: int) -> dict[str, plot.Pose]:
         return plot.body_poses(self.action, self.q[i])

@@ -545,7 +545,7 @@ def finger_force(run: Run) -> Figure:
     axes = figure.subplots(2 if travel else 1, 1, squeeze=False, sharex=True)[:, 0]
     window = (float(run.time[0]), float(run.time[-1]))
     _draw_finger(axes[0], run)
-    _set_window(axes[0], run, window)
+    _set_window(axes[0], window)
     _mark_events(axes[0], run, window, width=6.0)
     if travel:
         ax = axes[1]
@@ -748,6 +748,7 @@ def _dissipation_bars(ax: Axes, run: Run, dissipated: Mapping[str, float]) -> No
         shown.append(rest)
     rows = np.arange(len(shown))
     left = np.zeros(len(shown))
+    ends = [0.0]
     for kind, label, color in (
         ("normal", "felt hysteresis, string damping", ORANGE),
         ("friction", "friction", BLUE),
@@ -755,9 +756,11 @@ def _dissipation_bars(ax: Axes, run: Run, dissipated: Mapping[str, float]) -> No
         values = np.array([groups[k].get(kind, 0.0) for k in shown])
         ax.barh(rows, values, left=left, color=color, height=0.7, label=label)
         left = left + values
+        ends += left.tolist()
     ax.set_yticks(rows, shown)
     ax.invert_yaxis()
-    ax.margins(x=0.04)
+    room = 0.04 * (max(ends) - min(ends)) or 1.0
+    ax.set_xlim(min(ends) - (room if min(ends) < 0 else 0.0), max(ends) + room)
     _style(ax, "dissipated in the whole run, mJ")
     ax.grid(False, axis="y")
     ledger = run.energy
