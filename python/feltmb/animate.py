@@ -219,13 +219,8 @@ class _Film:
         line = plot.string_line(self.action)
         if line is None:
             return None
-        start, along, normal, length = line
-        reach = length
-        if along[1] < 0:
-            reach = min(length, (start[1] - self.limits[0][1]) / -along[1])
-        elif along[1] > 0:
-            reach = min(length, (self.limits[1][1] - start[1]) / along[1])
-        y = np.linspace(0.0, max(reach, 1e-6), STRING_POINTS)
+        start, along, normal, _ = line
+        y = np.linspace(0.0, plot.string_reach(line, self.limits), STRING_POINTS)
         at_rest = start + y[:, None] * along
         out = np.repeat(at_rest[None], len(self.time), axis=0)
         if self.run.provenance.get("string") and self.run.eta.shape[1] > 0:
@@ -282,6 +277,10 @@ def _palette(image: Any) -> Any:
     from PIL import Image
 
     found = image.quantize(colors=112, dither=Image.Dither.NONE).getpalette()[: 3 * 112]
+    # Almost white is white: the background must be one color.
+    for i in range(0, len(found), 3):
+        if min(found[i : i + 3]) > 247:
+            found[i : i + 3] = [255, 255, 255]
     for color in ("#FFFFFF", plot.RED, plot.PURPLE, plot.INK, plot.BLACK, plot.SURFACE, plot.FELT):
         rgb = np.array(to_rgb(color))
         # Also half-way to white, for smooth edges.
@@ -317,9 +316,10 @@ def _pictures(film: _Film, slowness: float) -> Any:
     marker = _speed_inset(film, figure, ax)
 
     poses = film.poses(0)
-    bodies = plot.draw_bodies(ax, action, drawn, poses)
+    bent = plot.bent_beams(action, film.q[0])
+    bodies = plot.draw_bodies(ax, action, drawn, poses, bent)
     moving: list[tuple[str, Any]] = [
-        (body, artist) for body, own in bodies.items() for artist in own if body != "ground"
+        (body, artist) for body, own in bodies.items() for artist, _ in own if body != "ground"
     ]
     moving += [(body, artist) for body, artist in plot.draw_joints(ax, action, drawn, poses)]
     straps = [
@@ -360,6 +360,10 @@ def _pictures(film: _Film, slowness: float) -> Any:
         for body, frame in frames.items():
             x, y, angle = poses[body]
             frame.clear().rotate(angle).translate(x, y)
+        bent = plot.bent_beams(action, film.q[i])
+        for body in bent:
+            for artist, shapes in bodies[body]:
+                artist.set_verts([plot.shape_points(action, s, bent) for s in shapes])
         for line, curve in zip(straps, film.straps(poses), strict=True):
             line.set_data(curve[:, 0], curve[:, 1])
         if film.string is not None:
@@ -422,14 +426,23 @@ def _rounded(values: Any, digits: int) -> Any:
 
 
 def _thin(points: Array, tolerance: float) -> Array:
-    """Fewer points of a curve, none of the left-out ones further than about ``tolerance``."""
-    if len(points) < 16:
-        return points
-    chord = np.hypot(*np.diff(points, axis=0).T)
-    step = float(np.median(chord))
-    # Sagitta of an arc of n steps grows with the square of n; steps leave 1 um.
-    take = max(1, int(math.sqrt(tolerance / 1e-6))) if step < 5e-3 else 1
-    keep = np.unique(np.append(np.arange(0, len(points), take), len(points) - 1))
+    """Fewer points of a curve; those left out lie within ``tolerance`` [m] of what remains."""
+    keep = np.zeros(len(points), dtype=bool)
+    keep[[0, -1]] = True
+    parts = [(0, len(points) - 1)]
+    while parts:
+        first, last = parts.pop()
+        if last - first < 2:
+            continue
+        d = points[last] - points[first]
+        off = points[first + 1 : last] - points[first]
+        share = np.clip(off @ d / max(float(d @ d), 1e-30), 0.0, 1.0)
+        away = np.hypot(*(off - share[:, None] * d).T)
+        worst = int(np.argmax(away))
+        if away[worst] > tolerance:
+            middle = first + 1 + worst
+            keep[middle] = True
+            parts += [(first, middle), (middle, last)]
     return np.asarray(points[keep])
 
 
@@ -437,19 +450,19 @@ def _html(film: _Film, slowness: float, progress: Progress | None) -> str:
     action, drawn = film.action, film.scene
     bodies = ["ground", *action.config.bodies]
     names = {body: i for i, body in enumerate(bodies)}
+    flexible = plot.bent_beams(action, film.q[0])
     shapes = [
         {
             "b": names[s.body],
             "r": s.role,
             "c": int(s.closed),
-            "p": _rounded(
-                1e3 * (_thin(s.points, 2e-5) if s.role in ("pad", "surface") else s.points), 3
-            ),
+            "p": _rounded(1e3 * (s.points if s.body in flexible else _thin(s.points, 2e-5)), 3),
         }
         for s in drawn.shapes
     ]
     poses = np.zeros((len(film.time), len(bodies), 3))
     points = np.zeros((len(film.time), len(film.contacts), 4))
+    beams: dict[int, list[Any]] = {}
     finger = action.config.finger
     for i in range(len(film.time)):
         at = film.poses(i)
@@ -458,6 +471,8 @@ def _html(film: _Film, slowness: float, progress: Progress | None) -> str:
         points[i] = [
             [1e3 * rows[n][0], 1e3 * rows[n][1], rows[n][2], rows[n][3]] for n in film.contacts
         ]
+        for body, line in plot.bent_beams(action, film.q[i]).items():
+            beams.setdefault(names[body], []).append(_rounded(1e3 * line[::3], 4))
         if progress is not None:
             progress((i + 1) / len(film.time))
     data: dict[str, Any] = {
@@ -468,6 +483,10 @@ def _html(film: _Film, slowness: float, progress: Progress | None) -> str:
         "colors": [plot._fill(drawn.group[b]) for b in bodies],
         "shapes": shapes,
         "poses": _rounded(poses, 5),
+        "beams": [
+            {"b": b, "length": 1e3 * (action.config.bodies[bodies[b]].length or 1.0), "line": line}
+            for b, line in beams.items()
+        ],
         "contacts": [
             {
                 "number": n,
@@ -623,7 +642,20 @@ function path(g, points, close) {
   points.forEach((p, i) => i ? g.lineTo(p[0], p[1]) : g.moveTo(p[0], p[1]));
   if (close) g.closePath();
 }
-const bodies = D.colors.map((color, b) => ({color, shapes: D.shapes.filter(s => s.b === b)}));
+const bodies = D.colors.map((color, b) => ({
+  color, shapes: D.shapes.filter(s => s.b === b), beam: D.beams.find(x => x.b === b)}));
+function bend(beam, points, f) {
+  const a = beam.line[f[0]], b = beam.line[f[1]], n = a.length - 1;
+  const line = a.map((p, i) => [mix(p[0], b[i][0], f[2]), mix(p[1], b[i][1], f[2])]);
+  return points.map(([x, y]) => {
+    const s = Math.max(0, Math.min(beam.length, x)), w = s / beam.length * n;
+    const i = Math.min(n - 1, Math.floor(w)), p = line[i], q = line[i + 1];
+    const l = Math.hypot(q[0] - p[0], q[1] - p[1]);
+    const tx = (q[0] - p[0]) / l, ty = (q[1] - p[1]) / l;
+    return [mix(p[0], q[0], w - i) + (x - s) * tx - y * ty,
+            mix(p[1], q[1], w - i) + (x - s) * ty + y * tx];
+  });
+}
 function arrow(g, x, y, dx, dy, u) {
   const l = Math.hypot(dx, dy), e = Math.min(4.5 * u, 0.5 * l) / l;
   g.beginPath(); g.moveTo(x, y);
@@ -656,20 +688,21 @@ function drawStage(f) {
   bodies.forEach((body, b) => {
     if (!body.shapes.length) return;
     const [x, y, a] = pose(b, f);
+    const at = body.beam ? p => bend(body.beam, p, f) : p => p;
     g.save(); g.translate(x, y); g.rotate(a);
     const roles = [["wire", "#8a8a8a", "#555"], ["wood", body.color, "#3a3a3a"]];
     for (const [role, fill, ink] of roles) {
       const own = body.shapes.filter(s => s.r === role);
       g.strokeStyle = ink; g.lineWidth = 2.2 * px;
-      for (const s of own) { path(g, s.p, true); g.stroke(); }
+      for (const s of own) { path(g, at(s.p), true); g.stroke(); }
       g.fillStyle = fill;
-      for (const s of own) { path(g, s.p, true); g.fill(); }
+      for (const s of own) { path(g, at(s.p), true); g.fill(); }
     }
     for (const s of body.shapes) if (s.r === "pad") {
-      path(g, s.p, true); g.fillStyle = b ? "rgba(199,123,116,.45)" : body.color; g.fill();
+      path(g, at(s.p), true); g.fillStyle = b ? "rgba(199,123,116,.45)" : body.color; g.fill();
     }
     g.strokeStyle = "#8e1b1b"; g.lineWidth = 1.4 * px;
-    for (const s of body.shapes) if (s.r === "surface") { path(g, s.p, false); g.stroke(); }
+    for (const s of body.shapes) if (s.r === "surface") { path(g, at(s.p), false); g.stroke(); }
     g.restore();
   });
   for (const s of D.straps) {

@@ -1054,7 +1054,8 @@ def body_poses(action: Action, q: npt.ArrayLike) -> dict[str, Pose]:
     q
         Mechanical coordinates [rad, m] in the order of ``action.coordinates``.
     """
-    links = _core.link_poses(action.mechanism, np.asarray(q, dtype=float).ravel())
+    locate: Any = getattr(_core, "body_poses", getattr(_core, "link_poses", None))
+    links = locate(action.mechanism, np.asarray(q, dtype=float).ravel())
     poses: dict[str, Pose] = {"ground": (0.0, 0.0, 0.0)}
     for name, (x, y, angle) in links.items():
         poses[str(name)] = (float(x), float(y), float(angle))
@@ -1072,6 +1073,27 @@ def body_poses(action: Action, q: npt.ArrayLike) -> dict[str, Pose]:
     for name in bodies:
         resolve(name)
     return poses
+
+
+def bent_beams(action: Action, q: npt.ArrayLike) -> dict[str, Array]:
+    """Center lines (n, 2) [m] of the flexible beams in the frames of their clamped ends."""
+    mechanism = action.mechanism
+    names = getattr(mechanism, "beam_names", ())
+    position = np.asarray(q, dtype=float).ravel()
+    return {str(n): np.asarray(mechanism.beam_centerline(n, position, 24)) for n in names}  # type: ignore[attr-defined,unused-ignore]
+
+
+def bend(points: Array, line: Array, length: float) -> Array:
+    """Points of a straight beam [m] after it took the shape of a center line."""
+    grid = np.linspace(0.0, length, len(line))
+    slope = np.gradient(line, grid, axis=0)
+    slope /= np.hypot(slope[:, 0], slope[:, 1])[:, None]
+    s = np.clip(points[:, 0], 0.0, length)
+    center = np.column_stack([np.interp(s, grid, line[:, k]) for k in (0, 1)])
+    along = np.column_stack([np.interp(s, grid, slope[:, k]) for k in (0, 1)])
+    across = np.column_stack([-along[:, 1], along[:, 0]])
+    out: Array = center + (points[:, 0] - s)[:, None] * along + points[:, 1, None] * across
+    return out
 
 
 def _to_ground(pose: Pose, points: Array) -> Array:
@@ -1130,6 +1152,15 @@ def _capsule(a: Array, ra: float, b: Array, rb: float) -> Array:
             b + rb * np.column_stack([np.cos(second), np.sin(second)]),
         ]
     )
+
+
+def _dense(outline: Array, step: float) -> Array:
+    """Closed outline with points no further apart than ``step``, so that it can bend."""
+    parts = []
+    for a, b in itertools.pairwise(np.vstack([outline, outline[:1]])):
+        count = max(1, math.ceil(float(np.hypot(*(b - a))) / step))
+        parts.append(a + np.linspace(0.0, 1.0, count, endpoint=False)[:, None] * (b - a))
+    return np.vstack(parts)
 
 
 def _box(low: Array, high: Array, radius: float) -> Array:
@@ -1193,8 +1224,9 @@ def scene(action: Action, poses: Sequence[npt.ArrayLike] = ()) -> Scene:
                 for name in contact.surfaces:
                     touched[name].append(_to_body(where[surfaces[name].body], point)[0])
     string_surface = config.string.surface if config.string is not None else ""
+    flexible = set(getattr(action.mechanism, "beam_names", ()))
     pieces = {
-        name: _surface_piece(name, s, touched[name], _center(action, s.body), u)
+        name: _surface_piece(name, s, touched[name], _center(action, s.body), u, s.body in flexible)
         for name, s in surfaces.items()
     }
     shapes: list[Shape] = []
@@ -1260,7 +1292,9 @@ class _Piece:
     small: bool
 
 
-def _surface_piece(name: str, s: Surface, touched: list[Array], center: Array, u: float) -> _Piece:
+def _surface_piece(
+    name: str, s: Surface, touched: list[Array], center: Array, u: float, flexible: bool
+) -> _Piece:
     p = np.array(s.point)
     ground = s.body == "ground"
     depth = (4.5 if ground else 2.4) * u
@@ -1274,8 +1308,8 @@ def _surface_piece(name: str, s: Surface, touched: list[Array], center: Array, u
             places = places[1:]
         pad = 6.5 * u
         a, b = p + along * (min(places) - pad), p + along * (max(places) + pad)
-        line = np.array([a, b])
-        block = np.array([a, b, b - normal * depth, a - normal * depth])
+        line = a + np.linspace(0.0, 1.0, 40 if flexible else 2)[:, None] * (b - a)
+        block = np.vstack([line, line[::-1] - normal * depth])
         node = 0.5 * (a + b) - 0.5 * depth * normal
         shapes = [
             Shape(s.body, "pad", name, block, True),
@@ -1356,7 +1390,7 @@ def _body_shapes(action: Action, name: str, pieces: Mapping[str, _Piece], u: flo
         assert body.length is not None
         assert body.area is not None
         radius = math.sqrt(body.area / math.pi)
-        rod = _capsule(np.zeros(2), radius, np.array([body.length, 0.0]), radius)
+        rod = _dense(_capsule(np.zeros(2), radius, np.array([body.length, 0.0]), radius), 4.0 * u)
         role = "wire" if radius < 2.0 * u else "wood"
         return [Shape(name, role, name, rod, True)]
     children = [
@@ -1501,6 +1535,16 @@ def string_line(action: Action) -> tuple[Array, Array, Array, float] | None:
     return start, along, normal, config.string.length
 
 
+def string_reach(line: tuple[Array, Array, Array, float], limits: tuple[Array, Array]) -> float:
+    """How much of the string lies in the view [m], from its end y = 0."""
+    start, along, _, reach = line
+    for k in (0, 1):
+        edge = limits[1][k] if along[k] > 0 else limits[0][k]
+        if abs(along[k]) > 1e-9:
+            reach = min(reach, float((edge - start[k]) / along[k]))
+    return max(reach, 1e-6)
+
+
 def view_box(action: Action, drawn: Scene, qs: Sequence[npt.ArrayLike]) -> tuple[Array, Array]:
     """Corners [m] of what the bodies cover in the poses, with a margin."""
     low, high = np.full(2, math.inf), np.full(2, -math.inf)
@@ -1525,10 +1569,24 @@ def _body_transform(ax: Axes, pose: Pose) -> Any:
     return Affine2D().rotate(pose[2]).translate(pose[0], pose[1]) + ax.transData
 
 
+def shape_points(action: Action, shape: Shape, bent: Mapping[str, Array]) -> Array:
+    """Points of a shape in the frame of its body [m], bent if the body is a flexible beam."""
+    if shape.body not in bent:
+        return shape.points
+    return bend(shape.points, bent[shape.body], action.config.bodies[shape.body].length or 1.0)
+
+
 def draw_bodies(
-    ax: Axes, action: Action, drawn: Scene, poses: Mapping[str, Pose]
-) -> dict[str, list[Any]]:
-    """Draw the shapes, in m; artists by body, so that a pose is one transform."""
+    ax: Axes,
+    action: Action,
+    drawn: Scene,
+    poses: Mapping[str, Pose],
+    bent: Mapping[str, Array],
+) -> dict[str, list[tuple[Any, list[Shape]]]]:
+    """Draw the shapes, in m; artists and what they show by body, so that a pose is one transform.
+
+    ``bent`` holds the center lines of flexible beams.
+    """
     from matplotlib.collections import LineCollection, PolyCollection
 
     artists: dict[str, list[Any]] = {}
@@ -1536,39 +1594,41 @@ def draw_bodies(
         own = [s for s in drawn.shapes if s.body == body]
         transform = _body_transform(ax, poses[body])
         z = 2.0 + 0.1 * order
-        made: list[Any] = []
+        made: list[tuple[Any, list[Shape]]] = []
         for role, fill, ink in (
             ("wire", "#8A8A8A", "#555555"),
             ("wood", _fill(drawn.group[body]), INK),
         ):
-            outlines = [s.points for s in own if s.role == role]
+            chosen = [s for s in own if s.role == role]
+            outlines = [shape_points(action, s, bent) for s in chosen]
             if outlines:
                 # Twice: all outlines first, then all fills, so that overlapping parts are one.
-                made.append(
-                    PolyCollection(
-                        outlines, facecolors=ink, edgecolors=ink, linewidths=1.3, zorder=z
-                    )
+                under = PolyCollection(
+                    outlines, facecolors=ink, edgecolors=ink, linewidths=1.3, zorder=z
                 )
-                made.append(
-                    PolyCollection(outlines, facecolors=fill, edgecolors="none", zorder=z + 0.01)
-                )
-        pads = [s.points for s in own if s.role == "pad"]
-        if pads:
-            made.append(
-                PolyCollection(
-                    pads,
-                    facecolors=FELT if body != "ground" else RAIL,
-                    edgecolors="none",
-                    alpha=0.45 if body != "ground" else 1.0,
-                    zorder=z + 0.02,
-                )
+                over = PolyCollection(outlines, facecolors=fill, edgecolors="none", zorder=z + 0.01)
+                made += [(under, chosen), (over, chosen)]
+        chosen = [s for s in own if s.role == "pad"]
+        if chosen:
+            pads = PolyCollection(
+                [shape_points(action, s, bent) for s in chosen],
+                facecolors=FELT if body != "ground" else RAIL,
+                edgecolors="none",
+                alpha=0.45 if body != "ground" else 1.0,
+                zorder=z + 0.02,
             )
-        lines = [s for s in own if s.role == "surface"]
-        for s in lines:
-            line = LineCollection([s.points], colors=SURFACE, linewidths=1.1, zorder=z + 0.03)
-            line.set_gid(f"surface:{s.name}")
-            made.append(line)
-        for artist in made:
+            made.append((pads, chosen))
+        for s in own:
+            if s.role == "surface":
+                line = LineCollection(
+                    [shape_points(action, s, bent)],
+                    colors=SURFACE,
+                    linewidths=1.1,
+                    zorder=z + 0.03,
+                )
+                line.set_gid(f"surface:{s.name}")
+                made.append((line, [s]))
+        for artist, _ in made:
             artist.set_transform(transform)
             ax.add_collection(artist, autolim=False)
         artists[body] = made
@@ -1664,9 +1724,8 @@ def draw_fixed(
     u = drawn.unit
     line = string_line(action)
     if line is not None and with_string:
-        start, along, _, length = line
-        ends = np.array([start, start + along * length])
-        ends[:, 1] = np.clip(ends[:, 1], limits[0][1], limits[1][1])
+        start, along, *_ = line
+        ends = np.array([start, start + along * string_reach(line, limits)])
         ax.plot(ends[:, 0], ends[:, 1], color=INK, linewidth=1.8, zorder=1.5, gid="string")
         ax.plot([start[0]], [start[1]], marker="s", markersize=4, color=INK, zorder=1.6)
     for _, kind, parent, place in _joints(action):
@@ -1804,7 +1863,7 @@ def mechanism(action: Action, q: npt.ArrayLike | None = None) -> Figure:
     ax.set_aspect("equal", adjustable="box")
     ax.set_axis_off()
     draw_fixed(ax, action, drawn, limits)
-    draw_bodies(ax, action, drawn, poses)
+    draw_bodies(ax, action, drawn, poses, bent_beams(action, pose))
     draw_joints(ax, action, drawn, poses)
     _draw_attachments(ax, action, drawn, poses)
     _draw_scale(ax, drawn, limits)
