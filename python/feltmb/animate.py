@@ -209,9 +209,11 @@ class _Film:
                 out.append((at - length * along, at))
         return out
 
-    def straps(self, poses: dict[str, plot.Pose]) -> list[Array]:
+    def straps(self, i: int, poses: dict[str, plot.Pose]) -> list[Array]:
+        bent = plot.bent_beams(self.action, self.q[i])
         return [
-            plot.strap_curve(a, b, free) for _, a, b, free in plot.strap_ends(self.action, poses)
+            plot.strap_curve(a, b, free)
+            for _, a, b, free in plot.strap_ends(self.action, poses, bent)
         ]
 
     def _string_shapes(self) -> Array | None:
@@ -324,7 +326,7 @@ def _pictures(film: _Film, slowness: float) -> Any:
     moving += [(body, artist) for body, artist in plot.draw_joints(ax, action, drawn, poses)]
     straps = [
         ax.plot(*curve.T, color=plot.PURPLE, linewidth=1.2, zorder=5.3)[0]
-        for curve in film.straps(poses)
+        for curve in film.straps(0, poses)
     ]
     strings = (
         [ax.plot(*film.string[0].T, color=plot.INK, linewidth=1.4, zorder=1.5)[0]]
@@ -364,7 +366,7 @@ def _pictures(film: _Film, slowness: float) -> Any:
         for body in bent:
             for artist, shapes in bodies[body]:
                 artist.set_verts([plot.shape_points(action, s, bent) for s in shapes])
-        for line, curve in zip(straps, film.straps(poses), strict=True):
+        for line, curve in zip(straps, film.straps(i, poses), strict=True):
             line.set_data(curve[:, 0], curve[:, 1])
         if film.string is not None:
             strings[0].set_data(film.string[i, :, 0], film.string[i, :, 1])
@@ -451,12 +453,17 @@ def _html(film: _Film, slowness: float, progress: Progress | None) -> str:
     bodies = ["ground", *action.config.bodies]
     names = {body: i for i, body in enumerate(bodies)}
     flexible = plot.bent_beams(action, film.q[0])
+
+    def bends(shape: plot.Shape) -> bool:
+        return shape.body in flexible and plot.station_of(action, shape) is None
+
     shapes = [
         {
             "b": names[s.body],
             "r": s.role,
             "c": int(s.closed),
-            "p": _rounded(1e3 * (s.points if s.body in flexible else _thin(s.points, 2e-5)), 3),
+            "p": _rounded(1e3 * (s.points if bends(s) else _thin(s.points, 2e-5)), 3),
+            "s": _rounded(1e3 * x, 3) if (x := plot.station_of(action, s)) is not None else None,
         }
         for s in drawn.shapes
     ]
@@ -644,11 +651,12 @@ function path(g, points, close) {
 }
 const bodies = D.colors.map((color, b) => ({
   color, shapes: D.shapes.filter(s => s.b === b), beam: D.beams.find(x => x.b === b)}));
-function bend(beam, points, f) {
+function bend(beam, shape, f) {
   const a = beam.line[f[0]], b = beam.line[f[1]], n = a.length - 1;
   const line = a.map((p, i) => [mix(p[0], b[i][0], f[2]), mix(p[1], b[i][1], f[2])]);
-  return points.map(([x, y]) => {
-    const s = Math.max(0, Math.min(beam.length, x)), w = s / beam.length * n;
+  // A surface stays straight: it moves with the cross section that it is fixed to.
+  return shape.p.map(([x, y]) => {
+    const s = shape.s ?? Math.max(0, Math.min(beam.length, x)), w = s / beam.length * n;
     const i = Math.min(n - 1, Math.floor(w)), p = line[i], q = line[i + 1];
     const l = Math.hypot(q[0] - p[0], q[1] - p[1]);
     const tx = (q[0] - p[0]) / l, ty = (q[1] - p[1]) / l;
@@ -688,21 +696,21 @@ function drawStage(f) {
   bodies.forEach((body, b) => {
     if (!body.shapes.length) return;
     const [x, y, a] = pose(b, f);
-    const at = body.beam ? p => bend(body.beam, p, f) : p => p;
+    const at = body.beam ? s => bend(body.beam, s, f) : s => s.p;
     g.save(); g.translate(x, y); g.rotate(a);
     const roles = [["wire", "#8a8a8a", "#555"], ["wood", body.color, "#3a3a3a"]];
     for (const [role, fill, ink] of roles) {
       const own = body.shapes.filter(s => s.r === role);
       g.strokeStyle = ink; g.lineWidth = 2.2 * px;
-      for (const s of own) { path(g, at(s.p), true); g.stroke(); }
+      for (const s of own) { path(g, at(s), true); g.stroke(); }
       g.fillStyle = fill;
-      for (const s of own) { path(g, at(s.p), true); g.fill(); }
+      for (const s of own) { path(g, at(s), true); g.fill(); }
     }
     for (const s of body.shapes) if (s.r === "pad") {
-      path(g, at(s.p), true); g.fillStyle = b ? "rgba(199,123,116,.45)" : body.color; g.fill();
+      path(g, at(s), true); g.fillStyle = b ? "rgba(199,123,116,.45)" : body.color; g.fill();
     }
     g.strokeStyle = "#8e1b1b"; g.lineWidth = 1.4 * px;
-    for (const s of body.shapes) if (s.r === "surface") { path(g, at(s.p), false); g.stroke(); }
+    for (const s of body.shapes) if (s.r === "surface") { path(g, at(s), false); g.stroke(); }
     g.restore();
   });
   for (const s of D.straps) {

@@ -76,7 +76,8 @@ class Edge:
     label : str
         For the reader.
     detail : str
-        Kind of joint (``revolute``, ``prismatic``, ``weld``) or ``beam`` of a body; else empty.
+        Kind of joint (``revolute``, ``prismatic``, ``weld``) or of a body ``beam``,
+        ``flexible beam``; else empty.
     mass, inertia : float
         Of a body [kg, kg m^2]; else 0.
     """
@@ -253,7 +254,7 @@ def graph(action: Action) -> LinearGraph:
                 DATUM,
                 name,
                 body.label or name.replace("_", " "),
-                "beam" if body.kind == "beam" else "",
+                ("beam" if body.rigid else "flexible beam") if body.kind == "beam" else "",
                 mass,
                 inertia,
             )

@@ -1047,40 +1047,28 @@ class Scene:
 
 
 def body_poses(action: Action, q: npt.ArrayLike) -> dict[str, Pose]:
-    """Origin x, y [m] and angle [rad] of every body; welded bodies follow their parents.
+    """Origin x, y [m] and angle [rad] of every body, of a flexible beam at its clamped end.
 
     Parameters
     ----------
     q
         Mechanical coordinates [rad, m] in the order of ``action.coordinates``.
     """
-    locate: Any = getattr(_core, "body_poses", getattr(_core, "link_poses", None))
-    links = locate(action.mechanism, np.asarray(q, dtype=float).ravel())
+    locate: Any = getattr(_core, "body_poses", None)  # the stub of the core may lag behind
+    found = locate(action.mechanism, np.asarray(q, dtype=float).ravel())
     poses: dict[str, Pose] = {"ground": (0.0, 0.0, 0.0)}
-    for name, (x, y, angle) in links.items():
+    for name, (x, y, angle) in found.items():
         poses[str(name)] = (float(x), float(y), float(angle))
-    bodies = action.config.bodies
-
-    def resolve(name: str) -> Pose:
-        if name not in poses:
-            body = bodies[name]
-            x, y, angle = resolve(body.parent)
-            c, s = math.cos(angle), math.sin(angle)
-            px, py = body.position
-            poses[name] = (x + c * px - s * py, y + s * px + c * py, angle + body.angle)
-        return poses[name]
-
-    for name in bodies:
-        resolve(name)
     return poses
 
 
 def bent_beams(action: Action, q: npt.ArrayLike) -> dict[str, Array]:
     """Center lines (n, 2) [m] of the flexible beams in the frames of their clamped ends."""
     mechanism = action.mechanism
-    names = getattr(mechanism, "beam_names", ())
+    names = getattr(mechanism, "beam_names", ())  # the stub of the core may lag behind
     position = np.asarray(q, dtype=float).ravel()
-    return {str(n): np.asarray(mechanism.beam_centerline(n, position, 24)) for n in names}  # type: ignore[attr-defined,unused-ignore]
+    line: Any = getattr(mechanism, "beam_centerline", None)
+    return {str(n): np.asarray(line(n, position, 24)) for n in names}
 
 
 def bend(points: Array, line: Array, length: float) -> Array:
@@ -1093,6 +1081,30 @@ def bend(points: Array, line: Array, length: float) -> Array:
     along = np.column_stack([np.interp(s, grid, slope[:, k]) for k in (0, 1)])
     across = np.column_stack([-along[:, 1], along[:, 0]])
     out: Array = center + (points[:, 0] - s)[:, None] * along + points[:, 1, None] * across
+    return out
+
+
+def station(points: Array, line: Array, length: float, x: float) -> Array:
+    """Points fixed to the cross section at ``x`` [m] of a beam that took the shape of a line."""
+    grid = np.linspace(0.0, length, len(line))
+    at = np.array([np.interp(x, grid, line[:, k]) for k in (0, 1)])
+    angle = float(np.interp(x, grid, np.gradient(line[:, 1], grid, edge_order=2)))
+    return _to_ground((float(at[0]), float(at[1]), angle), points - np.array([x, 0.0]))
+
+
+def _point_at(
+    action: Action,
+    poses: Mapping[str, Pose],
+    bent: Mapping[str, Array],
+    body: str,
+    point: npt.ArrayLike,
+) -> Array:
+    """Place in the ground frame [m] of a point of a body, also of a flexible beam."""
+    p = np.asarray(point, dtype=float)
+    if body in bent:
+        length = action.config.bodies[body].length or 1.0
+        p = station(p[None, :], bent[body], length, float(p[0]))[0]
+    out: Array = _to_ground(poses[body], p[None, :])[0]
     return out
 
 
@@ -1224,9 +1236,8 @@ def scene(action: Action, poses: Sequence[npt.ArrayLike] = ()) -> Scene:
                 for name in contact.surfaces:
                     touched[name].append(_to_body(where[surfaces[name].body], point)[0])
     string_surface = config.string.surface if config.string is not None else ""
-    flexible = set(getattr(action.mechanism, "beam_names", ()))
     pieces = {
-        name: _surface_piece(name, s, touched[name], _center(action, s.body), u, s.body in flexible)
+        name: _surface_piece(name, s, touched[name], _center(action, s.body), u)
         for name, s in surfaces.items()
     }
     shapes: list[Shape] = []
@@ -1292,9 +1303,7 @@ class _Piece:
     small: bool
 
 
-def _surface_piece(
-    name: str, s: Surface, touched: list[Array], center: Array, u: float, flexible: bool
-) -> _Piece:
+def _surface_piece(name: str, s: Surface, touched: list[Array], center: Array, u: float) -> _Piece:
     p = np.array(s.point)
     ground = s.body == "ground"
     depth = (4.5 if ground else 2.4) * u
@@ -1308,8 +1317,8 @@ def _surface_piece(
             places = places[1:]
         pad = 6.5 * u
         a, b = p + along * (min(places) - pad), p + along * (max(places) + pad)
-        line = a + np.linspace(0.0, 1.0, 40 if flexible else 2)[:, None] * (b - a)
-        block = np.vstack([line, line[::-1] - normal * depth])
+        line = np.array([a, b])
+        block = np.array([a, b, b - normal * depth, a - normal * depth])
         node = 0.5 * (a + b) - 0.5 * depth * normal
         shapes = [
             Shape(s.body, "pad", name, block, True),
@@ -1573,7 +1582,21 @@ def shape_points(action: Action, shape: Shape, bent: Mapping[str, Array]) -> Arr
     """Points of a shape in the frame of its body [m], bent if the body is a flexible beam."""
     if shape.body not in bent:
         return shape.points
-    return bend(shape.points, bent[shape.body], action.config.bodies[shape.body].length or 1.0)
+    length = action.config.bodies[shape.body].length or 1.0
+    x = station_of(action, shape)
+    if x is None:
+        return bend(shape.points, bent[shape.body], length)
+    return station(shape.points, bent[shape.body], length, x)
+
+
+def station_of(action: Action, shape: Shape) -> float | None:
+    """Place x [m] along a beam of the cross section that a surface is fixed to; None of others.
+
+    The simulation fixes a surface to the cross section at its tabulated point.
+    """
+    if shape.role not in ("pad", "surface", "mark") or shape.name not in action.config.surfaces:
+        return None
+    return float(action.config.surfaces[shape.name].point[0])
 
 
 def draw_bodies(
@@ -1785,13 +1808,15 @@ def _spring_bodies(action: Action) -> list[str]:
     ]
 
 
-def strap_ends(action: Action, poses: Mapping[str, Pose]) -> list[tuple[str, Array, Array, float]]:
+def strap_ends(
+    action: Action, poses: Mapping[str, Pose], bent: Mapping[str, Array]
+) -> list[tuple[str, Array, Array, float]]:
     """Name, ends in the ground frame [m] and free length [m] of the straps that are on."""
     return [
         (
             name,
-            _to_ground(poses[s.body_a], np.array([s.point_a]))[0],
-            _to_ground(poses[s.body_b], np.array([s.point_b]))[0],
+            _point_at(action, poses, bent, s.body_a, s.point_a),
+            _point_at(action, poses, bent, s.body_b, s.point_b),
             s.free_length,
         )
         for name, s in action.config.straps.items()
@@ -1832,6 +1857,7 @@ def mechanism(action: Action, q: npt.ArrayLike | None = None) -> Figure:
         )
     drawn = scene(action, [pose])
     poses = body_poses(action, pose)
+    bent = bent_beams(action, pose)
     limits = view_box(action, drawn, [pose])
     cloud = np.vstack([_to_ground(poses[s.body], s.points) for s in drawn.shapes])
     contacts = {int(k): c for k, c in action.config.contacts.items() if c.enabled}
@@ -1863,9 +1889,9 @@ def mechanism(action: Action, q: npt.ArrayLike | None = None) -> Figure:
     ax.set_aspect("equal", adjustable="box")
     ax.set_axis_off()
     draw_fixed(ax, action, drawn, limits)
-    draw_bodies(ax, action, drawn, poses, bent_beams(action, pose))
+    draw_bodies(ax, action, drawn, poses, bent)
     draw_joints(ax, action, drawn, poses)
-    _draw_attachments(ax, action, drawn, poses)
+    _draw_attachments(ax, action, drawn, poses, bent)
     _draw_scale(ax, drawn, limits)
     figure.draw_without_rendering()
     _label_mechanism(ax, action, drawn, pose, poses)
@@ -1873,9 +1899,11 @@ def mechanism(action: Action, q: npt.ArrayLike | None = None) -> Figure:
     return figure
 
 
-def _draw_attachments(ax: Axes, action: Action, drawn: Scene, poses: Mapping[str, Pose]) -> None:
+def _draw_attachments(
+    ax: Axes, action: Action, drawn: Scene, poses: Mapping[str, Pose], bent: Mapping[str, Array]
+) -> None:
     u = drawn.unit
-    for name, a, b, free in strap_ends(action, poses):
+    for name, a, b, free in strap_ends(action, poses, bent):
         curve = strap_curve(a, b, free)
         ax.plot(
             curve[:, 0], curve[:, 1], color=PURPLE, linewidth=1.5, zorder=5.3, gid=f"strap:{name}"
@@ -1886,7 +1914,7 @@ def _draw_attachments(ax: Axes, action: Action, drawn: Scene, poses: Mapping[str
     for name, body in action.config.bodies.items():
         if body.mass <= 0 and body.kind != "beam":
             continue
-        center = _to_ground(poses[name], _center(action, name)[None, :])[0]
+        center = _point_at(action, poses, bent, name, _center(action, name))
         ax.plot(
             *center,
             marker="o",
@@ -1898,7 +1926,7 @@ def _draw_attachments(ax: Axes, action: Action, drawn: Scene, poses: Mapping[str
         )
         ax.plot(*center, marker="+", markersize=5.0, color=INK, markeredgewidth=0.7, zorder=5.6)
     for name, point in action.config.points.items():
-        at = _to_ground(poses[point.body], np.array([point.point]))[0]
+        at = _point_at(action, poses, bent, point.body, point.point)
         ax.plot(
             *at,
             marker="D",
@@ -1911,7 +1939,7 @@ def _draw_attachments(ax: Axes, action: Action, drawn: Scene, poses: Mapping[str
         )
     finger = action.config.finger
     if finger is not None:
-        at = _to_ground(poses[finger.body], np.array([finger.point]))[0]
+        at = _point_at(action, poses, bent, finger.body, finger.point)
         direction = np.array(finger.direction) / np.hypot(*finger.direction)
         ax.annotate(
             "",
@@ -1960,6 +1988,7 @@ def _label_mechanism(
     ax: Axes, action: Action, drawn: Scene, q: Array, poses: Mapping[str, Pose]
 ) -> None:
     """Numbers of contacts and names of bodies, placed clear of each other."""
+    bent = bent_beams(action, q)
     to_pixels = ax.transData
     obstacles = []
     for shape in drawn.shapes:
@@ -1978,7 +2007,7 @@ def _label_mechanism(
         obstacles.append(to_pixels.transform(np.linspace(start, start + along * length, 300)))
     finger = action.config.finger
     if finger is not None:
-        at = _to_ground(poses[finger.body], np.array([finger.point]))[0]
+        at = _point_at(action, poses, bent, finger.body, finger.point)
         away = -np.array(finger.direction) / np.hypot(*finger.direction)
         obstacles.append(
             to_pixels.transform(at + np.linspace(0, 42 * drawn.unit, 60)[:, None] * away)
@@ -2053,7 +2082,7 @@ def _label_mechanism(
         at = _to_ground(poses[name], np.array(middles))
         put(_body_label(action, name), at, NORMAL, BLACK, False, 2.0 * NORMAL * pixel)
     for name, point in action.config.points.items():
-        at = _to_ground(poses[point.body], np.array([point.point]))[0]
+        at = _point_at(action, poses, bent, point.body, point.point)
         put(_plain(name.replace("_", " ")), at, SMALL - 0.5, BLUE, False, 1.6 * SMALL * pixel)
 
 

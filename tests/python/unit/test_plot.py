@@ -304,14 +304,14 @@ def poses(action, run, times):
     ]
 
 
-def test_body_poses_follow_welds_like_the_core(action, runs):
+def test_drawn_points_are_where_the_core_has_them(action, runs):
     mechanism = action.mechanism
     for q in [action.rest_pose, *poses(action, runs["forte"], (0.08, 0.093, 0.3))]:
         found = plot.body_poses(action, q)
         for i, name in enumerate(mechanism.point_names):
             point = action.config.points[name]
             want = _core.point_position(mechanism, i, q)
-            got = plot._to_ground(found[point.body], np.array([point.point]))[0]
+            got = plot._point_at(action, found, plot.bent_beams(action, q), point.body, point.point)
             np.testing.assert_allclose(got, want, atol=1e-12)
 
 
@@ -376,7 +376,7 @@ def test_contact_numbers_and_bodies_are_named_on_the_drawing(action):
 
 
 def test_mechanism_refuses_a_pose_of_the_wrong_length(action):
-    with pytest.raises(InvalidParameter, match="3 numbers, expected 6"):
+    with pytest.raises(InvalidParameter, match="3 numbers, expected 12"):
         plot.mechanism(action, [0.0, 0.0, 0.0])
 
 
