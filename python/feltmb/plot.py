@@ -1068,7 +1068,7 @@ def bent_beams(action: Action, q: npt.ArrayLike) -> dict[str, Array]:
     names = getattr(mechanism, "beam_names", ())  # the stub of the core may lag behind
     position = np.asarray(q, dtype=float).ravel()
     line: Any = getattr(mechanism, "beam_centerline", None)
-    return {str(n): np.asarray(line(n, position, 24)) for n in names}
+    return {str(n): np.asarray(line(n, position, 25)) for n in names}
 
 
 def bend(points: Array, line: Array, length: float) -> Array:

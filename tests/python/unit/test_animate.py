@@ -81,6 +81,21 @@ def test_html_holds_the_motion_of_the_run(page, run, action):
     assert 1e-3 * bulge.max() == pytest.approx(strike.max(), rel=0.05)
 
 
+def test_html_beams_end_where_the_next_body_begins(page):
+    data = json.loads(page[0].scripts[0])
+    action = feltmb.load_action("steinway45")
+    bodies = ["ground", *action.config.bodies]
+    child = {b.parent: n for n, b in action.config.bodies.items()}
+    assert {bodies[beam["b"]] for beam in data["beams"]} == {"shank", "wire"}
+    for beam in data["beams"]:
+        name = bodies[beam["b"]]
+        for i in (0, len(data["time"]) // 3, len(data["time"]) - 1):
+            end = np.array([beam["line"][i][-1]])
+            here = plot._to_ground(data["poses"][i][beam["b"]], end)[0]
+            there = data["poses"][i][bodies.index(child[name])][:2]
+            np.testing.assert_allclose(here, there, atol=5e-3)
+
+
 def test_html_shapes_are_those_of_the_drawing(page, run):
     data = json.loads(page[0].scripts[0])
     film = _Film(run, plot.run_action(run), 1e-3 * np.array(data["time"]))
