@@ -192,13 +192,16 @@ _AUTOMATIC = re.compile(r"(contact\d+|finger)_(on|off)")
 
 
 def _named_events(run: Run) -> list[tuple[float, str]]:
-    """Times [s] and names of the events that the mechanism file names, in time."""
+    """Times [s] and names of the events that the mechanism file names, in time, each once.
+
+    A point that passes its travel again and again is an event each time; a rule names the first.
+    """
     table = run.event_table
-    return sorted(
-        (float(time), str(name))
-        for name, time in zip(table.get("event", []), table.get("time", []), strict=True)
-        if not _AUTOMATIC.fullmatch(str(name))
-    )
+    first: dict[str, float] = {}
+    for name, time in zip(table.get("event", []), table.get("time", []), strict=True):
+        if not _AUTOMATIC.fullmatch(str(name)):
+            first.setdefault(str(name), float(time))
+    return sorted((time, name) for name, time in first.items())
 
 
 def _action_window(run: Run) -> tuple[float, float]:
@@ -654,7 +657,7 @@ def string(run: Run) -> Figure:
 _STORED = (
     ("kinetic", "kinetic", BLUE),
     ("gravity", "gravity", GREEN),
-    ("elastic", "springs, strap", PURPLE),
+    ("elastic", "springs, straps,\nflexible members", PURPLE),
     ("contact", "felt", ORANGE),
     ("string", "string", SKY),
 )
@@ -735,7 +738,7 @@ def _dissipation_bars(ax: Axes, run: Run, dissipated: Mapping[str, float]) -> No
             key, kind = f"contact {int(match.group(1))}", match.group(2)
         else:
             key = _plain(name.replace("joint.", "joint "))
-            kind = "normal" if name.startswith("string") else "friction"
+            kind = "friction" if name.startswith("joint.") else "normal"
         groups.setdefault(key, {})[kind] = 1e3 * value + groups.get(key, {}).get(kind, 0.0)
     order = sorted(groups, key=lambda k: -abs(sum(groups[k].values())))
     shown = order[:12]
@@ -750,7 +753,7 @@ def _dissipation_bars(ax: Axes, run: Run, dissipated: Mapping[str, float]) -> No
     left = np.zeros(len(shown))
     ends = [0.0]
     for kind, label, color in (
-        ("normal", "felt hysteresis, string damping", ORANGE),
+        ("normal", "felt, string,\nflexible members", ORANGE),
         ("friction", "friction", BLUE),
     ):
         values = np.array([groups[k].get(kind, 0.0) for k in shown])
@@ -773,7 +776,7 @@ def _dissipation_bars(ax: Axes, run: Run, dissipated: Mapping[str, float]) -> No
             fontsize=SMALL + 0.5,
             loc="left",
         )
-    _legend(ax, loc="lower right", bbox_to_anchor=(1.0, 0.02))
+    _legend(ax)
 
 
 def loops(run: Run, numbers: Sequence[int] | None = None) -> Figure:
@@ -859,9 +862,9 @@ def overview(run: Run) -> Figure:
     _need_samples(run)
     whole = (float(run.time[0]), float(run.time[-1]))
     near = _action_window(run)
-    numbers = sorted(
-        _loaded_contacts(run), key=lambda n: -float(np.max(run[f"contact{n:02d}.force"]))
-    )
+    seen = (run.time >= near[0]) & (run.time <= near[1])
+    peaks = {n: float(np.max(run[f"contact{n:02d}.force"][seen])) for n in _loaded_contacts(run)}
+    numbers = sorted((n for n, peak in peaks.items() if peak > 0), key=lambda n: -peaks[n])
     panels: list[str] = []
     if "finger.force" in run:
         panels.append("finger")
@@ -1199,6 +1202,9 @@ def _unit(action: Action, poses: Mapping[str, Pose]) -> float:
         if s.radius is None or s.radius < 0.05
     ]
     points += [np.array([pose[:2]]) for pose in poses.values()]
+    points += [
+        _to_ground(poses[p.body], np.array([p.point])) for p in action.config.points.values()
+    ]
     cloud = np.vstack(points)
     size = float(np.max(np.ptp(cloud, axis=0)))
     return size / 500.0 if size > 0 else 1e-3

@@ -17,7 +17,7 @@ NUMERIC = ("forte", "piano")
 
 #: Every picture of the loud stroke; of the soft one those whose labels depend on the times.
 DRAWN = [("forte", picture) for picture in plot.PICTURES] + [
-    ("piano", picture) for picture in ("overview", "motion", "hammer_speed", "finger_force")
+    ("piano", picture) for picture in ("overview", "motion", "energy", "finger_force")
 ]
 
 #: Two bodies that know nothing of pianos: a pendulum with a welded rod meets a round stop.
@@ -130,8 +130,8 @@ def test_motion_plots_the_displacements_of_the_run_in_millimeters(figures, runs)
 
 
 def test_hammer_speed_points_toward_the_string_and_marks_impact(figures, runs):
-    run = runs["piano"]
-    ax = figures["piano", "hammer_speed"].axes[0]
+    run = runs["forte"]
+    ax = figures["forte", "hammer_speed"].axes[0]
     np.testing.assert_array_equal(lines(ax)["hammer tip"][:, 1], -run["hammer_tip.vx"])
     impact = run.event_time("string_contact_on")
     marks = [line.get_xydata()[0] for line in ax.get_lines() if line.get_marker() == "o"]
@@ -293,6 +293,13 @@ def test_events_stand_at_their_times(figures, runs):
     for event in ("damper_start", "let_off", "string_contact_on", "check"):
         assert round(1e3 * run.event_time(event), 6) in at
         assert event.replace("_", " ") in names
+
+
+def test_an_event_that_repeats_is_named_once(action):
+    run = feltmb.simulate(action, "press_release")
+    assert run.event_table["event"].count("key_start") > 1
+    ax = plot.motion(run).axes[0]
+    assert [text.get_text() for text in ax.texts].count("key start") == 1
 
 
 # --- the mechanism -------------------------------------------------------------------------------
