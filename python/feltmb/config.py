@@ -31,6 +31,7 @@ from feltmb.quantity import (
     is_quantity,
     parse_scalar,
 )
+from feltmb.units import conversion_factor
 
 if TYPE_CHECKING:
     import numpy as np
@@ -39,8 +40,8 @@ if TYPE_CHECKING:
 __all__ = ["Action", "load_action", "packaged_actions", "parse_setting"]
 
 SCHEMA_VERSION = 1
-LAWS = ("guarded", "printed", "mean", "hunt_crossley")
-LawName = Literal["guarded", "printed", "mean", "hunt_crossley"]
+LAWS = ("guarded", "printed", "mean", "hunt_crossley", "stulov", "felt_memory")
+LawName = Literal["guarded", "printed", "mean", "hunt_crossley", "stulov", "felt_memory"]
 
 
 def _curve(node: object) -> object:
@@ -79,6 +80,38 @@ class HuntCrossleyParameters(Schema):
     stiffness: Annotated[float, Field(gt=0), BeforeValidator(lambda n: _power_stiffness(n))]
     exponent: Annotated[float, SI("1"), Field(ge=1)] = 1.5
     damping: Annotated[float, SI("s/m"), Field(ge=0)] = 0.0
+
+
+class StulovParameters(Schema):
+    """F = F0 max(0, e^p - amplitude g), tau0 dg/dt = e^p - g."""
+
+    stiffness: Annotated[float, Field(gt=0), BeforeValidator(lambda n: _power_stiffness(n))]
+    exponent: Annotated[float, SI("1"), Field(ge=1)] = 2.5
+    amplitude: Annotated[float, SI("1"), Field(ge=0, lt=1)] = 0.0
+    time: Annotated[float, SI("s"), Field(gt=0)] = 1e-5
+
+
+class EnvelopeTable(Schema):
+    """A measured or computed loop: both branches at the same compressions."""
+
+    unit: list[str] = ["m", "N"]
+    compression: list[float]
+    loading: list[float]
+    unloading: list[float]
+
+
+class MemoryParameters(Schema):
+    """Options of the law with memory; the curves come from loading and unloading, or a table."""
+
+    kappa: Annotated[float, SI("1"), Field(gt=0, le=2)] = 0.2
+    closing_compression: Annotated[float, SI("m"), Field(gt=0)] | None = None
+    envelope: EnvelopeTable | None = None
+    recovery_time: Annotated[float, SI("s"), Field(ge=0)] = 0.0
+    creep_stiffness: Annotated[float, SI("N/m"), Field(ge=0)] = 0.0
+    creep_damping: Annotated[float, SI("N s/m"), Field(ge=0)] = 0.0
+    rate_amplitude: Annotated[float, SI("1"), Field(ge=0)] = 0.0
+    rate_time: Annotated[float, SI("s"), Field(ge=0)] = 0.0
+    note: str = ""
 
 
 def _power_stiffness(node: object) -> float:
@@ -169,6 +202,8 @@ class Contact(Schema):
     loading: Annotated[Curve, BeforeValidator(_curve)] | None = None
     unloading: Annotated[Curve, BeforeValidator(_curve)] | None = None
     hunt_crossley: HuntCrossleyParameters | None = None
+    stulov: StulovParameters | None = None
+    memory: MemoryParameters = MemoryParameters()
     friction: Friction = FrictionParameters()
 
 
@@ -530,7 +565,13 @@ def _law_faults(raw: Mapping[str, Any]) -> list[str]:
         if not isinstance(node, Mapping):
             continue
         law = node.get("law", "guarded")
-        needed = ("hunt_crossley",) if law == "hunt_crossley" else ("loading", "unloading")
+        memory = node.get("memory")
+        tabulated = isinstance(memory, Mapping) and "envelope" in memory
+        needed = {
+            "hunt_crossley": ["hunt_crossley"],
+            "stulov": ["stulov"],
+            "felt_memory": [] if tabulated else ["loading", "unloading"],
+        }.get(str(law), ["loading", "unloading"])
         for key in needed:
             if law in LAWS and key not in node:
                 faults.append(f"contacts.{name}.{key}: is missing; law {law!r} needs it")
@@ -595,6 +636,14 @@ def core_law(contact: Contact) -> Any:
     if contact.law == "hunt_crossley":
         assert contact.hunt_crossley is not None
         return _core_hunt_crossley(contact.hunt_crossley)
+    if contact.law == "stulov":
+        assert contact.stulov is not None
+        st = contact.stulov
+        return _core.Stulov(
+            stiffness=st.stiffness, exponent=st.exponent, amplitude=st.amplitude, time=st.time
+        )
+    if contact.law == "felt_memory" and contact.memory.envelope is not None:
+        return _core_memory(contact.memory, _table_envelope(contact.memory.envelope))
     assert contact.loading is not None
     assert contact.unloading is not None
     loading = _core.ExponentialCurve(contact.loading.a, contact.loading.b, contact.loading.c)
@@ -603,11 +652,39 @@ def core_law(contact: Contact) -> Any:
     )
     if contact.law == "mean":
         return _core.MeanCurve(loading=loading, unloading=unloading)
+    if contact.law == "felt_memory":
+        closing = contact.memory.closing_compression or 0.0
+        return _core_memory(contact.memory, _core.Envelope.from_curves(loading, unloading, closing))
     return _core.ExponentialPair(
         loading=loading,
         unloading=unloading,
         alpha=contact.alpha,
         guarded=contact.law == "guarded",
+    )
+
+
+def _table_envelope(table: EnvelopeTable) -> _core.Envelope:
+    if len(table.unit) != 2:
+        raise InvalidParameter(
+            f"memory.envelope.unit: got {table.unit!r}, expected two, such as ['mm', 'N']"
+        )
+    length, force = conversion_factor(table.unit[0], "m"), conversion_factor(table.unit[1], "N")
+    return _core.Envelope.from_table(
+        [v * length for v in table.compression],
+        [v * force for v in table.loading],
+        [v * force for v in table.unloading],
+    )
+
+
+def _core_memory(p: MemoryParameters, envelope: _core.Envelope) -> _core.FeltMemory:
+    return _core.FeltMemory(
+        envelope=envelope,
+        kappa=p.kappa,
+        recovery_time=p.recovery_time,
+        creep_stiffness=p.creep_stiffness,
+        creep_damping=p.creep_damping,
+        rate_amplitude=p.rate_amplitude,
+        rate_time=p.rate_time,
     )
 
 
@@ -694,15 +771,22 @@ def describe(config: MechanismFile) -> _core.MechanismDescription:
         surfaces.append(sd)
     d.surfaces = surfaces
     contacts = []
+    faults: list[str] = []
     for key, c in config.contacts.items():
         cd = _core.ContactDescription()
         cd.number = int(key)
         cd.label = c.label
         cd.surface_a, cd.surface_b = c.surfaces
-        cd.law = core_law(c)
+        try:
+            cd.law = core_law(c)
+        except InvalidParameter as error:
+            faults.append(f"contacts.{key}: {error}")
+            continue
         cd.friction = _core_friction(c.friction)
         cd.enabled = c.enabled
         contacts.append(cd)
+    if faults:
+        raise InvalidParameter("\n".join(faults))
     d.contacts = contacts
     springs = []
     for name, sp in config.springs.items():

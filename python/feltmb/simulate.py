@@ -240,8 +240,6 @@ def _monitors(action: Action, y: Array) -> list[Any]:
 
 
 def _to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
-    import feltmb
-
     numbers = action.mechanism.contact_numbers
     monitor_names = [name for name, rule in action.config.events.items() if rule.point is not None]
     changes = [
@@ -260,7 +258,7 @@ def _to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
     string = action.config.string
     provenance: dict[str, Any] = {
         "feltmb": "run",
-        "version": feltmb.__version__,
+        "version": _core.__version__,
         "action": action.name,
         "hash": action.hash,
         "toml": action.to_toml(),

@@ -13,6 +13,8 @@ HERE = Path(__file__).resolve()
 ROOT = HERE.parents[2]
 
 BASE = "errors _optional units quantity"
+MODEL = f"{BASE} files _core params config stroke events results simulate"
+FRONT = f"{MODEL} fiber data fit gap plot report sweep study regulate touch"
 
 # part -> the parts that it may use. C++ parts are folders, Python parts are modules of the package.
 # A new folder or module gets a line here; what points back is refused.
@@ -39,18 +41,29 @@ MAY_USE = {
         "_optional": "errors",
         "units": "errors",
         "quantity": "errors units",
+        "files": "errors",
         "params": BASE,
-        "fiber": f"{BASE} _core",
-        "config": f"{BASE} _core params",
-        "results": BASE,
-        "data": BASE,
-        "simulate": f"{BASE} _core params config results",
+        "fiber": f"{BASE} _core files",
+        "config": f"{BASE} _core files params",
+        "stroke": f"{BASE} _core files params",
+        "events": BASE,
+        "results": f"{BASE} _core files",
+        "data": f"{BASE} files",
+        "published": f"{BASE} files params results",
+        "simulate": f"{BASE} _core params config stroke events results",
         "fit": f"{BASE} results data",
         "gap": f"{BASE} results data fit",
-        "plot": f"{BASE} results data",
+        "plot": f"{BASE} _core files config results data",
+        "graph": f"{BASE} config plot",
+        "animate": f"{BASE} files config results plot",
+        "sweep": MODEL,
+        "study": f"{MODEL} sweep plot",
+        "regulate": MODEL,
+        "touch": f"{MODEL} plot",
         "report": f"{BASE} results data fit gap plot",
-        "__init__": f"{BASE} _core params fiber config results data simulate fit gap plot report",
-        "cli": f"{BASE} __init__ params fiber config results data simulate fit gap plot report",
+        "__init__": FRONT,
+        "cli": f"{FRONT} __init__ graph animate published",
+        "__main__": "cli",
     },
 }
 

@@ -12,6 +12,7 @@ namespace {
 
 constexpr std::size_t kKnots = 256;  // intervals of a table
 constexpr double kLargest = 0.02;    // m, no felt of a machine is pressed further
+constexpr double kAreaReach = 4.0;   // the table of loop areas goes to this times e_M
 
 /// Fritsch-Butland slopes of a monotone cubic through (t, v).
 std::vector<double> monotone_slopes(const std::vector<double>& t, const std::vector<double>& v) {
@@ -101,17 +102,26 @@ void Envelope::tabulate_ratio(const std::vector<double>& s, std::vector<double> 
 void Envelope::tabulate_area() {
   const std::vector<double> s = knot_positions();
   area_.assign(s.size(), 0.0);
+  area_slope_.assign(s.size(), 0.0);
+  const double reach = kAreaReach * closing_;
   for (std::size_t i = 1; i < s.size(); ++i) {
-    const double e_m = s[i] * s[i] * closing_;
+    const double e_m = s[i] * s[i] * reach;
     // sqrt-spaced panels meet the kink of a curve that is held at zero near e = 0.
     area_[i] = integrate_composite(
         [&](double t) {
-          const double e = t * t * e_m;
-          return loading(e).force * (1.0 - ratio(t * t).force) * 2.0 * t * e_m;
+          const double x = t * t;
+          return loading(x * e_m).force * (1.0 - ratio(x).force) * 2.0 * t * e_m;
         },
-        0.0, 1.0, 8);
+        0.0, 1.0, 16);
+    // dW/de_m = integral of F_L(x e_m) rho'(x) x dx, from the stretch of the cycle's shape.
+    const double slope = integrate_composite(
+        [&](double t) {
+          const double x = t * t;
+          return loading(x * e_m).force * ratio(x).slope * x * 2.0 * t;
+        },
+        0.0, 1.0, 16);
+    area_slope_[i] = slope * 2.0 * s[i] * reach;
   }
-  area_slope_ = monotone_slopes(s, area_);
 }
 
 std::shared_ptr<const Envelope> Envelope::from_curves(const ExponentialCurve& load,
@@ -261,14 +271,14 @@ double Envelope::loading_energy(double e) const {
 
 CurveValue Envelope::loop_area(double e_m) const {
   if (e_m <= 0.0) return {0.0, 0.0};
-  if (e_m > closing_) {
-    // Beyond the measured loop the area grows with the loading energy, its share held.
-    const double share = area_.back() / loading_energy(closing_);
-    return {share * loading_energy(e_m), share * loading(e_m).force};
+  const double reach = kAreaReach * closing_;
+  if (e_m > reach) {
+    const double slope = area_slope_.back() / (2.0 * reach);
+    return {area_.back() + slope * (e_m - reach), slope};
   }
-  const double s = std::sqrt(e_m / closing_);
+  const double s = std::sqrt(e_m / reach);
   const CurveValue v = look_up(area_, area_slope_, s);
-  return {v.force, v.slope / (2.0 * s * closing_)};
+  return {v.force, v.slope / (2.0 * s * reach)};
 }
 
 double Envelope::unloading_energy(double e, double e_m) const {

@@ -427,7 +427,9 @@ class Assembler {
       contact.friction = c.friction;
       contact.enabled = c.enabled;
       try {
-        contact.law = ContactLaw(c.law);
+        const ContactLaw law(c.law);
+        // A contact that is off keeps a law without states: it has nothing to remember.
+        if (c.enabled) contact.law = law;
       } catch (const InvalidParameter& error) {
         fault(where + ": " + error.what());
       }

@@ -10,7 +10,9 @@ LAWS = {
     "guarded": "loading-unloading pair of eq. 4.22, held inside 0 <= F_U <= F <= F_L",
     "printed": "the same as printed: may pull and may create energy where its fits cross",
     "mean": "mean of loading and unloading, without hysteresis",
+    "felt_memory": "rate independent, remembers its largest compression, passive",
     "hunt_crossley": "k e^p (1 + d de/dt)",
+    "stulov": "hereditary: F0 (e^p - amplitude g), tau0 dg/dt = e^p - g",
 }
 
 
