@@ -1,4 +1,4 @@
-"""Command group ``feltmb fiber``: structure, contacts, laws, fits and simulation of fiber masses."""
+"""Command group ``feltmb fiber``: structure, contacts, laws, fits, simulation of fiber masses."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import functools
 import io
 import json
 import math
-import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -70,7 +69,7 @@ def _write_text(path: Path, text: str, force: bool) -> None:
     partial = path.with_name(path.name + ".partial")
     try:
         partial.write_text(text, encoding="utf-8")
-        os.replace(partial, path)
+        partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
     click.echo(f"wrote {path}")
@@ -86,7 +85,7 @@ def _save_figure(figure: Any, path: Path, force: bool) -> None:
     partial = path.with_name(path.name + ".partial")
     try:
         figure.savefig(partial, format=kind, dpi=150)
-        os.replace(partial, path)
+        partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
     click.echo(f"wrote {path}")
@@ -187,8 +186,13 @@ def structure_command(ratio: tuple[float, ...], n: int | None, seed: int, spread
 @click.option("--v-f", type=float, required=True, help="Volume fraction [-].")
 @click.option("--d-f", type=float, default=25e-6, show_default=True, help="Fiber diameter [m].")
 @click.option("--ratio", type=float, default=1.0, show_default=True, help="R = v_f/v_random.")
-@click.option("--gamma", type=float, default=math.pi / 2, show_default="pi/2",
-              help="Blocked length per contact over d_f (binomial).")
+@click.option(
+    "--gamma",
+    type=float,
+    default=math.pi / 2,
+    show_default="pi/2",
+    help="Blocked length per contact over d_f (binomial).",
+)
 @click.option("--length", type=float, help="Fiber length [m]: also the numbers per fiber.")
 @_guard
 def contacts_command(
@@ -215,8 +219,9 @@ def contacts_command(
         for name in ("poisson", "binomial"):
             extra = {"gamma": gamma} if name == "binomial" else {}
             c = contact_count(name, v_f, d_f, length, ratio=ratio, **extra)
-            rows.append([name, f"{c.mean:.4f}", f"{math.sqrt(c.variance):.4f}",
-                         f"{c.probability[0]:.3e}"])
+            rows.append(
+                [name, f"{c.mean:.4f}", f"{math.sqrt(c.variance):.4f}", f"{c.probability[0]:.3e}"]
+            )
         _table(
             f"Contacts on a fiber of {length * 1e3:g} mm",
             ["model", "mean", "standard deviation", "probability of none"],
@@ -226,13 +231,24 @@ def contacts_command(
 
 @fiber.command(name="pressure")
 @click.argument("model")
-@click.option("--set", "-s", "given", multiple=True, metavar="NAME=VALUE",
-              help="Parameter in SI units; repeat. See 'feltmb fiber models MODEL'.")
-@click.option("--to", "top", type=float, default=0.5, show_default=True,
-              help="Largest volume fraction.")
+@click.option(
+    "--set",
+    "-s",
+    "given",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Parameter in SI units; repeat. See 'feltmb fiber models MODEL'.",
+)
+@click.option(
+    "--to", "top", type=float, default=0.5, show_default=True, help="Largest volume fraction."
+)
 @click.option("--points", type=int, default=11, show_default=True)
-@click.option("--output", "-o", type=click.Path(dir_okay=False, path_type=Path),
-              help="CSV, or .png/.pdf/.svg for a picture.")
+@click.option(
+    "--output",
+    "-o",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="CSV, or .png/.pdf/.svg for a picture.",
+)
 @click.option("--force", is_flag=True, help="Overwrite.")
 @_guard
 def pressure_command(
@@ -256,8 +272,13 @@ def pressure_command(
     if output is not None and output.suffix != ".csv":
         _save_figure(plot_law(made, float(v[-1])), output, force)
         return
-    columns = ["v_f [-]", "strain [-]", "pressure [Pa]", "tangent_modulus [Pa]",
-               "energy_per_fiber_volume [J/m^3]"]
+    columns = [
+        "v_f [-]",
+        "strain [-]",
+        "pressure [Pa]",
+        "tangent_modulus [Pa]",
+        "energy_per_fiber_volume [J/m^3]",
+    ]
     rows = np.column_stack([v, 1 - made.v_f0 / v, p, t, u])
     if output is not None:
         _write_text(output, _csv(columns, rows.tolist()), force)
@@ -271,8 +292,14 @@ def pressure_command(
 
 @fiber.command(name="tensor")
 @click.option("--ratio", type=float, default=1.0, show_default=True, help="R = v_f/v_random.")
-@click.option("--e-modulus", "modulus", type=float, default=2.5e9, show_default=True,
-              help="Fiber modulus [Pa].")
+@click.option(
+    "--e-modulus",
+    "modulus",
+    type=float,
+    default=2.5e9,
+    show_default=True,
+    help="Fiber modulus [Pa].",
+)
 @click.option("--v-f", type=float, required=True, help="Volume fraction [-].")
 @_guard
 def tensor_command(ratio: float, modulus: float, v_f: float) -> None:
@@ -287,44 +314,95 @@ def tensor_command(ratio: float, modulus: float, v_f: float) -> None:
     s = density_structure(deformation=np.diag([1, 1, 1 / ratio]), max_nodes=200)
     t = narter_tensors(s.eeee, modulus, v_f)
     order = ["11", "22", "33", "12", "13", "23"]
-    _table("Stiffness [Pa]", ["", *order],
-           [[o, *(f"{x:.4g}" if abs(x) > 1e-9 * modulus else "0" for x in row)]
-            for o, row in zip(order, t.stiffness, strict=True)])
-    _table("Moduli", ["", "1 / 12", "2 / 13", "3 / 23"],
-           [["Young's E1 E2 E3 [Pa]", *(f"{x:.6g}" for x in t.young)],
+    _table(
+        "Stiffness [Pa]",
+        ["", *order],
+        [
+            [o, *(f"{x:.4g}" if abs(x) > 1e-9 * modulus else "0" for x in row)]
+            for o, row in zip(order, t.stiffness, strict=True)
+        ],
+    )
+    _table(
+        "Moduli",
+        ["", "1 / 12", "2 / 13", "3 / 23"],
+        [
+            ["Young's E1 E2 E3 [Pa]", *(f"{x:.6g}" for x in t.young)],
             ["shear G12 G13 G23 [Pa]", *(f"{x:.6g}" for x in t.shear)],
-            ["Poisson nu12 nu13 nu23 [-]",
-             *(f"{t.poisson[k]:.6g}" for k in ("nu12", "nu13", "nu23"))]])
+            [
+                "Poisson nu12 nu13 nu23 [-]",
+                *(f"{t.poisson[k]:.6g}" for k in ("nu12", "nu13", "nu23")),
+            ],
+        ],
+    )
 
 
 @fiber.command(name="arcs")
-@click.option("--scheme", type=click.Choice(["isotropic", "confined", "simple"]),
-              default="confined", show_default=True)
-@click.option("--e-modulus", "modulus", type=float, default=2.5e9, show_default=True,
-              help="Fiber modulus [Pa].")
+@click.option(
+    "--scheme",
+    type=click.Choice(["isotropic", "confined", "simple"]),
+    default="confined",
+    show_default=True,
+)
+@click.option(
+    "--e-modulus",
+    "modulus",
+    type=float,
+    default=2.5e9,
+    show_default=True,
+    help="Fiber modulus [Pa].",
+)
 @click.option("--v-f0", type=float, required=True, help="Volume fraction at rest [-].")
-@click.option("--chord-ratio", type=float, default=1.0, show_default=True,
-              help="Chord over arc length at rest; 1 straight.")
-@click.option("--slip-stress", type=float, default=0.0, show_default=True,
-              help="Slip force over d_f^2 [Pa].")
+@click.option(
+    "--chord-ratio",
+    type=float,
+    default=1.0,
+    show_default=True,
+    help="Chord over arc length at rest; 1 straight.",
+)
+@click.option(
+    "--slip-stress", type=float, default=0.0, show_default=True, help="Slip force over d_f^2 [Pa]."
+)
 @click.option("--to", "top", type=float, default=0.5, show_default=True, help="Largest strain.")
 @click.option("--points", type=int, default=11, show_default=True)
 @_guard
-def arcs_command(scheme: str, modulus: float, v_f0: float, chord_ratio: float, slip_stress: float,
-                 top: float, points: int) -> None:
+def arcs_command(
+    scheme: str,
+    modulus: float,
+    v_f0: float,
+    chord_ratio: float,
+    slip_stress: float,
+    top: float,
+    points: int,
+) -> None:
     """Energy method of Komori-Itoh and Lee-Carnaby: segments bent to arcs."""
     import numpy as np
 
     from feltmb.fiber import compress_arcs
 
-    c = compress_arcs(np.linspace(0, top, max(points, 2)), E=modulus, v_f0=v_f0, scheme=scheme,
-                      chord_ratio=chord_ratio, slip_stress=slip_stress)
+    c = compress_arcs(
+        np.linspace(0, top, max(points, 2)),
+        E=modulus,
+        v_f0=v_f0,
+        scheme=scheme,
+        chord_ratio=chord_ratio,
+        slip_stress=slip_stress,
+    )
     _table(
         f"Arcs, {scheme} compression",
         ["strain [-]", "v_f [-]", "P [Pa]", "bending", "straight.", "slipping", "lateral [-]"],
-        [[f"{a:.4g}", f"{b:.4g}", f"{p:.5g}", f"{x:.4g}", f"{y:.4g}", f"{z:.4g}", f"{q:.5g}"]
-         for a, b, p, x, y, z, q in zip(c.strain, c.v_f, c.pressure, c.bending, c.straightening,
-                                        c.slipping, c.lateral_stretch, strict=True)],
+        [
+            [f"{a:.4g}", f"{b:.4g}", f"{p:.5g}", f"{x:.4g}", f"{y:.4g}", f"{z:.4g}", f"{q:.5g}"]
+            for a, b, p, x, y, z, q in zip(
+                c.strain,
+                c.v_f,
+                c.pressure,
+                c.bending,
+                c.straightening,
+                c.slipping,
+                c.lateral_stretch,
+                strict=True,
+            )
+        ],
     )
     click.echo("bending, straightening, slipping: stored energy [J per m^3 of fiber], eq. 2.6")
 
@@ -332,16 +410,31 @@ def arcs_command(scheme: str, modulus: float, v_f0: float, chord_ratio: float, s
 @fiber.command(name="history")
 @click.argument("model")
 @click.argument("path", type=click.Path(dir_okay=False, path_type=Path))
-@click.option("--set", "-s", "given", multiple=True, metavar="NAME=VALUE[,VALUE...]",
-              help="Parameter in SI units; lists with commas; repeat.")
-@click.option("--spring", default="van_wyk", show_default=True,
-              help="Compression law of the springs (dunlop, stamm_kelvin).")
-@click.option("--output", "-o", type=click.Path(dir_okay=False, path_type=Path),
-              help="CSV with time, compression and result.")
+@click.option(
+    "--set",
+    "-s",
+    "given",
+    multiple=True,
+    metavar="NAME=VALUE[,VALUE...]",
+    help="Parameter in SI units; lists with commas; repeat.",
+)
+@click.option(
+    "--spring",
+    default="van_wyk",
+    show_default=True,
+    help="Compression law of the springs (dunlop, stamm_kelvin).",
+)
+@click.option(
+    "--output",
+    "-o",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="CSV with time, compression and result.",
+)
 @click.option("--force", is_flag=True, help="Overwrite.")
 @_guard
-def history_command(model: str, path: Path, given: tuple[str, ...], spring: str,
-                    output: Path | None, force: bool) -> None:
+def history_command(
+    model: str, path: Path, given: tuple[str, ...], spring: str, output: Path | None, force: bool
+) -> None:
     """Run a law with history over the samples of PATH: CSV with time [s] and compression.
 
     The second column is "strain [-]" or "compression [m]".
@@ -365,8 +458,10 @@ def history_command(model: str, path: Path, given: tuple[str, ...], spring: str,
         raise DataError(f"{path}: cannot be read ({error}), expected a CSV file") from None
     header = [h.strip() for h in lines[0].split(",")] if lines else []
     if header not in (["time [s]", "strain [-]"], ["time [s]", "compression [m]"]):
-        raise DataError(f"{path}: header is {header}, expected \"time [s],strain [-]\" or "
-                        '"time [s],compression [m]"')
+        raise DataError(
+            f'{path}: header is {header}, expected "time [s],strain [-]" or '
+            '"time [s],compression [m]"'
+        )
     faults = []
     rows = []
     for number, line in enumerate(lines[1:], start=2):
@@ -386,19 +481,24 @@ def history_command(model: str, path: Path, given: tuple[str, ...], spring: str,
         text = _csv([*header, unit], np.column_stack([time, x, result]).tolist())
         _write_text(output, text, force)
     work = float(np.trapezoid(result, x))
-    _table(f"{model} over {len(time)} samples", ["what", "value"], [
-        [f"largest {unit}", f"{np.max(result):.6g}"],
-        [f"at {header[1]}", f"{x[int(np.argmax(result))]:.6g}"],
-        ["work not given back", f"{work:.6g} {'J/m^3' if 'strain' in header[1] else 'J'}"],
-    ])
+    _table(
+        f"{model} over {len(time)} samples",
+        ["what", "value"],
+        [
+            [f"largest {unit}", f"{np.max(result):.6g}"],
+            [f"at {header[1]}", f"{x[int(np.argmax(result))]:.6g}"],
+            ["work not given back", f"{work:.6g} {'J/m^3' if 'strain' in header[1] else 'J'}"],
+        ],
+    )
 
 
 def _fit_rows(f: Any) -> list[list[str]]:
     rows = []
     for name in f.free:
         low, high = f.interval[name]
-        rows.append([name, f.units[name] or "-", f"{f.values[name]:.6g}", f"{low:.4g}",
-                     f"{high:.4g}"])
+        rows.append(
+            [name, f.units[name] or "-", f"{f.values[name]:.6g}", f"{low:.4g}", f"{high:.4g}"]
+        )
     for name, value in f.values.items():
         if name not in f.free:
             rows.append([name, f.units.get(name) or "-", f"{value:.6g}", "fixed", ""])
@@ -410,11 +510,20 @@ def _fit_dictionary(f: Any) -> dict[str, Any]:
         return x if math.isfinite(x) else None
 
     return {
-        "model": f.model, "branch": f.branch, "method": f.method, "free": list(f.free),
-        "values": f.values, "units": f.units, "level": f.level,
+        "model": f.model,
+        "branch": f.branch,
+        "method": f.method,
+        "free": list(f.free),
+        "values": f.values,
+        "units": f.units,
+        "level": f.level,
         "interval": {k: [safe(a), safe(b)] for k, (a, b) in f.interval.items()},
-        "correlation": f.correlation.tolist(), "rmse [Pa]": f.rmse, "bic": f.bic,
-        "r_squared": f.r_squared, "warnings": list(f.warnings), "samples": len(f.v_f),
+        "correlation": f.correlation.tolist(),
+        "rmse [Pa]": f.rmse,
+        "bic": f.bic,
+        "r_squared": f.r_squared,
+        "warnings": list(f.warnings),
+        "samples": len(f.v_f),
     }
 
 
@@ -422,30 +531,55 @@ def _fit_dictionary(f: Any) -> dict[str, Any]:
 @click.argument("data", type=click.Path(dir_okay=False, path_type=Path))
 @click.option("--model", "-m", default="binomial", show_default=True)
 @click.option("--all", "every", is_flag=True, help="Fit every law and rank them by BIC.")
-@click.option("--branch", type=click.Choice(["loading", "unloading", "each", "both"]),
-              default="each", show_default=True,
-              help="each: one fit per branch in the file; both: one fit through both.")
+@click.option(
+    "--branch",
+    type=click.Choice(["loading", "unloading", "each", "both"]),
+    default="each",
+    show_default=True,
+    help="each: one fit per branch in the file; both: one fit through both.",
+)
 @click.option("--free", multiple=True, help="Parameter to identify; repeat. Default by law.")
 @click.option("--fix", "-f", multiple=True, metavar="NAME=VALUE", help="Fixed parameter; repeat.")
 @click.option("--bound", "-b", multiple=True, metavar="NAME=LOW:HIGH", help="Bounds; repeat.")
-@click.option("--method", type=click.Choice(["least_squares", "nelder_mead"]),
-              default="least_squares", show_default=True)
+@click.option(
+    "--method",
+    type=click.Choice(["least_squares", "nelder_mead"]),
+    default="least_squares",
+    show_default=True,
+)
 @click.option("--starts", type=int, default=12, show_default=True)
 @click.option("--seed", type=int, default=0, show_default=True)
 @click.option("--level", type=float, default=0.95, show_default=True, help="Confidence level.")
 @click.option("--v-f0", type=float, help="Volume fraction of zero pressure [-].")
 @click.option("--thickness0", type=float, help="Thickness at v_f0 [m].")
 @click.option("--area", type=float, help="Sample area [m^2], with force data.")
-@click.option("--plot", type=click.Path(dir_okay=False, path_type=Path),
-              help="Picture of fit and residuals.")
-@click.option("--output", "-o", type=click.Path(dir_okay=False, path_type=Path),
-              help="Results as JSON.")
+@click.option(
+    "--plot", type=click.Path(dir_okay=False, path_type=Path), help="Picture of fit and residuals."
+)
+@click.option(
+    "--output", "-o", type=click.Path(dir_okay=False, path_type=Path), help="Results as JSON."
+)
 @click.option("--force", is_flag=True, help="Overwrite.")
 @_guard
-def fit_command(data: Path, model: str, every: bool, branch: str, free: tuple[str, ...],
-                fix: tuple[str, ...], bound: tuple[str, ...], method: str, starts: int, seed: int,
-                level: float, v_f0: float | None, thickness0: float | None, area: float | None,
-                plot: Path | None, output: Path | None, force: bool) -> None:
+def fit_command(
+    data: Path,
+    model: str,
+    every: bool,
+    branch: str,
+    free: tuple[str, ...],
+    fix: tuple[str, ...],
+    bound: tuple[str, ...],
+    method: str,
+    starts: int,
+    seed: int,
+    level: float,
+    v_f0: float | None,
+    thickness0: float | None,
+    area: float | None,
+    plot: Path | None,
+    output: Path | None,
+    force: bool,
+) -> None:
     """Identify a compression law from DATA, a CSV file with units in its header.
 
     Columns: v_f [-], strain [-] or thickness [mm]; pressure [kPa] or force [N]; optionally branch.
@@ -471,29 +605,53 @@ def fit_command(data: Path, model: str, every: bool, branch: str, free: tuple[st
     branches = [branch]
     if branch == "each":
         branches = ["loading"] + (["unloading"] if (~test.loading).sum() >= 5 else [])
-    common = {"fixed": _numbers(fix, "--fix"), "method": method, "n_starts": starts, "seed": seed,
-              "level": level}
+    common = {
+        "fixed": _numbers(fix, "--fix"),
+        "method": method,
+        "n_starts": starts,
+        "seed": seed,
+        "level": level,
+    }
     fits = []
     for which in branches:
         if every:
             ranked = compare(test, branch=which, **common)
             best = ranked[0].bic
-            _table(f"{test.name}, {which}: laws by BIC",
-                   ["law", "BIC - best", "RMSE [Pa]", "parameters", "warnings"],
-                   [[f.model, f"{f.bic - best:.2f}", f"{f.rmse:.5g}",
-                     " ".join(f"{k}={f.values[k]:.4g}" for k in f.free), str(len(f.warnings))]
-                    for f in ranked])
+            _table(
+                f"{test.name}, {which}: laws by BIC",
+                ["law", "BIC - best", "RMSE [Pa]", "parameters", "warnings"],
+                [
+                    [
+                        f.model,
+                        f"{f.bic - best:.2f}",
+                        f"{f.rmse:.5g}",
+                        " ".join(f"{k}={f.values[k]:.4g}" for k in f.free),
+                        str(len(f.warnings)),
+                    ]
+                    for f in ranked
+                ],
+            )
             fits += ranked
         else:
             f = fit(test, model, free=free or None, bounds=bounds, branch=which, **common)
-            _table(f"{test.name}, {which}: {model}, {len(f.v_f)} samples",
-                   ["parameter", "unit", "value", f"{100 * level:g} % from", "to"], _fit_rows(f))
-            click.echo(f"RMSE {f.rmse:.6g} Pa   R^2 {f.r_squared:.6f}   BIC {f.bic:.2f}   "
-                       f"{f.n_best} of {f.n_starts} starts agree")
+            _table(
+                f"{test.name}, {which}: {model}, {len(f.v_f)} samples",
+                ["parameter", "unit", "value", f"{100 * level:g} % from", "to"],
+                _fit_rows(f),
+            )
+            click.echo(
+                f"RMSE {f.rmse:.6g} Pa   R^2 {f.r_squared:.6f}   BIC {f.bic:.2f}   "
+                f"{f.n_best} of {f.n_starts} starts agree"
+            )
             if len(f.free) > 1:
-                _table("Correlation", ["", *f.free],
-                       [[n, *(f"{x:+.4f}" for x in row)]
-                        for n, row in zip(f.free, f.correlation, strict=True)])
+                _table(
+                    "Correlation",
+                    ["", *f.free],
+                    [
+                        [n, *(f"{x:+.4f}" for x in row)]
+                        for n, row in zip(f.free, f.correlation, strict=True)
+                    ],
+                )
             fits.append(f)
     for f in fits:
         for warning in f.warnings:
@@ -510,17 +668,26 @@ def fit_command(data: Path, model: str, every: bool, branch: str, free: tuple[st
 @click.option("--fibers", type=int, default=100, show_default=True)
 @click.option("--beads", type=int, default=21, show_default=True, help="Beads per fiber.")
 @click.option("--d-f", type=float, default=25e-6, show_default=True, help="Fiber diameter [m].")
-@click.option("--segment", type=float, default=62.5e-6, show_default=True,
-              help="Segment length [m].")
+@click.option(
+    "--segment", type=float, default=62.5e-6, show_default=True, help="Segment length [m]."
+)
 @click.option("--v-f", type=float, default=0.03, show_default=True, help="First volume fraction.")
 @click.option("--v-max", type=float, default=0.15, show_default=True, help="Turning point.")
-@click.option("--crimp", type=float, default=0.15, show_default=True,
-              help="Turning angle per bead [rad].")
+@click.option(
+    "--crimp", type=float, default=0.15, show_default=True, help="Turning angle per bead [rad]."
+)
 @click.option("--friction", type=float, default=0.35, show_default=True)
-@click.option("--repulsion", type=click.Choice(["hertz", "logarithmic"]), default="hertz",
-              show_default=True)
-@click.option("--e-modulus", "modulus", type=float, default=2.5e9, show_default=True,
-              help="Fiber modulus [Pa].")
+@click.option(
+    "--repulsion", type=click.Choice(["hertz", "logarithmic"]), default="hertz", show_default=True
+)
+@click.option(
+    "--e-modulus",
+    "modulus",
+    type=float,
+    default=2.5e9,
+    show_default=True,
+    help="Fiber modulus [Pa].",
+)
 @click.option("--strain-per-step", type=float, default=1e-5, show_default=True)
 @click.option("--cycles", type=int, default=1, show_default=True)
 @click.option("--seed", type=int, default=0, show_default=True)
@@ -530,10 +697,27 @@ def fit_command(data: Path, model: str, every: bool, branch: str, free: tuple[st
 @click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), help="Picture.")
 @click.option("--force", is_flag=True, help="Overwrite.")
 @_guard
-def simulate_command(output: Path, fibers: int, beads: int, d_f: float, segment: float, v_f: float,
-                     v_max: float, crimp: float, friction: float, repulsion: str, modulus: float,
-                     strain_per_step: float, cycles: int, seed: int, threads: int, resume: bool,
-                     samples: int | None, plot: Path | None, force: bool) -> None:
+def simulate_command(
+    output: Path,
+    fibers: int,
+    beads: int,
+    d_f: float,
+    segment: float,
+    v_f: float,
+    v_max: float,
+    crimp: float,
+    friction: float,
+    repulsion: str,
+    modulus: float,
+    strain_per_step: float,
+    cycles: int,
+    seed: int,
+    threads: int,
+    resume: bool,
+    samples: int | None,
+    plot: Path | None,
+    force: bool,
+) -> None:
     """Compress and release a box of single fibers; the run goes to OUTPUT (.npz)."""
     from feltmb.errors import InvalidParameter
     from feltmb.fiber import Cycle, FiberBox, FiberRun
@@ -552,36 +736,66 @@ def simulate_command(output: Path, fibers: int, beads: int, d_f: float, segment:
         box, cycle = old.box, old.cycle
     else:
         _refuse_existing(output, force)
-        box = FiberBox(n_fibers=fibers, n_beads=beads, d_f=d_f, segment_length=segment, v_f=v_f,
-                       crimp=crimp, friction=friction, repulsion=repulsion, E=modulus, seed=seed)
+        box = FiberBox(
+            n_fibers=fibers,
+            n_beads=beads,
+            d_f=d_f,
+            segment_length=segment,
+            v_f=v_f,
+            crimp=crimp,
+            friction=friction,
+            repulsion=repulsion,
+            E=modulus,
+            seed=seed,
+        )
         sample_every = max(1, round(0.01 / strain_per_step)) if strain_per_step > 0 else 1
-        cycle = Cycle(v_max=v_max, strain_per_step=strain_per_step, cycles=cycles,
-                      sample_every=sample_every)
+        cycle = Cycle(
+            v_max=v_max, strain_per_step=strain_per_step, cycles=cycles, sample_every=sample_every
+        )
     from rich.progress import Progress
 
     with Progress(console=_console(), transient=True) as bar:
         task = bar.add_task("compressing", total=1.0)
 
         def show(done: float, sample: dict[str, Any]) -> None:
-            bar.update(task, completed=done,
-                       description=f"v_f {sample['v_f']:.4f} P {sample['pressure']:.4g} Pa")
+            bar.update(
+                task,
+                completed=done,
+                description=f"v_f {sample['v_f']:.4f} P {sample['pressure']:.4g} Pa",
+            )
 
-        run = run_simulation(box, cycle, resume=old, threads=threads, progress=show,
-                             checkpoint=output, max_samples=samples)
+        run = run_simulation(
+            box,
+            cycle,
+            resume=old,
+            threads=threads,
+            progress=show,
+            checkpoint=output,
+            max_samples=samples,
+        )
     rows = []
     phase = run.column("phase")
-    picks = sorted({int(i) for i in
-                    [k * (len(phase) - 1) / 10 for k in range(11)]})
+    picks = sorted({int(i) for i in [k * (len(phase) - 1) / 10 for k in range(11)]})
     for i in picks:
-        rows.append(["loading" if phase[i] == 0 else "unloading",
-                     *(f"{run.table[k][i]:.5g}" for k in
-                       ("v_f", "pressure", "contacts", "work", "friction_loss", "drag_loss"))])
-    _table(f"{box.n_fibers} fibers, friction {box.friction:g}",
-           ["branch", "v_f [-]", "P [Pa]", "contacts", "work [J]", "friction [J]", "drag [J]"],
-           rows)
+        rows.append(
+            [
+                "loading" if phase[i] == 0 else "unloading",
+                *(
+                    f"{run.table[k][i]:.5g}"
+                    for k in ("v_f", "pressure", "contacts", "work", "friction_loss", "drag_loss")
+                ),
+            ]
+        )
+    _table(
+        f"{box.n_fibers} fibers, friction {box.friction:g}",
+        ["branch", "v_f [-]", "P [Pa]", "contacts", "work [J]", "friction [J]", "drag [J]"],
+        rows,
+    )
     laid, relaxed = run.laid, run.relaxed
-    click.echo(f"contacts as laid {laid['crossings']:.0f}, Toll {laid['toll']:.1f} "
-               f"+- {math.sqrt(laid['toll']):.1f}; relaxed {relaxed['contacts']:.0f}")
+    click.echo(
+        f"contacts as laid {laid['crossings']:.0f}, Toll {laid['toll']:.1f} "
+        f"+- {math.sqrt(laid['toll']):.1f}; relaxed {relaxed['contacts']:.0f}"
+    )
     if run.done:
         click.echo(f"loop loss {100 * run.loop_loss:.2f} %")
     else:
@@ -593,8 +807,13 @@ def simulate_command(output: Path, fibers: int, beads: int, d_f: float, segment:
 
 @fiber.command(name="gallery")
 @click.argument("folder", type=click.Path(file_okay=False, path_type=Path))
-@click.option("--fibers", type=int, default=6000, show_default=True,
-              help="Fibers of the sampled network (the thesis uses 6000).")
+@click.option(
+    "--fibers",
+    type=int,
+    default=6000,
+    show_default=True,
+    help="Fibers of the sampled network (the thesis uses 6000).",
+)
 @click.option("--seed", type=int, default=0, show_default=True)
 @click.option("--force", is_flag=True, help="Overwrite.")
 @_guard

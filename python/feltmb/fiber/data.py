@@ -53,9 +53,7 @@ class CompressionData:
     def branch(self, which: str) -> CompressionData:
         """Return only ``"loading"`` or ``"unloading"`` samples (``"both"``: everything)."""
         if which not in ("loading", "unloading", "both"):
-            raise DataError(
-                f'{self.name}: branch = "{which}", expected loading, unloading or both'
-            )
+            raise DataError(f'{self.name}: branch = "{which}", expected loading, unloading or both')
         if which == "both":
             return self
         keep = self.loading if which == "loading" else ~self.loading

@@ -67,7 +67,7 @@ class Fit:
     correlation: Array
     """Of the free parameters (of their logarithms where they are fitted so), shape (p, p)."""
     singular_values: Array
-    """Of the residuals' derivative with respect to the scaled parameters, largest first, over it."""
+    """Of the derivative of the residuals by the scaled parameters, over the largest one."""
     v_f: Array
     """Data [-]."""
     pressure: Array
@@ -180,8 +180,12 @@ def fit(
     faults = [
         f'fit, model "{model}": {what} parameter "{name}" is unknown, expected one of '
         f"{', '.join(described)}"
-        for what, given in (("free", names), ("fixed", fixed), ("bounds", bounds or {}),
-                            ("start", start or {}))
+        for what, given in (
+            ("free", names),
+            ("fixed", fixed),
+            ("bounds", bounds or {}),
+            ("start", start or {}),
+        )
         for name in given
         if name not in described
     ]
@@ -207,8 +211,11 @@ def fit(
     base = {**_defaults(model, part), **fixed}
     for name in names:
         base.pop(name, None)
-    missing = [m for m, d in described.items()
-               if m not in base and m not in names and m != "v_random" and math.isnan(d.default)]
+    missing = [
+        m
+        for m, d in described.items()
+        if m not in base and m not in names and m != "v_random" and math.isnan(d.default)
+    ]
     if missing:
         raise InvalidParameter(
             f'fit, model "{model}": {", ".join(missing)} neither free nor given, expected values'
@@ -238,8 +245,9 @@ def fit(
 
     curve(encode(low))  # a wrong fixed value must be reported, not absorbed by the residual
     law(model, **base, **dict(zip(names, (0.5 * (low + high)).tolist(), strict=True)))
-    starts = _starts(model, names, low, high, logs, encode, decode, curve, p, weight,
-                     start, n_starts, seed)
+    starts = _starts(
+        model, names, low, high, encode, decode, curve, p, weight, start, n_starts, seed
+    )
     found: list[tuple[float, Array]] = []
     for u0 in starts:
         found.append(_minimise(optimize, method, residual, u0, encode(low), encode(high)))
@@ -282,7 +290,8 @@ def fit(
         values["v_random"] = values["v_f0"]
     reach = encode(high) - encode(low)
     at_bound = tuple(
-        name for i, name in enumerate(names)
+        name
+        for i, name in enumerate(names)
         if min(best[i] - encode(low)[i], encode(high)[i] - best[i]) < 1e-4 * reach[i]
     )
     mean = float(np.sum((p - np.mean(p)) ** 2))
@@ -351,7 +360,6 @@ def _starts(
     names: tuple[str, ...],
     low: Array,
     high: Array,
-    logs: NDArray[np.bool_],
     encode: Callable[[Array], Array],
     decode: Callable[[Array], Array],
     curve: Callable[[Array], Array],
@@ -420,8 +428,13 @@ def _minimise(
         u0,
         method="Nelder-Mead",
         bounds=list(zip(low, high, strict=True)),
-        options={"xatol": 1e-9, "fatol": 1e-16, "maxiter": 4000, "maxfev": 8000,
-                 "adaptive": len(u0) > 2},
+        options={
+            "xatol": 1e-9,
+            "fatol": 1e-16,
+            "maxiter": 4000,
+            "maxfev": 8000,
+            "adaptive": len(u0) > 2,
+        },
     )
     return float(found.fun), np.asarray(found.x)
 
@@ -486,7 +499,8 @@ def _warnings(
             out.append(f"k_b = {values['k_b']:.4g} is far above 1 of a clamped beam: unphysical")
     if values.get("k_p", 0) > 10:
         out.append(f"k_p = {values['k_p']:.4g} is far above the theory's 3/8: unphysical")
-    if model in ("komori_itoh", "komori_itoh_renewed", "lee_carnaby", "toll_planar") and "E" in names:
+    arcs = ("komori_itoh", "komori_itoh_renewed", "lee_carnaby", "toll_planar")
+    if model in arcs and "E" in names:
         out.append("E is an effective modulus here; compare it with that of the fiber")
     return out
 

@@ -100,7 +100,7 @@ class Network:
         return _core.estimate_tensors(self.directions, threads)
 
     def replicate_error(self, n_replicates: int = 16, threads: int = 0) -> dict[str, float]:
-        """Sampling error from the scatter of networks with other seeds.
+        """Estimate the sampling error from the scatter of networks with other seeds.
 
         Unlike the error of :meth:`structure` it is right for spread networks too.
         """

@@ -74,17 +74,26 @@ def plot_pressures(parameters: dict[str, dict[str, float]] | None = None, top: f
     for number, (name, given) in enumerate(chosen.items()):
         made = law(name, **given)
         v = np.linspace(made.v_f0, min(top, made.limit * 0.98), 400)[1:]
-        ax.semilogy(v, made.pressure(v) / 1e3, styles[number // len(COLORS)],
-                    color=COLORS[number % len(COLORS)], label=name)
+        ax.semilogy(
+            v,
+            made.pressure(v) / 1e3,
+            styles[number // len(COLORS)],
+            color=COLORS[number % len(COLORS)],
+            label=name,
+        )
     ax.set_ylim(1e-2, 1e5)
-    _style(ax, "volume fraction $v_f$ [-]", "pressure [kPa]",
-           "Compression laws, one felt-like mass ($v_{f0}$ = 0.1)")
+    _style(
+        ax,
+        "volume fraction $v_f$ [-]",
+        "pressure [kPa]",
+        "Compression laws, one felt-like mass ($v_{f0}$ = 0.1)",
+    )
     ax.legend(frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
 
 
 def plot_sphere(n: int = 1500, seed: int = 0, ratio: float = 3.0, spread: int = 30) -> Any:
-    """Unit sphere of fiber directions before and after compression (thesis Fig. 3.2)."""
+    """Draw the unit sphere of fiber directions before and after compression (thesis Fig. 3.2)."""
     from feltmb.fiber.orientation import network
 
     before = network(n, seed, spread)
@@ -95,8 +104,13 @@ def plot_sphere(n: int = 1500, seed: int = 0, ratio: float = 3.0, spread: int = 
     for number, (made, title) in enumerate(pairs):
         ax = figure.add_subplot(1, 2, number + 1, projection="3d")
         d = made.directions
-        front = d @ np.array([math.cos(0.35) * math.cos(-1.05), math.cos(0.35) * math.sin(-1.05),
-                              math.sin(0.35)]) > 0
+        front = (
+            d
+            @ np.array(
+                [math.cos(0.35) * math.cos(-1.05), math.cos(0.35) * math.sin(-1.05), math.sin(0.35)]
+            )
+            > 0
+        )
         # Points on the far side are lighter, otherwise depth cannot be seen.
         ax.scatter(*d[~front].T, s=3, color="#b9cfe0", depthshade=False)
         ax.scatter(*d[front].T, s=5, color=COLORS[0], depthshade=False)
@@ -107,7 +121,7 @@ def plot_sphere(n: int = 1500, seed: int = 0, ratio: float = 3.0, spread: int = 
         for name in ("x", "y", "z"):
             getattr(ax, f"set_{name}ticks")([-1, 0, 1])
             getattr(ax, f"set_{name}lim")(-1, 1)
-        ax.set_zlabel("$e_3$ [-]")
+        ax.text2D(0.95, 0.86, "$e_3$ [-]", transform=ax.transAxes)
         ax.set_xlabel("$e_1$ [-]")
         ax.set_ylabel("$e_2$ [-]")
     return figure
@@ -124,18 +138,33 @@ def plot_structure(n: int = 6000, seed: int = 0) -> Any:
     sampled = [base.deform(r).structure() for r in sampled_at]
     figure = _figure(7.6, 4.8)
     ax = figure.subplots()
-    labels = {"f": "$f$", "n3": r"$\langle n_3^4\rangle_c$", "e3": r"$\langle e_3^4\rangle_c$",
-              "K3": "$K_3$", "M3": "$M_3$"}
+    labels = {
+        "f": "$f$",
+        "n3": r"$\langle n_3^4\rangle_c$",
+        "e3": r"$\langle e_3^4\rangle_c$",
+        "K3": "$K_3$",
+        "M3": "$M_3$",
+    }
     for color, (name, label) in zip(COLORS, labels.items(), strict=False):
         ax.semilogx(ratios, [getattr(s, name) for s in exact], color=color, label=label)
-        ax.errorbar(sampled_at, [getattr(s, name) for s in sampled],
-                    yerr=[2 * s.error[name] for s in sampled], fmt="o", color=color,
-                    markersize=4, capsize=2)
+        ax.errorbar(
+            sampled_at,
+            [getattr(s, name) for s in sampled],
+            yerr=[2 * s.error[name] for s in sampled],
+            fmt="o",
+            color=color,
+            markersize=4,
+            capsize=2,
+        )
     for value, text in ((math.pi / 4, r"$\pi/4$"), (2 / math.pi, r"$2/\pi$")):
         ax.axhline(value, color="#999999", linewidth=0.7, linestyle=":")
         ax.text(31, value, " " + text, va="center", color="#666666", fontsize=9)
-    _style(ax, "$R = v_f / v_{random}$ [-]", "structural number [-]",
-           f"Lines exact; points: {n} random fibers, 2 standard errors")
+    _style(
+        ax,
+        "$R = v_f / v_{random}$ [-]",
+        "structural number [-]",
+        f"Lines exact; points: {n} random fibers, 2 standard errors",
+    )
     ax.set_xticks([1, 2, 5, 10, 20, 30], ["1", "2", "5", "10", "20", "30"])
     ax.minorticks_off()
     ax.legend(frameon=False, loc="center right", bbox_to_anchor=(1.0, 0.4))
@@ -152,8 +181,9 @@ def plot_planar() -> Any:
     for color, f in zip(COLORS, (2 / math.pi, 0.4), strict=False):
         p = pressure("toll_planar", v, E=75e9, v_f0=0.02, f=f)
         ax.plot(v, p / 1e6, color=color, label=f"f = {f:.3f}")
-    _style(ax, "volume fraction $v_f$ [-]", "pressure [MPa]",
-           "Planar fiber mass, E = 75 GPa (eq. 2.8)")
+    _style(
+        ax, "volume fraction $v_f$ [-]", "pressure [MPa]", "Planar fiber mass, E = 75 GPa (eq. 2.8)"
+    )
     ax.legend(frameon=False, title="orientation")
     return figure
 
@@ -169,10 +199,19 @@ def plot_van_wyk() -> Any:
     for color, beta in zip(COLORS, (5.0, 10.0, 20.0, 40.0), strict=False):
         p = pressure("alkhagen_toll", v, k_b=1, k_t=1, beta=beta, **common)
         ax.loglog(v, p, color=color, label=rf"granular, $\beta$ = {beta:g}")
-    ax.loglog(v, pressure("van_wyk", v, k_p=0.01, **common), color="black", linestyle="--",
-              label="van Wyk, $k_p$ = 0.01")
-    _style(ax, "volume fraction $v_f$ [-]", "pressure [Pa]",
-           "$k_b = k_t = 1$, random at $v_{f0}$ = 0.02, E = 2.5 GPa")
+    ax.loglog(
+        v,
+        pressure("van_wyk", v, k_p=0.01, **common),
+        color="black",
+        linestyle="--",
+        label="van Wyk, $k_p$ = 0.01",
+    )
+    _style(
+        ax,
+        "volume fraction $v_f$ [-]",
+        "pressure [Pa]",
+        "$k_b = k_t = 1$, random at $v_{f0}$ = 0.02, E = 2.5 GPa",
+    )
     ax.set_ylim(1e-1, 1e8)
     ax.set_xticks([0.02, 0.05, 0.1, 0.2, 0.4], ["0.02", "0.05", "0.1", "0.2", "0.4"])
     ax.minorticks_off()
@@ -214,8 +253,13 @@ def plot_contacts(d_f: float = 25e-6, gamma: float = math.pi / 2) -> Any:
     for color, (name, label) in zip(COLORS, names, strict=False):
         extra = {"gamma": gamma} if name == "binomial" else {}
         left.semilogy(v, mean_free_length(name, v, d_f, **extra) / d_f, color=color, label=label)
-    left.semilogy(v, mean_free_length("komori_makishima", v, d_f, ratio=5.0) / d_f,
-                  color=COLORS[0], linestyle="--", label="Komori, R = 5")
+    left.semilogy(
+        v,
+        mean_free_length("komori_makishima", v, d_f, ratio=5.0) / d_f,
+        color=COLORS[0],
+        linestyle="--",
+        label="Komori, R = 5",
+    )
     _style(left, "volume fraction $v_f$ [-]", "mean free length / $d_f$ [-]", "Isotropic fibers")
     left.legend(frameon=False)
     for color, name in zip(COLORS, ("poisson", "binomial"), strict=False):
@@ -224,8 +268,12 @@ def plot_contacts(d_f: float = 25e-6, gamma: float = math.pi / 2) -> Any:
         keep = c.k <= 30
         shift = -0.2 if name == "poisson" else 0.2
         right.bar(c.k[keep] + shift, c.probability[keep], 0.4, color=color, label=name)
-    _style(right, "contacts on a fiber [1]", "probability [-]",
-           f"$v_f$ = 0.2, length {20 * gamma:.1f} $d_f$")
+    _style(
+        right,
+        "contacts on a fiber [1]",
+        "probability [-]",
+        f"$v_f$ = 0.2, length {20 * gamma:.1f} $d_f$",
+    )
     right.legend(frameon=False)
     return figure
 
@@ -240,19 +288,34 @@ def plot_arcs() -> Any:
     for color, scheme in zip(COLORS, ("isotropic", "confined", "simple"), strict=False):
         c = compress_arcs(strain, E=2.5e9, v_f0=0.05, scheme=scheme, chord_ratio=0.95)
         left.plot(c.strain, c.pressure / 1e3, color=color, label=f"{scheme}, b/L = 0.95")
+    strain = np.concatenate([[0.0, 1e-6], strain[1:]])
     straight = compress_arcs(strain, E=2.5e9, v_f0=0.05, chord_ratio=1.0)
-    left.plot(straight.strain, straight.pressure / 1e3, color="black", linestyle="--",
-              label="confined, straight")
+    left.plot(
+        straight.strain,
+        straight.pressure / 1e3,
+        color="black",
+        linestyle="--",
+        label="confined, straight",
+    )
     _style(left, "axial strain [-]", "axial stress [kPa]", "Segments bent to arcs")
     left.legend(frameon=False)
-    strain = np.linspace(0, 0.7, 80)
-    c = compress_arcs(strain, E=2.5e9, v_f0=0.05, scheme="simple", chord_ratio=0.97,
-                      slip_stress=2e6)
+    strain = np.linspace(0, 0.7, 141)
+    c = compress_arcs(
+        strain, E=2.5e9, v_f0=0.05, scheme="simple", chord_ratio=0.999, slip_stress=2e6
+    )
     shares = (c.bending, c.straightening, c.slipping)
-    right.stackplot(c.strain, *(s / 1e3 for s in shares), colors=COLORS[:3],
-                    labels=("bending", "straightening", "slipping"))
-    _style(right, "axial strain [-]", "stored energy [kJ per m$^3$ of fiber]",
-           "Simple compression, b/L = 0.97 (eq. 2.6)")
+    right.stackplot(
+        c.strain,
+        *(s / 1e3 for s in shares),
+        colors=COLORS[:3],
+        labels=("bending", "straightening", "slipping"),
+    )
+    _style(
+        right,
+        "axial strain [-]",
+        "stored energy [kJ per m$^3$ of fiber]",
+        "Simple, b/L = 0.999, slip stress 2 MPa (eq. 2.6)",
+    )
     right.legend(frameon=False, loc="upper left")
     return figure
 
@@ -266,8 +329,13 @@ def plot_history() -> Any:
     t = np.linspace(0, 4, 1601)
     rise = 1 - np.abs(1 - np.mod(t, 2))
     strain = 0.5 * rise * np.where(t < 2, 1.0, 0.6)
-    felt: dict[str, Any] = {"k_p": 0.01, "E": 2.5e9, "v_f0": 0.13, "phi": 0.15,
-                            "f_c": [200.0, 2000.0, 8000.0]}
+    felt: dict[str, Any] = {
+        "k_p": 0.01,
+        "E": 2.5e9,
+        "v_f0": 0.13,
+        "phi": 0.15,
+        "f_c": [200.0, 2000.0, 8000.0],
+    }
     p = history("dunlop", t, strain, **felt)
     axes[0].plot(strain, p / 1e3, color=COLORS[0], label="Dunlop")
     p = history("stamm_kelvin", t, strain, G=3e6, c=1e6, **felt)
@@ -288,8 +356,9 @@ def plot_history() -> Any:
         ("lankarani_nikravesh", {"K": 4e8, "n": 2.5, "e": 0.8, "impact_speed": 1.57}),
     )
     for color, (name, given) in zip(COLORS, cases, strict=False):
-        axes[2].plot(u * 1e3, history(name, t, u, **given), color=color,
-                     label=name.replace("_", " "))
+        axes[2].plot(
+            u * 1e3, history(name, t, u, **given), color=color, label=name.replace("_", " ")
+        )
     _style(axes[2], "compression [mm]", "force [N]", "Half sine of 2 ms")
     for ax in axes:
         ax.legend(frameon=False, fontsize=8)
@@ -305,15 +374,22 @@ def plot_fits(fits: Sequence[Any]) -> Any:
         color = COLORS[number % len(COLORS)]
         if f.branch not in drawn:
             marker = "o" if f.branch != "unloading" else "s"
-            top.plot(f.v_f, f.pressure / 1e3, marker, color="#777777", markersize=3,
-                     label=f"data, {f.branch}")
+            top.plot(
+                f.v_f,
+                f.pressure / 1e3,
+                marker,
+                color="#777777",
+                markersize=3,
+                label=f"data, {f.branch}",
+            )
             drawn.add(f.branch)
         made = f.law()
         v = np.linspace(max(np.min(f.v_f), made.v_f0), np.max(f.v_f), 300)
         top.plot(v, made.pressure(v) / 1e3, color=color, label=f"{f.model}, {f.branch}")
         order = np.argsort(f.v_f)
-        bottom.plot(f.v_f[order], f.residuals[order] / 1e3, ".-", color=color, markersize=4,
-                    linewidth=0.7)
+        bottom.plot(
+            f.v_f[order], f.residuals[order] / 1e3, ".-", color=color, markersize=4, linewidth=0.7
+        )
     bottom.axhline(0, color="black", linewidth=0.8)
     _style(top, "", "pressure [kPa]", fits[0].name)
     _style(bottom, "volume fraction $v_f$ [-]", "data - law [kPa]")
@@ -334,9 +410,14 @@ def plot_simulation(run: Any) -> Any:
         contacts = run.column("contacts")[keep] * v[keep]
         volume = run.laid["volume"] * run.box.v_f
         axes[1].plot(v[keep], contacts / volume * 1e-9, color=COLORS[which], label=label)
-    _style(axes[0], "volume fraction $v_f$ [-]", "pressure [kPa]",
-           f"friction {run.box.friction:g}, loop loss {100 * run.loop_loss:.0f} %"
-           if run.done else "unfinished")
+    _style(
+        axes[0],
+        "volume fraction $v_f$ [-]",
+        "pressure [kPa]",
+        f"friction {run.box.friction:g}, loop loss {100 * run.loop_loss:.0f} %"
+        if run.done
+        else "unfinished",
+    )
     grid = np.linspace(np.min(v), np.max(v), 50)
     toll = contacts_per_volume("toll", grid, run.box.d_f, counting="once")
     axes[1].plot(grid, toll * 1e-9, color="black", linestyle="--", label="Toll, isotropic")
@@ -344,8 +425,12 @@ def plot_simulation(run: Any) -> Any:
     strain = run.column("step") * (1 if len(v) else 0)
     for color, (name, label) in zip(
         COLORS,
-        (("work", "work"), ("bending", "bending energy"), ("friction_loss", "friction"),
-         ("drag_loss", "drag")),
+        (
+            ("work", "work"),
+            ("bending", "bending energy"),
+            ("friction_loss", "friction"),
+            ("drag_loss", "drag"),
+        ),
         strict=False,
     ):
         axes[2].plot(strain / 1e3, run.column(name) * 1e6, color=color, label=label)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -132,7 +131,7 @@ class FiberRun:
         columns = {f"table_{k}": np.array(v, dtype=float) for k, v in self.table.items()}
         state = {f"state_{k}": np.asarray(self.state[k]) for k in _STATE if k in self.state}
         np.savez(partial, header=np.array(json.dumps(header)), **columns, **state)  # type: ignore[arg-type]
-        os.replace(partial, file)
+        partial.replace(file)
         return file
 
     @classmethod
@@ -149,9 +148,7 @@ class FiberRun:
             with np.load(file, allow_pickle=False) as stored:
                 header = json.loads(str(stored["header"]))
                 if header.get("format") != _FORMAT:
-                    raise DataError(
-                        f"{file}: format = {header.get('format')}, expected {_FORMAT}"
-                    )
+                    raise DataError(f"{file}: format = {header.get('format')}, expected {_FORMAT}")
                 table = {k[6:]: stored[k].tolist() for k in stored.files if k.startswith("table_")}
                 state = {k[6:]: stored[k] for k in stored.files if k.startswith("state_")}
         except FileNotFoundError:

@@ -13,8 +13,11 @@ from feltmb.fiber import pressure
 def run(*args, code=0):
     result = CliRunner().invoke(fiber, [str(a) for a in args], catch_exceptions=False)
     assert result.exit_code == code, result.output
-    assert all(len(line) <= 80 for line in result.stdout.splitlines()
-               if not line.startswith(("warning", "wrote", "error"))), result.stdout
+    assert all(
+        len(line) <= 80
+        for line in result.stdout.splitlines()
+        if not line.startswith(("warning", "wrote", "error"))
+    ), result.stdout
     return result.output
 
 
@@ -92,8 +95,9 @@ def test_fit_both_branches(loop, tmp_path):
     assert "Correlation" in text
     fits = json.loads(out.read_text())["fits"]
     assert [f["branch"] for f in fits] == ["loading", "unloading"]
-    for f, truth in zip(fits, ({"K_p": 4e6, "gamma": 1.3}, {"K_p": 3.82e5, "gamma": 3.16}),
-                        strict=True):
+    for f, truth in zip(
+        fits, ({"K_p": 4e6, "gamma": 1.3}, {"K_p": 3.82e5, "gamma": 3.16}), strict=True
+    ):
         for name, value in truth.items():
             low, high = f["interval"][name]
             assert low - 0.05 * value <= value <= high + 0.05 * value
@@ -104,8 +108,20 @@ def test_fit_both_branches(loop, tmp_path):
 def test_fit_all_and_options(loop):
     text = run("fit", loop, "--all", "--branch", "loading", "--starts", 4)
     assert text.index("binomial") < text.index("van_wyk")
-    text = run("fit", loop, "--model", "van_wyk", "--branch", "loading", "-f", "E=1e9",
-               "--method", "nelder_mead", "-b", "k_p=1e-4:1")
+    text = run(
+        "fit",
+        loop,
+        "--model",
+        "van_wyk",
+        "--branch",
+        "loading",
+        "-f",
+        "E=1e9",
+        "--method",
+        "nelder_mead",
+        "-b",
+        "k_p=1e-4:1",
+    )
     assert "fixed" in text
     text = run("fit", loop, "--bound", "gamma=1", code=2)
     assert "low:high" in text
@@ -124,8 +140,23 @@ def test_history(tmp_path):
     path = tmp_path / "path.csv"
     path.write_text("time [s],strain [-]\n0,0\n1,0.3\n2,0.1\n3,0.4\n")
     out = tmp_path / "out.csv"
-    text = run("history", "dunlop", path, "-s", "k_p=0.01", "-s", "E=2.5e9", "-s", "v_f0=0.1",
-               "-s", "f_c=100,1000", "-s", "phi=0.2", "-o", out)
+    text = run(
+        "history",
+        "dunlop",
+        path,
+        "-s",
+        "k_p=0.01",
+        "-s",
+        "E=2.5e9",
+        "-s",
+        "v_f0=0.1",
+        "-s",
+        "f_c=100,1000",
+        "-s",
+        "phi=0.2",
+        "-o",
+        out,
+    )
     assert "not given back" in text
     assert out.read_text().startswith("time [s],strain [-],stress [Pa]")
     path.write_text("t,x\n0,0\n")
@@ -134,8 +165,20 @@ def test_history(tmp_path):
 
 def test_simulate_and_resume(tmp_path):
     out, whole = tmp_path / "run.npz", tmp_path / "whole.npz"
-    given = ["--fibers", 24, "--beads", 11, "--v-f", 0.03, "--v-max", 0.036,
-             "--strain-per-step", 5e-4, "--threads", 1]
+    given = [
+        "--fibers",
+        24,
+        "--beads",
+        11,
+        "--v-f",
+        0.03,
+        "--v-max",
+        0.036,
+        "--strain-per-step",
+        5e-4,
+        "--threads",
+        1,
+    ]
     text = run("simulate", out, *given, "--samples", 3)
     assert "unfinished" in text
     assert "exists already" in run("simulate", out, *given, code=2)
@@ -154,7 +197,16 @@ def test_simulate_and_resume(tmp_path):
 def test_gallery(tmp_path):
     text = run("gallery", tmp_path / "pictures", "--fibers", 300)
     names = {p.stem for p in (tmp_path / "pictures").iterdir()}
-    assert names == {"pressures", "sphere", "structure", "planar", "van_wyk", "toll", "contacts",
-                     "arcs", "history"}
+    assert names == {
+        "pressures",
+        "sphere",
+        "structure",
+        "planar",
+        "van_wyk",
+        "toll",
+        "contacts",
+        "arcs",
+        "history",
+    }
     assert text.count("wrote") == len(names)
     assert "exists already" in run("gallery", tmp_path / "pictures", "--fibers", 300, code=2)

@@ -62,8 +62,9 @@ def test_every_model_is_consistent(model, v, ratio):
     count = contacts_per_volume(model, v, D, ratio=ratio, counting="once", **extra(model))
     length = 4 * v / (math.pi * D**2)
     assert count * free == pytest.approx(length / 2, rel=1e-12)  # eq. 3.61 repaired
-    assert contacts_per_volume(model, v, D, ratio=ratio, counting="ends",
-                               **extra(model)) == pytest.approx(2 * count, rel=1e-14)
+    assert contacts_per_volume(
+        model, v, D, ratio=ratio, counting="ends", **extra(model)
+    ) == pytest.approx(2 * count, rel=1e-14)
 
 
 def test_ratio_uses_f_and_any_density_agrees():
@@ -73,8 +74,9 @@ def test_ratio_uses_f_and_any_density_agrees():
         assert mean_free_length(model, 0.1, D, ratio=3) == pytest.approx(
             math.pi * D / (8 * f * 0.1), rel=1e-12
         )
-    general = density_structure(deformation=np.diag([1, 1, 1 / 3]), obstruction=True,
-                                tolerance=1e-7)
+    general = density_structure(
+        deformation=np.diag([1, 1, 1 / 3]), obstruction=True, tolerance=1e-7
+    )
     for model in ("komori_makishima", "pan", "binomial"):
         assert mean_free_length(model, 0.1, D, structure=general, **extra(model)) == pytest.approx(
             mean_free_length(model, 0.1, D, ratio=3, **extra(model)), rel=1e-6

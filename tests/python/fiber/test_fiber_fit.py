@@ -32,8 +32,11 @@ def make(model, noise=0.0, n=60, seed=0, top=0.4):
 
 def fixed_for(model):
     free = {"k_p", "v_fm", "w_f", "K_E", "gamma", "k_b", "k_t", "beta", "K_p", "chord_ratio"}
-    keep = {"E"} if model not in ("toll_planar", "komori_itoh", "komori_itoh_renewed",
-                                  "lee_carnaby") else set()
+    keep = (
+        {"E"}
+        if model not in ("toll_planar", "komori_itoh", "komori_itoh_renewed", "lee_carnaby")
+        else set()
+    )
     if model == "stamm":
         keep.add("v_fm")
     return {k: v for k, v in TRUTHS[model].items() if k in keep and k not in free - keep}
@@ -51,9 +54,18 @@ def test_exact_data_give_the_truth_back(model, method):
 def coverage(model, n_fits, noise=0.01):
     hits: dict[str, int] = {}
     for seed in range(n_fits):
-        f = fit(make(model, noise, seed=seed), model, fixed=fixed_for(model), n_starts=2, seed=seed,
-                start={k: TRUTHS[model][k] for k in ("gamma", "k_p") if k in TRUTHS[model]
-                       and k not in fixed_for(model)})
+        f = fit(
+            make(model, noise, seed=seed),
+            model,
+            fixed=fixed_for(model),
+            n_starts=2,
+            seed=seed,
+            start={
+                k: TRUTHS[model][k]
+                for k in ("gamma", "k_p")
+                if k in TRUTHS[model] and k not in fixed_for(model)
+            },
+        )
         for name in f.free:
             low, high = f.interval[name]
             hits[name] = hits.get(name, 0) + (low <= TRUTHS[model][name] <= high)
@@ -175,8 +187,11 @@ def test_units_and_branches(tmp_path):
         ("", {}, ["is empty"]),
         ("a,b\n1,2\n", {}, ['"a"', "exactly one of v_f"]),
         ("v_f [-],pressure [psi]\n0.1,1\n", {}, ["psi", "kPa", "line 1"]),
-        (HEADER + "0.1,x,loading\n0.2,nan,loadin\n0.3\n", {},
-         ['line 2: pressure = "x"', "line 3", '"loadin"', "line 4"]),
+        (
+            HEADER + "0.1,x,loading\n0.2,nan,loadin\n0.3\n",
+            {},
+            ['line 2: pressure = "x"', "line 3", '"loadin"', "line 4"],
+        ),
         ("v_f [-];pressure [Pa]\n0,1;1\n0.2;2\n0.3;3\n", {}, ["decimal point"]),
         ("strain [-],force [N]\n0,0\n0.1,1\n0.2,2\n", {}, ["--area", "--v-f0"]),
         ("v_f [-],pressure [Pa]\n0.1,1\n0.2,2\n", {}, ["2 samples"]),

@@ -1,5 +1,6 @@
 """Compression laws: formulas again, limits, slopes, energies, tensor form, histories."""
 
+import itertools
 import math
 import pickle
 
@@ -73,11 +74,15 @@ def test_printed_formulas_again():
 
     def raw(v):  # eq. 3.64 exactly as printed
         eta = 1 - np.exp(-q * g * v)
-        return kp * (eta / (q * g * (1 - eta))) ** 3 * (
-            (1 - eta) * (2 + 1.5 * eta / (1 - eta)) - eta / (q * g * v))
+        return (
+            kp
+            * (eta / (q * g * (1 - eta))) ** 3
+            * ((1 - eta) * (2 + 1.5 * eta / (1 - eta)) - eta / (q * g * v))
+        )
 
     assert pressure("binomial", V, K_p=kp, gamma=g, v_f0=v0) == pytest.approx(
-        raw(V) - raw(v0), rel=1e-12)
+        raw(V) - raw(v0), rel=1e-12
+    )
 
 
 def test_binomial_offset_of_errata():
@@ -105,8 +110,11 @@ def test_binomial_energy_identity_symbolically():
     v, q, g, k = sympy.symbols("v Q gamma K_p", positive=True)
     eta = 1 - sympy.exp(-q * g * v)
     w = k / 2 * (eta / (q * g * (1 - eta))) ** 3 * eta / (q * g * v)
-    p = k * (eta / (q * g * (1 - eta))) ** 3 * (
-        (1 - eta) * (2 + sympy.Rational(3, 2) * eta / (1 - eta)) - eta / (q * g * v))
+    p = (
+        k
+        * (eta / (q * g * (1 - eta))) ** 3
+        * ((1 - eta) * (2 + sympy.Rational(3, 2) * eta / (1 - eta)) - eta / (q * g * v))
+    )
     assert sympy.simplify((v * sympy.diff(w, v) - w - p).rewrite(sympy.exp)) == 0
 
 
@@ -131,8 +139,9 @@ def test_bending_chain_step_by_step():
         return n * dc
 
     direct = integrate.quad(dp_dv, v0, 0.3, epsrel=1e-11)[0]
-    assert pressure("bending_chain", 0.3, E=E, gamma=gamma, v_f0=v0) == pytest.approx(direct,
-                                                                                     rel=1e-9)
+    assert pressure("bending_chain", 0.3, E=E, gamma=gamma, v_f0=v0) == pytest.approx(
+        direct, rel=1e-9
+    )
 
 
 def test_alkhagen_toll_by_differential_equation():
@@ -181,9 +190,17 @@ def test_narter_by_increments():
 def test_narter_confined_modulus():
     """First increment from a random state: dP/d(strain) = K/5 with K = E A_f 2 N_v d."""
     v0, gamma, d = 0.1, 1.2, 1.0
-    k = E * math.pi / 4 * d**2 * 2 * (2 * v0 * (1 - math.exp(-2 * v0 * gamma))
-                                      / (math.pi * d**3 * gamma)) * d
-    assert tangent_modulus("narter", v0, E=E, v_f0=v0, gamma=gamma) == pytest.approx(k / 5, rel=1e-9)
+    k = (
+        E
+        * math.pi
+        / 4
+        * d**2
+        * 2
+        * (2 * v0 * (1 - math.exp(-2 * v0 * gamma)) / (math.pi * d**3 * gamma))
+        * d
+    )
+    modulus = tangent_modulus("narter", v0, E=E, v_f0=v0, gamma=gamma)
+    assert modulus == pytest.approx(k / 5, rel=1e-9)
 
 
 def test_strain_argument():
@@ -193,10 +210,10 @@ def test_strain_argument():
 
 
 def test_inverse():
-    for name, given in FELT_EXAMPLES.items():
+    for name, example in FELT_EXAMPLES.items():
         if name in ("komori_itoh", "lee_carnaby"):
             continue  # soften: several fractions have one pressure
-        made = law(name, **given)
+        made = law(name, **example)
         assert made.volume_fraction(made.pressure(V[:3]), 0.49) == pytest.approx(V[:3], rel=1e-10)
 
 
@@ -228,10 +245,14 @@ def test_binomial_grows_and_stores(k_p, gamma, v0, factor):
     ("call", "words"),
     [
         (lambda: pressure("wyk", 0.2), ["model", "wyk", "van_wyk"]),
-        (lambda: pressure("van_wyk", 0.2, k_p=-1, E=0, foo=3),
-         ["k_p = -1", "E = 0 Pa", "foo", "v_f0", "missing"]),
-        (lambda: pressure("van_wyk", [0.2, 1.2, -0.1], k_p=1, E=1, v_f0=0.1),
-         ["v_f[1] = 1.2", "v_f[2] = -0.1"]),
+        (
+            lambda: pressure("van_wyk", 0.2, k_p=-1, E=0, foo=3),
+            ["k_p = -1", "E = 0 Pa", "foo", "v_f0", "missing"],
+        ),
+        (
+            lambda: pressure("van_wyk", [0.2, 1.2, -0.1], k_p=1, E=1, v_f0=0.1),
+            ["v_f[1] = 1.2", "v_f[2] = -0.1"],
+        ),
         (lambda: pressure("neckar", 0.61, k_p=1, E=1, v_f0=0.1, v_fm=0.6), ["0.61", "jamming"]),
         (lambda: pressure("neckar", 0.5, k_p=1, E=1, v_f0=0.7, v_fm=0.6), ["v_f0 = 0.7"]),
         (lambda: pressure("van_wyk", 0.2, strain=0.1, k_p=1, E=1, v_f0=0.1), ["not both"]),
@@ -293,9 +314,9 @@ def test_arc_stress_is_work_conjugate(scheme):
     c = compress_arcs(strain, E=E, v_f0=0.05, chord_ratio=0.9, scheme=scheme)
     # Work per initial volume: stress times area stretch, three axes when isotropic.
     axes = 3 if scheme == "isotropic" else 1
-    work = integrate.cumulative_simpson(c.pressure * c.lateral_stretch**2 * axes
-                                        if scheme != "isotropic"
-                                        else 3 * c.pressure * (1 - strain) ** 2, x=strain, initial=0)
+    work = integrate.cumulative_simpson(
+        axes * c.pressure * c.lateral_stretch**2, x=strain, initial=0
+    )
     assert 0.05 * c.stored == pytest.approx(work, rel=2e-4, abs=1e-6 * work[-1])
 
 
@@ -389,8 +410,9 @@ def dunlop_by_stress(stress_path):
 
 
 def test_dunlop_against_stress_driven_units():
-    path = np.concatenate([np.linspace(6e3, 2e5, 60), np.linspace(2e5, 5e4, 40)[1:],
-                           np.linspace(5e4, 1.5e5, 40)[1:]])
+    path = np.concatenate(
+        [np.linspace(6e3, 2e5, 60), np.linspace(2e5, 5e4, 40)[1:], np.linspace(5e4, 1.5e5, 40)[1:]]
+    )
     strain = dunlop_by_stress(path)
     moving = np.concatenate([[True], np.abs(np.diff(strain)) > 1e-9])
     p = history("dunlop", np.arange(len(path)), strain, **SPRING, **UNITS)
@@ -449,8 +471,13 @@ def test_stulov_integral_form():
     force = history("stulov", t, u, F0=f0, p=p, epsilon=eps, tau0=tau)
     for i in (500, 1500, 2500):
         memory = integrate.quad(
-            lambda x, ti=t[i]: (1e-3 * math.sin(math.pi * x / 2e-3)) ** p * math.exp((x - ti) / tau),
-            0, t[i], epsrel=1e-11)[0]
+            lambda x, ti=t[i]: (
+                (1e-3 * math.sin(math.pi * x / 2e-3)) ** p * math.exp((x - ti) / tau)
+            ),
+            0,
+            t[i],
+            epsrel=1e-11,
+        )[0]
         direct = max(0.0, f0 * (u[i] ** p - eps / tau * memory))
         assert force[i] == pytest.approx(direct, rel=1e-5)
 
@@ -462,8 +489,9 @@ def test_stulov_slow_limit():
     u = 1e-3 * np.sin(math.pi * t / 1e-3)
     rate = math.pi * np.cos(math.pi * t / 1e-3)
     full = history("stulov", t, u, F0=f0, p=p, epsilon=eps, tau0=tau)
-    slow = history("stulov_differential", t, u, rate=rate, F0=f0 * (1 - eps), p=p,
-                   alpha=eps * tau / (1 - eps))
+    slow = history(
+        "stulov_differential", t, u, rate=rate, F0=f0 * (1 - eps), p=p, alpha=eps * tau / (1 - eps)
+    )
     assert full == pytest.approx(slow, abs=1e-4 * slow.max())
 
 
@@ -492,8 +520,7 @@ def test_laws_without_memory_in_the_same_call():
 def test_dunlop_loops_dissipate(turns):
     """Whatever the path, closing it costs work; stress is never negative."""
     corners = [0.0, *turns, 0.0]
-    x = np.concatenate([np.linspace(a, b, 30)[1:] for a, b in zip(corners, corners[1:],
-                                                                  strict=False)])
+    x = np.concatenate([np.linspace(a, b, 30)[1:] for a, b in itertools.pairwise(corners)])
     x = np.concatenate([[0.0], x])
     p = history("dunlop", np.arange(len(x)), x, **SPRING, **UNITS)
     assert np.all(p >= 0)
@@ -507,9 +534,14 @@ def test_dunlop_loops_dissipate(turns):
         (lambda: history("x", [0, 1], [0, 0.1]), ["model", "dunlop"]),
         (lambda: history("dunlop", [0, 1], [0, 0.95], **SPRING, **UNITS), ["0.95"]),
         (lambda: history("dunlop", [0, 1], [0, 0.1], f_c=[1, 2], phi=[0.1] * 3, **SPRING), ["phi"]),
-        (lambda: history("stulov", [0, 0], [0, 1], F0=1, p=1, epsilon=0, tau0=1,
-                         rate=[0, 0]), ["time[1]"]),
-        (lambda: history("stulov", [0, 1], [0, 1], F0=-1, p=1, epsilon=2), ["F0", "epsilon", "tau0"]),
+        (
+            lambda: history("stulov", [0, 0], [0, 1], F0=1, p=1, epsilon=0, tau0=1, rate=[0, 0]),
+            ["time[1]"],
+        ),
+        (
+            lambda: history("stulov", [0, 1], [0, 1], F0=-1, p=1, epsilon=2),
+            ["F0", "epsilon", "tau0"],
+        ),
         (lambda: history("stulov", [0, 1, 2], [0, 1]), ["shape"]),
     ],
 )
