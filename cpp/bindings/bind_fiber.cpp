@@ -536,9 +536,6 @@ void bind_simulation(py::module_& m) {
 
 }  // namespace
 
-/// To be declared in bindings.hpp and called by module.cpp.
-void bind_fiber(py::module_& m);
-
 void bind_fiber(py::module_& m) {
   py::module_ fiber = m.def_submodule("fiber", "Micromechanics of fiber networks.");
   bind_orientation(fiber);

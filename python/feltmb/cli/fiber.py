@@ -204,7 +204,7 @@ def contacts_command(
     names = ("van_wyk", "van_wyk_tube", "komori_makishima", "pan", "poisson", "binomial", "toll")
     rows = []
     for name in names:
-        extra = {"gamma": gamma} if name == "binomial" else {}
+        extra: dict[str, Any] = {"gamma": gamma} if name == "binomial" else {}
         free = mean_free_length(name, v_f, d_f, ratio=ratio, **extra)
         number = contacts_per_volume(name, v_f, d_f, ratio=ratio, **extra)
         rows.append([name, f"{free * 1e6:.4f}", f"{free / d_f:.4f}", f"{number * 1e-9:.6g}"])
@@ -475,7 +475,7 @@ def history_command(
     if faults:
         raise DataError("\n".join(faults))
     time, x = np.array(rows).T
-    result = history(model, time, x, spring=spring, **params)  # type: ignore[arg-type]
+    result = history(model, time, x, spring=spring, **params)
     unit = "stress [Pa]" if header[1].startswith("strain") else "force [N]"
     if output is not None:
         text = _csv([*header, unit], np.column_stack([time, x, result]).tolist())
@@ -605,7 +605,7 @@ def fit_command(
     branches = [branch]
     if branch == "each":
         branches = ["loading"] + (["unloading"] if (~test.loading).sum() >= 5 else [])
-    common = {
+    common: dict[str, Any] = {
         "fixed": _numbers(fix, "--fix"),
         "method": method,
         "n_starts": starts,
@@ -828,3 +828,7 @@ def gallery_command(folder: Path, fibers: int, seed: int, force: bool) -> None:
         _refuse_existing(path, force)
     for path, figure in zip(paths, figures.values(), strict=True):
         _save_figure(figure, path, True)
+
+
+command = fiber
+"""What the main group loads."""

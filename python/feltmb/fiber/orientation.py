@@ -247,5 +247,9 @@ def narter_tensors(eeee: ArrayLike, E: float, v_f: float) -> NarterTensors:
     young, shear, poisson = _core.engineering_moduli(compliance)
     names = ["nu12", "nu13", "nu21", "nu23", "nu31", "nu32"]
     return NarterTensors(
-        stiffness, compliance, tuple(young), tuple(shear), dict(zip(names, poisson, strict=True))
+        stiffness,
+        compliance,
+        (young[0], young[1], young[2]),
+        (shear[0], shear[1], shear[2]),
+        dict(zip(names, poisson, strict=True)),
     )

@@ -195,7 +195,7 @@ def plot_van_wyk() -> Any:
     figure = _figure()
     ax = figure.subplots()
     v = np.geomspace(0.0205, 0.4, 300)
-    common = {"E": 2.5e9, "v_f0": 0.02}
+    common: dict[str, Any] = {"E": 2.5e9, "v_f0": 0.02}
     for color, beta in zip(COLORS, (5.0, 10.0, 20.0, 40.0), strict=False):
         p = pressure("alkhagen_toll", v, k_b=1, k_t=1, beta=beta, **common)
         ax.loglog(v, p, color=color, label=rf"granular, $\beta$ = {beta:g}")
@@ -251,7 +251,7 @@ def plot_contacts(d_f: float = 25e-6, gamma: float = math.pi / 2) -> Any:
     v = np.linspace(0.02, 0.6, 200)
     names = (("van_wyk", "van Wyk, Komori, Toll"), ("pan", "Pan"), ("binomial", "binomial"))
     for color, (name, label) in zip(COLORS, names, strict=False):
-        extra = {"gamma": gamma} if name == "binomial" else {}
+        extra: dict[str, Any] = {"gamma": gamma} if name == "binomial" else {}
         left.semilogy(v, mean_free_length(name, v, d_f, **extra) / d_f, color=color, label=label)
     left.semilogy(
         v,

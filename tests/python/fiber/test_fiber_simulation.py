@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from feltmb._core import fiber as core
 
+from feltmb._core import fiber as core
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fiber import Cycle, FiberBox, FiberRun, contacts_per_volume, lay, simulate
 
