@@ -336,17 +336,17 @@ std::vector<LawDescription> make_descriptions() {
   std::vector<LawDescription> all;
   all.push_back({"van_wyk",
                  "van Wyk: bending of straight segments",
-                 "thesis eq. 2.1; van Wyk 1946",
+                 "thesis eq. 2.1; van Wyk 1946 [115]",
                  "low volume fraction; no friction, crimp or reorientation",
                  {k_p, modulus, v_f0}});
   all.push_back({"neckar",
                  "Neckar: contact volume excluded",
-                 "thesis eqs. 2.4, 2.5; Neckar",
+                 "thesis eqs. 2.4, 2.5; Neckar [73]",
                  "v_f < v_fm",
                  {k_p, modulus, v_f0, v_fm}});
   all.push_back({"stamm",
                  "Neckar with Stamm's free contact fraction w_f",
-                 "thesis 2.2.1; Stamm (judged reading: W/V = v^3/(v_fm^2 w_f))",
+                 "thesis 2.2.1; Stamm [100] (judged reading: W/V = v^3/(v_fm^2 w_f))",
                  "v_f^3 < v_fm^2 w_f",
                  {k_p,
                   modulus,
@@ -356,7 +356,7 @@ std::vector<LawDescription> make_descriptions() {
                    "fiber volume over contact volume in the contacts; v_fm gives neckar"}}});
   all.push_back({"toll_planar",
                  "Toll and Manson: planar network",
-                 "thesis eq. 2.8; Toll, Manson 1995",
+                 "thesis eq. 2.8; Toll, Manson [111]",
                  "fibers in planes normal to the load",
                  {modulus,
                   v_f0,
@@ -365,7 +365,7 @@ std::vector<LawDescription> make_descriptions() {
   all.push_back(
       {"narter",
        "Narter: axial strain of bonded fibers, large compression",
-       "thesis eqs. 3.16-3.27, 3.15; Narter 1999",
+       "thesis eqs. 3.16-3.27, 3.15; Narter et al. [72]",
        "no buckling or sliding; a negative gamma is accepted but unphysical",
        {modulus,
         v_f0,
@@ -377,7 +377,7 @@ std::vector<LawDescription> make_descriptions() {
   all.push_back(
       {"alkhagen_toll",
        "Alkhagen and Toll: granular rate theory",
-       "thesis eqs. 3.28-3.57; Alkhagen, Toll 2007",
+       "thesis eqs. 3.28-3.57; Alkhagen, Toll [1]",
        "beta^2 >> 1 for the crimp term; no slip",
        {modulus,
         v_f0,
@@ -389,7 +389,7 @@ std::vector<LawDescription> make_descriptions() {
         v_random}});
   all.push_back({"binomial",
                  "Neckar and Das: binomial number of contacts",
-                 "thesis eqs. 3.58-3.64; Neckar, Das 2012",
+                 "thesis eqs. 3.58-3.64; Neckar, Das [74]",
                  "isotropic fibers (Q = 2); grows as exp(3 Q gamma v), no jamming",
                  {{"K_p", "Pa", kNaN, 0, 1e18, true, 1.0, 1e14, true,
                    "scale; tends to k_p E of van Wyk at low fraction"},
@@ -410,17 +410,17 @@ std::vector<LawDescription> make_descriptions() {
                    "isotropic fraction; not given: orientation stays isotropic"}}});
   all.push_back({"komori_itoh",
                  "Komori and Itoh: straight segments bent to arcs, confined",
-                 "thesis 2.2.1; Komori, Itoh 1991",
+                 "thesis 2.2.1; Komori, Itoh [47]",
                  "P(v_f0+) > 0 (buckling); contacts as at v_f0",
                  {modulus, v_f0}});
   all.push_back({"komori_itoh_renewed",
                  "Komori and Itoh with contacts renewed in every increment",
-                 "thesis 2.2.1; Komori, Itoh 1991 (judged reading)",
+                 "thesis 2.2.1; Komori, Itoh [47] (judged reading)",
                  "straight segments; isotropic value E (v_f^3 - v_f0^3) without reorientation",
                  {modulus, v_f0, v_random}});
   all.push_back({"lee_carnaby",
                  "Lee and Carnaby: crimped segments bent to arcs, confined",
-                 "thesis 2.2.1, eq. 2.6; Lee, Carnaby 1992",
+                 "thesis 2.2.1, eq. 2.6; Lee, Carnaby [56, 57]",
                  "contacts as at v_f0",
                  {modulus,
                   v_f0,

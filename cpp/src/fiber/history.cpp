@@ -215,19 +215,19 @@ std::vector<LawDescription> make_descriptions() {
   std::vector<LawDescription> all;
   all.push_back({"dunlop",
                  "Dunlop: spring-slider units in series",
-                 "thesis 2.2.3; Dunlop 1983",
+                 "thesis 2.2.3; Dunlop [23]",
                  "rate independent; judged form",
                  {friction, slope}});
   all.push_back({"stamm_kelvin",
                  "Stamm: Dunlop in series with a Kelvin element",
-                 "thesis 2.2.3; Stamm",
+                 "thesis 2.2.3; Stamm [100]",
                  "judged form",
                  {friction, slope, positive("G", "Pa", "Kelvin spring"),
                   positive("c", "Pa s", "Kelvin dashpot")}});
   all.push_back(
       {"maxwell",
        "Maxwell relaxation with nonlinear springs",
-       "thesis 2.2.3; Sajn",
+       "thesis 2.2.3; Sajn [116]",
        "one branch: three components",
        {positive("E_inf", "Pa", "spring in parallel"), positive("p_inf", "", "its exponent"),
         positive("E", "Pa", "springs of the branches"),
@@ -237,7 +237,7 @@ std::vector<LawDescription> make_descriptions() {
   all.push_back(
       {"stulov",
        "Stulov: hereditary law, four parameters",
-       "thesis eq. 2.11; Stulov 1995",
+       "thesis eq. 2.11; Stulov [104-106]",
        "x below the felt's thickness",
        {positive("F0", "N/m^p", "instantaneous stiffness"),
         exponent,
@@ -245,7 +245,7 @@ std::vector<LawDescription> make_descriptions() {
         positive("tau0", "s", "relaxation time")}});
   all.push_back({"stulov_differential",
                  "Stulov: three parameters, slow limit",
-                 "thesis eq. 2.12; Stulov",
+                 "thesis eq. 2.12; Stulov [104-106]",
                  "slow against tau0",
                  {positive("F0", "N/m^p", "static stiffness"),
                   exponent,
@@ -255,12 +255,12 @@ std::vector<LawDescription> make_descriptions() {
   all.push_back(
       {"hunt_crossley",
        "Hunt and Crossley",
-       "thesis 2.3; Hunt, Crossley 1975",
+       "thesis 2.3; Hunt, Crossley [38]",
        "no adhesion: force is cut at 0",
        {stiffness, hertz, {"alpha", "s/m", kNaN, 0, 1e6, false, 0, 10, false, "damping"}}});
   all.push_back({"lankarani_nikravesh",
                  "Lankarani and Nikravesh",
-                 "thesis 2.3; Lankarani, Nikravesh 1990",
+                 "thesis 2.3; Lankarani, Nikravesh [55]",
                  "restitution near 1",
                  {stiffness,
                   hertz,

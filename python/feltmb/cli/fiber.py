@@ -43,13 +43,15 @@ def _console() -> Any:
     return Console(width=80, highlight=False, soft_wrap=False)
 
 
-def _table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+def _table(
+    title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], *, words: int = 1
+) -> None:
     from rich import box
     from rich.table import Table
 
     table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
     for number, column in enumerate(columns):
-        table.add_column(column, justify="left" if number == 0 else "right", overflow="fold")
+        table.add_column(column, justify="left" if number < words else "right", overflow="fold")
     for row in rows:
         table.add_row(*row)
     _console().print(table)
@@ -137,11 +139,13 @@ def models_command(name: str | None) -> None:
             "Compression laws",
             ["law", "what", "source"],
             [[k, d.title, d.source] for k, d in models().items()],
+            words=3,
         )
         _table(
             "Laws with history",
             ["law", "what", "source"],
             [[k, d.title, d.source] for k, d in history_models().items()],
+            words=3,
         )
         return
     if name not in laws:
@@ -156,7 +160,7 @@ def models_command(name: str | None) -> None:
         elif p.name == "v_random" and name == "bending_chain":
             default = "isotropic"
         rows.append([p.name, p.unit or "-", default, f"{p.low:.3g} to {p.high:.3g}", p.meaning])
-    _table("Parameters", ["name", "unit", "default", "range", "meaning"], rows)
+    _table("Parameters", ["name", "unit", "default", "range", "meaning"], rows, words=5)
 
 
 @fiber.command(name="structure")

@@ -303,18 +303,16 @@ def plot_arcs() -> Any:
     c = compress_arcs(
         strain, E=2.5e9, v_f0=0.05, scheme="simple", chord_ratio=0.999, slip_stress=2e6
     )
-    shares = (c.bending, c.straightening, c.slipping)
+    shares = (c.bending_share, c.straightening_share, c.slipping_share)
     right.stackplot(
-        c.strain,
-        *(s / 1e3 for s in shares),
-        colors=COLORS[:3],
-        labels=("bending", "straightening", "slipping"),
+        c.strain, *shares, colors=COLORS[:3], labels=("bending", "straightening", "slipping")
     )
+    right.set_ylim(0, 1)
     _style(
         right,
         "axial strain [-]",
-        "stored energy [kJ per m$^3$ of fiber]",
-        "Simple, b/L = 0.999, slip stress 2 MPa (eq. 2.6)",
+        "share of the segments [-]",
+        "Simple, b/L = 0.999, slip stress 2 MPa",
     )
     right.legend(frameon=False, loc="upper left")
     return figure

@@ -4,7 +4,7 @@
 /// compression and never negative (felt does not pull).
 /// For dunlop, stamm_kelvin and maxwell x is engineering strain 1 - v_f0/v_f [-] and the result a
 /// stress; for the others x is a compression [m] and the result a force [N]. Sources: thesis 2.2.3,
-/// eqs. 2.11, 2.12; Dunlop 1983 [23], Stamm [100], Stulov [103-107], Sajn [116], Hunt and Crossley
+/// eqs. 2.11, 2.12; Dunlop [23], Stamm [100], Stulov [103-107], Sajn [116], Hunt and Crossley
 /// [38], Lankarani and Nikravesh [55].
 #pragma once
 
