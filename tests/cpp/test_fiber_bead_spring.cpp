@@ -18,6 +18,7 @@ BeadSpringParams small_box() {
   p.crimp = 0.2;
   p.friction = 0.3;
   p.seed = 2;
+  p.drag = 0.05;
   return p;
 }
 

@@ -97,6 +97,15 @@ void validate(const BeadSpringParams& p) {
   faults.raise_if_any();
 }
 
+namespace {
+
+/// A thread needs some hundred segments a step to be worth waking.
+std::size_t useful_threads(const BeadSpringParams& p) {
+  return std::clamp<std::size_t>(p.n_fibers * p.n_beads / 600, 1, resolve_threads(0));
+}
+
+}  // namespace
+
 struct BeadSpringNetwork::Implementation {
   BeadSpringParams p;
   ThreadTeam team;
@@ -129,7 +138,7 @@ struct BeadSpringNetwork::Implementation {
 
   explicit Implementation(const BeadSpringParams& params, std::size_t threads)
       : p(params),
-        team(threads),
+        team(threads > 0 ? threads : useful_threads(params)),
         beads(params.n_fibers * params.n_beads),
         segments_per_fiber(params.n_beads - 1) {
     validate(p);

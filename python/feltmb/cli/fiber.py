@@ -669,16 +669,16 @@ def fit_command(
 
 @fiber.command(name="simulate")
 @click.argument("output", type=click.Path(dir_okay=False, path_type=Path))
-@click.option("--fibers", type=int, default=100, show_default=True)
-@click.option("--beads", type=int, default=21, show_default=True, help="Beads per fiber.")
+@click.option("--fibers", type=int, default=60, show_default=True)
+@click.option("--beads", type=int, default=31, show_default=True, help="Beads per fiber.")
 @click.option("--d-f", type=float, default=25e-6, show_default=True, help="Fiber diameter [m].")
 @click.option(
     "--segment", type=float, default=62.5e-6, show_default=True, help="Segment length [m]."
 )
-@click.option("--v-f", type=float, default=0.03, show_default=True, help="First volume fraction.")
-@click.option("--v-max", type=float, default=0.15, show_default=True, help="Turning point.")
+@click.option("--v-f", type=float, default=0.1, show_default=True, help="First volume fraction.")
+@click.option("--v-max", type=float, default=0.3, show_default=True, help="Turning point.")
 @click.option(
-    "--crimp", type=float, default=0.15, show_default=True, help="Turning angle per bead [rad]."
+    "--crimp", type=float, default=0.3, show_default=True, help="Turning angle per bead [rad]."
 )
 @click.option("--friction", type=float, default=0.35, show_default=True)
 @click.option(
@@ -692,7 +692,14 @@ def fit_command(
     show_default=True,
     help="Fiber modulus [Pa].",
 )
-@click.option("--strain-per-step", type=float, default=1e-5, show_default=True)
+@click.option(
+    "--drag",
+    type=float,
+    default=0.001,
+    show_default=True,
+    help="Drag rate over the stretching frequency.",
+)
+@click.option("--strain-per-step", type=float, default=2e-5, show_default=True)
 @click.option("--cycles", type=int, default=1, show_default=True)
 @click.option("--seed", type=int, default=0, show_default=True)
 @click.option("--threads", type=int, default=0, show_default=True, help="0: all cores.")
@@ -713,6 +720,7 @@ def simulate_command(
     friction: float,
     repulsion: str,
     modulus: float,
+    drag: float,
     strain_per_step: float,
     cycles: int,
     seed: int,
@@ -750,6 +758,7 @@ def simulate_command(
             friction=friction,
             repulsion=repulsion,
             E=modulus,
+            drag=drag,
             seed=seed,
         )
         sample_every = max(1, round(0.01 / strain_per_step)) if strain_per_step > 0 else 1
@@ -785,7 +794,7 @@ def simulate_command(
             [
                 "loading" if phase[i] == 0 else "unloading",
                 *(
-                    f"{run.table[k][i]:.5g}"
+                    f"{run.table[k][i]:.3g}"
                     for k in ("v_f", "pressure", "contacts", "work", "friction_loss", "drag_loss")
                 ),
             ]
@@ -801,7 +810,18 @@ def simulate_command(
         f"+- {math.sqrt(laid['toll']):.1f}; relaxed {relaxed['contacts']:.0f}"
     )
     if run.done:
-        click.echo(f"loop loss {100 * run.loop_loss:.2f} %")
+        low = 0.75 * box.v_f + 0.25 * cycle.v_max
+        high = 0.25 * box.v_f + 0.75 * cycle.v_max
+        exponents = []
+        for bottom in (low, high):
+            try:
+                exponents.append(f"{run.pressure_exponent(bottom):.2f} above {bottom:.3g}")
+            except InvalidParameter:
+                exponents.append(f"too few samples above {bottom:.3g}")
+        click.echo(
+            f"loop loss {100 * run.loop_loss:.2f} %\n"
+            f"pressure exponent of loading: {', '.join(exponents)}"
+        )
     else:
         click.echo("unfinished; go on with --resume")
     click.echo(f"wrote {output}")

@@ -314,7 +314,7 @@ def plot_arcs() -> Any:
         "share of the segments [-]",
         "Simple, b/L = 0.999, slip stress 2 MPa",
     )
-    right.legend(frameon=False, loc="upper left")
+    right.legend(loc="lower left", framealpha=0.95)
     return figure
 
 
@@ -404,6 +404,9 @@ def plot_simulation(run: Any) -> Any:
     v, p, phase = run.column("v_f"), run.column("pressure"), run.column("phase")
     for which, label in ((0, "loading"), (1, "unloading")):
         keep = phase == which
+        if which == 1:
+            # The turning point belongs to both branches.
+            keep = keep | np.append(keep[1:], False)
         axes[0].plot(v[keep], p[keep] / 1e3, color=COLORS[which], label=label)
         contacts = run.column("contacts")[keep] * v[keep]
         volume = run.laid["volume"] * run.box.v_f

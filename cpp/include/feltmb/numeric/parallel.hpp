@@ -105,7 +105,7 @@ class ThreadTeam {
       if (pending_.fetch_sub(1) == 1) pending_.notify_one();
     }
   }
-  static constexpr int kSpins = 20000;
+  static constexpr int kSpins = 500;
   std::size_t size_;
   std::function<void(std::size_t)> task_;
   std::atomic<std::size_t> generation_{0};
