@@ -14,6 +14,8 @@ from typing import Any
 
 import click
 
+from feltmb.cli.common import complain, console, say_written
+
 _EXIT_FAILED = 1
 _EXIT_BAD_INPUT = 2
 
@@ -23,16 +25,14 @@ def _guard(command: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(command)
     def run(*args: Any, **kwargs: Any) -> None:
-        from feltmb.errors import FeltmbError, InvalidParameter
+        from feltmb.errors import FeltmbError, FileExists, InvalidParameter
 
         try:
             command(*args, **kwargs)
-        except InvalidParameter as error:
-            click.echo(f"error: {error}", err=True)
-            sys.exit(_EXIT_BAD_INPUT)
         except FeltmbError as error:
-            click.echo(f"error: {error}", err=True)
-            sys.exit(_EXIT_FAILED)
+            complain(str(error))
+            bad_input = isinstance(error, InvalidParameter | FileExists)
+            sys.exit(_EXIT_BAD_INPUT if bad_input else _EXIT_FAILED)
 
     return run
 
@@ -57,40 +57,26 @@ def _table(
     _console().print(table)
 
 
-def _refuse_existing(path: Path, force: bool) -> None:
-    from feltmb.errors import InvalidParameter
-
-    if path.exists() and not force:
-        raise InvalidParameter(f"{path}: exists already, expected a new name (or --force)")
-    if not path.absolute().parent.is_dir():
-        raise InvalidParameter(f"{path}: its folder does not exist, expected an existing one")
-
-
 def _write_text(path: Path, text: str, force: bool) -> None:
-    _refuse_existing(path, force)
-    partial = path.with_name(path.name + ".partial")
-    try:
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
-    click.echo(f"wrote {path}")
+    from feltmb.files import write_text
+
+    say_written(write_text(path, text, force=force))
 
 
 def _save_figure(figure: Any, path: Path, force: bool) -> None:
     from feltmb.errors import InvalidParameter
+    from feltmb.files import write_file
 
-    _refuse_existing(path, force)
     kind = path.suffix.lstrip(".").lower()
     if kind not in ("png", "pdf", "svg"):
         raise InvalidParameter(f"{path}: cannot draw .{kind}, expected .png, .pdf or .svg")
-    partial = path.with_name(path.name + ".partial")
-    try:
-        figure.savefig(partial, format=kind, dpi=150)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
-    click.echo(f"wrote {path}")
+    say_written(write_file(path, lambda p: figure.savefig(p, format=kind, dpi=150), force=force))
+
+
+def _refuse_existing(path: Path, force: bool) -> None:
+    from feltmb.files import check_writable
+
+    check_writable(path, force=force)
 
 
 def _numbers(pairs: Sequence[str], what: str) -> dict[str, float]:
@@ -767,7 +753,7 @@ def simulate_command(
         )
     from rich.progress import Progress
 
-    with Progress(console=_console(), transient=True) as bar:
+    with Progress(console=console(stderr=True), transient=True) as bar:
         task = bar.add_task("compressing", total=1.0)
 
         def show(done: float, sample: dict[str, Any]) -> None:
@@ -824,7 +810,7 @@ def simulate_command(
         )
     else:
         click.echo("unfinished; go on with --resume")
-    click.echo(f"wrote {output}")
+    say_written(output)
     if plot is not None:
         _save_figure(plot_simulation(run), plot, force)
 

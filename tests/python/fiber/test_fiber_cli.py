@@ -133,7 +133,7 @@ def test_fit_bad_file(tmp_path):
     text = run("fit", bad, code=2)
     assert "line 2" in text
     assert "line 3" in text
-    assert text.count("error:") == 1
+    assert text.count("feltmb:") == 1
 
 
 def test_history(tmp_path):
