@@ -79,9 +79,9 @@ double impact_speed(const RunResult& run, int contact) {
   return std::nan("");
 }
 
-CaseResult stroke(const std::string& name, const feltmb::FingerInput& input, double duration,
-                  bool outputs, int repeat) {
-  const auto mechanism = feltmb::assemble(feltmb::bench::steinway45());
+CaseResult stroke(const std::string& name, bool flexible, const feltmb::FingerInput& input,
+                  double duration, bool outputs, int repeat) {
+  const auto mechanism = feltmb::assemble(feltmb::bench::steinway45(flexible));
   const int contact = mechanism->contact_index(6);
   feltmb::SimulationOptions options;
   options.duration = duration;
@@ -112,8 +112,8 @@ CaseResult stroke(const std::string& name, const feltmb::FingerInput& input, dou
 }
 
 /// Time of one evaluation at states along the forte stroke.
-CaseResult evaluation(bool jacobian, int repeat) {
-  const auto mechanism = feltmb::assemble(feltmb::bench::steinway45());
+CaseResult evaluation(bool flexible, bool jacobian, int repeat) {
+  const auto mechanism = feltmb::assemble(feltmb::bench::steinway45(flexible));
   const feltmb::FingerInput input = ramp(25.0, 0.05, 0.0905);
   feltmb::SimulationOptions options;
   options.output_rate = 1000.0;
@@ -123,7 +123,7 @@ CaseResult evaluation(bool jacobian, int repeat) {
   std::vector<double> rate(system.size());
   const auto rows = static_cast<std::size_t>(run.states.rows());
   CaseResult out;
-  out.name = jacobian ? "jacobian" : "rhs";
+  out.name = std::string(flexible ? "flexible_" : "rigid_") + (jacobian ? "jacobian" : "rhs");
   double sum = 0.0;
   for (int i = 0; i < repeat; ++i) {
     const auto begin = Clock::now();
@@ -135,7 +135,7 @@ CaseResult evaluation(bool jacobian, int repeat) {
         system.factorize(1e-5);
       } else {
         system.rhs(run.time[row], y, rate);
-        sum += rate[6];
+        sum += rate[static_cast<std::size_t>(mechanism->size())];
       }
     }
     out.milliseconds.push_back(
@@ -321,18 +321,25 @@ int main(int argc, char** argv) {
   std::printf("feltmb %s, %s, %s\n", FELTMB_VERSION, FELTMB_BENCH_FLAGS, processor().c_str());
   std::printf("median [quartiles] of %d, one thread\n", repeat);
 
-  std::vector<std::pair<std::string, std::function<CaseResult()>>> cases = {
-      {"stroke_piano",
-       [&] { return stroke("stroke_piano", ramp(5.0, 0.083, 0.3475), 0.5, false, repeat); }},
-      {"stroke_forte",
-       [&] { return stroke("stroke_forte", ramp(25.0, 0.05, 0.0905), 0.4, false, repeat); }},
-      {"stroke_staccato",
-       [&] { return stroke("stroke_staccato", pulse(16.0, 0.02, 0.0125), 0.5, false, repeat); }},
-      {"stroke_forte_outputs",
-       [&] { return stroke("stroke_forte_outputs", ramp(25.0, 0.05, 0.0905), 0.4, true, repeat); }},
-      {"rhs", [&] { return evaluation(false, repeat); }},
-      {"jacobian", [&] { return evaluation(true, repeat); }},
-  };
+  std::vector<std::pair<std::string, std::function<CaseResult()>>> cases;
+  for (const bool flexible : {false, true}) {
+    const std::string kind = flexible ? "flexible_" : "rigid_";
+    const auto add = [&](const std::string& name, const feltmb::FingerInput& input, double end,
+                         bool outputs) {
+      cases.emplace_back(kind + name, [=] {
+        return stroke(kind + name, flexible, input, end, outputs, repeat);
+      });
+    };
+    add("piano", flexible ? ramp(5.0, 0.083, 0.350) : ramp(5.0, 0.083, 0.3475), 0.5, false);
+    const auto forte = flexible ? ramp(25.0, 0.05, 0.0930) : ramp(25.0, 0.05, 0.0905);
+    add("forte", forte, 0.4, false);
+    add("staccato", pulse(16.0, 0.02, 0.0125), 0.5, false);
+    add("forte_outputs", forte, 0.4, true);
+    for (const bool jacobian : {false, true}) {
+      cases.emplace_back(kind + (jacobian ? "jacobian" : "rhs"),
+                         [=] { return evaluation(flexible, jacobian, repeat); });
+    }
+  }
   for (const int modes : {40, 200}) {
     for (const double damping : {0.07, 7e-4}) {
       for (const double rtol : {1e-4, 1e-5, 1e-6}) {

@@ -1,54 +1,79 @@
-// Made by tools/make_bench_model.py from params/steinway45.toml (hash 9c4488e273dc83a8). Do not edit.
+// Made by tools/make_bench_model.py from params/steinway45.toml (hash d0cc6144308792dc). Do not edit.
 #pragma once
 
 #include "feltmb/planar/description.hpp"
 
 namespace feltmb::bench {
 
-inline MechanismDescription steinway45() {
+/// The packaged action; shank and wire flexible as packaged, or rigid.
+inline MechanismDescription steinway45(bool flexible) {
   MechanismDescription d;
   d.name = "steinway45";
   d.gravity = {0.0, -9.81};
   d.bodies.push_back({"balance_slider", "ground", JointKind::kPrismatic,
                       {0.0, 0.0}, {0.0, 1.0}, 0.0,
                       "key.lift", {0.0664, 0.0, 0.0, 1e-05}, 0.0,
-                      {0.0, 0.0}, 0.0});
+                      {0.0, 0.0}, 0.0, {}});
   d.bodies.push_back({"key", "balance_slider", JointKind::kRevolute,
                       {0.0, 0.0}, {0.0, 1.0}, 0.0,
                       "key.angle", {0.0079, 0.0, 0.0, 0.0001}, 0.1176,
-                      {-0.0463, 0.0131}, 0.001741});
+                      {-0.0463, 0.0131}, 0.001741, {}});
   d.bodies.push_back({"whippen", "ground", JointKind::kRevolute,
                       {-0.178, 0.0489}, {0.0, 1.0}, 0.0,
                       "whippen.angle", {0.000794, 0.0, 0.0, 0.0001}, 0.009506,
-                      {0.0293, 0.0070999999999999995}, 2.094e-05});
+                      {0.0293, 0.0070999999999999995}, 2.094e-05, {}});
   d.bodies.push_back({"jack", "whippen", JointKind::kRevolute,
                       {0.0338, 0.0145}, {0.0, 1.0}, 0.0,
                       "jack.angle", {0.000397, 0.0, 0.0, 0.0001}, 0.002883,
-                      {0.0012, 0.0256}, 1.8919999999999998e-06});
+                      {0.0012, 0.0256}, 1.8919999999999998e-06, {}});
   d.bodies.push_back({"butt", "ground", JointKind::kRevolute,
                       {-0.17300000000000001, 0.131}, {0.0, 1.0}, 0.0,
                       "hammer.angle", {0.0025, 0.0, 0.0, 0.0001}, 0.00758,
-                      {0.0127, 0.0134}, 2.7e-06});
+                      {0.0127, 0.0134}, 2.7e-06, {}});
   d.bodies.push_back({"damper", "ground", JointKind::kRevolute,
                       {-0.196, 0.129}, {0.0, 1.0}, 0.0,
                       "damper.angle", {0.0049, 0.0, 0.0, 0.0001}, 0.01318,
-                      {-0.004900000000000001, 0.039799999999999995}, 5.668e-05});
+                      {-0.004900000000000001, 0.039799999999999995}, 5.668e-05, {}});
   d.bodies.push_back({"wire", "whippen", JointKind::kWeld,
                       {0.0531, 0.0037}, {0.0, 1.0}, 1.3177235852557188,
                       "", {0.0, 0.0, 0.0, 0.001}, 0.0033020519399999996,
-                      {0.033049999999999996, 0.0}, 1.2022798630639497e-06});
+                      {0.033049999999999996, 0.0}, 1.2022798630639497e-06, {}});
+  if (flexible) {
+    auto& beam = d.bodies.back();
+    beam.mass = 0.0;
+    beam.center_of_mass = {};
+    beam.inertia = 0.0;
+    beam.beam = BeamDescription{0.06609999999999999, 0.0499554,
+                                388752.54,
+                                0.19737112695000003,
+                                ShapeSet::kPolynomial, 1,
+                                2, 0.0,
+                                true};
+  }
   d.bodies.push_back({"backcheck", "wire", JointKind::kWeld,
                       {0.06609999999999999, 0.0}, {0.0, 1.0}, 3.141592653589793,
                       "", {0.0, 0.0, 0.0, 0.001}, 0.001921,
-                      {-0.014, -0.0014}, 1.76e-07});
+                      {-0.014, -0.0014}, 1.76e-07, {}});
   d.bodies.push_back({"shank", "butt", JointKind::kWeld,
                       {0.0031000000000000003, 0.032}, {0.0, 1.0}, 1.5707963267948966,
                       "", {0.0, 0.0, 0.0, 0.001}, 0.0016635004673999998,
-                      {0.0465, 0.0}, 1.19896796187855e-06});
+                      {0.0465, 0.0}, 1.19896796187855e-06, {}});
+  if (flexible) {
+    auto& beam = d.bodies.back();
+    beam.mass = 0.0;
+    beam.center_of_mass = {};
+    beam.inertia = 0.0;
+    beam.beam = BeamDescription{0.093, 0.0178871018,
+                                321885.18,
+                                0.6534332244000001,
+                                ShapeSet::kPolynomial, 1,
+                                2, 0.0,
+                                true};
+  }
   d.bodies.push_back({"head", "shank", JointKind::kWeld,
                       {0.093, 0.0}, {0.0, 1.0}, 0.0,
                       "", {0.0, 0.0, 0.0, 0.001}, 0.0078,
-                      {0.0, 0.0369}, 3.1e-06});
+                      {0.0, 0.0369}, 3.1e-06, {}});
   d.surfaces.push_back({"Gp2", "ground", SurfaceKind::kCircle,
                         {-0.139, -0.388}, {0.0, 1.0}, 0.382,
                         {0.0, 0.0}});

@@ -18,7 +18,8 @@ HEAD = """// Made by tools/make_bench_model.py from params/steinway45.toml (hash
 
 namespace feltmb::bench {{
 
-inline MechanismDescription steinway45() {{
+/// The packaged action; shank and wire flexible as packaged, or rigid.
+inline MechanismDescription steinway45(bool flexible) {{
   MechanismDescription d;
   d.name = "steinway45";
   d.gravity = {gravity};
@@ -43,12 +44,29 @@ def body(name: str, b: object) -> str:
     if b.kind == "beam":
         mass = b.density * b.area * b.length
         com, inertia = (0.5 * b.length, 0.0), mass * b.length**2 / 12.0
-    return (
+    text = (
         f'  d.bodies.push_back({{"{name}", "{b.parent}", JointKind::k{b.joint.capitalize()},\n'
         f"                      {vec(b.position)}, {vec(b.axis)}, {number(b.angle)},\n"
         f'                      "{b.coordinate}", {friction(b.friction)}, {number(mass)},\n'
-        f"                      {vec(com)}, {number(inertia)}}});"
+        f"                      {vec(com)}, {number(inertia)}, {{}}}});"
     )
+    if b.kind == "beam" and not b.rigid:
+        shapes = "".join(part.capitalize() for part in b.shapes.split("_"))
+        text += (
+            "\n  if (flexible) {\n"
+            "    auto& beam = d.bodies.back();\n"
+            "    beam.mass = 0.0;\n"
+            "    beam.center_of_mass = {};\n"
+            "    beam.inertia = 0.0;\n"
+            f"    beam.beam = BeamDescription{{{number(b.length)}, {number(b.density * b.area)},\n"
+            f"                                {number(b.young_modulus * b.area)},\n"
+            f"                                {number(b.young_modulus * b.second_moment)},\n"
+            f"                                ShapeSet::k{shapes}, {b.axial_shapes},\n"
+            f"                                {b.lateral_shapes}, {number(b.damping_time)},\n"
+            f"                                {str(b.condense_axial).lower()}}};\n"
+            "  }"
+        )
+    return text
 
 
 def surface(name: str, s: object) -> str:

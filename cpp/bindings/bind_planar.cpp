@@ -32,6 +32,22 @@ void bind_description(py::module_& m) {
       .value("concave", SurfaceKind::kConcave)
       .value("hybrid", SurfaceKind::kHybrid);
 
+  py::enum_<ShapeSet>(m, "ShapeSet")
+      .value("polynomial", ShapeSet::kPolynomial)
+      .value("clamped_free", ShapeSet::kClampedFree)
+      .value("craig_bampton", ShapeSet::kCraigBampton);
+  py::class_<BeamDescription>(m, "BeamDescription")
+      .def(py::init<>())
+      .def_readwrite("length", &BeamDescription::length)
+      .def_readwrite("linear_density", &BeamDescription::linear_density)
+      .def_readwrite("axial_stiffness", &BeamDescription::axial_stiffness)
+      .def_readwrite("bending_stiffness", &BeamDescription::bending_stiffness)
+      .def_readwrite("shapes", &BeamDescription::shapes)
+      .def_readwrite("axial_shapes", &BeamDescription::axial_shapes)
+      .def_readwrite("lateral_shapes", &BeamDescription::lateral_shapes)
+      .def_readwrite("damping_time", &BeamDescription::damping_time)
+      .def_readwrite("condense_axial", &BeamDescription::condense_axial);
+
   py::class_<BodyDescription> body(m, "BodyDescription");
   body.def(py::init<>())
       .def_readwrite("name", &BodyDescription::name)
@@ -41,7 +57,8 @@ void bind_description(py::module_& m) {
       .def_readwrite("coordinate", &BodyDescription::coordinate)
       .def_readwrite("friction", &BodyDescription::friction)
       .def_readwrite("mass", &BodyDescription::mass)
-      .def_readwrite("inertia", &BodyDescription::inertia);
+      .def_readwrite("inertia", &BodyDescription::inertia)
+      .def_readwrite("beam", &BodyDescription::beam);
   vec2(body, "position", &BodyDescription::position);
   vec2(body, "axis", &BodyDescription::axis);
   vec2(body, "center_of_mass", &BodyDescription::center_of_mass);
@@ -135,8 +152,8 @@ void bind_planar(py::module_& m) {
       .def_property_readonly("coordinate_units",
                              [](const Mechanism& self) {
                                std::vector<std::string> units;
-                               for (const JointKind kind : self.coordinate_kind) {
-                                 units.push_back(kind == JointKind::kRevolute ? "rad" : "m");
+                               for (const bool angle : self.coordinate_is_angle) {
+                                 units.push_back(angle ? "rad" : "m");
                                }
                                return units;
                              })
@@ -150,6 +167,38 @@ void bind_planar(py::module_& m) {
                              [](const Mechanism& self) {
                                std::vector<std::string> names;
                                for (const auto& c : self.contacts) names.push_back(c.name);
+                               return names;
+                             })
+      .def(
+          "beam_centerline",
+          [](const Mechanism& self, const std::string& name, const Eigen::VectorXd& q, int count) {
+            for (const auto& beam : self.beams) {
+              if (beam.name != name) continue;
+              Eigen::MatrixXd out(count, 2);
+              for (int i = 0; i < count; ++i) {
+                const double x = beam.length * i / (count - 1);
+                const ShapeValues v = beam.shapes.at(x);
+                double u = 0.0;
+                double w = 0.0;
+                for (int k = 0; k < beam.count; ++k) {
+                  const double e = q[beam.first + k];
+                  const int lateral = k - beam.shapes.axial();
+                  if (lateral < 0) u += e * v.axial[static_cast<std::size_t>(k)];
+                  else w += e * v.lateral[static_cast<std::size_t>(lateral)];
+                }
+                out(i, 0) = x + u;
+                out(i, 1) = w;
+              }
+              return out;
+            }
+            throw InvalidParameter("beam_centerline: no flexible beam \"" + name + "\"");
+          },
+          py::arg("name"), py::arg("q"), py::arg("count") = 20,
+          "Centerline (count, 2) [m] of a flexible beam in its own clamped frame.")
+      .def_property_readonly("beam_names",
+                             [](const Mechanism& self) {
+                               std::vector<std::string> names;
+                               for (const auto& b : self.beams) names.push_back(b.name);
                                return names;
                              })
       .def_property_readonly("point_names", [](const Mechanism& self) {
@@ -184,7 +233,8 @@ void bind_planar(py::module_& m) {
         Drive drive;
         drive.force = finger_force;
         const auto count = static_cast<std::size_t>(n);
-        dynamics.evaluate({q.data(), count}, {qd.data(), count}, zero, zero, drive);
+        dynamics.evaluate({q.data(), count}, {qd.data(), count}, zero, zero, drive,
+                          Detail::kAllContacts);
         py::dict out;
         out["mass_matrix"] = dynamics.mass_matrix();
         out["force"] = dynamics.force();
@@ -204,26 +254,28 @@ void bind_planar(py::module_& m) {
       py::arg("mechanism"), py::arg("q"), py::arg("qd"), py::arg("finger_force") = 0.0);
 
   m.def(
-      "link_poses",
+      "body_poses",
       [](const std::shared_ptr<Mechanism>& mechanism, const Eigen::VectorXd& q) {
         Dynamics dynamics(mechanism);
         const std::vector<double> zero(static_cast<std::size_t>(mechanism->total_modes), 0.0);
         const std::vector<double> rest(static_cast<std::size_t>(mechanism->size()), 0.0);
         if (q.size() != mechanism->size()) {
-          throw InvalidParameter(format("link_poses: got q of length %ld, expected %d",
+          throw InvalidParameter(format("body_poses: got q of length %ld, expected %d",
                                         static_cast<long>(q.size()), mechanism->size()));
         }
         dynamics.locate({q.data(), static_cast<std::size_t>(q.size())}, rest, zero, zero, {});
         py::dict out;
-        for (std::size_t i = 0; i < mechanism->links.size(); ++i) {
-          const LinkState& s = dynamics.links()[i];
-          out[py::str(mechanism->links[i].name)] =
-              py::make_tuple(s.origin.x, s.origin.y, std::atan2(s.rotation.s, s.rotation.c));
+        for (const auto& [name, placement] : mechanism->bodies) {
+          const LinkState& s = dynamics.links()[static_cast<std::size_t>(placement.link)];
+          const Vec2 origin = s.origin + s.rotation * placement.offset;
+          out[py::str(name)] = py::make_tuple(
+              origin.x, origin.y, std::atan2(s.rotation.s, s.rotation.c) + placement.angle);
         }
         return out;
       },
       py::arg("mechanism"), py::arg("q"),
-      "Origin x, y [m] and angle [rad] of every link in the ground frame.");
+      "Origin x, y [m] and angle [rad] of every body in the ground frame; of a flexible beam at its "
+      "clamped end.");
 
   m.def(
       "point_position",

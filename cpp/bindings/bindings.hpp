@@ -3,6 +3,8 @@
 
 #include <pybind11/pybind11.h>
 
+void bind_fiber(pybind11::module_& m);
+
 namespace feltmb::python {
 
 void bind_error(pybind11::module_& m);

@@ -8,4 +8,5 @@ PYBIND11_MODULE(_core, m) {
   feltmb::python::bind_modal(m);
   feltmb::python::bind_planar(m);
   feltmb::python::bind_model(m);
+  bind_fiber(m);
 }

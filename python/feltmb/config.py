@@ -140,6 +140,11 @@ class Body(Schema):
     area: Annotated[float, SI("m^2"), Field(gt=0)] | None = None
     young_modulus: Annotated[float, SI("Pa"), Field(gt=0)] | None = None
     second_moment: Annotated[float, SI("m^4"), Field(gt=0)] | None = None
+    shapes: Literal["polynomial", "clamped_free", "craig_bampton"] = "polynomial"
+    axial_shapes: Annotated[int, Field(ge=0, le=12)] = 1
+    lateral_shapes: Annotated[int, Field(ge=1, le=12)] = 2
+    damping_time: Annotated[float, SI("s"), Field(ge=0)] = 0.0
+    condense_axial: bool = True
 
 
 class Surface(Schema):
@@ -548,9 +553,9 @@ def _law_faults(raw: Mapping[str, Any]) -> list[str]:
                 if key not in node:
                     faults.append(f"bodies.{name}.{key}: is missing; kind 'beam' needs it")
             if node.get("rigid") is False:
-                faults.append(
-                    f"bodies.{name}.rigid: got false; flexible members are not simulated yet"
-                )
+                for key in ("young_modulus", "second_moment"):
+                    if key not in node:
+                        faults.append(f"bodies.{name}.{key}: is missing; a flexible beam needs it")
         if node.get("joint", "revolute") != "weld" and "coordinate" not in node:
             faults.append(f"bodies.{name}.coordinate: is missing; a joint that moves needs a name")
     return faults
@@ -626,6 +631,21 @@ def _core_body(name: str, b: Body) -> _core.BodyDescription:
         assert b.length is not None
         assert b.density is not None
         assert b.area is not None
+        if not b.rigid:
+            assert b.young_modulus is not None
+            assert b.second_moment is not None
+            beam = _core.BeamDescription()
+            beam.length = b.length
+            beam.linear_density = b.density * b.area
+            beam.axial_stiffness = b.young_modulus * b.area
+            beam.bending_stiffness = b.young_modulus * b.second_moment
+            beam.shapes = getattr(_core.ShapeSet, b.shapes)
+            beam.axial_shapes = b.axial_shapes
+            beam.lateral_shapes = b.lateral_shapes
+            beam.damping_time = b.damping_time
+            beam.condense_axial = b.condense_axial
+            d.beam = beam
+            return d
         d.mass = b.density * b.area * b.length
         d.center_of_mass = (0.5 * b.length, 0.0)
         d.inertia = d.mass * b.length**2 / 12.0

@@ -91,6 +91,10 @@ double ModalString::bridge_force(std::span<const double> eta) const {
   return sum;
 }
 
+double ModalString::largest_displacement(std::span<const double> eta) const {
+  return shape_scale_ * modal::absolute_sum(eta.size(), eta.data());
+}
+
 double ModalString::kinetic_energy(std::span<const double> eta_rate) const {
   double sum = 0.0;
   for (const double v : eta_rate) sum += v * v;

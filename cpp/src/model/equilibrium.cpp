@@ -24,6 +24,9 @@ class Rest {
     for (std::size_t i = 0; i < m_.straps.size(); ++i) {
       sum += dynamics_.strap_energy(static_cast<int>(i));
     }
+    for (std::size_t i = 0; i < m_.beams.size(); ++i) {
+      sum += dynamics_.beam_energy(static_cast<int>(i), position);
+    }
     for (std::size_t i = 0; i < m_.contacts.size(); ++i) {
       const ContactState& s = dynamics_.contacts()[i];
       if (s.closed) sum += m_.contacts[i].law.stored_energy(s.compression);
@@ -146,8 +149,7 @@ Equilibrium find_equilibrium(const std::shared_ptr<const Mechanism>& mechanism,
       if (std::fabs(force) * scale[k] > 1e-10) {
         text += format(" %s = %.6g still feels %.3g %s;",
                        m.coordinates[static_cast<std::size_t>(k)].c_str(), q[k], force,
-                       m.coordinate_kind[static_cast<std::size_t>(k)] == JointKind::kRevolute
-                           ? "N m" : "N");
+                       m.coordinate_is_angle[static_cast<std::size_t>(k)] ? "N m" : "N");
       }
     }
     text += " is a body without support, or start_pose on the wrong side of a contact?";

@@ -31,6 +31,7 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Fin
   const Mechanism& m = dynamics_.mechanism();
   n_ = m.size();
   modes_ = m.total_modes;
+  dynamics_.condense_axial();
   if (input_.motion && m.finger_contact < 0) {
     throw InvalidParameter("finger motion was given but mechanism \"" + m.name +
                            "\" describes no finger");
@@ -52,6 +53,7 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Fin
     }
     for (const auto& k : m.coordinates) quadrature_names_.push_back("dissipated.joint." + k);
     for (const auto& s : m.strings) quadrature_names_.push_back("dissipated." + s.name);
+    for (const auto& b : m.beams) quadrature_names_.push_back("dissipated." + b.name);
   }
   if (events) {
     for (std::size_t i = 0; i < m.contacts.size(); ++i) {
@@ -64,7 +66,7 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Fin
   couplings_.resize(m.strings.size());
   for (auto& c : couplings_) {
     for (auto* vector : {&c.force_column, &c.displacement_column, &c.gradient, &c.rate_gradient,
-                         &c.strike}) {
+                         &c.strike, &c.slope_force}) {
       vector->setZero(n_);
     }
   }
@@ -95,14 +97,14 @@ std::string MechanismSystem::state_name(std::size_t i) const {
   return "state" + std::to_string(i);
 }
 
-void MechanismSystem::evaluate(double t, std::span<const double> y) {
+void MechanismSystem::evaluate(double t, std::span<const double> y, Detail detail) {
   const Parts p = parts(y);
-  dynamics_.evaluate(p.q, p.v, p.eta, p.eta_rate, input_.at(t));
+  dynamics_.evaluate(p.q, p.v, p.eta, p.eta_rate, input_.at(t), detail);
 }
 
-void MechanismSystem::locate(double t, std::span<const double> y) {
+void MechanismSystem::locate(double t, std::span<const double> y, Detail detail) {
   const Parts p = parts(y);
-  dynamics_.locate(p.q, p.v, p.eta, p.eta_rate, input_.at(t));
+  dynamics_.locate(p.q, p.v, p.eta, p.eta_rate, input_.at(t), detail);
 }
 
 void MechanismSystem::rhs(double t, std::span<const double> y, std::span<double> rate) {
@@ -167,6 +169,7 @@ void MechanismSystem::linearize(double t, std::span<const double> y) {
     c.gradient = g.compression;
     c.rate_gradient = g.rate;
     c.strike = g.strike;
+    c.slope_force = g.by_slope;
     const auto phi = dynamics_.phi(contact.string);
     const auto dphi = dynamics_.dphi(contact.string);
     std::copy(phi.begin(), phi.end(), phi_.begin() + c.offset);
@@ -200,7 +203,7 @@ bool MechanismSystem::factorize(double gamma) {
     const double velocity_y = g * c.a01 * c.force;
     const double slope_y = g * g * c.a11 * c.force;
     const Eigen::VectorXd rate_column = -c.by_rate * c.force_column;
-    const Eigen::VectorXd slope_column = c.force * c.strike + c.strike_speed * rate_column;
+    const Eigen::VectorXd slope_column = c.force * c.slope_force + c.strike_speed * rate_column;
     const Eigen::VectorXd by_force = (g * velocity_f) * c.displacement_column +
                                      velocity_f * rate_column + slope_f * slope_column;
     const Eigen::VectorXd by_strike = (g * velocity_y) * c.displacement_column +
@@ -252,7 +255,7 @@ void MechanismSystem::solve(std::span<double> b) {
     slope += g * g * c.a11 * shift;
     right_.head(n_) += g * (displacement * c.displacement_column -
                             (c.by_rate * (velocity + c.strike_speed * slope)) * c.force_column +
-                            (slope * c.force) * c.strike);
+                            (slope * c.force) * c.slope_force);
     right_[n_ + i] =
         c.by_compression * (c.gradient.dot(r_q) - displacement) +
         c.by_rate * (c.rate_gradient.dot(r_q) - velocity - c.strike_speed * slope);
@@ -316,6 +319,9 @@ void MechanismSystem::quadratures(double t, std::span<const double> y, std::span
   for (int k = 0; k < n_; ++k) h[i++] = dynamics_.joint_friction(k) * p.v[at(k)];
   for (const auto& s : m.strings) {
     h[i++] = s.string.dissipated_power(p.eta_rate.subspan(at(s.offset), at(s.string.modes())));
+  }
+  for (std::size_t b = 0; b < m.beams.size(); ++b) {
+    h[i++] = dynamics_.beam_damping_power(static_cast<int>(b));
   }
 }
 

@@ -15,13 +15,13 @@ std::vector<ObservableInfo> list_observables(const Mechanism& m) {
     out.push_back({name, unit, text});
   };
   for (std::size_t k = 0; k < m.coordinates.size(); ++k) {
-    const bool angle = m.coordinate_kind[k] == JointKind::kRevolute;
+    const bool angle = m.coordinate_is_angle[k];
     add(m.coordinates[k], angle ? "rad" : "m",
-        angle ? "joint angle, counterclockwise positive" : "joint displacement");
+        angle ? "angle, counterclockwise positive" : "displacement");
   }
   for (std::size_t k = 0; k < m.coordinates.size(); ++k) {
-    const bool angle = m.coordinate_kind[k] == JointKind::kRevolute;
-    add(m.coordinates[k] + ".rate", angle ? "rad/s" : "m/s", "joint rate");
+    const bool angle = m.coordinate_is_angle[k];
+    add(m.coordinates[k] + ".rate", angle ? "rad/s" : "m/s", "rate");
   }
   for (const auto& p : m.points) {
     add(p.name + ".x", "m", "tracking point, x toward the player");
@@ -48,20 +48,21 @@ std::vector<ObservableInfo> list_observables(const Mechanism& m) {
   }
   add("energy.kinetic", "J", "kinetic energy of the bodies");
   add("energy.gravity", "J", "potential energy of gravity, zero at the origin");
-  add("energy.elastic", "J", "elastic energy of springs and straps");
+  add("energy.elastic", "J", "elastic energy of springs, straps and flexible members");
   add("energy.contact", "J", "energy stored in the contacts (integral of the loading curve)");
   add("energy.string", "J", "kinetic and elastic energy of the strings");
   return out;
 }
 
 void observe(MechanismSystem& system, double t, std::span<const double> y, std::span<double> out) {
-  system.evaluate(t, y);
+  system.evaluate(t, y, Detail::kAllContacts);
   const Mechanism& m = system.mechanism();
   Dynamics& dynamics = system.dynamics();
   const std::size_t n = m.coordinates.size();
   const std::size_t modes = at(m.total_modes);
   std::size_t i = 0;
   for (std::size_t k = 0; k < 2 * n; ++k) out[i++] = y[k];
+  dynamics.add_condensed_deflection(out.subspan(0, n));
   for (const auto& p : m.points) {
     const Vec2 r = dynamics.position(p.point);
     const Vec2 v = dynamics.velocity(p.point);
@@ -90,6 +91,9 @@ void observe(MechanismSystem& system, double t, std::span<const double> y, std::
     out[i++] = drive.motion ? dynamics.contacts()[at(m.finger_contact)].law.force : drive.force;
     const Vec2 local = m.finger_point.local;
     out[i++] = dot(m.finger_direction, dynamics.position({m.finger_point.link, local}));
+  }
+  for (std::size_t b = 0; b < m.beams.size(); ++b) {
+    elastic += dynamics.beam_energy(static_cast<int>(b), y.subspan(0, n));
   }
   double string_energy = 0.0;
   for (std::size_t s = 0; s < m.strings.size(); ++s) {

@@ -265,7 +265,7 @@ class Run {
     constexpr std::size_t most = 100000;
     if (result_.events.size() >= most) return;
     integrator.interpolate(crossing.time, scratch_);
-    system_.locate(crossing.time, scratch_);
+    system_.locate(crossing.time, scratch_, Detail::kAllContacts);
     const auto row = static_cast<Eigen::Index>(result_.events.size());
     const auto contacts = system_.dynamics().contacts();
     std::vector<double> compression(contacts.size());

@@ -4,17 +4,11 @@
 #include <set>
 
 #include "feltmb/core/error.hpp"
+#include "feltmb/numeric/quadrature.hpp"
 #include "feltmb/planar/mechanism.hpp"
 
 namespace feltmb {
 namespace {
-
-/// Where a body sits in its link after merging welds.
-struct Placement {
-  int link = 0;
-  Vec2 offset;
-  double angle = 0.0;
-};
 
 class Assembler {
  public:
@@ -60,9 +54,72 @@ class Assembler {
     return nullptr;
   }
 
-  LinkPoint place(const Placement& p, Vec2 local) const {
-    return {p.link, p.offset + Rotation::of(p.angle) * local};
+  /// A point of a body as a point of a link; on a flexible beam, of the station at its x.
+  LinkPoint place(const Placement& p, Vec2 local, const std::string& where) {
+    if (p.beam < 0) return {p.link, p.offset + Rotation::of(p.angle) * local};
+    return {station(p.beam, local.x, where), {0.0, local.y}};
   }
+
+  /// Frame at a point of a body, for a joint there.
+  Placement frame(const Placement& p, Vec2 local, const std::string& where) {
+    const LinkPoint point = place(p, local, where);
+    return {point.link, point.local, p.beam < 0 ? p.angle : 0.0, -1};
+  }
+
+  /// Link of the cross section of a beam at x; made when first asked for.
+  int station(int beam, double x, const std::string& where) {
+    const double length = m_->beams[at(beam)].length;
+    if (!(x >= -1e-12 && x <= length * (1.0 + 1e-9))) {
+      fault(where + format(": x = %.6g m lies outside the beam \"%s\" of %.6g m", x,
+                           m_->beams[at(beam)].name.c_str(), length));
+      return 0;
+    }
+    for (std::size_t i = 0; i < m_->links.size(); ++i) {
+      const Link& link = m_->links[i];
+      if (link.kind == LinkKind::kStation && !link.lump &&
+          link.name == m_->beams[at(beam)].name &&
+          std::fabs(link.station - x) < 1e-9 * length) {
+        return static_cast<int>(i);
+      }
+    }
+    return add_station(beam, x, false);
+  }
+
+  int add_station(int index, double x, bool lump) {
+    const FlexibleBeam& beam = m_->beams[at(index)];
+    const ShapeValues values = beam.shapes.at(std::min(std::max(x, 0.0), beam.length));
+    Link link;
+    link.name = beam.name;
+    link.parent = beam.base.link;
+    link.kind = LinkKind::kStation;
+    link.position = beam.base.offset;
+    link.angle = beam.base.angle;
+    link.base = Rotation::of(link.angle);
+    link.station = x;
+    link.lump = lump;
+    link.path = m_->links[at(link.parent)].path;
+    const int own = static_cast<int>(m_->links.size());
+    for (int k = 0; k < beam.count; ++k) {
+      Motion motion;
+      motion.coordinate = beam.first + k;
+      motion.link = own;
+      motion.group = beam.first;
+      const int lateral = k - beam.shapes.axial();
+      if (lateral < 0) {
+        motion.translation = {values.axial[at(k)], 0.0};
+      } else {
+        motion.translation = {0.0, values.lateral[at(lateral)]};
+        motion.rho = lump ? 0.0 : values.lateral_slope[at(lateral)];
+      }
+      link.motions.push_back(static_cast<int>(m_->motions.size()));
+      link.path.push_back(static_cast<int>(m_->motions.size()));
+      m_->motions.push_back(motion);
+    }
+    m_->links.push_back(link);
+    return own;
+  }
+
+  static std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
   void add_bodies() {
     m_->links.push_back(Link{});
@@ -114,41 +171,166 @@ class Assembler {
     }
   }
 
-  void place_body(const BodyDescription& b, const Placement& parent) {
-    if (b.joint == JointKind::kWeld) {
-      Placement p{parent.link, parent.offset + Rotation::of(parent.angle) * b.position,
-                  parent.angle + b.angle};
-      placement_[b.name] = p;
-      if (p.link == 0) return;
-      merge(m_->links[static_cast<std::size_t>(p.link)], b.mass,
-            p.offset + Rotation::of(p.angle) * b.center_of_mass, b.inertia);
+  void place_body(const BodyDescription& b, const Placement& parent_body) {
+    const std::string where = "body \"" + b.name + "\"";
+    const Placement parent = frame(parent_body, b.position, where);
+    if (b.beam) {
+      if (b.joint != JointKind::kWeld) {
+        fault(where + ": a flexible beam must be welded to its parent; put a body in between");
+      }
+      add_beam(b, {parent.link, parent.offset, parent.angle + b.angle, -1});
       return;
     }
+    if (b.joint == JointKind::kWeld) {
+      const Placement p{parent.link, parent.offset, parent.angle + b.angle, -1};
+      placement_[b.name] = p;
+      m_->bodies.emplace_back(b.name, p);
+      if (p.link == 0) return;
+      merge(m_->links[at(p.link)], b.mass, p.offset + Rotation::of(p.angle) * b.center_of_mass,
+            b.inertia);
+      return;
+    }
+    const bool revolute = b.joint == JointKind::kRevolute;
     Link link;
     link.name = b.name;
     link.parent = parent.link;
-    link.kind = b.joint;
-    link.coordinate = m_->size();
-    link.position = parent.offset + Rotation::of(parent.angle) * b.position;
-    link.axis = Rotation::of(parent.angle) * b.axis;
+    link.kind = revolute ? LinkKind::kRevolute : LinkKind::kPrismatic;
+    link.position = parent.offset;
     link.angle = parent.angle + b.angle;
+    link.base = Rotation::of(link.angle);
     link.mass = b.mass;
     link.center_of_mass = b.center_of_mass;
     link.inertia = b.inertia;
-    const auto& parent_path = m_->links[static_cast<std::size_t>(parent.link)].path;
-    link.path = parent_path;
-    link.path.push_back(link.coordinate);
-    if (b.coordinate.empty()) fault("body \"" + b.name + "\": its joint coordinate has no name");
-    if (m_->coordinate_index(b.coordinate) >= 0) {
-      fault("body \"" + b.name + "\": coordinate \"" + b.coordinate + "\" is given twice");
-    }
-    m_->coordinates.push_back(b.coordinate);
-    m_->coordinate_kind.push_back(b.joint);
-    m_->coordinate_link.push_back(static_cast<int>(m_->links.size()));
-    m_->coordinate_parent.push_back(parent_path.empty() ? -1 : parent_path.back());
-    m_->joint_friction.push_back(b.friction);
-    placement_[b.name] = Placement{static_cast<int>(m_->links.size()), {}, 0.0};
+    Motion motion;
+    motion.coordinate = add_coordinate(b.coordinate, revolute, where, link.parent, b.friction);
+    motion.link = static_cast<int>(m_->links.size());
+    motion.group = motion.coordinate;
+    motion.rho = revolute ? 1.0 : 0.0;
+    // The axis is given in the parent's frame; translations are kept in that of the joint.
+    if (!revolute) motion.translation = Rotation::of(-b.angle) * b.axis;
+    const int index = static_cast<int>(m_->motions.size());
+    m_->motions.push_back(motion);
+    link.motions = {index};
+    link.path = m_->links[at(link.parent)].path;
+    link.path.push_back(index);
+    const Placement p{static_cast<int>(m_->links.size()), {}, 0.0, -1};
+    placement_[b.name] = p;
+    m_->bodies.emplace_back(b.name, p);
     m_->links.push_back(link);
+  }
+
+  int add_coordinate(const std::string& name, bool angle, const std::string& where,
+                     int parent_link, const Friction& friction) {
+    if (name.empty()) fault(where + ": its joint coordinate has no name");
+    if (m_->coordinate_index(name) >= 0) {
+      fault(where + ": coordinate \"" + name + "\" is given twice");
+    }
+    const auto& path = m_->links[at(parent_link)].path;
+    m_->coordinates.push_back(name);
+    m_->coordinate_is_angle.push_back(angle);
+    m_->coordinate_parent.push_back(path.empty() ? -1 : m_->motions[at(path.back())].coordinate);
+    m_->joint_friction.push_back(friction);
+    return m_->size() - 1;
+  }
+
+  void add_beam(const BodyDescription& b, const Placement& base) {
+    const BeamDescription& d = *b.beam;
+    const std::string where = "body \"" + b.name + "\"";
+    const auto positive = [&](double value, const char* field) {
+      if (!(std::isfinite(value) && value > 0.0)) {
+        fault(where + format(": %s = %.6g, must be > 0", field, value));
+      }
+    };
+    positive(d.linear_density, "linear_density [kg/m]");
+    positive(d.axial_stiffness, "axial_stiffness [N]");
+    positive(d.bending_stiffness, "bending_stiffness [N m^2]");
+    if (!(std::isfinite(d.damping_time) && d.damping_time >= 0.0)) {
+      fault(where + format(": damping_time = %.6g s, must be >= 0", d.damping_time));
+    }
+    if (b.mass != 0.0) fault(where + ": a flexible beam has its mass from its density, not mass");
+    try {
+      FlexibleBeam beam{b.name, m_->size(), 0, {}, d.damping_time, base,
+                        BeamShapes(d.shapes, d.length, d.axial_shapes, d.lateral_shapes),
+                        d.length, d.condense_axial, 0.0, 0.0, 0.0, {}, {}, {}, {}, {}};
+      beam.count = d.axial_shapes + d.lateral_shapes;
+      for (int k = 0; k < beam.count; ++k) {
+        const bool axial = k < d.axial_shapes;
+        const std::string name = b.name + (axial ? ".u" : ".v") +
+                                 std::to_string(axial ? k + 1 : k - d.axial_shapes + 1);
+        add_coordinate(name, false, where, base.link, Friction{});
+        if (k > 0) m_->coordinate_parent.back() = m_->size() - 2;
+      }
+      integrate_stiffness(beam, d);
+      integrate_mass(beam, d);
+      const int index = static_cast<int>(m_->beams.size());
+      m_->beams.push_back(beam);
+      const QuadratureRule rule = make_gauss_legendre(at(beam.shapes.quadrature_points()));
+      for (std::size_t i = 0; i < rule.nodes.size(); ++i) {
+        const double x = 0.5 * d.length * (1.0 + rule.nodes[i]);
+        const int lump = add_station(index, x, true);
+        m_->links[at(lump)].mass = 0.5 * d.length * rule.weights[i] * d.linear_density;
+      }
+      Placement p = base;
+      p.beam = index;
+      placement_[b.name] = p;
+      m_->bodies.emplace_back(b.name, p);
+    } catch (const InvalidParameter& error) {
+      fault(where + ": " + error.what());
+      unplaced_.insert(b.name);
+    }
+  }
+
+  static void integrate_mass(FlexibleBeam& beam, const BeamDescription& d) {
+    beam.shape_moment.assign(at(beam.count), {});
+    beam.radial.assign(at(beam.count), 0.0);
+    beam.transverse.assign(at(beam.count), 0.0);
+    beam.shape_product.setZero(beam.count, beam.count);
+    beam.shape_cross.setZero(beam.count, beam.count);
+    const QuadratureRule rule = make_gauss_legendre(at(beam.shapes.quadrature_points()));
+    std::vector<Vec2> shape(at(beam.count));
+    for (std::size_t i = 0; i < rule.nodes.size(); ++i) {
+      const double mass = 0.5 * d.length * rule.weights[i] * d.linear_density;
+      const double x = 0.5 * d.length * (1.0 + rule.nodes[i]);
+      const ShapeValues v = beam.shapes.at(x);
+      beam.mass += mass;
+      beam.first_moment += mass * x;
+      beam.second_moment += mass * x * x;
+      for (int k = 0; k < beam.count; ++k) {
+        const int lateral = k - d.axial_shapes;
+        shape[at(k)] = lateral < 0 ? Vec2{v.axial[at(k)], 0.0} : Vec2{0.0, v.lateral[at(lateral)]};
+        beam.shape_moment[at(k)] += mass * shape[at(k)];
+        beam.radial[at(k)] += mass * x * shape[at(k)].x;
+        beam.transverse[at(k)] += mass * x * shape[at(k)].y;
+      }
+      for (int k = 0; k < beam.count; ++k) {
+        for (int l = 0; l < beam.count; ++l) {
+          beam.shape_product(k, l) += mass * dot(shape[at(k)], shape[at(l)]);
+          beam.shape_cross(k, l) += mass * cross(shape[at(k)], shape[at(l)]);
+        }
+      }
+    }
+  }
+
+  static void integrate_stiffness(FlexibleBeam& beam, const BeamDescription& d) {
+    beam.stiffness.setZero(beam.count, beam.count);
+    const QuadratureRule rule = make_gauss_legendre(at(beam.shapes.quadrature_points()));
+    for (std::size_t i = 0; i < rule.nodes.size(); ++i) {
+      const double weight = 0.5 * d.length * rule.weights[i];
+      const ShapeValues v = beam.shapes.at(0.5 * d.length * (1.0 + rule.nodes[i]));
+      for (int k = 0; k < beam.count; ++k) {
+        for (int j = 0; j < beam.count; ++j) {
+          const int kl = k - d.axial_shapes;
+          const int jl = j - d.axial_shapes;
+          if (kl < 0 && jl < 0) {
+            beam.stiffness(k, j) +=
+                weight * d.axial_stiffness * v.axial_slope[at(k)] * v.axial_slope[at(j)];
+          } else if (kl >= 0 && jl >= 0) {
+            beam.stiffness(k, j) += weight * d.bending_stiffness *
+                                    v.lateral_curvature[at(kl)] * v.lateral_curvature[at(jl)];
+          }
+        }
+      }
+    }
   }
 
   static void merge(Link& link, double mass, Vec2 center, double inertia) {
@@ -270,14 +452,14 @@ class Assembler {
     const auto* pa = find_body(sa.body, where);
     const auto* pb = find_body(sb.body, where);
     if (pa == nullptr || pb == nullptr) return;
-    if (pa->link == pb->link) {
+    contact.a = place(*pa, sa.point, "surface \"" + sa.name + "\"");
+    contact.b = place(*pb, sb.point, "surface \"" + sb.name + "\"");
+    if (contact.a.link == contact.b.link) {
       fault(where + ": surfaces " + sa.name + " and " + sb.name +
             " belong to bodies that cannot move against each other");
     }
-    contact.a = place(*pa, sa.point);
-    contact.b = place(*pb, sb.point);
     contact.radius_b = sb.radius;
-    const Rotation turn = Rotation::of(pa->angle);
+    const Rotation turn = Rotation::of(pa->beam < 0 ? pa->angle : 0.0);
     switch (sa.kind) {
       case SurfaceKind::kLine:
         contact.kind = PairKind::kLineCircle;
@@ -305,7 +487,7 @@ class Assembler {
     std::set<int> both;
     for (const int link : {link_a, link_b}) {
       const auto& path = m_->links[static_cast<std::size_t>(link)].path;
-      both.insert(path.begin(), path.end());
+      for (const int motion : path) both.insert(m_->motions[at(motion)].coordinate);
     }
     out.assign(both.begin(), both.end());
   }
@@ -318,7 +500,7 @@ class Assembler {
     }
     if (p == nullptr) return;
     if (p->link == 0) fault("finger: its point is fixed to the ground");
-    m_->finger_point = place(*p, f.point);
+    m_->finger_point = place(*p, f.point, "finger");
     m_->finger_direction = f.direction;
     Contact contact;
     contact.name = "finger";
@@ -334,7 +516,7 @@ class Assembler {
     } catch (const InvalidParameter& error) {
       fault(std::string("finger pad: ") + error.what());
     }
-    set_coordinates(contact.coordinates, 0, p->link);
+    set_coordinates(contact.coordinates, 0, m_->finger_point.link);
     m_->finger_contact = static_cast<int>(m_->contacts.size());
     m_->contacts.push_back(contact);
   }
@@ -423,7 +605,7 @@ class Assembler {
         fault(where + ": the cubic never pulls; its leading coefficient must be positive");
       }
       if (a == nullptr || b == nullptr) continue;
-      Strap strap{s.name, place(*a, s.point_a), place(*b, s.point_b), s.free_length,
+      Strap strap{s.name, place(*a, s.point_a, where), place(*b, s.point_b, where), s.free_length,
                   s.coefficients, 0.0, {}};
       const auto [k1, k2, k3] = s.coefficients;
       if (k1 < 0.0) {
@@ -441,7 +623,7 @@ class Assembler {
       const std::string where = "tracking point \"" + p.name + "\"";
       if (!names.insert(p.name).second) fault(where + ": the name is given twice");
       const auto* body = find_body(p.body, where);
-      if (body != nullptr) m_->points.push_back({p.name, place(*body, p.point)});
+      if (body != nullptr) m_->points.push_back({p.name, place(*body, p.point, where)});
     }
   }
 
@@ -459,22 +641,22 @@ class Assembler {
       fault("no body has a joint that moves; at least one coordinate is needed");
     }
     // A coordinate needs mass behind it, a revolute one rotational inertia about its pivot.
-    for (std::size_t k = 0; k < m_->coordinates.size(); ++k) {
+    for (int k = 0; k < m_->size(); ++k) {
       double mass = 0.0;
       double inertia = 0.0;
+      bool rotates = false;
       for (const auto& link : m_->links) {
-        if (std::find(link.path.begin(), link.path.end(), static_cast<int>(k)) ==
-            link.path.end()) {
-          continue;
+        for (const int index : link.path) {
+          const Motion& motion = m_->motions[at(index)];
+          if (motion.coordinate != k) continue;
+          rotates = rotates || m_->links[at(motion.link)].kind == LinkKind::kRevolute;
+          mass += link.mass;
+          inertia += link.inertia + link.mass * dot(link.center_of_mass, link.center_of_mass);
+          if (&link != &m_->links[at(motion.link)]) inertia += link.mass;
         }
-        mass += link.mass;
-        inertia += link.inertia + link.mass * dot(link.center_of_mass, link.center_of_mass);
-        if (link.coordinate != static_cast<int>(k)) inertia += link.mass;
       }
-      const bool enough = m_->coordinate_kind[k] == JointKind::kPrismatic ? mass > 0.0
-                                                                          : inertia > 0.0;
-      if (!enough) {
-        fault("coordinate \"" + m_->coordinates[k] +
+      if (!(rotates ? inertia > 0.0 : mass > 0.0)) {
+        fault("coordinate \"" + m_->coordinates[at(k)] +
               "\" moves no mass: give a mass to its body or to a body beyond it");
       }
     }
@@ -482,21 +664,22 @@ class Assembler {
 
   void set_scales() {
     m_->coordinate_scale.assign(m_->coordinates.size(), kFeltTravel);
-    for (std::size_t k = 0; k < m_->coordinates.size(); ++k) {
-      if (m_->coordinate_kind[k] != JointKind::kRevolute) continue;
-      double arm = 0.0;
-      const auto grow = [&](LinkPoint p) {
-        const auto& link = m_->links[static_cast<std::size_t>(p.link)];
-        if (link.coordinate == static_cast<int>(k)) arm = std::max(arm, norm(p.local));
-      };
-      for (const auto& c : m_->contacts) {
-        grow(c.b);
-        if (c.a.link != 0) grow(c.a);
-      }
-      for (const auto& link : m_->links) {
-        if (link.coordinate == static_cast<int>(k)) arm = std::max(arm, norm(link.center_of_mass));
-      }
-      if (arm > 0.0) m_->coordinate_scale[k] = kFeltTravel / arm;
+    std::vector<double> arm(m_->coordinates.size(), 0.0);
+    const auto grow = [&](LinkPoint p) {
+      const Link& link = m_->links[at(p.link)];
+      if (link.kind != LinkKind::kRevolute) return;
+      double& a = arm[at(m_->motions[at(link.motions[0])].coordinate)];
+      a = std::max(a, norm(p.local));
+    };
+    for (const auto& c : m_->contacts) {
+      grow(c.b);
+      grow(c.a);
+    }
+    for (std::size_t i = 1; i < m_->links.size(); ++i) {
+      grow({static_cast<int>(i), m_->links[i].center_of_mass});
+    }
+    for (std::size_t k = 0; k < arm.size(); ++k) {
+      if (arm[k] > 0.0) m_->coordinate_scale[k] = kFeltTravel / arm[k];
     }
   }
 

@@ -372,7 +372,9 @@ TOLERANCE = 1e-10
 @functools.cache
 def loaded_action(law):
     """The action under test with an undeflected string and the given contact law."""
-    action = feltmb.load_action("steinway45").with_values({"string.modes": 4})
+    action = feltmb.load_action("steinway45").with_values(
+        {"string.modes": 4, "shank.rigid": True, "wire.rigid": True}
+    )
     if law == "printed":
         action = action.with_values({"contacts.*.law": "printed"})
     return action

@@ -63,8 +63,8 @@ class MechanismSystem : public OdeSystem {
   int modes() const { return modes_; }
 
   /// Evaluates everything at (t, y) for outputs.
-  void evaluate(double t, std::span<const double> y);
-  void locate(double t, std::span<const double> y);
+  void evaluate(double t, std::span<const double> y, Detail detail = Detail::kClosedContacts);
+  void locate(double t, std::span<const double> y, Detail detail = Detail::kClosedContacts);
   Drive drive(double t) const { return input_.at(t); }
 
   /// Absolute tolerance of each state: rtol times 0.2 mm of travel and 0.2 m/s at the contacts, the

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "feltmb/beam/shapes.hpp"
 #include "feltmb/contact/friction.hpp"
 #include "feltmb/contact/law.hpp"
 #include "feltmb/core/vec2.hpp"
@@ -22,7 +23,24 @@ enum class JointKind {
   kWeld,       ///< no coordinate
 };
 
-/// A rigid body and the joint that ties its origin to its parent.
+/// Elastic data of a body that is a uniform flexible beam along its x axis, clamped at its origin.
+///
+/// Euler-Bernoulli, small deflections: a point (x, y) of the beam moves to
+/// (x + u(x), v(x)) + R(v'(x)) (0, y); no rotary inertia, shear or foreshortening. Bodies,
+/// surfaces and points fixed to the beam follow its centerline at their x.
+struct BeamDescription {
+  double length = 0.0;            ///< L [m], > 0
+  double linear_density = 0.0;    ///< rho A [kg/m], > 0
+  double axial_stiffness = 0.0;   ///< E A [N], > 0
+  double bending_stiffness = 0.0; ///< E I [N m^2], > 0
+  ShapeSet shapes = ShapeSet::kPolynomial;
+  int axial_shapes = 1;           ///< number of axial coordinates, >= 0 (0: inextensible)
+  int lateral_shapes = 2;         ///< number of lateral coordinates, >= 1
+  double damping_time = 0.0;      ///< stiffness-proportional damping beta [s], >= 0: -beta K de/dt
+  bool condense_axial = true;     ///< in time: axial coordinates follow statically, see FlexibleBeam
+};
+
+/// A rigid body or flexible beam and the joint that ties its origin to its parent.
 struct BodyDescription {
   std::string name;
   std::string parent = "ground";

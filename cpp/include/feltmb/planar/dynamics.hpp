@@ -60,29 +60,43 @@ struct ContactGradient {
   Eigen::VectorXd compression;     ///< de/dq
   Eigen::VectorXd rate;            ///< d(de/dt)/dq
   Eigen::VectorXd strike;          ///< dy/dq of the strike point
+  Eigen::VectorXd by_slope;        ///< dQ/d(F x slope of the string): strike, as a force
 };
+
+/// How much of the contacts is wanted: an open contact needs its compression only.
+enum class Detail { kClosedContacts, kAllContacts };
 
 /// Mutable workspace that evaluates one mechanism; one a thread.
 ///
-/// M(q) a = Q(q, v, t): planar tree of rigid links in relative coordinates. A coordinate k moves a
-/// material point p of its subtree with the velocity t_k + rho_k perp(p - c_k), perp = +90 degrees
-/// (revolute: t = 0, rho = 1, c the pivot; prismatic: t the axis, rho = 0). With absolute
+/// M(q) a = Q(q, v, t): planar tree of links in relative coordinates, rigid or stations of flexible
+/// beams. A coordinate k moves a material point p of a link beyond it with the velocity
+/// t_k + rho_k perp(p - c_k), perp = +90 degrees (revolute: t = 0, rho = 1, c the pivot; prismatic:
+/// t the axis, rho = 0; elastic: t the shape at the station c, rho its slope). With absolute
 /// coordinates x(q) the identities dx'/dq = J', dx''/dq = J'' (total time derivatives) give the
-/// exact derivatives of the inertial forces. Cost: O(links x depth of the tree).
+/// exact derivatives of the inertial forces. Cost: O(links x depth of the tree^2).
 class Dynamics {
  public:
   explicit Dynamics(std::shared_ptr<const Mechanism> mechanism);
 
   const Mechanism& mechanism() const { return *m_; }
 
+  /// From now on keeps the axial coordinates of beams with `condense_axial` where they are.
+  void condense_axial();
+
+  /// Deflection of the kept coordinates from their kept values [m], from their equations without
+  /// inertia; zero for other coordinates. At the state of the last `evaluate`.
+  void add_condensed_deflection(std::span<double> q);
+
   /// Evaluates positions, contacts, forces, mass matrix and accelerations at a state. q, v of
   /// length n; eta, eta_rate of length total_modes (concatenated strings).
   void evaluate(std::span<const double> q, std::span<const double> v, std::span<const double> eta,
-                std::span<const double> eta_rate, const Drive& drive);
+                std::span<const double> eta_rate, const Drive& drive,
+                Detail detail = Detail::kClosedContacts);
 
-  /// Positions, velocities and the geometry of all contacts; no forces.
+  /// Positions, velocities and the geometry of the contacts; no forces.
   void locate(std::span<const double> q, std::span<const double> v, std::span<const double> eta,
-              std::span<const double> eta_rate, const Drive& drive);
+              std::span<const double> eta_rate, const Drive& drive,
+              Detail detail = Detail::kClosedContacts);
 
   /// Exact derivatives at the state of the last `evaluate`, with the law slopes left out of
   /// stiffness() and damping() for the contacts listed in gradients().
@@ -125,10 +139,6 @@ class Dynamics {
   void solve_mass(Eigen::VectorXd& b) const;
 
  private:
-  struct Column {
-    Vec2 linear;  ///< velocity of the point for unit rate of the coordinate
-    double rho;
-  };
   struct Wrench {
     Vec2 force;
     double moment = 0.0;  ///< about the origin of the ground frame
@@ -139,13 +149,26 @@ class Dynamics {
   void locate_contact(std::size_t i, std::span<const double> eta, std::span<const double> eta_rate,
                       const Drive& drive);
   void apply(int link, Vec2 point, Vec2 force);
-  void compute_mass();
+  void apply_contacts();
+  void apply_straps();
+  void apply_inertia(std::size_t i);
+  void project(const Wrench& w, const std::vector<int>& path);
+  void add_mass(double mass, double inertia, Vec2 center, const std::vector<int>& path);
+  void add_beam(const FlexibleBeam& beam);
+  void hold_condensed();
   void factor_mass();
+  void move_lumps();
+  /// Lumps, and accelerations of all links, for what needs each mass on its own.
+  void complete_links();
   void differentiate_contact(std::size_t i);
   void differentiate_strap(std::size_t i);
-  Vec2 column(int k, Vec2 point) const;
-  Vec2 column_rate(int k, Vec2 point_velocity) const;
-  bool moves(int k, int link) const { return moves_[static_cast<std::size_t>(link * n_ + k)]; }
+  Vec2 column(int motion, Vec2 point) const;
+  Vec2 column_rate(int motion, Vec2 point_velocity) const;
+  /// Motion by which coordinate k moves a link, -1 if it does not.
+  int motion_of(int k, int link) const {
+    return motion_of_[static_cast<std::size_t>(link * n_ + k)];
+  }
+  double rho(int motion) const { return m_->motions[static_cast<std::size_t>(motion)].rho; }
 
   std::shared_ptr<const Mechanism> m_;
   int n_ = 0;
@@ -163,6 +186,8 @@ class Dynamics {
   std::vector<double> shaped_at_;  ///< strike position of phi_ by string, NaN before the first
   std::vector<double> strap_pull_;
   std::vector<double> strap_slope_;
+  std::vector<int> condensed_;          ///< kept coordinates, ascending
+  std::vector<double> q_;
   std::vector<double> v_;
   Eigen::VectorXd force_;
   Eigen::VectorXd acceleration_;
@@ -172,7 +197,7 @@ class Dynamics {
   Eigen::MatrixXd damping_;
   std::vector<ContactGradient> gradients_;
   int gradient_count_ = 0;
-  std::vector<Vec2> column_a_, column_b_, dn_, dp_, du_;
+  std::vector<Vec2> column_a_, column_b_, dn_, dp_, du_, columns_;
 };
 
 }  // namespace feltmb

@@ -1,6 +1,7 @@
 /// An assembled mechanism: immutable, shared between threads.
 #pragma once
 
+#include <Eigen/Dense>
 #include <memory>
 #include <string>
 #include <vector>
@@ -31,6 +32,75 @@ struct Link {
 struct LinkPoint {
   int link = 0;
   Vec2 local;
+};
+
+/// Where the frame of a body sits in its link.
+struct Placement {
+  int link = 0;
+  Vec2 offset;
+  double angle = 0.0;
+  int beam = -1;               ///< index of the flexible beam that the body is, -1 if rigid
+};
+
+/// Way in which one coordinate moves the links beyond a joint or a station of a beam: a material
+/// point p gets the velocity t + rho perp(p - c) a unit of coordinate rate, c the link's origin.
+struct Motion {
+  int coordinate = 0;
+  int link = 0;                ///< link whose origin is c and whose parent carries t
+  Vec2 translation;            ///< t in the frame of the joint on the parent: axis or (U, V)
+  double rho = 0.0;            ///< 1 (revolute), 0 (prismatic), dV/dx (station)
+  int group = 0;               ///< first coordinate of the joint or beam
+};
+
+enum class LinkKind { kGround, kRevolute, kPrismatic, kStation };
+
+/// A moving rigid frame after welds have been merged; link 0 is the ground. A station is a cross
+/// section of a flexible beam, with the bodies welded to it, or a lump of the beam's own mass.
+struct Link {
+  std::string name;            ///< name of the body that carries the joint
+  int parent = -1;             ///< link index; -1 for the ground itself
+  LinkKind kind = LinkKind::kGround;
+  Vec2 position;               ///< joint, or base of the beam, on the parent link [m]
+  Rotation base;               ///< rotation of the joint frame against the parent
+  double angle = 0.0;          ///< angle of the same [rad]
+  double station = 0.0;        ///< station: x along the undeformed beam [m]
+  bool lump = false;           ///< station: a lump of the beam's mass, whose turning is left out
+  double mass = 0.0;           ///< [kg]
+  Vec2 center_of_mass;         ///< [m]
+  double inertia = 0.0;        ///< about the center of mass [kg m^2]
+  std::vector<int> motions;    ///< of its own joint or station
+  std::vector<int> path;       ///< motions that move the link, from the root outward
+};
+
+/// Elastic coordinates of a flexible beam and their constant stiffness.
+///
+/// Axial modes are an order of magnitude faster (6 to 8 kHz in the upright action) than all that
+/// matters, and would hold the step of a multistep method down. With `condense_axial` a simulation
+/// keeps them at their rest value while it moves the mechanism, and finds them from their own
+/// equation without inertia, K_uu (u - u_rest) = Q_u - M_ur a_r: the first term of an expansion in
+/// 1 / (E A). Evaluation and equilibrium always use all coordinates.
+struct FlexibleBeam {
+  std::string name;
+  int first = 0;               ///< first coordinate
+  int count = 0;
+  Eigen::MatrixXd stiffness;   ///< K [N/m]
+  double damping_time = 0.0;   ///< beta [s]
+  Placement base;              ///< where its frame sits
+  BeamShapes shapes;
+  double length = 0.0;
+  bool condense_axial = true;
+
+  // Integrals of the mass over the centerline d = (x, 0) + sum S_k e_k in the beam's frame. They
+  // give the same as the lumps, which stand at Gauss points, in a fraction of the time; the exact
+  // derivatives use the lumps.
+  double mass = 0.0;               ///< of the beam [kg]
+  double first_moment = 0.0;       ///< of x [kg m]
+  double second_moment = 0.0;      ///< of x^2 [kg m^2]
+  std::vector<Vec2> shape_moment;  ///< of S_k [kg]
+  std::vector<double> radial;      ///< of x S_k,x [kg m]
+  std::vector<double> transverse;  ///< of x S_k,y [kg m]
+  Eigen::MatrixXd shape_product;   ///< of S_k . S_l [kg]
+  Eigen::MatrixXd shape_cross;     ///< of S_k x S_l [kg]
 };
 
 /// Flat side of a contact pair: every pair of surfaces reduces to a circle on link b against one

@@ -1,0 +1,196 @@
+#include <algorithm>
+#include <cmath>
+
+#include "feltmb/planar/dynamics.hpp"
+
+namespace feltmb {
+namespace {
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+}  // namespace
+
+void Dynamics::move_link(std::size_t i) {
+  const Link& link = m_->links[i];
+  const LinkState& parent = links_[at(link.parent)];
+  LinkState& state = links_[i];
+  Vec2 arm = parent.rotation * link.position;
+  Rotation frame = parent.rotation;
+  if (link.angle != 0.0) frame = frame * link.base;
+  if (link.kind == LinkKind::kStation) arm += frame * Vec2{link.station, 0.0};
+  double turn = 0.0;
+  double turn_rate = 0.0;
+  Vec2 relative_velocity{};
+  for (const int index : link.motions) {
+    const Motion& motion = m_->motions[at(index)];
+    const std::size_t k = at(motion.coordinate);
+    turn += motion.rho * q_[k];
+    turn_rate += motion.rho * v_[k];
+    if (link.kind == LinkKind::kRevolute) continue;
+    const Vec2 t = frame * motion.translation;
+    translation_[at(index)] = t;
+    translation_rate_[at(index)] = parent.omega * perp(t);
+    arm += q_[k] * t;
+    relative_velocity += v_[k] * t;
+  }
+  state.origin = parent.origin + arm;
+  state.rotation = turn != 0.0 ? frame * Rotation::of(turn) : frame;
+  state.omega = parent.omega + turn_rate;
+  state.velocity = parent.velocity + parent.omega * perp(arm) + relative_velocity;
+  state.bias = parent.bias - (parent.omega * parent.omega) * arm +
+               (2.0 * parent.omega) * perp(relative_velocity);
+}
+
+void Dynamics::move_links(std::span<const double> q, std::span<const double> v) {
+  std::copy(q.begin(), q.end(), q_.begin());
+  std::copy(v.begin(), v.end(), v_.begin());
+  for (std::size_t i = 1; i < links_.size(); ++i) {
+    if (!m_->links[i].lump) move_link(i);
+  }
+}
+
+void Dynamics::move_lumps() {
+  for (std::size_t i = 1; i < links_.size(); ++i) {
+    if (m_->links[i].lump) move_link(i);
+  }
+}
+
+Vec2 Dynamics::position(LinkPoint p) const {
+  const LinkState& link = links_[at(p.link)];
+  return link.origin + link.rotation * p.local;
+}
+
+Vec2 Dynamics::velocity(LinkPoint p) const {
+  const LinkState& link = links_[at(p.link)];
+  return link.velocity + link.omega * perp(link.rotation * p.local);
+}
+
+Vec2 Dynamics::column(int motion, Vec2 point) const {
+  const Motion& m = m_->motions[at(motion)];
+  return translation_[at(motion)] + m.rho * perp(point - links_[at(m.link)].origin);
+}
+
+Vec2 Dynamics::column_rate(int motion, Vec2 point_velocity) const {
+  const Motion& m = m_->motions[at(motion)];
+  return translation_rate_[at(motion)] +
+         m.rho * perp(point_velocity - links_[at(m.link)].velocity);
+}
+
+void Dynamics::locate_contact(std::size_t i, std::span<const double> eta,
+                              std::span<const double> eta_rate, const Drive& drive,
+                              Detail detail) {
+  const Contact& contact = m_->contacts[i];
+  ContactState& state = contacts_[i];
+  const LinkState& a = links_[at(contact.a.link)];
+  const LinkState& b = links_[at(contact.b.link)];
+  const Vec2 center = b.origin + b.rotation * contact.b.local;
+  const Vec2 base = a.origin + a.rotation * contact.a.local;
+  const Vec2 d = center - base;
+  state.center = center;
+  state.turning_normal = false;
+  state.curvature = 0.0;
+  double compression = 0.0;
+
+  const auto on_line = [&](Vec2 local_normal, double radius_a) {
+    state.normal = a.rotation * local_normal;
+    compression = radius_a + contact.radius_b - dot(state.normal, d);
+  };
+  const auto on_circle = [&](double sign) {
+    const double distance = norm(d);
+    state.turning_normal = true;
+    state.curvature = distance > 1e-12 ? 1.0 / distance : 0.0;
+    state.normal = distance > 1e-12 ? (sign / distance) * d : Vec2{1.0, 0.0};
+    compression = sign > 0.0 ? contact.radius_a + contact.radius_b - distance
+                             : distance + contact.radius_b - contact.radius_a;
+  };
+
+  switch (contact.kind) {
+    case PairKind::kLineCircle: on_line(contact.normal_a, 0.0); break;
+    case PairKind::kCircleCircle: on_circle(1.0); break;
+    case PairKind::kConcaveCircle: on_circle(-1.0); break;
+    case PairKind::kHybridCircle: {
+      const Vec2 local = a.rotation.inverse(d);
+      const bool first = dot(local, contact.arc_tangent[0]) > 0.0;
+      const bool second = dot(local, contact.arc_tangent[1]) > 0.0;
+      if (!first && !second) {
+        on_circle(1.0);
+      } else {
+        // Where both half-planes claim the center, the nearer boundary is the surface.
+        const bool use_second =
+            second && (!first || dot(local, contact.arc_normal[1]) >
+                                     dot(local, contact.arc_normal[0]));
+        on_line(contact.arc_normal[use_second ? 1 : 0], contact.radius_a);
+      }
+      break;
+    }
+  }
+
+  const bool active = contact.finger ? drive.motion : contact.enabled;
+  double extra_rate = 0.0;
+  if (contact.string >= 0) {
+    const AttachedString& attached = m_->strings[at(contact.string)];
+    const auto own = eta.subspan(at(attached.offset), at(attached.string.modes()));
+    // No string reaches further than the sum of its modes: far from it the shapes are not needed.
+    if (detail == Detail::kClosedContacts &&
+        compression + attached.string.largest_displacement(own) <= 0.0) {
+      state.compression = compression;
+      state.closed = false;
+      return;
+    }
+    locate_string(contact, state, d, eta, eta_rate);
+    compression -= state.string.displacement;
+    extra_rate = -state.string.velocity - state.string.slope * state.strike_speed;
+  }
+  if (contact.finger) {
+    compression += drive.displacement;
+    extra_rate = drive.speed;
+  }
+
+  state.compression = compression;
+  state.closed = active && compression > 0.0;
+  if (!state.closed && detail == Detail::kClosedContacts) return;
+  state.point = center - (contact.radius_b - 0.5 * compression) * state.normal;
+  const Vec2 velocity_a = a.velocity + a.omega * perp(state.point - a.origin);
+  const Vec2 velocity_b = b.velocity + b.omega * perp(state.point - b.origin);
+  state.relative_velocity = velocity_b - velocity_a;
+  state.rate = extra_rate - dot(state.normal, state.relative_velocity);
+  state.slip = dot(perp(state.normal), state.relative_velocity);
+}
+
+void Dynamics::locate_string(const Contact& contact, ContactState& state, Vec2 d,
+                             std::span<const double> eta, std::span<const double> eta_rate) {
+  const AttachedString& attached = m_->strings[at(contact.string)];
+  const LinkState& b = links_[at(contact.b.link)];
+  const Vec2 along = attached.sense * perp(state.normal);
+  const std::size_t offset = at(attached.offset);
+  const std::size_t modes = at(attached.string.modes());
+  state.strike_gradient = attached.moving_strike_point ? along : Vec2{};
+  state.strike_position = attached.moving_strike_point ? attached.anchor + dot(along, d)
+                                                       : attached.strike_position;
+  const std::span<double> phi{phi_.data() + offset, modes};
+  const std::span<double> dphi{dphi_.data() + offset, modes};
+  double& shaped = shaped_at_[at(contact.string)];
+  if (state.strike_position != shaped) {
+    attached.string.shapes(state.strike_position, phi, dphi);
+    shaped = state.strike_position;
+  }
+  state.string = attached.string.point(phi, dphi, eta.subspan(offset, modes),
+                                       eta_rate.subspan(offset, modes));
+  const Vec2 center_velocity = b.velocity + b.omega * perp(state.center - b.origin);
+  state.strike_speed = dot(state.strike_gradient, center_velocity);
+}
+
+void Dynamics::locate(std::span<const double> q, std::span<const double> v,
+                      std::span<const double> eta, std::span<const double> eta_rate,
+                      const Drive& drive, Detail detail) {
+  move_links(q, v);
+  for (std::size_t i = 0; i < contacts_.size(); ++i) {
+    if (m_->contacts[i].finger && !drive.motion) {
+      contacts_[i].closed = false;
+      continue;
+    }
+    locate_contact(i, eta, eta_rate, drive, detail);
+  }
+}
+
+}  // namespace feltmb
