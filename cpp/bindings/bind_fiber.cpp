@@ -536,12 +536,12 @@ void bind_simulation(py::module_& m) {
 
 }  // namespace
 
+}  // namespace feltmb::python
+
 void bind_fiber(py::module_& m) {
   py::module_ fiber = m.def_submodule("fiber", "Micromechanics of fiber networks.");
-  bind_orientation(fiber);
-  bind_contacts(fiber);
-  bind_laws(fiber);
-  bind_simulation(fiber);
+  feltmb::python::bind_orientation(fiber);
+  feltmb::python::bind_contacts(fiber);
+  feltmb::python::bind_laws(fiber);
+  feltmb::python::bind_simulation(fiber);
 }
-
-}  // namespace feltmb::python
