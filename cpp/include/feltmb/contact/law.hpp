@@ -47,9 +47,9 @@ using LawParameters = std::variant<ExponentialPair, MeanCurve, HuntCrossley>;
 
 /// Force of a law and its exact derivatives.
 struct LawValue {
-  double force = 0.0;          ///< F [N]
-  double d_compression = 0.0;  ///< dF/de [N/m]
-  double d_rate = 0.0;         ///< dF/d(de/dt) [N s/m]
+  double force = 0.0;             ///< F [N]
+  double d_compression = 0.0;     ///< dF/de [N/m]
+  double d_rate = 0.0;            ///< dF/d(de/dt) [N s/m]
 };
 
 /// A law ready for use: parameters checked, derived constants computed. Immutable.
@@ -75,8 +75,8 @@ class ContactLaw {
 
  private:
   LawParameters parameters_;
-  double first_positive_ = 0.0;  ///< compression below which a guarded curve is held at 0 [m]
-  double energy_offset_ = 0.0;   ///< integral of the unguarded curve up to first_positive_ [J]
+  double first_positive_ = 0.0;   ///< compression below which a guarded curve is held at 0 [m]
+  double energy_offset_ = 0.0;    ///< integral of the unguarded curve up to first_positive_ [J]
 };
 
 }  // namespace feltmb

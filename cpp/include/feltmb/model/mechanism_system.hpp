@@ -23,9 +23,9 @@ struct FingerInput {
 /// Height of a tracking point over a level, or of a coordinate: an event when it crosses.
 struct Monitor {
   std::string name;
-  int point = -1;  ///< tracking point index
+  int point = -1;         ///< tracking point index
   Vec2 direction{0.0, 1.0};
-  double level = 0.0;  ///< dot(direction, position) - level is the root function [m]
+  double level = 0.0;     ///< dot(direction, position) - level is the root function [m]
 };
 
 /// State y = [q, v, eta, deta/dt], n + n + N + N, N all modes of all strings.
@@ -96,14 +96,15 @@ class MechanismSystem : public OdeSystem {
     int string = -1;
     int offset = 0;
     double force = 0.0;
-    double by_compression = 0.0;  ///< dF/de
-    double by_rate = 0.0;         ///< dF/d(de/dt)
+    double by_compression = 0.0;   ///< dF/de
+    double by_rate = 0.0;          ///< dF/d(de/dt)
     double strike_speed = 0.0;
-    Eigen::VectorXd force_column;         ///< b
+    Eigen::VectorXd force_column;  ///< b
     Eigen::VectorXd displacement_column;  ///< -(b dF/de + c): effect of the string's displacement
-    Eigen::VectorXd gradient;             ///< de/dq
-    Eigen::VectorXd rate_gradient;        ///< d(de/dt)/dq
-    Eigen::VectorXd strike;               ///< dy/dq
+    Eigen::VectorXd gradient;      ///< de/dq
+    Eigen::VectorXd rate_gradient; ///< d(de/dt)/dq
+    Eigen::VectorXd strike;        ///< dy/dq
+    Eigen::VectorXd slope_force;   ///< dQ/d(F x slope of the string)
     double a00 = 0.0, a01 = 0.0, a11 = 0.0;
   };
   Eigen::MatrixXd mass_, stiffness_, damping_;

@@ -13,21 +13,6 @@ namespace feltmb {
 /// Travel at the contacts that coordinate scales refer to [m].
 inline constexpr double kFeltTravel = 1e-3;
 
-/// A moving rigid body after welds have been merged; link 0 is the ground.
-struct Link {
-  std::string name;  ///< name of the body that carries the joint
-  int parent = -1;   ///< link index; -1 for the ground itself
-  JointKind kind = JointKind::kWeld;
-  int coordinate = -1;    ///< index in q, -1 for the ground
-  Vec2 position;          ///< joint on the parent link [m]
-  Vec2 axis;              ///< prismatic: unit direction in the parent frame
-  double angle = 0.0;     ///< link angle against the parent at coordinate zero [rad]
-  double mass = 0.0;      ///< [kg]
-  Vec2 center_of_mass;    ///< [m]
-  double inertia = 0.0;   ///< about the center of mass [kg m^2]
-  std::vector<int> path;  ///< coordinates that move the link, from the root outward
-};
-
 /// A point fixed to a link.
 struct LinkPoint {
   int link = 0;
@@ -109,23 +94,23 @@ enum class PairKind { kLineCircle, kCircleCircle, kConcaveCircle, kHybridCircle 
 
 struct Contact {
   int number = 0;
-  std::string name;  ///< "contact01"
+  std::string name;            ///< "contact01"
   std::string label;
   PairKind kind = PairKind::kLineCircle;
-  LinkPoint a;    ///< point of the line or center of the circle on link a
-  Vec2 normal_a;  ///< line: local normal out of the material
+  LinkPoint a;                 ///< point of the line or center of the circle on link a
+  Vec2 normal_a;               ///< line: local normal out of the material
   double radius_a = 0.0;
-  Vec2 arc_normal[2];   ///< hybrid: local normals of the two half-lines
-  Vec2 arc_tangent[2];  ///< hybrid: local directions in which they leave the arc
-  LinkPoint b;          ///< center of the circle on link b
+  Vec2 arc_normal[2];          ///< hybrid: local normals of the two half-lines
+  Vec2 arc_tangent[2];         ///< hybrid: local directions in which they leave the arc
+  LinkPoint b;                 ///< center of the circle on link b
   double radius_b = 0.0;
-  bool swapped = false;  ///< the description named the circle first
+  bool swapped = false;        ///< the description named the circle first
   ContactLaw law{LawParameters{HuntCrossley{1.0, 1.0, 0.0}}};
   Friction friction;
   bool enabled = true;
-  int string = -1;               ///< index of the string behind line a, -1 if none
-  bool finger = false;           ///< line a moves with the prescribed finger motion
-  std::vector<int> coordinates;  ///< union of the paths of a and b, ascending
+  int string = -1;             ///< index of the string behind line a, -1 if none
+  bool finger = false;         ///< line a moves with the prescribed finger motion
+  std::vector<int> coordinates;///< union of the paths of a and b, ascending
 };
 
 struct TorsionSpring {
@@ -141,7 +126,7 @@ struct Strap {
   LinkPoint b;
   double free_length = 0.0;
   std::array<double, 3> coefficients{};
-  double slack = 0.0;  ///< elongation up to which the clamped cubic is zero [m]
+  double slack = 0.0;          ///< elongation up to which the clamped cubic is zero [m]
   std::vector<int> coordinates;
 };
 
@@ -149,11 +134,11 @@ struct AttachedString {
   std::string name;
   ModalString string;
   double anchor = 0.0;
-  double sense = 1.0;  ///< y grows along sense * (normal turned by +90 degrees)
+  double sense = 1.0;          ///< y grows along sense * (normal turned by +90 degrees)
   bool moving_strike_point = true;
   double strike_position = 0.0;
   int contact = -1;
-  int offset = 0;  ///< first mode in the concatenated modal coordinates
+  int offset = 0;              ///< first mode in the concatenated modal coordinates
 };
 
 struct TrackingPoint {
@@ -166,20 +151,22 @@ class Mechanism {
  public:
   std::string name;
   Vec2 gravity;
-  std::vector<Link> links;               ///< parents before children; links[0] is the ground
-  std::vector<std::string> coordinates;  ///< names in the order of q
-  std::vector<JointKind> coordinate_kind;
-  std::vector<int> coordinate_link;      ///< link moved by each coordinate
-  std::vector<int> coordinate_parent;    ///< next coordinate toward the root, -1 at a root
-  std::vector<Friction> joint_friction;  ///< by coordinate
-  std::vector<Contact> contacts;         ///< described contacts, then the finger pad if any
+  std::vector<Link> links;                 ///< parents before children; links[0] is the ground
+  std::vector<std::string> coordinates;    ///< names in the order of q
+  std::vector<bool> coordinate_is_angle;   ///< unit rad, else m
+  std::vector<Motion> motions;
+  std::vector<FlexibleBeam> beams;
+  std::vector<int> coordinate_parent;      ///< next coordinate toward the root, -1 at a root
+  std::vector<Friction> joint_friction;    ///< by coordinate
+  std::vector<Contact> contacts;           ///< described contacts, then the finger pad if any
   std::vector<TorsionSpring> springs;
   std::vector<Strap> straps;
   std::vector<AttachedString> strings;
   std::vector<TrackingPoint> points;
-  std::vector<double> start_pose;        ///< by coordinate
-  std::vector<double> coordinate_scale;  ///< coordinate change that moves a contact by kFeltTravel
-  int finger_contact = -1;               ///< index in contacts, -1 without a finger
+  std::vector<std::pair<std::string, Placement>> bodies;  ///< every described body
+  std::vector<double> start_pose;          ///< by coordinate
+  std::vector<double> coordinate_scale;    ///< coordinate change that moves a contact by kFeltTravel
+  int finger_contact = -1;                 ///< index in contacts, -1 without a finger
   LinkPoint finger_point;
   Vec2 finger_direction{0.0, -1.0};
   int total_modes = 0;
