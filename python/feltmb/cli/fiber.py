@@ -183,18 +183,41 @@ def structure_command(ratio: tuple[float, ...], n: int | None, seed: int, spread
     show_default="pi/2",
     help="Blocked length per contact over d_f (binomial).",
 )
-@click.option("--length", type=float, help="Fiber length [m]: also the numbers per fiber.")
+@click.option(
+    "--diameter-cv",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="Coefficient of variation of the diameters.",
+)
+@click.option("--length", type=float, help="Mean fiber length [m]: also the numbers per fiber.")
+@click.option(
+    "--length-cv",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="Coefficient of variation of the lengths (gamma distribution).",
+)
 @_guard
 def contacts_command(
-    v_f: float, d_f: float, ratio: float, gamma: float, length: float | None
+    v_f: float,
+    d_f: float,
+    ratio: float,
+    gamma: float,
+    diameter_cv: float,
+    length: float | None,
+    length_cv: float,
 ) -> None:
     """Mean free length and contacts per volume by every model."""
     from feltmb.fiber import contact_count, contacts_per_volume, mean_free_length
 
     names = ("van_wyk", "van_wyk_tube", "komori_makishima", "pan", "poisson", "binomial", "toll")
+    if diameter_cv != 0:
+        names = ("komori_makishima", "poisson", "toll")
     rows = []
     for name in names:
         extra: dict[str, Any] = {"gamma": gamma} if name == "binomial" else {}
+        extra["diameter_cv"] = diameter_cv
         free = mean_free_length(name, v_f, d_f, ratio=ratio, **extra)
         number = contacts_per_volume(name, v_f, d_f, ratio=ratio, **extra)
         rows.append([name, f"{free * 1e6:.4f}", f"{free / d_f:.4f}", f"{number * 1e-9:.6g}"])
@@ -204,11 +227,13 @@ def contacts_command(
         rows,
     )
     click.echo("toll counts a contact on both of its fibers (eq. 3.51), the others once.")
+    if diameter_cv != 0:
+        click.echo("the other models have no distribution of diameters.")
     if length is not None:
         rows = []
         for name in ("poisson", "binomial"):
             extra = {"gamma": gamma} if name == "binomial" else {}
-            c = contact_count(name, v_f, d_f, length, ratio=ratio, **extra)
+            c = contact_count(name, v_f, d_f, length, ratio=ratio, length_cv=length_cv, **extra)
             rows.append(
                 [name, f"{c.mean:.4f}", f"{math.sqrt(c.variance):.4f}", f"{c.probability[0]:.3e}"]
             )
@@ -283,6 +308,11 @@ def pressure_command(
 @fiber.command(name="tensor")
 @click.option("--ratio", type=float, default=1.0, show_default=True, help="R = v_f/v_random.")
 @click.option(
+    "--deformation",
+    "-F",
+    help="Instead of --ratio: deformation gradient, 3 stretches or 9 numbers by rows, with commas.",
+)
+@click.option(
     "--e-modulus",
     "modulus",
     type=float,
@@ -292,23 +322,29 @@ def pressure_command(
 )
 @click.option("--v-f", type=float, required=True, help="Volume fraction [-].")
 @_guard
-def tensor_command(ratio: float, modulus: float, v_f: float) -> None:
-    """Stiffness and engineering moduli of the bonded network (Narter)."""
-    import numpy as np
-
+def tensor_command(ratio: float, deformation: str | None, modulus: float, v_f: float) -> None:
+    """Structure, stiffness and engineering moduli of a bonded network (Narter)."""
     from feltmb.errors import InvalidParameter
     from feltmb.fiber import density_structure, narter_tensors
 
-    if not 0.05 <= ratio <= 20:
+    if deformation is None and not 0.05 <= ratio <= 20:
         raise InvalidParameter(f"tensor: --ratio = {ratio:.6g}, must be between 0.05 and 20")
-    s = density_structure(deformation=np.diag([1, 1, 1 / ratio]), max_nodes=200)
+    text = f"1,1,{1 / ratio!r}" if deformation is None else deformation
+    s = density_structure(deformation=_gradient(text), max_nodes=200)
     t = narter_tensors(s.eeee, modulus, v_f)
+    names = ["f", "n3", "e3", "K3", "M3"]
+    _table(
+        "Structure [-]",
+        ["f", "<n3^4>", "<e3^4>", "K3", "M3"],
+        [[f"{getattr(s, k):.9f}" for k in names]],
+    )
     order = ["11", "22", "33", "12", "13", "23"]
+    small = 1e-9 * modulus
     _table(
         "Stiffness [Pa]",
         ["", *order],
         [
-            [o, *(f"{x:.4g}" if abs(x) > 1e-9 * modulus else "0" for x in row)]
+            [o, *(f"{x:.4g}" if abs(x) > small else "0" for x in row)]
             for o, row in zip(order, t.stiffness, strict=True)
         ],
     )
@@ -322,6 +358,83 @@ def tensor_command(ratio: float, modulus: float, v_f: float) -> None:
                 "Poisson nu12 nu13 nu23 [-]",
                 *(f"{t.poisson[k]:.6g}" for k in ("nu12", "nu13", "nu23")),
             ],
+        ],
+    )
+
+
+def _gradient(text: str) -> Any:
+    import numpy as np
+
+    from feltmb.errors import InvalidParameter
+
+    try:
+        numbers = [float(x) for x in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) == 3:
+        return np.diag(numbers)
+    if len(numbers) == 9:
+        return np.array(numbers).reshape(3, 3)
+    raise InvalidParameter(
+        f'deformation: "{text}", expected 3 stretches or 9 numbers by rows, for example 1,1,0.5'
+    )
+
+
+@fiber.command(name="granular")
+@click.option(
+    "--to",
+    "last",
+    required=True,
+    help="Last deformation gradient: 3 stretches or 9 numbers by rows, with commas.",
+)
+@click.option("--v-random", type=float, required=True, help="Volume fraction when random [-].")
+@click.option(
+    "--e-modulus",
+    "modulus",
+    type=float,
+    default=2.5e9,
+    show_default=True,
+    help="Fiber modulus [Pa].",
+)
+@click.option("--k-b", type=float, default=1.0, show_default=True, help="Bending constant.")
+@click.option("--k-t", type=float, default=1.0, show_default=True, help="Torsion constant.")
+@click.option("--beta", type=float, default=0.0, show_default=True, help="Crimp ratio.")
+@click.option("--transverse", is_flag=True, help="Keep the transverse term of eq. 3.52.")
+@click.option("--points", type=int, default=11, show_default=True)
+@_guard
+def granular_command(
+    last: str,
+    v_random: float,
+    modulus: float,
+    k_b: float,
+    k_t: float,
+    beta: float,
+    transverse: bool,
+    points: int,
+) -> None:
+    """Stress of the granular rate theory on a straight path from F = I to --to (tensor form)."""
+    import numpy as np
+
+    from feltmb.errors import InvalidParameter
+    from feltmb.fiber import granular_stress
+
+    if not 2 <= points <= 1000:
+        raise InvalidParameter(f"granular: --points = {points}, must be between 2 and 1000")
+    share = np.linspace(0, 1, points)[:, None, None]
+    path = np.eye(3) * (1 - share) + share * _gradient(last)
+    stress = granular_stress(
+        path, v_random=v_random, E=modulus, k_b=k_b, k_t=k_t, beta=beta, transverse=transverse
+    )
+    v = v_random / np.linalg.det(path)
+    _table(
+        "Cauchy stress [Pa], tension positive",
+        ["v_f [-]", "11", "22", "33", "12", "13", "23"],
+        [
+            [
+                f"{a:.4f}",
+                *(f"{s[i, j]:.3g}" for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))),
+            ]
+            for a, s in zip(v, stress, strict=True)
         ],
     )
 

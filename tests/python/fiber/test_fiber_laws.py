@@ -30,6 +30,24 @@ E = 2.5e9
 V = np.array([0.12, 0.2, 0.35, 0.5])
 
 
+def test_public_names_of_outside_scripts():
+    """The names and parameters that scripts outside of feltmb rely on."""
+    names = {
+        "van_wyk": {"k_p": 0.01, "E": 1e9, "v_f0": 0.1},
+        "neckar": {"k_p": 0.01, "E": 1e9, "v_f0": 0.1, "v_fm": 0.8},
+        "toll_planar": {"E": 1e9, "v_f0": 0.1, "f": 0.6},
+        "narter": {"E": 1e9, "v_f0": 0.1, "gamma": 1.0, "v_random": 0.1, "Q": 2},
+        "alkhagen_toll": {"E": 1e9, "v_f0": 0.1, "k_b": 1, "k_t": 1, "beta": 2, "v_random": 0.1},
+        "binomial": {"K_p": 1e6, "gamma": 1.0, "v_f0": 0.1, "Q": 2},
+    }
+    for name, parameters in names.items():
+        assert pressure(name, 0.1, **parameters) == 0.0
+        assert isinstance(pressure(name, 0.2, **parameters), float)
+        assert pressure(name, np.array([0.2, 0.3]), **parameters).shape == (2,)
+    s = structure(2)
+    assert all(isinstance(getattr(s, k), float) for k in ("f", "n3", "e3", "K3", "M3"))
+
+
 def test_every_law_has_an_example():
     assert set(FELT_EXAMPLES) == set(models())
 
