@@ -211,7 +211,15 @@ def contacts_command(
     """Mean free length and contacts per volume by every model."""
     from feltmb.fiber import contact_count, contacts_per_volume, mean_free_length
 
-    names = ("van_wyk", "van_wyk_tube", "komori_makishima", "pan", "poisson", "binomial", "toll")
+    names: tuple[str, ...] = (
+        "van_wyk",
+        "van_wyk_tube",
+        "komori_makishima",
+        "pan",
+        "poisson",
+        "binomial",
+        "toll",
+    )
     if diameter_cv != 0:
         names = ("komori_makishima", "poisson", "toll")
     rows = []
@@ -423,18 +431,24 @@ def granular_command(
     share = np.linspace(0, 1, points)[:, None, None]
     path = np.eye(3) * (1 - share) + share * _gradient(last)
     stress = granular_stress(
-        path, v_random=v_random, E=modulus, k_b=k_b, k_t=k_t, beta=beta, transverse=transverse
+        path,
+        v_random=v_random,
+        E=modulus,
+        k_b=k_b,
+        k_t=k_t,
+        beta=beta,
+        transverse=transverse,
+        substeps=12,
     )
     v = v_random / np.linalg.det(path)
+    small = 1e-9 * float(np.max(np.abs(stress)))
+    order = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
     _table(
         "Cauchy stress [Pa], tension positive",
         ["v_f [-]", "11", "22", "33", "12", "13", "23"],
         [
-            [
-                f"{a:.4f}",
-                *(f"{s[i, j]:.3g}" for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))),
-            ]
-            for a, s in zip(v, stress, strict=True)
+            [f"{a:.4f}", *(f"{t[k]:.3g}" if abs(t[k]) > small else "0" for k in order)]
+            for a, t in zip(v, stress, strict=True)
         ],
     )
 
