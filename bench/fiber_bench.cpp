@@ -46,7 +46,7 @@ std::size_t argument(int argc, char** argv, int index, std::size_t otherwise) {
 int main(int argc, char** argv) {
   try {
     const std::size_t count = argument(argc, argv, 1, 1000000);
-    const std::size_t fibers = argument(argc, argv, 2, 400);
+    const std::size_t fibers = argument(argc, argv, 2, 200);
     const std::size_t steps = argument(argc, argv, 3, 400);
     const std::size_t cores = std::max(1U, std::thread::hardware_concurrency());
     std::vector<double> v(count);
@@ -79,7 +79,7 @@ int main(int argc, char** argv) {
                 "checksum [Pa]");
     for (std::size_t threads = 1; threads <= cores; ++threads) {
       feltmb::BeadSpringNetwork network(box, threads);
-      network.relax(200);
+      network.relax(1500);
       start = seconds();
       network.advance(steps, 1e-5);
       const double rate = static_cast<double>(steps) / (seconds() - start);
