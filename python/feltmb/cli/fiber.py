@@ -332,14 +332,15 @@ def pressure_command(
 @_guard
 def tensor_command(ratio: float, deformation: str | None, modulus: float, v_f: float) -> None:
     """Structure, stiffness and engineering moduli of a bonded network (Narter)."""
-    from feltmb.errors import InvalidParameter
-    from feltmb.fiber import density_structure, narter_tensors
+    from feltmb.fiber import density_structure, narter_tensors, structure, uniaxial_tensor
 
-    if deformation is None and not 0.05 <= ratio <= 20:
-        raise InvalidParameter(f"tensor: --ratio = {ratio:.6g}, must be between 0.05 and 20")
-    text = f"1,1,{1 / ratio!r}" if deformation is None else deformation
-    s = density_structure(deformation=_gradient(text), max_nodes=200)
-    t = narter_tensors(s.eeee, modulus, v_f)
+    if deformation is None:
+        s: Any = structure(ratio)
+        eeee = uniaxial_tensor(ratio)
+    else:
+        s = density_structure(deformation=_gradient(deformation), max_nodes=200)
+        eeee = s.eeee
+    t = narter_tensors(eeee, modulus, v_f)
     names = ["f", "n3", "e3", "K3", "M3"]
     _table(
         "Structure [-]",

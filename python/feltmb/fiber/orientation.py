@@ -40,6 +40,37 @@ def structure(ratio: float) -> _core.UniaxialStructure:
     return _core.compute_uniaxial_structure(float(ratio))
 
 
+def uniaxial_tensor(ratio: float) -> Array:
+    """Exact tensor <e e e e> over the fibers after uniaxial compression by R.
+
+    Parameters
+    ----------
+    ratio
+        R = v_f / v_random [-], as in :func:`structure`.
+
+    Returns
+    -------
+    ndarray
+        Shape (3, 3, 3, 3) [-], isotropic about axis 3.
+    """
+    s = structure(ratio)
+    c2, c4 = 1.0 - s.M3, s.cos4
+    mixed = 0.5 * (c2 - c4)
+    flat = (1.0 - 2.0 * c2 + c4) / 8.0
+    by_exponents = {
+        (4, 0): 3 * flat,
+        (2, 2): flat,
+        (0, 4): 3 * flat,
+        (2, 0): mixed,
+        (0, 2): mixed,
+        (0, 0): c4,
+    }
+    tensor = np.zeros((3, 3, 3, 3))
+    for index in np.ndindex(3, 3, 3, 3):
+        tensor[index] = by_exponents.get((index.count(0), index.count(1)), 0.0)
+    return tensor
+
+
 @dataclass(frozen=True)
 class NetworkEstimate:
     """Structural numbers of a sampled network, each with one standard error."""
@@ -232,7 +263,7 @@ def narter_tensors(eeee: ArrayLike, E: float, v_f: float) -> NarterTensors:
     ----------
     eeee
         Fourth-order orientation tensor over fibers, shape (3, 3, 3, 3), for example
-        ``density_structure(...).eeee`` or ``network(...).tensors().eeee``.
+        ``uniaxial_tensor(ratio)``, ``density_structure(...).eeee`` or ``network(...).tensors().eeee``.
     E
         Fiber modulus [Pa].
     v_f

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import integrate
 
 from feltmb.errors import InvalidParameter
-from feltmb.fiber import density_structure, narter_tensors, network, structure
+from feltmb.fiber import density_structure, narter_tensors, network, structure, uniaxial_tensor
 
 
 def density(ratio, c):
@@ -242,6 +242,12 @@ def test_density_function_and_its_errors():
         density_structure(lambda theta, _: (np.abs(theta - 1.2) < 0.2) * 1.0, max_nodes=20)
     with pytest.raises(InvalidParameter, match="either density or deformation"):
         density_structure()
+
+
+@pytest.mark.parametrize("ratio", [0.5, 1.0, 3.0])
+def test_uniaxial_tensor(ratio):
+    s = density_structure(deformation=np.diag([1, 1, 1 / ratio]), tolerance=1e-11, max_nodes=200)
+    assert np.allclose(uniaxial_tensor(ratio), s.eeee, atol=1e-10)
 
 
 def test_narter_isotropic_compliance():
