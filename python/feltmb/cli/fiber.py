@@ -598,7 +598,7 @@ def history_command(
     if output is not None:
         text = _csv([*header, unit], np.column_stack([time, x, result]).tolist())
         _write_text(output, text, force)
-    work = float(np.trapezoid(result, x))
+    work = float(np.sum(0.5 * (result[1:] + result[:-1]) * np.diff(x)))
     _table(
         f"{model} over {len(time)} samples",
         ["what", "value"],

@@ -263,7 +263,8 @@ def narter_tensors(eeee: ArrayLike, E: float, v_f: float) -> NarterTensors:
     ----------
     eeee
         Fourth-order orientation tensor over fibers, shape (3, 3, 3, 3), for example
-        ``uniaxial_tensor(ratio)``, ``density_structure(...).eeee`` or ``network(...).tensors().eeee``.
+        ``uniaxial_tensor(ratio)``, ``density_structure(...).eeee`` or
+        ``network(...).tensors().eeee``.
     E
         Fiber modulus [Pa].
     v_f

@@ -108,13 +108,11 @@ class FiberRun:
     @property
     def loop_loss(self) -> float:
         """Fraction of the work of loading that release does not give back [-]."""
-        phase, strain = self.column("phase"), self.column("strain")
-        virial = self.column("pressure") / self.column("v_f")
-        done = []
-        for which in (0, 1):
-            keep = phase == which
-            done.append(abs(float(np.trapezoid(virial[keep], strain[keep]))))
-        return 1.0 - done[1] / done[0] if done[0] > 0 else math.nan
+        change = np.diff(self.column("work"))
+        unloading = self.column("phase")[1:] > 0
+        put_in = float(np.sum(change[~unloading]))
+        given_back = -float(np.sum(change[unloading]))
+        return 1.0 - given_back / put_in if put_in > 0 else math.nan
 
     def pressure_exponent(self, v_low: float) -> float:
         """Slope of log P against log v_f on the first loading, above ``v_low`` [-].
