@@ -336,6 +336,11 @@ std::vector<double> MechanismSystem::absolute_tolerances(double rtol) const {
     atol[k] = rtol * felt * scale;
     atol[n + k] = rtol * speed * scale;
   }
+  // Elastic speeds matter through the displacement that they make at the lateral modes.
+  constexpr double lateral_modes = 3000.0;  // rad/s
+  for (const auto& b : m.beams) {
+    for (int k = b.first; k < b.first + b.count; ++k) atol[n + at(k)] = atol[at(k)] * lateral_modes;
+  }
   for (const auto& s : m.strings) {
     const auto& p = s.string.parameters();
     const double shape = std::sqrt(2.0 / (p.linear_density * p.length));
