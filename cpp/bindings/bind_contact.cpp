@@ -61,30 +61,113 @@ void bind_contact(py::module_& m) {
            py::kw_only(), py::arg("stiffness"), py::arg("exponent") = 1.5,
            py::arg("damping") = 0.0);
 
+  py::class_<Stulov>(m, "Stulov")
+      .def(py::init([](double stiffness, double exponent, double amplitude, double time) {
+             return Stulov{stiffness, exponent, amplitude, time};
+           }),
+           py::kw_only(), py::arg("stiffness"), py::arg("exponent"), py::arg("amplitude"),
+           py::arg("time"));
+  py::class_<Envelope, std::shared_ptr<Envelope>>(m, "Envelope")
+      .def_static(
+          "from_curves",
+          [](const ExponentialCurve& loading, const ExponentialCurve& unloading, double closing) {
+            return std::const_pointer_cast<Envelope>(
+                Envelope::from_curves(loading, unloading, closing));
+          },
+          py::arg("loading"), py::arg("unloading"), py::arg("closing") = 0.0)
+      .def_static(
+          "from_table",
+          [](const std::vector<double>& compression, const std::vector<double>& loading,
+             const std::vector<double>& unloading) {
+            return std::const_pointer_cast<Envelope>(
+                Envelope::from_table(compression, loading, unloading));
+          },
+          py::arg("compression"), py::arg("loading"), py::arg("unloading"))
+      .def_property_readonly("closing", &Envelope::closing, "Compression e_M [m].")
+      .def("loading",
+           [](const Envelope& e, py::array_t<double> x) {
+             return py::vectorize([&e](double v) { return e.loading(v).force; })(x);
+           },
+           py::arg("compression"), "Virgin loading force [N].")
+      .def("unloading",
+           [](const Envelope& e, py::array_t<double> x, double largest) {
+             return py::vectorize([&e, largest](double v) {
+               return v <= 0.0 ? 0.0 : e.loading(v).force * e.ratio(v / largest).force;
+             })(x);
+           },
+           py::arg("compression"), py::arg("largest"),
+           "Unloading force [N] of the cycle to the compression `largest` [m].")
+      .def("loop_area",
+           [](const Envelope& e, py::array_t<double> x) {
+             return py::vectorize([&e](double v) { return e.loop_area(v).force; })(x);
+           },
+           py::arg("largest"), "Energy lost [J] in the cycle to `largest` [m].");
+  py::class_<FeltMemory>(m, "FeltMemory")
+      .def(py::init([](std::shared_ptr<Envelope> envelope, double kappa, double recovery_time,
+                       double creep_stiffness, double creep_damping, double rate_amplitude,
+                       double rate_time) {
+             return FeltMemory{envelope,      kappa,          recovery_time, creep_stiffness,
+                               creep_damping, rate_amplitude, rate_time};
+           }),
+           py::kw_only(), py::arg("envelope"), py::arg("kappa") = 0.2,
+           py::arg("recovery_time") = 0.0, py::arg("creep_stiffness") = 0.0,
+           py::arg("creep_damping") = 0.0, py::arg("rate_amplitude") = 0.0,
+           py::arg("rate_time") = 0.0);
+
   py::class_<ContactLaw>(m, "ContactLaw")
       .def(py::init<const LawParameters&>(), py::arg("parameters"))
       .def_property_readonly("name", &ContactLaw::name)
+      .def_property_readonly("n_states", &ContactLaw::n_states)
+      .def_property_readonly("has_memory", &ContactLaw::has_memory)
       .def(
           "force",
-          [](const ContactLaw& law, py::array_t<double> e, py::array_t<double> rate) {
-            return py::vectorize(
-                [&law](double x, double v) { return law.evaluate(x, v).force; })(e, rate);
+          [](const ContactLaw& law, py::array_t<double> e, py::array_t<double> rate,
+             const std::vector<double>& state, double largest) {
+            std::array<double, kMaxLawStates> s{};
+            std::copy_n(state.begin(), std::min(state.size(), s.size()), s.begin());
+            return py::vectorize([&](double x, double v) {
+              return law.evaluate(x, v, {s.data(), largest}).force;
+            })(e, rate);
           },
           py::arg("compression"), py::arg("rate") = 0.0,
+          py::arg("state") = std::vector<double>{}, py::arg("largest") = 0.0,
           "Normal force [N] at compression [m] and compression rate [m/s].")
+      .def(
+          "evaluate",
+          [](const ContactLaw& law, double e, double rate, const std::vector<double>& state,
+             double largest) {
+            std::array<double, kMaxLawStates> s{};
+            std::copy_n(state.begin(), std::min(state.size(), s.size()), s.begin());
+            const LawValue v = law.evaluate(e, rate, {s.data(), largest});
+            py::dict out;
+            out["force"] = v.force;
+            out["d_compression"] = v.d_compression;
+            out["d_rate"] = v.d_rate;
+            out["d_state"] = v.d_state;
+            out["state_rate"] = v.state_rate;
+            out["rate_by_compression"] = v.rate_by_compression;
+            out["rate_by_rate"] = v.rate_by_rate;
+            out["rate_by_state"] = v.rate_by_state;
+            out["dissipated_power"] = law.dissipated_power(e, rate, {s.data(), largest});
+            out["stored_energy"] = law.stored_energy(e, {s.data(), largest});
+            return out;
+          },
+          py::arg("compression"), py::arg("rate"), py::arg("state"), py::arg("largest"),
+          "Force, slopes, state rates and powers at one point, as a dict.")
       .def(
           "slopes",
           [](const ContactLaw& law, double e, double rate) {
-            const LawValue v = law.evaluate(e, rate);
+            std::array<double, kMaxLawStates> s{};
+            const LawValue v = law.evaluate(e, rate, {s.data(), 0.0});
             return py::make_tuple(v.d_compression, v.d_rate);
           },
           py::arg("compression"), py::arg("rate") = 0.0, "dF/de [N/m] and dF/d(de/dt) [N s/m].")
       .def(
           "stored_energy",
           [](const ContactLaw& law, py::array_t<double> e) {
-            return py::vectorize([&law](double x) { return law.stored_energy(x); })(e);
+            return py::vectorize([&law](double x) { return law.static_energy(x); })(e);
           },
-          py::arg("compression"), "Energy [J] stored at compression [m].");
+          py::arg("compression"), "Energy [J] stored under a virgin compression, states at rest.");
 }
 
 }  // namespace feltmb::python

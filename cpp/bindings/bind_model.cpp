@@ -61,7 +61,8 @@ void bind_model(py::module_& m) {
       .def_readwrite("max_step", &SimulationOptions::max_step)
       .def_readwrite("max_steps", &SimulationOptions::max_steps)
       .def_readwrite("max_wall", &SimulationOptions::max_wall)
-      .def_readwrite("peak_contacts", &SimulationOptions::peak_contacts);
+      .def_readwrite("peak_contacts", &SimulationOptions::peak_contacts)
+      .def_readwrite("finger_reference", &SimulationOptions::finger_reference);
 
   py::class_<Monitor>(m, "Monitor")
       .def(py::init([](std::string name, int point, std::pair<double, double> direction,
@@ -84,6 +85,8 @@ void bind_model(py::module_& m) {
             e.q.data(), static_cast<Eigen::Index>(e.q.size())));
         out["eta"] = Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(
             e.eta.data(), static_cast<Eigen::Index>(e.eta.size())));
+        out["law"] = e.law;
+        out["largest_compression"] = e.largest_compression;
         out["iterations"] = e.iterations;
         out["residual"] = e.residual;
         return out;
@@ -140,9 +143,12 @@ void bind_model(py::module_& m) {
                                return Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(
                                    r.end.y.data(), static_cast<Eigen::Index>(r.end.y.size())));
                              })
+      .def_property_readonly("end_largest_compression",
+                             [](const RunResult& r) { return r.end.largest_compression; })
       .def_property_readonly("counts", [](const RunResult& r) {
                                py::dict out = counts(r.counts);
                                out["event_evaluations"] = r.event_evaluations;
+                               out["reversals"] = r.reversals;
                                return out;
                              })
       .def_readonly("restarts", &RunResult::restarts)
@@ -154,7 +160,8 @@ void bind_model(py::module_& m) {
       "simulate",
       [](const std::shared_ptr<Mechanism>& mechanism, const Profile& profile, bool motion,
          const SimulationOptions& options, const std::vector<double>& start,
-         const std::vector<Monitor>& monitors, const py::object& progress) {
+         const std::vector<Monitor>& monitors, const py::object& progress,
+         const std::vector<double>& start_memory) {
         Progress report;
         if (!progress.is_none()) {
           // Runs with the GIL released; takes it back for the call and for pending signals.
@@ -175,11 +182,13 @@ void bind_model(py::module_& m) {
         }
         SimulationState state;
         state.y = start;
+        state.largest_compression = start_memory;
         const py::gil_scoped_release release;
         return simulate(mechanism, FingerInput{profile, motion}, options, state, monitors, report);
       },
       py::arg("mechanism"), py::arg("profile"), py::arg("motion"), py::arg("options"),
-      py::arg("start"), py::arg("monitors"), py::arg("progress") = py::none());
+      py::arg("start"), py::arg("monitors"), py::arg("progress") = py::none(),
+      py::arg("start_memory") = std::vector<double>{});
 
   m.def(
       "jacobian_check",

@@ -149,6 +149,7 @@ void bind_planar(py::module_& m) {
       .def_readonly("coordinates", &Mechanism::coordinates)
       .def_readonly("coordinate_scale", &Mechanism::coordinate_scale)
       .def_readonly("total_modes", &Mechanism::total_modes)
+      .def_readonly("total_law_states", &Mechanism::total_law_states)
       .def_property_readonly("coordinate_units",
                              [](const Mechanism& self) {
                                std::vector<std::string> units;
@@ -233,7 +234,8 @@ void bind_planar(py::module_& m) {
         Drive drive;
         drive.force = finger_force;
         const auto count = static_cast<std::size_t>(n);
-        dynamics.evaluate({q.data(), count}, {qd.data(), count}, zero, zero, drive,
+        const std::vector<double> law(static_cast<std::size_t>(mechanism->total_law_states), 0.0);
+        dynamics.evaluate({{q.data(), count}, {qd.data(), count}, law, zero, zero}, drive,
                           Detail::kAllContacts);
         py::dict out;
         out["mass_matrix"] = dynamics.mass_matrix();
@@ -263,7 +265,8 @@ void bind_planar(py::module_& m) {
           throw InvalidParameter(format("body_poses: got q of length %ld, expected %d",
                                         static_cast<long>(q.size()), mechanism->size()));
         }
-        dynamics.locate({q.data(), static_cast<std::size_t>(q.size())}, rest, zero, zero, {});
+        const std::vector<double> law(static_cast<std::size_t>(mechanism->total_law_states), 0.0);
+        dynamics.locate({{q.data(), static_cast<std::size_t>(q.size())}, rest, law, zero, zero}, {});
         py::dict out;
         for (const auto& [name, placement] : mechanism->bodies) {
           const LinkState& s = dynamics.links()[static_cast<std::size_t>(placement.link)];
@@ -287,7 +290,8 @@ void bind_planar(py::module_& m) {
         Dynamics dynamics(mechanism);
         const std::vector<double> zero(static_cast<std::size_t>(mechanism->total_modes), 0.0);
         const std::vector<double> rest(static_cast<std::size_t>(mechanism->size()), 0.0);
-        dynamics.locate({q.data(), static_cast<std::size_t>(q.size())}, rest, zero, zero, {});
+        const std::vector<double> law(static_cast<std::size_t>(mechanism->total_law_states), 0.0);
+        dynamics.locate({{q.data(), static_cast<std::size_t>(q.size())}, rest, law, zero, zero}, {});
         return pair(dynamics.position(mechanism->points[static_cast<std::size_t>(point)].point));
       },
       py::arg("mechanism"), py::arg("point"), py::arg("q"),
@@ -302,7 +306,8 @@ void bind_planar(py::module_& m) {
         Drive drive;
         drive.force = finger_force;
         const auto count = static_cast<std::size_t>(mechanism->size());
-        dynamics.evaluate({q.data(), count}, {qd.data(), count}, zero, zero, drive);
+        const std::vector<double> law(static_cast<std::size_t>(mechanism->total_law_states), 0.0);
+        dynamics.evaluate({{q.data(), count}, {qd.data(), count}, law, zero, zero}, drive);
         dynamics.differentiate();
         Eigen::MatrixXd stiffness = dynamics.stiffness();
         Eigen::MatrixXd damping = dynamics.damping();

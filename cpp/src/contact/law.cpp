@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "feltmb/core/error.hpp"
+#include "feltmb/numeric/bracketing.hpp"
 
 namespace feltmb {
 namespace {
@@ -37,6 +38,23 @@ void check(const LawParameters& parameters) {
     require(std::isfinite(hc->exponent) && hc->exponent >= 1.0, "exponent", hc->exponent, ">= 1");
     require(std::isfinite(hc->damping) && hc->damping >= 0.0, "damping [s/m]", hc->damping,
             ">= 0");
+  } else if (const auto* st = std::get_if<Stulov>(&parameters)) {
+    require(std::isfinite(st->stiffness) && st->stiffness > 0.0, "stiffness [N/m^p]",
+            st->stiffness, "> 0");
+    require(std::isfinite(st->exponent) && st->exponent >= 1.0, "exponent", st->exponent, ">= 1");
+    require(st->amplitude >= 0.0 && st->amplitude < 1.0, "amplitude", st->amplitude,
+            "in [0, 1)");
+    require(std::isfinite(st->time) && st->time > 0.0, "time [s]", st->time, "> 0");
+  } else if (const auto* m = std::get_if<FeltMemory>(&parameters)) {
+    if (!m->envelope) throw InvalidParameter("felt_memory: envelope is missing");
+    require(m->kappa > 0.0 && m->kappa <= 2.0, "kappa", m->kappa, "in (0, 2]");
+    require(m->recovery_time >= 0.0, "recovery_time [s]", m->recovery_time, ">= 0");
+    require(m->creep_stiffness >= 0.0, "creep_stiffness [N/m]", m->creep_stiffness, ">= 0");
+    require(m->creep_stiffness == 0.0 || m->creep_damping > 0.0, "creep_damping [N s/m]",
+            m->creep_damping, "> 0 with creep");
+    require(m->rate_amplitude >= 0.0, "rate_amplitude", m->rate_amplitude, ">= 0");
+    require(m->rate_amplitude == 0.0 || m->rate_time > 0.0, "rate_time [s]", m->rate_time,
+            "> 0 with a rate term");
   }
 }
 
@@ -85,6 +103,126 @@ LawValue evaluate_pair(const ExponentialPair& pair, double e, double rate) {
           band * pair.alpha * (1.0 - t * t)};
 }
 
+LawValue evaluate_stulov(const Stulov& law, double e, const double* state) {
+  LawValue v;
+  const double g = state[0];
+  const double power = e > 0.0 ? std::pow(e, law.exponent) : 0.0;
+  const double power_slope = e > 0.0 ? law.exponent * power / e : 0.0;
+  v.state_rate[0] = (power - g) / law.time;
+  v.rate_by_compression[0] = power_slope / law.time;
+  v.rate_by_state[0][0] = -1.0 / law.time;
+  const double relaxed = power - law.amplitude * g;
+  if (e > 0.0 && relaxed > 0.0) {
+    v.force = law.stiffness * relaxed;
+    v.d_compression = law.stiffness * power_slope;
+    v.d_state[0] = -law.stiffness * law.amplitude;
+  }
+  return v;
+}
+
+/// The rate-independent part alone, at the compression of the felt itself.
+struct FeltCore {
+  double force = 0.0, by_compression = 0.0, by_z = 0.0;
+  double z_rate = 0.0, z_rate_by_compression = 0.0, z_rate_by_rate = 0.0, z_rate_by_z = 0.0;
+  double loading = 0.0, loading_slope = 0.0;
+  double band = 0.0;
+};
+
+FeltCore evaluate_core(const FeltMemory& law, double e, double rate, double z, double largest) {
+  FeltCore c;
+  if (e <= 0.0) return c;
+  const CurveValue load = law.envelope->loading(e);
+  c.loading = load.force;
+  c.loading_slope = load.slope;
+  if (e >= largest) {
+    c.force = load.force;
+    c.by_compression = load.slope;
+    return c;
+  }
+  const CurveValue rho = law.envelope->ratio(e / largest);
+  const double mix = rho.force + z * (1.0 - rho.force);
+  const double rho_slope = rho.slope / largest;
+  c.force = load.force * mix;
+  c.by_compression = load.slope * mix + load.force * (1.0 - z) * rho_slope;
+  c.band = load.force * (1.0 - rho.force);
+  c.by_z = c.band;
+  const double length = law.kappa * law.envelope->loop_area(largest).force;
+  if (length <= 0.0) return c;
+  const double band_slope = load.slope * (1.0 - rho.force) - load.force * rho_slope;
+  const double toward = rate > 0.0 ? (1.0 - z) * rate : z * rate;
+  c.z_rate = c.band / length * toward;
+  c.z_rate_by_compression = band_slope / length * toward;
+  c.z_rate_by_rate = c.band / length * (rate > 0.0 ? 1.0 - z : z);
+  c.z_rate_by_z = -c.band / length * std::fabs(rate);
+  return c;
+}
+
+LawValue evaluate_memory(const FeltMemory& law, double e, double rate, const LawMemory& memory) {
+  LawValue v;
+  const double* s = memory.state;
+  std::size_t next = 1;
+  const bool creeps = law.creep_stiffness > 0.0;
+  const std::size_t k = creeps ? next++ : 0;
+  const std::size_t r = law.rate_amplitude > 0.0 ? next++ : 0;
+  const double inner = creeps ? e - s[k] : e;
+
+  FeltCore c = evaluate_core(law, inner, 0.0, s[0], memory.largest);
+  v.force = c.force;
+  v.d_compression = c.by_compression;
+  v.d_state[0] = c.by_z;
+  if (r != 0) {
+    const double extra = law.rate_amplitude * (c.loading - s[r]);
+    v.state_rate[r] = (c.loading - s[r]) / law.rate_time;
+    v.rate_by_compression[r] = c.loading_slope / law.rate_time;
+    v.rate_by_state[r][r] = -1.0 / law.rate_time;
+    if (inner > 0.0 && v.force + extra > 0.0) {
+      v.force += extra;
+      v.d_compression += law.rate_amplitude * c.loading_slope;
+      v.d_state[r] = -law.rate_amplitude;
+    } else {
+      v.force = v.d_compression = v.d_state[0] = 0.0;
+    }
+  }
+  if (!creeps) {
+    c = evaluate_core(law, inner, rate, s[0], memory.largest);
+    v.state_rate[0] = c.z_rate;
+    v.rate_by_compression[0] = c.z_rate_by_compression;
+    v.rate_by_rate[0] = c.z_rate_by_rate;
+    v.rate_by_state[0][0] = c.z_rate_by_z;
+    return v;
+  }
+  // Kelvin element in series: its rate follows from the common force, the felt takes the rest.
+  const double inverse = 1.0 / law.creep_damping;
+  v.state_rate[k] = (v.force - law.creep_stiffness * s[k]) * inverse;
+  v.rate_by_compression[k] = v.d_compression * inverse;
+  for (std::size_t j = 0; j < next; ++j) v.rate_by_state[k][j] = v.d_state[j] * inverse;
+  v.rate_by_state[k][k] = (-v.d_compression - law.creep_stiffness) * inverse;
+  v.d_state[k] = -v.d_compression;
+  if (r != 0) v.rate_by_state[r][k] = -v.rate_by_compression[r];
+  c = evaluate_core(law, inner, rate - v.state_rate[k], s[0], memory.largest);
+  v.state_rate[0] = c.z_rate;
+  v.rate_by_rate[0] = c.z_rate_by_rate;
+  v.rate_by_compression[0] =
+      c.z_rate_by_compression - c.z_rate_by_rate * v.rate_by_compression[k];
+  for (std::size_t j = 0; j < next; ++j) {
+    v.rate_by_state[0][j] = -c.z_rate_by_rate * v.rate_by_state[k][j];
+  }
+  v.rate_by_state[0][0] += c.z_rate_by_z;
+  v.rate_by_state[0][k] -= c.z_rate_by_compression;
+  return v;
+}
+
+double memory_energy(const FeltMemory& law, double inner, double z, double largest) {
+  const double reach = std::max(largest, inner);
+  if (reach <= 0.0) return 0.0;
+  const double locked = 0.25 * law.kappa * law.envelope->loop_area(reach).force *
+                        (2.0 * z - 1.0) * (2.0 * z - 1.0);
+  if (inner <= 0.0) return locked;
+  // F_U + D/2 = (F_L + F_U) / 2.
+  return locked + 0.5 * (law.envelope->loading_energy(inner) +
+                         law.envelope->unloading_energy(inner, reach));
+}
+
 }  // namespace
 
 ContactLaw::ContactLaw(const LawParameters& parameters) : parameters_(parameters) {
@@ -97,7 +235,19 @@ ContactLaw::ContactLaw(const LawParameters& parameters) : parameters_(parameters
   } else if (const auto* mean = std::get_if<MeanCurve>(&parameters)) {
     first_positive_ = first_positive_compression(*mean);
     energy_offset_ = mean_integral(*mean, first_positive_);
+  } else if (std::holds_alternative<Stulov>(parameters)) {
+    n_states_ = 1;
+  } else if (const auto* memory = std::get_if<FeltMemory>(&parameters)) {
+    n_states_ = 1 + (memory->creep_stiffness > 0.0 ? 1 : 0) +
+                (memory->rate_amplitude > 0.0 ? 1 : 0);
   }
+}
+
+const char* ContactLaw::state_name(std::size_t i) const {
+  if (std::holds_alternative<Stulov>(parameters_)) return "g";
+  if (i == 0) return "z";
+  const auto& memory = std::get<FeltMemory>(parameters_);
+  return i == 1 && memory.creep_stiffness > 0.0 ? "creep" : "overstress";
 }
 
 std::string ContactLaw::name() const {
@@ -105,10 +255,19 @@ std::string ContactLaw::name() const {
     return pair->form == ExponentialPair::Form::kGuarded ? "guarded" : "printed";
   }
   if (std::holds_alternative<MeanCurve>(parameters_)) return "mean";
-  return "hunt_crossley";
+  if (std::holds_alternative<HuntCrossley>(parameters_)) return "hunt_crossley";
+  if (std::holds_alternative<Stulov>(parameters_)) return "stulov";
+  return "felt_memory";
 }
 
-LawValue ContactLaw::evaluate(double compression, double rate) const {
+LawValue ContactLaw::evaluate(double compression, double rate, const LawMemory& memory) const {
+  // States go on while the contact is open.
+  if (const auto* felt = std::get_if<FeltMemory>(&parameters_)) {
+    return evaluate_memory(*felt, compression, rate, memory);
+  }
+  if (const auto* st = std::get_if<Stulov>(&parameters_)) {
+    return evaluate_stulov(*st, compression, memory.state);
+  }
   if (compression <= 0.0) return {};
   if (const auto* pair = std::get_if<ExponentialPair>(&parameters_)) {
     return evaluate_pair(*pair, compression, rate);
@@ -127,27 +286,131 @@ LawValue ContactLaw::evaluate(double compression, double rate) const {
   return {elastic * factor, hc.exponent * elastic / compression * factor, elastic * hc.damping};
 }
 
-double ContactLaw::stored_energy(double compression) const {
-  if (compression <= first_positive_) {
-    const auto* pair = std::get_if<ExponentialPair>(&parameters_);
-    const bool printed = pair != nullptr && pair->form == ExponentialPair::Form::kPrinted;
-    return printed && compression > 0.0 ? integral(pair->loading, compression) : 0.0;
+double ContactLaw::stored_energy(double compression, const LawMemory& memory) const {
+  if (const auto* felt = std::get_if<FeltMemory>(&parameters_)) {
+    const double inner = felt_compression(compression, memory);
+    double energy = memory_energy(*felt, inner, memory.state[0], memory.largest);
+    if (felt->creep_stiffness > 0.0) {
+      energy += 0.5 * felt->creep_stiffness * memory.state[1] * memory.state[1];
+    }
+    return energy;
   }
+  if (compression <= 0.0) return 0.0;
   if (const auto* pair = std::get_if<ExponentialPair>(&parameters_)) {
+    if (pair->form == ExponentialPair::Form::kGuarded && compression <= first_positive_) return 0.0;
     return integral(pair->loading, compression) - energy_offset_;
   }
   if (const auto* mean = std::get_if<MeanCurve>(&parameters_)) {
-    return mean_integral(*mean, compression) - energy_offset_;
+    return compression <= first_positive_ ? 0.0
+                                          : mean_integral(*mean, compression) - energy_offset_;
   }
-  const auto& hc = std::get<HuntCrossley>(parameters_);
-  return hc.stiffness * std::pow(compression, hc.exponent + 1.0) / (hc.exponent + 1.0);
+  if (const auto* hc = std::get_if<HuntCrossley>(&parameters_)) {
+    return hc->stiffness * std::pow(compression, hc->exponent + 1.0) / (hc->exponent + 1.0);
+  }
+  const auto& st = std::get<Stulov>(parameters_);
+  return st.stiffness * (1.0 - st.amplitude) * std::pow(compression, st.exponent + 1.0) /
+         (st.exponent + 1.0);
 }
 
-double ContactLaw::elastic_force(double compression) const {
-  if (const auto* hc = std::get_if<HuntCrossley>(&parameters_)) {
-    return compression <= 0.0 ? 0.0 : hc->stiffness * std::pow(compression, hc->exponent);
+void ContactLaw::relax(double compression, double* state) const {
+  if (const auto* st = std::get_if<Stulov>(&parameters_)) {
+    state[0] = compression > 0.0 ? std::pow(compression, st->exponent) : 0.0;
+    return;
   }
-  return evaluate(compression, 0.0).force;
+  const auto* felt = std::get_if<FeltMemory>(&parameters_);
+  if (felt == nullptr) return;
+  state[0] = 0.0;
+  std::size_t next = 1;
+  double inner = compression;
+  if (felt->creep_stiffness > 0.0) {
+    inner = std::max(0.0, compression);
+    if (inner > 0.0) {
+      // Springs in series: F_L(inner) = G (compression - inner).
+      const auto excess = [&](double x) {
+        return felt->envelope->loading(x).force - felt->creep_stiffness * (compression - x);
+      };
+      inner = find_root_bracketed(excess, 0.0, excess(0.0), compression, excess(compression) + 1e-300,
+                                  1e-15);
+    }
+    state[next++] = std::max(0.0, compression) - inner;
+  }
+  if (felt->rate_amplitude > 0.0) state[next] = felt->envelope->loading(inner).force;
+}
+
+CurveValue ContactLaw::static_force(double compression) const {
+  if (compression <= 0.0) return {0.0, 0.0};
+  if (const auto* st = std::get_if<Stulov>(&parameters_)) {
+    const double f =
+        st->stiffness * (1.0 - st->amplitude) * std::pow(compression, st->exponent);
+    return {f, st->exponent * f / compression};
+  }
+  if (const auto* felt = std::get_if<FeltMemory>(&parameters_)) {
+    double state[kMaxLawStates] = {};
+    relax(compression, state);
+    const bool creeps = felt->creep_stiffness > 0.0;
+    const CurveValue v =
+        felt->envelope->loading(creeps ? compression - state[1] : compression);
+    if (!creeps) return v;
+    return {v.force, v.slope * felt->creep_stiffness / (v.slope + felt->creep_stiffness)};
+  }
+  const LawValue v = evaluate(compression, 0.0);
+  return {v.force, v.d_compression};
+}
+
+double ContactLaw::static_energy(double compression) const {
+  const auto* felt = std::get_if<FeltMemory>(&parameters_);
+  if (felt == nullptr) return stored_energy(compression);
+  if (compression <= 0.0) return 0.0;
+  double state[kMaxLawStates] = {};
+  relax(compression, state);
+  const double creep = felt->creep_stiffness > 0.0 ? state[1] : 0.0;
+  return felt->envelope->loading_energy(compression - creep) +
+         0.5 * felt->creep_stiffness * creep * creep;
+}
+
+double ContactLaw::felt_compression(double compression, const LawMemory& memory) const {
+  const auto* felt = std::get_if<FeltMemory>(&parameters_);
+  return felt != nullptr && felt->creep_stiffness > 0.0 ? compression - memory.state[1]
+                                                        : compression;
+}
+
+double ContactLaw::felt_rate(double compression, double rate, const LawMemory& memory) const {
+  const auto* felt = std::get_if<FeltMemory>(&parameters_);
+  if (felt == nullptr || felt->creep_stiffness == 0.0) return rate;
+  return rate - evaluate(compression, rate, memory).state_rate[1];
+}
+
+double ContactLaw::dissipated_power(double compression, double rate,
+                                    const LawMemory& memory) const {
+  if (const auto* felt = std::get_if<FeltMemory>(&parameters_)) {
+    const LawValue v = evaluate(compression, rate, memory);
+    const double inner = felt_compression(compression, memory);
+    const double inner_rate = felt_rate(compression, rate, memory);
+    const double z = memory.state[0];
+    const double square = (2.0 * z - 1.0) * (2.0 * z - 1.0);
+    const FeltCore c = evaluate_core(*felt, inner, inner_rate, z, memory.largest);
+    double power = (v.force - c.force) * inner_rate;
+    if (inner > 0.0) {
+      power += inner >= memory.largest ? (0.5 - 0.25 * felt->kappa * square) *
+                                             felt->envelope->loop_area(inner).slope * inner_rate
+                                       : 0.5 * c.band * square * std::fabs(inner_rate);
+    }
+    if (felt->creep_stiffness > 0.0) {
+      power += felt->creep_damping * v.state_rate[1] * v.state_rate[1];
+    }
+    return power;
+  }
+  if (compression <= 0.0) return 0.0;
+  const double force = evaluate(compression, rate, memory).force;
+  double elastic = 0.0;
+  if (const auto* hc = std::get_if<HuntCrossley>(&parameters_)) {
+    elastic = hc->stiffness * std::pow(compression, hc->exponent);
+  } else if (const auto* st = std::get_if<Stulov>(&parameters_)) {
+    elastic = st->stiffness * (1.0 - st->amplitude) * std::pow(compression, st->exponent);
+  } else {
+    elastic = evaluate(compression, 0.0).force;
+  }
+  return (force - elastic) * rate;
 }
 
 }  // namespace feltmb

@@ -12,14 +12,16 @@ class Rest {
  public:
   Rest(const std::shared_ptr<const Mechanism>& mechanism, double finger_force)
       : m_(*mechanism), dynamics_(mechanism), zero_(m_.coordinates.size(), 0.0),
+        law_(static_cast<std::size_t>(m_.total_law_states), 0.0),
         eta_(static_cast<std::size_t>(m_.total_modes), 0.0), eta_rate_(eta_) {
+    dynamics_.use_static_laws();
     drive_.force = finger_force;
   }
 
   /// Potential energy [J]; also evaluates forces at q.
   double energy(const Eigen::VectorXd& q) {
     const std::span<const double> position{q.data(), zero_.size()};
-    dynamics_.evaluate(position, zero_, eta_, eta_rate_, drive_);
+    dynamics_.evaluate({position, zero_, law_, eta_, eta_rate_}, drive_);
     double sum = dynamics_.gravity_energy() + dynamics_.spring_energy(position);
     for (std::size_t i = 0; i < m_.straps.size(); ++i) {
       sum += dynamics_.strap_energy(static_cast<int>(i));
@@ -29,7 +31,7 @@ class Rest {
     }
     for (std::size_t i = 0; i < m_.contacts.size(); ++i) {
       const ContactState& s = dynamics_.contacts()[i];
-      if (s.closed) sum += m_.contacts[i].law.stored_energy(s.compression);
+      if (s.closed) sum += m_.contacts[i].law.static_energy(s.compression);
     }
     if (drive_.force != 0.0) {
       sum -= drive_.force * dot(m_.finger_direction, dynamics_.position(m_.finger_point));
@@ -72,6 +74,7 @@ class Rest {
   const Mechanism& m_;
   Dynamics dynamics_;
   std::vector<double> zero_;
+  std::vector<double> law_;
   std::vector<double> eta_;
   std::vector<double> eta_rate_;
   Drive drive_;
@@ -158,6 +161,18 @@ Equilibrium find_equilibrium(const std::shared_ptr<const Mechanism>& mechanism,
   Equilibrium result;
   result.q.assign(q.data(), q.data() + n);
   result.eta = rest.eta_;
+  result.law.assign(static_cast<std::size_t>(m.total_law_states), 0.0);
+  result.largest_compression.assign(m.contacts.size(), 0.0);
+  for (std::size_t i = 0; i < m.contacts.size(); ++i) {
+    const ContactState& s = rest.dynamics_.contacts()[i];
+    if (!s.closed) continue;
+    const Contact& contact = m.contacts[i];
+    double* states = result.law.data() + contact.first_state;
+    contact.law.relax(s.compression, states);
+    if (contact.law.has_memory()) {
+      result.largest_compression[i] = contact.law.felt_compression(s.compression, {states, 0.0});
+    }
+  }
   result.iterations = iteration;
   result.residual = scaled_residual(m, rest.force());
   return result;

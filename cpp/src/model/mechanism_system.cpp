@@ -31,6 +31,7 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Fin
   const Mechanism& m = dynamics_.mechanism();
   n_ = m.size();
   modes_ = m.total_modes;
+  law_states_ = m.total_law_states;
   dynamics_.condense_axial();
   if (input_.motion && m.finger_contact < 0) {
     throw InvalidParameter("finger motion was given but mechanism \"" + m.name +
@@ -66,7 +67,15 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Fin
   couplings_.resize(m.strings.size());
   for (auto& c : couplings_) {
     for (auto* vector : {&c.force_column, &c.displacement_column, &c.gradient, &c.rate_gradient,
-                         &c.strike, &c.slope_force}) {
+                         &c.strike, &c.slope_force, &c.compression_column}) {
+      vector->setZero(n_);
+    }
+  }
+  for (const auto& c : m.contacts) {
+    if (c.law.n_states() > 0) stateful_.emplace_back();
+  }
+  for (auto& c : stateful_) {
+    for (auto* vector : {&c.force_column, &c.compression_column, &c.gradient, &c.rate_gradient}) {
       vector->setZero(n_);
     }
   }
@@ -74,11 +83,18 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Fin
   tie_.assign(at(n_), 0.0);
 }
 
-MechanismSystem::Parts MechanismSystem::parts(std::span<const double> y) const {
+MechanicalState MechanismSystem::parts(std::span<const double> y) const {
   const std::size_t n = at(n_);
+  const std::size_t laws = at(law_states_);
   const std::size_t modes = at(modes_);
-  return {y.subspan(0, n), y.subspan(n, n), y.subspan(2 * n, modes),
-          y.subspan(2 * n + modes, modes)};
+  return {y.subspan(0, n), y.subspan(n, n), y.subspan(2 * n, laws),
+          y.subspan(2 * n + laws, modes), y.subspan(2 * n + laws + modes, modes)};
+}
+
+Drive MechanismSystem::drive(double t) const {
+  Drive drive = input_.at(t);
+  if (drive.motion) drive.displacement += finger_reference_;
+  return drive;
 }
 
 std::string MechanismSystem::state_name(std::size_t i) const {
@@ -86,7 +102,14 @@ std::string MechanismSystem::state_name(std::size_t i) const {
   const std::size_t n = at(n_);
   if (i < n) return m.coordinates[i];
   if (i < 2 * n) return m.coordinates[i - n] + ".rate";
-  std::size_t j = i - 2 * n;
+  if (i < 2 * n + at(law_states_)) {
+    const int index = static_cast<int>(i - 2 * n);
+    for (const auto& c : m.contacts) {
+      const int own = index - c.first_state;
+      if (own >= 0 && at(own) < c.law.n_states()) return c.name + "." + c.law.state_name(at(own));
+    }
+  }
+  std::size_t j = i - 2 * n - at(law_states_);
   const bool rate = j >= at(modes_);
   if (rate) j -= at(modes_);
   for (const auto& s : m.strings) {
@@ -98,18 +121,16 @@ std::string MechanismSystem::state_name(std::size_t i) const {
 }
 
 void MechanismSystem::evaluate(double t, std::span<const double> y, Detail detail) {
-  const Parts p = parts(y);
-  dynamics_.evaluate(p.q, p.v, p.eta, p.eta_rate, input_.at(t), detail);
+  dynamics_.evaluate(parts(y), drive(t), detail);
 }
 
 void MechanismSystem::locate(double t, std::span<const double> y, Detail detail) {
-  const Parts p = parts(y);
-  dynamics_.locate(p.q, p.v, p.eta, p.eta_rate, input_.at(t), detail);
+  dynamics_.locate(parts(y), drive(t), detail);
 }
 
 void MechanismSystem::rhs(double t, std::span<const double> y, std::span<double> rate) {
   evaluate(t, y);
-  const Parts p = parts(y);
+  const MechanicalState p = parts(y);
   const std::size_t n = at(n_);
   const std::size_t modes = at(modes_);
   const auto& a = dynamics_.acceleration();
@@ -117,7 +138,16 @@ void MechanismSystem::rhs(double t, std::span<const double> y, std::span<double>
     rate[k] = p.v[k];
     rate[n + k] = a[static_cast<Eigen::Index>(k)];
   }
-  double* eta_rate = rate.data() + 2 * n;
+  const auto& contacts = mechanism().contacts;
+  if (law_states_ > 0) {
+    for (std::size_t i = 0; i < contacts.size(); ++i) {
+      const LawValue& law = dynamics_.contacts()[i].law;
+      for (std::size_t j = 0; j < contacts[i].law.n_states(); ++j) {
+        rate[2 * n + at(contacts[i].first_state) + j] = law.state_rate[j];
+      }
+    }
+  }
+  double* eta_rate = rate.data() + 2 * n + at(law_states_);
   double* eta_acceleration = eta_rate + modes;
   std::copy(p.eta_rate.begin(), p.eta_rate.end(), eta_rate);
   const auto& strings = mechanism().strings;
@@ -130,31 +160,63 @@ void MechanismSystem::rhs(double t, std::span<const double> y, std::span<double>
   }
 }
 
+void MechanismSystem::add_contact_slopes(
+    Eigen::MatrixXd& stiffness, Eigen::MatrixXd& damping, const Eigen::VectorXd& force_column,
+    const Eigen::VectorXd& compression_column, const Eigen::VectorXd& gradient,
+    const Eigen::VectorXd& rate_gradient, double slope, double rate_slope,
+    const std::vector<int>& coordinates) {
+  for (const int k : coordinates) {
+    const double column = force_column[k] * slope + compression_column[k];
+    const double rate_column = force_column[k] * rate_slope;
+    for (const int j : coordinates) {
+      stiffness(k, j) += column * gradient[j] + rate_column * rate_gradient[j];
+      damping(k, j) += rate_column * gradient[j];
+    }
+  }
+}
+
+void MechanismSystem::add_stateful(const ContactGradient* gradient, int contact, int coupling) {
+  StatefulContact& c = stateful_[at(stateful_count_++)];
+  c.contact = contact;
+  c.coupling = coupling;
+  c.closed = gradient != nullptr;
+  c.law = dynamics_.contacts()[at(contact)].law;
+  if (gradient == nullptr) return;
+  c.force_column = gradient->by_force;
+  c.compression_column = gradient->by_compression;
+  c.gradient = gradient->compression;
+  c.rate_gradient = gradient->rate;
+}
+
 void MechanismSystem::linearize(double t, std::span<const double> y) {
   evaluate(t, y);
   dynamics_.differentiate();
   const Mechanism& m = mechanism();
   mass_ = dynamics_.mass_matrix();
-  stiffness_ = dynamics_.stiffness();
-  damping_ = dynamics_.damping();
+  base_stiffness_ = dynamics_.stiffness();
+  base_damping_ = dynamics_.damping();
   coupling_count_ = 0;
+  stateful_count_ = 0;
   std::fill(stiffest_.begin(), stiffest_.end(), -1);
   std::fill(tie_.begin(), tie_.end(), 0.0);
   for (const ContactGradient& g : dynamics_.gradients()) {
     const Contact& contact = m.contacts[at(g.contact)];
     const ContactState& state = dynamics_.contacts()[at(g.contact)];
     for (const int k : contact.coordinates) {
-      const double column = g.by_force[k] * state.law.d_compression + g.by_compression[k];
-      const double rate_column = g.by_force[k] * state.law.d_rate;
-      for (const int j : contact.coordinates) {
-        stiffness_(k, j) += column * g.compression[j] + rate_column * g.rate[j];
-        damping_(k, j) += rate_column * g.compression[j];
-      }
-      const double tie = std::fabs(column * g.compression[k]);
+      const double tie = std::fabs((g.by_force[k] * state.law.d_compression +
+                                    g.by_compression[k]) * g.compression[k]);
       if (tie > tie_[at(k)]) {
         tie_[at(k)] = tie;
         stiffest_[at(k)] = g.contact;
       }
+    }
+    const bool stateful = contact.law.n_states() > 0;
+    if (stateful) {
+      add_stateful(&g, g.contact, contact.string >= 0 ? coupling_count_ : -1);
+    } else {
+      add_contact_slopes(base_stiffness_, base_damping_, g.by_force, g.by_compression,
+                         g.compression, g.rate, state.law.d_compression, state.law.d_rate,
+                         contact.coordinates);
     }
     if (contact.string < 0) continue;
     StringCoupling& c = couplings_[at(coupling_count_++)];
@@ -165,7 +227,7 @@ void MechanismSystem::linearize(double t, std::span<const double> y) {
     c.by_rate = state.law.d_rate;
     c.strike_speed = state.strike_speed;
     c.force_column = g.by_force;
-    c.displacement_column = -(g.by_force * state.law.d_compression + g.by_compression);
+    c.compression_column = g.by_compression;
     c.gradient = g.compression;
     c.rate_gradient = g.rate;
     c.strike = g.strike;
@@ -175,17 +237,60 @@ void MechanismSystem::linearize(double t, std::span<const double> y) {
     std::copy(phi.begin(), phi.end(), phi_.begin() + c.offset);
     std::copy(dphi.begin(), dphi.end(), dphi_.begin() + c.offset);
   }
+  if (law_states_ == 0) return;
+  for (std::size_t i = 0; i < m.contacts.size(); ++i) {
+    if (m.contacts[i].law.n_states() > 0 && !dynamics_.contacts()[i].closed) {
+      add_stateful(nullptr, static_cast<int>(i), -1);
+    }
+  }
+}
+
+void MechanismSystem::reduce_law_states(double gamma) {
+  for (int i = 0; i < stateful_count_; ++i) {
+    StatefulContact& c = stateful_[at(i)];
+    const Contact& contact = mechanism().contacts[at(c.contact)];
+    const auto count = static_cast<Eigen::Index>(contact.law.n_states());
+    Eigen::Matrix3d matrix = Eigen::Matrix3d::Identity();
+    Eigen::Vector3d by_compression = Eigen::Vector3d::Zero();
+    Eigen::Vector3d by_rate = Eigen::Vector3d::Zero();
+    Eigen::Vector3d force = Eigen::Vector3d::Zero();
+    for (Eigen::Index a = 0; a < count; ++a) {
+      const auto row = static_cast<std::size_t>(a);
+      by_compression[a] = gamma * c.law.rate_by_compression[row];
+      by_rate[a] = gamma * c.law.rate_by_rate[row];
+      force[a] = c.law.d_state[row];
+      for (Eigen::Index b = 0; b < count; ++b) {
+        matrix(a, b) -= gamma * c.law.rate_by_state[row][static_cast<std::size_t>(b)];
+      }
+    }
+    c.inverse = matrix.inverse();
+    c.by_compression = c.inverse * by_compression;
+    c.by_rate = c.inverse * by_rate;
+    c.slope = c.law.d_compression + force.dot(c.by_compression);
+    c.rate_slope = c.law.d_rate + force.dot(c.by_rate);
+    if (!c.closed) continue;
+    add_contact_slopes(stiffness_, damping_, c.force_column, c.compression_column, c.gradient,
+                       c.rate_gradient, c.slope, c.rate_slope, contact.coordinates);
+    if (c.coupling >= 0) {
+      couplings_[at(c.coupling)].by_compression = c.slope;
+      couplings_[at(c.coupling)].by_rate = c.rate_slope;
+    }
+  }
 }
 
 bool MechanismSystem::factorize(double gamma) {
   gamma_ = gamma;
   modal::newton_factors(at(modes_), gamma, modal_stiffness_.data(), modal_damping_.data(),
                         modal_rate_factor_.data());
+  stiffness_ = base_stiffness_;
+  damping_ = base_damping_;
+  reduce_law_states(gamma);
   const int total = n_ + coupling_count_;
   newton_.resize(total, total);
   newton_.topLeftCorner(n_, n_) = mass_ - gamma * damping_ - (gamma * gamma) * stiffness_;
   for (int i = 0; i < coupling_count_; ++i) {
     StringCoupling& c = couplings_[at(i)];
+    c.displacement_column = -(c.force_column * c.by_compression + c.compression_column);
     const std::size_t first = at(c.offset);
     const std::size_t count = at(mechanism().strings[at(c.string)].string.modes());
     const modal::GramSums gram = modal::gram_sums(count, phi_.data() + first,
@@ -233,7 +338,8 @@ void MechanismSystem::solve(std::span<double> b) {
   const double g = gamma_;
   const Eigen::Map<Eigen::VectorXd> r_q(b.data(), n_);
   const Eigen::Map<Eigen::VectorXd> r_v(b.data() + n, n_);
-  double* r_eta = b.data() + 2 * n;
+  double* r_law = b.data() + 2 * n;
+  double* r_eta = r_law + at(law_states_);
   double* r_rate = r_eta + modes;
 
   // Modes without the contact force: their part of the right-hand side.
@@ -260,6 +366,24 @@ void MechanismSystem::solve(std::span<double> b) {
         c.by_compression * (c.gradient.dot(r_q) - displacement) +
         c.by_rate * (c.rate_gradient.dot(r_q) - velocity - c.strike_speed * slope);
   }
+  // Law states alone: their residual acts through the force.
+  for (int i = 0; i < stateful_count_; ++i) {
+    const StatefulContact& c = stateful_[at(i)];
+    const Contact& contact = mechanism().contacts[at(c.contact)];
+    const std::size_t count = contact.law.n_states();
+    double* own = r_law + contact.first_state;
+    Eigen::Vector3d r = Eigen::Vector3d::Zero();
+    for (std::size_t j = 0; j < count; ++j) r[static_cast<Eigen::Index>(j)] = own[j];
+    r = c.inverse * r;
+    double force = 0.0;
+    for (std::size_t j = 0; j < count; ++j) {
+      own[j] = r[static_cast<Eigen::Index>(j)];
+      force += c.law.d_state[j] * own[j];
+    }
+    if (!c.closed) continue;
+    right_.head(n_) += (g * force) * c.force_column;
+    if (c.coupling >= 0) right_[n_ + c.coupling] += force;
+  }
   solution_ = lu_.solve(right_);
   for (std::size_t k = 0; k < n; ++k) {
     const double dv = solution_[static_cast<Eigen::Index>(k)];
@@ -276,6 +400,28 @@ void MechanismSystem::solve(std::span<double> b) {
                      modal_rate_factor_.data() + first, r_rate + first);
   }
   modal::advance(modes, g, r_rate, r_eta);
+
+  for (int i = 0; i < stateful_count_; ++i) {
+    const StatefulContact& c = stateful_[at(i)];
+    if (!c.closed) continue;
+    double compression = c.gradient.dot(r_q);
+    double rate = c.rate_gradient.dot(r_q) + c.gradient.dot(r_v);
+    if (c.coupling >= 0) {
+      const StringCoupling& string = couplings_[at(c.coupling)];
+      const std::size_t first = at(string.offset);
+      const std::size_t count = at(mechanism().strings[at(string.string)].string.modes());
+      const auto [velocity, displacement, slope] = modal::residual_sums(
+          count, 0.0, phi_.data() + first, dphi_.data() + first, r_eta + first, r_rate + first);
+      compression -= displacement;
+      rate -= velocity + string.strike_speed * slope;
+    }
+    const Contact& contact = mechanism().contacts[at(c.contact)];
+    double* own = r_law + contact.first_state;
+    for (std::size_t j = 0; j < contact.law.n_states(); ++j) {
+      const auto row = static_cast<Eigen::Index>(j);
+      own[j] += c.by_compression[row] * compression + c.by_rate[row] * rate;
+    }
+  }
 }
 
 std::size_t MechanismSystem::n_events() const {
@@ -295,25 +441,26 @@ void MechanismSystem::events(double t, std::span<const double> y, std::span<doub
 void MechanismSystem::quadratures(double t, std::span<const double> y, std::span<double> h) {
   evaluate(t, y);
   const Mechanism& m = mechanism();
-  const Parts p = parts(y);
-  const Drive drive = input_.at(t);
+  const MechanicalState p = parts(y);
+  const Drive now = drive(t);
   double power = 0.0;
-  if (drive.motion) {
-    power = dynamics_.contacts()[at(m.finger_contact)].law.force * drive.speed;
-  } else if (drive.force != 0.0) {
-    power = drive.force * dot(m.finger_direction, dynamics_.velocity(m.finger_point));
+  if (now.motion) {
+    power = dynamics_.contacts()[at(m.finger_contact)].law.force * now.speed;
+  } else if (now.force != 0.0) {
+    power = now.force * dot(m.finger_direction, dynamics_.velocity(m.finger_point));
   }
   std::size_t i = 0;
   h[i++] = power;
   h[i++] = std::fabs(power);
   for (std::size_t c = 0; c < m.contacts.size(); ++c) {
     const ContactState& s = dynamics_.contacts()[c];
-    if (!s.closed) {
+    if (!s.closed && m.contacts[c].law.n_states() == 0) {
       h[i++] = 0.0;
       h[i++] = 0.0;
       continue;
     }
-    h[i++] = (s.law.force - m.contacts[c].law.elastic_force(s.compression)) * s.rate;
+    h[i++] = m.contacts[c].law.dissipated_power(s.closed ? s.compression : 0.0,
+                                                s.closed ? s.rate : 0.0, dynamics_.memory(c));
     h[i++] = s.friction.value * s.law.force * s.slip;
   }
   for (int k = 0; k < n_; ++k) h[i++] = dynamics_.joint_friction(k) * p.v[at(k)];
@@ -341,12 +488,25 @@ std::vector<double> MechanismSystem::absolute_tolerances(double rtol) const {
   for (const auto& b : m.beams) {
     for (int k = b.first; k < b.first + b.count; ++k) atol[n + at(k)] = atol[at(k)] * lateral_modes;
   }
+  for (const auto& c : m.contacts) {
+    for (std::size_t j = 0; j < c.law.n_states(); ++j) {
+      // z is a fraction, creep a length, overstress a force of some N, Stulov's g a power of e.
+      double scale = 1.0;
+      const std::string name = c.law.state_name(j);
+      if (name == "creep") scale = felt;
+      if (const auto* st = std::get_if<Stulov>(&c.law.parameters())) {
+        scale = std::pow(felt, st->exponent);
+      }
+      atol[2 * n + at(c.first_state) + j] = rtol * scale;
+    }
+  }
+  const std::size_t modal = 2 * n + at(law_states_);
   for (const auto& s : m.strings) {
     const auto& p = s.string.parameters();
     const double shape = std::sqrt(2.0 / (p.linear_density * p.length));
     for (int j = s.offset; j < s.offset + s.string.modes(); ++j) {
-      atol[2 * n + at(j)] = rtol * felt / shape;
-      atol[2 * n + at(modes_ + j)] = rtol * speed / shape;
+      atol[modal + at(j)] = rtol * felt / shape;
+      atol[modal + at(modes_ + j)] = rtol * speed / shape;
     }
   }
   return atol;
@@ -356,7 +516,13 @@ int MechanismSystem::stiffest_contact(std::size_t state) const {
   const std::size_t n = at(n_);
   if (state < 2 * n) return stiffest_[state % n];
   const Mechanism& m = mechanism();
-  const std::size_t mode = (state - 2 * n) % std::max<std::size_t>(1, at(modes_));
+  if (state < 2 * n + at(law_states_)) {
+    for (std::size_t i = 0; i < m.contacts.size(); ++i) {
+      const int own = static_cast<int>(state - 2 * n) - m.contacts[i].first_state;
+      if (own >= 0 && at(own) < m.contacts[i].law.n_states()) return static_cast<int>(i);
+    }
+  }
+  const std::size_t mode = (state - 2 * n - at(law_states_)) % std::max<std::size_t>(1, at(modes_));
   for (const auto& s : m.strings) {
     if (mode < at(s.offset + s.string.modes())) return s.contact;
   }

@@ -40,7 +40,7 @@ std::vector<ObservableInfo> list_observables(const Mechanism& m) {
   for (const auto& s : m.straps) add(s.name + ".force", "N", "pull of the strap");
   if (m.finger_contact >= 0) {
     add("finger.force", "N", "force of the finger on the key, positive pressing");
-    add("finger.displacement", "m", "travel of the point under the finger, positive pressing");
+    add("finger.displacement", "m", "travel of the point under the finger from its rest, positive pressing");
   }
   for (const auto& s : m.strings) {
     add(s.name + ".strike", "m", "string displacement at the strike point, away from the striker");
@@ -59,7 +59,6 @@ void observe(MechanismSystem& system, double t, std::span<const double> y, std::
   const Mechanism& m = system.mechanism();
   Dynamics& dynamics = system.dynamics();
   const std::size_t n = m.coordinates.size();
-  const std::size_t modes = at(m.total_modes);
   std::size_t i = 0;
   for (std::size_t k = 0; k < 2 * n; ++k) out[i++] = y[k];
   dynamics.add_condensed_deflection(out.subspan(0, n));
@@ -74,7 +73,10 @@ void observe(MechanismSystem& system, double t, std::span<const double> y, std::
   double stored = 0.0;
   for (std::size_t c = 0; c < m.contacts.size(); ++c) {
     const ContactState& s = dynamics.contacts()[c];
-    if (s.closed) stored += m.contacts[c].law.stored_energy(s.compression);
+    if (s.closed || m.contacts[c].law.n_states() > 0) {
+      stored += m.contacts[c].law.stored_energy(s.closed ? s.compression : 0.0,
+                                                dynamics.memory(c));
+    }
     if (m.contacts[c].finger) continue;
     out[i++] = s.law.force;
     out[i++] = s.compression;
@@ -89,8 +91,8 @@ void observe(MechanismSystem& system, double t, std::span<const double> y, std::
   if (m.finger_contact >= 0) {
     const Drive drive = system.drive(t);
     out[i++] = drive.motion ? dynamics.contacts()[at(m.finger_contact)].law.force : drive.force;
-    const Vec2 local = m.finger_point.local;
-    out[i++] = dot(m.finger_direction, dynamics.position({m.finger_point.link, local}));
+    out[i++] = dot(m.finger_direction, dynamics.position(m.finger_point)) -
+               system.finger_reference();
   }
   for (std::size_t b = 0; b < m.beams.size(); ++b) {
     elastic += dynamics.beam_energy(static_cast<int>(b), y.subspan(0, n));
@@ -99,8 +101,9 @@ void observe(MechanismSystem& system, double t, std::span<const double> y, std::
   for (std::size_t s = 0; s < m.strings.size(); ++s) {
     const auto& a = m.strings[s];
     const auto count = at(a.string.modes());
-    const auto eta = y.subspan(2 * n + at(a.offset), count);
-    const auto rate = y.subspan(2 * n + modes + at(a.offset), count);
+    const MechanicalState parts = system.parts(y);
+    const auto eta = parts.eta.subspan(at(a.offset), count);
+    const auto rate = parts.eta_rate.subspan(at(a.offset), count);
     out[i++] = dynamics.contacts()[at(a.contact)].string.displacement;
     out[i++] = a.string.bridge_force(eta);
     string_energy += a.string.kinetic_energy(rate) + a.string.elastic_energy(eta);

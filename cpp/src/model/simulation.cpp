@@ -8,6 +8,7 @@
 #include "feltmb/core/error.hpp"
 #include "feltmb/model/equilibrium.hpp"
 #include "feltmb/model/observables.hpp"
+#include "feltmb/numeric/bracketing.hpp"
 #include "feltmb/ode/events.hpp"
 
 namespace feltmb {
@@ -50,11 +51,10 @@ class PeakWatch {
  public:
   PeakWatch(int contact, int position) : peak_{contact, 0.0, 0.0}, position_(position) {}
 
-  /// Looks at the step that ended at the integrator's time.
-  void look(MechanismSystem& system, const Integrator& integrator, std::vector<double>& y) {
-    const double h = integrator.last_step();
-    const double end = integrator.time();
-    const double begin = end - h;
+  /// Looks at the last step up to `end`.
+  void look(MechanismSystem& system, const Integrator& integrator, double end,
+            std::vector<double>& y) {
+    const double begin = integrator.time() - integrator.last_step();
     const double force = force_at(system, integrator, end, y);
     const double before = last_;
     last_ = force;
@@ -88,7 +88,10 @@ class PeakWatch {
     system.locate(t, y);
     const ContactState& s = system.dynamics().contacts()[at(position_)];
     if (!s.closed) return 0.0;
-    return system.mechanism().contacts[at(position_)].law.evaluate(s.compression, s.rate).force;
+    return system.mechanism()
+        .contacts[at(position_)]
+        .law.evaluate(s.compression, s.rate, system.dynamics().memory(at(position_)))
+        .force;
   }
 
   void offer(double force, double t) {
@@ -130,14 +133,31 @@ class Run {
     y_.assign(system_.size(), 0.0);
     if (start.y.empty()) {
       const Equilibrium rest = find_equilibrium(mechanism);
+      const auto laws = y_.begin() + 2 * mechanism->size();
       std::copy(rest.q.begin(), rest.q.end(), y_.begin());
-      std::copy(rest.eta.begin(), rest.eta.end(), y_.begin() + 2 * mechanism->size());
+      std::copy(rest.law.begin(), rest.law.end(), laws);
+      std::copy(rest.eta.begin(), rest.eta.end(), laws + mechanism->total_law_states);
+      largest() = rest.largest_compression;
     } else if (start.y.size() != system_.size()) {
       throw InvalidParameter(format("start state: got %zu values, expected %zu of this mechanism",
                                     start.y.size(), system_.size()));
     } else {
       y_ = start.y;
+      if (!start.largest_compression.empty()) {
+        if (start.largest_compression.size() != largest().size()) {
+          throw InvalidParameter(format("start memory: got %zu values, expected one a contact "
+                                        "(%zu)", start.largest_compression.size(),
+                                        largest().size()));
+        }
+        largest() = start.largest_compression;
+      }
     }
+    for (std::size_t i = 0; i < mechanism->contacts.size(); ++i) {
+      if (mechanism->contacts[i].law.has_memory()) remembering_.push_back(i);
+    }
+    felt_rate_.assign(remembering_.size(), 0.0);
+    recovered_.assign(mechanism->contacts.size(), 0.0);
+    set_finger_reference();
     scratch_.resize(y_.size());
     for (const double t : input.profile.breakpoints()) {
       if (t > 0.0 && t < options.duration) stops_.push_back(t);
@@ -181,14 +201,17 @@ class Run {
         break;
       }
       ++steps;
-      const double now = integrator.time();
-      for (auto& watch : watches_) watch.look(system_, integrator, scratch_);
+      const Reversal reversal = find_reversal(integrator);
+      const double now = reversal.contact >= 0 ? reversal.time : integrator.time();
+      for (auto& watch : watches_) watch.look(system_, integrator, now, scratch_);
       sample_until(integrator, now);
-      for (const Crossing& crossing : locator_.scan(integrator)) {
+      for (const Crossing& crossing : locator_.scan(integrator, now)) {
         record_event(integrator, crossing);
       }
       if (options_.diagnose && steps % 4 == 0) diagnose(integrator);
-      if (status == StepStatus::kStop) {
+      if (reversal.contact >= 0) {
+        restart_at(integrator, reversal);
+      } else if (status == StepStatus::kStop) {
         ++next_stop;
         if (next_stop == stops_.size()) {
           going = false;
@@ -206,6 +229,100 @@ class Run {
   }
 
  private:
+  struct Reversal {
+    int contact = -1;
+    double time = 0.0;
+    double compression = 0.0;
+  };
+
+  std::vector<double>& largest() { return system_.dynamics().largest_compression(); }
+
+  void set_finger_reference() {
+    const Mechanism& m = system_.mechanism();
+    double place = options_.finger_reference;
+    if (m.finger_contact < 0) return;
+    if (std::isnan(place)) {
+      system_.locate(0.0, y_);
+      place = dot(m.finger_direction, system_.dynamics().position(m.finger_point));
+    }
+    system_.set_finger_reference(place);
+  }
+
+  /// Compression and rate of the felt of one contact at the state located last.
+  CurveValue felt(std::size_t contact) const {
+    const Dynamics& dynamics = system_.dynamics();
+    const ContactState& s = dynamics.contacts()[contact];
+    const ContactLaw& law = system_.mechanism().contacts[contact].law;
+    const LawMemory memory = dynamics.memory(contact);
+    return {law.felt_compression(s.compression, memory),
+            law.felt_rate(s.compression, s.rate, memory)};
+  }
+
+  CurveValue felt_at(const Integrator& integrator, std::size_t contact, double t) {
+    integrator.interpolate(t, scratch_);
+    system_.locate(t, scratch_, Detail::kAllContacts);
+    return felt(contact);
+  }
+
+  /// First moment in the last step at which a felt turns from virgin loading to unloading: there
+  /// its largest compression is fixed, and the right-hand side changes its branch.
+  Reversal find_reversal(const Integrator& integrator) {
+    Reversal first;
+    if (remembering_.empty()) return first;
+    const double end = integrator.time();
+    const double h = integrator.last_step();
+    system_.locate(end, integrator.state(), Detail::kAllContacts);
+    std::vector<std::size_t> turned;
+    for (std::size_t i = 0; i < remembering_.size(); ++i) {
+      const std::size_t contact = remembering_[i];
+      const CurveValue after = felt(contact);
+      const double before = felt_rate_[i];
+      felt_rate_[i] = after.slope;
+      // A reversal below the remembered compression is smooth: z takes care of it.
+      const double reach = after.force + (std::fabs(after.slope) + std::fabs(before)) * h;
+      if (before > 0.0 && after.slope <= 0.0 && reach > largest()[contact] && reach > 0.0) {
+        turned.push_back(contact);
+      }
+      recover(contact, after.force, h);
+    }
+    for (const std::size_t contact : turned) {
+      const auto falling = [&](double t) { return -felt_at(integrator, contact, t).slope; };
+      const double before = falling(end - h);
+      const double after = falling(end);
+      if (before >= 0.0 || after <= 0.0) continue;
+      const double t = find_root_bracketed(falling, end - h, before, end, after, 1e-12);
+      const double top = felt_at(integrator, contact, t).force;
+      if (top <= largest()[contact] + 1e-15) continue;
+      if (first.contact < 0 || t < first.time) first = {static_cast<int>(contact), t, top};
+    }
+    return first;
+  }
+
+  /// Between blows a felt forgets; the energy that its friction held locked turns into heat.
+  void recover(std::size_t contact, double compression, double h) {
+    const auto& law = std::get<FeltMemory>(system_.mechanism().contacts[contact].law.parameters());
+    if (law.recovery_time <= 0.0 || compression > 0.0) return;
+    const double z = system_.dynamics().memory(contact).state[0];
+    double& remembered = largest()[contact];
+    const double before = law.envelope->loop_area(remembered).force;
+    remembered *= std::exp(-h / law.recovery_time);
+    const double square = (2.0 * z - 1.0) * (2.0 * z - 1.0);
+    recovered_[contact] +=
+        0.25 * law.kappa * square * (before - law.envelope->loop_area(remembered).force);
+  }
+
+  void restart_at(Integrator& integrator, const Reversal& reversal) {
+    integrator.interpolate(reversal.time, y_);
+    largest()[at(reversal.contact)] = reversal.compression;
+    integrator.start(reversal.time, y_, false);
+    system_.locate(reversal.time, y_, Detail::kAllContacts);
+    for (std::size_t i = 0; i < remembering_.size(); ++i) {
+      felt_rate_[i] =
+          remembering_[i] == at(reversal.contact) ? 0.0 : felt(remembering_[i]).slope;
+    }
+    ++result_.reversals;
+  }
+
   void prepare_outputs() {
     result_.ledger_names = system_.quadrature_names();
     if (!options_.outputs) return;
@@ -254,6 +371,10 @@ class Run {
         integrator->interpolate_quadratures(t, ledger_scratch_);
       } else {
         std::fill(ledger_scratch_.begin(), ledger_scratch_.end(), 0.0);
+      }
+      // work_in and work_throughput come first, then two columns a contact.
+      for (std::size_t i = 0; i < recovered_.size(); ++i) {
+        ledger_scratch_[2 + 2 * i] += recovered_[i];
       }
       std::copy(ledger_scratch_.begin(), ledger_scratch_.end(), result_.ledger.row(row).data());
     }
@@ -346,6 +467,7 @@ class Run {
     result_.reached = integrator.time();
     result_.end.time = integrator.time();
     result_.end.y.assign(y.begin(), y.end());
+    result_.end.largest_compression = largest();
     result_.counts = integrator.counts();
     result_.event_evaluations = locator_.evaluations();
     for (const auto& watch : watches_) result_.peaks.push_back(watch.peak());
@@ -389,6 +511,9 @@ class Run {
   std::vector<double> ledger_scratch_;
   std::vector<double> stops_;
   std::vector<PeakWatch> watches_;
+  std::vector<std::size_t> remembering_;   ///< contacts whose laws have memory
+  std::vector<double> felt_rate_;          ///< of these, at the end of the last step
+  std::vector<double> recovered_;          ///< heat of recovery by contact [J]
   RunResult result_;
   long rows_ = 0;
   double last_sample_ = -1.0;

@@ -23,11 +23,15 @@ void EventLocator::start(double t, std::span<const double> y) {
   if (!before_.empty()) evaluate(t, y, before_);
 }
 
-std::span<const Crossing> EventLocator::scan(const Integrator& integrator) {
+std::span<const Crossing> EventLocator::scan(const Integrator& integrator, double end) {
   found_.clear();
   if (before_.empty()) return found_;
-  const double end = integrator.time();
-  evaluate(end, integrator.state(), after_);
+  if (end == integrator.time()) {
+    evaluate(end, integrator.state(), after_);
+  } else {
+    integrator.interpolate(end, y_);
+    evaluate(end, y_, after_);
+  }
   constexpr double width = 1e-12;  // s
   for (std::size_t i = 0; i < before_.size(); ++i) {
     const bool was = before_[i] > 0.0;

@@ -26,6 +26,10 @@ class Assembler {
     add_straps();
     add_points();
     add_start_pose();
+    for (Contact& contact : m_->contacts) {
+      contact.first_state = m_->total_law_states;
+      m_->total_law_states += static_cast<int>(contact.law.n_states());
+    }
     if (faults_.empty()) {
       check_inertia();
       set_scales();

@@ -25,6 +25,8 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   }
   translation_.assign(m_->motions.size(), {});
   translation_rate_.assign(m_->motions.size(), {});
+  largest_.assign(m_->contacts.size(), 0.0);
+  law_.assign(at(m_->total_law_states), 0.0);
   phi_.assign(at(m_->total_modes), 0.0);
   dphi_.assign(at(m_->total_modes), 0.0);
   shaped_at_.assign(m_->strings.size(), std::numeric_limits<double>::quiet_NaN());
@@ -60,11 +62,23 @@ void Dynamics::apply_contacts() {
     ContactState& state = contacts_[i];
     const Contact& contact = m_->contacts[i];
     if (!state.closed) {
-      state.law = {};
       state.friction = {0.0, 0.0};
+      if (contact.law.n_states() == 0 || !contact.enabled) {
+        state.law = {};
+      } else {
+        // The states of the law go on; an open contact gives no rate.
+        state.law = contact.law.evaluate(std::min(0.0, state.compression), 0.0, memory(i));
+      }
       continue;
     }
-    state.law = contact.law.evaluate(state.compression, state.rate);
+    if (static_laws_) {
+      const CurveValue v = contact.law.static_force(state.compression);
+      state.law = {};
+      state.law.force = v.force;
+      state.law.d_compression = v.slope;
+    } else {
+      state.law = contact.law.evaluate(state.compression, state.rate, memory(i));
+    }
     state.friction = feltmb::evaluate(contact.friction, state.slip);
     const Vec2 f = state.law.force * (state.normal - state.friction.value * perp(state.normal));
     apply(contact.b.link, state.point, f);
@@ -185,10 +199,8 @@ void Dynamics::add_beam(const FlexibleBeam& beam) {
   add_mass(beam.mass, second - beam.mass * dot(center, center), origin + center, path);
 }
 
-void Dynamics::evaluate(std::span<const double> q, std::span<const double> v,
-                        std::span<const double> eta, std::span<const double> eta_rate,
-                        const Drive& drive, Detail detail) {
-  locate(q, v, eta, eta_rate, drive, detail);
+void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail detail) {
+  locate(state, drive, detail);
   std::fill(applied_.begin(), applied_.end(), Wrench{});
   apply_contacts();
   apply_straps();
@@ -211,7 +223,7 @@ void Dynamics::evaluate(std::span<const double> q, std::span<const double> v,
   }
   for (const FlexibleBeam& beam : m_->beams) add_beam(beam);
   for (const auto& spring : m_->springs) {
-    force_[spring.coordinate] -= spring.stiffness * (q[at(spring.coordinate)] - spring.rest_angle);
+    force_[spring.coordinate] -= spring.stiffness * (q_[at(spring.coordinate)] - spring.rest_angle);
   }
   for (int k = 0; k < n_; ++k) {
     for (int j = m_->coordinate_parent[at(k)]; j >= 0; j = m_->coordinate_parent[at(j)]) {

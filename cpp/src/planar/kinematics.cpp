@@ -76,8 +76,7 @@ Vec2 Dynamics::column_rate(int motion, Vec2 point_velocity) const {
          m.rho * perp(point_velocity - links_[at(m.link)].velocity);
 }
 
-void Dynamics::locate_contact(std::size_t i, std::span<const double> eta,
-                              std::span<const double> eta_rate, const Drive& drive,
+void Dynamics::locate_contact(std::size_t i, const MechanicalState& at_state, const Drive& drive,
                               Detail detail) {
   const Contact& contact = m_->contacts[i];
   ContactState& state = contacts_[i];
@@ -129,7 +128,7 @@ void Dynamics::locate_contact(std::size_t i, std::span<const double> eta,
   double extra_rate = 0.0;
   if (contact.string >= 0) {
     const AttachedString& attached = m_->strings[at(contact.string)];
-    const auto own = eta.subspan(at(attached.offset), at(attached.string.modes()));
+    const auto own = at_state.eta.subspan(at(attached.offset), at(attached.string.modes()));
     // No string reaches further than the sum of its modes: far from it the shapes are not needed.
     if (detail == Detail::kClosedContacts &&
         compression + attached.string.largest_displacement(own) <= 0.0) {
@@ -137,7 +136,7 @@ void Dynamics::locate_contact(std::size_t i, std::span<const double> eta,
       state.closed = false;
       return;
     }
-    locate_string(contact, state, d, eta, eta_rate);
+    locate_string(contact, state, d, at_state);
     compression -= state.string.displacement;
     extra_rate = -state.string.velocity - state.string.slope * state.strike_speed;
   }
@@ -158,7 +157,7 @@ void Dynamics::locate_contact(std::size_t i, std::span<const double> eta,
 }
 
 void Dynamics::locate_string(const Contact& contact, ContactState& state, Vec2 d,
-                             std::span<const double> eta, std::span<const double> eta_rate) {
+                             const MechanicalState& at_state) {
   const AttachedString& attached = m_->strings[at(contact.string)];
   const LinkState& b = links_[at(contact.b.link)];
   const Vec2 along = attached.sense * perp(state.normal);
@@ -174,22 +173,21 @@ void Dynamics::locate_string(const Contact& contact, ContactState& state, Vec2 d
     attached.string.shapes(state.strike_position, phi, dphi);
     shaped = state.strike_position;
   }
-  state.string = attached.string.point(phi, dphi, eta.subspan(offset, modes),
-                                       eta_rate.subspan(offset, modes));
+  state.string = attached.string.point(phi, dphi, at_state.eta.subspan(offset, modes),
+                                       at_state.eta_rate.subspan(offset, modes));
   const Vec2 center_velocity = b.velocity + b.omega * perp(state.center - b.origin);
   state.strike_speed = dot(state.strike_gradient, center_velocity);
 }
 
-void Dynamics::locate(std::span<const double> q, std::span<const double> v,
-                      std::span<const double> eta, std::span<const double> eta_rate,
-                      const Drive& drive, Detail detail) {
-  move_links(q, v);
+void Dynamics::locate(const MechanicalState& state, const Drive& drive, Detail detail) {
+  move_links(state.q, state.v);
+  std::copy(state.law.begin(), state.law.end(), law_.begin());
   for (std::size_t i = 0; i < contacts_.size(); ++i) {
     if (m_->contacts[i].finger && !drive.motion) {
       contacts_[i].closed = false;
       continue;
     }
-    locate_contact(i, eta, eta_rate, drive, detail);
+    locate_contact(i, state, drive, detail);
   }
 }
 

@@ -5,10 +5,14 @@
 /// give back (stored energy) and, if it has memory, the rates of its states.
 #pragma once
 
+#include <array>
+#include <cstddef>
+#include <memory>
 #include <string>
 #include <variant>
 
 #include "feltmb/contact/curve.hpp"
+#include "feltmb/contact/envelope.hpp"
 
 namespace feltmb {
 
@@ -43,13 +47,62 @@ struct HuntCrossley {
   double damping = 0.0;    ///< d [s/m], >= 0
 };
 
-using LawParameters = std::variant<ExponentialPair, MeanCurve, HuntCrossley>;
+/// Hereditary law F = F0 max(0, e^p - amplitude g), tau0 dg/dt = e^p - g
+/// (A. Stulov, J. Acoust. Soc. Am. 97 (1995) 2577; thesis eq. 2.11 in differential form).
+/// One state g [m^p]. Stored energy: that of the static curve F0 (1 - amplitude) e^p.
+struct Stulov {
+  double stiffness = 0.0;   ///< F0, instantaneous [N/m^p], > 0
+  double exponent = 2.5;    ///< p [-], >= 1
+  double amplitude = 0.0;   ///< hysteresis amplitude [-], in [0, 1)
+  double time = 1e-5;       ///< tau0 [s], > 0
+};
 
-/// Force of a law and its exact derivatives.
+/// Rate-independent felt with memory.
+///
+/// Memory: e_m, the largest compression so far, and z in [0, 1], where the force lies between the
+/// unloading branch of the cycle to e_m and the virgin loading curve:
+///   F = F_U + z D,  F_U = F_L(e) rho(e / e_m),  D = F_L - F_U     for e < e_m,
+///   F = F_L(e),  e_m = e                                          for e >= e_m,
+///   dz/dt = (D / c) [(1 - z) max(de/dt, 0) - z max(-de/dt, 0)],   c = kappa W(e_m).
+/// D vanishes at 0 and at e_m, so the force has no jump at a reversal; reloading meets F_L at e_m.
+/// Stored energy psi = integral of (F_U + D/2) + (c/4)(2 z - 1)^2: the power left over,
+/// (D/2)(2 z - 1)^2 |de/dt| at fixed e_m and (1/2 - kappa (2 z - 1)^2 / 4) W'(e_m) de_m/dt on virgin
+/// loading, is never negative for kappa <= 2: the law is passive.
+/// Options, off by default: recovery of e_m while open, exp(-t / recovery_time); creep, a Kelvin
+/// element in series (thesis section 2.2.3, after Stamm); a rate term, F += rate_amplitude
+/// (F_L(e) - r), rate_time dr/dt = F_L(e) - r (after Stulov), the sum held at >= 0.
+struct FeltMemory {
+  std::shared_ptr<const Envelope> envelope;
+  double kappa = 0.2;            ///< transition length over the loop [-], in (0, 2]
+  double recovery_time = 0.0;    ///< [s], 0: none
+  double creep_stiffness = 0.0;  ///< G of the Kelvin element [N/m], 0: no creep
+  double creep_damping = 0.0;    ///< its damper [N s/m], > 0 with creep
+  double rate_amplitude = 0.0;   ///< [-], >= 0
+  double rate_time = 0.0;        ///< [s], > 0 with a rate term
+};
+
+using LawParameters = std::variant<ExponentialPair, MeanCurve, HuntCrossley, Stulov, FeltMemory>;
+
+/// Largest number of states of one law that are integrated with the rest.
+inline constexpr std::size_t kMaxLawStates = 3;
+
+/// Force of a law and its exact derivatives; states s of number n_states().
 struct LawValue {
   double force = 0.0;             ///< F [N]
   double d_compression = 0.0;     ///< dF/de [N/m]
   double d_rate = 0.0;            ///< dF/d(de/dt) [N s/m]
+  std::array<double, kMaxLawStates> d_state{};              ///< dF/ds
+  std::array<double, kMaxLawStates> state_rate{};           ///< ds/dt
+  std::array<double, kMaxLawStates> rate_by_compression{};  ///< d(ds/dt)/de
+  std::array<double, kMaxLawStates> rate_by_rate{};         ///< d(ds/dt)/d(de/dt)
+  std::array<std::array<double, kMaxLawStates>, kMaxLawStates> rate_by_state{};
+};
+
+/// Memory of a law: integrated states, and the largest compression, which changes only at
+/// reversals (and by recovery) and is constant in between.
+struct LawMemory {
+  const double* state = nullptr;  ///< n_states() values
+  double largest = 0.0;           ///< e_m [m]
 };
 
 /// A law ready for use: parameters checked, derived constants computed. Immutable.
@@ -60,23 +113,47 @@ class ContactLaw {
 
   const LawParameters& parameters() const { return parameters_; }
 
-  /// Name as written in a mechanism file: "printed", "guarded", "mean", "hunt_crossley".
+  /// Name as written in a mechanism file: "printed", "guarded", "mean", "hunt_crossley",
+  /// "stulov", "felt_memory".
   std::string name() const;
 
-  /// Force and slopes at compression [m] and rate [m/s]; zero for compression <= 0. Never throws.
-  LawValue evaluate(double compression, double rate) const;
+  /// Number of states that are integrated.
+  std::size_t n_states() const { return n_states_; }
 
-  /// Energy that the law stores [J], the integral of its loading curve from 0.
-  double stored_energy(double compression) const;
+  /// Name of a state, for messages.
+  const char* state_name(std::size_t i) const;
 
-  /// Slope of the stored energy, the elastic part of the force [N]; F minus this, times the rate,
-  /// is the dissipated power.
-  double elastic_force(double compression) const;
+  /// Whether the law remembers its largest compression.
+  bool has_memory() const { return std::holds_alternative<FeltMemory>(parameters_); }
+
+  /// Force and slopes at compression [m] and rate [m/s]; zero force for compression <= 0. Never
+  /// throws. Laws with states or memory need `memory`.
+  LawValue evaluate(double compression, double rate, const LawMemory& memory = {}) const;
+
+  /// Force and slope after the states have come to rest under a virgin compression [m]; the rest
+  /// pose of a mechanism uses this.
+  CurveValue static_force(double compression) const;
+  double static_energy(double compression) const;  ///< its integral from 0 [J]
+
+  /// States at rest under a virgin compression; `state` holds n_states() values.
+  void relax(double compression, double* state) const;
+
+  /// Energy that the law stores [J]: the integral of its loading curve from 0 unless the law
+  /// names its own.
+  double stored_energy(double compression, const LawMemory& memory = {}) const;
+
+  /// Power that the law turns into heat [W], F de/dt minus the rate of the stored energy.
+  double dissipated_power(double compression, double rate, const LawMemory& memory = {}) const;
+
+  /// Compression and rate of the felt itself, behind a creeping layer if there is one.
+  double felt_compression(double compression, const LawMemory& memory) const;
+  double felt_rate(double compression, double rate, const LawMemory& memory) const;
 
  private:
   LawParameters parameters_;
   double first_positive_ = 0.0;   ///< compression below which a guarded curve is held at 0 [m]
   double energy_offset_ = 0.0;    ///< integral of the unguarded curve up to first_positive_ [J]
+  std::size_t n_states_ = 0;
 };
 
 }  // namespace feltmb

@@ -28,18 +28,20 @@ struct Monitor {
   double level = 0.0;     ///< dot(direction, position) - level is the root function [m]
 };
 
-/// State y = [q, v, eta, deta/dt], n + n + N + N, N all modes of all strings.
+/// State y = [q, v, s, eta, deta/dt], n + n + L + N + N: L states of contact laws, N all modes of
+/// all strings.
 ///
 /// q' = v; M v' = Q(q, v, eta, deta/dt, t); eta'' + 2 xi w eta' + w^2 eta = phi F.
 /// Newton matrix: with dq = r_q + gamma dv the first block goes; the modes are diagonal but for the
 /// contact force, one unknown a closed string contact, so they are eliminated: what is factorised
-/// is (n + closed string contacts) square.
+/// is (n + closed string contacts) square. States of a law are local to its contact and go into
+/// effective slopes of its force.
 class MechanismSystem : public OdeSystem {
  public:
   MechanismSystem(std::shared_ptr<const Mechanism> mechanism, FingerInput input, bool ledger,
                   std::vector<Monitor> monitors, bool events);
 
-  std::size_t size() const override { return static_cast<std::size_t>(2 * (n_ + modes_)); }
+  std::size_t size() const override { return static_cast<std::size_t>(2 * (n_ + modes_) + law_states_); }
   std::string state_name(std::size_t i) const override;
   void rhs(double t, std::span<const double> y, std::span<double> rate) override;
   void linearize(double t, std::span<const double> y) override;
@@ -58,14 +60,23 @@ class MechanismSystem : public OdeSystem {
   const std::vector<Monitor>& monitors() const { return monitors_; }
 
   Dynamics& dynamics() { return dynamics_; }
+  const Dynamics& dynamics() const { return dynamics_; }
   const Mechanism& mechanism() const { return dynamics_.mechanism(); }
   int coordinates() const { return n_; }
   int modes() const { return modes_; }
+  int law_states() const { return law_states_; }
+
+  /// The parts of y.
+  MechanicalState parts(std::span<const double> y) const;
 
   /// Evaluates everything at (t, y) for outputs.
   void evaluate(double t, std::span<const double> y, Detail detail = Detail::kClosedContacts);
   void locate(double t, std::span<const double> y, Detail detail = Detail::kClosedContacts);
-  Drive drive(double t) const { return input_.at(t); }
+  Drive drive(double t) const;
+
+  /// See SimulationOptions::finger_reference.
+  void set_finger_reference(double place) { finger_reference_ = place; }
+  double finger_reference() const { return finger_reference_; }
 
   /// Absolute tolerance of each state: rtol times 0.2 mm of travel and 0.2 m/s at the contacts, the
   /// scale of a felt compression; strings likewise at their largest displacement.
@@ -75,15 +86,12 @@ class MechanismSystem : public OdeSystem {
   int stiffest_contact(std::size_t state) const;
 
  private:
-  struct Parts {
-    std::span<const double> q, v, eta, eta_rate;
-  };
-  Parts parts(std::span<const double> y) const;
-
   Dynamics dynamics_;
   FingerInput input_;
+  double finger_reference_ = 0.0;
   int n_ = 0;
   int modes_ = 0;
+  int law_states_ = 0;
   std::vector<double> modal_stiffness_;
   std::vector<double> modal_damping_;
   std::vector<double> modal_rate_factor_;
@@ -100,6 +108,7 @@ class MechanismSystem : public OdeSystem {
     double by_rate = 0.0;          ///< dF/d(de/dt)
     double strike_speed = 0.0;
     Eigen::VectorXd force_column;  ///< b
+    Eigen::VectorXd compression_column;   ///< c
     Eigen::VectorXd displacement_column;  ///< -(b dF/de + c): effect of the string's displacement
     Eigen::VectorXd gradient;      ///< de/dq
     Eigen::VectorXd rate_gradient; ///< d(de/dt)/dq
@@ -107,7 +116,29 @@ class MechanismSystem : public OdeSystem {
     Eigen::VectorXd slope_force;   ///< dQ/d(F x slope of the string)
     double a00 = 0.0, a01 = 0.0, a11 = 0.0;
   };
+  /// A contact whose law has states: its slopes depend on gamma through them.
+  struct StatefulContact {
+    int contact = -1;
+    int coupling = -1;             ///< index in couplings_ if it is a closed string contact
+    bool closed = false;
+    LawValue law;
+    Eigen::VectorXd force_column, compression_column, gradient, rate_gradient;
+    Eigen::Matrix3d inverse;       ///< (I - gamma d(ds/dt)/ds)^-1
+    Eigen::Vector3d by_compression, by_rate;  ///< ds for unit de, d(de/dt)
+    double slope = 0.0, rate_slope = 0.0;     ///< effective dF/de, dF/d(de/dt)
+  };
+  void add_stateful(const ContactGradient* gradient, int contact, int coupling);
+  void reduce_law_states(double gamma);
+  void add_contact_slopes(Eigen::MatrixXd& stiffness, Eigen::MatrixXd& damping,
+                          const Eigen::VectorXd& force_column,
+                          const Eigen::VectorXd& compression_column,
+                          const Eigen::VectorXd& gradient, const Eigen::VectorXd& rate_gradient,
+                          double slope, double rate_slope, const std::vector<int>& coordinates);
+
   Eigen::MatrixXd mass_, stiffness_, damping_;
+  Eigen::MatrixXd base_stiffness_, base_damping_;  ///< without contacts whose laws have states
+  std::vector<StatefulContact> stateful_;
+  int stateful_count_ = 0;
   std::vector<StringCoupling> couplings_;
   int coupling_count_ = 0;
   std::vector<double> phi_, dphi_;

@@ -3,6 +3,7 @@
 
 #include <Eigen/Dense>
 #include <functional>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -26,12 +27,16 @@ struct SimulationOptions {
   long max_steps = 20000000;
   double max_wall = 0.0;       ///< seconds of wall time after which the run stops, 0: none
   std::vector<int> peak_contacts;  ///< numbers of contacts whose largest force is sought
+  /// Place of the finger's point along the finger's direction at which its pad just touches [m];
+  /// motion input counts from there. NaN: where the run starts.
+  double finger_reference = std::numeric_limits<double>::quiet_NaN();
 };
 
 /// Complete state from which a run can go on.
 struct SimulationState {
   double time = 0.0;             ///< [s] on the clock of the run that ended
   std::vector<double> y;         ///< see MechanismSystem
+  std::vector<double> largest_compression;  ///< remembered by each contact [m]
 };
 
 struct SimulationEvent {
@@ -73,6 +78,7 @@ struct RunResult {
   IntegratorCounts counts;
   long event_evaluations = 0;
   long restarts = 0;
+  long reversals = 0;            ///< restarts at new largest compressions of felts with memory
   double wall = 0.0;                    ///< [s]
   std::vector<std::pair<std::string, long>> limiting_states;    ///< most often first
   std::vector<std::pair<std::string, long>> limiting_contacts;

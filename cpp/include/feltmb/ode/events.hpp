@@ -26,8 +26,9 @@ class EventLocator {
   /// Signs at the start.
   void start(double t, std::span<const double> y);
 
-  /// Crossings between the last scan and the integrator's time(), in the order of time.
-  std::span<const Crossing> scan(const Integrator& integrator);
+  /// Crossings between the last scan and `end`, within the integrator's last step, in the order of
+  /// time.
+  std::span<const Crossing> scan(const Integrator& integrator, double end);
 
   long evaluations() const { return evaluations_; }
 

@@ -63,6 +63,15 @@ struct ContactGradient {
   Eigen::VectorXd by_slope;        ///< dQ/d(F x slope of the string): strike, as a force
 };
 
+/// State of a mechanism with its contact laws and strings.
+struct MechanicalState {
+  std::span<const double> q;         ///< coordinates [rad, m]
+  std::span<const double> v;         ///< their rates
+  std::span<const double> law;       ///< states of the contact laws, concatenated
+  std::span<const double> eta;       ///< modal coordinates of all strings [m kg^1/2]
+  std::span<const double> eta_rate;  ///< their rates
+};
+
 /// How much of the contacts is wanted: an open contact needs its compression only.
 enum class Detail { kClosedContacts, kAllContacts };
 
@@ -87,16 +96,24 @@ class Dynamics {
   /// inertia; zero for other coordinates. At the state of the last `evaluate`.
   void add_condensed_deflection(std::span<double> q);
 
-  /// Evaluates positions, contacts, forces, mass matrix and accelerations at a state. q, v of
-  /// length n; eta, eta_rate of length total_modes (concatenated strings).
-  void evaluate(std::span<const double> q, std::span<const double> v, std::span<const double> eta,
-                std::span<const double> eta_rate, const Drive& drive,
+  /// Evaluates positions, contacts, forces, mass matrix and accelerations at a state.
+  void evaluate(const MechanicalState& state, const Drive& drive,
                 Detail detail = Detail::kClosedContacts);
 
   /// Positions, velocities and the geometry of the contacts; no forces.
-  void locate(std::span<const double> q, std::span<const double> v, std::span<const double> eta,
-              std::span<const double> eta_rate, const Drive& drive,
+  void locate(const MechanicalState& state, const Drive& drive,
               Detail detail = Detail::kClosedContacts);
+
+  /// Laws act with their states at rest from now on (equilibrium).
+  void use_static_laws() { static_laws_ = true; }
+
+  /// Largest compression that each contact remembers [m], by contact; constant while evaluating.
+  std::vector<double>& largest_compression() { return largest_; }
+
+  /// Memory of a contact's law at the last state given.
+  LawMemory memory(std::size_t contact) const {
+    return {law_.data() + m_->contacts[contact].first_state, largest_[contact]};
+  }
 
   /// Exact derivatives at the state of the last `evaluate`, with the law slopes left out of
   /// stiffness() and damping() for the contacts listed in gradients().
@@ -149,10 +166,10 @@ class Dynamics {
 
   void move_links(std::span<const double> q, std::span<const double> v);
   void move_link(std::size_t i);
-  void locate_contact(std::size_t i, std::span<const double> eta,
-                      std::span<const double> eta_rate, const Drive& drive, Detail detail);
+  void locate_contact(std::size_t i, const MechanicalState& at_state, const Drive& drive,
+                      Detail detail);
   void locate_string(const Contact& contact, ContactState& state, Vec2 d,
-                     std::span<const double> eta, std::span<const double> eta_rate);
+                     const MechanicalState& at_state);
   void apply(int link, Vec2 point, Vec2 force);
   void apply_contacts();
   void apply_straps();
@@ -189,6 +206,9 @@ class Dynamics {
   std::vector<double> strap_pull_;
   std::vector<double> strap_slope_;
   std::vector<int> condensed_;          ///< kept coordinates, ascending
+  bool static_laws_ = false;
+  std::vector<double> largest_;
+  std::vector<double> law_;
   std::vector<double> q_;
   std::vector<double> v_;
   Eigen::VectorXd force_;

@@ -111,6 +111,7 @@ struct Contact {
   int string = -1;             ///< index of the string behind line a, -1 if none
   bool finger = false;         ///< line a moves with the prescribed finger motion
   std::vector<int> coordinates;///< union of the paths of a and b, ascending
+  int first_state = 0;         ///< of the law, in the concatenated law states
 };
 
 struct TorsionSpring {
@@ -170,6 +171,7 @@ class Mechanism {
   LinkPoint finger_point;
   Vec2 finger_direction{0.0, -1.0};
   int total_modes = 0;
+  int total_law_states = 0;
 
   int size() const { return static_cast<int>(coordinates.size()); }
 
