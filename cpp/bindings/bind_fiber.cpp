@@ -7,6 +7,7 @@
 #include <memory>
 #include <string>
 
+#include "bindings.hpp"
 #include "feltmb/core/error.hpp"
 #include "feltmb/fiber/bead_spring.hpp"
 #include "feltmb/fiber/compression.hpp"
@@ -17,7 +18,8 @@
 #include "feltmb/fiber/orientation.hpp"
 
 namespace py = pybind11;
-using namespace feltmb;  // NOLINT: one file, one library
+
+namespace feltmb::python {
 
 namespace {
 
@@ -102,23 +104,27 @@ void bind_orientation(py::module_& m) {
       .def_readonly("M3", &UniaxialStructure::M3, "mean sin^2 theta [-]")
       .def_readonly("cos4", &UniaxialStructure::cos4, "mean cos^4 theta [-]")
       .def_readonly("sine", &UniaxialStructure::sine, "mean sin theta [-]")
-      .def("density",
-           [](const UniaxialStructure& s, const Array& cosine) {
-             return map_cosine(s.ratio, cosine, uniaxial_density);
-           },
-           py::arg("cos_theta"), "Omega(theta) on the half sphere [1/sr].")
-      .def("mean_sine",
-           [](const UniaxialStructure& s, const Array& cosine) {
-             return map_cosine(s.ratio, cosine, uniaxial_mean_sine);
-           },
-           py::arg("cos_theta"), "J(theta), eq. 3.5 [-].")
-      .def("mean_inverse_sine",
-           [](const UniaxialStructure& s, const Array& cosine) {
-             return map_cosine(s.ratio, cosine, uniaxial_mean_inverse_sine);
-           },
-           py::arg("cos_theta"), "Theta(theta), eq. 3.9 [-].")
-      .def("obstruction", [](const UniaxialStructure& s) { return uniaxial_obstruction(s.ratio); },
-           "Psi of Pan's model [-].")
+      .def(
+          "density",
+          [](const UniaxialStructure& s, const Array& cosine) {
+            return map_cosine(s.ratio, cosine, uniaxial_density);
+          },
+          py::arg("cos_theta"), "Omega(theta) on the half sphere [1/sr].")
+      .def(
+          "mean_sine",
+          [](const UniaxialStructure& s, const Array& cosine) {
+            return map_cosine(s.ratio, cosine, uniaxial_mean_sine);
+          },
+          py::arg("cos_theta"), "J(theta), eq. 3.5 [-].")
+      .def(
+          "mean_inverse_sine",
+          [](const UniaxialStructure& s, const Array& cosine) {
+            return map_cosine(s.ratio, cosine, uniaxial_mean_inverse_sine);
+          },
+          py::arg("cos_theta"), "Theta(theta), eq. 3.9 [-].")
+      .def(
+          "obstruction", [](const UniaxialStructure& s) { return uniaxial_obstruction(s.ratio); },
+          "Psi of Pan's model [-].")
       .def("__repr__", [](const UniaxialStructure& s) {
         return format("UniaxialStructure(ratio=%.6g, f=%.9g, n3=%.9g, e3=%.9g, K3=%.9g, M3=%.9g)",
                       s.ratio, s.f, s.n3, s.e3, s.K3, s.M3);
@@ -143,8 +149,8 @@ void bind_orientation(py::module_& m) {
       .def_property_readonly("tttt_contact",
                              [](const FiberStructure& s) { return tensor(s.tttt_contact); })
       .def("__repr__", [](const FiberStructure& s) {
-        return format("FiberStructure(f=%.9g, n3=%.9g, e3=%.9g, K3=%.9g, M3=%.9g)", s.f, s.n3,
-                      s.e3, s.K3, s.M3);
+        return format("FiberStructure(f=%.9g, n3=%.9g, e3=%.9g, K3=%.9g, M3=%.9g)", s.f, s.n3, s.e3,
+                      s.K3, s.M3);
       });
 
   py::class_<OrientationQuadrature>(m, "OrientationQuadrature")
@@ -152,52 +158,57 @@ void bind_orientation(py::module_& m) {
            py::arg("n_azimuth"), py::arg("n_circle"), py::arg("obstruction") = false)
       .def("size", &OrientationQuadrature::size)
       .def("directions", &OrientationQuadrature::directions)
-      .def("norm", [](const OrientationQuadrature& q, const Array& d) { return q.norm(view(d)); },
-           py::arg("density"))
-      .def("compute",
-           [](const OrientationQuadrature& q, const Array& d) {
-             const py::gil_scoped_release release;
-             return q.compute(view(d));
-           },
-           py::arg("density"));
+      .def(
+          "norm", [](const OrientationQuadrature& q, const Array& d) { return q.norm(view(d)); },
+          py::arg("density"))
+      .def(
+          "compute",
+          [](const OrientationQuadrature& q, const Array& d) {
+            const py::gil_scoped_release release;
+            return q.compute(view(d));
+          },
+          py::arg("density"));
 
   m.def("affine_density", &affine_density, py::arg("deformation"), py::arg("directions"));
   m.def("make_random_directions", &make_random_directions, py::arg("n"), py::arg("seed"),
         py::arg("spread"), py::arg("threads") = 0, py::call_guard<py::gil_scoped_release>());
   m.def("deform_directions", &deform_directions, py::arg("directions"), py::arg("deformation"));
-  m.def("estimate_structure",
-        [](const Eigen::Ref<const Directions>& directions, std::size_t threads) {
-          SampledStructure s{};
-          {
-            const py::gil_scoped_release release;
-            s = estimate_structure(directions, threads);
-          }
-          py::dict result;
-          const auto put = [&](const char* key, const Estimate& e) {
-            result[key] = py::make_tuple(e.value, e.error);
-          };
-          put("f", s.f);
-          put("n3", s.n3);
-          put("e3", s.e3);
-          put("K3", s.K3);
-          put("M3", s.M3);
-          return result;
-        },
-        py::arg("directions"), py::arg("threads") = 0);
+  m.def(
+      "estimate_structure",
+      [](const Eigen::Ref<const Directions>& directions, std::size_t threads) {
+        SampledStructure s{};
+        {
+          const py::gil_scoped_release release;
+          s = estimate_structure(directions, threads);
+        }
+        py::dict result;
+        const auto put = [&](const char* key, const Estimate& e) {
+          result[key] = py::make_tuple(e.value, e.error);
+        };
+        put("f", s.f);
+        put("n3", s.n3);
+        put("e3", s.e3);
+        put("K3", s.K3);
+        put("M3", s.M3);
+        return result;
+      },
+      py::arg("directions"), py::arg("threads") = 0);
   m.def("estimate_tensors", &estimate_tensors, py::arg("directions"), py::arg("threads") = 0,
         py::call_guard<py::gil_scoped_release>());
-  m.def("narter_stiffness",
-        [](const Array& eeee, double stiffness) {
-          return Eigen::Matrix<double, 6, 6>(narter_stiffness(tensor(eeee), stiffness));
-        },
-        py::arg("eeee"), py::arg("stiffness"));
+  m.def(
+      "narter_stiffness",
+      [](const Array& eeee, double stiffness) {
+        return Eigen::Matrix<double, 6, 6>(narter_stiffness(tensor(eeee), stiffness));
+      },
+      py::arg("eeee"), py::arg("stiffness"));
   m.def("narter_compliance", &narter_compliance, py::arg("stiffness"));
-  m.def("engineering_moduli",
-        [](const Eigen::Matrix<double, 6, 6>& c) {
-          const EngineeringModuli e = engineering_moduli(c);
-          return py::make_tuple(e.young, e.shear, e.poisson);
-        },
-        py::arg("compliance"));
+  m.def(
+      "engineering_moduli",
+      [](const Eigen::Matrix<double, 6, 6>& c) {
+        const EngineeringModuli e = engineering_moduli(c);
+        return py::make_tuple(e.young, e.shear, e.poisson);
+      },
+      py::arg("compliance"));
 }
 
 void bind_contacts(py::module_& m) {
@@ -216,29 +227,31 @@ void bind_contacts(py::module_& m) {
     in.as_printed = as_printed;
     return in;
   };
-  m.def("mean_free_length",
-        [input](const std::string& model, double v_f, double d_f, double f, double sine,
-                double obstruction, double gamma, double q, double diameter_cv, bool as_printed) {
-          return mean_free_length(contact_model(model), input(v_f, d_f, f, sine, obstruction, gamma,
-                                                              q, diameter_cv, as_printed));
-        },
-        py::arg("model"), py::arg("v_f"), py::arg("d_f"), py::kw_only(), py::arg("f"),
-        py::arg("sine"), py::arg("obstruction"), py::arg("gamma"), py::arg("Q"),
-        py::arg("diameter_cv"), py::arg("as_printed"));
-  m.def("contacts_per_volume",
-        [input](const std::string& model, double v_f, double d_f, double f, double sine,
-                double obstruction, double gamma, double q, double diameter_cv, bool as_printed,
-                const std::string& counting) {
-          return contacts_per_volume(contact_model(model),
-                                     input(v_f, d_f, f, sine, obstruction, gamma, q, diameter_cv,
-                                           as_printed),
-                                     counting_of(counting));
-        },
-        py::arg("model"), py::arg("v_f"), py::arg("d_f"), py::kw_only(), py::arg("f"),
-        py::arg("sine"), py::arg("obstruction"), py::arg("gamma"), py::arg("Q"),
-        py::arg("diameter_cv"), py::arg("as_printed"), py::arg("counting"));
-  const auto count = [](double v_f, double d_f, double fiber_length, double ratio,
-                        double length_cv, double gamma) {
+  m.def(
+      "mean_free_length",
+      [input](const std::string& model, double v_f, double d_f, double f, double sine,
+              double obstruction, double gamma, double q, double diameter_cv, bool as_printed) {
+        return mean_free_length(contact_model(model), input(v_f, d_f, f, sine, obstruction, gamma,
+                                                            q, diameter_cv, as_printed));
+      },
+      py::arg("model"), py::arg("v_f"), py::arg("d_f"), py::kw_only(), py::arg("f"),
+      py::arg("sine"), py::arg("obstruction"), py::arg("gamma"), py::arg("Q"),
+      py::arg("diameter_cv"), py::arg("as_printed"));
+  m.def(
+      "contacts_per_volume",
+      [input](const std::string& model, double v_f, double d_f, double f, double sine,
+              double obstruction, double gamma, double q, double diameter_cv, bool as_printed,
+              const std::string& counting) {
+        return contacts_per_volume(
+            contact_model(model),
+            input(v_f, d_f, f, sine, obstruction, gamma, q, diameter_cv, as_printed),
+            counting_of(counting));
+      },
+      py::arg("model"), py::arg("v_f"), py::arg("d_f"), py::kw_only(), py::arg("f"),
+      py::arg("sine"), py::arg("obstruction"), py::arg("gamma"), py::arg("Q"),
+      py::arg("diameter_cv"), py::arg("as_printed"), py::arg("counting"));
+  const auto count = [](double v_f, double d_f, double fiber_length, double ratio, double length_cv,
+                        double gamma) {
     CountInput in{};
     in.v_f = v_f;
     in.d_f = d_f;
@@ -248,31 +261,33 @@ void bind_contacts(py::module_& m) {
     in.gamma = gamma;
     return in;
   };
-  m.def("contact_count_distribution",
-        [count](const std::string& model, std::size_t k_max, double v_f, double d_f,
-                double fiber_length, double ratio, double length_cv, double gamma) {
-          const CountInput in = count(v_f, d_f, fiber_length, ratio, length_cv, gamma);
-          std::vector<double> p;
-          {
-            const py::gil_scoped_release release;
-            p = contact_count_distribution(contact_model(model), in, k_max);
-          }
-          return Array(static_cast<py::ssize_t>(p.size()), p.data());
-        },
-        py::arg("model"), py::arg("k_max"), py::kw_only(), py::arg("v_f"), py::arg("d_f"),
-        py::arg("fiber_length"), py::arg("ratio"), py::arg("length_cv"), py::arg("gamma"));
-  m.def("free_length_survival",
-        [count](const std::string& model, const Array& x, double v_f, double d_f,
-                double fiber_length, double ratio, double gamma) {
-          const CountInput in = count(v_f, d_f, fiber_length, ratio, 0.0, gamma);
-          Array out = same_shape(x);
-          for (py::ssize_t i = 0; i < x.size(); ++i) {
-            out.mutable_data()[i] = free_length_survival(contact_model(model), in, x.data()[i]);
-          }
-          return out;
-        },
-        py::arg("model"), py::arg("x"), py::kw_only(), py::arg("v_f"), py::arg("d_f"),
-        py::arg("fiber_length"), py::arg("ratio"), py::arg("gamma"));
+  m.def(
+      "contact_count_distribution",
+      [count](const std::string& model, std::size_t k_max, double v_f, double d_f,
+              double fiber_length, double ratio, double length_cv, double gamma) {
+        const CountInput in = count(v_f, d_f, fiber_length, ratio, length_cv, gamma);
+        std::vector<double> p;
+        {
+          const py::gil_scoped_release release;
+          p = contact_count_distribution(contact_model(model), in, k_max);
+        }
+        return Array(static_cast<py::ssize_t>(p.size()), p.data());
+      },
+      py::arg("model"), py::arg("k_max"), py::kw_only(), py::arg("v_f"), py::arg("d_f"),
+      py::arg("fiber_length"), py::arg("ratio"), py::arg("length_cv"), py::arg("gamma"));
+  m.def(
+      "free_length_survival",
+      [count](const std::string& model, const Array& x, double v_f, double d_f, double fiber_length,
+              double ratio, double gamma) {
+        const CountInput in = count(v_f, d_f, fiber_length, ratio, 0.0, gamma);
+        Array out = same_shape(x);
+        for (py::ssize_t i = 0; i < x.size(); ++i) {
+          out.mutable_data()[i] = free_length_survival(contact_model(model), in, x.data()[i]);
+        }
+        return out;
+      },
+      py::arg("model"), py::arg("x"), py::kw_only(), py::arg("v_f"), py::arg("d_f"),
+      py::arg("fiber_length"), py::arg("ratio"), py::arg("gamma"));
 }
 
 void bind_laws(py::module_& m) {
@@ -301,34 +316,39 @@ void bind_laws(py::module_& m) {
            py::arg("parameters"))
       .def_readonly("name", &Law::name)
       .def_property_readonly("parameters", [](const Law& l) { return l.parameters; })
-      .def_property_readonly("v_f0", [](const Law& l) { return l.law->reference(); },
-                             "Fraction of zero pressure [-].")
-      .def_property_readonly("limit", [](const Law& l) { return l.law->limit(); },
-                             "v_f must stay below this [-]; inf if nothing jams.")
-      .def("pressure",
-           [](const Law& l, const Array& v, std::size_t threads) {
-             return l.evaluate(LawQuantity::pressure, v, threads);
-           },
-           py::arg("v_f"), py::arg("threads") = 0, "P [Pa], compression positive.")
-      .def("slope",
-           [](const Law& l, const Array& v, std::size_t threads) {
-             return l.evaluate(LawQuantity::slope, v, threads);
-           },
-           py::arg("v_f"), py::arg("threads") = 0, "dP/dv_f [Pa].")
-      .def("energy",
-           [](const Law& l, const Array& v, std::size_t threads) {
-             return l.evaluate(LawQuantity::energy, v, threads);
-           },
-           py::arg("v_f"), py::arg("threads") = 0, "Stored energy per volume of fiber [J/m^3].")
-      .def("volume_fraction",
-           [](const Law& l, const Array& p, double v_max) {
-             Array out = same_shape(p);
-             for (py::ssize_t i = 0; i < p.size(); ++i) {
-               out.mutable_data()[i] = l.law->volume_fraction(p.data()[i], v_max);
-             }
-             return out;
-           },
-           py::arg("pressure"), py::arg("v_max"), "v_f at given pressure [-].")
+      .def_property_readonly(
+          "v_f0", [](const Law& l) { return l.law->reference(); }, "Fraction of zero pressure [-].")
+      .def_property_readonly(
+          "limit", [](const Law& l) { return l.law->limit(); },
+          "v_f must stay below this [-]; inf if nothing jams.")
+      .def(
+          "pressure",
+          [](const Law& l, const Array& v, std::size_t threads) {
+            return l.evaluate(LawQuantity::pressure, v, threads);
+          },
+          py::arg("v_f"), py::arg("threads") = 0, "P [Pa], compression positive.")
+      .def(
+          "slope",
+          [](const Law& l, const Array& v, std::size_t threads) {
+            return l.evaluate(LawQuantity::slope, v, threads);
+          },
+          py::arg("v_f"), py::arg("threads") = 0, "dP/dv_f [Pa].")
+      .def(
+          "energy",
+          [](const Law& l, const Array& v, std::size_t threads) {
+            return l.evaluate(LawQuantity::energy, v, threads);
+          },
+          py::arg("v_f"), py::arg("threads") = 0, "Stored energy per volume of fiber [J/m^3].")
+      .def(
+          "volume_fraction",
+          [](const Law& l, const Array& p, double v_max) {
+            Array out = same_shape(p);
+            for (py::ssize_t i = 0; i < p.size(); ++i) {
+              out.mutable_data()[i] = l.law->volume_fraction(p.data()[i], v_max);
+            }
+            return out;
+          },
+          py::arg("pressure"), py::arg("v_max"), "v_f at given pressure [-].")
       .def("__repr__",
            [](const Law& l) {
              std::string text = "CompressionLaw(\"" + l.name + "\"";
@@ -337,10 +357,8 @@ void bind_laws(py::module_& m) {
              }
              return text + ")";
            })
-      .def("__eq__",
-           [](const Law& a, const Law& b) {
-             return a.name == b.name && a.parameters == b.parameters;
-           })
+      .def("__eq__", [](const Law& a,
+                        const Law& b) { return a.name == b.name && a.parameters == b.parameters; })
       .def(py::pickle(
           [](const Law& l) { return py::make_tuple(1, l.name, l.parameters); },
           [](const py::tuple& t) {
@@ -350,63 +368,65 @@ void bind_laws(py::module_& m) {
             return Law(t[1].cast<std::string>(), t[2].cast<std::map<std::string, double>>());
           }));
 
-  m.def("run_history",
-        [](const std::string& name, const std::map<std::string, std::vector<double>>& parameters,
-           const Law* spring, const Array& time, const Array& x, const Array& rate) {
-          const auto law = make_history_law(name, parameters, spring ? spring->law : nullptr);
-          Array out = same_shape(time);
-          const std::span<double> target(out.mutable_data(), static_cast<std::size_t>(out.size()));
-          {
-            const py::gil_scoped_release release;
-            run_history(*law, view(time), view(x), view(rate), target);
-          }
-          return out;
-        },
-        py::arg("name"), py::arg("parameters"), py::arg("spring").none(true), py::arg("time"),
-        py::arg("x"), py::arg("rate"));
-
-  m.def("compress_energy",
-        [](const std::string& scheme, const Array& strain, double modulus, double v_f0,
-           double chord_ratio, double ratio, double length_shape, double slip_stress) {
-          const EnergyParams p{modulus, v_f0, chord_ratio, ratio, length_shape, slip_stress};
-          const CompressionScheme s = scheme_of(scheme);
-          constexpr py::ssize_t kColumns = 11;
-          Array out({strain.size(), kColumns});
-          double* row = out.mutable_data();
+  m.def(
+      "run_history",
+      [](const std::string& name, const std::map<std::string, std::vector<double>>& parameters,
+         const Law* spring, const Array& time, const Array& x, const Array& rate) {
+        const auto law = make_history_law(name, parameters, spring ? spring->law : nullptr);
+        Array out = same_shape(time);
+        const std::span<double> target(out.mutable_data(), static_cast<std::size_t>(out.size()));
+        {
           const py::gil_scoped_release release;
-          for (double value : view(strain)) {
-            const EnergyState e = compress_energy(p, s, value);
-            for (double number :
-                 {e.strain, e.lateral_stretch, e.v_f, e.pressure, e.bending, e.straightening,
-                  e.slipping, e.slip_work, e.bending_share, e.straightening_share,
-                  e.slipping_share}) {
-              *row++ = number;
-            }
-          }
-          return out;
-        },
-        py::arg("scheme"), py::arg("strain"), py::kw_only(), py::arg("E"), py::arg("v_f0"),
-        py::arg("chord_ratio"), py::arg("ratio"), py::arg("length_shape"), py::arg("slip_stress"));
+          run_history(*law, view(time), view(x), view(rate), target);
+        }
+        return out;
+      },
+      py::arg("name"), py::arg("parameters"), py::arg("spring").none(true), py::arg("time"),
+      py::arg("x"), py::arg("rate"));
 
-  m.def("granular_stress_path",
-        [](const std::vector<Eigen::Matrix3d>& path, double v_random, double modulus, double k_b,
-           double k_t, double beta, bool transverse, std::size_t substeps, std::size_t nodes) {
-          const GranularParams p{modulus, k_b, k_t, beta, transverse};
-          std::vector<Eigen::Matrix3d> stress;
-          {
-            const py::gil_scoped_release release;
-            stress = granular_stress_path(p, v_random, path, substeps, nodes);
+  m.def(
+      "compress_energy",
+      [](const std::string& scheme, const Array& strain, double modulus, double v_f0,
+         double chord_ratio, double ratio, double length_shape, double slip_stress) {
+        const EnergyParams p{modulus, v_f0, chord_ratio, ratio, length_shape, slip_stress};
+        const CompressionScheme s = scheme_of(scheme);
+        constexpr py::ssize_t kColumns = 11;
+        Array out({strain.size(), kColumns});
+        double* row = out.mutable_data();
+        const py::gil_scoped_release release;
+        for (double value : view(strain)) {
+          const EnergyState e = compress_energy(p, s, value);
+          for (double number : {e.strain, e.lateral_stretch, e.v_f, e.pressure, e.bending,
+                                e.straightening, e.slipping, e.slip_work, e.bending_share,
+                                e.straightening_share, e.slipping_share}) {
+            *row++ = number;
           }
-          Array out({static_cast<py::ssize_t>(stress.size()), py::ssize_t{3}, py::ssize_t{3}});
-          double* target = out.mutable_data();
-          for (const Eigen::Matrix3d& s : stress) {
-            for (int i = 0; i < 9; ++i) *target++ = s(i / 3, i % 3);
-          }
-          return out;
-        },
-        py::arg("path"), py::arg("v_random"), py::kw_only(), py::arg("E"), py::arg("k_b"),
-        py::arg("k_t"), py::arg("beta"), py::arg("transverse"), py::arg("substeps"),
-        py::arg("nodes"));
+        }
+        return out;
+      },
+      py::arg("scheme"), py::arg("strain"), py::kw_only(), py::arg("E"), py::arg("v_f0"),
+      py::arg("chord_ratio"), py::arg("ratio"), py::arg("length_shape"), py::arg("slip_stress"));
+
+  m.def(
+      "granular_stress_path",
+      [](const std::vector<Eigen::Matrix3d>& path, double v_random, double modulus, double k_b,
+         double k_t, double beta, bool transverse, std::size_t substeps, std::size_t nodes) {
+        const GranularParams p{modulus, k_b, k_t, beta, transverse};
+        std::vector<Eigen::Matrix3d> stress;
+        {
+          const py::gil_scoped_release release;
+          stress = granular_stress_path(p, v_random, path, substeps, nodes);
+        }
+        Array out({static_cast<py::ssize_t>(stress.size()), py::ssize_t{3}, py::ssize_t{3}});
+        double* target = out.mutable_data();
+        for (const Eigen::Matrix3d& s : stress) {
+          for (int i = 0; i < 9; ++i) *target++ = s(i / 3, i % 3);
+        }
+        return out;
+      },
+      py::arg("path"), py::arg("v_random"), py::kw_only(), py::arg("E"), py::arg("k_b"),
+      py::arg("k_t"), py::arg("beta"), py::arg("transverse"), py::arg("substeps"),
+      py::arg("nodes"));
 }
 
 template <class T>
@@ -416,19 +436,31 @@ py::array_t<T> array_of(const std::vector<T>& v) {
 
 void bind_simulation(py::module_& m) {
   py::class_<BeadSpringParams>(m, "BeadSpringParams", "Fibers, material and numerics; SI units.")
-      .def(py::init([](std::size_t n_fibers, std::size_t n_beads, double d_f,
-                       double segment_length, double v_f, double crimp, double ratio,
-                       std::uint64_t seed, double modulus, double density,
-                       const std::string& repulsion, double interaction, double friction,
-                       double tangential, double drag, double time_step) {
+      .def(py::init([](std::size_t n_fibers, std::size_t n_beads, double d_f, double segment_length,
+                       double v_f, double crimp, double ratio, std::uint64_t seed, double modulus,
+                       double density, const std::string& repulsion, double interaction,
+                       double friction, double tangential, double drag, double time_step) {
              if (repulsion != "hertz" && repulsion != "logarithmic") {
                throw InvalidParameter("bead-spring network: repulsion = \"" + repulsion +
                                       "\", must be one of hertz, logarithmic");
              }
              const BeadSpringParams p{
-                 n_fibers, n_beads, d_f, segment_length, v_f, crimp, ratio, seed, modulus, density,
+                 n_fibers,
+                 n_beads,
+                 d_f,
+                 segment_length,
+                 v_f,
+                 crimp,
+                 ratio,
+                 seed,
+                 modulus,
+                 density,
                  repulsion == "hertz" ? Repulsion::hertz : Repulsion::logarithmic,
-                 interaction, friction, tangential, drag, time_step};
+                 interaction,
+                 friction,
+                 tangential,
+                 drag,
+                 time_step};
              validate(p);
              return p;
            }),
@@ -494,8 +526,7 @@ void bind_simulation(py::module_& m) {
            })
       .def("crossings", &BeadSpringNetwork::crossings)
       .def("directions", &BeadSpringNetwork::directions)
-      .def("free_lengths",
-           [](BeadSpringNetwork& n) { return array_of(n.free_lengths()); })
+      .def("free_lengths", [](BeadSpringNetwork& n) { return array_of(n.free_lengths()); })
       .def("energy_and_forces", [](BeadSpringNetwork& n) {
         std::vector<double> forces;
         const double energy = n.energy_and_forces(forces);
@@ -505,10 +536,12 @@ void bind_simulation(py::module_& m) {
 
 }  // namespace
 
+}  // namespace feltmb::python
+
 void bind_fiber(py::module_& m) {
   py::module_ fiber = m.def_submodule("fiber", "Micromechanics of fiber networks.");
-  bind_orientation(fiber);
-  bind_contacts(fiber);
-  bind_laws(fiber);
-  bind_simulation(fiber);
+  feltmb::python::bind_orientation(fiber);
+  feltmb::python::bind_contacts(fiber);
+  feltmb::python::bind_laws(fiber);
+  feltmb::python::bind_simulation(fiber);
 }

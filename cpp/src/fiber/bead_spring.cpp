@@ -32,7 +32,8 @@ Nearest nearest_points(const Vec& u, const Vec& w, const Vec& between) {
   const double c = u.dot(between);
   const double f = w.dot(between);
   const double determinant = a * e - b * b;
-  double s = determinant > 1e-12 * a * e ? std::clamp((b * f - c * e) / determinant, 0.0, 1.0) : 0.5;
+  double s =
+      determinant > 1e-12 * a * e ? std::clamp((b * f - c * e) / determinant, 0.0, 1.0) : 0.5;
   double t = (b * s + f) / e;
   if (t < 0.0) {
     t = 0.0;
@@ -96,6 +97,15 @@ void validate(const BeadSpringParams& p) {
   faults.raise_if_any();
 }
 
+namespace {
+
+/// A thread needs some hundred segments a step to be worth waking.
+std::size_t useful_threads(const BeadSpringParams& p) {
+  return std::clamp<std::size_t>(p.n_fibers * p.n_beads / 600, 1, resolve_threads(0));
+}
+
+}  // namespace
+
 struct BeadSpringNetwork::Implementation {
   BeadSpringParams p;
   ThreadTeam team;
@@ -127,7 +137,9 @@ struct BeadSpringNetwork::Implementation {
   double pair_energy = 0, pair_tangential = 0;
 
   explicit Implementation(const BeadSpringParams& params, std::size_t threads)
-      : p(params), team(threads), beads(params.n_fibers * params.n_beads),
+      : p(params),
+        team(threads > 0 ? threads : useful_threads(params)),
+        beads(params.n_fibers * params.n_beads),
         segments_per_fiber(params.n_beads - 1) {
     validate(p);
     const double area = kPi / 4.0 * p.d_f * p.d_f;
@@ -137,12 +149,11 @@ struct BeadSpringNetwork::Implementation {
     bend = p.E * kPi / 64.0 * std::pow(p.d_f, 4) / l;
     interaction = p.interaction > 0.0 ? p.interaction : 0.41 * p.E * std::pow(p.d_f, 3);
     reach = p.d_f;
-    const double normal_stiffness =
-        interaction * 15.0 / 8.0 * std::sqrt(0.05) / (p.d_f * p.d_f);
+    const double normal_stiffness = interaction * 15.0 / 8.0 * std::sqrt(0.05) / (p.d_f * p.d_f);
     tangential = p.tangential * normal_stiffness;
     // Highest frequency of chain and contact together bounds the step.
-    const double frequency =
-        std::sqrt((4.0 * stretch / (l * l) + 64.0 * bend / (l * l) + 4.0 * normal_stiffness) / mass);
+    const double frequency = std::sqrt(
+        (4.0 * stretch / (l * l) + 64.0 * bend / (l * l) + 4.0 * normal_stiffness) / mass);
     dt = p.time_step * 2.0 / frequency;
     drag = p.drag * std::sqrt(4.0 * stretch / (l * l * mass));
     skin = 0.4 * p.d_f;
@@ -191,8 +202,8 @@ struct BeadSpringNetwork::Implementation {
   }
 
   [[nodiscard]] double fiber_volume() const {
-    return kPi / 4.0 * p.d_f * p.d_f * p.segment_length *
-           static_cast<double>(segments_per_fiber) * static_cast<double>(p.n_fibers);
+    return kPi / 4.0 * p.d_f * p.d_f * p.segment_length * static_cast<double>(segments_per_fiber) *
+           static_cast<double>(p.n_fibers);
   }
   [[nodiscard]] double fraction() const { return fiber_volume() / box.prod(); }
 
@@ -212,9 +223,10 @@ struct BeadSpringNetwork::Implementation {
     const double far = 1.05 * p.segment_length + reach + skin;
     for (int k = 0; k < 3; ++k) {
       if (box[k] < 2.0 * far) {
-        throw ModelError(format("bead-spring network: box side %d = %.6g m at v_f = %.6g, must be "
-                                ">= %.6g m (start from more fibers or a lower v_f)",
-                                k + 1, box[k], fraction(), 2.0 * far));
+        throw ModelError(
+            format("bead-spring network: box side %d = %.6g m at v_f = %.6g, must be "
+                   ">= %.6g m (start from more fibers or a lower v_f)",
+                   k + 1, box[k], fraction(), 2.0 * far));
       }
     }
     std::array<int, 3> count{};
@@ -230,12 +242,13 @@ struct BeadSpringNetwork::Implementation {
       if (!is_segment(i)) continue;
       const Vec middle = 0.5 * (x[i] + x[i + 1]);
       for (std::size_t k = 0; k < 3; ++k) {
-        const double part = middle[static_cast<Eigen::Index>(k)] / box[static_cast<Eigen::Index>(k)];
-        place[i][k] = std::clamp(static_cast<int>((part - std::floor(part)) * count[k]), 0,
-                                 count[k] - 1);
+        const double part =
+            middle[static_cast<Eigen::Index>(k)] / box[static_cast<Eigen::Index>(k)];
+        place[i][k] =
+            std::clamp(static_cast<int>((part - std::floor(part)) * count[k]), 0, count[k] - 1);
       }
-      cell_of[i] = static_cast<std::size_t>((place[i][0] * count[1] + place[i][1]) * count[2] +
-                                            place[i][2]);
+      cell_of[i] =
+          static_cast<std::size_t>((place[i][0] * count[1] + place[i][1]) * count[2] + place[i][2]);
       ++start[cell_of[i] + 1];
     }
     for (std::size_t c = 1; c <= cells; ++c) start[c] += start[c - 1];
@@ -262,10 +275,11 @@ struct BeadSpringNetwork::Implementation {
         for (int a = 0; a < visits[0]; ++a) {
           for (int b = 0; b < visits[1]; ++b) {
             for (int c = 0; c < visits[2]; ++c) {
-              const auto cell = static_cast<std::size_t>(
-                  (visit[0][static_cast<std::size_t>(a)] * count[1] +
-                   visit[1][static_cast<std::size_t>(b)]) * count[2] +
-                  visit[2][static_cast<std::size_t>(c)]);
+              const auto cell =
+                  static_cast<std::size_t>((visit[0][static_cast<std::size_t>(a)] * count[1] +
+                                            visit[1][static_cast<std::size_t>(b)]) *
+                                               count[2] +
+                                           visit[2][static_cast<std::size_t>(c)]);
               for (std::size_t m = start[cell]; m < start[cell + 1]; ++m) {
                 const std::size_t j = member[m];
                 if (j <= i) continue;
@@ -364,8 +378,7 @@ struct BeadSpringNetwork::Implementation {
         }
         const double r = std::sqrt(square);
         // Axes that cross exactly are parted along their common normal.
-        const Vec normal =
-            r > 1e-9 * reach ? Vec(near.gap / r) : Vec(u.cross(w).normalized());
+        const Vec normal = r > 1e-9 * reach ? Vec(near.gap / r) : Vec(u.cross(w).normalized());
         const auto [energy, push] = repel(r);
         result.active = true;
         result.s = near.s;
@@ -380,8 +393,8 @@ struct BeadSpringNetwork::Implementation {
           Vec& stretch_now = spring[k];
           // A restart computes forces without sliding: the spring must come back untouched.
           if (slide) {
-            const Vec speed = (1.0 - near.s) * v[a] + near.s * v[a + 1] -
-                              (1.0 - near.t) * v[b] - near.t * v[b + 1];
+            const Vec speed = (1.0 - near.s) * v[a] + near.s * v[a + 1] - (1.0 - near.t) * v[b] -
+                              near.t * v[b + 1];
             stretch_now += dt * speed;
             stretch_now -= normal * normal.dot(stretch_now);
             const double length = stretch_now.norm();
@@ -509,9 +522,10 @@ struct BeadSpringNetwork::Implementation {
         fastest = std::max(fastest, sums.moved);
       }
       if (!(fastest < p.segment_length * p.segment_length)) {
-        throw ModelError(format("bead-spring network: a bead moved more than a segment near step "
-                                "%zu (v_f = %.6g); reduce time_step or the strain per step",
-                                step, fraction()));
+        throw ModelError(
+            format("bead-spring network: a bead moved more than a segment near step "
+                   "%zu (v_f = %.6g); reduce time_step or the strain per step",
+                   step, fraction()));
       }
       compute_forces(true);
       team.run(beads, [&](std::size_t begin, std::size_t end) {
@@ -588,9 +602,10 @@ void BeadSpringNetwork::relax(std::size_t steps) {
 
 void BeadSpringNetwork::advance(std::size_t steps, double strain_per_step) {
   if (!(std::abs(strain_per_step) < 0.01)) {
-    throw InvalidParameter(format("bead-spring network: strain_per_step = %.6g, must be between "
-                                  "-0.01 and 0.01",
-                                  strain_per_step));
+    throw InvalidParameter(
+        format("bead-spring network: strain_per_step = %.6g, must be between "
+               "-0.01 and 0.01",
+               strain_per_step));
   }
   self_->integrate(steps, strain_per_step, self_->drag, true);
 }
@@ -732,8 +747,8 @@ std::vector<double> BeadSpringNetwork::free_lengths() {
     if (!s.touch[k].active) continue;
     const auto add = [&](std::int64_t segment, double place) {
       const auto i = static_cast<std::size_t>(segment);
-      places[i / s.p.n_beads].push_back(
-          (static_cast<double>(i % s.p.n_beads) + place) * s.p.segment_length);
+      places[i / s.p.n_beads].push_back((static_cast<double>(i % s.p.n_beads) + place) *
+                                        s.p.segment_length);
     };
     add(s.pairs[k].a, s.touch[k].s);
     add(s.pairs[k].b, s.touch[k].t);

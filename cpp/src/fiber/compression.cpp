@@ -226,8 +226,7 @@ class BinomialLaw final : public CompressionLaw {
       change = (x * std::exp(-x) + std::expm1(-x)) / (x * x);
     }
     const double bracket_slope = -0.5 * std::exp(-x) - change;
-    return k_ * grown * grown *
-           (3.0 * std::exp(x) * bracket + grown * g_ * bracket_slope);
+    return k_ * grown * grown * (3.0 * std::exp(x) * bracket + grown * g_ * bracket_slope);
   }
   [[nodiscard]] double energy_at(double v) const override {
     return raw_energy(v) - energy_offset_ - offset_ * (1.0 / v0_ - 1.0 / v);
@@ -289,9 +288,9 @@ class RenewedArcLaw final : public CompressionLaw {
   RenewedArcLaw(double modulus, double v0, double v_random)
       : CompressionLaw(v0, kInfinity), scale_(48.0 * modulus / (kPi * kPi)), v_random_(v_random) {
     offset_ = raw(v0);
-    energy_ = CumulativeIntegral(
-        [&](double s) { return (raw(std::exp(s)) - offset_) / std::exp(s); }, std::log(v0), 0.0,
-        panels_for(v0));
+    energy_ =
+        CumulativeIntegral([&](double s) { return (raw(std::exp(s)) - offset_) / std::exp(s); },
+                           std::log(v0), 0.0, panels_for(v0));
   }
 
  protected:
@@ -312,81 +311,119 @@ class RenewedArcLaw final : public CompressionLaw {
 };
 
 std::vector<LawDescription> make_descriptions() {
-  const LawParameter k_p{"k_p", "", kNaN, 0, 1e6, true, 1e-6, 1e3, true,
-                         "van Wyk's constant; 3/8 for clamped straight random fibers, 0.01 found"};
-  const LawParameter modulus{"E", "Pa", kNaN, 0, 1e15, true, 1e6, 1e12, true,
-                             "Young's modulus of the fiber"};
-  const LawParameter v_f0{"v_f0", "", kNaN, 0, 1, true, 1e-3, 0.9, false,
-                          "volume fraction of zero pressure"};
-  const LawParameter v_fm{"v_fm", "", kNaN, 0, 1, true, 0.05, 1.0, false,
-                          "volume fraction with all fiber in contacts (jamming)"};
-  const LawParameter v_random{"v_random", "", kNaN, 0, 10, true, 1e-3, 1.0, true,
-                              "volume fraction at which the orientation was isotropic"};
-  const LawParameter gamma{"gamma", "", kNaN, 0, 1e3, true, 1e-2, 50.0, true,
-                           "blocked fiber length per contact over d_f (geometry: pi/2)"};
-  const LawParameter q{"Q", "", 2.0, 0, 4, true, 1.0, 3.0, false,
-                       "contact density constant, 8 f / pi: 2 isotropic, 1.62 planar"};
+  const LawParameter k_p{
+      "k_p", "",
+      kNaN,  0,
+      1e6,   true,
+      1e-6,  1e3,
+      true,  "van Wyk's constant; 3/8 for clamped straight random fibers, 0.01 found"};
+  const LawParameter modulus{"E",  "Pa", kNaN, 0,    1e15,
+                             true, 1e6,  1e12, true, "Young's modulus of the fiber"};
+  const LawParameter v_f0{"v_f0", "",   kNaN, 0,     1,
+                          true,   1e-3, 0.9,  false, "volume fraction of zero pressure"};
+  const LawParameter v_fm{
+      "v_fm", "",   kNaN, 0,     1,
+      true,   0.05, 1.0,  false, "volume fraction with all fiber in contacts (jamming)"};
+  const LawParameter v_random{
+      "v_random", "",   kNaN, 0,    10,
+      true,       1e-3, 1.0,  true, "volume fraction at which the orientation was isotropic"};
+  const LawParameter gamma{
+      "gamma", "",   kNaN, 0,    1e3,
+      true,    1e-2, 50.0, true, "blocked fiber length per contact over d_f (geometry: pi/2)"};
+  const LawParameter q{
+      "Q",  "",  2.0, 0,     4,
+      true, 1.0, 3.0, false, "contact density constant, 8 f / pi: 2 isotropic, 1.62 planar"};
   std::vector<LawDescription> all;
-  all.push_back({"van_wyk", "van Wyk: bending of straight segments", "thesis eq. 2.1; van Wyk 1946",
+  all.push_back({"van_wyk",
+                 "van Wyk: bending of straight segments",
+                 "thesis eq. 2.1; van Wyk 1946 [115]",
                  "low volume fraction; no friction, crimp or reorientation",
                  {k_p, modulus, v_f0}});
-  all.push_back({"neckar", "Neckar: contact volume excluded", "thesis eqs. 2.4, 2.5; Neckar",
-                 "v_f < v_fm", {k_p, modulus, v_f0, v_fm}});
-  all.push_back({"stamm", "Neckar with Stamm's free contact fraction w_f",
-                 "thesis 2.2.1; Stamm (judged reading: W/V = v^3/(v_fm^2 w_f))",
+  all.push_back({"neckar",
+                 "Neckar: contact volume excluded",
+                 "thesis eqs. 2.4, 2.5; Neckar [73]",
+                 "v_f < v_fm",
+                 {k_p, modulus, v_f0, v_fm}});
+  all.push_back({"stamm",
+                 "Neckar with Stamm's free contact fraction w_f",
+                 "thesis 2.2.1; Stamm [100] (judged reading: W/V = v^3/(v_fm^2 w_f))",
                  "v_f^3 < v_fm^2 w_f",
-                 {k_p, modulus, v_f0, v_fm,
+                 {k_p,
+                  modulus,
+                  v_f0,
+                  v_fm,
                   {"w_f", "", kNaN, 0, 1, true, 0.05, 1.0, false,
                    "fiber volume over contact volume in the contacts; v_fm gives neckar"}}});
-  all.push_back({"toll_planar", "Toll and Manson: planar network", "thesis eq. 2.8; Toll, Manson 1995",
+  all.push_back({"toll_planar",
+                 "Toll and Manson: planar network",
+                 "thesis eq. 2.8; Toll, Manson [111]",
                  "fibers in planes normal to the load",
-                 {modulus, v_f0,
+                 {modulus,
+                  v_f0,
                   {"f", "", 2.0 / kPi, 0, 1, true, 0.01, 2.0 / kPi, false,
                    "mean |e x e'|; 2/pi planar isotropic"}}});
-  all.push_back({"narter", "Narter: axial strain of bonded fibers, large compression",
-                 "thesis eqs. 3.16-3.27, 3.15; Narter 1999",
-                 "no buckling or sliding; a negative gamma is accepted but unphysical",
-                 {modulus, v_f0,
-                  {"gamma", "", kNaN, -1e3, 1e3, false, -20.0, 50.0, false,
-                   "blocked fiber length per contact over d_f (> 0 physical)"},
-                  {"K_E", "", 1.0, 0, 1e6, true, 1e-6, 1e2, true, "uncertainty constant of eq. 3.27"},
-                  v_random, q}});
-  all.push_back({"alkhagen_toll", "Alkhagen and Toll: granular rate theory",
-                 "thesis eqs. 3.28-3.57; Alkhagen, Toll 2007",
-                 "beta^2 >> 1 for the crimp term; no slip",
-                 {modulus, v_f0,
-                  {"k_b", "", 1.0, 0, 1e9, false, 1e-6, 1e4, true,
-                   "bending constant; 1 clamped beam loaded at midspan"},
-                  {"k_t", "", 1.0, 0, 1e12, false, 1e-8, 1e6, true,
-                   "torsion constant; a simple bar is 2 for Poisson ratio 1/3; 0: no crimp term"},
-                  {"beta", "", 0.0, 0, 1e6, false, 0.1, 1e4, true, "crimp spacing over fiber radius"},
-                  v_random}});
-  all.push_back({"binomial", "Neckar and Das: binomial number of contacts",
-                 "thesis eqs. 3.58-3.64; Neckar, Das 2012",
+  all.push_back(
+      {"narter",
+       "Narter: axial strain of bonded fibers, large compression",
+       "thesis eqs. 3.16-3.27, 3.15; Narter et al. [72]",
+       "no buckling or sliding; a negative gamma is accepted but unphysical",
+       {modulus,
+        v_f0,
+        {"gamma", "", kNaN, -1e3, 1e3, false, -20.0, 50.0, false,
+         "blocked fiber length per contact over d_f (> 0 physical)"},
+        {"K_E", "", 1.0, 0, 1e6, true, 1e-6, 1e2, true, "uncertainty constant of eq. 3.27"},
+        v_random,
+        q}});
+  all.push_back(
+      {"alkhagen_toll",
+       "Alkhagen and Toll: granular rate theory",
+       "thesis eqs. 3.28-3.57; Alkhagen, Toll [1]",
+       "beta^2 >> 1 for the crimp term; no slip",
+       {modulus,
+        v_f0,
+        {"k_b", "", 1.0, 0, 1e9, false, 1e-6, 1e4, true,
+         "bending constant; 1 clamped beam loaded at midspan"},
+        {"k_t", "", 1.0, 0, 1e12, false, 1e-8, 1e6, true,
+         "torsion constant; a simple bar is 2 for Poisson ratio 1/3; 0: no crimp term"},
+        {"beta", "", 0.0, 0, 1e6, false, 0.1, 1e4, true, "crimp spacing over fiber radius"},
+        v_random}});
+  all.push_back({"binomial",
+                 "Neckar and Das: binomial number of contacts",
+                 "thesis eqs. 3.58-3.64; Neckar, Das [74]",
                  "isotropic fibers (Q = 2); grows as exp(3 Q gamma v), no jamming",
                  {{"K_p", "Pa", kNaN, 0, 1e18, true, 1.0, 1e14, true,
                    "scale; tends to k_p E of van Wyk at low fraction"},
-                  gamma, v_f0, q}});
-  all.push_back({"bending_chain", "bending chain 3.58-3.63 with binomial contacts, literally",
+                  gamma,
+                  v_f0,
+                  q}});
+  all.push_back({"bending_chain",
+                 "bending chain 3.58-3.63 with binomial contacts, literally",
                  "thesis eqs. 3.58-3.63, 3.74, 3.15",
                  "no blocked length in the bending volume, so softer than eq. 3.64",
-                 {modulus, gamma, v_f0,
+                 {modulus,
+                  gamma,
+                  v_f0,
                   {"K_p", "", 24.0, 0, 1e6, true, 1e-4, 1e3, true,
                    "beam constant of eq. 3.74; 24 clamped, loaded at midspan"},
                   q,
                   {"v_random", "", kNaN, 0, 10, true, 1e-3, 1.0, true,
                    "isotropic fraction; not given: orientation stays isotropic"}}});
-  all.push_back({"komori_itoh", "Komori and Itoh: straight segments bent to arcs, confined",
-                 "thesis 2.2.1; Komori, Itoh 1991",
+  all.push_back({"komori_itoh",
+                 "Komori and Itoh: straight segments bent to arcs, confined",
+                 "thesis 2.2.1; Komori, Itoh [47]",
                  "P(v_f0+) > 0 (buckling); contacts as at v_f0",
                  {modulus, v_f0}});
-  all.push_back({"komori_itoh_renewed", "Komori and Itoh with contacts renewed in every increment",
-                 "thesis 2.2.1; Komori, Itoh 1991 (judged reading)",
+  all.push_back({"komori_itoh_renewed",
+                 "Komori and Itoh with contacts renewed in every increment",
+                 "thesis 2.2.1; Komori, Itoh [47] (judged reading)",
                  "straight segments; isotropic value E (v_f^3 - v_f0^3) without reorientation",
                  {modulus, v_f0, v_random}});
-  all.push_back({"lee_carnaby", "Lee and Carnaby: crimped segments bent to arcs, confined",
-                 "thesis 2.2.1, eq. 2.6; Lee, Carnaby 1992", "contacts as at v_f0",
-                 {modulus, v_f0,
+  all.push_back({"lee_carnaby",
+                 "Lee and Carnaby: crimped segments bent to arcs, confined",
+                 "thesis 2.2.1, eq. 2.6; Lee, Carnaby [56, 57]",
+                 "contacts as at v_f0",
+                 {modulus,
+                  v_f0,
                   {"chord_ratio", "", kNaN, 0.05, 1.0, false, 0.1, 0.999, false,
                    "chord over arc length of a segment at rest"}}});
   return all;
@@ -464,7 +501,8 @@ std::unique_ptr<const CompressionLaw> make_law(const std::string& name, const Va
     const double w_f = name == "stamm" ? values.at("w_f") : v_fm;
     const double limit = std::cbrt(v_fm * v_fm * w_f);
     if (!(limit > v0)) {
-      faults.add("v_f0", v0, "", format("< %.6g, where the contact volume fills the assembly", limit));
+      faults.add("v_f0", v0, "",
+                 format("< %.6g, where the contact volume fills the assembly", limit));
     }
     faults.raise_if_any();
     return std::make_unique<ContactVolumeLaw>(values.at("k_p") * values.at("E"),
@@ -496,8 +534,8 @@ std::unique_ptr<const CompressionLaw> make_law(const std::string& name, const Va
 void evaluate_law(const CompressionLaw& law, LawQuantity quantity, std::span<const double> v,
                   std::span<double> out, std::size_t threads) {
   if (out.size() != v.size()) {
-    throw InvalidParameter(format("compression law: output has %zu places, expected %zu",
-                                  out.size(), v.size()));
+    throw InvalidParameter(
+        format("compression law: output has %zu places, expected %zu", out.size(), v.size()));
   }
   Faults faults("compression law");
   std::size_t bad = 0;

@@ -104,8 +104,7 @@ FiberRule make_length_rule(double cv) {
     for (std::size_t i = 0; i < gauss16().nodes.size(); ++i) {
       const double u =
           low + width * (static_cast<double>(panel) + 0.5 * (1.0 + gauss16().nodes[i]));
-      const double weight =
-          gauss16().weights[i] * std::exp(shape * (u + 1.0 - std::exp(u)));
+      const double weight = gauss16().weights[i] * std::exp(shape * (u + 1.0 - std::exp(u)));
       rule.sine.push_back(std::exp(u));
       rule.weight.push_back(weight);
       total += weight;
@@ -198,9 +197,9 @@ std::vector<double> contact_count_distribution(ContactModel model, const CountIn
         const double log_taken = std::log(-std::expm1(empty));
         for (std::size_t k = 0; k <= std::min(k_max, static_cast<std::size_t>(slots)); ++k) {
           const auto n = static_cast<double>(k);
-          result[k] += weight * std::exp(std::lgamma(slots + 1.0) - std::lgamma(n + 1.0) -
-                                         std::lgamma(slots - n + 1.0) + n * log_taken +
-                                         (slots - n) * empty);
+          result[k] +=
+              weight * std::exp(std::lgamma(slots + 1.0) - std::lgamma(n + 1.0) -
+                                std::lgamma(slots - n + 1.0) + n * log_taken + (slots - n) * empty);
         }
       }
     }

@@ -9,6 +9,7 @@
 
 #include "feltmb/fiber/faults.hpp"
 #include "feltmb/fiber/orientation.hpp"
+#include "feltmb/numeric/chebyshev.hpp"
 #include "feltmb/numeric/quadrature.hpp"
 #include "feltmb/numeric/roots.hpp"
 
@@ -17,23 +18,31 @@ namespace {
 
 constexpr double kPi = std::numbers::pi;
 
-/// a in [0, pi) with sin(a)/a = x, 0 < x <= 1.
-double half_angle(double x) {
-  if (x >= 1.0) return 0.0;
-  // 1 - x = a^2/6 - a^4/120 + ... inverted: good to rounding near 0, a start elsewhere.
+/// a in (0, pi) with sin(a)/a = x by Newton iteration.
+double solve_half_angle(double x) {
   const double y = 1.0 - x;
-  double a = std::sqrt(6.0 * y * (1.0 + 0.3 * y + 0.14 * y * y));
-  if (y < 1e-5) return a;
-  a = std::min(a, 3.1);
-  for (int i = 0; i < 50; ++i) {
-    const double step = (std::sin(a) - x * a) / (std::cos(a) - x);
-    double next = a - step;
+  double a = std::min(std::sqrt(6.0 * y * (1.0 + 0.3 * y + 0.14 * y * y)), 3.1);
+  for (int i = 0; i < 60; ++i) {
+    double next = a - (std::sin(a) - x * a) / (std::cos(a) - x);
     if (next >= kPi) next = 0.5 * (a + kPi);
     if (next <= 0.0) next = 0.5 * a;
     if (std::abs(next - a) < 1e-15 * a) return next;
     a = next;
   }
   return a;
+}
+
+/// a in [0, pi] with sin(a)/a = x, 0 <= x <= 1. The ratio a^2/(1 - x) is smooth: interpolated.
+double half_angle(double x) {
+  static const CumulativeIntegral ratio(
+      [](double t) {
+        const double y = 1.0 - t;
+        if (y < 1e-3) return 6.0 * (1.0 + y * (0.3 + y * (24.0 / 175.0 + y * 13.0 / 175.0)));
+        const double a = solve_half_angle(t);
+        return a * a / y;
+      },
+      0.0, 1.0, 12);
+  return x >= 1.0 ? 0.0 : std::sqrt((1.0 - x) * ratio.integrand(x));
 }
 
 /// d(a)/d(x) = a^2 / (a cos a - sin a), negative; finite times a at a -> 0.
@@ -140,8 +149,7 @@ std::pair<EnergyState, double> evaluate_both(const EnergyParams& p, double axial
   // 2 E I l_v0 / L^2 per initial volume, L = pi d/(8 f v0); over v0 for a volume of fiber.
   const double inverse_length =
       p.length_shape == 0.0 ? 1.0 : p.length_shape / (p.length_shape - 1.0);
-  const double scale =
-      8.0 * p.E * f * f * p.v_f0 * p.v_f0 / (kPi * kPi) * inverse_length;
+  const double scale = 8.0 * p.E * f * f * p.v_f0 * p.v_f0 / (kPi * kPi) * inverse_length;
   // Slip: force times length (x - 1) L on l_v0/L segments, over v0: 4 slip_stress/pi.
   const double slip_scale = 4.0 * p.slip_stress / kPi;
   EnergyState state{};
@@ -156,8 +164,7 @@ std::pair<EnergyState, double> evaluate_both(const EnergyParams& p, double axial
   state.straightening_share = sums.straightening_share;
   state.slipping_share = sums.slipping_share;
   // Stress per current area: v0 dU/d(stretch) over the area stretch.
-  state.pressure =
-      -p.v_f0 * (scale * sums.axial + slip_scale * sums.axial_slip) / ll2;
+  state.pressure = -p.v_f0 * (scale * sums.axial + slip_scale * sums.axial_slip) / ll2;
   return {state, scale * sums.lateral + slip_scale * sums.lateral_slip};
 }
 
@@ -187,8 +194,7 @@ EnergyState compress_energy(const EnergyParams& p, CompressionScheme scheme, dou
     const double shape = p.length_shape == 0.0 ? 1.0 : p.length_shape / (p.length_shape - 1.0);
     const double scale = 8.0 * p.E * f * f * p.v_f0 * p.v_f0 / (kPi * kPi) * shape;
     const double slope = a > 0.0 ? (a - rest) * half_angle_slope(a) : -3.0;
-    state.pressure =
-        -p.v_f0 * scale * 2.0 * slope * p.chord_ratio / (3.0 * axial * axial);
+    state.pressure = -p.v_f0 * scale * 2.0 * slope * p.chord_ratio / (3.0 * axial * axial);
     return state;
   }
   if (strain == 0.0 && p.chord_ratio < 1.0) return evaluate_energy(p, 1.0, 1.0);
@@ -202,11 +208,11 @@ EnergyState compress_energy(const EnergyParams& p, CompressionScheme scheme, dou
     while (derivative(high) < 0.0) {
       high *= 1.02;
       if (high > 4.0) {
-        throw ModelError(format(
-            "energy method: no lateral equilibrium at strain %.6g below lateral stretch 4; "
-            "segments give no resistance sideways (chord_ratio %.6g, slip_stress %.6g Pa); "
-            "use crimp, a slip stress, or the confined scheme",
-            strain, p.chord_ratio, p.slip_stress));
+        throw ModelError(
+            format("energy method: no lateral equilibrium at strain %.6g below lateral stretch 4; "
+                   "segments give no resistance sideways (chord_ratio %.6g, slip_stress %.6g Pa); "
+                   "use crimp, a slip stress, or the confined scheme",
+                   strain, p.chord_ratio, p.slip_stress));
       }
     }
   }

@@ -19,15 +19,15 @@ Eigen::Matrix3d granular_stress_rate(const GranularParams& params, const FiberSt
                                      const Eigen::Matrix3d& gradient) {
   const double pi2 = std::numbers::pi * std::numbers::pi;
   const double f2v3 = structure.f * structure.f * v_f * v_f * v_f;
-  const double bending = 256.0 * params.k_b * f2v3 * structure.f * structure.f * v_f * v_f /
-                         (pi2 * pi2);
+  const double bending =
+      256.0 * params.k_b * f2v3 * structure.f * structure.f * v_f * v_f / (pi2 * pi2);
   const double normal = params.E * bending;
   const double axial =
       params.E * params.beta * params.beta * in_series(params.k_t * f2v3 / pi2, bending / 3.0);
   const double transverse =
       params.transverse ? params.E * in_series(3.0 * params.k_t * f2v3 / pi2, bending) : 0.0;
-  Eigen::Matrix3d rate = -gradient.trace() * stress + stress * gradient.transpose() +
-                         gradient * stress;
+  Eigen::Matrix3d rate =
+      -gradient.trace() * stress + stress * gradient.transpose() + gradient * stress;
   for (int i = 0; i < 3; ++i) {
     for (int j = 0; j < 3; ++j) {
       for (int k = 0; k < 3; ++k) {

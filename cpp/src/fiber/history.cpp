@@ -63,7 +63,8 @@ class DunlopLaw final : public HistoryLaw {
     const auto excess = [&](double stress) {
       return total_strain(stress) + kelvin_base + kelvin_share * stress - x;
     };
-    // Strain grows with stress; flat where every unit sticks. Stay as near the old stress as can be.
+    // Strain grows with stress; flat where every unit sticks. Stay as near the old stress as can
+    // be.
     double low = 0.0;
     double high = stress_;
     const double here = excess(stress_);
@@ -205,43 +206,64 @@ std::vector<LawDescription> make_descriptions() {
   const auto positive = [](const char* name, const char* unit, const char* meaning) {
     return LawParameter{name, unit, kNaN, 0, 1e18, true, 1e-6, 1e15, true, meaning};
   };
-  const LawParameter friction{"f_c", "Pa", kNaN, 0, 1e12, false, 0, 1e9, false,
-                              "constant part of the sliding stress, one value per unit"};
-  const LawParameter slope{"phi", "", 0.0, 0, 0.999, false, 0, 0.9, false,
-                           "sliding stress per spring stress, one value per unit or one for all"};
+  const LawParameter friction{
+      "f_c", "Pa", kNaN, 0,     1e12,
+      false, 0,    1e9,  false, "constant part of the sliding stress, one value per unit"};
+  const LawParameter slope{
+      "phi", "", 0.0, 0,     0.999,
+      false, 0,  0.9, false, "sliding stress per spring stress, one value per unit or one for all"};
   std::vector<LawDescription> all;
-  all.push_back({"dunlop", "Dunlop: spring-slider units in series", "thesis 2.2.3; Dunlop 1983",
-                 "rate independent; judged form", {friction, slope}});
-  all.push_back({"stamm_kelvin", "Stamm: Dunlop in series with a Kelvin element", "thesis 2.2.3; Stamm",
+  all.push_back({"dunlop",
+                 "Dunlop: spring-slider units in series",
+                 "thesis 2.2.3; Dunlop [23]",
+                 "rate independent; judged form",
+                 {friction, slope}});
+  all.push_back({"stamm_kelvin",
+                 "Stamm: Dunlop in series with a Kelvin element",
+                 "thesis 2.2.3; Stamm [100]",
                  "judged form",
                  {friction, slope, positive("G", "Pa", "Kelvin spring"),
                   positive("c", "Pa s", "Kelvin dashpot")}});
-  all.push_back({"maxwell", "Maxwell relaxation with nonlinear springs", "thesis 2.2.3; Sajn",
-                 "one branch: three components",
-                 {positive("E_inf", "Pa", "spring in parallel"),
-                  positive("p_inf", "", "its exponent"),
-                  positive("E", "Pa", "springs of the branches"),
-                  positive("p", "", "their exponents, one value per branch or one for all"),
-                  positive("tau", "s", "relaxation times")}});
+  all.push_back(
+      {"maxwell",
+       "Maxwell relaxation with nonlinear springs",
+       "thesis 2.2.3; Sajn [116]",
+       "one branch: three components",
+       {positive("E_inf", "Pa", "spring in parallel"), positive("p_inf", "", "its exponent"),
+        positive("E", "Pa", "springs of the branches"),
+        positive("p", "", "their exponents, one value per branch or one for all"),
+        positive("tau", "s", "relaxation times")}});
   const LawParameter exponent = positive("p", "", "exponent of the compression");
-  all.push_back({"stulov", "Stulov: hereditary law, four parameters", "thesis eq. 2.11; Stulov 1995",
-                 "x below the felt's thickness",
-                 {positive("F0", "N/m^p", "instantaneous stiffness"), exponent,
-                  {"epsilon", "", kNaN, 0, 0.999999, false, 0, 0.999, false, "hereditary amplitude"},
-                  positive("tau0", "s", "relaxation time")}});
-  all.push_back({"stulov_differential", "Stulov: three parameters, slow limit",
-                 "thesis eq. 2.12; Stulov", "slow against tau0",
-                 {positive("F0", "N/m^p", "static stiffness"), exponent,
+  all.push_back(
+      {"stulov",
+       "Stulov: hereditary law, four parameters",
+       "thesis eq. 2.11; Stulov [104-106]",
+       "x below the felt's thickness",
+       {positive("F0", "N/m^p", "instantaneous stiffness"),
+        exponent,
+        {"epsilon", "", kNaN, 0, 0.999999, false, 0, 0.999, false, "hereditary amplitude"},
+        positive("tau0", "s", "relaxation time")}});
+  all.push_back({"stulov_differential",
+                 "Stulov: three parameters, slow limit",
+                 "thesis eq. 2.12; Stulov [104-106]",
+                 "slow against tau0",
+                 {positive("F0", "N/m^p", "static stiffness"),
+                  exponent,
                   {"alpha", "s", kNaN, 0, 1e6, false, 0, 1, false, "retarded time"}}});
   const LawParameter stiffness = positive("K", "N/m^n", "stiffness");
   const LawParameter hertz{"n", "", 1.5, 0, 20, true, 1, 6, false, "exponent; 3/2 Hertz"};
-  all.push_back({"hunt_crossley", "Hunt and Crossley", "thesis 2.3; Hunt, Crossley 1975",
-                 "no adhesion: force is cut at 0",
-                 {stiffness, hertz,
-                  {"alpha", "s/m", kNaN, 0, 1e6, false, 0, 10, false, "damping"}}});
-  all.push_back({"lankarani_nikravesh", "Lankarani and Nikravesh",
-                 "thesis 2.3; Lankarani, Nikravesh 1990", "restitution near 1",
-                 {stiffness, hertz,
+  all.push_back(
+      {"hunt_crossley",
+       "Hunt and Crossley",
+       "thesis 2.3; Hunt, Crossley [38]",
+       "no adhesion: force is cut at 0",
+       {stiffness, hertz, {"alpha", "s/m", kNaN, 0, 1e6, false, 0, 10, false, "damping"}}});
+  all.push_back({"lankarani_nikravesh",
+                 "Lankarani and Nikravesh",
+                 "thesis 2.3; Lankarani, Nikravesh [55]",
+                 "restitution near 1",
+                 {stiffness,
+                  hertz,
                   {"e", "", kNaN, 0, 1, false, 0.3, 1, false, "coefficient of restitution"},
                   positive("impact_speed", "m/s", "dx/dt at first touch")}});
   return all;
@@ -306,7 +328,8 @@ std::unique_ptr<HistoryLaw> make_history_law(const std::string& name, const List
     std::vector<double>& v = values[key];
     if (v.size() == 1) v.assign(n, v[0]);
     if (v.size() != n) {
-      faults.add_text(format("parameter \"%s\" has %zu values, expected 1 or %zu", key, v.size(), n));
+      faults.add_text(
+          format("parameter \"%s\" has %zu values, expected 1 or %zu", key, v.size(), n));
     }
   };
   if (name == "dunlop" || name == "stamm_kelvin") {
@@ -334,10 +357,9 @@ std::unique_ptr<HistoryLaw> make_history_law(const std::string& name, const List
     return std::make_unique<ImpactLaw>(ImpactLaw::Kind::stulov_differential, value("F0"),
                                        value("p"), value("alpha"));
   }
-  const double damping =
-      name == "hunt_crossley"
-          ? value("alpha")
-          : 0.75 * (1.0 - value("e") * value("e")) / value("impact_speed");
+  const double damping = name == "hunt_crossley"
+                             ? value("alpha")
+                             : 0.75 * (1.0 - value("e") * value("e")) / value("impact_speed");
   return std::make_unique<ImpactLaw>(ImpactLaw::Kind::linear_in_rate, value("K"), value("n"),
                                      damping);
 }

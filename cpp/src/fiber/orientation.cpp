@@ -29,8 +29,8 @@ CircleMoments circle_moments(double m) {
   if (m > 3.0) {
     const double p = m / (1.0 + m);
     const double first = carlson_rf(0.0, 1.0, 1.0 + m);
-    const double second = std::sqrt(1.0 + m) * (carlson_rf(0.0, 1.0 - p, 1.0) -
-                                                p / 3.0 * carlson_rd(0.0, 1.0 - p, 1.0));
+    const double second = std::sqrt(1.0 + m) *
+                          (carlson_rf(0.0, 1.0 - p, 1.0) - p / 3.0 * carlson_rd(0.0, 1.0 - p, 1.0));
     const double d2 = (second - first) / m;
     const double d4 = (first + 2.0 * (m - 1.0) * d2) / (3.0 * m);
     result.c4 = (d2 - result.c2) / m;
@@ -38,8 +38,10 @@ CircleMoments circle_moments(double m) {
     return result;
   }
   // The periodic midpoint rule converges geometrically; the rate depends on how near 1 + m is to 0.
-  const std::size_t n = m > -0.75 ? 48 : 48 * static_cast<std::size_t>(std::ceil(
-                                                  1.0 / std::sqrt(std::max(1.0 + m, 1e-8))));
+  const std::size_t n =
+      m > -0.75
+          ? 48
+          : 48 * static_cast<std::size_t>(std::ceil(1.0 / std::sqrt(std::max(1.0 + m, 1e-8))));
   const double step = 0.5 * kPi / static_cast<double>(n);
   for (std::size_t i = 0; i < n; ++i) {
     const double c = std::cos(step * (static_cast<double>(i) + 0.5));
@@ -168,8 +170,9 @@ class StructureTable {
       value[static_cast<std::size_t>(field)] = x * b1 - b2 + coefficient(panel, field, 0);
     }
     const CosineMoments moments = cosine_moments(ratio);
-    return {ratio,           value[0],   value[1], std::exp(value[2]), 1.0 / (1.0 + ratio),
-            1.0 - moments.c2, moments.c4, value[3]};
+    return {
+        ratio,      value[0], value[1], std::exp(value[2]), 1.0 / (1.0 + ratio), 1.0 - moments.c2,
+        moments.c4, value[3]};
   }
 
   static constexpr double kLow = 1e-2;
@@ -186,7 +189,7 @@ class StructureTable {
   [[nodiscard]] double coefficient(int panel, int field, int j) const {
     return data_[static_cast<std::size_t>((panel * kFields + field) * kNodes + j)];
   }
-  std::array<double, static_cast<std::size_t>(kPanels* kFields* kNodes)> data_{};
+  std::array<double, static_cast<std::size_t>(kPanels * kFields * kNodes)> data_{};
 };
 
 void check_ratio(double ratio) {
@@ -275,8 +278,8 @@ UniaxialStructure compute_uniaxial_structure(double ratio) {
         const double t = width * (static_cast<double>(panel) + 0.5 * (1.0 + rule.nodes[i]));
         const double u = std::min(1.0, scale * std::sinh(t));
         const double d = (1.0 - u) * (1.0 + u) + ratio * ratio * u * u;
-        const double weight = 0.5 * width * rule.weights[i] * scale * std::cosh(t) * ratio /
-                              (d * std::sqrt(d));
+        const double weight =
+            0.5 * width * rule.weights[i] * scale * std::cosh(t) * ratio / (d * std::sqrt(d));
         accumulate(k * (1.0 - u) * (1.0 + u) / d, ratio * ratio * u * u / d, weight);
       }
     }
@@ -328,9 +331,9 @@ double uniaxial_obstruction(double ratio) {
   const double lower_range = std::asinh(0.5 / start);
   const double upper_range = std::log1p(0.5 / (end * end));
   return integrate_composite(lower, 0.0, lower_range,
-                          static_cast<std::size_t>(std::ceil(1.0 * lower_range)) + 1) +
-      integrate_composite(upper, 0.0, upper_range,
-                          static_cast<std::size_t>(std::ceil(0.7 * upper_range)) + 1);
+                             static_cast<std::size_t>(std::ceil(1.0 * lower_range)) + 1) +
+         integrate_composite(upper, 0.0, upper_range,
+                             static_cast<std::size_t>(std::ceil(0.7 * upper_range)) + 1);
 }
 
 UniaxialStructure uniaxial_structure(double ratio) {
@@ -422,9 +425,10 @@ Directions OrientationQuadrature::directions() const {
 
 double OrientationQuadrature::norm(std::span<const double> density) const {
   if (density.size() != size()) {
-    throw InvalidParameter(format("orientation density: %zu values, expected %zu (one per row of "
-                                  "directions())",
-                                  density.size(), size()));
+    throw InvalidParameter(
+        format("orientation density: %zu values, expected %zu (one per row of "
+               "directions())",
+               density.size(), size()));
   }
   // Half sphere of nodes, the other half is its mirror image.
   double sum = 0.0;
@@ -528,8 +532,8 @@ FiberStructure OrientationQuadrature::compute(std::span<const double> density) c
       }
       // Half circles are counted, and both senses of each plane: twice times the step product.
       const double step = azimuth_step * circle_step / total;
-      const double weight = 2.0 * azimuth_step *
-                            polar_weights_[node / n_azimuth_] * density[node] / total;
+      const double weight =
+          2.0 * azimuth_step * polar_weights_[node / n_azimuth_] * density[node] / total;
       result.obstruction += weight * (sine * step) * (inverse * step);
     }
   }
@@ -563,7 +567,8 @@ class SphereCells {
     const auto n = static_cast<std::size_t>(points.rows());
     cell_of_.resize(n);
     start_.assign(static_cast<std::size_t>(count_) * static_cast<std::size_t>(count_) *
-                          static_cast<std::size_t>(count_) + 1,
+                          static_cast<std::size_t>(count_) +
+                      1,
                   0);
     for (std::size_t i = 0; i < n; ++i) {
       cell_of_[i] = cell(points.row(static_cast<Eigen::Index>(i)));
@@ -817,8 +822,7 @@ Eigen::Matrix<double, 6, 6> narter_stiffness(const Tensor4& eeee, double stiffne
   Eigen::Matrix<double, 6, 6> result;
   for (int i = 0; i < 6; ++i) {
     for (int j = 0; j < 6; ++j) {
-      result(i, j) =
-          stiffness * at(eeee, kPairs[i][0], kPairs[i][1], kPairs[j][0], kPairs[j][1]);
+      result(i, j) = stiffness * at(eeee, kPairs[i][0], kPairs[i][1], kPairs[j][0], kPairs[j][1]);
     }
   }
   return result;

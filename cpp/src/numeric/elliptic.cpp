@@ -19,8 +19,8 @@ double carlson_rf(double x, double y, double z) {
   double y0 = mean0 - y;
   double scale = 1.0;
   while (scale * spread >= std::abs(mean)) {
-    const double root = std::sqrt(x) * std::sqrt(y) + std::sqrt(x) * std::sqrt(z) +
-                        std::sqrt(y) * std::sqrt(z);
+    const double root =
+        std::sqrt(x) * std::sqrt(y) + std::sqrt(x) * std::sqrt(z) + std::sqrt(y) * std::sqrt(z);
     mean = 0.25 * (mean + root);
     x = 0.25 * (x + root);
     y = 0.25 * (y + root);
@@ -48,8 +48,8 @@ double carlson_rd(double x, double y, double z) {
   double scale = 1.0;
   double sum = 0.0;
   while (scale * spread >= std::abs(mean)) {
-    const double root = std::sqrt(x) * std::sqrt(y) + std::sqrt(x) * std::sqrt(z) +
-                        std::sqrt(y) * std::sqrt(z);
+    const double root =
+        std::sqrt(x) * std::sqrt(y) + std::sqrt(x) * std::sqrt(z) + std::sqrt(y) * std::sqrt(z);
     sum += scale / (std::sqrt(z) * (z + root));
     mean = 0.25 * (mean + root);
     x = 0.25 * (x + root);
@@ -64,8 +64,8 @@ double carlson_rd(double x, double y, double z) {
   const double e3 = (3.0 * x0 * y0 - 8.0 * z0 * z0) * z0;
   const double e4 = 3.0 * (x0 * y0 - z0 * z0) * z0 * z0;
   const double e5 = x0 * y0 * z0 * z0 * z0;
-  const double series = 1.0 - 3.0 * e2 / 14.0 + e3 / 6.0 + 9.0 * e2 * e2 / 88.0 -
-                        3.0 * e4 / 22.0 - 9.0 * e2 * e3 / 52.0 + 3.0 * e5 / 26.0;
+  const double series = 1.0 - 3.0 * e2 / 14.0 + e3 / 6.0 + 9.0 * e2 * e2 / 88.0 - 3.0 * e4 / 22.0 -
+                        9.0 * e2 * e3 / 52.0 + 3.0 * e5 / 26.0;
   return scale * series / (mean * std::sqrt(mean)) + 3.0 * sum;
 }
 

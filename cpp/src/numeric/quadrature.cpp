@@ -21,7 +21,8 @@ QuadratureRule make_gauss_legendre(std::size_t n) {
       double current = x;
       for (std::size_t k = 2; k <= n; ++k) {
         const double degree = static_cast<double>(k);
-        const double next = ((2.0 * degree - 1.0) * x * current - (degree - 1.0) * previous) / degree;
+        const double next =
+            ((2.0 * degree - 1.0) * x * current - (degree - 1.0) * previous) / degree;
         previous = current;
         current = next;
       }

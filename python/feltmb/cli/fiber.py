@@ -1,4 +1,4 @@
-"""Command group ``feltmb fiber``: structure, contacts, laws, fits and simulation of fiber masses."""
+"""Command group ``feltmb fiber``: structure, contacts, laws, fits, simulation of fiber masses."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ import functools
 import io
 import json
 import math
-import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
+
+from feltmb.cli.common import complain, console, say_written
 
 _EXIT_FAILED = 1
 _EXIT_BAD_INPUT = 2
@@ -24,16 +25,14 @@ def _guard(command: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(command)
     def run(*args: Any, **kwargs: Any) -> None:
-        from feltmb.errors import FeltmbError, InvalidParameter
+        from feltmb.errors import FeltmbError, FileExists, InvalidParameter
 
         try:
             command(*args, **kwargs)
-        except InvalidParameter as error:
-            click.echo(f"error: {error}", err=True)
-            sys.exit(_EXIT_BAD_INPUT)
         except FeltmbError as error:
-            click.echo(f"error: {error}", err=True)
-            sys.exit(_EXIT_FAILED)
+            complain(str(error))
+            bad_input = isinstance(error, InvalidParameter | FileExists)
+            sys.exit(_EXIT_BAD_INPUT if bad_input else _EXIT_FAILED)
 
     return run
 
@@ -44,52 +43,40 @@ def _console() -> Any:
     return Console(width=80, highlight=False, soft_wrap=False)
 
 
-def _table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+def _table(
+    title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], *, words: int = 1
+) -> None:
     from rich import box
     from rich.table import Table
 
     table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
     for number, column in enumerate(columns):
-        table.add_column(column, justify="left" if number == 0 else "right", overflow="fold")
+        table.add_column(column, justify="left" if number < words else "right", overflow="fold")
     for row in rows:
         table.add_row(*row)
     _console().print(table)
 
 
-def _refuse_existing(path: Path, force: bool) -> None:
-    from feltmb.errors import InvalidParameter
-
-    if path.exists() and not force:
-        raise InvalidParameter(f"{path}: exists already, expected a new name (or --force)")
-    if not path.absolute().parent.is_dir():
-        raise InvalidParameter(f"{path}: its folder does not exist, expected an existing one")
-
-
 def _write_text(path: Path, text: str, force: bool) -> None:
-    _refuse_existing(path, force)
-    partial = path.with_name(path.name + ".partial")
-    try:
-        partial.write_text(text, encoding="utf-8")
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
-    click.echo(f"wrote {path}")
+    from feltmb.files import write_text
+
+    say_written(write_text(path, text, force=force))
 
 
 def _save_figure(figure: Any, path: Path, force: bool) -> None:
     from feltmb.errors import InvalidParameter
+    from feltmb.files import write_file
 
-    _refuse_existing(path, force)
     kind = path.suffix.lstrip(".").lower()
     if kind not in ("png", "pdf", "svg"):
         raise InvalidParameter(f"{path}: cannot draw .{kind}, expected .png, .pdf or .svg")
-    partial = path.with_name(path.name + ".partial")
-    try:
-        figure.savefig(partial, format=kind, dpi=150)
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
-    click.echo(f"wrote {path}")
+    say_written(write_file(path, lambda p: figure.savefig(p, format=kind, dpi=150), force=force))
+
+
+def _refuse_existing(path: Path, force: bool) -> None:
+    from feltmb.files import check_writable
+
+    check_writable(path, force=force)
 
 
 def _numbers(pairs: Sequence[str], what: str) -> dict[str, float]:
@@ -138,11 +125,13 @@ def models_command(name: str | None) -> None:
             "Compression laws",
             ["law", "what", "source"],
             [[k, d.title, d.source] for k, d in models().items()],
+            words=3,
         )
         _table(
             "Laws with history",
             ["law", "what", "source"],
             [[k, d.title, d.source] for k, d in history_models().items()],
+            words=3,
         )
         return
     if name not in laws:
@@ -157,7 +146,7 @@ def models_command(name: str | None) -> None:
         elif p.name == "v_random" and name == "bending_chain":
             default = "isotropic"
         rows.append([p.name, p.unit or "-", default, f"{p.low:.3g} to {p.high:.3g}", p.meaning])
-    _table("Parameters", ["name", "unit", "default", "range", "meaning"], rows)
+    _table("Parameters", ["name", "unit", "default", "range", "meaning"], rows, words=5)
 
 
 @fiber.command(name="structure")
@@ -194,18 +183,49 @@ def structure_command(ratio: tuple[float, ...], n: int | None, seed: int, spread
     show_default="pi/2",
     help="Blocked length per contact over d_f (binomial).",
 )
-@click.option("--length", type=float, help="Fiber length [m]: also the numbers per fiber.")
+@click.option(
+    "--diameter-cv",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="Coefficient of variation of the diameters.",
+)
+@click.option("--length", type=float, help="Mean fiber length [m]: also the numbers per fiber.")
+@click.option(
+    "--length-cv",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="Coefficient of variation of the lengths (gamma distribution).",
+)
 @_guard
 def contacts_command(
-    v_f: float, d_f: float, ratio: float, gamma: float, length: float | None
+    v_f: float,
+    d_f: float,
+    ratio: float,
+    gamma: float,
+    diameter_cv: float,
+    length: float | None,
+    length_cv: float,
 ) -> None:
     """Mean free length and contacts per volume by every model."""
     from feltmb.fiber import contact_count, contacts_per_volume, mean_free_length
 
-    names = ("van_wyk", "van_wyk_tube", "komori_makishima", "pan", "poisson", "binomial", "toll")
+    names: tuple[str, ...] = (
+        "van_wyk",
+        "van_wyk_tube",
+        "komori_makishima",
+        "pan",
+        "poisson",
+        "binomial",
+        "toll",
+    )
+    if diameter_cv != 0:
+        names = ("komori_makishima", "poisson", "toll")
     rows = []
     for name in names:
-        extra = {"gamma": gamma} if name == "binomial" else {}
+        extra: dict[str, Any] = {"gamma": gamma} if name == "binomial" else {}
+        extra["diameter_cv"] = diameter_cv
         free = mean_free_length(name, v_f, d_f, ratio=ratio, **extra)
         number = contacts_per_volume(name, v_f, d_f, ratio=ratio, **extra)
         rows.append([name, f"{free * 1e6:.4f}", f"{free / d_f:.4f}", f"{number * 1e-9:.6g}"])
@@ -215,11 +235,13 @@ def contacts_command(
         rows,
     )
     click.echo("toll counts a contact on both of its fibers (eq. 3.51), the others once.")
+    if diameter_cv != 0:
+        click.echo("the other models have no distribution of diameters.")
     if length is not None:
         rows = []
         for name in ("poisson", "binomial"):
             extra = {"gamma": gamma} if name == "binomial" else {}
-            c = contact_count(name, v_f, d_f, length, ratio=ratio, **extra)
+            c = contact_count(name, v_f, d_f, length, ratio=ratio, length_cv=length_cv, **extra)
             rows.append(
                 [name, f"{c.mean:.4f}", f"{math.sqrt(c.variance):.4f}", f"{c.probability[0]:.3e}"]
             )
@@ -294,6 +316,11 @@ def pressure_command(
 @fiber.command(name="tensor")
 @click.option("--ratio", type=float, default=1.0, show_default=True, help="R = v_f/v_random.")
 @click.option(
+    "--deformation",
+    "-F",
+    help="Instead of --ratio: deformation gradient, 3 stretches or 9 numbers by rows, with commas.",
+)
+@click.option(
     "--e-modulus",
     "modulus",
     type=float,
@@ -303,23 +330,30 @@ def pressure_command(
 )
 @click.option("--v-f", type=float, required=True, help="Volume fraction [-].")
 @_guard
-def tensor_command(ratio: float, modulus: float, v_f: float) -> None:
-    """Stiffness and engineering moduli of the bonded network (Narter)."""
-    import numpy as np
+def tensor_command(ratio: float, deformation: str | None, modulus: float, v_f: float) -> None:
+    """Structure, stiffness and engineering moduli of a bonded network (Narter)."""
+    from feltmb.fiber import density_structure, narter_tensors, structure, uniaxial_tensor
 
-    from feltmb.errors import InvalidParameter
-    from feltmb.fiber import density_structure, narter_tensors
-
-    if not 0.05 <= ratio <= 20:
-        raise InvalidParameter(f"tensor: --ratio = {ratio:.6g}, must be between 0.05 and 20")
-    s = density_structure(deformation=np.diag([1, 1, 1 / ratio]), max_nodes=200)
-    t = narter_tensors(s.eeee, modulus, v_f)
+    if deformation is None:
+        s: Any = structure(ratio)
+        eeee = uniaxial_tensor(ratio)
+    else:
+        s = density_structure(deformation=_gradient(deformation), max_nodes=200)
+        eeee = s.eeee
+    t = narter_tensors(eeee, modulus, v_f)
+    names = ["f", "n3", "e3", "K3", "M3"]
+    _table(
+        "Structure [-]",
+        ["f", "<n3^4>", "<e3^4>", "K3", "M3"],
+        [[f"{getattr(s, k):.9f}" for k in names]],
+    )
     order = ["11", "22", "33", "12", "13", "23"]
+    small = 1e-9 * modulus
     _table(
         "Stiffness [Pa]",
         ["", *order],
         [
-            [o, *(f"{x:.4g}" if abs(x) > 1e-9 * modulus else "0" for x in row)]
+            [o, *(f"{x:.4g}" if abs(x) > small else "0" for x in row)]
             for o, row in zip(order, t.stiffness, strict=True)
         ],
     )
@@ -333,6 +367,89 @@ def tensor_command(ratio: float, modulus: float, v_f: float) -> None:
                 "Poisson nu12 nu13 nu23 [-]",
                 *(f"{t.poisson[k]:.6g}" for k in ("nu12", "nu13", "nu23")),
             ],
+        ],
+    )
+
+
+def _gradient(text: str) -> Any:
+    import numpy as np
+
+    from feltmb.errors import InvalidParameter
+
+    try:
+        numbers = [float(x) for x in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) == 3:
+        return np.diag(numbers)
+    if len(numbers) == 9:
+        return np.array(numbers).reshape(3, 3)
+    raise InvalidParameter(
+        f'deformation: "{text}", expected 3 stretches or 9 numbers by rows, for example 1,1,0.5'
+    )
+
+
+@fiber.command(name="granular")
+@click.option(
+    "--to",
+    "last",
+    required=True,
+    help="Last deformation gradient: 3 stretches or 9 numbers by rows, with commas.",
+)
+@click.option("--v-random", type=float, required=True, help="Volume fraction when random [-].")
+@click.option(
+    "--e-modulus",
+    "modulus",
+    type=float,
+    default=2.5e9,
+    show_default=True,
+    help="Fiber modulus [Pa].",
+)
+@click.option("--k-b", type=float, default=1.0, show_default=True, help="Bending constant.")
+@click.option("--k-t", type=float, default=1.0, show_default=True, help="Torsion constant.")
+@click.option("--beta", type=float, default=0.0, show_default=True, help="Crimp ratio.")
+@click.option("--transverse", is_flag=True, help="Keep the transverse term of eq. 3.52.")
+@click.option("--points", type=int, default=11, show_default=True)
+@_guard
+def granular_command(
+    last: str,
+    v_random: float,
+    modulus: float,
+    k_b: float,
+    k_t: float,
+    beta: float,
+    transverse: bool,
+    points: int,
+) -> None:
+    """Stress of the granular rate theory on a straight path from F = I to --to (tensor form)."""
+    import numpy as np
+
+    from feltmb.errors import InvalidParameter
+    from feltmb.fiber import granular_stress
+
+    if not 2 <= points <= 1000:
+        raise InvalidParameter(f"granular: --points = {points}, must be between 2 and 1000")
+    share = np.linspace(0, 1, points)[:, None, None]
+    path = np.eye(3) * (1 - share) + share * _gradient(last)
+    stress = granular_stress(
+        path,
+        v_random=v_random,
+        E=modulus,
+        k_b=k_b,
+        k_t=k_t,
+        beta=beta,
+        transverse=transverse,
+        substeps=12,
+    )
+    v = v_random / np.linalg.det(path)
+    small = 1e-9 * float(np.max(np.abs(stress)))
+    order = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+    _table(
+        "Cauchy stress [Pa], tension positive",
+        ["v_f [-]", "11", "22", "33", "12", "13", "23"],
+        [
+            [f"{a:.4f}", *(f"{t[k]:.3g}" if abs(t[k]) > small else "0" for k in order)]
+            for a, t in zip(v, stress, strict=True)
         ],
     )
 
@@ -476,12 +593,12 @@ def history_command(
     if faults:
         raise DataError("\n".join(faults))
     time, x = np.array(rows).T
-    result = history(model, time, x, spring=spring, **params)  # type: ignore[arg-type]
+    result = history(model, time, x, spring=spring, **params)
     unit = "stress [Pa]" if header[1].startswith("strain") else "force [N]"
     if output is not None:
         text = _csv([*header, unit], np.column_stack([time, x, result]).tolist())
         _write_text(output, text, force)
-    work = float(np.trapezoid(result, x))
+    work = float(np.sum(0.5 * (result[1:] + result[:-1]) * np.diff(x)))
     _table(
         f"{model} over {len(time)} samples",
         ["what", "value"],
@@ -606,7 +723,7 @@ def fit_command(
     branches = [branch]
     if branch == "each":
         branches = ["loading"] + (["unloading"] if (~test.loading).sum() >= 5 else [])
-    common = {
+    common: dict[str, Any] = {
         "fixed": _numbers(fix, "--fix"),
         "method": method,
         "n_starts": starts,
@@ -666,16 +783,16 @@ def fit_command(
 
 @fiber.command(name="simulate")
 @click.argument("output", type=click.Path(dir_okay=False, path_type=Path))
-@click.option("--fibers", type=int, default=100, show_default=True)
-@click.option("--beads", type=int, default=21, show_default=True, help="Beads per fiber.")
+@click.option("--fibers", type=int, default=60, show_default=True)
+@click.option("--beads", type=int, default=31, show_default=True, help="Beads per fiber.")
 @click.option("--d-f", type=float, default=25e-6, show_default=True, help="Fiber diameter [m].")
 @click.option(
     "--segment", type=float, default=62.5e-6, show_default=True, help="Segment length [m]."
 )
-@click.option("--v-f", type=float, default=0.03, show_default=True, help="First volume fraction.")
-@click.option("--v-max", type=float, default=0.15, show_default=True, help="Turning point.")
+@click.option("--v-f", type=float, default=0.1, show_default=True, help="First volume fraction.")
+@click.option("--v-max", type=float, default=0.3, show_default=True, help="Turning point.")
 @click.option(
-    "--crimp", type=float, default=0.15, show_default=True, help="Turning angle per bead [rad]."
+    "--crimp", type=float, default=0.3, show_default=True, help="Turning angle per bead [rad]."
 )
 @click.option("--friction", type=float, default=0.35, show_default=True)
 @click.option(
@@ -689,7 +806,14 @@ def fit_command(
     show_default=True,
     help="Fiber modulus [Pa].",
 )
-@click.option("--strain-per-step", type=float, default=1e-5, show_default=True)
+@click.option(
+    "--drag",
+    type=float,
+    default=0.001,
+    show_default=True,
+    help="Drag rate over the stretching frequency.",
+)
+@click.option("--strain-per-step", type=float, default=2e-5, show_default=True)
 @click.option("--cycles", type=int, default=1, show_default=True)
 @click.option("--seed", type=int, default=0, show_default=True)
 @click.option("--threads", type=int, default=0, show_default=True, help="0: all cores.")
@@ -710,6 +834,7 @@ def simulate_command(
     friction: float,
     repulsion: str,
     modulus: float,
+    drag: float,
     strain_per_step: float,
     cycles: int,
     seed: int,
@@ -747,6 +872,7 @@ def simulate_command(
             friction=friction,
             repulsion=repulsion,
             E=modulus,
+            drag=drag,
             seed=seed,
         )
         sample_every = max(1, round(0.01 / strain_per_step)) if strain_per_step > 0 else 1
@@ -755,7 +881,7 @@ def simulate_command(
         )
     from rich.progress import Progress
 
-    with Progress(console=_console(), transient=True) as bar:
+    with Progress(console=console(stderr=True), transient=True) as bar:
         task = bar.add_task("compressing", total=1.0)
 
         def show(done: float, sample: dict[str, Any]) -> None:
@@ -782,7 +908,7 @@ def simulate_command(
             [
                 "loading" if phase[i] == 0 else "unloading",
                 *(
-                    f"{run.table[k][i]:.5g}"
+                    f"{run.table[k][i]:.3g}"
                     for k in ("v_f", "pressure", "contacts", "work", "friction_loss", "drag_loss")
                 ),
             ]
@@ -798,10 +924,21 @@ def simulate_command(
         f"+- {math.sqrt(laid['toll']):.1f}; relaxed {relaxed['contacts']:.0f}"
     )
     if run.done:
-        click.echo(f"loop loss {100 * run.loop_loss:.2f} %")
+        low = 0.75 * box.v_f + 0.25 * cycle.v_max
+        high = 0.25 * box.v_f + 0.75 * cycle.v_max
+        exponents = []
+        for bottom in (low, high):
+            try:
+                exponents.append(f"{run.pressure_exponent(bottom):.2f} above {bottom:.3g}")
+            except InvalidParameter:
+                exponents.append(f"too few samples above {bottom:.3g}")
+        click.echo(
+            f"loop loss {100 * run.loop_loss:.2f} %\n"
+            f"pressure exponent of loading: {', '.join(exponents)}"
+        )
     else:
         click.echo("unfinished; go on with --resume")
-    click.echo(f"wrote {output}")
+    say_written(output)
     if plot is not None:
         _save_figure(plot_simulation(run), plot, force)
 
@@ -829,3 +966,7 @@ def gallery_command(folder: Path, fibers: int, seed: int, force: bool) -> None:
         _refuse_existing(path, force)
     for path, figure in zip(paths, figures.values(), strict=True):
         _save_figure(figure, path, True)
+
+
+command = fiber
+"""What the main group loads."""

@@ -24,6 +24,7 @@ from feltmb.fiber.orientation import (
     narter_tensors,
     network,
     structure,
+    uniaxial_tensor,
 )
 from feltmb.fiber.simulation import Cycle, FiberBox, FiberRun, lay, simulate
 
@@ -60,4 +61,5 @@ __all__ = [
     "slope",
     "structure",
     "tangent_modulus",
+    "uniaxial_tensor",
 ]

@@ -117,7 +117,7 @@ def contacts_per_volume(
     as_printed: bool = False,
     counting: str = "source",
 ) -> Any:
-    """Number of fiber-to-fiber contacts per volume of the assembly.
+    """Count the fiber-to-fiber contacts per volume of the assembly.
 
     Parameters are those of :func:`mean_free_length`, and
 

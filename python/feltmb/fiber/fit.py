@@ -67,7 +67,7 @@ class Fit:
     correlation: Array
     """Of the free parameters (of their logarithms where they are fitted so), shape (p, p)."""
     singular_values: Array
-    """Of the residuals' derivative with respect to the scaled parameters, largest first, over it."""
+    """Of the derivative of the residuals by the scaled parameters, over the largest one."""
     v_f: Array
     """Data [-]."""
     pressure: Array
@@ -246,7 +246,7 @@ def fit(
     curve(encode(low))  # a wrong fixed value must be reported, not absorbed by the residual
     law(model, **base, **dict(zip(names, (0.5 * (low + high)).tolist(), strict=True)))
     starts = _starts(
-        model, names, low, high, logs, encode, decode, curve, p, weight, start, n_starts, seed
+        model, names, low, high, encode, decode, curve, p, weight, start, n_starts, seed
     )
     found: list[tuple[float, Array]] = []
     for u0 in starts:
@@ -360,7 +360,6 @@ def _starts(
     names: tuple[str, ...],
     low: Array,
     high: Array,
-    logs: NDArray[np.bool_],
     encode: Callable[[Array], Array],
     decode: Callable[[Array], Array],
     curve: Callable[[Array], Array],
@@ -500,10 +499,8 @@ def _warnings(
             out.append(f"k_b = {values['k_b']:.4g} is far above 1 of a clamped beam: unphysical")
     if values.get("k_p", 0) > 10:
         out.append(f"k_p = {values['k_p']:.4g} is far above the theory's 3/8: unphysical")
-    if (
-        model in ("komori_itoh", "komori_itoh_renewed", "lee_carnaby", "toll_planar")
-        and "E" in names
-    ):
+    arcs = ("komori_itoh", "komori_itoh_renewed", "lee_carnaby", "toll_planar")
+    if model in arcs and "E" in names:
         out.append("E is an effective modulus here; compare it with that of the fiber")
     return out
 

@@ -63,12 +63,12 @@ def history(
     known = history_models()
     if model in models() and model not in known:
         numbers = {k: float(np.asarray(v)) for k, v in params.items()}
-        made = law(model, **numbers)
-        stress: Array = made.pressure(made.v_f0 / (1.0 - np.maximum(x, 0.0)))
+        plain = law(model, **numbers)
+        stress: Array = plain.pressure(plain.v_f0 / (1.0 - np.maximum(x, 0.0)))
         return stress
     own = {p.name for p in known[model].parameters} if model in known else set()
     lists = {k: np.atleast_1d(np.asarray(v, dtype=float)).tolist() for k, v in params.items()}
-    made = None
+    made: Any = None
     if model in ("dunlop", "stamm_kelvin"):
         made = law(spring, **{k: v[0] for k, v in lists.items() if k not in own})
         lists = {k: v for k, v in lists.items() if k in own}

@@ -97,7 +97,7 @@ def slope(
     threads: int = 0,
     **params: float,
 ) -> Any:
-    """Derivative dP/dv_f [Pa]; arguments as :func:`pressure`."""
+    """Return the derivative dP/dv_f [Pa]; arguments as :func:`pressure`."""
     made = law(model, **params)
     return _result(made.slope(_fraction(made, v_f, strain), threads))
 
@@ -124,7 +124,7 @@ def energy(
     threads: int = 0,
     **params: float,
 ) -> Any:
-    """Stored energy per volume of fiber, the integral of P dv_f / v_f^2 [J/m^3].
+    """Return the stored energy per volume of fiber, the integral of P dv_f / v_f^2 [J/m^3].
 
     Times ``v_f0`` it is the energy per volume of the uncompressed assembly.
     """

@@ -40,6 +40,37 @@ def structure(ratio: float) -> _core.UniaxialStructure:
     return _core.compute_uniaxial_structure(float(ratio))
 
 
+def uniaxial_tensor(ratio: float) -> Array:
+    """Exact tensor <e e e e> over the fibers after uniaxial compression by R.
+
+    Parameters
+    ----------
+    ratio
+        R = v_f / v_random [-], as in :func:`structure`.
+
+    Returns
+    -------
+    ndarray
+        Shape (3, 3, 3, 3) [-], isotropic about axis 3.
+    """
+    s = structure(ratio)
+    c2, c4 = 1.0 - s.M3, s.cos4
+    mixed = 0.5 * (c2 - c4)
+    flat = (1.0 - 2.0 * c2 + c4) / 8.0
+    by_exponents = {
+        (4, 0): 3 * flat,
+        (2, 2): flat,
+        (0, 4): 3 * flat,
+        (2, 0): mixed,
+        (0, 2): mixed,
+        (0, 0): c4,
+    }
+    tensor = np.zeros((3, 3, 3, 3))
+    for index in np.ndindex(3, 3, 3, 3):
+        tensor[index] = by_exponents.get((index.count(0), index.count(1)), 0.0)
+    return tensor
+
+
 @dataclass(frozen=True)
 class NetworkEstimate:
     """Structural numbers of a sampled network, each with one standard error."""
@@ -100,7 +131,7 @@ class Network:
         return _core.estimate_tensors(self.directions, threads)
 
     def replicate_error(self, n_replicates: int = 16, threads: int = 0) -> dict[str, float]:
-        """Sampling error from the scatter of networks with other seeds.
+        """Estimate the sampling error from the scatter of networks with other seeds.
 
         Unlike the error of :meth:`structure` it is right for spread networks too.
         """
@@ -232,7 +263,8 @@ def narter_tensors(eeee: ArrayLike, E: float, v_f: float) -> NarterTensors:
     ----------
     eeee
         Fourth-order orientation tensor over fibers, shape (3, 3, 3, 3), for example
-        ``density_structure(...).eeee`` or ``network(...).tensors().eeee``.
+        ``uniaxial_tensor(ratio)``, ``density_structure(...).eeee`` or
+        ``network(...).tensors().eeee``.
     E
         Fiber modulus [Pa].
     v_f
@@ -247,5 +279,9 @@ def narter_tensors(eeee: ArrayLike, E: float, v_f: float) -> NarterTensors:
     young, shear, poisson = _core.engineering_moduli(compliance)
     names = ["nu12", "nu13", "nu21", "nu23", "nu31", "nu32"]
     return NarterTensors(
-        stiffness, compliance, tuple(young), tuple(shear), dict(zip(names, poisson, strict=True))
+        stiffness,
+        compliance,
+        (young[0], young[1], young[2]),
+        (shear[0], shear[1], shear[2]),
+        dict(zip(names, poisson, strict=True)),
     )

@@ -93,7 +93,7 @@ def plot_pressures(parameters: dict[str, dict[str, float]] | None = None, top: f
 
 
 def plot_sphere(n: int = 1500, seed: int = 0, ratio: float = 3.0, spread: int = 30) -> Any:
-    """Unit sphere of fiber directions before and after compression (thesis Fig. 3.2)."""
+    """Draw the unit sphere of fiber directions before and after compression (thesis Fig. 3.2)."""
     from feltmb.fiber.orientation import network
 
     before = network(n, seed, spread)
@@ -121,7 +121,7 @@ def plot_sphere(n: int = 1500, seed: int = 0, ratio: float = 3.0, spread: int = 
         for name in ("x", "y", "z"):
             getattr(ax, f"set_{name}ticks")([-1, 0, 1])
             getattr(ax, f"set_{name}lim")(-1, 1)
-        ax.set_zlabel("$e_3$ [-]")
+        ax.text2D(0.95, 0.86, "$e_3$ [-]", transform=ax.transAxes)
         ax.set_xlabel("$e_1$ [-]")
         ax.set_ylabel("$e_2$ [-]")
     return figure
@@ -195,7 +195,7 @@ def plot_van_wyk() -> Any:
     figure = _figure()
     ax = figure.subplots()
     v = np.geomspace(0.0205, 0.4, 300)
-    common = {"E": 2.5e9, "v_f0": 0.02}
+    common: dict[str, Any] = {"E": 2.5e9, "v_f0": 0.02}
     for color, beta in zip(COLORS, (5.0, 10.0, 20.0, 40.0), strict=False):
         p = pressure("alkhagen_toll", v, k_b=1, k_t=1, beta=beta, **common)
         ax.loglog(v, p, color=color, label=rf"granular, $\beta$ = {beta:g}")
@@ -251,7 +251,7 @@ def plot_contacts(d_f: float = 25e-6, gamma: float = math.pi / 2) -> Any:
     v = np.linspace(0.02, 0.6, 200)
     names = (("van_wyk", "van Wyk, Komori, Toll"), ("pan", "Pan"), ("binomial", "binomial"))
     for color, (name, label) in zip(COLORS, names, strict=False):
-        extra = {"gamma": gamma} if name == "binomial" else {}
+        extra: dict[str, Any] = {"gamma": gamma} if name == "binomial" else {}
         left.semilogy(v, mean_free_length(name, v, d_f, **extra) / d_f, color=color, label=label)
     left.semilogy(
         v,
@@ -288,6 +288,7 @@ def plot_arcs() -> Any:
     for color, scheme in zip(COLORS, ("isotropic", "confined", "simple"), strict=False):
         c = compress_arcs(strain, E=2.5e9, v_f0=0.05, scheme=scheme, chord_ratio=0.95)
         left.plot(c.strain, c.pressure / 1e3, color=color, label=f"{scheme}, b/L = 0.95")
+    strain = np.concatenate([[0.0, 1e-6], strain[1:]])
     straight = compress_arcs(strain, E=2.5e9, v_f0=0.05, chord_ratio=1.0)
     left.plot(
         straight.strain,
@@ -298,24 +299,22 @@ def plot_arcs() -> Any:
     )
     _style(left, "axial strain [-]", "axial stress [kPa]", "Segments bent to arcs")
     left.legend(frameon=False)
-    strain = np.linspace(0, 0.7, 80)
+    strain = np.linspace(0, 0.7, 141)
     c = compress_arcs(
-        strain, E=2.5e9, v_f0=0.05, scheme="simple", chord_ratio=0.97, slip_stress=2e6
+        strain, E=2.5e9, v_f0=0.05, scheme="simple", chord_ratio=0.999, slip_stress=2e6
     )
-    shares = (c.bending, c.straightening, c.slipping)
+    shares = (c.bending_share, c.straightening_share, c.slipping_share)
     right.stackplot(
-        c.strain,
-        *(s / 1e3 for s in shares),
-        colors=COLORS[:3],
-        labels=("bending", "straightening", "slipping"),
+        c.strain, *shares, colors=COLORS[:3], labels=("bending", "straightening", "slipping")
     )
+    right.set_ylim(0, 1)
     _style(
         right,
         "axial strain [-]",
-        "stored energy [kJ per m$^3$ of fiber]",
-        "Simple compression, b/L = 0.97 (eq. 2.6)",
+        "share of the segments [-]",
+        "Simple, b/L = 0.999, slip stress 2 MPa",
     )
-    right.legend(frameon=False, loc="upper left")
+    right.legend(loc="lower left", framealpha=0.95)
     return figure
 
 
@@ -405,6 +404,9 @@ def plot_simulation(run: Any) -> Any:
     v, p, phase = run.column("v_f"), run.column("pressure"), run.column("phase")
     for which, label in ((0, "loading"), (1, "unloading")):
         keep = phase == which
+        if which == 1:
+            # The turning point belongs to both branches.
+            keep = keep | np.append(keep[1:], False)
         axes[0].plot(v[keep], p[keep] / 1e3, color=COLORS[which], label=label)
         contacts = run.column("contacts")[keep] * v[keep]
         volume = run.laid["volume"] * run.box.v_f

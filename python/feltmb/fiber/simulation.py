@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -33,16 +32,16 @@ _STATE = (
 class FiberBox:
     """Fibers, material and numerics of a bead-spring simulation; SI units."""
 
-    n_fibers: int = 100
-    n_beads: int = 21
+    n_fibers: int = 60
+    n_beads: int = 31
     """Beads per fiber."""
     d_f: float = 25e-6
     """Fiber diameter [m]."""
     segment_length: float = 62.5e-6
     """Distance of beads [m], at least d_f."""
-    v_f: float = 0.03
+    v_f: float = 0.1
     """Volume fraction of the first, cubic box [-]."""
-    crimp: float = 0.0
+    crimp: float = 0.3
     """Root mean square turning angle of the unloaded fiber at each bead [rad]."""
     ratio: float = 1.0
     """Orientation R of the fibers as laid (1 isotropic)."""
@@ -59,7 +58,7 @@ class FiberBox:
     """Coulomb coefficient [-]."""
     tangential: float = 0.3
     """Tangential over normal contact stiffness [-]."""
-    drag: float = 0.05
+    drag: float = 0.001
     """Drag rate over the highest stretching frequency [-]."""
     time_step: float = 0.2
     """Time step over the inverse of that frequency, up to 0.8 [-]."""
@@ -73,13 +72,13 @@ class FiberBox:
 class Cycle:
     """What to do with the box."""
 
-    v_max: float = 0.15
+    v_max: float = 0.3
     """Volume fraction at which compression turns to release [-]."""
-    strain_per_step: float = 5e-5
+    strain_per_step: float = 2e-5
     """True strain of each step [-]; halve it to see whether it is slow enough."""
     relax_steps: int = 4000
     """Steps that remove the overlaps of the random laying."""
-    sample_every: int = 200
+    sample_every: int = 500
     """Steps between two samples."""
     cycles: int = 1
 
@@ -109,13 +108,26 @@ class FiberRun:
     @property
     def loop_loss(self) -> float:
         """Fraction of the work of loading that release does not give back [-]."""
-        phase, strain = self.column("phase"), self.column("strain")
-        virial = self.column("pressure") / self.column("v_f")
-        done = []
-        for which in (0, 1):
-            keep = phase == which
-            done.append(abs(float(np.trapezoid(virial[keep], strain[keep]))))
-        return 1.0 - done[1] / done[0] if done[0] > 0 else math.nan
+        change = np.diff(self.column("work"))
+        unloading = self.column("phase")[1:] > 0
+        put_in = float(np.sum(change[~unloading]))
+        given_back = -float(np.sum(change[unloading]))
+        return 1.0 - given_back / put_in if put_in > 0 else math.nan
+
+    def pressure_exponent(self, v_low: float) -> float:
+        """Slope of log P against log v_f on the first loading, above ``v_low`` [-].
+
+        van Wyk's law has 3 far above its v_f0, Toll's planar law 5.
+        """
+        v, p, phase = self.column("v_f"), self.column("pressure"), self.column("phase")
+        first = int(np.argmax(phase > 0)) if np.any(phase > 0) else len(phase)
+        keep = (np.arange(len(v)) < first) & (v > v_low) & (p > 0)
+        if keep.sum() < 3:
+            raise InvalidParameter(
+                f"pressure exponent: {keep.sum()} loading samples above v_low = {v_low:.6g}, "
+                "expected at least 3"
+            )
+        return float(np.polyfit(np.log(v[keep]), np.log(p[keep]), 1)[0])
 
     def save(self, path: str | Path) -> Path:
         """Write everything to one ``.npz``; the file is replaced whole."""
@@ -132,7 +144,7 @@ class FiberRun:
         columns = {f"table_{k}": np.array(v, dtype=float) for k, v in self.table.items()}
         state = {f"state_{k}": np.asarray(self.state[k]) for k in _STATE if k in self.state}
         np.savez(partial, header=np.array(json.dumps(header)), **columns, **state)  # type: ignore[arg-type]
-        os.replace(partial, file)
+        partial.replace(file)
         return file
 
     @classmethod

@@ -10,7 +10,7 @@ from feltmb._core import fiber as core
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fiber import Cycle, FiberBox, FiberRun, contacts_per_volume, lay, simulate
 
-SMALL = FiberBox(n_fibers=40, n_beads=11, v_f=0.05, crimp=0.2, seed=3)
+SMALL = FiberBox(n_fibers=40, n_beads=11, v_f=0.05, crimp=0.2, seed=3, drag=0.05)
 
 
 def with_state(box, state):
@@ -121,7 +121,9 @@ def crossings(box, seeds):
 @pytest.mark.parametrize("ratio", [1.0, 4.0])
 def test_contacts_as_laid_agree_with_toll(ratio):
     """Straight fibers; van Wyk's formula is the same number for isotropic ones."""
-    count, expected = crossings(FiberBox(n_fibers=200, n_beads=13, v_f=0.04, ratio=ratio), range(6))
+    count, expected = crossings(
+        FiberBox(n_fibers=200, n_beads=13, v_f=0.04, crimp=0.0, ratio=ratio), range(6)
+    )
     assert abs(count - expected) < 3 * math.sqrt(expected)
     if ratio == 1.0:
         van_wyk = contacts_per_volume("van_wyk", 0.04, 25e-6)
@@ -132,9 +134,9 @@ def test_contacts_as_laid_agree_with_toll(ratio):
 @pytest.mark.slow
 @pytest.mark.parametrize("ratio", [1.0, 3.0])
 def test_many_contacts_as_laid_agree_with_toll(ratio):
-    box = FiberBox(n_fibers=2000, n_beads=21, v_f=0.05, ratio=ratio)
+    box = FiberBox(n_fibers=2000, n_beads=21, v_f=0.05, crimp=0.0, ratio=ratio)
     count, expected = crossings(box, range(12))
-    assert expected > 3e5
+    assert expected > 5e4
     # Pairs of contacts on one fiber are correlated when directions differ in their J.
     assert abs(count - expected) < 3 * math.sqrt(expected) * (1.0 if ratio == 1 else 1.5)
 
@@ -169,8 +171,7 @@ def test_energy_books_close():
 def test_loop_from_friction_alone():
     """Same fibers with and without friction: the friction loop is far above what drag leaves,
     its loss is booked as sliding, and halving the speed does not change it much."""
-    box = FiberBox(n_fibers=60, n_beads=31, v_f=0.1, crimp=0.3, drag=0.001, seed=1)
-    plan = Cycle(v_max=0.3, strain_per_step=2e-5, relax_steps=4000, sample_every=1000)
+    box, plan = FiberBox(seed=1), Cycle(sample_every=1000)
     rough = simulate(replace(box, friction=0.4), plan)
     smooth = simulate(box, plan)
     work, slid = rough.column("work"), rough.column("friction_loss")
@@ -178,9 +179,8 @@ def test_loop_from_friction_alone():
     assert work[-1] > 5 * smooth.column("work")[-1]
     assert 0.3 < rough.loop_loss < 0.95
     # Pressure exponent of loading: between van Wyk's 3 and Toll's 5, above the onset.
-    up = (rough.column("phase") == 0) & (rough.column("v_f") > 0.2)
-    exponent = np.polyfit(np.log(rough.column("v_f")[up]), np.log(rough.column("pressure")[up]), 1)
-    assert 2 < exponent[0] < 9
+    assert 2 < rough.pressure_exponent(0.2) < 9
+    assert rough.pressure_exponent(0.25) < rough.pressure_exponent(0.18)
     slower = simulate(
         replace(box, friction=0.4), replace(plan, strain_per_step=1e-5, sample_every=2000)
     )

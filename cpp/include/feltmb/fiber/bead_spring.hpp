@@ -31,22 +31,22 @@ enum class Repulsion { hertz, logarithmic };
 
 /// Fibers, material and numerics. SI units.
 struct BeadSpringParams {
-  std::size_t n_fibers = 100;      ///< 2 .. 100 000
-  std::size_t n_beads = 21;        ///< per fiber, 2 .. 10 000
-  double d_f = 25e-6;              ///< fiber diameter [m] > 0
-  double segment_length = 62.5e-6; ///< l [m] >= d_f
-  double v_f = 0.03;               ///< volume fraction of the first, cubic box [-], (0, 0.5)
-  double crimp = 0.0;              ///< root mean square turning angle per bead [rad], 0 .. 1
-  double ratio = 1.0;              ///< orientation R of the fibers as laid
+  std::size_t n_fibers = 60;        ///< 2 .. 100 000
+  std::size_t n_beads = 31;         ///< per fiber, 2 .. 10 000
+  double d_f = 25e-6;               ///< fiber diameter [m] > 0
+  double segment_length = 62.5e-6;  ///< l [m] >= d_f
+  double v_f = 0.1;                 ///< volume fraction of the first, cubic box [-], (0, 0.5)
+  double crimp = 0.3;               ///< root mean square turning angle per bead [rad], 0 .. 1
+  double ratio = 1.0;               ///< orientation R of the fibers as laid
   std::uint64_t seed = 0;
-  double E = 2.5e9;                ///< fiber modulus [Pa] > 0
-  double density = 1310.0;         ///< of the fiber [kg/m^3] > 0
+  double E = 2.5e9;         ///< fiber modulus [Pa] > 0
+  double density = 1310.0;  ///< of the fiber [kg/m^3] > 0
   Repulsion repulsion = Repulsion::hertz;
-  double interaction = 0.0;        ///< K_I [J]; 0: 0.41 E d_f^3, Hertz for crossed cylinders
-  double friction = 0.0;           ///< mu [-] >= 0
-  double tangential = 0.3;         ///< tangential spring over normal stiffness at 5 % overlap [-]
-  double drag = 0.05;              ///< rate of drag over the highest stretching frequency [-] > 0
-  double time_step = 0.2;          ///< step over the inverse of that frequency [-], (0, 0.8]
+  double interaction = 0.0;  ///< K_I [J]; 0: 0.41 E d_f^3, Hertz for crossed cylinders
+  double friction = 0.0;     ///< mu [-] >= 0
+  double tangential = 0.3;   ///< tangential spring over normal stiffness at 5 % overlap [-]
+  double drag = 0.001;       ///< rate of drag over the highest stretching frequency [-] > 0
+  double time_step = 0.2;    ///< step over the inverse of that frequency [-], (0, 0.8]
 };
 
 /// Throws InvalidParameter naming all faults.
@@ -54,22 +54,22 @@ void validate(const BeadSpringParams& params);
 
 /// What is measured at one moment.
 struct BeadSpringSample {
-  std::size_t step;        ///< steps since the start
-  double v_f;              ///< fiber volume over box volume [-]
-  double strain;           ///< true strain along axis 3 since the start, ln(v_f / v_f start) [-]
-  double pressure;         ///< along axis 3 [Pa], compression positive
-  double lateral;          ///< mean of axes 1 and 2 [Pa]
-  double stretching;       ///< energy [J]
-  double bending;          ///< energy [J]
-  double repulsion;        ///< energy [J]
-  double tangential;       ///< energy of the tangential springs [J]
-  double kinetic;          ///< energy [J], relative to the affine flow
-  double work;             ///< work of the box on the network since the start [J]
-  double friction_loss;    ///< dissipated by sliding since the start [J]
-  double drag_loss;        ///< dissipated by drag since the start [J]
-  std::size_t contacts;    ///< places where two fibers touch (r < d_f, or r_cut), each once
-  double smallest_distance; ///< smallest r over d_f among the contacts [-]; 1 without contacts
-  double max_force;        ///< largest residual force on a bead over E d_f^2 [-]
+  std::size_t step;          ///< steps since the start
+  double v_f;                ///< fiber volume over box volume [-]
+  double strain;             ///< true strain along axis 3 since the start, ln(v_f / v_f start) [-]
+  double pressure;           ///< along axis 3 [Pa], compression positive
+  double lateral;            ///< mean of axes 1 and 2 [Pa]
+  double stretching;         ///< energy [J]
+  double bending;            ///< energy [J]
+  double repulsion;          ///< energy [J]
+  double tangential;         ///< energy of the tangential springs [J]
+  double kinetic;            ///< energy [J], relative to the affine flow
+  double work;               ///< work of the box on the network since the start [J]
+  double friction_loss;      ///< dissipated by sliding since the start [J]
+  double drag_loss;          ///< dissipated by drag since the start [J]
+  std::size_t contacts;      ///< places where two fibers touch (r < d_f, or r_cut), each once
+  double smallest_distance;  ///< smallest r over d_f among the contacts [-]; 1 without contacts
+  double max_force;          ///< largest residual force on a bead over E d_f^2 [-]
 };
 
 /// All that is needed to go on: arrays that can be stored and given back.
@@ -87,7 +87,8 @@ struct BeadSpringState {
 class BeadSpringNetwork {
  public:
   /// Lays the fibers at random, uniform in place, with the orientation density of `ratio`;
-  /// overlaps are not avoided. @param threads 0: all cores
+  /// overlaps are not avoided. @param threads 0: all cores (fewer for
+  /// small boxes)
   explicit BeadSpringNetwork(const BeadSpringParams& params, std::size_t threads = 0);
   /// Goes on from a stored state; bit for bit as if it had not been interrupted.
   BeadSpringNetwork(const BeadSpringParams& params, const BeadSpringState& state,

@@ -19,16 +19,16 @@ namespace feltmb {
 
 /// One parameter of a law: the description is used for checks, fits, command line and documents.
 struct LawParameter {
-  std::string name;     ///< ASCII name as in the thesis ("k_p", "v_fm", ...)
-  std::string unit;     ///< SI unit, "" when dimensionless
-  double default_value; ///< NaN when it must be given
-  double low;           ///< permitted from, exclusive when low_open
-  double high;          ///< permitted to
-  bool low_open;        ///< true: value > low, false: value >= low
-  double fit_low;       ///< usual range of a fit, inside the permitted one
-  double fit_high;      ///< upper end of it
-  bool log_scale;       ///< a fit works with the logarithm
-  std::string meaning;  ///< one line
+  std::string name;      ///< ASCII name as in the thesis ("k_p", "v_fm", ...)
+  std::string unit;      ///< SI unit, "" when dimensionless
+  double default_value;  ///< NaN when it must be given
+  double low;            ///< permitted from, exclusive when low_open
+  double high;           ///< permitted to
+  bool low_open;         ///< true: value > low, false: value >= low
+  double fit_low;        ///< usual range of a fit, inside the permitted one
+  double fit_high;       ///< upper end of it
+  bool log_scale;        ///< a fit works with the logarithm
+  std::string meaning;   ///< one line
 };
 
 /// Name, parameters and source of a law.
@@ -78,10 +78,12 @@ class CompressionLaw {
 ///   stamm          2.2.1     the same with contact volume W/V = v^3 / (v_fm^2 w_f); w_f = v_fm
 ///                            gives neckar (judged: Stamm's own text was not available)
 ///   toll_planar    eq. 2.8   P = 512 E f^4 (v^5 - v0^5) / (5 pi^4)
-///   narter         eq. 3.27  dP/dv = K_E E <cos^4>(R) (1 - exp(-Q gamma v)) / gamma, R = v/v_random
+///   narter         eq. 3.27  dP/dv = K_E E <cos^4>(R) (1 - exp(-Q gamma v)) / gamma, R =
+///   v/v_random
 ///                            (increments; N_fv d_f = 2 N_v d_f of eq. 3.15)
 ///   alkhagen_toll  eq. 3.55  d(P v)/dv = v E f^4 v^4 (256 k_b/pi^4 <n3^4>_c +
-///                            beta^2 <e3^4>_c / (pi^2 f^2 v^2/k_t + 3 pi^4/(256 k_b))), by quadrature
+///                            beta^2 <e3^4>_c / (pi^2 f^2 v^2/k_t + 3 pi^4/(256 k_b))), by
+///                            quadrature
 ///   binomial       eq. 3.64  x = Q gamma v: K_p ((e^x-1)/(Q gamma))^3 (e^-x/2 + 3/2 - (1-e^-x)/x),
 ///                            less its value at v0 (errata E13)
 ///   bending_chain  eqs. 3.58-3.63 with 3.15 taken literally: dP/dv = K_p E K_3^2 (1-e^-x)^2 /
@@ -89,7 +91,8 @@ class CompressionLaw {
 ///   komori_itoh    2.2.1     straight segments bent to arcs, lateral dimensions held; P(v0+) > 0:
 ///                            segments must buckle first (see energy_method.hpp)
 ///   komori_itoh_renewed    the same, but segments and contacts are those of the present fraction
-///                          in every increment: P = (48/pi^2) E f^2 <cos^2> v^3 less its value at v0
+///                          in every increment: P = (48/pi^2) E f^2 <cos^2> v^3 less its value at
+///                          v0
 ///   lee_carnaby    2.2.1     the same with crimped segments, P(v0) = 0
 const std::vector<LawDescription>& law_descriptions();
 

@@ -19,13 +19,13 @@
 namespace feltmb {
 
 enum class ContactModel {
-  van_wyk,            ///< eq. 3.1 repaired: sphere of diameter d_f moving along axis 3
-  van_wyk_tube,       ///< eq. 3.2: fiber length in a tube over mean chord; equal to 3.1 when right
-  komori_makishima,   ///< eqs. 3.4-3.6, any orientation
-  pan,                ///< eqs. 3.7-3.10, length blocked by earlier contacts
-  poisson,            ///< eq. 3.11, means equal to komori_makishima
-  binomial,           ///< eqs. 3.12-3.15, Neckar and Das
-  toll                ///< eqs. 3.50, 3.51; 3.51 counts a contact once on each of its two fibers
+  van_wyk,           ///< eq. 3.1 repaired: sphere of diameter d_f moving along axis 3
+  van_wyk_tube,      ///< eq. 3.2: fiber length in a tube over mean chord; equal to 3.1 when right
+  komori_makishima,  ///< eqs. 3.4-3.6, any orientation
+  pan,               ///< eqs. 3.7-3.10, length blocked by earlier contacts
+  poisson,           ///< eq. 3.11, means equal to komori_makishima
+  binomial,          ///< eqs. 3.12-3.15, Neckar and Das
+  toll               ///< eqs. 3.50, 3.51; 3.51 counts a contact once on each of its two fibers
 };
 
 /// Model of a public name ("van_wyk", ...). Throws InvalidParameter listing the names.

@@ -39,14 +39,14 @@ struct EnergyParams {
 
 /// State of the mass at one strain.
 struct EnergyState {
-  double strain;           ///< engineering compression along axis 3, 1 - stretch [-]
-  double lateral_stretch;  ///< [-], 1 when confined
-  double v_f;              ///< volume fraction [-]
-  double pressure;         ///< stress along axis 3, compression positive, per current area [Pa]
-  double bending;          ///< stored in bending segments [J per m^3 of fiber]
-  double straightening;    ///< stored in straightening segments [J/m^3]
-  double slipping;         ///< stored in slipping segments, now straight [J/m^3]
-  double slip_work;        ///< spent against the slip force (not stored) [J/m^3]
+  double strain;               ///< engineering compression along axis 3, 1 - stretch [-]
+  double lateral_stretch;      ///< [-], 1 when confined
+  double v_f;                  ///< volume fraction [-]
+  double pressure;             ///< stress along axis 3, compression positive, per current area [Pa]
+  double bending;              ///< stored in bending segments [J per m^3 of fiber]
+  double straightening;        ///< stored in straightening segments [J/m^3]
+  double slipping;             ///< stored in slipping segments, now straight [J/m^3]
+  double slip_work;            ///< spent against the slip force (not stored) [J/m^3]
   double bending_share;        ///< fraction of segments that bend [-]
   double straightening_share;  ///< ... straighten [-]
   double slipping_share;       ///< ... slip [-]

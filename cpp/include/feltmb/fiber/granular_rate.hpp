@@ -44,7 +44,6 @@ Eigen::Matrix3d granular_stress_rate(const GranularParams& params, const FiberSt
 /// @return Cauchy stress at every given F [Pa]. Throws InvalidParameter.
 std::vector<Eigen::Matrix3d> granular_stress_path(const GranularParams& params, double v_random,
                                                   const std::vector<Eigen::Matrix3d>& path,
-                                                  std::size_t substeps = 4,
-                                                  std::size_t nodes = 24);
+                                                  std::size_t substeps = 4, std::size_t nodes = 24);
 
 }  // namespace feltmb

@@ -2,10 +2,10 @@
 ///
 /// Input is a history of compression x(t), output stress [Pa] or force [N], both positive in
 /// compression and never negative (felt does not pull).
-/// For dunlop, stamm_kelvin and maxwell x is engineering strain 1 - v_f0/v_f [-] and the result a stress;
-/// for the others x is a compression [m] and the result a force [N].
-/// Sources: thesis 2.2.3, eqs. 2.11, 2.12; Dunlop 1983 [23], Stamm [100], Stulov [103-107],
-/// Sajn [116], Hunt and Crossley [38], Lankarani and Nikravesh [55].
+/// For dunlop, stamm_kelvin and maxwell x is engineering strain 1 - v_f0/v_f [-] and the result a
+/// stress; for the others x is a compression [m] and the result a force [N]. Sources: thesis 2.2.3,
+/// eqs. 2.11, 2.12; Dunlop [23], Stamm [100], Stulov [103-107], Sajn [116], Hunt and Crossley
+/// [38], Lankarani and Nikravesh [55].
 #pragma once
 
 #include <map>
@@ -37,14 +37,15 @@ class HistoryLaw {
 ///           phi_i s_i; strain is the mean of the units' strains. f_c [Pa] list >= 0,
 ///           phi [-] list in [0, 1) (one value is repeated). Spring: any compression law.
 ///           Rate independent, remembers turning points, keeps a residual strain.
-///   stamm_kelvin  dunlop in series with a Kelvin element: G [Pa] > 0, c [Pa s] > 0: hysteresis creep.
-///   maxwell nonlinear spring E_inf x^p_inf in parallel with Maxwell branches whose springs are
+///   stamm_kelvin  dunlop in series with a Kelvin element: G [Pa] > 0, c [Pa s] > 0: hysteresis
+///   creep. maxwell nonlinear spring E_inf x^p_inf in parallel with Maxwell branches whose springs
+///   are
 ///           E_i x^p_i and relaxation times tau_i [s]: E, p, tau lists (one branch: the
 ///           three-component model).
 ///   stulov  eq. 2.11, F0 [N/m^p], p, epsilon in [0, 1), tau0 [s]: F = F0 (x^p - epsilon g),
 ///           tau0 dg/dt = x^p - g.
-///   stulov_differential  eq. 2.12, F0 [N/m^p] static, p, alpha [s]: F = F0 (x^p + alpha d(x^p)/dt).
-///   hunt_crossley        K [N/m^n], n, alpha [s/m]: F = K x^n (1 + alpha dx/dt).
+///   stulov_differential  eq. 2.12, F0 [N/m^p] static, p, alpha [s]: F = F0 (x^p + alpha
+///   d(x^p)/dt). hunt_crossley        K [N/m^n], n, alpha [s/m]: F = K x^n (1 + alpha dx/dt).
 ///   lankarani_nikravesh  K, n, restitution e in [0, 1], impact_speed [m/s]:
 ///                        F = K x^n (1 + 3 (1 - e^2)/4 (dx/dt)/impact_speed); good for e near 1.
 const std::vector<LawDescription>& history_descriptions();

@@ -27,14 +27,14 @@ namespace feltmb {
 /// Structural numbers of an initially isotropic network after F = diag(1, 1, 1/R), eq. 3.57.
 /// All dimensionless. R = 1: pi/4, 1/5, 1/5, 1/2, 2/3; R -> infinity (planar): 2/pi, 1, 0, 0, 1.
 struct UniaxialStructure {
-  double ratio;        ///< R = v_f / v_random, > 1 compressed, < 1 stretched
-  double f;            ///< int int |e x e'| psi psi', eq. 3.51
-  double n3;           ///< <n3^4>_c, contact normals, eq. 3.45
-  double e3;           ///< <e3^4>_c, fiber axes at contacts, eq. 3.45
-  double K3;           ///< mean |cos theta| = 1/(1+R); eq. 3.60 with |cos| (printed: cos, gives 0)
-  double M3;           ///< mean sin^2 theta, eq. 3.63
-  double cos4;         ///< mean cos^4 theta over fibers, Phi / epsilon_33 of eq. 3.27
-  double sine;         ///< mean sin theta over fibers: encounters of a line along axis 3
+  double ratio;  ///< R = v_f / v_random, > 1 compressed, < 1 stretched
+  double f;      ///< int int |e x e'| psi psi', eq. 3.51
+  double n3;     ///< <n3^4>_c, contact normals, eq. 3.45
+  double e3;     ///< <e3^4>_c, fiber axes at contacts, eq. 3.45
+  double K3;     ///< mean |cos theta| = 1/(1+R); eq. 3.60 with |cos| (printed: cos, gives 0)
+  double M3;     ///< mean sin^2 theta, eq. 3.63
+  double cos4;   ///< mean cos^4 theta over fibers, Phi / epsilon_33 of eq. 3.27
+  double sine;   ///< mean sin theta over fibers: encounters of a line along axis 3
 };
 
 /// Exact numbers by quadrature over complete elliptic integrals; relative error below 1e-11.
@@ -69,12 +69,12 @@ inline double at(const Tensor4& t, int i, int j, int k, int l) {
 
 /// Averages over a general orientation distribution.
 struct FiberStructure {
-  double f = 0.0;            ///< as UniaxialStructure
-  double n3 = 0.0;           ///< <n3^4>_c
-  double e3 = 0.0;           ///< <e3^4>_c
-  double K3 = 0.0;           ///< mean |e3| over fibers
-  double M3 = 0.0;           ///< mean 1 - e3^2 over fibers
-  double obstruction = 0.0;  ///< Psi; NaN when it was not asked for
+  double f = 0.0;                                ///< as UniaxialStructure
+  double n3 = 0.0;                               ///< <n3^4>_c
+  double e3 = 0.0;                               ///< <e3^4>_c
+  double K3 = 0.0;                               ///< mean |e3| over fibers
+  double M3 = 0.0;                               ///< mean 1 - e3^2 over fibers
+  double obstruction = 0.0;                      ///< Psi; NaN when it was not asked for
   Eigen::Matrix3d ee = Eigen::Matrix3d::Zero();  ///< <e e> over fibers, trace 1
   Tensor4 eeee{};                                ///< <e e e e> over fibers
   Tensor4 nnnn_contact{};                        ///< <n n n n>_c

@@ -82,6 +82,9 @@ class ThreadTeam {
     generation_.fetch_add(1);
     generation_.notify_all();
     task_(0);
+    // Parts end within microseconds of each other: look a while before sleeping.
+    for (int spin = 0; spin < kSpins && pending_.load() > 0; ++spin) {
+    }
     for (std::size_t left = pending_.load(); left > 0; left = pending_.load()) {
       pending_.wait(left);
     }
@@ -91,6 +94,8 @@ class ThreadTeam {
   void work(std::size_t part) {
     std::size_t seen = 0;
     while (true) {
+      for (int spin = 0; spin < kSpins && generation_.load() == seen; ++spin) {
+      }
       generation_.wait(seen);
       const std::size_t now = generation_.load();
       if (now == seen) continue;
@@ -100,6 +105,7 @@ class ThreadTeam {
       if (pending_.fetch_sub(1) == 1) pending_.notify_one();
     }
   }
+  static constexpr int kSpins = 500;
   std::size_t size_;
   std::function<void(std::size_t)> task_;
   std::atomic<std::size_t> generation_{0};

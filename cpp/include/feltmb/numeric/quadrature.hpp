@@ -95,8 +95,7 @@ IntegralEstimate integrate_adaptive(Function&& f, double a, double b, double rel
   const auto worse = [](const Piece& x, const Piece& y) { return x.error < y.error; };
   double value = pieces[0].value;
   double error = pieces[0].error;
-  while (error > std::max(absolute, relative * std::abs(value)) &&
-         pieces.size() < max_intervals) {
+  while (error > std::max(absolute, relative * std::abs(value)) && pieces.size() < max_intervals) {
     std::pop_heap(pieces.begin(), pieces.end(), worse);
     const Piece worst = pieces.back();
     pieces.pop_back();
