@@ -51,9 +51,9 @@ std::uint64_t checksum(const double* values, std::size_t count) {
 }
 
 feltmb::FingerInput ramp(double force, double start, double rise) {
-  return {feltmb::Profile({start, start + rise}, {0.0, force},
-                          feltmb::Profile::Interpolation::kLinear),
-          false};
+  return {
+      feltmb::Profile({start, start + rise}, {0.0, force}, feltmb::Profile::Interpolation::kLinear),
+      false};
 }
 
 feltmb::FingerInput pulse(double force, double start, double half) {
@@ -105,9 +105,9 @@ CaseResult stroke(const std::string& name, bool flexible, const feltmb::FingerIn
   fine.ledger = false;
   const RunResult reference = feltmb::simulate(mechanism, input, fine);
   const double speed = impact_speed(reference, contact);
-  out.errors = {{"impact_speed_rel", std::fabs(impact_speed(run, contact) / speed - 1.0)},
-                {"string_force_rel",
-                 std::fabs(run.peaks[0].force / reference.peaks[0].force - 1.0)}};
+  out.errors = {
+      {"impact_speed_rel", std::fabs(impact_speed(run, contact) / speed - 1.0)},
+      {"string_force_rel", std::fabs(run.peaks[0].force / reference.peaks[0].force - 1.0)}};
   return out;
 }
 
@@ -192,8 +192,8 @@ feltmb::MechanismDescription hammer_on_string(int modes, double damping) {
   contact.number = 6;
   contact.surface_a = "string";
   contact.surface_b = "nose";
-  contact.law = ExponentialPair{{2.35e4, 1.74e3, -2.41e4}, {2.0e3, 4.52e3, -0.82e3}, 10.0,
-                                ExponentialPair::Form::kPrinted};
+  contact.law = ExponentialPair{
+      {2.35e4, 1.74e3, -2.41e4}, {2.0e3, 4.52e3, -0.82e3}, 10.0, ExponentialPair::Form::kPrinted};
   d.contacts.push_back(contact);
   StringDescription string;
   string.surface = "string";
@@ -273,8 +273,8 @@ void print(const CaseResult& r) {
 void write_json(const std::string& path, const std::vector<CaseResult>& results) {
   std::ofstream out(path);
   if (!out) throw feltmb::Error("bench: cannot write " + path);
-  out << "{\n  \"version\": \"" << FELTMB_VERSION << "\",\n  \"compiler\": \""
-      << FELTMB_BENCH_FLAGS << "\",\n  \"processor\": \"" << processor()
+  out << "{\n  \"version\": \"" << FELTMB_VERSION << "\",\n  \"compiler\": \"" << FELTMB_BENCH_FLAGS
+      << "\",\n  \"processor\": \"" << processor()
       << "\",\n  \"cores\": " << std::thread::hardware_concurrency() << ",\n  \"cases\": [\n";
   for (std::size_t i = 0; i < results.size(); ++i) {
     const auto& r = results[i];
@@ -307,10 +307,14 @@ int main(int argc, char** argv) {
       return argv[++i];
     };
     const std::string option = argv[i];
-    if (option == "--json") json = value();
-    else if (option == "--case") filter = value();
-    else if (option == "--reference") folder = value();
-    else if (option == "--repeat") repeat = std::max(1, std::atoi(value().c_str()));
+    if (option == "--json")
+      json = value();
+    else if (option == "--case")
+      filter = value();
+    else if (option == "--reference")
+      folder = value();
+    else if (option == "--repeat")
+      repeat = std::max(1, std::atoi(value().c_str()));
     else {
       std::fprintf(stderr,
                    "usage: feltmb_bench [--case TEXT] [--repeat N] [--json FILE] "
@@ -326,9 +330,8 @@ int main(int argc, char** argv) {
     const std::string kind = flexible ? "flexible_" : "rigid_";
     const auto add = [&](const std::string& name, const feltmb::FingerInput& input, double end,
                          bool outputs) {
-      cases.emplace_back(kind + name, [=] {
-        return stroke(kind + name, flexible, input, end, outputs, repeat);
-      });
+      cases.emplace_back(
+          kind + name, [=] { return stroke(kind + name, flexible, input, end, outputs, repeat); });
     };
     add("piano", flexible ? ramp(5.0, 0.083, 0.350) : ramp(5.0, 0.083, 0.3475), 0.5, false);
     const auto forte = flexible ? ramp(25.0, 0.05, 0.0930) : ramp(25.0, 0.05, 0.0905);

@@ -1,4 +1,6 @@
-// Made by tools/make_bench_model.py from params/steinway45.toml (hash d0cc6144308792dc). Do not edit.
+// Made by tools/make_bench_model.py from params/steinway45.toml. Do not edit.
+// Hash of the parameters: 4dc31ecf0c565390
+// clang-format off
 #pragma once
 
 #include "feltmb/planar/description.hpp"
@@ -166,67 +168,83 @@ inline MechanismDescription steinway45(bool flexible) {
                         {0.0, 0.0}});
   d.contacts.push_back({1, "", "Gp2", "Kp3",
                         ExponentialPair{{5520.0, 1580.0, -600.0}, {190.0, 5040.0, 3040.0},
-                                        100.0, ExponentialPair::Form::kGuarded},
+                                        100.0,
+                                        ExponentialPair::Form::kGuarded},
                         {0.0, 0.0, 0.0, 0.001}, true});
   d.contacts.push_back({2, "", "Gp3", "Kp4",
                         ExponentialPair{{2630.0, 1360.0, 800.0}, {7.8, 360.0, 210.0},
-                                        100.0, ExponentialPair::Form::kGuarded},
+                                        100.0,
+                                        ExponentialPair::Form::kGuarded},
                         {0.0, 0.0, 0.0, 0.001}, true});
   d.contacts.push_back({3, "", "Kp2", "Wp2",
                         ExponentialPair{{27000.0, 1150.0, -22400.0}, {420.0, 5250.0, 2740.0},
-                                        100.0, ExponentialPair::Form::kGuarded},
+                                        100.0,
+                                        ExponentialPair::Form::kGuarded},
                         {0.332, 0.73, 1.0, 0.001}, true});
   d.contacts.push_back({4, "", "Hbp4", "Jp2",
                         ExponentialPair{{17000.0, 15600.0, -4870.0}, {180.0, 43200.0, 15300.0},
-                                        100.0, ExponentialPair::Form::kGuarded},
+                                        100.0,
+                                        ExponentialPair::Form::kGuarded},
                         {0.332, 0.73, 1.0, 0.001}, true});
   d.contacts.push_back({5, "", "Jp3", "Gp10",
                         ExponentialPair{{2620.0, 2960.0, -1150.0}, {30.0, 7990.0, 2480.0},
-                                        100.0, ExponentialPair::Form::kGuarded},
+                                        100.0,
+                                        ExponentialPair::Form::kGuarded},
                         {0.434, 1.78, 1.0, 0.001}, true});
   d.contacts.push_back({6, "", "Hp2", "Gp6",
                         ExponentialPair{{23500.0, 1740.0, -24100.0}, {2000.0, 4520.0, -820.0},
-                                        100.0, ExponentialPair::Form::kGuarded},
+                                        100.0,
+                                        ExponentialPair::Form::kGuarded},
                         {0.434, 1.78, 1.0, 0.001}, true});
   d.contacts.push_back({7, "", "Gp8", "Hsp3",
                         ExponentialPair{{140.0, 730.0, 180.0}, {2.8, 1610.0, 260.0},
-                                        100.0, ExponentialPair::Form::kGuarded},
+                                        100.0,
+                                        ExponentialPair::Form::kGuarded},
                         {0.0, 0.0, 0.0, 0.001}, true});
   d.contacts.push_back({8, "", "Bcp2", "Hbp6",
                         ExponentialPair{{2420.0, 1590.0, -1160.0}, {120.0, 3620.0, 1360.0},
-                                        100.0, ExponentialPair::Form::kGuarded},
+                                        100.0,
+                                        ExponentialPair::Form::kGuarded},
                         {1.085, 1.78, 1.0, 0.001}, true});
   d.contacts.push_back({9, "", "Wp3", "Dp2",
                         ExponentialPair{{70800.0, 100.0, -70300.0}, {5490.0, 940.0, -6380.0},
-                                        100.0, ExponentialPair::Form::kGuarded},
+                                        100.0,
+                                        ExponentialPair::Form::kGuarded},
                         {0.332, 0.73, 1.0, 0.001}, true});
   d.contacts.push_back({10, "", "Dp3", "Gp9",
                         ExponentialPair{{280.0, 1000.0, 220.0}, {9.5, 2300.0, 330.0},
-                                        100.0, ExponentialPair::Form::kGuarded},
+                                        100.0,
+                                        ExponentialPair::Form::kGuarded},
                         {0.0, 0.0, 0.0, 0.001}, true});
   d.contacts.push_back({11, "", "Jp4", "Hbp5",
                         ExponentialPair{{440.0, 1630.0, 500.0}, {10.0, 3550.0, 800.0},
-                                        100.0, ExponentialPair::Form::kGuarded},
+                                        100.0,
+                                        ExponentialPair::Form::kGuarded},
                         {0.434, 1.78, 1.0, 0.001}, true});
   d.contacts.push_back({12, "", "Gp11", "Jp5",
                         ExponentialPair{{470.0, 1230.0, -90.0}, {30.0, 2770.0, 240.0},
-                                        100.0, ExponentialPair::Form::kGuarded},
+                                        100.0,
+                                        ExponentialPair::Form::kGuarded},
                         {0.0, 0.0, 0.0, 0.001}, true});
   d.contacts.push_back({13, "", "Bcp2", "Hbp8",
                         ExponentialPair{{2620.0, 1840.0, -2370.0}, {120.0, 4130.0, 1120.0},
-                                        100.0, ExponentialPair::Form::kGuarded},
+                                        100.0,
+                                        ExponentialPair::Form::kGuarded},
                         {1.085, 1.78, 1.0, 0.001}, true});
   d.contacts.push_back({14, "", "Bcp2", "Hbp7",
                         ExponentialPair{{2620.0, 1840.0, -2370.0}, {120.0, 4130.0, 1120.0},
-                                        100.0, ExponentialPair::Form::kGuarded},
+                                        100.0,
+                                        ExponentialPair::Form::kGuarded},
                         {1.085, 1.78, 1.0, 0.001}, true});
   d.contacts.push_back({15, "", "Gp12", "Kp1",
                         ExponentialPair{{27000.0, 2640.0, -22710.0}, {3070.0, 6230.0, -2960.0},
-                                        100.0, ExponentialPair::Form::kGuarded},
+                                        100.0,
+                                        ExponentialPair::Form::kGuarded},
                         {0.0, 0.0, 0.0, 0.001}, true});
   d.contacts.push_back({16, "", "Gp13", "Dp4",
                         ExponentialPair{{280.0, 1000.0, 220.0}, {9.5, 2300.0, 330.0},
-                                        100.0, ExponentialPair::Form::kGuarded},
+                                        100.0,
+                                        ExponentialPair::Form::kGuarded},
                         {0.0, 0.0, 0.0, 0.001}, false});
   d.springs.push_back({"jack_spring", "jack.angle", 0.0069, 0.4});
   d.springs.push_back({"butt_spring", "hammer.angle", 0.00098, -2.8});

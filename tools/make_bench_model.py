@@ -11,7 +11,9 @@ from pathlib import Path
 import feltmb
 from feltmb.config import MechanismFile
 
-HEAD = """// Made by tools/make_bench_model.py from params/steinway45.toml (hash {hash}). Do not edit.
+HEAD = """// Made by tools/make_bench_model.py from params/steinway45.toml. Do not edit.
+// Hash of the parameters: {hash}
+// clang-format off
 #pragma once
 
 #include "feltmb/planar/description.hpp"
@@ -88,7 +90,8 @@ def contact(key: str, c: object) -> str:
     return (
         f'  d.contacts.push_back({{{int(key)}, "", "{c.surfaces[0]}", "{c.surfaces[1]}",\n'
         f"                        ExponentialPair{{{curve(c.loading)}, {curve(c.unloading)},\n"
-        f"                                        {number(c.alpha)}, ExponentialPair::Form::{form}}},\n"
+        f"                                        {number(c.alpha)},\n"
+        f"                                        ExponentialPair::Form::{form}}},\n"
         f"                        {friction(c.friction)}, {str(c.enabled).lower()}}});"
     )
 

@@ -43,9 +43,9 @@ void bind_contact(py::module_& m) {
   py::class_<ExponentialPair>(m, "ExponentialPair")
       .def(py::init([](ExponentialCurve loading, ExponentialCurve unloading, double alpha,
                        bool guarded) {
-             return ExponentialPair{loading, unloading, alpha,
-                                    guarded ? ExponentialPair::Form::kGuarded
-                                            : ExponentialPair::Form::kPrinted};
+             return ExponentialPair{
+                 loading, unloading, alpha,
+                 guarded ? ExponentialPair::Form::kGuarded : ExponentialPair::Form::kPrinted};
            }),
            py::kw_only(), py::arg("loading"), py::arg("unloading"), py::arg("alpha") = 100.0,
            py::arg("guarded") = true);
@@ -84,24 +84,27 @@ void bind_contact(py::module_& m) {
           },
           py::arg("compression"), py::arg("loading"), py::arg("unloading"))
       .def_property_readonly("closing", &Envelope::closing, "Compression e_M [m].")
-      .def("loading",
-           [](const Envelope& e, py::array_t<double> x) {
-             return py::vectorize([&e](double v) { return e.loading(v).force; })(x);
-           },
-           py::arg("compression"), "Virgin loading force [N].")
-      .def("unloading",
-           [](const Envelope& e, py::array_t<double> x, double largest) {
-             return py::vectorize([&e, largest](double v) {
-               return v <= 0.0 ? 0.0 : e.loading(v).force * e.ratio(v / largest).force;
-             })(x);
-           },
-           py::arg("compression"), py::arg("largest"),
-           "Unloading force [N] of the cycle to the compression `largest` [m].")
-      .def("loop_area",
-           [](const Envelope& e, py::array_t<double> x) {
-             return py::vectorize([&e](double v) { return e.loop_area(v).force; })(x);
-           },
-           py::arg("largest"), "Energy lost [J] in the cycle to `largest` [m].");
+      .def(
+          "loading",
+          [](const Envelope& e, py::array_t<double> x) {
+            return py::vectorize([&e](double v) { return e.loading(v).force; })(x);
+          },
+          py::arg("compression"), "Virgin loading force [N].")
+      .def(
+          "unloading",
+          [](const Envelope& e, py::array_t<double> x, double largest) {
+            return py::vectorize([&e, largest](double v) {
+              return v <= 0.0 ? 0.0 : e.loading(v).force * e.ratio(v / largest).force;
+            })(x);
+          },
+          py::arg("compression"), py::arg("largest"),
+          "Unloading force [N] of the cycle to the compression `largest` [m].")
+      .def(
+          "loop_area",
+          [](const Envelope& e, py::array_t<double> x) {
+            return py::vectorize([&e](double v) { return e.loop_area(v).force; })(x);
+          },
+          py::arg("largest"), "Energy lost [J] in the cycle to `largest` [m].");
   py::class_<FeltMemory>(m, "FeltMemory")
       .def(py::init([](std::shared_ptr<Envelope> envelope, double kappa, double recovery_time,
                        double creep_stiffness, double creep_damping, double rate_amplitude,
@@ -129,8 +132,8 @@ void bind_contact(py::module_& m) {
               return law.evaluate(x, v, {s.data(), largest}).force;
             })(e, rate);
           },
-          py::arg("compression"), py::arg("rate") = 0.0,
-          py::arg("state") = std::vector<double>{}, py::arg("largest") = 0.0,
+          py::arg("compression"), py::arg("rate") = 0.0, py::arg("state") = std::vector<double>{},
+          py::arg("largest") = 0.0,
           "Normal force [N] at compression [m] and compression rate [m/s].")
       .def(
           "evaluate",

@@ -37,16 +37,18 @@ void bind_model(py::module_& m) {
            py::arg("time"), py::arg("value"), py::arg("interpolation"),
            py::arg("oscillation_amplitude") = 0.0, py::arg("oscillation_frequency") = 0.0)
       .def_property_readonly("breakpoints", &Profile::breakpoints)
-      .def("value",
-           [](const Profile& p, py::array_t<double> t) {
-             return py::vectorize([&p](double x) { return p.value(x); })(t);
-           },
-           py::arg("time"))
-      .def("rate",
-           [](const Profile& p, py::array_t<double> t) {
-             return py::vectorize([&p](double x) { return p.rate(x); })(t);
-           },
-           py::arg("time"));
+      .def(
+          "value",
+          [](const Profile& p, py::array_t<double> t) {
+            return py::vectorize([&p](double x) { return p.value(x); })(t);
+          },
+          py::arg("time"))
+      .def(
+          "rate",
+          [](const Profile& p, py::array_t<double> t) {
+            return py::vectorize([&p](double x) { return p.rate(x); })(t);
+          },
+          py::arg("time"));
 
   py::class_<SimulationOptions>(m, "SimulationOptions")
       .def(py::init<>())
@@ -65,10 +67,10 @@ void bind_model(py::module_& m) {
       .def_readwrite("finger_reference", &SimulationOptions::finger_reference);
 
   py::class_<Monitor>(m, "Monitor")
-      .def(py::init([](std::string name, int point, std::pair<double, double> direction,
-                       double level) {
-             return Monitor{std::move(name), point, {direction.first, direction.second}, level};
-           }),
+      .def(py::init(
+               [](std::string name, int point, std::pair<double, double> direction, double level) {
+                 return Monitor{std::move(name), point, {direction.first, direction.second}, level};
+               }),
            py::kw_only(), py::arg("name"), py::arg("point"), py::arg("direction"),
            py::arg("level"));
 
@@ -81,8 +83,8 @@ void bind_model(py::module_& m) {
           e = find_equilibrium(mechanism, finger_force);
         }
         py::dict out;
-        out["q"] = Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(
-            e.q.data(), static_cast<Eigen::Index>(e.q.size())));
+        out["q"] = Eigen::VectorXd(
+            Eigen::Map<const Eigen::VectorXd>(e.q.data(), static_cast<Eigen::Index>(e.q.size())));
         out["eta"] = Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(
             e.eta.data(), static_cast<Eigen::Index>(e.eta.size())));
         out["law"] = e.law;
@@ -97,10 +99,14 @@ void bind_model(py::module_& m) {
       .def_property_readonly("status",
                              [](const RunResult& r) {
                                switch (r.status) {
-                                 case RunStatus::kDone: return "done";
-                                 case RunStatus::kFailed: return "failed";
-                                 case RunStatus::kWallTime: return "wall_time";
-                                 case RunStatus::kInterrupted: return "interrupted";
+                                 case RunStatus::kDone:
+                                   return "done";
+                                 case RunStatus::kFailed:
+                                   return "failed";
+                                 case RunStatus::kWallTime:
+                                   return "wall_time";
+                                 case RunStatus::kInterrupted:
+                                   return "interrupted";
                                }
                                return "?";
                              })
@@ -145,7 +151,8 @@ void bind_model(py::module_& m) {
                              })
       .def_property_readonly("end_largest_compression",
                              [](const RunResult& r) { return r.end.largest_compression; })
-      .def_property_readonly("counts", [](const RunResult& r) {
+      .def_property_readonly("counts",
+                             [](const RunResult& r) {
                                py::dict out = counts(r.counts);
                                out["event_evaluations"] = r.event_evaluations;
                                out["reversals"] = r.reversals;

@@ -15,7 +15,7 @@ namespace {
 std::pair<double, double> pair(Vec2 v) { return {v.x, v.y}; }
 
 template <class Class, class Owner>
-void vec2(Class& c, const char* name, Vec2 Owner::*member) {
+void vec2(Class& c, const char* name, Vec2 Owner::* member) {
   c.def_property(
       name, [member](const Owner& o) { return pair(o.*member); },
       [member](Owner& o, std::pair<double, double> v) { o.*member = {v.first, v.second}; });
@@ -184,8 +184,10 @@ void bind_planar(py::module_& m) {
                 for (int k = 0; k < beam.count; ++k) {
                   const double e = q[beam.first + k];
                   const int lateral = k - beam.shapes.axial();
-                  if (lateral < 0) u += e * v.axial[static_cast<std::size_t>(k)];
-                  else w += e * v.lateral[static_cast<std::size_t>(lateral)];
+                  if (lateral < 0)
+                    u += e * v.axial[static_cast<std::size_t>(k)];
+                  else
+                    w += e * v.lateral[static_cast<std::size_t>(lateral)];
                 }
                 out(i, 0) = x + u;
                 out(i, 1) = w;
@@ -210,9 +212,7 @@ void bind_planar(py::module_& m) {
 
   m.def(
       "assemble",
-      [](const MechanismDescription& d) {
-        return std::const_pointer_cast<Mechanism>(assemble(d));
-      },
+      [](const MechanismDescription& d) { return std::const_pointer_cast<Mechanism>(assemble(d)); },
       py::arg("description"), "Checked, immutable mechanism; one error lists all faults.");
 
   m.def(
@@ -221,10 +221,10 @@ void bind_planar(py::module_& m) {
          const Eigen::VectorXd& qd, double finger_force) {
         const auto n = static_cast<Eigen::Index>(mechanism->size());
         if (q.size() != n || qd.size() != n) {
-          throw InvalidParameter(format("evaluate: got q of length %ld and qd of length %ld, "
-                                        "expected %ld (the coordinates of the mechanism)",
-                                        static_cast<long>(q.size()),
-                                        static_cast<long>(qd.size()), static_cast<long>(n)));
+          throw InvalidParameter(format(
+              "evaluate: got q of length %ld and qd of length %ld, "
+              "expected %ld (the coordinates of the mechanism)",
+              static_cast<long>(q.size()), static_cast<long>(qd.size()), static_cast<long>(n)));
         }
         if (!q.allFinite() || !qd.allFinite()) {
           throw InvalidParameter("evaluate: q or qd holds a value that is not a finite number");
@@ -266,7 +266,8 @@ void bind_planar(py::module_& m) {
                                         static_cast<long>(q.size()), mechanism->size()));
         }
         const std::vector<double> law(static_cast<std::size_t>(mechanism->total_law_states), 0.0);
-        dynamics.locate({{q.data(), static_cast<std::size_t>(q.size())}, rest, law, zero, zero}, {});
+        dynamics.locate({{q.data(), static_cast<std::size_t>(q.size())}, rest, law, zero, zero},
+                        {});
         py::dict out;
         for (const auto& [name, placement] : mechanism->bodies) {
           const LinkState& s = dynamics.links()[static_cast<std::size_t>(placement.link)];
@@ -277,7 +278,8 @@ void bind_planar(py::module_& m) {
         return out;
       },
       py::arg("mechanism"), py::arg("q"),
-      "Origin x, y [m] and angle [rad] of every body in the ground frame; of a flexible beam at its "
+      "Origin x, y [m] and angle [rad] of every body in the ground frame; of a flexible beam at "
+      "its "
       "clamped end.");
 
   m.def(
@@ -291,7 +293,8 @@ void bind_planar(py::module_& m) {
         const std::vector<double> zero(static_cast<std::size_t>(mechanism->total_modes), 0.0);
         const std::vector<double> rest(static_cast<std::size_t>(mechanism->size()), 0.0);
         const std::vector<double> law(static_cast<std::size_t>(mechanism->total_law_states), 0.0);
-        dynamics.locate({{q.data(), static_cast<std::size_t>(q.size())}, rest, law, zero, zero}, {});
+        dynamics.locate({{q.data(), static_cast<std::size_t>(q.size())}, rest, law, zero, zero},
+                        {});
         return pair(dynamics.position(mechanism->points[static_cast<std::size_t>(point)].point));
       },
       py::arg("mechanism"), py::arg("point"), py::arg("q"),
@@ -307,7 +310,8 @@ void bind_planar(py::module_& m) {
         const std::vector<double> zero(static_cast<std::size_t>(mechanism->total_modes), 0.0);
         const std::vector<double> rest(static_cast<std::size_t>(mechanism->size()), 0.0);
         const std::vector<double> law(static_cast<std::size_t>(mechanism->total_law_states), 0.0);
-        dynamics.locate({{q.data(), static_cast<std::size_t>(q.size())}, rest, law, zero, zero}, {});
+        dynamics.locate({{q.data(), static_cast<std::size_t>(q.size())}, rest, law, zero, zero},
+                        {});
         return dot(mechanism->finger_direction, dynamics.position(mechanism->finger_point));
       },
       py::arg("mechanism"), py::arg("q"), "Place of the finger's point along its direction [m].");
@@ -328,9 +332,9 @@ void bind_planar(py::module_& m) {
         Eigen::MatrixXd damping = dynamics.damping();
         for (const auto& g : dynamics.gradients()) {
           const LawValue& law = dynamics.contacts()[static_cast<std::size_t>(g.contact)].law;
-          stiffness += (law.d_compression * g.by_force + g.by_compression) *
-                           g.compression.transpose() +
-                       law.d_rate * g.by_force * g.rate.transpose();
+          stiffness +=
+              (law.d_compression * g.by_force + g.by_compression) * g.compression.transpose() +
+              law.d_rate * g.by_force * g.rate.transpose();
           damping += law.d_rate * g.by_force * g.compression.transpose();
         }
         return py::make_tuple(stiffness, damping);

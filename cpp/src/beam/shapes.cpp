@@ -110,8 +110,7 @@ ShapeValues BeamShapes::at(double x) const {
     } else if (k == 2) {
       push(s * s * (s - 1.0), s * (3.0 * s - 2.0) * inverse, (6.0 * s - 2.0) * inverse * inverse);
     } else {
-      const Curve c =
-          vibration_mode(roots_[static_cast<std::size_t>(k - 3)], s, length_, 1.0);
+      const Curve c = vibration_mode(roots_[static_cast<std::size_t>(k - 3)], s, length_, 1.0);
       push(c.value, c.slope, c.curvature);
     }
   }

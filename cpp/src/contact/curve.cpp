@@ -35,8 +35,7 @@ double integral(const ExponentialCurve& curve, double e) {
   const double top = std::exp(kLargestExponent);
   const double k = kLargestExponent;
   // Integral of x e^k (1 + x - k) dx from k to x.
-  const double beyond =
-      top * ((1.0 - k) * 0.5 * (x * x - k * k) + (x * x * x - k * k * k) / 3.0);
+  const double beyond = top * ((1.0 - k) * 0.5 * (x * x - k * k) + (x * x * x - k * k * k) / 3.0);
   return scale * ((k - 1.0) * top + 1.0 + beyond) + linear;
 }
 

@@ -33,16 +33,17 @@ std::vector<double> monotone_slopes(const std::vector<double>& t, const std::vec
     // One-sided ends, held monotone.
     const auto end = [&](double near, double far, double h0, double h1) {
       double s = ((2.0 * h0 + h1) * near - h0 * far) / (h0 + h1);
-      if (s * near <= 0.0) s = 0.0;
-      else if (near * far <= 0.0 && std::fabs(s) > 3.0 * std::fabs(near)) s = 3.0 * near;
+      if (s * near <= 0.0)
+        s = 0.0;
+      else if (near * far <= 0.0 && std::fabs(s) > 3.0 * std::fabs(near))
+        s = 3.0 * near;
       return s;
     };
     if (n == 2) {
       slope[0] = slope[1] = secant(0);
     } else {
       slope[0] = end(secant(0), secant(1), t[1] - t[0], t[2] - t[1]);
-      slope[n - 1] =
-          end(secant(n - 2), secant(n - 3), t[n - 1] - t[n - 2], t[n - 2] - t[n - 3]);
+      slope[n - 1] = end(secant(n - 2), secant(n - 3), t[n - 1] - t[n - 2], t[n - 2] - t[n - 3]);
     }
   }
   return slope;
@@ -61,8 +62,8 @@ CurveValue look_up(const std::vector<double>& value, const std::vector<double>& 
   auto i = static_cast<std::size_t>(position);
   if (i >= kKnots) i = kKnots - 1;
   const double u = position - static_cast<double>(i);
-  return hermite(value[i], value[i + 1], slope[i], slope[i + 1],
-                 1.0 / static_cast<double>(kKnots), u);
+  return hermite(value[i], value[i + 1], slope[i], slope[i + 1], 1.0 / static_cast<double>(kKnots),
+                 u);
 }
 
 std::vector<double> knot_positions() {
@@ -156,9 +157,10 @@ std::shared_ptr<const Envelope> Envelope::from_curves(const ExponentialCurve& lo
     }
   }
   if (!(std::isfinite(closing) && closing > out->first_positive_ && closing < 1.0)) {
-    throw InvalidParameter(format("felt_memory: closing_compression = %.6g m, must be > 0 and "
-                                  "beyond the compression where the loading force is zero",
-                                  closing));
+    throw InvalidParameter(
+        format("felt_memory: closing_compression = %.6g m, must be > 0 and "
+               "beyond the compression where the loading force is zero",
+               closing));
   }
   out->closing_ = closing;
   const std::vector<double> s = knot_positions();
@@ -180,21 +182,26 @@ std::shared_ptr<const Envelope> Envelope::from_table(const std::vector<double>& 
                                                      const std::vector<double>& unload) {
   const std::size_t n = compression.size();
   if (n < 3 || load.size() != n || unload.size() != n) {
-    throw InvalidParameter(format("felt_memory: envelope table has %zu compressions, %zu loading "
-                                  "and %zu unloading forces; expected equal and >= 3",
-                                  n, load.size(), unload.size()));
+    throw InvalidParameter(
+        format("felt_memory: envelope table has %zu compressions, %zu loading "
+               "and %zu unloading forces; expected equal and >= 3",
+               n, load.size(), unload.size()));
   }
   for (std::size_t i = 0; i < n; ++i) {
     if (!std::isfinite(compression[i]) || !std::isfinite(load[i]) || !std::isfinite(unload[i])) {
       throw InvalidParameter(format("felt_memory: envelope row %zu is not finite", i));
     }
     if (i > 0 && !(compression[i] > compression[i - 1] && load[i] >= load[i - 1])) {
-      throw InvalidParameter(format("felt_memory: envelope row %zu: compression must grow and the "
-                                    "loading force must not fall", i));
+      throw InvalidParameter(
+          format("felt_memory: envelope row %zu: compression must grow and the "
+                 "loading force must not fall",
+                 i));
     }
     if (unload[i] > load[i] * (1.0 + 1e-9) + 1e-12) {
-      throw InvalidParameter(format("felt_memory: envelope row %zu: unloading force %.6g N above "
-                                    "loading force %.6g N", i, unload[i], load[i]));
+      throw InvalidParameter(
+          format("felt_memory: envelope row %zu: unloading force %.6g N above "
+                 "loading force %.6g N",
+                 i, unload[i], load[i]));
     }
   }
   if (compression[0] != 0.0 || load[0] != 0.0) {
@@ -221,12 +228,12 @@ std::shared_ptr<const Envelope> Envelope::from_table(const std::vector<double>& 
   for (std::size_t i = 1; i < s.size(); ++i) {
     out->load_energy_[i] =
         out->load_energy_[i - 1] +
-        integrate_rule(gauss16(),
-                       [&](double t) {
-                         return out->loading(t * t * out->closing_).force * 2.0 * t *
-                                out->closing_;
-                       },
-                       s[i - 1], s[i]);
+        integrate_rule(
+            gauss16(),
+            [&](double t) {
+              return out->loading(t * t * out->closing_).force * 2.0 * t * out->closing_;
+            },
+            s[i - 1], s[i]);
   }
   out->tabulate_ratio(s, std::move(rho));
   out->tabulate_area();
@@ -264,9 +271,10 @@ double Envelope::loading_energy(double e) const {
   const auto i = std::min(static_cast<std::size_t>(s), kKnots - 1);
   const double from = static_cast<double>(i) / static_cast<double>(kKnots);
   return load_energy_[i] +
-         integrate_rule(gauss16(),
-                        [&](double t) { return loading(t * t * closing_).force * 2.0 * t * closing_; },
-                        from, std::sqrt(e / closing_));
+         integrate_rule(
+             gauss16(),
+             [&](double t) { return loading(t * t * closing_).force * 2.0 * t * closing_; }, from,
+             std::sqrt(e / closing_));
 }
 
 CurveValue Envelope::loop_area(double e_m) const {

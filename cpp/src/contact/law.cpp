@@ -33,17 +33,15 @@ void check(const LawParameters& parameters) {
     check(mean->loading, "loading");
     check(mean->unloading, "unloading");
   } else if (const auto* hc = std::get_if<HuntCrossley>(&parameters)) {
-    require(std::isfinite(hc->stiffness) && hc->stiffness > 0.0, "stiffness [N/m^p]",
-            hc->stiffness, "> 0");
+    require(std::isfinite(hc->stiffness) && hc->stiffness > 0.0, "stiffness [N/m^p]", hc->stiffness,
+            "> 0");
     require(std::isfinite(hc->exponent) && hc->exponent >= 1.0, "exponent", hc->exponent, ">= 1");
-    require(std::isfinite(hc->damping) && hc->damping >= 0.0, "damping [s/m]", hc->damping,
-            ">= 0");
+    require(std::isfinite(hc->damping) && hc->damping >= 0.0, "damping [s/m]", hc->damping, ">= 0");
   } else if (const auto* st = std::get_if<Stulov>(&parameters)) {
-    require(std::isfinite(st->stiffness) && st->stiffness > 0.0, "stiffness [N/m^p]",
-            st->stiffness, "> 0");
+    require(std::isfinite(st->stiffness) && st->stiffness > 0.0, "stiffness [N/m^p]", st->stiffness,
+            "> 0");
     require(std::isfinite(st->exponent) && st->exponent >= 1.0, "exponent", st->exponent, ">= 1");
-    require(st->amplitude >= 0.0 && st->amplitude < 1.0, "amplitude", st->amplitude,
-            "in [0, 1)");
+    require(st->amplitude >= 0.0 && st->amplitude < 1.0, "amplitude", st->amplitude, "in [0, 1)");
     require(std::isfinite(st->time) && st->time > 0.0, "time [s]", st->time, "> 0");
   } else if (const auto* m = std::get_if<FeltMemory>(&parameters)) {
     if (!m->envelope) throw InvalidParameter("felt_memory: envelope is missing");
@@ -202,8 +200,7 @@ LawValue evaluate_memory(const FeltMemory& law, double e, double rate, const Law
   c = evaluate_core(law, inner, rate - v.state_rate[k], s[0], memory.largest);
   v.state_rate[0] = c.z_rate;
   v.rate_by_rate[0] = c.z_rate_by_rate;
-  v.rate_by_compression[0] =
-      c.z_rate_by_compression - c.z_rate_by_rate * v.rate_by_compression[k];
+  v.rate_by_compression[0] = c.z_rate_by_compression - c.z_rate_by_rate * v.rate_by_compression[k];
   for (std::size_t j = 0; j < next; ++j) {
     v.rate_by_state[0][j] = -c.z_rate_by_rate * v.rate_by_state[k][j];
   }
@@ -215,12 +212,12 @@ LawValue evaluate_memory(const FeltMemory& law, double e, double rate, const Law
 double memory_energy(const FeltMemory& law, double inner, double z, double largest) {
   const double reach = std::max(largest, inner);
   if (reach <= 0.0) return 0.0;
-  const double locked = 0.25 * law.kappa * law.envelope->loop_area(reach).force *
-                        (2.0 * z - 1.0) * (2.0 * z - 1.0);
+  const double locked =
+      0.25 * law.kappa * law.envelope->loop_area(reach).force * (2.0 * z - 1.0) * (2.0 * z - 1.0);
   if (inner <= 0.0) return locked;
   // F_U + D/2 = (F_L + F_U) / 2.
-  return locked + 0.5 * (law.envelope->loading_energy(inner) +
-                         law.envelope->unloading_energy(inner, reach));
+  return locked +
+         0.5 * (law.envelope->loading_energy(inner) + law.envelope->unloading_energy(inner, reach));
 }
 
 }  // namespace
@@ -238,8 +235,8 @@ ContactLaw::ContactLaw(const LawParameters& parameters) : parameters_(parameters
   } else if (std::holds_alternative<Stulov>(parameters)) {
     n_states_ = 1;
   } else if (const auto* memory = std::get_if<FeltMemory>(&parameters)) {
-    n_states_ = 1 + (memory->creep_stiffness > 0.0 ? 1 : 0) +
-                (memory->rate_amplitude > 0.0 ? 1 : 0);
+    n_states_ =
+        1 + (memory->creep_stiffness > 0.0 ? 1 : 0) + (memory->rate_amplitude > 0.0 ? 1 : 0);
   }
 }
 
@@ -329,8 +326,8 @@ void ContactLaw::relax(double compression, double* state) const {
       const auto excess = [&](double x) {
         return felt->envelope->loading(x).force - felt->creep_stiffness * (compression - x);
       };
-      inner = find_root_bracketed(excess, 0.0, excess(0.0), compression, excess(compression) + 1e-300,
-                                  1e-15);
+      inner = find_root_bracketed(excess, 0.0, excess(0.0), compression,
+                                  excess(compression) + 1e-300, 1e-15);
     }
     state[next++] = std::max(0.0, compression) - inner;
   }
@@ -340,16 +337,14 @@ void ContactLaw::relax(double compression, double* state) const {
 CurveValue ContactLaw::static_force(double compression) const {
   if (compression <= 0.0) return {0.0, 0.0};
   if (const auto* st = std::get_if<Stulov>(&parameters_)) {
-    const double f =
-        st->stiffness * (1.0 - st->amplitude) * std::pow(compression, st->exponent);
+    const double f = st->stiffness * (1.0 - st->amplitude) * std::pow(compression, st->exponent);
     return {f, st->exponent * f / compression};
   }
   if (const auto* felt = std::get_if<FeltMemory>(&parameters_)) {
     double state[kMaxLawStates] = {};
     relax(compression, state);
     const bool creeps = felt->creep_stiffness > 0.0;
-    const CurveValue v =
-        felt->envelope->loading(creeps ? compression - state[1] : compression);
+    const CurveValue v = felt->envelope->loading(creeps ? compression - state[1] : compression);
     if (!creeps) return v;
     return {v.force, v.slope * felt->creep_stiffness / (v.slope + felt->creep_stiffness)};
   }

@@ -78,8 +78,8 @@ FELTMB_CLONES GramSums gram_sums(std::size_t n, const double* __restrict phi,
 }
 
 FELTMB_CLONES void reduce_residual(std::size_t n, double g, const double* __restrict stiffness,
-                                   const double* __restrict factor,
-                                   const double* __restrict eta, double* __restrict rate) {
+                                   const double* __restrict factor, const double* __restrict eta,
+                                   double* __restrict rate) {
   for (std::size_t i = 0; i < n; ++i) {
     rate[i] = (rate[i] - g * stiffness[i] * eta[i]) * factor[i];
   }

@@ -44,7 +44,8 @@ ModalString::ModalString(const StringParameters& p) : parameters_(p) {
     const double k = j * pi / p.length;
     wave_number_[i] = k;
     wave_number_squared_[i] = k * k;
-    omega_[i] = k * std::sqrt(p.tension / p.linear_density * (1.0 + inharmonicity_ * pi * pi * j * j));
+    omega_[i] =
+        k * std::sqrt(p.tension / p.linear_density * (1.0 + inharmonicity_ * pi * pi * j * j));
     stiffness_[i] = omega_[i] * omega_[i];
     damping_[i] = 2.0 * p.damping_ratio * omega_[i];
     const double end_cosine = (i % 2 == 0) ? -1.0 : 1.0;

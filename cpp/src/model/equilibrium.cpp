@@ -11,9 +11,12 @@ namespace {
 class Rest {
  public:
   Rest(const std::shared_ptr<const Mechanism>& mechanism, double finger_force)
-      : m_(*mechanism), dynamics_(mechanism), zero_(m_.coordinates.size(), 0.0),
+      : m_(*mechanism),
+        dynamics_(mechanism),
+        zero_(m_.coordinates.size(), 0.0),
         law_(static_cast<std::size_t>(m_.total_law_states), 0.0),
-        eta_(static_cast<std::size_t>(m_.total_modes), 0.0), eta_rate_(eta_) {
+        eta_(static_cast<std::size_t>(m_.total_modes), 0.0),
+        eta_rate_(eta_) {
     dynamics_.use_static_laws();
     drive_.force = finger_force;
   }
@@ -83,8 +86,8 @@ class Rest {
 double scaled_residual(const Mechanism& m, const Eigen::VectorXd& force) {
   double largest = 0.0;
   for (Eigen::Index k = 0; k < force.size(); ++k) {
-    largest = std::max(largest,
-                       std::fabs(force[k]) * m.coordinate_scale[static_cast<std::size_t>(k)]);
+    largest =
+        std::max(largest, std::fabs(force[k]) * m.coordinate_scale[static_cast<std::size_t>(k)]);
   }
   return largest;
 }
@@ -107,8 +110,7 @@ Equilibrium find_equilibrium(const std::shared_ptr<const Mechanism>& mechanism,
   bool stable = false;
   for (; iteration < most; ++iteration) {
     const Eigen::VectorXd force = scale.cwiseProduct(rest.force());
-    const Eigen::MatrixXd h =
-        scale.asDiagonal() * rest.hessian() * scale.asDiagonal();
+    const Eigen::MatrixXd h = scale.asDiagonal() * rest.hessian() * scale.asDiagonal();
     const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(h);
     const Eigen::VectorXd& values = eigen.eigenvalues();
     const Eigen::VectorXd along = eigen.eigenvectors().transpose() * force;
@@ -145,8 +147,8 @@ Equilibrium find_equilibrium(const std::shared_ptr<const Mechanism>& mechanism,
     }
   }
   if (!stable) {
-    std::string text = "mechanism \"" + m.name +
-                       "\": no rest pose was reached from start_pose under gravity;";
+    std::string text =
+        "mechanism \"" + m.name + "\": no rest pose was reached from start_pose under gravity;";
     for (Eigen::Index k = 0; k < n; ++k) {
       const double force = rest.force()[k];
       if (std::fabs(force) * scale[k] > 1e-10) {

@@ -87,8 +87,8 @@ MechanicalState MechanismSystem::parts(std::span<const double> y) const {
   const std::size_t n = at(n_);
   const std::size_t laws = at(law_states_);
   const std::size_t modes = at(modes_);
-  return {y.subspan(0, n), y.subspan(n, n), y.subspan(2 * n, laws),
-          y.subspan(2 * n + laws, modes), y.subspan(2 * n + laws + modes, modes)};
+  return {y.subspan(0, n), y.subspan(n, n), y.subspan(2 * n, laws), y.subspan(2 * n + laws, modes),
+          y.subspan(2 * n + laws + modes, modes)};
 }
 
 Drive MechanismSystem::drive(double t) const {
@@ -160,11 +160,12 @@ void MechanismSystem::rhs(double t, std::span<const double> y, std::span<double>
   }
 }
 
-void MechanismSystem::add_contact_slopes(
-    Eigen::MatrixXd& stiffness, Eigen::MatrixXd& damping, const Eigen::VectorXd& force_column,
-    const Eigen::VectorXd& compression_column, const Eigen::VectorXd& gradient,
-    const Eigen::VectorXd& rate_gradient, double slope, double rate_slope,
-    const std::vector<int>& coordinates) {
+void MechanismSystem::add_contact_slopes(Eigen::MatrixXd& stiffness, Eigen::MatrixXd& damping,
+                                         const Eigen::VectorXd& force_column,
+                                         const Eigen::VectorXd& compression_column,
+                                         const Eigen::VectorXd& gradient,
+                                         const Eigen::VectorXd& rate_gradient, double slope,
+                                         double rate_slope, const std::vector<int>& coordinates) {
   for (const int k : coordinates) {
     const double column = force_column[k] * slope + compression_column[k];
     const double rate_column = force_column[k] * rate_slope;
@@ -203,8 +204,8 @@ void MechanismSystem::linearize(double t, std::span<const double> y) {
     const Contact& contact = m.contacts[at(g.contact)];
     const ContactState& state = dynamics_.contacts()[at(g.contact)];
     for (const int k : contact.coordinates) {
-      const double tie = std::fabs((g.by_force[k] * state.law.d_compression +
-                                    g.by_compression[k]) * g.compression[k]);
+      const double tie = std::fabs((g.by_force[k] * state.law.d_compression + g.by_compression[k]) *
+                                   g.compression[k]);
       if (tie > tie_[at(k)]) {
         tie_[at(k)] = tie;
         stiffest_[at(k)] = g.contact;
@@ -293,8 +294,7 @@ bool MechanismSystem::factorize(double gamma) {
     c.displacement_column = -(c.force_column * c.by_compression + c.compression_column);
     const std::size_t first = at(c.offset);
     const std::size_t count = at(mechanism().strings[at(c.string)].string.modes());
-    const modal::GramSums gram = modal::gram_sums(count, phi_.data() + first,
-                                                  dphi_.data() + first,
+    const modal::GramSums gram = modal::gram_sums(count, phi_.data() + first, dphi_.data() + first,
                                                   modal_rate_factor_.data() + first);
     c.a00 = gram.phi_phi;
     c.a01 = gram.phi_dphi;
@@ -315,15 +315,14 @@ bool MechanismSystem::factorize(double gamma) {
                                       velocity_y * rate_column + slope_y * slope_column;
     newton_.topLeftCorner(n_, n_) -= (g * g) * by_strike * c.strike.transpose();
     newton_.col(n_ + i).head(n_) = -g * by_force;
-    const double own_f = c.by_compression * g * velocity_f +
-                         c.by_rate * (velocity_f + c.strike_speed * slope_f);
-    const double own_y = c.by_compression * g * velocity_y +
-                         c.by_rate * (velocity_y + c.strike_speed * slope_y);
+    const double own_f =
+        c.by_compression * g * velocity_f + c.by_rate * (velocity_f + c.strike_speed * slope_f);
+    const double own_y =
+        c.by_compression * g * velocity_y + c.by_rate * (velocity_y + c.strike_speed * slope_y);
     newton_.row(n_ + i).setZero();
-    newton_.row(n_ + i).head(n_) =
-        (-(g * c.by_compression + c.by_rate) * c.gradient - (g * c.by_rate) * c.rate_gradient +
-         (g * own_y) * c.strike)
-            .transpose();
+    newton_.row(n_ + i).head(n_) = (-(g * c.by_compression + c.by_rate) * c.gradient -
+                                    (g * c.by_rate) * c.rate_gradient + (g * own_y) * c.strike)
+                                       .transpose();
     newton_(n_ + i, n_ + i) = 1.0 + own_f;
   }
   if (!newton_.allFinite()) return false;
@@ -352,9 +351,8 @@ void MechanismSystem::solve(std::span<double> b) {
     const StringCoupling& c = couplings_[at(i)];
     const std::size_t first = at(c.offset);
     const std::size_t count = at(mechanism().strings[at(c.string)].string.modes());
-    auto [velocity, displacement, slope] =
-        modal::residual_sums(count, g, phi_.data() + first, dphi_.data() + first, r_eta + first,
-                             r_rate + first);
+    auto [velocity, displacement, slope] = modal::residual_sums(
+        count, g, phi_.data() + first, dphi_.data() + first, r_eta + first, r_rate + first);
     const double shift = c.strike.dot(r_q) * c.force;
     velocity += g * c.a01 * shift;
     displacement += g * g * c.a01 * shift;
@@ -362,9 +360,8 @@ void MechanismSystem::solve(std::span<double> b) {
     right_.head(n_) += g * (displacement * c.displacement_column -
                             (c.by_rate * (velocity + c.strike_speed * slope)) * c.force_column +
                             (slope * c.force) * c.slope_force);
-    right_[n_ + i] =
-        c.by_compression * (c.gradient.dot(r_q) - displacement) +
-        c.by_rate * (c.rate_gradient.dot(r_q) - velocity - c.strike_speed * slope);
+    right_[n_ + i] = c.by_compression * (c.gradient.dot(r_q) - displacement) +
+                     c.by_rate * (c.rate_gradient.dot(r_q) - velocity - c.strike_speed * slope);
   }
   // Law states alone: their residual acts through the force.
   for (int i = 0; i < stateful_count_; ++i) {
@@ -424,9 +421,7 @@ void MechanismSystem::solve(std::span<double> b) {
   }
 }
 
-std::size_t MechanismSystem::n_events() const {
-  return event_contacts_.size() + monitors_.size();
-}
+std::size_t MechanismSystem::n_events() const { return event_contacts_.size() + monitors_.size(); }
 
 void MechanismSystem::events(double t, std::span<const double> y, std::span<double> g) {
   locate(t, y);
@@ -474,8 +469,8 @@ void MechanismSystem::quadratures(double t, std::span<const double> y, std::span
 
 std::vector<double> MechanismSystem::absolute_tolerances(double rtol) const {
   const Mechanism& m = mechanism();
-  constexpr double felt = 2e-4;   // m
-  constexpr double speed = 0.2;   // m/s
+  constexpr double felt = 2e-4;  // m
+  constexpr double speed = 0.2;  // m/s
   std::vector<double> atol(size());
   const std::size_t n = at(n_);
   for (std::size_t k = 0; k < n; ++k) {

@@ -40,7 +40,8 @@ std::vector<ObservableInfo> list_observables(const Mechanism& m) {
   for (const auto& s : m.straps) add(s.name + ".force", "N", "pull of the strap");
   if (m.finger_contact >= 0) {
     add("finger.force", "N", "force of the finger on the key, positive pressing");
-    add("finger.displacement", "m", "travel of the point under the finger from its rest, positive pressing");
+    add("finger.displacement", "m",
+        "travel of the point under the finger from its rest, positive pressing");
   }
   for (const auto& s : m.strings) {
     add(s.name + ".strike", "m", "string displacement at the strike point, away from the striker");
@@ -74,8 +75,7 @@ void observe(MechanismSystem& system, double t, std::span<const double> y, std::
   for (std::size_t c = 0; c < m.contacts.size(); ++c) {
     const ContactState& s = dynamics.contacts()[c];
     if (s.closed || m.contacts[c].law.n_states() > 0) {
-      stored += m.contacts[c].law.stored_energy(s.closed ? s.compression : 0.0,
-                                                dynamics.memory(c));
+      stored += m.contacts[c].law.stored_energy(s.closed ? s.compression : 0.0, dynamics.memory(c));
     }
     if (m.contacts[c].finger) continue;
     out[i++] = s.law.force;
@@ -91,8 +91,8 @@ void observe(MechanismSystem& system, double t, std::span<const double> y, std::
   if (m.finger_contact >= 0) {
     const Drive drive = system.drive(t);
     out[i++] = drive.motion ? dynamics.contacts()[at(m.finger_contact)].law.force : drive.force;
-    out[i++] = dot(m.finger_direction, dynamics.position(m.finger_point)) -
-               system.finger_reference();
+    out[i++] =
+        dot(m.finger_direction, dynamics.position(m.finger_point)) - system.finger_reference();
   }
   for (std::size_t b = 0; b < m.beams.size(); ++b) {
     elastic += dynamics.beam_energy(static_cast<int>(b), y.subspan(0, n));

@@ -33,8 +33,7 @@ Profile::Profile(std::vector<double> time, std::vector<double> value, Interpolat
   if (interpolation_ == Interpolation::kLinear) {
     // Knots on a straight line need no stop; a sampled record would otherwise restart everywhere.
     for (std::size_t i = 0; i < n; ++i) {
-      const double left =
-          i == 0 ? 0.0 : (value_[i] - value_[i - 1]) / (time_[i] - time_[i - 1]);
+      const double left = i == 0 ? 0.0 : (value_[i] - value_[i - 1]) / (time_[i] - time_[i - 1]);
       const double right =
           i + 1 == n ? 0.0 : (value_[i + 1] - value_[i]) / (time_[i + 1] - time_[i]);
       if (std::fabs(right - left) > 1e-9 * (std::fabs(left) + std::fabs(right))) {

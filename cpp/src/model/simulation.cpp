@@ -145,9 +145,10 @@ class Run {
       y_ = start.y;
       if (!start.largest_compression.empty()) {
         if (start.largest_compression.size() != largest().size()) {
-          throw InvalidParameter(format("start memory: got %zu values, expected one a contact "
-                                        "(%zu)", start.largest_compression.size(),
-                                        largest().size()));
+          throw InvalidParameter(
+              format("start memory: got %zu values, expected one a contact "
+                     "(%zu)",
+                     start.largest_compression.size(), largest().size()));
         }
         largest() = start.largest_compression;
       }
@@ -184,7 +185,8 @@ class Run {
     o.rtol = options_.rtol;
     o.atol = system_.absolute_tolerances(options_.rtol);
     o.quadrature_atol.assign(system_.n_quadratures(), options_.rtol * 1e-3);
-    o.max_order = options_.max_order > 0 ? options_.max_order : choose_order(system_.mechanism(), options_.rtol);
+    o.max_order = options_.max_order > 0 ? options_.max_order
+                                         : choose_order(system_.mechanism(), options_.rtol);
     o.max_step = options_.max_step;
     Integrator integrator(system_, o);
     integrator.start(0.0, y_, true);
@@ -329,8 +331,7 @@ class Run {
     integrator.start(reversal.time, y_, false);
     system_.locate(reversal.time, y_, Detail::kAllContacts);
     for (std::size_t i = 0; i < remembering_.size(); ++i) {
-      felt_rate_[i] =
-          remembering_[i] == at(reversal.contact) ? 0.0 : felt(remembering_[i]).slope;
+      felt_rate_[i] = remembering_[i] == at(reversal.contact) ? 0.0 : felt(remembering_[i]).slope;
     }
     ++result_.reversals;
   }
@@ -345,9 +346,10 @@ class Run {
     }
     const double count = std::floor(options_.duration * options_.output_rate * (1.0 + 1e-12));
     if (count > 5e7) {
-      throw InvalidParameter(format("output_rate = %.6g Hz over %.6g s gives %.3g samples; the "
-                                    "limit is 5e7", options_.output_rate, options_.duration,
-                                    count));
+      throw InvalidParameter(
+          format("output_rate = %.6g Hz over %.6g s gives %.3g samples; the "
+                 "limit is 5e7",
+                 options_.output_rate, options_.duration, count));
     }
     const auto rows = static_cast<Eigen::Index>(count) + 2;
     result_.time.resize(rows);
@@ -454,7 +456,8 @@ class Run {
         if (contact >= 0) result_.failed_contact = system_.mechanism().contacts[at(contact)].name;
         result_.message = format(
             "no progress: %ld steps moved the time by %.3g s only, at t = %.9g s; state %s limits "
-            "the step%s%s", window, now - progress_time_, now, result_.failed_state.c_str(),
+            "the step%s%s",
+            window, now - progress_time_, now, result_.failed_state.c_str(),
             contact >= 0 ? ", stiffest contact there " : "", result_.failed_contact.c_str());
         return false;
       }
@@ -464,8 +467,8 @@ class Run {
     const double wall = std::chrono::duration<double>(Clock::now() - begin_).count();
     if (options_.max_wall > 0.0 && wall > options_.max_wall) {
       result_.status = RunStatus::kWallTime;
-      result_.message = format("wall time limit of %.3g s reached at t = %.6g s",
-                               options_.max_wall, now);
+      result_.message =
+          format("wall time limit of %.3g s reached at t = %.6g s", options_.max_wall, now);
       return false;
     }
     if (progress_ && wall >= next_report_) {
@@ -487,8 +490,8 @@ class Run {
     const int contact = system_.stiffest_contact(state);
     if (contact >= 0) result_.failed_contact = system_.mechanism().contacts[at(contact)].name;
     result_.message =
-        format("integration stopped at t = %.9g s (step %.3g s): %s; largest error in state %s",
-               t, integrator.last_step(), why.c_str(), result_.failed_state.c_str());
+        format("integration stopped at t = %.9g s (step %.3g s): %s; largest error in state %s", t,
+               integrator.last_step(), why.c_str(), result_.failed_state.c_str());
     if (contact >= 0) {
       result_.message += ", stiffest contact there " + result_.failed_contact;
     }
@@ -515,11 +518,12 @@ class Run {
     const auto contacts = static_cast<Eigen::Index>(system_.mechanism().contacts.size());
     result_.event_compression.conservativeResize(event_rows, contacts);
     result_.event_approach.conservativeResize(event_rows, contacts);
-    rank(state_counts_, [&](std::size_t i) { return system_.state_name(i); },
-         result_.limiting_states);
-    rank(contact_counts_,
-         [&](std::size_t i) { return system_.mechanism().contacts[i].name; },
-         result_.limiting_contacts);
+    rank(
+        state_counts_, [&](std::size_t i) { return system_.state_name(i); },
+        result_.limiting_states);
+    rank(
+        contact_counts_, [&](std::size_t i) { return system_.mechanism().contacts[i].name; },
+        result_.limiting_contacts);
     result_.wall = std::chrono::duration<double>(Clock::now() - begin_).count();
   }
 
@@ -543,9 +547,9 @@ class Run {
   std::vector<double> ledger_scratch_;
   std::vector<Stop> stops_;
   std::vector<PeakWatch> watches_;
-  std::vector<std::size_t> remembering_;   ///< contacts whose laws have memory
-  std::vector<double> felt_rate_;          ///< of these, at the end of the last step
-  std::vector<double> recovered_;          ///< heat of recovery by contact [J]
+  std::vector<std::size_t> remembering_;  ///< contacts whose laws have memory
+  std::vector<double> felt_rate_;         ///< of these, at the end of the last step
+  std::vector<double> recovered_;         ///< heat of recovery by contact [J]
   RunResult result_;
   long rows_ = 0;
   double last_sample_ = -1.0;

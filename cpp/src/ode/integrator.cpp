@@ -34,19 +34,32 @@ class FlushToZero {
 
 const char* flag_text(int flag) {
   switch (flag) {
-    case CV_TOO_MUCH_WORK: return "too many internal steps";
-    case CV_TOO_MUCH_ACC: return "the tolerance is below what double precision can give";
-    case CV_ERR_FAILURE: return "the error test failed at the smallest step";
-    case CV_CONV_FAILURE: return "the Newton iteration did not converge at the smallest step";
-    case CV_LSETUP_FAIL: return "the Newton matrix could not be factorised";
-    case CV_RHSFUNC_FAIL: return "the right-hand side failed";
-    case CV_FIRST_RHSFUNC_ERR: return "the right-hand side failed at the start";
-    case CV_REPTD_RHSFUNC_ERR: return "the right-hand side kept failing";
-    case CV_UNREC_RHSFUNC_ERR: return "the right-hand side failed and the step could not shrink";
-    case CV_QRHSFUNC_FAIL: return "the ledger's right-hand side failed";
-    case CV_ILL_INPUT: return "the integrator refused its input";
-    case CV_TOO_CLOSE: return "start and end time are too close";
-    default: return "the integrator failed";
+    case CV_TOO_MUCH_WORK:
+      return "too many internal steps";
+    case CV_TOO_MUCH_ACC:
+      return "the tolerance is below what double precision can give";
+    case CV_ERR_FAILURE:
+      return "the error test failed at the smallest step";
+    case CV_CONV_FAILURE:
+      return "the Newton iteration did not converge at the smallest step";
+    case CV_LSETUP_FAIL:
+      return "the Newton matrix could not be factorised";
+    case CV_RHSFUNC_FAIL:
+      return "the right-hand side failed";
+    case CV_FIRST_RHSFUNC_ERR:
+      return "the right-hand side failed at the start";
+    case CV_REPTD_RHSFUNC_ERR:
+      return "the right-hand side kept failing";
+    case CV_UNREC_RHSFUNC_ERR:
+      return "the right-hand side failed and the step could not shrink";
+    case CV_QRHSFUNC_FAIL:
+      return "the ledger's right-hand side failed";
+    case CV_ILL_INPUT:
+      return "the integrator refused its input";
+    case CV_TOO_CLOSE:
+      return "start and end time are too close";
+    default:
+      return "the integrator failed";
   }
 }
 
@@ -71,7 +84,7 @@ struct Integrator::Impl {
   std::exception_ptr thrown;
   std::string message;
   std::string captured;
-  IntegratorCounts total;   ///< of runs before the last restart
+  IntegratorCounts total;  ///< of runs before the last restart
   long jacobians = 0;
   long factorizations = 0;
 
@@ -259,8 +272,7 @@ void Integrator::start(double t, std::span<const double> y, bool reset_quadratur
     if (d.quad != nullptr) {
       d.check(CVodeQuadInit(d.cvode, IntegratorCallbacks::quadratures<Impl>, d.quad),
               "CVodeQuadInit");
-      d.check(CVodeQuadSVtolerances(d.cvode, d.options.rtol, d.quad_atol),
-              "CVodeQuadSVtolerances");
+      d.check(CVodeQuadSVtolerances(d.cvode, d.options.rtol, d.quad_atol), "CVodeQuadSVtolerances");
       d.check(CVodeSetQuadErrCon(d.cvode, SUNTRUE), "CVodeSetQuadErrCon");
     }
     d.started = true;

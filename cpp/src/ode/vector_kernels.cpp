@@ -10,8 +10,8 @@ namespace {
 double* data(N_Vector v) { return NV_DATA_S(v); }
 sunindextype length(N_Vector v) { return NV_LENGTH_S(v); }
 
-FELTMB_CLONES void linear_sum(sunindextype n, double a, const double* x, double b,
-                              const double* y, double* z) {
+FELTMB_CLONES void linear_sum(sunindextype n, double a, const double* x, double b, const double* y,
+                              double* z) {
   for (sunindextype i = 0; i < n; ++i) z[i] = a * x[i] + b * y[i];
 }
 
@@ -84,9 +84,7 @@ void op_div(N_Vector x, N_Vector y, N_Vector z) { quotient(length(x), data(x), d
 void op_scale(double c, N_Vector x, N_Vector z) { scale(length(x), c, data(x), data(z)); }
 void op_abs(N_Vector x, N_Vector z) { absolute(length(x), data(x), data(z)); }
 void op_inv(N_Vector x, N_Vector z) { inverse(length(x), data(x), data(z)); }
-void op_addconst(N_Vector x, double b, N_Vector z) {
-  add_constant(length(x), data(x), b, data(z));
-}
+void op_addconst(N_Vector x, double b, N_Vector z) { add_constant(length(x), data(x), b, data(z)); }
 double op_maxnorm(N_Vector x) { return max_norm(length(x), data(x)); }
 double op_wrmsnorm(N_Vector x, N_Vector w) {
   return std::sqrt(square_sum(length(x), data(x), data(w)) / static_cast<double>(length(x)));

@@ -80,8 +80,7 @@ class Assembler {
     }
     for (std::size_t i = 0; i < m_->links.size(); ++i) {
       const Link& link = m_->links[i];
-      if (link.kind == LinkKind::kStation && !link.lump &&
-          link.name == m_->beams[at(beam)].name &&
+      if (link.kind == LinkKind::kStation && !link.lump && link.name == m_->beams[at(beam)].name &&
           std::fabs(link.station - x) < 1e-9 * length) {
         return static_cast<int>(i);
       }
@@ -223,8 +222,8 @@ class Assembler {
     m_->links.push_back(link);
   }
 
-  int add_coordinate(const std::string& name, bool angle, const std::string& where,
-                     int parent_link, const Friction& friction) {
+  int add_coordinate(const std::string& name, bool angle, const std::string& where, int parent_link,
+                     const Friction& friction) {
     if (name.empty()) fault(where + ": its joint coordinate has no name");
     if (m_->coordinate_index(name) >= 0) {
       fault(where + ": coordinate \"" + name + "\" is given twice");
@@ -253,14 +252,28 @@ class Assembler {
     }
     if (b.mass != 0.0) fault(where + ": a flexible beam has its mass from its density, not mass");
     try {
-      FlexibleBeam beam{b.name, m_->size(), 0, {}, d.damping_time, base,
+      FlexibleBeam beam{b.name,
+                        m_->size(),
+                        0,
+                        {},
+                        d.damping_time,
+                        base,
                         BeamShapes(d.shapes, d.length, d.axial_shapes, d.lateral_shapes),
-                        d.length, d.condense_axial, 0.0, 0.0, 0.0, {}, {}, {}, {}, {}};
+                        d.length,
+                        d.condense_axial,
+                        0.0,
+                        0.0,
+                        0.0,
+                        {},
+                        {},
+                        {},
+                        {},
+                        {}};
       beam.count = d.axial_shapes + d.lateral_shapes;
       for (int k = 0; k < beam.count; ++k) {
         const bool axial = k < d.axial_shapes;
-        const std::string name = b.name + (axial ? ".u" : ".v") +
-                                 std::to_string(axial ? k + 1 : k - d.axial_shapes + 1);
+        const std::string name =
+            b.name + (axial ? ".u" : ".v") + std::to_string(axial ? k + 1 : k - d.axial_shapes + 1);
         add_coordinate(name, false, where, base.link, Friction{});
         if (k > 0) m_->coordinate_parent.back() = m_->size() - 2;
       }
@@ -329,8 +342,8 @@ class Assembler {
             beam.stiffness(k, j) +=
                 weight * d.axial_stiffness * v.axial_slope[at(k)] * v.axial_slope[at(j)];
           } else if (kl >= 0 && jl >= 0) {
-            beam.stiffness(k, j) += weight * d.bending_stiffness *
-                                    v.lateral_curvature[at(kl)] * v.lateral_curvature[at(jl)];
+            beam.stiffness(k, j) += weight * d.bending_stiffness * v.lateral_curvature[at(kl)] *
+                                    v.lateral_curvature[at(jl)];
           }
         }
       }
@@ -359,8 +372,7 @@ class Assembler {
       fault(where + format(": friction B1 = %.6g, B2 = %.6g, must be >= 0", f.b1, f.b2));
     }
     if (!(std::isfinite(f.threshold_speed) && f.threshold_speed > 0.0)) {
-      fault(where +
-            format(": friction threshold_speed = %.6g, must be > 0", f.threshold_speed));
+      fault(where + format(": friction threshold_speed = %.6g, must be > 0", f.threshold_speed));
     }
   }
 
@@ -372,8 +384,8 @@ class Assembler {
       if (!finite(s.point)) fault(where + ": point is not a finite number");
       if (s.kind == SurfaceKind::kLine) {
         if (std::abs(norm(s.normal) - 1.0) > 2e-4) {
-          fault(where + format(": normal has length %.6g, must be 1 (within 2e-4)",
-                               norm(s.normal)));
+          fault(where +
+                format(": normal has length %.6g, must be 1 (within 2e-4)", norm(s.normal)));
         }
       } else if (!(std::isfinite(s.radius) && s.radius >= 0.0)) {
         fault(where + format(": radius = %.6g m, must be >= 0", s.radius));
@@ -382,8 +394,8 @@ class Assembler {
       }
       if (s.kind == SurfaceKind::kHybrid &&
           !(s.arc[1] > s.arc[0] && s.arc[1] - s.arc[0] < 3.1415926535)) {
-        fault(where + format(": arc from %.6g to %.6g rad, must grow by less than pi", s.arc[0],
-                             s.arc[1]));
+        fault(where +
+              format(": arc from %.6g to %.6g rad, must grow by less than pi", s.arc[0], s.arc[1]));
       }
       surfaces_[s.name] = &s;
     }
@@ -391,10 +403,14 @@ class Assembler {
 
   static const char* kind_name(SurfaceKind kind) {
     switch (kind) {
-      case SurfaceKind::kLine: return "line";
-      case SurfaceKind::kCircle: return "circle";
-      case SurfaceKind::kConcave: return "concave circle";
-      case SurfaceKind::kHybrid: return "hybrid";
+      case SurfaceKind::kLine:
+        return "line";
+      case SurfaceKind::kCircle:
+        return "circle";
+      case SurfaceKind::kConcave:
+        return "concave circle";
+      case SurfaceKind::kHybrid:
+        return "hybrid";
     }
     return "?";
   }
@@ -445,7 +461,8 @@ class Assembler {
       }
       if (sa->kind == SurfaceKind::kConcave && sa->radius <= sb->radius) {
         fault(where + format(": circle of radius %.6g m does not fit into the concave one of "
-                             "%.6g m", sb->radius, sa->radius));
+                             "%.6g m",
+                             sb->radius, sa->radius));
       }
       set_geometry(contact, *sa, *sb, where);
       m_->contacts.push_back(contact);
@@ -472,8 +489,12 @@ class Assembler {
         // Printed normals carry four digits; a unit normal keeps rates and energy consistent.
         contact.normal_a = turn * ((1.0 / norm(sa.normal)) * sa.normal);
         break;
-      case SurfaceKind::kCircle: contact.kind = PairKind::kCircleCircle; break;
-      case SurfaceKind::kConcave: contact.kind = PairKind::kConcaveCircle; break;
+      case SurfaceKind::kCircle:
+        contact.kind = PairKind::kCircleCircle;
+        break;
+      case SurfaceKind::kConcave:
+        contact.kind = PairKind::kConcaveCircle;
+        break;
       case SurfaceKind::kHybrid: {
         contact.kind = PairKind::kHybridCircle;
         for (int i = 0; i < 2; ++i) {
@@ -549,16 +570,22 @@ class Assembler {
         continue;
       }
       try {
-        AttachedString a{s.name, ModalString(s.parameters), s.anchor, 1.0,
-                         s.moving_strike_point, s.strike_position, found, m_->total_modes};
+        AttachedString a{s.name,
+                         ModalString(s.parameters),
+                         s.anchor,
+                         1.0,
+                         s.moving_strike_point,
+                         s.strike_position,
+                         found,
+                         m_->total_modes};
         const Vec2 along = perp(it->second->normal);
         if (std::abs(dot(along, s.direction)) < 0.5) {
           fault(where + ": direction is not along the surface \"" + s.surface + "\"");
         }
         a.sense = dot(along, s.direction) < 0.0 ? -1.0 : 1.0;
         if (!(s.anchor >= 0.0 && s.anchor <= s.parameters.length)) {
-          fault(where + format(": anchor = %.6g m, must lie in [0, %.6g]", s.anchor,
-                               s.parameters.length));
+          fault(where +
+                format(": anchor = %.6g m, must lie in [0, %.6g]", s.anchor, s.parameters.length));
         }
         if (!s.moving_strike_point &&
             !(s.strike_position > 0.0 && s.strike_position < s.parameters.length)) {
@@ -566,8 +593,7 @@ class Assembler {
                                s.strike_position, s.parameters.length));
         }
         if (s.rigid) continue;
-        m_->contacts[static_cast<std::size_t>(found)].string =
-            static_cast<int>(m_->strings.size());
+        m_->contacts[static_cast<std::size_t>(found)].string = static_cast<int>(m_->strings.size());
         m_->total_modes += a.string.modes();
         m_->strings.push_back(std::move(a));
       } catch (const InvalidParameter& error) {
@@ -611,12 +637,16 @@ class Assembler {
         fault(where + ": the cubic never pulls; its leading coefficient must be positive");
       }
       if (a == nullptr || b == nullptr) continue;
-      Strap strap{s.name, place(*a, s.point_a, where), place(*b, s.point_b, where), s.free_length,
-                  s.coefficients, 0.0, {}};
+      Strap strap{s.name,
+                  place(*a, s.point_a, where),
+                  place(*b, s.point_b, where),
+                  s.free_length,
+                  s.coefficients,
+                  0.0,
+                  {}};
       const auto [k1, k2, k3] = s.coefficients;
       if (k1 < 0.0) {
-        strap.slack = k3 > 0.0 ? (-k2 + std::sqrt(k2 * k2 - 4.0 * k3 * k1)) / (2.0 * k3)
-                               : -k1 / k2;
+        strap.slack = k3 > 0.0 ? (-k2 + std::sqrt(k2 * k2 - 4.0 * k3 * k1)) / (2.0 * k3) : -k1 / k2;
       }
       set_coordinates(strap.coordinates, strap.a.link, strap.b.link);
       m_->straps.push_back(strap);

@@ -21,8 +21,8 @@ void Dynamics::complete_links() {
     const LinkState& parent = links_[at(link.parent)];
     LinkState& state = links_[i];
     const Vec2 arm = state.origin - parent.origin;
-    state.acceleration = parent.acceleration + parent.alpha * perp(arm) -
-                         (parent.omega * parent.omega) * arm;
+    state.acceleration =
+        parent.acceleration + parent.alpha * perp(arm) - (parent.omega * parent.omega) * arm;
     state.alpha = parent.alpha;
     for (const int index : link.motions) {
       const Motion& motion = m_->motions[at(index)];
@@ -60,8 +60,7 @@ void Dynamics::differentiate() {
       const Motion& mk = m_->motions[at(link.path[x])];
       const int k = mk.coordinate;
       // Turning an upstream frame j turns the column of k with it; within one beam only the arm.
-      const double arm_turn =
-          -mk.rho * (net_virial - dot(net_force, links_[at(mk.link)].origin));
+      const double arm_turn = -mk.rho * (net_virial - dot(net_force, links_[at(mk.link)].origin));
       const double turn = dot(net_force, perp(translation_[at(link.path[x])])) + arm_turn;
       stiffness_(k, k) += mk.rho * arm_turn;
       for (std::size_t y = 0; y < x; ++y) {
@@ -135,8 +134,8 @@ void Dynamics::differentiate_strap(std::size_t i) {
     for (const int j : strap.coordinates) {
       const Vec2 jk = column_b_[at(k)];
       const Vec2 jj = column_b_[at(j)];
-      stiffness_(k, j) -= (strap_slope_[i] - geometric) * dot(u, jk) * dot(u, jj) +
-                          geometric * dot(jk, jj);
+      stiffness_(k, j) -=
+          (strap_slope_[i] - geometric) * dot(u, jk) * dot(u, jj) + geometric * dot(jk, jj);
     }
   }
 }
@@ -148,8 +147,8 @@ void Dynamics::differentiate_contact(std::size_t i) {
   const LinkState& b = links_[at(contact.b.link)];
   ContactGradient& g = gradients_[at(gradient_count_++)];
   g.contact = static_cast<int>(i);
-  for (auto* vector : {&g.by_force, &g.by_compression, &g.compression, &g.rate, &g.strike,
-                       &g.by_slope}) {
+  for (auto* vector :
+       {&g.by_force, &g.by_compression, &g.compression, &g.rate, &g.strike, &g.by_slope}) {
     vector->setZero();
   }
 
@@ -200,10 +199,14 @@ void Dynamics::differentiate_contact(std::size_t i) {
     const Vec2 dp = center_column - (contact.radius_b - 0.5 * s.compression) * dn;
     dp_[at(j)] = dp;
     Vec2 du{};
-    if (in_b) du += column_rate(motion_b, velocity_b) + b.omega * perp(dp - jb);
-    else du += b.omega * perp(dp);
-    if (in_a) du -= column_rate(motion_a, velocity_a) + a.omega * perp(dp - ja);
-    else du -= a.omega * perp(dp);
+    if (in_b)
+      du += column_rate(motion_b, velocity_b) + b.omega * perp(dp - jb);
+    else
+      du += b.omega * perp(dp);
+    if (in_a)
+      du -= column_rate(motion_a, velocity_a) + a.omega * perp(dp - ja);
+    else
+      du -= a.omega * perp(dp);
     du_[at(j)] = du;
 
     double de_rate = -dot(dn, s.relative_velocity) - dot(n, du);
@@ -238,8 +241,8 @@ void Dynamics::differentiate_contact(std::size_t i) {
                rho_a * dot(perp(dp_[at(j)] - column_a_[at(j)]), f);
       if (with_string) value += force * s.string.curvature * g.strike[k] * g.strike[j];
       stiffness_(k, j) += value;
-      damping_(k, j) -= force * s.friction.slope * along *
-                        dot(tangent, column_b_[at(j)] - column_a_[at(j)]);
+      damping_(k, j) -=
+          force * s.friction.slope * along * dot(tangent, column_b_[at(j)] - column_a_[at(j)]);
     }
   }
 }

@@ -42,8 +42,8 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   damping_.setZero(n_, n_);
   gradients_.resize(m_->contacts.size());
   for (auto& g : gradients_) {
-    for (auto* vector : {&g.by_force, &g.by_compression, &g.compression, &g.rate, &g.strike,
-                         &g.by_slope}) {
+    for (auto* vector :
+         {&g.by_force, &g.by_compression, &g.compression, &g.rate, &g.strike, &g.by_slope}) {
       vector->setZero(n_);
     }
   }
@@ -147,9 +147,8 @@ void Dynamics::add_mass(double mass, double inertia, Vec2 center, const std::vec
 void Dynamics::add_beam(const FlexibleBeam& beam) {
   const LinkState& base = links_[at(beam.base.link)];
   const auto& path = m_->links[at(beam.base.link)].path;
-  const Rotation frame = beam.base.angle != 0.0
-                             ? base.rotation * Rotation::of(beam.base.angle)
-                             : base.rotation;
+  const Rotation frame =
+      beam.base.angle != 0.0 ? base.rotation * Rotation::of(beam.base.angle) : base.rotation;
   const Vec2 arm = base.rotation * beam.base.offset;
   const Vec2 origin = base.origin + arm;
   const double omega = base.omega;
@@ -179,12 +178,11 @@ void Dynamics::add_beam(const FlexibleBeam& beam) {
     stretch += product * rate[k];
     const Vec2 moment = frame * beam.shape_moment[at(k)];
     const int row = beam.first + k;
-    force_[row] += dot(moment, m_->gravity - bias) + omega2 * product -
-                   2.0 * omega * turned_rate - elastic;
+    force_[row] +=
+        dot(moment, m_->gravity - bias) + omega2 * product - 2.0 * omega * turned_rate - elastic;
     for (const int index : path) {
       const Motion& motion = m_->motions[at(index)];
-      mass_(row, motion.coordinate) +=
-          dot(moment, column(index, origin)) + motion.rho * turned;
+      mass_(row, motion.coordinate) += dot(moment, column(index, origin)) + motion.rho * turned;
     }
     for (int l = 0; l <= k; ++l) mass_(row, beam.first + l) += beam.shape_product(k, l);
   }
@@ -192,8 +190,8 @@ void Dynamics::add_beam(const FlexibleBeam& beam) {
   Wrench w;
   w.force = beam.mass * (m_->gravity - bias) + omega2 * first_world -
             (2.0 * omega) * perp(frame * first_rate);
-  w.moment = cross(origin, w.force) + cross(first_world, m_->gravity - bias) -
-             2.0 * omega * stretch;
+  w.moment =
+      cross(origin, w.force) + cross(first_world, m_->gravity - bias) - 2.0 * omega * stretch;
   project(w, path);
   const Vec2 center = (1.0 / beam.mass) * first_world;
   add_mass(beam.mass, second - beam.mass * dot(center, center), origin + center, path);
@@ -205,8 +203,7 @@ void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail
   apply_contacts();
   apply_straps();
   if (!drive.motion && drive.force != 0.0) {
-    apply(m_->finger_point.link, position(m_->finger_point),
-          drive.force * m_->finger_direction);
+    apply(m_->finger_point.link, position(m_->finger_point), drive.force * m_->finger_direction);
   }
 
   mass_.setZero();
@@ -217,8 +214,8 @@ void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail
     apply_inertia(i);
     project(applied_[i], link.path);
     if (link.mass != 0.0 || link.inertia != 0.0) {
-      add_mass(link.mass, link.inertia,
-               links_[i].origin + links_[i].rotation * link.center_of_mass, link.path);
+      add_mass(link.mass, link.inertia, links_[i].origin + links_[i].rotation * link.center_of_mass,
+               link.path);
     }
   }
   for (const FlexibleBeam& beam : m_->beams) add_beam(beam);
@@ -347,8 +344,7 @@ double Dynamics::gravity_energy() const {
   }
   for (std::size_t i = 1; i < links_.size(); ++i) {
     if (m_->links[i].lump) continue;
-    const Vec2 center =
-        links_[i].origin + links_[i].rotation * m_->links[i].center_of_mass;
+    const Vec2 center = links_[i].origin + links_[i].rotation * m_->links[i].center_of_mass;
     energy -= m_->links[i].mass * dot(m_->gravity, center);
   }
   return energy;

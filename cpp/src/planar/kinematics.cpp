@@ -72,8 +72,7 @@ Vec2 Dynamics::column(int motion, Vec2 point) const {
 
 Vec2 Dynamics::column_rate(int motion, Vec2 point_velocity) const {
   const Motion& m = m_->motions[at(motion)];
-  return translation_rate_[at(motion)] +
-         m.rho * perp(point_velocity - links_[at(m.link)].velocity);
+  return translation_rate_[at(motion)] + m.rho * perp(point_velocity - links_[at(m.link)].velocity);
 }
 
 void Dynamics::locate_contact(std::size_t i, const MechanicalState& at_state, const Drive& drive,
@@ -104,9 +103,15 @@ void Dynamics::locate_contact(std::size_t i, const MechanicalState& at_state, co
   };
 
   switch (contact.kind) {
-    case PairKind::kLineCircle: on_line(contact.normal_a, 0.0); break;
-    case PairKind::kCircleCircle: on_circle(1.0); break;
-    case PairKind::kConcaveCircle: on_circle(-1.0); break;
+    case PairKind::kLineCircle:
+      on_line(contact.normal_a, 0.0);
+      break;
+    case PairKind::kCircleCircle:
+      on_circle(1.0);
+      break;
+    case PairKind::kConcaveCircle:
+      on_circle(-1.0);
+      break;
     case PairKind::kHybridCircle: {
       const Vec2 local = a.rotation.inverse(d);
       const bool first = dot(local, contact.arc_tangent[0]) > 0.0;
@@ -115,9 +120,8 @@ void Dynamics::locate_contact(std::size_t i, const MechanicalState& at_state, co
         on_circle(1.0);
       } else {
         // Where both half-planes claim the center, the nearer boundary is the surface.
-        const bool use_second =
-            second && (!first || dot(local, contact.arc_normal[1]) >
-                                     dot(local, contact.arc_normal[0]));
+        const bool use_second = second && (!first || dot(local, contact.arc_normal[1]) >
+                                                         dot(local, contact.arc_normal[0]));
         on_line(contact.arc_normal[use_second ? 1 : 0], contact.radius_a);
       }
       break;
@@ -164,8 +168,8 @@ void Dynamics::locate_string(const Contact& contact, ContactState& state, Vec2 d
   const std::size_t offset = at(attached.offset);
   const std::size_t modes = at(attached.string.modes());
   state.strike_gradient = attached.moving_strike_point ? along : Vec2{};
-  state.strike_position = attached.moving_strike_point ? attached.anchor + dot(along, d)
-                                                       : attached.strike_position;
+  state.strike_position =
+      attached.moving_strike_point ? attached.anchor + dot(along, d) : attached.strike_position;
   const std::span<double> phi{phi_.data() + offset, modes};
   const std::span<double> dphi{dphi_.data() + offset, modes};
   double& shaped = shaped_at_[at(contact.string)];

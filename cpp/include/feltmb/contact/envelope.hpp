@@ -33,9 +33,9 @@ class Envelope {
   /// e_M [m].
   double closing() const { return closing_; }
 
-  CurveValue loading(double e) const;         ///< F_L [N] and slope [N/m]
-  CurveValue ratio(double x) const;           ///< rho [-] and d rho / dx
-  double loading_energy(double e) const;      ///< integral of F_L [J]
+  CurveValue loading(double e) const;     ///< F_L [N] and slope [N/m]
+  CurveValue ratio(double x) const;       ///< rho [-] and d rho / dx
+  double loading_energy(double e) const;  ///< integral of F_L [J]
 
   /// W(e_m) = integral over 0..e_m of F_L(e) (1 - rho(e / e_m)) [J], and its slope [N].
   CurveValue loop_area(double e_m) const;

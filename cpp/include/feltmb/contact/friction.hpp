@@ -11,10 +11,10 @@ namespace feltmb {
 /// mu is odd in v, so that mu(v) v >= 0: the force opposes sliding. The regularised law creeps at
 /// rest: it holds no load at v = 0.
 struct Friction {
-  double amplitude = 0.0;        ///< A [-] (contact), [N m] (revolute) or [N] (prismatic), >= 0
-  double b1 = 0.0;               ///< B1 [-], >= 0
-  double b2 = 0.0;               ///< B2 [-], >= 0
-  double threshold_speed = 1e-3; ///< v_t [m/s] (contact, prismatic) or [rad/s] (revolute), > 0
+  double amplitude = 0.0;         ///< A [-] (contact), [N m] (revolute) or [N] (prismatic), >= 0
+  double b1 = 0.0;                ///< B1 [-], >= 0
+  double b2 = 0.0;                ///< B2 [-], >= 0
+  double threshold_speed = 1e-3;  ///< v_t [m/s] (contact, prismatic) or [rad/s] (revolute), > 0
 };
 
 struct FrictionValue {

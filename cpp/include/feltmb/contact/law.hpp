@@ -51,10 +51,10 @@ struct HuntCrossley {
 /// (A. Stulov, J. Acoust. Soc. Am. 97 (1995) 2577; thesis eq. 2.11 in differential form).
 /// One state g [m^p]. Stored energy: that of the static curve F0 (1 - amplitude) e^p.
 struct Stulov {
-  double stiffness = 0.0;   ///< F0, instantaneous [N/m^p], > 0
-  double exponent = 2.5;    ///< p [-], >= 1
-  double amplitude = 0.0;   ///< hysteresis amplitude [-], in [0, 1)
-  double time = 1e-5;       ///< tau0 [s], > 0
+  double stiffness = 0.0;  ///< F0, instantaneous [N/m^p], > 0
+  double exponent = 2.5;   ///< p [-], >= 1
+  double amplitude = 0.0;  ///< hysteresis amplitude [-], in [0, 1)
+  double time = 1e-5;      ///< tau0 [s], > 0
 };
 
 /// Rate-independent felt with memory.
@@ -66,11 +66,11 @@ struct Stulov {
 ///   dz/dt = (D / c) [(1 - z) max(de/dt, 0) - z max(-de/dt, 0)],   c = kappa W(e_m).
 /// D vanishes at 0 and at e_m, so the force has no jump at a reversal; reloading meets F_L at e_m.
 /// Stored energy psi = integral of (F_U + D/2) + (c/4)(2 z - 1)^2: the power left over,
-/// (D/2)(2 z - 1)^2 |de/dt| at fixed e_m and (1/2 - kappa (2 z - 1)^2 / 4) W'(e_m) de_m/dt on virgin
-/// loading, is never negative for kappa <= 2: the law is passive.
-/// Options, off by default: recovery of e_m while open, exp(-t / recovery_time); creep, a Kelvin
-/// element in series (thesis section 2.2.3, after Stamm); a rate term, F += rate_amplitude
-/// (F_L(e) - r), rate_time dr/dt = F_L(e) - r (after Stulov), the sum held at >= 0.
+/// (D/2)(2 z - 1)^2 |de/dt| at fixed e_m and (1/2 - kappa (2 z - 1)^2 / 4) W'(e_m) de_m/dt on
+/// virgin loading, is never negative for kappa <= 2: the law is passive. Options, off by default:
+/// recovery of e_m while open, exp(-t / recovery_time); creep, a Kelvin element in series (thesis
+/// section 2.2.3, after Stamm); a rate term, F += rate_amplitude (F_L(e) - r), rate_time dr/dt =
+/// F_L(e) - r (after Stulov), the sum held at >= 0.
 struct FeltMemory {
   std::shared_ptr<const Envelope> envelope;
   double kappa = 0.2;            ///< transition length over the loop [-], in (0, 2]
@@ -88,9 +88,9 @@ inline constexpr std::size_t kMaxLawStates = 3;
 
 /// Force of a law and its exact derivatives; states s of number n_states().
 struct LawValue {
-  double force = 0.0;             ///< F [N]
-  double d_compression = 0.0;     ///< dF/de [N/m]
-  double d_rate = 0.0;            ///< dF/d(de/dt) [N s/m]
+  double force = 0.0;                                       ///< F [N]
+  double d_compression = 0.0;                               ///< dF/de [N/m]
+  double d_rate = 0.0;                                      ///< dF/d(de/dt) [N s/m]
   std::array<double, kMaxLawStates> d_state{};              ///< dF/ds
   std::array<double, kMaxLawStates> state_rate{};           ///< ds/dt
   std::array<double, kMaxLawStates> rate_by_compression{};  ///< d(ds/dt)/de
@@ -151,8 +151,8 @@ class ContactLaw {
 
  private:
   LawParameters parameters_;
-  double first_positive_ = 0.0;   ///< compression below which a guarded curve is held at 0 [m]
-  double energy_offset_ = 0.0;    ///< integral of the unguarded curve up to first_positive_ [J]
+  double first_positive_ = 0.0;  ///< compression below which a guarded curve is held at 0 [m]
+  double energy_offset_ = 0.0;   ///< integral of the unguarded curve up to first_positive_ [J]
   std::size_t n_states_ = 0;
 };
 

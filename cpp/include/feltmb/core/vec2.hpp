@@ -42,9 +42,7 @@ struct Rotation {
 
   static Rotation of(double angle) { return {std::cos(angle), std::sin(angle)}; }
   constexpr Vec2 operator*(Vec2 a) const { return {c * a.x - s * a.y, s * a.x + c * a.y}; }
-  constexpr Rotation operator*(Rotation b) const {
-    return {c * b.c - s * b.s, s * b.c + c * b.s};
-  }
+  constexpr Rotation operator*(Rotation b) const { return {c * b.c - s * b.s, s * b.c + c * b.s}; }
   constexpr Vec2 inverse(Vec2 a) const { return {c * a.x + s * a.y, -s * a.x + c * a.y}; }
 };
 

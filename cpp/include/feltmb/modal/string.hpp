@@ -8,22 +8,22 @@ namespace feltmb {
 
 /// Parameters of the stiff string of thesis Table 4.1.
 struct StringParameters {
-  double diameter = 0.0;         ///< d [m], > 0
-  double tension = 0.0;          ///< T [N], > 0
-  double length = 0.0;           ///< speaking length L [m], > 0
-  double linear_density = 0.0;   ///< mu [kg/m], > 0
-  double young_modulus = 0.0;    ///< E [Pa], >= 0
-  double damping_ratio = 0.0;    ///< xi [-], the same for all modes, 0 <= xi < 1
-  int modes = 40;                ///< number of modes N, >= 1
+  double diameter = 0.0;        ///< d [m], > 0
+  double tension = 0.0;         ///< T [N], > 0
+  double length = 0.0;          ///< speaking length L [m], > 0
+  double linear_density = 0.0;  ///< mu [kg/m], > 0
+  double young_modulus = 0.0;   ///< E [Pa], >= 0
+  double damping_ratio = 0.0;   ///< xi [-], the same for all modes, 0 <= xi < 1
+  int modes = 40;               ///< number of modes N, >= 1
 };
 
 /// Mode shape sums at one point of the string.
 struct StringPoint {
-  double displacement = 0.0;   ///< w = sum phi_j eta_j [m]
-  double slope = 0.0;          ///< dw/dy [-]
-  double curvature = 0.0;      ///< d2w/dy2 [1/m]
-  double velocity = 0.0;       ///< dw/dt at fixed y [m/s]
-  double slope_rate = 0.0;     ///< d/dt of the slope at fixed y [1/s]
+  double displacement = 0.0;  ///< w = sum phi_j eta_j [m]
+  double slope = 0.0;         ///< dw/dy [-]
+  double curvature = 0.0;     ///< d2w/dy2 [1/m]
+  double velocity = 0.0;      ///< dw/dt at fixed y [m/s]
+  double slope_rate = 0.0;    ///< d/dt of the slope at fixed y [1/s]
 };
 
 /// mu w_tt + E I w_yyyy - T w_yy = f(t) delta(y - y_c), thesis eq. 4.10, pinned at y = 0 and L.
@@ -64,9 +64,9 @@ class ModalString {
   /// Bound on |w| anywhere: the sum of the modal amplitudes [m].
   double largest_displacement(std::span<const double> eta) const;
 
-  double kinetic_energy(std::span<const double> eta_rate) const;   ///< [J]
-  double elastic_energy(std::span<const double> eta) const;        ///< [J]
-  double dissipated_power(std::span<const double> eta_rate) const; ///< >= 0 [W]
+  double kinetic_energy(std::span<const double> eta_rate) const;    ///< [J]
+  double elastic_energy(std::span<const double> eta) const;         ///< [J]
+  double dissipated_power(std::span<const double> eta_rate) const;  ///< >= 0 [W]
 
  private:
   StringParameters parameters_;

@@ -9,12 +9,12 @@
 namespace feltmb {
 
 struct Equilibrium {
-  std::vector<double> q;          ///< rest pose [rad, m]
-  std::vector<double> eta;        ///< static modal coordinates of the strings [m kg^1/2]
-  std::vector<double> law;        ///< states of the contact laws, at rest
+  std::vector<double> q;                    ///< rest pose [rad, m]
+  std::vector<double> eta;                  ///< static modal coordinates of the strings [m kg^1/2]
+  std::vector<double> law;                  ///< states of the contact laws, at rest
   std::vector<double> largest_compression;  ///< remembered by each contact [m]
   int iterations = 0;
-  double residual = 0.0;          ///< largest |Q_k| x coordinate_scale [J]
+  double residual = 0.0;  ///< largest |Q_k| x coordinate_scale [J]
 };
 
 /// Minimises the potential energy (gravity, springs, straps, loading curves of the contacts;

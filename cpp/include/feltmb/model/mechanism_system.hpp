@@ -23,9 +23,9 @@ struct FingerInput {
 /// Height of a tracking point over a level, or of a coordinate: an event when it crosses.
 struct Monitor {
   std::string name;
-  int point = -1;         ///< tracking point index
+  int point = -1;  ///< tracking point index
   Vec2 direction{0.0, 1.0};
-  double level = 0.0;     ///< dot(direction, position) - level is the root function [m]
+  double level = 0.0;  ///< dot(direction, position) - level is the root function [m]
 };
 
 /// State y = [q, v, s, eta, deta/dt], n + n + L + N + N: L states of contact laws, N all modes of
@@ -41,7 +41,9 @@ class MechanismSystem : public OdeSystem {
   MechanismSystem(std::shared_ptr<const Mechanism> mechanism, FingerInput input, bool ledger,
                   std::vector<Monitor> monitors, bool events);
 
-  std::size_t size() const override { return static_cast<std::size_t>(2 * (n_ + modes_) + law_states_); }
+  std::size_t size() const override {
+    return static_cast<std::size_t>(2 * (n_ + modes_) + law_states_);
+  }
   std::string state_name(std::size_t i) const override;
   void rhs(double t, std::span<const double> y, std::span<double> rate) override;
   void linearize(double t, std::span<const double> y) override;
@@ -104,26 +106,26 @@ class MechanismSystem : public OdeSystem {
     int string = -1;
     int offset = 0;
     double force = 0.0;
-    double by_compression = 0.0;   ///< dF/de
-    double by_rate = 0.0;          ///< dF/d(de/dt)
+    double by_compression = 0.0;  ///< dF/de
+    double by_rate = 0.0;         ///< dF/d(de/dt)
     double strike_speed = 0.0;
-    Eigen::VectorXd force_column;  ///< b
+    Eigen::VectorXd force_column;         ///< b
     Eigen::VectorXd compression_column;   ///< c
     Eigen::VectorXd displacement_column;  ///< -(b dF/de + c): effect of the string's displacement
-    Eigen::VectorXd gradient;      ///< de/dq
-    Eigen::VectorXd rate_gradient; ///< d(de/dt)/dq
-    Eigen::VectorXd strike;        ///< dy/dq
-    Eigen::VectorXd slope_force;   ///< dQ/d(F x slope of the string)
+    Eigen::VectorXd gradient;             ///< de/dq
+    Eigen::VectorXd rate_gradient;        ///< d(de/dt)/dq
+    Eigen::VectorXd strike;               ///< dy/dq
+    Eigen::VectorXd slope_force;          ///< dQ/d(F x slope of the string)
     double a00 = 0.0, a01 = 0.0, a11 = 0.0;
   };
   /// A contact whose law has states: its slopes depend on gamma through them.
   struct StatefulContact {
     int contact = -1;
-    int coupling = -1;             ///< index in couplings_ if it is a closed string contact
+    int coupling = -1;  ///< index in couplings_ if it is a closed string contact
     bool closed = false;
     LawValue law;
     Eigen::VectorXd force_column, compression_column, gradient, rate_gradient;
-    Eigen::Matrix3d inverse;       ///< (I - gamma d(ds/dt)/ds)^-1
+    Eigen::Matrix3d inverse;                  ///< (I - gamma d(ds/dt)/ds)^-1
     Eigen::Vector3d by_compression, by_rate;  ///< ds for unit de, d(de/dt)
     double slope = 0.0, rate_slope = 0.0;     ///< effective dF/de, dF/d(de/dt)
   };

@@ -24,7 +24,7 @@ class Profile {
           double oscillation_amplitude = 0.0, double oscillation_frequency = 0.0);
 
   double value(double t) const;
-  double rate(double t) const;                      ///< d value / dt [1/s]
+  double rate(double t) const;                                             ///< d value / dt [1/s]
   const std::vector<double>& breakpoints() const { return breakpoints_; }  ///< slope jumps [s]
   const std::vector<double>& knots() const { return knots_; }  ///< to stop at without restart [s]
 

@@ -25,7 +25,7 @@ struct SimulationOptions {
   int max_order = 0;           ///< 0: chosen from the damping of the strings
   double max_step = 0.0;       ///< [s], 0: no limit
   long max_steps = 20000000;
-  double max_wall = 0.0;       ///< seconds of wall time after which the run stops, 0: none
+  double max_wall = 0.0;           ///< seconds of wall time after which the run stops, 0: none
   std::vector<int> peak_contacts;  ///< numbers of contacts whose largest force is sought
   /// Place of the finger's point along the finger's direction at which its pad just touches [m];
   /// motion input counts from there. NaN: where the run starts.
@@ -34,39 +34,39 @@ struct SimulationOptions {
 
 /// Complete state from which a run can go on.
 struct SimulationState {
-  double time = 0.0;             ///< [s] on the clock of the run that ended
-  std::vector<double> y;         ///< see MechanismSystem
+  double time = 0.0;                        ///< [s] on the clock of the run that ended
+  std::vector<double> y;                    ///< see MechanismSystem
   std::vector<double> largest_compression;  ///< remembered by each contact [m]
 };
 
 struct SimulationEvent {
-  double time = 0.0;             ///< [s]
-  int contact = -1;              ///< index in Mechanism::contacts, or -1
-  int monitor = -1;              ///< index of the monitor, or -1
-  int direction = 0;             ///< +1: closes or rises, -1: opens or falls
+  double time = 0.0;  ///< [s]
+  int contact = -1;   ///< index in Mechanism::contacts, or -1
+  int monitor = -1;   ///< index of the monitor, or -1
+  int direction = 0;  ///< +1: closes or rises, -1: opens or falls
 };
 
 struct Peak {
-  int contact = -1;              ///< index in Mechanism::contacts
-  double force = 0.0;            ///< largest normal force [N], from dense output
-  double time = 0.0;             ///< [s]
+  int contact = -1;    ///< index in Mechanism::contacts
+  double force = 0.0;  ///< largest normal force [N], from dense output
+  double time = 0.0;   ///< [s]
 };
 
 enum class RunStatus { kDone, kFailed, kWallTime, kInterrupted };
 
 struct RunResult {
   RunStatus status = RunStatus::kDone;
-  std::string message;           ///< why the run stopped early; empty when done
-  double reached = 0.0;          ///< [s]
-  std::string failed_state;      ///< with the largest error at the failure
+  std::string message;       ///< why the run stopped early; empty when done
+  double reached = 0.0;      ///< [s]
+  std::string failed_state;  ///< with the largest error at the failure
   std::string failed_contact;
 
-  Eigen::VectorXd time;                 ///< (n_times) [s]
-  std::vector<std::string> names;       ///< of the outputs
+  Eigen::VectorXd time;            ///< (n_times) [s]
+  std::vector<std::string> names;  ///< of the outputs
   std::vector<std::string> units;
   std::vector<std::string> long_names;
-  RowMatrix data;                       ///< (n_times, n_outputs)
-  RowMatrix states;                     ///< (n_times, n_states)
+  RowMatrix data;    ///< (n_times, n_outputs)
+  RowMatrix states;  ///< (n_times, n_states)
   std::vector<std::string> ledger_names;
   RowMatrix ledger;                     ///< (n_times, n_quadratures) [J]
   std::vector<SimulationEvent> events;  ///< rows of the three matrices that follow
@@ -78,9 +78,9 @@ struct RunResult {
   IntegratorCounts counts;
   long event_evaluations = 0;
   long restarts = 0;
-  long reversals = 0;            ///< restarts at new largest compressions of felts with memory
-  double wall = 0.0;                    ///< [s]
-  std::vector<std::pair<std::string, long>> limiting_states;    ///< most often first
+  long reversals = 0;  ///< restarts at new largest compressions of felts with memory
+  double wall = 0.0;   ///< [s]
+  std::vector<std::pair<std::string, long>> limiting_states;  ///< most often first
   std::vector<std::pair<std::string, long>> limiting_contacts;
 };
 

@@ -22,8 +22,8 @@ double find_root_bracketed(Function&& f, double a, double fa, double b, double f
     const double false_position = (fb * a - fa * b) / (fb - fa);
     const double direction = middle >= false_position ? 1.0 : -1.0;
     const double shift = k1 * (b - a) * (b - a);
-    double x = shift <= std::fabs(middle - false_position) ? false_position + direction * shift
-                                                           : middle;
+    double x =
+        shift <= std::fabs(middle - false_position) ? false_position + direction * shift : middle;
     const double radius = limit - 0.5 * (b - a);
     if (std::fabs(x - middle) > radius) x = middle - direction * radius;
     if (!(x > a && x < b)) x = middle;

@@ -10,9 +10,9 @@
 namespace feltmb {
 
 struct Crossing {
-  double time = 0.0;       ///< [s]
-  std::size_t event = 0;   ///< index of the event function
-  int direction = 0;       ///< +1 rising, -1 falling
+  double time = 0.0;      ///< [s]
+  std::size_t event = 0;  ///< index of the event function
+  int direction = 0;      ///< +1 rising, -1 falling
 };
 
 /// Finds crossings on the dense output of each accepted step, without stopping the integrator.

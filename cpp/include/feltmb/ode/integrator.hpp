@@ -14,12 +14,12 @@
 namespace feltmb {
 
 struct IntegratorOptions {
-  double rtol = 1e-6;               ///< relative tolerance [-], in (0, 0.1]
-  std::vector<double> atol;         ///< absolute tolerance of each state, its unit
+  double rtol = 1e-6;                   ///< relative tolerance [-], in (0, 0.1]
+  std::vector<double> atol;             ///< absolute tolerance of each state, its unit
   std::vector<double> quadrature_atol;  ///< absolute tolerance of each quadrature
-  int max_order = 5;                ///< of the BDF, 1 to 5
-  double max_step = 0.0;            ///< [s], 0: no limit
-  double first_step = 0.0;          ///< [s], 0: estimated
+  int max_order = 5;                    ///< of the BDF, 1 to 5
+  double max_step = 0.0;                ///< [s], 0: no limit
+  double first_step = 0.0;              ///< [s], 0: estimated
 };
 
 struct IntegratorCounts {
@@ -27,15 +27,15 @@ struct IntegratorCounts {
   long rhs = 0;
   long jacobians = 0;
   long factorizations = 0;
-  long rejected = 0;            ///< steps that failed the error test
+  long rejected = 0;  ///< steps that failed the error test
   long newton_iterations = 0;
   long newton_failures = 0;
 };
 
 enum class StepStatus {
-  kStep,     ///< one internal step done
-  kStop,     ///< reached the stop time
-  kFailed,   ///< cannot go on; see message()
+  kStep,    ///< one internal step done
+  kStop,    ///< reached the stop time
+  kFailed,  ///< cannot go on; see message()
 };
 
 /// BDF integrator in one-step mode with dense output over the last step.
@@ -52,10 +52,10 @@ class Integrator {
   /// One internal step, never beyond t_stop.
   StepStatus step(double t_stop);
 
-  double time() const;                       ///< reached: the end of the last step [s]
-  double last_step() const;                  ///< [s]
+  double time() const;       ///< reached: the end of the last step [s]
+  double last_step() const;  ///< [s]
   int last_order() const;
-  std::span<const double> state() const;     ///< at time()
+  std::span<const double> state() const;  ///< at time()
 
   /// Dense output at t within the last internal step.
   void interpolate(double t, std::span<double> y) const;
@@ -64,8 +64,8 @@ class Integrator {
   /// State with the largest weighted local error of the last step.
   std::size_t limiting_state();
 
-  IntegratorCounts counts() const;           ///< since construction, restarts included
-  const std::string& message() const;        ///< of the last failure
+  IntegratorCounts counts() const;     ///< since construction, restarts included
+  const std::string& message() const;  ///< of the last failure
 
  private:
   struct Impl;

@@ -29,15 +29,15 @@ enum class JointKind {
 /// (x + u(x), v(x)) + R(v'(x)) (0, y); no rotary inertia, shear or foreshortening. Bodies,
 /// surfaces and points fixed to the beam follow its centerline at their x.
 struct BeamDescription {
-  double length = 0.0;            ///< L [m], > 0
-  double linear_density = 0.0;    ///< rho A [kg/m], > 0
-  double axial_stiffness = 0.0;   ///< E A [N], > 0
-  double bending_stiffness = 0.0; ///< E I [N m^2], > 0
+  double length = 0.0;             ///< L [m], > 0
+  double linear_density = 0.0;     ///< rho A [kg/m], > 0
+  double axial_stiffness = 0.0;    ///< E A [N], > 0
+  double bending_stiffness = 0.0;  ///< E I [N m^2], > 0
   ShapeSet shapes = ShapeSet::kPolynomial;
-  int axial_shapes = 1;           ///< number of axial coordinates, >= 0 (0: inextensible)
-  int lateral_shapes = 2;         ///< number of lateral coordinates, >= 1
-  double damping_time = 0.0;      ///< stiffness-proportional damping beta [s], >= 0: -beta K de/dt
-  bool condense_axial = true;     ///< in time: axial coordinates follow statically, see FlexibleBeam
+  int axial_shapes = 1;        ///< number of axial coordinates, >= 0 (0: inextensible)
+  int lateral_shapes = 2;      ///< number of lateral coordinates, >= 1
+  double damping_time = 0.0;   ///< stiffness-proportional damping beta [s], >= 0: -beta K de/dt
+  bool condense_axial = true;  ///< in time: axial coordinates follow statically, see FlexibleBeam
 };
 
 /// A rigid body or flexible beam and the joint that ties its origin to its parent.
@@ -45,14 +45,14 @@ struct BodyDescription {
   std::string name;
   std::string parent = "ground";
   JointKind joint = JointKind::kRevolute;
-  Vec2 position;             ///< joint on the parent [m]
-  Vec2 axis{0.0, 1.0};       ///< prismatic only: direction in the parent frame, unit length
-  double angle = 0.0;        ///< angle of the body against the parent at coordinate zero [rad]
-  std::string coordinate;    ///< name of the joint coordinate; empty for a weld
-  Friction friction;         ///< of the joint, amplitude in N m (revolute) or N (prismatic)
-  double mass = 0.0;         ///< [kg], >= 0
-  Vec2 center_of_mass;       ///< [m]
-  double inertia = 0.0;      ///< about the center of mass [kg m^2], >= 0
+  Vec2 position;           ///< joint on the parent [m]
+  Vec2 axis{0.0, 1.0};     ///< prismatic only: direction in the parent frame, unit length
+  double angle = 0.0;      ///< angle of the body against the parent at coordinate zero [rad]
+  std::string coordinate;  ///< name of the joint coordinate; empty for a weld
+  Friction friction;       ///< of the joint, amplitude in N m (revolute) or N (prismatic)
+  double mass = 0.0;       ///< [kg], >= 0
+  Vec2 center_of_mass;     ///< [m]
+  double inertia = 0.0;    ///< about the center of mass [kg m^2], >= 0
   std::optional<BeamDescription> beam;  ///< a flexible beam: its own mass comes from here only
 };
 
@@ -68,20 +68,21 @@ struct SurfaceDescription {
   std::string name;
   std::string body;
   SurfaceKind kind = SurfaceKind::kCircle;
-  Vec2 point;                        ///< point of the line or center of the circle [m]
-  Vec2 normal{0.0, 1.0};             ///< line only, unit length
-  double radius = 0.0;               ///< circles and hybrid [m], >= 0 (0: a point)
-  std::array<double, 2> arc{0.0, 0.0};  ///< hybrid: angles of the arc's ends, counterclockwise [rad]
+  Vec2 point;             ///< point of the line or center of the circle [m]
+  Vec2 normal{0.0, 1.0};  ///< line only, unit length
+  double radius = 0.0;    ///< circles and hybrid [m], >= 0 (0: a point)
+  std::array<double, 2> arc{0.0,
+                            0.0};  ///< hybrid: angles of the arc's ends, counterclockwise [rad]
 };
 
 /// A pair of surfaces that meet through felt or leather.
 struct ContactDescription {
-  int number = 0;                ///< as in thesis Table 4.2; names outputs (contact01, ...)
-  std::string label;             ///< for people
+  int number = 0;     ///< as in thesis Table 4.2; names outputs (contact01, ...)
+  std::string label;  ///< for people
   std::string surface_a;
   std::string surface_b;
   LawParameters law = ExponentialPair{};
-  Friction friction;             ///< amplitude without unit
+  Friction friction;  ///< amplitude without unit
   bool enabled = true;
 };
 
@@ -101,20 +102,20 @@ struct StrapDescription {
   Vec2 point_a;
   std::string body_b;
   Vec2 point_b;
-  double free_length = 0.0;                          ///< [m], > 0
+  double free_length = 0.0;                           ///< [m], > 0
   std::array<double, 3> coefficients{0.0, 0.0, 0.0};  ///< k1 [N/m], k2 [N/m^2], k3 [N/m^3]
 };
 
 /// A string behind a line surface of the ground.
 struct StringDescription {
   std::string name = "string";
-  std::string surface;             ///< the line along which the string runs
-  bool rigid = false;              ///< true: a rigid stop, no modes
+  std::string surface;  ///< the line along which the string runs
+  bool rigid = false;   ///< true: a rigid stop, no modes
   StringParameters parameters;
-  double anchor = 0.0;             ///< distance of the line's point from the string's end y = 0 [m]
-  Vec2 direction{0.0, -1.0};       ///< sense of increasing y in the ground frame
-  bool moving_strike_point = true; ///< strike point follows the striker along the string
-  double strike_position = 0.0;    ///< y of a strike point that does not move [m]
+  double anchor = 0.0;        ///< distance of the line's point from the string's end y = 0 [m]
+  Vec2 direction{0.0, -1.0};  ///< sense of increasing y in the ground frame
+  bool moving_strike_point = true;  ///< strike point follows the striker along the string
+  double strike_position = 0.0;     ///< y of a strike point that does not move [m]
 };
 
 /// A named point of a body whose motion is an output.
@@ -128,13 +129,13 @@ struct TrackingPointDescription {
 struct FingerDescription {
   std::string body;
   Vec2 point;
-  Vec2 direction{0.0, -1.0};      ///< in the ground frame, positive sense of force and motion
+  Vec2 direction{0.0, -1.0};  ///< in the ground frame, positive sense of force and motion
   LawParameters pad = HuntCrossley{1.0, 1.0, 0.0};
 };
 
 struct MechanismDescription {
   std::string name;
-  Vec2 gravity{0.0, -9.81};       ///< [m/s^2]
+  Vec2 gravity{0.0, -9.81};  ///< [m/s^2]
   std::vector<BodyDescription> bodies;
   std::vector<SurfaceDescription> surfaces;
   std::vector<ContactDescription> contacts;

@@ -22,10 +22,10 @@ struct Drive {
 struct LinkState {
   Vec2 origin;
   Rotation rotation;
-  Vec2 velocity;       ///< of the origin
+  Vec2 velocity;  ///< of the origin
   double omega = 0.0;
-  Vec2 bias;           ///< acceleration of the origin for zero coordinate accelerations
-  Vec2 acceleration;   ///< of the origin
+  Vec2 bias;          ///< acceleration of the origin for zero coordinate accelerations
+  Vec2 acceleration;  ///< of the origin
   double alpha = 0.0;
 };
 
@@ -34,21 +34,21 @@ struct LinkState {
 /// along the same direction.
 struct ContactState {
   bool closed = false;
-  double compression = 0.0;    ///< [m], negative: the gap
-  double rate = 0.0;           ///< [m/s]
-  LawValue law;                ///< normal force [N] and slopes
-  double slip = 0.0;           ///< [m/s]
+  double compression = 0.0;  ///< [m], negative: the gap
+  double rate = 0.0;         ///< [m/s]
+  LawValue law;              ///< normal force [N] and slopes
+  double slip = 0.0;         ///< [m/s]
   FrictionValue friction{0.0, 0.0};
-  Vec2 normal;                 ///< unit, out of a, into b
-  Vec2 point;                  ///< middle of the overlap [m]
-  Vec2 relative_velocity;      ///< of b against a at the point
-  Vec2 center;                 ///< center of the circle of b
-  bool turning_normal = false; ///< normal follows the line between two centers
-  double curvature = 0.0;      ///< 1 / distance of the centers, for circle pairs [1/m]
-  StringPoint string;          ///< string at the strike point, if it is a string contact
-  double strike_position = 0.0;///< y along the string [m]
-  double strike_speed = 0.0;   ///< dy/dt [m/s]
-  Vec2 strike_gradient;        ///< d y / d (center of b), zero if the point is held
+  Vec2 normal;                   ///< unit, out of a, into b
+  Vec2 point;                    ///< middle of the overlap [m]
+  Vec2 relative_velocity;        ///< of b against a at the point
+  Vec2 center;                   ///< center of the circle of b
+  bool turning_normal = false;   ///< normal follows the line between two centers
+  double curvature = 0.0;        ///< 1 / distance of the centers, for circle pairs [1/m]
+  StringPoint string;            ///< string at the strike point, if it is a string contact
+  double strike_position = 0.0;  ///< y along the string [m]
+  double strike_speed = 0.0;     ///< dy/dt [m/s]
+  Vec2 strike_gradient;          ///< d y / d (center of b), zero if the point is held
 };
 
 /// Derivative of the generalized force of one closed contact, split so that the slopes of the law
@@ -144,14 +144,14 @@ class Dynamics {
   Vec2 position(LinkPoint p) const;
   Vec2 velocity(LinkPoint p) const;
 
-  double strap_force(int strap) const;      ///< pull [N]
-  double joint_friction(int k) const;       ///< torque or force against the motion, unit of Q_k
+  double strap_force(int strap) const;        ///< pull [N]
+  double joint_friction(int k) const;         ///< torque or force against the motion, unit of Q_k
   double beam_damping_power(int beam) const;  ///< dissipated by the structural damping, >= 0 [W]
 
   double kinetic_energy(std::span<const double> v) const;  ///< of the links [J], after evaluate
-  double gravity_energy() const;            ///< [J], zero at the origin of the ground frame
-  double spring_energy(std::span<const double> q) const;   ///< torsion springs [J]
-  double strap_energy(int strap) const;     ///< [J]
+  double gravity_energy() const;  ///< [J], zero at the origin of the ground frame
+  double spring_energy(std::span<const double> q) const;          ///< torsion springs [J]
+  double strap_energy(int strap) const;                           ///< [J]
   double beam_energy(int beam, std::span<const double> q) const;  ///< elastic [J]
 
   /// Solves M x = b in place with the factors of the last evaluate.
@@ -197,15 +197,15 @@ class Dynamics {
   std::vector<LinkState> links_;
   std::vector<Wrench> applied_;
   std::vector<ContactState> contacts_;
-  std::vector<int> motion_of_;          ///< link x coordinate
-  std::vector<Vec2> translation_;       ///< t by motion, in the ground frame
+  std::vector<int> motion_of_;     ///< link x coordinate
+  std::vector<Vec2> translation_;  ///< t by motion, in the ground frame
   std::vector<Vec2> translation_rate_;
   std::vector<double> phi_;
   std::vector<double> dphi_;
   std::vector<double> shaped_at_;  ///< strike position of phi_ by string, NaN before the first
   std::vector<double> strap_pull_;
   std::vector<double> strap_slope_;
-  std::vector<int> condensed_;          ///< kept coordinates, ascending
+  std::vector<int> condensed_;  ///< kept coordinates, ascending
   bool static_laws_ = false;
   std::vector<double> largest_;
   std::vector<double> law_;

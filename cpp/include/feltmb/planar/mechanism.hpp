@@ -24,17 +24,17 @@ struct Placement {
   int link = 0;
   Vec2 offset;
   double angle = 0.0;
-  int beam = -1;               ///< index of the flexible beam that the body is, -1 if rigid
+  int beam = -1;  ///< index of the flexible beam that the body is, -1 if rigid
 };
 
 /// Way in which one coordinate moves the links beyond a joint or a station of a beam: a material
 /// point p gets the velocity t + rho perp(p - c) a unit of coordinate rate, c the link's origin.
 struct Motion {
   int coordinate = 0;
-  int link = 0;                ///< link whose origin is c and whose parent carries t
-  Vec2 translation;            ///< t in the frame of the joint on the parent: axis or (U, V)
-  double rho = 0.0;            ///< 1 (revolute), 0 (prismatic), dV/dx (station)
-  int group = 0;               ///< first coordinate of the joint or beam
+  int link = 0;      ///< link whose origin is c and whose parent carries t
+  Vec2 translation;  ///< t in the frame of the joint on the parent: axis or (U, V)
+  double rho = 0.0;  ///< 1 (revolute), 0 (prismatic), dV/dx (station)
+  int group = 0;     ///< first coordinate of the joint or beam
 };
 
 enum class LinkKind { kGround, kRevolute, kPrismatic, kStation };
@@ -42,19 +42,19 @@ enum class LinkKind { kGround, kRevolute, kPrismatic, kStation };
 /// A moving rigid frame after welds have been merged; link 0 is the ground. A station is a cross
 /// section of a flexible beam, with the bodies welded to it, or a lump of the beam's own mass.
 struct Link {
-  std::string name;            ///< name of the body that carries the joint
-  int parent = -1;             ///< link index; -1 for the ground itself
+  std::string name;  ///< name of the body that carries the joint
+  int parent = -1;   ///< link index; -1 for the ground itself
   LinkKind kind = LinkKind::kGround;
-  Vec2 position;               ///< joint, or base of the beam, on the parent link [m]
-  Rotation base;               ///< rotation of the joint frame against the parent
-  double angle = 0.0;          ///< angle of the same [rad]
-  double station = 0.0;        ///< station: x along the undeformed beam [m]
-  bool lump = false;           ///< station: a lump of the beam's mass, whose turning is left out
-  double mass = 0.0;           ///< [kg]
-  Vec2 center_of_mass;         ///< [m]
-  double inertia = 0.0;        ///< about the center of mass [kg m^2]
-  std::vector<int> motions;    ///< of its own joint or station
-  std::vector<int> path;       ///< motions that move the link, from the root outward
+  Vec2 position;             ///< joint, or base of the beam, on the parent link [m]
+  Rotation base;             ///< rotation of the joint frame against the parent
+  double angle = 0.0;        ///< angle of the same [rad]
+  double station = 0.0;      ///< station: x along the undeformed beam [m]
+  bool lump = false;         ///< station: a lump of the beam's mass, whose turning is left out
+  double mass = 0.0;         ///< [kg]
+  Vec2 center_of_mass;       ///< [m]
+  double inertia = 0.0;      ///< about the center of mass [kg m^2]
+  std::vector<int> motions;  ///< of its own joint or station
+  std::vector<int> path;     ///< motions that move the link, from the root outward
 };
 
 /// Elastic coordinates of a flexible beam and their constant stiffness.
@@ -66,11 +66,11 @@ struct Link {
 /// 1 / (E A). Evaluation and equilibrium always use all coordinates.
 struct FlexibleBeam {
   std::string name;
-  int first = 0;               ///< first coordinate
+  int first = 0;  ///< first coordinate
   int count = 0;
-  Eigen::MatrixXd stiffness;   ///< K [N/m]
-  double damping_time = 0.0;   ///< beta [s]
-  Placement base;              ///< where its frame sits
+  Eigen::MatrixXd stiffness;  ///< K [N/m]
+  double damping_time = 0.0;  ///< beta [s]
+  Placement base;             ///< where its frame sits
   BeamShapes shapes;
   double length = 0.0;
   bool condense_axial = true;
@@ -94,24 +94,24 @@ enum class PairKind { kLineCircle, kCircleCircle, kConcaveCircle, kHybridCircle 
 
 struct Contact {
   int number = 0;
-  std::string name;            ///< "contact01"
+  std::string name;  ///< "contact01"
   std::string label;
   PairKind kind = PairKind::kLineCircle;
-  LinkPoint a;                 ///< point of the line or center of the circle on link a
-  Vec2 normal_a;               ///< line: local normal out of the material
+  LinkPoint a;    ///< point of the line or center of the circle on link a
+  Vec2 normal_a;  ///< line: local normal out of the material
   double radius_a = 0.0;
-  Vec2 arc_normal[2];          ///< hybrid: local normals of the two half-lines
-  Vec2 arc_tangent[2];         ///< hybrid: local directions in which they leave the arc
-  LinkPoint b;                 ///< center of the circle on link b
+  Vec2 arc_normal[2];   ///< hybrid: local normals of the two half-lines
+  Vec2 arc_tangent[2];  ///< hybrid: local directions in which they leave the arc
+  LinkPoint b;          ///< center of the circle on link b
   double radius_b = 0.0;
-  bool swapped = false;        ///< the description named the circle first
+  bool swapped = false;  ///< the description named the circle first
   ContactLaw law{LawParameters{HuntCrossley{1.0, 1.0, 0.0}}};
   Friction friction;
   bool enabled = true;
-  int string = -1;             ///< index of the string behind line a, -1 if none
-  bool finger = false;         ///< line a moves with the prescribed finger motion
-  std::vector<int> coordinates;///< union of the paths of a and b, ascending
-  int first_state = 0;         ///< of the law, in the concatenated law states
+  int string = -1;               ///< index of the string behind line a, -1 if none
+  bool finger = false;           ///< line a moves with the prescribed finger motion
+  std::vector<int> coordinates;  ///< union of the paths of a and b, ascending
+  int first_state = 0;           ///< of the law, in the concatenated law states
 };
 
 struct TorsionSpring {
@@ -127,7 +127,7 @@ struct Strap {
   LinkPoint b;
   double free_length = 0.0;
   std::array<double, 3> coefficients{};
-  double slack = 0.0;          ///< elongation up to which the clamped cubic is zero [m]
+  double slack = 0.0;  ///< elongation up to which the clamped cubic is zero [m]
   std::vector<int> coordinates;
 };
 
@@ -135,11 +135,11 @@ struct AttachedString {
   std::string name;
   ModalString string;
   double anchor = 0.0;
-  double sense = 1.0;          ///< y grows along sense * (normal turned by +90 degrees)
+  double sense = 1.0;  ///< y grows along sense * (normal turned by +90 degrees)
   bool moving_strike_point = true;
   double strike_position = 0.0;
   int contact = -1;
-  int offset = 0;              ///< first mode in the concatenated modal coordinates
+  int offset = 0;  ///< first mode in the concatenated modal coordinates
 };
 
 struct TrackingPoint {
@@ -152,22 +152,22 @@ class Mechanism {
  public:
   std::string name;
   Vec2 gravity;
-  std::vector<Link> links;                 ///< parents before children; links[0] is the ground
-  std::vector<std::string> coordinates;    ///< names in the order of q
-  std::vector<bool> coordinate_is_angle;   ///< unit rad, else m
+  std::vector<Link> links;                ///< parents before children; links[0] is the ground
+  std::vector<std::string> coordinates;   ///< names in the order of q
+  std::vector<bool> coordinate_is_angle;  ///< unit rad, else m
   std::vector<Motion> motions;
   std::vector<FlexibleBeam> beams;
-  std::vector<int> coordinate_parent;      ///< next coordinate toward the root, -1 at a root
-  std::vector<Friction> joint_friction;    ///< by coordinate
-  std::vector<Contact> contacts;           ///< described contacts, then the finger pad if any
+  std::vector<int> coordinate_parent;    ///< next coordinate toward the root, -1 at a root
+  std::vector<Friction> joint_friction;  ///< by coordinate
+  std::vector<Contact> contacts;         ///< described contacts, then the finger pad if any
   std::vector<TorsionSpring> springs;
   std::vector<Strap> straps;
   std::vector<AttachedString> strings;
   std::vector<TrackingPoint> points;
   std::vector<std::pair<std::string, Placement>> bodies;  ///< every described body
-  std::vector<double> start_pose;          ///< by coordinate
-  std::vector<double> coordinate_scale;    ///< coordinate change that moves a contact by kFeltTravel
-  int finger_contact = -1;                 ///< index in contacts, -1 without a finger
+  std::vector<double> start_pose;                         ///< by coordinate
+  std::vector<double> coordinate_scale;  ///< coordinate change that moves a contact by kFeltTravel
+  int finger_contact = -1;               ///< index in contacts, -1 without a finger
   LinkPoint finger_point;
   Vec2 finger_direction{0.0, -1.0};
   int total_modes = 0;

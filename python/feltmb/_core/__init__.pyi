@@ -10,12 +10,17 @@ import typing
 import numpy
 import numpy.typing
 
+from . import fiber
+
 __all__: list[str] = [
+    "BeamDescription",
     "BodyDescription",
     "ContactDescription",
     "ContactLaw",
+    "Envelope",
     "ExponentialCurve",
     "ExponentialPair",
+    "FeltMemory",
     "FingerDescription",
     "Friction",
     "HuntCrossley",
@@ -28,20 +33,24 @@ __all__: list[str] = [
     "Monitor",
     "Profile",
     "RunResult",
+    "ShapeSet",
     "SimulationOptions",
     "StrapDescription",
     "StringDescription",
     "StringParameters",
+    "Stulov",
     "SurfaceDescription",
     "SurfaceKind",
     "TorsionSpringDescription",
     "TrackingPointDescription",
     "assemble",
+    "body_poses",
     "evaluate",
+    "fiber",
     "find_equilibrium",
+    "finger_place",
     "jacobian_blocks",
     "jacobian_check",
-    "link_poses",
     "point_position",
     "rhs",
     "simulate",
@@ -113,12 +122,88 @@ class HuntCrossley:
         damping: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> None: ...
 
+class Stulov:
+    def __init__(
+        self,
+        *,
+        stiffness: typing.SupportsFloat | typing.SupportsIndex,
+        exponent: typing.SupportsFloat | typing.SupportsIndex,
+        amplitude: typing.SupportsFloat | typing.SupportsIndex,
+        time: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+
+class Envelope:
+    @staticmethod
+    def from_curves(
+        loading: ExponentialCurve,
+        unloading: ExponentialCurve,
+        closing: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+    ) -> Envelope: ...
+    @staticmethod
+    def from_table(
+        compression: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+        loading: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+        unloading: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+    ) -> Envelope: ...
+    def loading(
+        self, compression: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
+    ) -> typing.Any:
+        """
+        Virgin loading force [N].
+        """
+    def loop_area(
+        self, largest: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
+    ) -> typing.Any:
+        """
+        Energy lost [J] in the cycle to `largest` [m].
+        """
+    def unloading(
+        self,
+        compression: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        largest: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> typing.Any:
+        """
+        Unloading force [N] of the cycle to the compression `largest` [m].
+        """
+    @property
+    def closing(self) -> float:
+        """
+        Compression e_M [m].
+        """
+
+class FeltMemory:
+    def __init__(
+        self,
+        *,
+        envelope: Envelope,
+        kappa: typing.SupportsFloat | typing.SupportsIndex = 0.2,
+        recovery_time: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        creep_stiffness: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        creep_damping: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        rate_amplitude: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        rate_time: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+    ) -> None: ...
+
 class ContactLaw:
-    def __init__(self, parameters: ExponentialPair | MeanCurve | HuntCrossley) -> None: ...
+    def __init__(
+        self, parameters: ExponentialPair | MeanCurve | HuntCrossley | Stulov | FeltMemory
+    ) -> None: ...
+    def evaluate(
+        self,
+        compression: typing.SupportsFloat | typing.SupportsIndex,
+        rate: typing.SupportsFloat | typing.SupportsIndex,
+        state: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+        largest: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> dict:
+        """
+        Force, slopes, state rates and powers at one point, as a dict.
+        """
     def force(
         self,
         compression: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
         rate: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] = 0.0,
+        state: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] = [],
+        largest: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> typing.Any:
         """
         Normal force [N] at compression [m] and compression rate [m/s].
@@ -135,8 +220,12 @@ class ContactLaw:
         self, compression: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
     ) -> typing.Any:
         """
-        Energy [J] stored at compression [m].
+        Energy [J] stored under a virgin compression, states at rest.
         """
+    @property
+    def has_memory(self) -> bool: ...
+    @property
+    def n_states(self) -> int: ...
     @property
     def name(self) -> str: ...
 
@@ -266,7 +355,77 @@ class SurfaceKind:
     @property
     def value(self) -> int: ...
 
+class ShapeSet:
+    """
+    Members:
+
+      polynomial
+
+      clamped_free
+
+      craig_bampton
+    """
+
+    __members__: typing.ClassVar[dict[str, ShapeSet]]
+    clamped_free: typing.ClassVar[ShapeSet]
+    craig_bampton: typing.ClassVar[ShapeSet]
+    polynomial: typing.ClassVar[ShapeSet]
+    @typing.overload
+    def __eq__(self, other: ShapeSet) -> bool: ...
+    @typing.overload
+    def __eq__(self, other: typing.Any) -> bool: ...
+    def __getstate__(self) -> int: ...
+    def __hash__(self) -> int: ...
+    def __index__(self) -> int: ...
+    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __int__(self) -> int: ...
+    @typing.overload
+    def __ne__(self, other: ShapeSet) -> bool: ...
+    @typing.overload
+    def __ne__(self, other: typing.Any) -> bool: ...
+    def __repr__(self) -> str: ...
+    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __str__(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def value(self) -> int: ...
+
+class BeamDescription:
+    condense_axial: bool
+    shapes: ShapeSet
+    def __init__(self) -> None: ...
+    @property
+    def axial_shapes(self) -> int: ...
+    @axial_shapes.setter
+    def axial_shapes(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    @property
+    def axial_stiffness(self) -> float: ...
+    @axial_stiffness.setter
+    def axial_stiffness(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def bending_stiffness(self) -> float: ...
+    @bending_stiffness.setter
+    def bending_stiffness(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def damping_time(self) -> float: ...
+    @damping_time.setter
+    def damping_time(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def lateral_shapes(self) -> int: ...
+    @lateral_shapes.setter
+    def lateral_shapes(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    @property
+    def length(self) -> float: ...
+    @length.setter
+    def length(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def linear_density(self) -> float: ...
+    @linear_density.setter
+    def linear_density(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+
 class BodyDescription:
+    beam: BeamDescription | None
     coordinate: str
     friction: Friction
     joint: JointKind
@@ -354,7 +513,7 @@ class ContactDescription:
     enabled: bool
     friction: Friction
     label: str
-    law: ExponentialPair | MeanCurve | HuntCrossley
+    law: ExponentialPair | MeanCurve | HuntCrossley | Stulov | FeltMemory
     surface_a: str
     surface_b: str
     def __init__(self) -> None: ...
@@ -454,7 +613,7 @@ class TrackingPointDescription:
 
 class FingerDescription:
     body: str
-    pad: ExponentialPair | MeanCurve | HuntCrossley
+    pad: ExponentialPair | MeanCurve | HuntCrossley | Stulov | FeltMemory
     def __init__(self) -> None: ...
     @property
     def direction(self) -> tuple[float, float]: ...
@@ -525,6 +684,17 @@ class MechanismDescription:
     def surfaces(self, arg0: collections.abc.Sequence[SurfaceDescription]) -> None: ...
 
 class Mechanism:
+    def beam_centerline(
+        self,
+        name: str,
+        q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
+        count: typing.SupportsInt | typing.SupportsIndex = 20,
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
+        """
+        Centerline (count, 2) [m] of a flexible beam in its own clamped frame.
+        """
+    @property
+    def beam_names(self) -> list[str]: ...
     @property
     def contact_names(self) -> list[str]: ...
     @property
@@ -539,6 +709,8 @@ class Mechanism:
     def name(self) -> str: ...
     @property
     def point_names(self) -> list[str]: ...
+    @property
+    def total_law_states(self) -> int: ...
     @property
     def total_modes(self) -> int: ...
 
@@ -602,6 +774,10 @@ class SimulationOptions:
     @duration.setter
     def duration(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
+    def finger_reference(self) -> float: ...
+    @finger_reference.setter
+    def finger_reference(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
     def max_order(self) -> int: ...
     @max_order.setter
     def max_order(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
@@ -649,6 +825,8 @@ class RunResult:
     def counts(self) -> dict: ...
     @property
     def data(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def end_largest_compression(self) -> list[float]: ...
     @property
     def end_state(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     @property
@@ -706,6 +884,13 @@ def assemble(description: MechanismDescription) -> Mechanism:
     Checked, immutable mechanism; one error lists all faults.
     """
 
+def body_poses(
+    mechanism: Mechanism, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+) -> dict:
+    """
+    Origin x, y [m] and angle [rad] of every body in the ground frame; of a flexible beam at its clamped end.
+    """
+
 def evaluate(
     mechanism: Mechanism,
     q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
@@ -715,6 +900,13 @@ def evaluate(
 def find_equilibrium(
     mechanism: Mechanism, finger_force: typing.SupportsFloat | typing.SupportsIndex = 0.0
 ) -> dict: ...
+def finger_place(
+    mechanism: Mechanism, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
+) -> float:
+    """
+    Place of the finger's point along its direction [m].
+    """
+
 def jacobian_blocks(
     mechanism: Mechanism,
     q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
@@ -740,13 +932,6 @@ def jacobian_check(
     Inverse of I - gamma J as the structured solver applies it.
     """
 
-def link_poses(
-    mechanism: Mechanism, q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"]
-) -> dict:
-    """
-    Origin x, y [m] and angle [rad] of every link in the ground frame.
-    """
-
 def point_position(
     mechanism: Mechanism,
     point: typing.SupportsInt | typing.SupportsIndex,
@@ -764,7 +949,7 @@ def rhs(
     time: typing.SupportsFloat | typing.SupportsIndex,
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]:
     """
-    Y' of the full state [q, v, eta, deta/dt].
+    y' of the full state [q, v, eta, deta/dt].
     """
 
 def simulate(
@@ -775,6 +960,7 @@ def simulate(
     start: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
     monitors: collections.abc.Sequence[Monitor],
     progress: typing.Any = None,
+    start_memory: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] = [],
 ) -> RunResult: ...
 
 __version__: str = "0.1.0"
