@@ -27,7 +27,17 @@ if TYPE_CHECKING:
 
     Array = npt.NDArray[np.float64]
 
-__all__ = ["FrictionMode", "PressPath", "SimulatedPress", "SlowPress", "StaticLetOff", "simulated_press", "slow_press", "static_let_off"]
+__all__ = [
+    "FrictionMode",
+    "PressPath",
+    "SimulatedPress",
+    "SlowPress",
+    "StaticLetOff",
+    "pad_reference",
+    "simulated_press",
+    "slow_press",
+    "static_let_off",
+]
 
 FrictionMode = Literal["law", "saturated", "breakaway", "none"]
 MODES = ("law", "saturated", "breakaway", "none")
@@ -319,9 +329,7 @@ def _mechanism(
             threshold_speed=speed * _SHARP * reach * _SLOWNESS * blur,
         )
 
-    scale = dict(
-        zip(action.coordinates, action.mechanism.coordinate_scale, strict=True)
-    )
+    scale = dict(zip(action.coordinates, action.mechanism.coordinate_scale, strict=True))
     bodies = description.bodies
     for body in bodies:
         if body.coordinate:
@@ -476,14 +484,17 @@ def pad_reference(action: Action) -> float:
     def depth(displacement: float) -> float:
         stroke = motion_stroke([0.0], [displacement], interpolation="linear", duration=1e-5)
         run = simulate(action, stroke, ledger=False, events=False, output_rate=1e5)
-        return float(max(0.0, run["finger.force"][0]) / pad.stiffness) ** (1.0 / pad.exponent)
+        ratio = max(0.0, float(run["finger.force"][0])) / pad.stiffness
+        return float(ratio ** (1.0 / pad.exponent))
 
     start = 0.0
     for _ in range(40):
         if (found := depth(start)) > 0.0:
             return start - found
         start += 0.005
-    raise ModelError(f"mechanism {action.name!r}: the finger pad does not meet the key within 0.2 m")
+    raise ModelError(
+        f"mechanism {action.name!r}: the finger pad does not meet the key within 0.2 m"
+    )
 
 
 def simulated_press(
@@ -522,9 +533,9 @@ def simulated_press(
         raise InvalidParameter(
             f"slow press: mechanism {action.name!r} needs [finger] and summary.strike_contact"
         )
-    for name, value, unit in (("speed", speed, "m/s"), ("travel", travel, "m")):
-        if not (math.isfinite(value) and value > 0):
-            raise InvalidParameter(f"slow press: {name} = {value!r} {unit}, must be > 0")
+    for name, given, unit in (("speed", speed, "m/s"), ("travel", travel, "m")):
+        if not (math.isfinite(given) and given > 0):
+            raise InvalidParameter(f"slow press: {name} = {given!r} {unit}, must be > 0")
     zero = pad_reference(action)
     down = travel / speed
     time, value = [0.02, 0.02 + down], [zero, zero + travel]
@@ -553,12 +564,14 @@ def _finger_travel(action: Action, run: Run) -> Array:
     direction = np.asarray(finger.direction)
     for name, point in action.config.points.items():
         if point.body == finger.body and point.point == finger.point:
-            along: Array = direction[0] * run[f"{name}.x"] + direction[1] * run[f"{name}.y"]
-            return along - along[0]
-    poses = np.stack([run[name] for name in action.coordinates], axis=1)
-    press = SlowPress(action)
-    along = np.array([press.height(q) for q in poses])
-    return along - along[0]
+            along = direction[0] * run[f"{name}.x"] + direction[1] * run[f"{name}.y"]
+            break
+    else:
+        poses = np.stack([run[name] for name in action.coordinates], axis=1)
+        press = SlowPress(action)
+        along = np.array([press.height(q) for q in poses])
+    travel: Array = along - along[0]
+    return travel
 
 
 # --- let-off without inertia ---------------------------------------------------------------------

@@ -760,9 +760,7 @@ def regulate(
     )
     provenance = _provenance(action, targets, rows)
     regulated = _with_provenance(screws, targets, provenance)
-    return Regulation(
-        rows, regulated, rounds, all(r.holds for r in rows), bench.counts, provenance
-    )
+    return Regulation(rows, regulated, rounds, all(r.holds for r in rows), bench.counts, provenance)
 
 
 def _try_measure(bench: _Bench, action: Action, step: Step) -> tuple[float | None, str]:

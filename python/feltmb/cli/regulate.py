@@ -101,7 +101,15 @@ def regulation_table(result: Regulation) -> Any:
     """Target, before and after of each step."""
     name = result.provenance["action"]
     table = new_table(
-        f"regulation of {name}", "", "step", "target", "before", "after", "unit", "", right=(2, 3, 4)
+        f"regulation of {name}",
+        "",
+        "step",
+        "target",
+        "before",
+        "after",
+        "unit",
+        "",
+        right=(2, 3, 4),
     )
     for row in result.table:
         table.add_row(
