@@ -180,14 +180,7 @@ class SlowPress:
         if step == 0.0:
             return True
         self._tau = abs(step) / (self.speed * _SLOWNESS)
-        guess = self.q + self._rate * step
-        found = self._solve(self._sharp, guess, self.force, self.q, travel, 0.0)
-        if found is None:
-            best, force = self.q, self.force
-            for mechanism in self._stages:
-                found = self._solve(mechanism, best, force, self.q, travel, 0.0)
-                if found is not None:
-                    best, force = found
+        found = self._settle(self.q + self._rate * step, self.q, self.force, travel, 0.0)
         if found is None:
             return False
         moved = float(np.max(np.abs((found[0] - self.q) / self.scale)))
@@ -199,7 +192,22 @@ class SlowPress:
     def _take(self, q: Array, force: float, travel: float) -> None:
         step = travel - self.travel
         self._rate = (q - self.q) / step if step != 0.0 else 0.0 * self._rate
-        self.q, self.force, self.travel = q, force, travel
+        self.q, self.force, self.travel = q, float(force), travel
+
+    def _settle(
+        self, guess: Array, anchor: Array, force: float, travel: float, eta: float
+    ) -> tuple[Array, float] | None:
+        """Equilibrium next to an anchor: tried at once, then with friction from smooth to sharp."""
+        for start in (guess, anchor):
+            found = self._solve(self._sharp, start, force, anchor, travel, eta)
+            if found is not None:
+                return found
+        best = anchor
+        for mechanism in self._stages:
+            found = self._solve(mechanism, best, force, anchor, travel, eta)
+            if found is not None:
+                best, force = found
+        return found
 
     def _jump(self, travel: float) -> None:
         """Fall to the next equilibrium as if in thick oil: steps with a viscous force eta dq."""
@@ -207,27 +215,23 @@ class SlowPress:
 
         anchor, force = self.q, self.force
         eta = 1e4
+        guess = anchor
         self._tau = 1e-4 / (self.speed * _SLOWNESS)  # as if the finger moved by 0.1 mm
-        for _ in range(2000):
-            found = None
-            best, guess = anchor, force
-            for mechanism in self._stages:
-                found = self._solve(mechanism, best, guess, anchor, travel, eta)
-                if found is not None:
-                    best, guess = found
-            moved = (
-                math.inf
-                if found is None
-                else float(np.max(np.abs((found[0] - anchor) / self.scale)))
-            )
+        for _ in range(500):
+            found = self._settle(guess, anchor, force, travel, eta)
+            moved = math.inf
+            if found is not None:
+                moved = float(np.max(np.abs((found[0] - anchor) / self.scale)))
             if found is None or moved > 0.5:
                 eta *= 6.0
+                guess = anchor
                 if eta > 1e12:
                     break
                 continue
+            guess = found[0] + 0.5 * (found[0] - anchor)
             anchor, force = found
             if eta < 1e-3:
-                self.jumped = True
+                self.jumped = bool(np.max(np.abs((anchor - self.q) / self.scale)) > 0.2)
                 self._take(anchor, force, travel)
                 self._rate = np.zeros(self.n)
                 return
@@ -339,7 +343,9 @@ def _mechanism(
     for contact in contacts:
         contact.friction = slow(contact.friction, 1.0)
         data = action.config.contacts[f"{contact.number:02d}"]
-        contact.law = core_law(data.model_copy(update={"alpha": data.alpha / _SLOWNESS}))
+        # Without a speed felt follows its loading curve, the slow limit of eq. 4.22.
+        alpha = data.alpha * (1.0 / _SLOWNESS if friction == "law" else 1e-3)
+        contact.law = core_law(data.model_copy(update={"alpha": alpha}))
         if contact.number in opened:
             contact.enabled = False
     description.contacts = contacts
@@ -375,8 +381,9 @@ def slow_press(
     friction
         ``law``: thesis eq. A.1 at the sliding speeds of the path. ``saturated``: Coulomb friction
         with the coefficient A (eq. A.1 far beyond its threshold speed), ``breakaway``: with its
-        largest value, A (tanh x + B1 x / (1 + B2 x^4)) at its maximum; both do not depend on
-        ``speed``. ``none``: no friction.
+        largest value, A (tanh x + B1 x / (1 + B2 x^4)) at its maximum. ``none``: no friction. The
+        last three do not depend on ``speed``: felt then follows its loading curve, which is the
+        slow limit of eq. 4.22.
     open_contacts
         Contacts by number that are switched off, such as the damper spoon under a raised pedal.
 
@@ -603,7 +610,7 @@ def static_let_off(
     travel
         Finger travel at which the press ends [m].
     step
-        Of the finger travel from 0.1 mm before the gap shrinks to 8 mm on [m]; ten times longer
+        Of the finger travel once the hammer is within 8 mm of the string [m]; ten times longer
         before.
     most_force
         The press ends at this force, the hammer then being blocked on the string [N].
@@ -618,13 +625,11 @@ def static_let_off(
         at += step if best < 0.008 else 10.0 * step
         press.advance(at)
         gap = press.state()[strike][0]
-        if press.jumped and best < 0.02:
+        if best < 0.008 and (press.force < 0.85 * largest or gap > best + 2e-4):
             return StaticLetOff(min(best, gap), where, largest, True)
         if press.force > most_force:
             break
+        largest = max(largest, press.force)
         if gap < best:
             best, where = gap, at
-            largest = max(largest, press.force)
-        elif gap > best + 2e-4:
-            return StaticLetOff(best, where, largest, True)
     return StaticLetOff(best, where, largest, False)

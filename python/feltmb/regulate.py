@@ -43,7 +43,7 @@ MEASURES: dict[str, tuple[str, str, float, str]] = {
     "rest_gap": ("m", "mm", 1e3, "distance of the surfaces of a contact at rest"),
     "rest_force": ("N", "N", 1.0, "normal force of a contact at rest"),
     "simulated_press": ("m", "mm", 1e3, "closest approach of hammer and string, slow press"),
-    "static_press": ("m", "mm", 1e3, "the same without inertia, friction saturated"),
+    "static_press": ("m", "mm", 1e3, "the same without inertia"),
     "simulated_start": ("1", "", 1.0, "part of the blow done when a contact closes, slow press"),
     "check_distance": ("m", "mm", 1e3, "hammer in the backcheck to the string after a stroke"),
 }
@@ -100,7 +100,10 @@ def _turn(node: object) -> float:
 
 
 class Step(Schema):
-    """One thing that is measured, and the screw that sets it (none: it is only checked)."""
+    """One thing that is measured, and the screw that sets it (none: it is only checked).
+
+    ``speed`` and ``travel`` are of the finger in a slow press, ``friction`` of ``static_press``.
+    """
 
     letter: str = ""
     name: str
@@ -110,6 +113,7 @@ class Step(Schema):
     stroke: str = "piano"
     speed: Annotated[float, BeforeValidator(lambda n: _speed(n)), Field(gt=0)] = 0.010
     travel: Annotated[float, SI("m"), Field(gt=0)] = 0.012
+    friction: Literal["law", "saturated", "breakaway", "none"] = "breakaway"
     target: float | None = None
     tolerance: Annotated[float, Field(gt=0)] | None = None
     low: float | None = None
@@ -401,7 +405,9 @@ class _Bench:
         from feltmb.quasistatic import static_let_off
 
         self.counts["slow presses"] += 1
-        return static_let_off(action, travel=step.travel).gap
+        return static_let_off(
+            action, travel=step.travel, speed=step.speed, friction=step.friction
+        ).gap
 
     def _simulated_start(self, action: Action, step: Step) -> float:
         self._contact(action, step.contact)
@@ -829,4 +835,10 @@ def _with_provenance(screws: _Screws, targets: Targets, provenance: dict[str, An
         return regulated
     about = str(regulated.raw.get("about", "")) or str(provenance["action"])
     about = about.removesuffix(", not regulated").partition("; regulated to targets ")[0]
-    return regulated.with_values({"about": f"{about}; regulated to targets {targets.name}"})
+    name = screws.base.name.removesuffix("_regulated")
+    return regulated.with_values(
+        {
+            "name": f"{name}_regulated",
+            "about": f"{about}; regulated to targets {targets.name}",
+        }
+    )

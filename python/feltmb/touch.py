@@ -56,7 +56,9 @@ class StaticTouch:
     up_weight: float  #: mean force of the release in the window, damper lifted
     down_weight_most: float  #: largest force of the press in the window
     up_weight_least: float  #: smallest force of the release in the window
-    down_weight_damper: float  #: force of the press at the end of the window, damper in action
+    down_weight_damper: (
+        float  #: force of the press just before the toe meets the button, damper in action
+    )
     window: tuple[float, float]  #: travels between which the weights are taken
     take_up: float  #: travel at which the jack meets the butt
     damper_start: float | None  #: part of the blow done when the spoon meets the damper lever
@@ -311,21 +313,21 @@ def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
             f"touch of {action.name!r}: the key does not reach its front punching in a press up to "
             f"{BOTTOM_FORCE:g} N (hammer blocked on the string?)"
         )
-    window = (take_up + MARGIN, toe - MARGIN)
-    if not window[0] < window[1]:
+    opened = (roles["damper"],) if "damper" in roles else ()
+    lifted = SlowPress(action, friction="saturated", open_contacts=opened)
+    # It turns where the toe meets the button, so that friction has turned over before the window.
+    lifted_down = _follow(lifted, grid, lambda p: bool(p.state()[roles["toe"]][0] <= 0.0))
+    lifted_up = _follow(lifted, lifted_down.travel[::-1])
+    starts, ends = lifted_down.when(let_off), lifted_down.when(roles["toe"])
+    if starts is None or ends is None or not starts + MARGIN < ends - MARGIN:
         raise FeltmbError(
             f"touch of {action.name!r}: there is no travel between the take-up of the hammer at "
             f"{1e3 * take_up:.2f} mm and the jack toe at {1e3 * toe:.2f} mm to take weights in"
         )
-    opened = (roles["damper"],) if "damper" in roles else ()
-    lifted = SlowPress(action, friction="saturated", open_contacts=opened)
-    # It turns where the toe would meet the button: friction has turned over when the window begins.
-    inside = np.append(grid[grid < toe], toe)
-    lifted_down = _follow(lifted, inside)
-    lifted_up = _follow(lifted, inside[::-1])
+    window = (starts + MARGIN, ends - MARGIN)
     forces = lifted_down.force[_within(lifted_down, window)]
     back = lifted_up.force[_within(lifted_up, window)]
-    row, tripped = _let_off(down, strike, let_off)
+    row, end, tripped = _let_off(down, toe, dip)
     if not tripped:
         raise FeltmbError(f"touch of {action.name!r}: the jack does not slip out of the butt")
     damper_start, down_damper = None, math.nan
@@ -333,20 +335,20 @@ def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
         start = down.when(roles["damper"])
         if start is not None:
             damper_start = 1.0 - down.at(down.gap[strike], start) / float(down.gap[strike][0])
-            # At the end of the window the damper is off the string, if it starts in time.
-            down_damper = down.at(down.force, window[1])
+            # Just before the toe the damper is off the string, if it starts in time.
+            down_damper = down.at(down.force, toe - 0.5 * MARGIN)
     return StaticTouch(
         down_weight=float(np.mean(forces)),
         up_weight=float(np.mean(back)),
         down_weight_most=float(np.max(forces)),
         up_weight_least=float(np.min(back)),
         down_weight_damper=down_damper,
-        window=(float(window[0]), float(window[1])),
+        window=window,
         take_up=take_up,
         damper_start=damper_start,
-        let_off_force=float(np.max(down.force[: row + 1])),
+        let_off_force=float(down.force[row]),
         let_off_travel=float(down.travel[row]),
-        let_off_gap=float(np.min(down.gap[strike][: row + 1])),
+        let_off_gap=float(np.min(down.gap[strike][:end])),
         key_dip=dip,
         aftertouch=dip - float(down.travel[row]),
         press=down,
@@ -361,17 +363,21 @@ def _within(path: PressPath, window: tuple[float, float]) -> npt.NDArray[np.bool
     return inside
 
 
-def _let_off(path: PressPath, strike: int, let_off: int) -> tuple[int, bool]:
-    """Last row before the jack slips out: before a jump of the hammer, or its closest approach."""
+def _let_off(path: PressPath, toe: float, dip: float) -> tuple[int, int, bool]:
+    """Row of the force peak, first row after the let-off, and whether the jack let go.
+
+    It lets go where the path jumps, or else where the force falls before the key bottoms.
+    """
     import numpy as np
 
-    closest = int(np.argmin(path.gap[strike]))
-    for jump in path.jumps:
-        if path.gap[strike][jump] > path.gap[strike][jump - 1] + 2e-4:
-            return min(jump - 1, closest), True
-    opened = bool(np.any(path.gap[let_off][closest:] > 0.0))
-    falls = bool(path.gap[strike][-1] > path.gap[strike][closest] + 1e-4)
-    return closest, opened or falls
+    first = int(np.searchsorted(path.travel, toe))
+    jumps = [row for row in path.jumps if row > first]
+    end = jumps[0] if jumps else int(np.searchsorted(path.travel, dip))
+    if end <= first:
+        return first, first + 1, False
+    row = first + int(np.argmax(path.force[first:end]))
+    fell = bool(np.min(path.force[row:end]) < 0.9 * path.force[row])
+    return row, end, bool(jumps) or fell
 
 
 # --- dynamic -------------------------------------------------------------------------------------
@@ -546,44 +552,44 @@ def _rows(
         ("up_weight_least", "least release force", static.up_weight_least, "N", "gf"),
         (
             "down_weight_damper",
-            "press force, damper off",
+            "press, damper off",
             static.down_weight_damper,
             "N",
             "gf",
         ),
         ("let_off_force", "let-off force peak", static.let_off_force, "N", "gf"),
         ("blow", "hammer blow", float(static.press.gap[strike][0]), "m", "mm"),
-        ("let_off_distance", "let-off distance (10 mm/s)", slow.closest, "m", "mm"),
-        ("let_off_gap_static", "let-off without inertia", static.let_off_gap, "m", "mm"),
+        ("let_off_distance", "let-off distance", slow.closest, "m", "mm"),
+        ("let_off_gap_static", "same without inertia", static.let_off_gap, "m", "mm"),
         ("damper_start", "damper start / blow", static.damper_start, "1", "1"),
-        ("let_off_travel", "key travel at let-off", static.let_off_travel, "m", "mm"),
-        ("key_dip", "key dip (gap at rest)", float(static.press.gap[bottom][0]), "m", "mm"),
-        ("key_travel", "key travel at punching", static.key_dip, "m", "mm"),
+        ("let_off_travel", "travel at let-off", static.let_off_travel, "m", "mm"),
+        ("key_dip", "key dip", float(static.press.gap[bottom][0]), "m", "mm"),
+        ("key_travel", "travel at punching", static.key_dip, "m", "mm"),
         ("aftertouch", "aftertouch", static.aftertouch, "m", "mm"),
         (
             "bottom_after_start_fastest",
-            "bottom - start, fastest",
+            "bottom-start, least",
             min(after_start, default=None),
             "s",
             "ms",
         ),
         (
             "bottom_after_start_slowest",
-            "bottom - start, slowest",
+            "bottom-start, most",
             max(after_start, default=None),
             "s",
             "ms",
         ),
         (
             "bottom_after_string_softest",
-            "bottom - string, softest",
+            "bottom-string, soft",
             by_speed[0].bottom_after_string if by_speed else None,
             "s",
             "ms",
         ),
         (
             "bottom_after_string_loudest",
-            "bottom - string, loudest",
+            "bottom-string, loud",
             by_speed[-1].bottom_after_string if by_speed else None,
             "s",
             "ms",
@@ -605,7 +611,7 @@ def _rows(
     ]
     for kind in ("pressed", "struck"):
         a, b, _ = fits.get(kind, (None, None, None))
-        rows.append((f"travel_time_factor_{kind}", f"travel at 1 m/s, {kind}", a, "s", "ms"))
+        rows.append((f"travel_time_factor_{kind}", f"travel 1 m/s, {kind}", a, "s", "ms"))
         rows.append((f"travel_time_exponent_{kind}", f"exponent, {kind}", b, "1", "1"))
     shorter = None
     if "pressed" in fits and "struck" in fits:
@@ -613,7 +619,7 @@ def _rows(
             sign * fits[kind][0] * 2.0 ** fits[kind][1]
             for kind, sign in (("pressed", 1.0), ("struck", -1.0))
         )
-    rows.append(("struck_shorter", "struck shorter at 2 m/s", shorter, "s", "ms"))
+    rows.append(("struck_shorter", "struck shorter, 2 m/s", shorter, "s", "ms"))
     published = _published()
     out = []
     for key, name, value, si, unit in rows:
@@ -750,6 +756,7 @@ def dynamic_figure(result: Touch) -> Any:
         axes.plot(v, [1e3 * t for t in y], marker=marker, lw=0.8, color=color, label=kind)
     axes.axhspan(-4.0, 35.0, color=MUTED, alpha=0.12, lw=0, label="grands, published range")
     axes.axhline(0.0, color="k", lw=0.6)
+    axes.set_ylim(-8.0, 50.0)
     axes.set_xscale("log")
     axes.set_xlabel("hammer speed at the string, m/s")
     axes.set_ylabel("key bottom after string contact, ms")
