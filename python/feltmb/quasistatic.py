@@ -33,7 +33,6 @@ __all__ = [
     "SimulatedPress",
     "SlowPress",
     "StaticLetOff",
-    "pad_reference",
     "simulated_press",
     "slow_press",
     "static_let_off",
@@ -480,30 +479,6 @@ class SimulatedPress:
         return float(np.interp(time, self.run.time, self.gap))
 
 
-def pad_reference(action: Action) -> float:
-    """Finger displacement [m] at which the pad just touches the key at rest."""
-    from feltmb.simulate import simulate
-    from feltmb.stroke import motion_stroke
-
-    assert action.config.finger is not None
-    pad = action.config.finger.pad
-
-    def depth(displacement: float) -> float:
-        stroke = motion_stroke([0.0], [displacement], interpolation="linear", duration=1e-5)
-        run = simulate(action, stroke, ledger=False, events=False, output_rate=1e5)
-        ratio = max(0.0, float(run["finger.force"][0])) / pad.stiffness
-        return float(ratio ** (1.0 / pad.exponent))
-
-    start = 0.0
-    for _ in range(40):
-        if (found := depth(start)) > 0.0:
-            return start - found
-        start += 0.005
-    raise ModelError(
-        f"mechanism {action.name!r}: the finger pad does not meet the key within 0.2 m"
-    )
-
-
 def simulated_press(
     action: Action,
     *,
@@ -543,12 +518,11 @@ def simulated_press(
     for name, given, unit in (("speed", speed, "m/s"), ("travel", travel, "m")):
         if not (math.isfinite(given) and given > 0):
             raise InvalidParameter(f"slow press: {name} = {given!r} {unit}, must be > 0")
-    zero = pad_reference(action)
     down = travel / speed
-    time, value = [0.02, 0.02 + down], [zero, zero + travel]
+    time, value = [0.02, 0.02 + down], [0.0, travel]
     if release:
         time += [time[1] + 0.2, time[1] + 0.2 + down]
-        value += [zero + travel, zero]
+        value += [travel, 0.0]
     stroke = motion_stroke(
         time, value, interpolation="linear", duration=time[-1] + 0.1, name="slow press"
     )

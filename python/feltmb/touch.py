@@ -383,7 +383,7 @@ def _let_off(path: PressPath, toe: float, dip: float) -> tuple[int, int, bool]:
 # --- dynamic -------------------------------------------------------------------------------------
 
 
-def _blow(action: Action, kind: str, level: float, zero: float, dip: float) -> Blow:
+def _blow(action: Action, kind: str, level: float, dip: float) -> Blow:
     import numpy as np
 
     from feltmb.simulate import simulate
@@ -396,7 +396,7 @@ def _blow(action: Action, kind: str, level: float, zero: float, dip: float) -> B
         end = START + (dip + 1e-3) / level
         stroke = motion_stroke(
             [START, end],
-            [zero, zero + dip + 1e-3],
+            [0.0, dip + 1e-3],
             interpolation="linear",
             duration=end + 0.08,
             name=f"struck {level:g} m/s",
@@ -490,7 +490,7 @@ def touch(
     FeltmbError
         The action cannot be measured, for example because its hammer is blocked.
     """
-    from feltmb.quasistatic import pad_reference, simulated_press
+    from feltmb.quasistatic import simulated_press
 
     if isinstance(action, str):
         action = load_action(action)
@@ -502,13 +502,12 @@ def touch(
     say("slow press and release")
     static = static_touch(action)
     dip = static.key_dip
-    zero = pad_reference(action)
     say(f"{len(forces) + len(speeds)} blows")
     jobs = [("pressed", f) for f in sorted(forces)] + [("struck", v) for v in sorted(speeds)]
     pool = executor if executor is not None else ThreadPoolExecutor()
     try:
         slow_future = pool.submit(simulated_press, action, travel=dip + 1.2e-3, release=True)
-        futures = [pool.submit(_blow, action, kind, level, zero, dip) for kind, level in jobs]
+        futures = [pool.submit(_blow, action, kind, level, dip) for kind, level in jobs]
         slow = slow_future.result()
         blows = tuple(future.result() for future in futures)
     finally:

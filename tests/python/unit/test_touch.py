@@ -11,7 +11,6 @@ from feltmb.cli.touch import command
 from feltmb.config import Action
 from feltmb.quasistatic import (
     SlowPress,
-    pad_reference,
     simulated_press,
     slow_press,
     static_let_off,
@@ -102,19 +101,6 @@ def test_simulated_let_off(action):
     assert press.closest == pytest.approx(2.18e-3, abs=0.05e-3)
     assert press.gap_when(9) == pytest.approx(19.6e-3, abs=0.1e-3)
     assert press.gap_when(16) is None
-
-
-def test_pad_reference_is_where_the_pad_touches(action):
-    from feltmb import motion_stroke, simulate
-
-    zero = pad_reference(action)
-
-    def force(displacement):
-        stroke = motion_stroke([0.0], [displacement], interpolation="linear", duration=1e-5)
-        return simulate(action, stroke, ledger=False, output_rate=1e5)["finger.force"][0]
-
-    assert force(zero - 1e-6) == 0.0
-    assert force(zero + 1e-4) == pytest.approx(1.1e5 * 1e-4**1.5, rel=1e-3)
 
 
 @pytest.mark.parametrize(
