@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
+from feltmb import _core
 from feltmb.config import Action, load_action
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.files import read_toml
@@ -800,15 +801,13 @@ def _row(step: Step, before: float | None, after: float | None, turn: float, why
 
 
 def _provenance(action: Action, targets: Targets, rows: tuple[Row, ...]) -> dict[str, Any]:
-    import feltmb
-
     return {
         "action": action.name,
         "hash": action.hash,
         "targets": targets.name,
         "about": targets.about,
         "cite": targets.cite,
-        "version": feltmb.__version__,
+        "version": _core.__version__,
         "screws": {
             row.path: {"turned": row.turned, "unit": row.turn_unit, "step": row.name}
             for row in rows

@@ -17,6 +17,7 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from feltmb import _core
 from feltmb.config import Action, load_action
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.files import read_toml, write_file
@@ -121,7 +122,7 @@ class TouchRow:
             return "above" if self.value > self.high else "inside"
         if self.published is not None:
             unit = "" if self.unit == "1" else f" {self.unit}"
-            return f"{self.value - self.published:+.3g}{unit}"
+            return f"{round(self.value - self.published, 2) + 0.0:+.3g}{unit}"
         return ""
 
 
@@ -196,8 +197,6 @@ class Touch:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data, for JSON."""
-        import feltmb
-
         curve = {
             name: {"travel": path.travel.tolist(), "force": path.force.tolist()}
             for name, path in _branches(self.static)
@@ -205,7 +204,7 @@ class Touch:
         return {
             "action": self.action.name,
             "hash": self.action.hash,
-            "version": feltmb.__version__,
+            "version": _core.__version__,
             "rows": [{**vars(row), "verdict": row.verdict} for row in self.rows],
             "window": list(self.static.window),
             "curve": curve,
