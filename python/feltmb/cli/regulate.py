@@ -1,0 +1,139 @@
+"""``feltmb regulate``: turn the screws of an action until it meets its targets."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from feltmb.cli.common import (
+    complain,
+    console,
+    force_option,
+    is_terminal,
+    json_option,
+    load_with_settings,
+    new_table,
+    print_json,
+    say_written,
+    set_option,
+)
+
+if TYPE_CHECKING:
+    from feltmb.regulate import Regulation
+
+
+@click.command("regulate")
+@click.argument("action")
+@click.option("--report", is_flag=True, help="Print the table (also printed without -o).")
+@click.option(
+    "--targets",
+    metavar="FILE",
+    help="Packaged name or TOML file; default: the packaged targets of the mechanism's name.",
+)
+@click.option(
+    "-o",
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write the regulated mechanism, with its provenance, to this TOML file.",
+)
+@set_option
+@force_option
+@json_option
+def command(
+    action: str,
+    report: bool,
+    targets: str | None,
+    out: Path | None,
+    settings: tuple[str, ...],
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Regulate ACTION: key dip, blow, lost motion, let-off, damper, backcheck.
+
+    Each step measures one thing and turns one screw; the steps are repeated until all hold. If a
+    target cannot be met, the table says which and why, nothing is written and the exit code is 1.
+    """
+    from feltmb.errors import FeltmbError
+    from feltmb.files import check_writable, write_text
+    from feltmb.regulate import load_targets, regulate
+
+    mechanism = load_with_settings(action, settings)
+    wanted = load_targets(targets) if targets is not None else None
+    if out is not None:
+        check_writable(out, force=force)
+    if is_terminal():
+        with console(stderr=True).status("measuring") as status:
+            result = regulate(mechanism, wanted, progress=lambda text: status.update(text))
+    else:
+        result = regulate(mechanism, wanted)
+    if as_json:
+        print_json(result.as_dict())
+    elif report or out is None:
+        screen = console()
+        screen.print(regulation_table(result))
+        if result.provenance["screws"]:
+            screen.print(screw_table(result))
+        else:
+            screen.print("No screw was turned.")
+        for row in result.table:
+            if row.before is None and row.holds:
+                screen.print(f"{row.name} could not be measured before: {row.why}.")
+    if not result.converged:
+        for row in result.unmet[:-1]:
+            complain(_unmet(row))
+        last = _unmet(result.unmet[-1])
+        raise FeltmbError(f"{last}\nnothing was written" if out is not None else last)
+    if out is not None:
+        say_written(write_text(out, result.to_toml(), force=force))
+
+
+def _unmet(row: Any) -> str:
+    return f"{row.name}: target {row.target} {row.unit}".rstrip() + f" is not met: {row.why}"
+
+
+def _show(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
+
+
+def regulation_table(result: Regulation) -> Any:
+    """Target, before and after of each step."""
+    name = result.provenance["action"]
+    table = new_table(
+        f"regulation of {name}",
+        "",
+        "step",
+        "target",
+        "before",
+        "after",
+        "unit",
+        "",
+        right=(2, 3, 4),
+    )
+    for row in result.table:
+        table.add_row(
+            row.letter,
+            row.name,
+            row.target,
+            _show(row.before),
+            _show(row.after),
+            row.unit,
+            "holds" if row.holds else "NOT MET",
+        )
+    counts = ", ".join(f"{number} {what}" for what, number in result.counts.items())
+    rounds = f"{result.rounds} round" + ("" if result.rounds == 1 else "s")
+    table.caption = f"{rounds}; {counts}; targets {result.provenance['targets']}"
+    return table
+
+
+def screw_table(result: Regulation) -> Any:
+    """What was turned, and by how much."""
+    table = new_table("screws", "step", "screw", "turned", "unit", "value changed", right=(2,))
+    for row in result.table:
+        if row.screw and row.turned:
+            table.add_row(row.name, row.screw, f"{row.turned:+.4f}", row.turn_unit, row.path)
+    return table
+
+
+__all__ = ["command", "regulation_table", "screw_table"]

@@ -1,0 +1,286 @@
+"""Slow press with and without inertia, static touch, families of blows."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from feltmb import FeltmbError, InvalidParameter, _core, load_action
+from feltmb.cli.touch import command
+from feltmb.config import Action
+from feltmb.quasistatic import (
+    SlowPress,
+    simulated_press,
+    slow_press,
+    static_let_off,
+)
+from feltmb.touch import Blow, TouchRow, _at_speed, _fit, static_touch, touch
+
+
+@pytest.fixture(scope="module")
+def action():
+    return load_action("steinway45")
+
+
+@pytest.fixture(scope="module")
+def measured(action):
+    return touch(action, forces=(1.5, 3.0, 12.0), speeds=(0.1, 0.3, 0.6))
+
+
+# ---------------------------------------------------------------- press without inertia
+
+
+def test_press_without_friction_passes_equilibria_under_a_dead_weight(action):
+    """Independent of the path: the energy minimum under a constant finger force."""
+    raw = action.raw
+    for body in raw["bodies"].values():
+        body.pop("friction", None)
+    for contact in raw["contacts"].values():
+        contact.pop("friction", None)
+    smooth = Action(raw)
+    press = SlowPress(smooth, friction="none")
+    for travel in np.linspace(2e-4, 1.0e-3, 5):
+        press.advance(travel)
+        rest = _core.find_equilibrium(smooth.mechanism, press.force)
+        assert press.height(np.array(rest["q"])) - press.height(smooth.rest_pose) == pytest.approx(
+            travel, abs=1e-8
+        )
+
+
+def test_press_without_friction_is_reversible(action):
+    up = np.linspace(1e-4, 8e-3, 80)
+    path = slow_press(action, np.r_[up, up[-2::-1]], friction="none")
+    assert path.jumps == []
+    np.testing.assert_allclose(path.force[:80], path.force[:-81:-1][:80], atol=2e-4)
+
+
+def test_friction_opposes_the_press_and_the_release(action):
+    up = np.linspace(1e-4, 8e-3, 80)
+    both = np.r_[up, up[-2::-1]]
+    free = slow_press(action, up, friction="none")
+    rough = slow_press(action, both, friction="saturated")
+    inside = (up > 2.2e-3) & (up < 6e-3)
+    release = rough.force[79:][::-1]
+    assert np.all(rough.force[:80][inside] > free.force[inside] + 0.05)
+    assert np.all(release[inside] < free.force[inside] - 0.05)
+    # Nearly half way between: most friction is of joints, which does not know the load.
+    middle = 0.5 * (rough.force[:80] + release)[inside]
+    np.testing.assert_allclose(middle, free.force[inside], rtol=0.06)
+
+
+def test_saturated_friction_does_not_depend_on_the_speed(action):
+    up = np.linspace(1e-4, 6e-3, 60)
+    slow = slow_press(action, up, friction="saturated", speed=1e-4)
+    fast = slow_press(action, up, friction="saturated", speed=0.1)
+    np.testing.assert_allclose(slow.force, fast.force, rtol=2e-3)
+
+
+def test_press_agrees_with_a_simulated_one(action):
+    """The simulated finger at 10 mm/s, where nothing strikes, feels what the path says."""
+    path = slow_press(action, np.linspace(1e-4, 6.4e-3, 64), friction="saturated")
+    press = simulated_press(action, travel=7e-3)
+    inside = (press.travel > 3.0e-3) & (press.travel < 6.0e-3)
+    expected = np.interp(press.travel[inside], path.travel, path.force)
+    assert np.mean(press.force[inside]) == pytest.approx(np.mean(expected), rel=0.01)
+    assert np.max(np.abs(press.force[inside] - expected)) < 0.05
+
+
+def test_let_off_without_inertia(action):
+    found = static_let_off(action)
+    assert found.tripped
+    assert found.gap == pytest.approx(2.92e-3, abs=0.03e-3)
+    coarse = static_let_off(action, step=2e-5)
+    assert coarse.gap == pytest.approx(found.gap, abs=0.02e-3)
+    # Without friction the jack slips out earlier, the hammer farther from the string.
+    assert static_let_off(action, friction="none").gap > 4e-3
+
+
+def test_simulated_let_off(action):
+    press = simulated_press(action)
+    assert press.closest == pytest.approx(2.18e-3, abs=0.05e-3)
+    assert press.gap_when(9) == pytest.approx(19.6e-3, abs=0.1e-3)
+    assert press.gap_when(16) is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"speed": 0.0}, "speed"),
+        ({"friction": "sticky"}, "none of"),
+    ],
+)
+def test_bad_arguments_of_a_press(action, arguments, message):
+    with pytest.raises(InvalidParameter, match=message):
+        slow_press(action, [1e-3], **arguments)
+
+
+def test_empty_press(action):
+    with pytest.raises(InvalidParameter, match="travel is empty"):
+        slow_press(action, [])
+
+
+# ---------------------------------------------------------------- static touch
+
+
+def test_weights(measured):
+    static = measured.static
+    assert static.down_weight == pytest.approx(0.775, abs=0.02)
+    assert static.up_weight == pytest.approx(0.419, abs=0.02)
+    assert static.friction == pytest.approx(0.5 * (static.down_weight - static.up_weight))
+    assert static.balance_weight == pytest.approx(0.5 * (static.down_weight + static.up_weight))
+    assert static.up_weight_least <= static.up_weight < static.down_weight
+    assert static.down_weight <= static.down_weight_most < static.down_weight_damper
+    assert static.take_up < static.window[0] < static.window[1] < static.let_off_travel
+    assert static.aftertouch == pytest.approx(static.key_dip - static.let_off_travel)
+    assert 0.0 < static.aftertouch < 1.5e-3
+
+
+def test_friction_is_the_work_lost_in_the_window(measured):
+    """Down-weight less up-weight, times the window, is the area between the branches."""
+    static = measured.static
+    low, high = static.window
+    x = np.linspace(low, high, 400)
+    down = np.interp(x, static.lifted_press.travel, static.lifted_press.force)
+    up = np.interp(x, static.lifted_release.travel[::-1], static.lifted_release.force[::-1])
+    area = np.trapezoid(down - up, x)
+    assert 2.0 * static.friction * (high - low) == pytest.approx(area, rel=0.01)
+
+
+def test_ten_grams_on_the_key_front_are_ten_gram_force(action, measured):
+    """A lead at the finger's point takes its own weight off both weights."""
+    key = action.config.bodies["key"]
+    lead, point = 0.010, np.array(action.config.finger.point)
+    mass = key.mass + lead
+    center = (key.mass * np.array(key.center_of_mass) + lead * point) / mass
+    leaded = static_touch(
+        action.with_values(
+            {
+                "bodies.key.mass": {"value": mass, "unit": "kg"},
+                "bodies.key.center_of_mass": {"value": center.tolist(), "unit": "m"},
+            }
+        )
+    )
+    assert measured.static.down_weight - leaded.down_weight == pytest.approx(0.0981, rel=0.01)
+    assert measured.static.up_weight - leaded.up_weight == pytest.approx(0.0981, rel=0.01)
+    assert leaded.friction == pytest.approx(measured.static.friction, rel=0.01)
+
+
+def test_without_butt_spring_the_key_is_lighter(action, measured):
+    loose = static_touch(action.with_values({"springs.butt_spring.enabled": False}))
+    assert loose.balance_weight < measured.static.balance_weight - 0.05
+
+
+def test_gram_force_and_newton(measured):
+    assert measured["down_weight"] == pytest.approx(measured.static.down_weight / 9.80665e-3)
+    with pytest.raises(InvalidParameter, match="keys are down_weight"):
+        measured["weight"]
+
+
+def test_curve_as_data(measured):
+    curve = measured.curve
+    assert set(curve["branch"]) == {"press", "release", "press_lifted", "release_lifted"}
+    press = curve[curve["branch"] == "press"]
+    assert press["travel"].is_monotonic_increasing
+    assert press["hammer_gap"].iloc[0] == pytest.approx(48.23e-3, abs=0.02e-3)
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ({"surfaces.Gp10.point.y": 90.0}, "does not meet the let-off button"),
+        ({"surfaces.Gp3.point.y": -60.0}, "does not reach its front punching"),
+    ],
+)
+def test_what_cannot_be_measured_is_said(action, setting, message):
+    with pytest.raises(FeltmbError, match=message):
+        static_touch(action.with_values(setting))
+
+
+def test_missing_roles_are_named(action):
+    raw = action.raw
+    del raw["events"]["jack_toe"]
+    with pytest.raises(InvalidParameter, match="does not say which contact is toe"):
+        static_touch(Action(raw))
+
+
+# ---------------------------------------------------------------- blows
+
+
+def test_louder_blows_are_faster(measured):
+    for kind in ("pressed", "struck"):
+        blows = [b for b in measured.blows if b.kind == kind]
+        speeds = [b.hammer_speed for b in blows]
+        times = [b.travel_time for b in blows]
+        assert speeds == sorted(speeds)
+        assert times == sorted(times, reverse=True)
+        a, b, _ = measured.fits[kind]
+        assert 0.05 < a < 0.12
+        assert -1.0 < b < -0.5
+
+
+def test_loud_key_bottoms_before_the_hammer_strikes_and_soft_after(measured):
+    pressed = [b for b in measured.blows if b.kind == "pressed"]
+    assert pressed[0].bottom_after_string > 0.0 > pressed[-1].bottom_after_string
+
+
+def test_struck_is_shorter_than_pressed(measured):
+    assert measured["struck_shorter"] > 0.0
+
+
+def test_too_soft_a_blow_says_so(action):
+    result = touch(action, forces=(0.5, 3.0), speeds=())
+    soft, loud = result.blows
+    assert soft.hammer_speed is None
+    assert "does not reach the string" in soft.failure
+    assert loud.failure == ""
+    assert result["struck_shorter"] is None
+
+
+def test_bad_levels(action):
+    with pytest.raises(InvalidParameter, match="forces holds -1"):
+        touch(action, forces=(-1.0,))
+
+
+def test_fit_recovers_a_power_law():
+    blows = [Blow("pressed", 1, v, 1, 0.09 * v**-0.6, 0.1, 0.0) for v in (0.5, 1.0, 2.0, 4.0)]
+    a, b, worst = _fit(blows)
+    assert (a, b) == pytest.approx((0.09, -0.6))
+    assert worst < 1e-12
+    assert _fit(blows[:2]) is None
+    assert _at_speed(blows, "travel_time", 1.0) == pytest.approx(0.09)
+    assert _at_speed(blows, "travel_time", 9.0) is None
+
+
+@pytest.mark.parametrize(
+    ("row", "verdict"),
+    [
+        (TouchRow("k", "n", 5.0, "gf", 4.0, 6.0), "inside"),
+        (TouchRow("k", "n", 3.0, "gf", 4.0, 6.0), "below"),
+        (TouchRow("k", "n", 7.0, "gf", 4.0, 6.0), "above"),
+        (TouchRow("k", "n", 7.0, "mm", published=5.0), "+2 mm"),
+        (TouchRow("k", "n", None, "mm", published=5.0), ""),
+        (TouchRow("k", "n", 7.0, "mm"), ""),
+    ],
+)
+def test_verdict(row, verdict):
+    assert row.verdict == verdict
+
+
+def test_pictures(measured, tmp_path):
+    written = measured.plot(tmp_path)
+    assert [p.name for p in written] == ["touch_static.png", "touch_dynamic.png"]
+    assert all(p.stat().st_size > 20_000 for p in written)
+    with pytest.raises(FeltmbError, match="exists"):
+        measured.plot(tmp_path)
+
+
+def test_command(action, measured, monkeypatch):
+    monkeypatch.setattr("feltmb.touch.touch", lambda *_args, **_kw: measured)
+    result = CliRunner().invoke(command, ["steinway45"])
+    assert result.exit_code == 0, result.output
+    assert "down-weight" in result.output
+    assert "46 to 56" in result.output
+    data = json.loads(CliRunner().invoke(command, ["steinway45", "--json"]).output)
+    assert data["hash"] == action.hash
+    assert data["fits"]["pressed"]["b"] < 0.0
