@@ -10,6 +10,7 @@ from feltmb.errors import (
     InvalidParameter,
     ModelError,
 )
+from feltmb.regulate import Regulation, load_targets, regulate
 from feltmb.results import Run, load_run
 from feltmb.simulate import Evaluation, evaluate, simulate
 from feltmb.stroke import (
@@ -23,6 +24,7 @@ from feltmb.stroke import (
     sequence,
     table_stroke,
 )
+from feltmb.touch import Touch, touch
 
 __all__ = [
     "Action",
@@ -33,20 +35,25 @@ __all__ = [
     "IntegrationError",
     "InvalidParameter",
     "ModelError",
+    "Regulation",
     "Run",
     "Stroke",
+    "Touch",
     "__version__",
     "evaluate",
     "load_action",
     "load_run",
     "load_stroke",
+    "load_targets",
     "motion_stroke",
     "packaged_actions",
     "packaged_strokes",
     "pulse_stroke",
     "ramp_stroke",
     "read_stroke_csv",
+    "regulate",
     "sequence",
     "simulate",
     "table_stroke",
+    "touch",
 ]

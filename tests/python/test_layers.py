@@ -14,7 +14,7 @@ ROOT = HERE.parents[2]
 
 BASE = "errors _optional units quantity"
 MODEL = f"{BASE} files _core params config stroke events results simulate"
-FRONT = f"{MODEL} fiber data fit gap plot report sweep study regulate touch"
+FRONT = f"{MODEL} fiber data fit gap plot report sweep study quasistatic regulate touch"
 
 # part -> the parts that it may use. C++ parts are folders, Python parts are modules of the package.
 # A new folder or module gets a line here; what points back is refused.
@@ -58,8 +58,9 @@ MAY_USE = {
         "animate": f"{BASE} files config results plot",
         "sweep": MODEL,
         "study": f"{MODEL} sweep plot",
-        "regulate": MODEL,
-        "touch": f"{MODEL} plot",
+        "quasistatic": MODEL,
+        "regulate": f"{MODEL} quasistatic",
+        "touch": f"{MODEL} quasistatic plot",
         "report": f"{BASE} results data fit gap plot",
         "__init__": FRONT,
         "cli": f"{FRONT} __init__ graph animate published",

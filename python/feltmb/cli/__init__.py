@@ -14,6 +14,8 @@ __all__ = ["main"]
 COMMANDS = {
     "stroke": ("stroke", "Simulate strokes and save, plot or summarise them."),
     "demo": ("demo", "The main job: piano, forte, staccato; table, plots, animation."),
+    "regulate": ("regulate", "Regulate a mechanism as a technician does, steps A to F."),
+    "touch": ("touch", "Static and dynamic touch: weights, let-off, timing."),
     "show": ("show", "Bodies, contacts, springs of a mechanism, with units and sources."),
     "plot": ("plot", "Plots of saved runs."),
     "animate": ("animate", "Animation of a saved run (GIF or HTML)."),
