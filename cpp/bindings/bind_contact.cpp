@@ -4,6 +4,7 @@
 #include "bindings.hpp"
 #include "feltmb/contact/friction.hpp"
 #include "feltmb/contact/law.hpp"
+#include "feltmb/contact/path.hpp"
 
 namespace py = pybind11;
 
@@ -171,6 +172,30 @@ void bind_contact(py::module_& m) {
             return py::vectorize([&law](double x) { return law.static_energy(x); })(e);
           },
           py::arg("compression"), "Energy [J] stored under a virgin compression, states at rest.");
+
+  py::class_<LawPath>(m, "LawPath")
+      .def(py::init<const ContactLaw&>(), py::arg("law"), py::keep_alive<1, 2>())
+      .def("reset", &LawPath::reset)
+      .def("step", &LawPath::step, py::arg("compression"), py::arg("duration"),
+           "Moves to compression [m] within duration [s]; returns the force [N].")
+      .def("peek", &LawPath::peek, py::arg("compression"), py::arg("duration"),
+           "Force [N] if the step were taken; the memory stays.")
+      .def_property_readonly("compression", &LawPath::compression)
+      .def_property_readonly("largest", &LawPath::largest)
+      .def_property_readonly("state", &LawPath::state);
+  m.def(
+      "force_along",
+      [](const ContactLaw& law, const std::vector<double>& time,
+         const std::vector<double>& compression) {
+        std::vector<double> out;
+        {
+          const py::gil_scoped_release release;
+          out = force_along(law, time, compression);
+        }
+        return py::array_t<double>(static_cast<py::ssize_t>(out.size()), out.data());
+      },
+      py::arg("law"), py::arg("time"), py::arg("compression"),
+      "Forces [N] of a law along a compression history.");
 }
 
 }  // namespace feltmb::python

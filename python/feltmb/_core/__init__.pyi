@@ -26,6 +26,7 @@ __all__: list[str] = [
     "HuntCrossley",
     "Interpolation",
     "JointKind",
+    "LawPath",
     "MeanCurve",
     "Mechanism",
     "MechanismDescription",
@@ -49,6 +50,7 @@ __all__: list[str] = [
     "fiber",
     "find_equilibrium",
     "finger_place",
+    "force_along",
     "jacobian_blocks",
     "jacobian_check",
     "point_position",
@@ -228,6 +230,32 @@ class ContactLaw:
     def n_states(self) -> int: ...
     @property
     def name(self) -> str: ...
+
+class LawPath:
+    def __init__(self, law: ContactLaw) -> None: ...
+    def peek(
+        self,
+        compression: typing.SupportsFloat | typing.SupportsIndex,
+        duration: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> float:
+        """
+        Force [N] if the step were taken; the memory stays.
+        """
+    def reset(self) -> None: ...
+    def step(
+        self,
+        compression: typing.SupportsFloat | typing.SupportsIndex,
+        duration: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> float:
+        """
+        Moves to compression [m] within duration [s]; returns the force [N].
+        """
+    @property
+    def compression(self) -> float: ...
+    @property
+    def largest(self) -> float: ...
+    @property
+    def state(self) -> typing.Annotated[list[float], "FixedSize(3)"]: ...
 
 class StringParameters:
     def __init__(
@@ -905,6 +933,15 @@ def finger_place(
 ) -> float:
     """
     Place of the finger's point along its direction [m].
+    """
+
+def force_along(
+    law: ContactLaw,
+    time: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+    compression: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    Forces [N] of a law along a compression history.
     """
 
 def jacobian_blocks(
