@@ -6,6 +6,12 @@ import pytest
 import feltmb
 
 
+@pytest.fixture(scope="module")
+def action(rigid):
+    """Rigid members: these tests are not about the members."""
+    return rigid
+
+
 def at_rest_at_the_end(run, action, room=0.3):
     """Coordinates away from the rest pose, in mm of felt."""
     q = np.array([run[name][-1] for name in action.coordinates])

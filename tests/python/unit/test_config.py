@@ -15,9 +15,13 @@ def test_packaged_actions():
         assert feltmb.load_action(name).name == name
 
 
-def test_coordinates_in_the_order_of_the_design(action):
-    assert action.coordinates == (
+def test_coordinates_in_the_order_of_the_design(action, rigid):
+    assert rigid.coordinates == (
         "key.lift", "key.angle", "whippen.angle", "jack.angle", "hammer.angle", "damper.angle",
+    )  # fmt: skip
+    elastic = ("u1", "v1", "v2")
+    assert action.coordinates == (
+        *rigid.coordinates, *(f"wire.{e}" for e in elastic), *(f"shank.{e}" for e in elastic),
     )  # fmt: skip
 
 

@@ -8,6 +8,12 @@ from feltmb.files import write_file
 
 
 @pytest.fixture(scope="module")
+def action(rigid):
+    """Rigid members: these tests are not about the members."""
+    return rigid
+
+
+@pytest.fixture(scope="module")
 def run(action):
     return feltmb.simulate(action, "forte", duration=0.11)
 

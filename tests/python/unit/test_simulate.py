@@ -6,6 +6,12 @@ import pytest
 import feltmb
 
 
+@pytest.fixture(scope="module")
+def action(rigid):
+    """Rigid members: these tests are not about the members."""
+    return rigid
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -129,8 +129,8 @@ def test_packaged_strokes():
 
 
 def test_packaged_blows_are_those_of_the_design():
-    assert feltmb.load_stroke("piano").at([0.083, 0.4305, 0.49]) == pytest.approx([0, 5, 5])
-    assert feltmb.load_stroke("forte").at([0.05, 0.1405, 0.3]) == pytest.approx([0, 25, 25])
+    assert feltmb.load_stroke("piano").at([0.083, 0.433, 0.49]) == pytest.approx([0, 5, 5])
+    assert feltmb.load_stroke("forte").at([0.05, 0.143, 0.3]) == pytest.approx([0, 25, 25])
 
 
 def write(tmp_path, text):
