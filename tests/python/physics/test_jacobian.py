@@ -33,6 +33,7 @@ def sampled_states(action, stroke, rate, duration=None):
     options.rtol = 1e-7
     options.output_rate = rate
     options.ledger = options.events = False
+    options.finger_reference = 0.0  # as in rhs and jacobian_check: motion counts from y = 0
     n, modes = len(action.coordinates), action.mechanism.total_modes
     rest = action._equilibrium
     start = np.concatenate([rest["q"], np.zeros(n), rest["eta"], np.zeros(modes)])
@@ -147,7 +148,8 @@ def test_with_flexible_members(action, values):
 
 def test_with_a_prescribed_finger_motion(rigid):
     """The finger pad: its rate depends on time, its force on the key's motion."""
-    origin = _core.finger_position(rigid.mechanism, rigid.rest_pose)
+    point = rigid.mechanism.point_names.index("key_front")  # where the finger presses
+    origin = -_core.point_position(rigid.mechanism, point, rigid.rest_pose)[1]
     stroke = feltmb.motion_stroke([0.0, 0.1, 0.2], [origin, origin + 0.01, origin + 0.01])
     check_along(rigid.with_values({"string.modes": 4}), stroke, count=12, duration=0.15)
 
