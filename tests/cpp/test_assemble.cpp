@@ -273,7 +273,7 @@ TEST_CASE("the order of bodies in the file does not matter for the motion") {
   CHECK(forward->coordinates == backward->coordinates);
   Dynamics x(forward), y(backward);
   const std::vector<double> q{0.3, -0.4, 0.8}, v{1.0, 2.0, -3.0};
-  x.evaluate(q, v, {}, {}, {});
-  y.evaluate(q, v, {}, {}, {});
+  x.evaluate({q, v, {}, {}, {}}, {});
+  y.evaluate({q, v, {}, {}, {}}, {});
   CHECK((x.acceleration() - y.acceleration()).cwiseAbs().maxCoeff() == 0.0);
 }

@@ -77,7 +77,7 @@ TEST_CASE("solve with the sparse factors is the dense solve") {
   for (unsigned seed = 0; seed < 40; ++seed) {
     const auto e = random_state(1 + static_cast<int>(seed % 14), seed);
     Dynamics dynamics(e.mechanism);
-    dynamics.evaluate(e.q, e.v, {}, {}, {});
+    dynamics.evaluate({e.q, e.v, {}, {}, {}}, {});
     const Eigen::MatrixXd m = dynamics.mass_matrix();
     CHECK((m - m.transpose()).cwiseAbs().maxCoeff() == 0.0);
     const Eigen::LDLT<Eigen::MatrixXd> dense(m);
@@ -101,7 +101,7 @@ TEST_CASE("the mass matrix gives the kinetic energy of the links") {
       std::vector<double> v(n, 0.0);
       v[a] += 1.0;
       if (b != a) v[b] += 1.0;
-      dynamics.evaluate(e.q, v, {}, {}, {});
+      dynamics.evaluate({e.q, v, {}, {}, {}}, {});
       return vis_viva(dynamics);
     };
     for (std::size_t a = 0; a < n; ++a) {
@@ -121,7 +121,7 @@ TEST_CASE("the accelerations obey the power balance of a frictionless tree") {
   for (unsigned seed = 0; seed < 20; ++seed) {
     const auto e = random_state(7, seed);
     Dynamics dynamics(e.mechanism);
-    dynamics.evaluate(e.q, e.v, {}, {}, {});
+    dynamics.evaluate({e.q, e.v, {}, {}, {}}, {});
     const Eigen::VectorXd a = dynamics.acceleration();
     double gravity = 0.0;
     for (std::size_t i = 1; i < dynamics.links().size(); ++i) {
@@ -139,7 +139,7 @@ TEST_CASE("the accelerations obey the power balance of a frictionless tree") {
         q[k] += dt * e.v[k] + 0.5 * dt * dt * ak;
         v[k] += dt * ak;
       }
-      dynamics.evaluate(q, v, {}, {}, {});
+      dynamics.evaluate({q, v, {}, {}, {}}, {});
       energy[sign] = 0.5 * vis_viva(dynamics);
     }
     const double rate = (energy[1] - energy[0]) / (2.0 * h);

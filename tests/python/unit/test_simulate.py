@@ -157,6 +157,17 @@ def test_restart_equals_the_uninterrupted_run(action):
     )
 
 
+def test_restart_under_finger_motion(action):
+    """The motion counts from rest, not from where the second run begins."""
+    stroke = feltmb.motion_stroke([0.05, 0.15, 0.4], [0.0, 0.01, 0.01], duration=0.2)
+    whole = feltmb.simulate(action, stroke, duration=0.14, rtol=1e-9)
+    first = feltmb.simulate(action, stroke, duration=0.1, rtol=1e-9)
+    second = feltmb.simulate(action, stroke.shifted(-0.1), duration=0.04, rtol=1e-9, start=first)
+    assert second["finger.force"][0] == pytest.approx(first["finger.force"][-1], rel=1e-9)
+    assert second["finger.displacement"][0] == pytest.approx(first["finger.displacement"][-1])
+    assert second["finger.force"][-1] == pytest.approx(whole["finger.force"][-1], rel=1e-4)
+
+
 def test_restart_from_a_file(action, tmp_path):
     first = feltmb.simulate(action, "forte", duration=0.1)
     loaded = feltmb.load_run(first.save(tmp_path / "first.nc"))
