@@ -61,7 +61,7 @@ std::vector<Crossing> crossings(double x0, double v0, double end) {
   StepStatus status = StepStatus::kStep;
   while (status == StepStatus::kStep) {
     status = integrator.step(end);
-    for (const auto& c : locator.scan(integrator)) all.push_back(c);
+    for (const auto& c : locator.scan(integrator, integrator.time())) all.push_back(c);
   }
   CHECK(locator.evaluations() > 0);
   return all;
