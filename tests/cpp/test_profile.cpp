@@ -66,6 +66,13 @@ TEST_CASE("monotone profile meets its knots without overshoot and with a continu
   }
 }
 
+TEST_CASE("monotone profile has no corners, but every knot is a stop") {
+  const std::vector<double> time{0.0, 1.0, 1.0125, 1.025};
+  const Profile p(time, {0.0, 0.0, 16.0, 0.0}, kMonotone);
+  CHECK(p.breakpoints().empty());
+  CHECK(p.knots() == time);
+}
+
 TEST_CASE("rate is the difference quotient of the value, with oscillation too") {
   for (const auto kind : {kLinear, kMonotone}) {
     const Profile p({0.05, 0.2, 0.3, 0.5}, {0.0, 4.0, 5.0, 2.0}, kind, 0.1, 40.0);
