@@ -50,7 +50,7 @@ def _curve(node: object) -> object:
         return node
     units = ("N/m", "1/m", "N/m")
     given = node.get("unit", units)
-    if isinstance(given, str) or len(given) != 3:
+    if not isinstance(given, (list, tuple)) or len(given) != 3:
         raise ValueError(f"got unit {given!r}, expected three, such as {list(units)}")
     out = {key: node[key] for key in node if key not in META_KEYS}
     for key, unit in zip("abc", given, strict=True):
@@ -120,30 +120,33 @@ def _power_stiffness(node: object) -> float:
         unit = node["unit"]
         if not unit.startswith("N/m^") and unit != "N/m":
             raise ValueError(f"got unit {unit!r}, expected 'N/m^p' with the exponent p of the law")
-        return parse_scalar({"value": node["value"]}, "1")
+        return parse_scalar({k: v for k, v in node.items() if k != "unit"}, "1")
     return parse_scalar(node, "1")
 
 
 class FrictionParameters(Schema):
     """Coulomb friction of thesis eq. A.1."""
 
-    amplitude: Annotated[float, Field(ge=0), BeforeValidator(lambda n: _any_unit(n))] = 0.0
+    amplitude: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("1", "N", "N m")))
+    ] = 0.0
     b1: Annotated[float, SI("1"), Field(ge=0)] = 0.0
     b2: Annotated[float, SI("1"), Field(ge=0)] = 0.0
-    threshold_speed: Annotated[float, Field(gt=0), BeforeValidator(lambda n: _any_unit(n))] = 1e-3
+    threshold_speed: Annotated[
+        float, Field(gt=0), BeforeValidator(lambda n: _one_of(n, ("m/s", "rad/s")))
+    ] = 1e-3
 
 
-def _any_unit(node: object) -> float:
-    """Friction amplitudes and speeds are linear or angular; any accepted unit of either kind."""
-    fault = None
-    for si in ("1", "N", "N m", "m/s", "rad/s"):
+def _one_of(node: object, units: tuple[str, ...]) -> float:
+    """Friction amplitudes and speeds are linear or angular: a quantity in any of ``units``."""
+    for si in units:
         try:
             return parse_scalar(node, si)
         except ValueError as error:
             if "does not measure" not in str(error):
                 raise
-            fault = error
-    raise ValueError(f"{str(fault).partition(';')[0]}; expected a unit of 1, N, N m, m/s or rad/s")
+    unit = node["unit"] if isinstance(node, Mapping) else node
+    raise ValueError(f"got unit {unit!r}, expected a unit of {', '.join(units)}")
 
 
 Friction = Annotated[FrictionParameters, BeforeValidator(_drop_meta)]
@@ -497,9 +500,8 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
     bodies = {"ground", *_table(raw, "bodies")}
     surfaces = set(_table(raw, "surfaces"))
     points = set(_table(raw, "points"))
-    coordinates = {
-        b.get("coordinate") for b in _table(raw, "bodies").values() if isinstance(b, Mapping)
-    } - {None, ""}
+    given = [b.get("coordinate") for b in _table(raw, "bodies").values() if isinstance(b, Mapping)]
+    coordinates = {c for c in given if isinstance(c, str) and c}
     numbers = set()
 
     def need(name: object, known: set[Any], where: str, what: str) -> None:
@@ -873,8 +875,9 @@ class Action:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 of all parameters in SI units."""
-        text = json.dumps(self.config.model_dump(mode="json"), sort_keys=True)
+        """SHA-256 of all parameters in SI units, without names for people, notes, sources."""
+        tables = self.config.model_dump(mode="json", exclude={"name", "about", "source"})
+        text = json.dumps(_without_texts(tables), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
     def with_values(self, values: Mapping[str, Any]) -> Action:
@@ -920,6 +923,16 @@ class Action:
     def quantities(self) -> Iterator[tuple[str, Any, str, str]]:
         """Every number of the file: dotted path, value, unit, source or status."""
         yield from _walk(self._raw, "")
+
+
+def _without_texts(node: Any) -> Any:
+    if isinstance(node, Mapping):
+        return {
+            key: _without_texts(value)
+            for key, value in node.items()
+            if key not in ("label", "note") or not isinstance(value, str)
+        }
+    return node
 
 
 def _walk(node: Any, path: str) -> Iterator[tuple[str, Any, str, str]]:

@@ -158,6 +158,10 @@ def simulate(
         action = load_action(action)
     if isinstance(stroke, str):
         stroke = load_stroke(stroke)
+    if action.config.finger is None and any(stroke.value):
+        raise InvalidParameter(
+            f"stroke {stroke.name!r} presses, but mechanism {action.name!r} describes no finger"
+        )
     options = _core.SimulationOptions()
     options.duration = float(stroke.duration if duration is None else duration)
     options.rtol = float(rtol)

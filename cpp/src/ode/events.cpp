@@ -37,7 +37,7 @@ std::span<const Crossing> EventLocator::scan(const Integrator& integrator, doubl
     const bool was = before_[i] > 0.0;
     const bool is = after_[i] > 0.0;
     if (was == is) continue;
-    double t = end;
+    double t = before_[i] == 0.0 ? time_ : end;
     if (before_[i] != 0.0 && after_[i] != 0.0) {
       t = find_root_bracketed(
           [&](double s) {

@@ -87,6 +87,7 @@ struct Integrator::Impl {
   IntegratorCounts total;  ///< of runs before the last restart
   long jacobians = 0;
   long factorizations = 0;
+  int stalled = 0;          ///< steps in a row that did not advance the time
 
   Impl(OdeSystem& s, const IntegratorOptions& o) : system(s), options(o) {}
 
@@ -300,6 +301,9 @@ StepStatus Integrator::step(double t_stop) {
   CVodeSetStopTime(d.cvode, t_stop);
   double reached = d.time;
   const int flag = CVode(d.cvode, t_stop, d.y, &reached, CV_ONE_STEP);
+  // A right-hand side that ends at some time would be approached for ever with steps below the
+  // spacing of the numbers.
+  d.stalled = flag == CV_SUCCESS && reached <= d.time ? d.stalled + 1 : 0;
   d.time = reached;
   if (d.thrown) {
     const std::exception_ptr thrown = d.thrown;
@@ -307,6 +311,10 @@ StepStatus Integrator::step(double t_stop) {
     std::rethrow_exception(thrown);
   }
   if (flag == CV_TSTOP_RETURN) return StepStatus::kStop;
+  if (d.stalled >= 100) {
+    d.message = "the steps are too small to advance the time";
+    return StepStatus::kFailed;
+  }
   if (flag >= 0) return StepStatus::kStep;
   d.message = flag_text(flag);
   if (flag == CV_ILL_INPUT && !d.captured.empty()) d.message += ": " + d.captured;

@@ -1,0 +1,88 @@
+"""Shared by all tests: the packaged action, files of the tests, runs made once."""
+
+import dataclasses
+import functools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import feltmb
+
+DATA = Path(__file__).resolve().parents[1] / "data"
+ROOT = DATA.parents[1]
+
+
+#: Rigid members: fast, and what the independent models of the tests describe.
+RIGID = {"shank.rigid": True, "wire.rigid": True}
+RIGID_STROKES = {
+    "piano": feltmb.ramp_stroke(5.0, 0.083, 0.3475, duration=0.5, name="piano, rigid"),
+    "forte": feltmb.ramp_stroke(25.0, 0.050, 0.0905, duration=0.4, name="forte, rigid"),
+}
+
+
+@pytest.fixture(scope="session")
+def data():
+    """Folder of the tests' own mechanisms."""
+    return DATA
+
+
+@pytest.fixture(scope="session")
+def root():
+    """Top folder of the repository."""
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def action():
+    """The packaged action."""
+    return feltmb.load_action("steinway45")
+
+
+@pytest.fixture(scope="session")
+def rigid():
+    """The packaged action with rigid members: six coordinates."""
+    return feltmb.load_action("steinway45").with_values(RIGID)
+
+
+@pytest.fixture(scope="session")
+def pendulum():
+    """An invented mechanism, from its own file."""
+    return feltmb.load_action(DATA / "pendulum.toml")
+
+
+@functools.cache
+def _run(values, stroke, flexible, options):
+    action = feltmb.load_action("steinway45").with_values(dict(values))
+    if not flexible:
+        action = action.with_values(RIGID)
+        stroke = RIGID_STROKES.get(stroke, stroke)
+    return feltmb.simulate(action, stroke, **dict(options))
+
+
+@pytest.fixture(scope="session")
+def run_of():
+    """run_of(stroke, values={...}, flexible=False, rtol=...): a run, made once a session.
+
+    Of steinway45 with rigid members, whose piano and forte have the ramps of the rigid model, or
+    with ``flexible=True`` of the data set as it is.
+    """
+
+    def make(stroke, values=None, *, flexible=False, **options):
+        given = tuple(sorted(options.items()))
+        return _run(tuple((values or {}).items()), stroke, flexible, given)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def state_of():
+    """state_of(action, q, qd): something to start from, with the string at rest."""
+
+    def make(action, q, qd, string=None):
+        still = feltmb.ramp_stroke(0.0, duration=1e-7)
+        run = feltmb.simulate(action, still, events=False, ledger=False)
+        rest = np.zeros(2 * action.mechanism.total_modes) if string is None else string
+        return dataclasses.replace(run, end_state=np.concatenate([q, qd, rest]))
+
+    return make

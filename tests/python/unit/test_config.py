@@ -1,0 +1,262 @@
+"""Mechanism files: loading, changing values, hash, round trip."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import feltmb
+from feltmb.config import parse_setting
+
+
+def test_packaged_actions():
+    assert {"steinway45", "steinway45_printed"} <= set(feltmb.packaged_actions())
+    for name in feltmb.packaged_actions():
+        assert feltmb.load_action(name).name == name
+
+
+def test_coordinates_in_the_order_of_the_design(action, rigid):
+    assert rigid.coordinates == (
+        "key.lift", "key.angle", "whippen.angle", "jack.angle", "hammer.angle", "damper.angle",
+    )  # fmt: skip
+    elastic = ("u1", "v1", "v2")
+    assert action.coordinates == (
+        *rigid.coordinates, *(f"wire.{e}" for e in elastic), *(f"shank.{e}" for e in elastic),
+    )  # fmt: skip
+
+
+def test_units_are_converted_at_the_door(action):
+    config = action.config
+    assert config.bodies["key"].inertia == pytest.approx(1741e-6)
+    assert config.surfaces["Gp3"].point == pytest.approx((0.218, -0.039394))
+    assert config.bodies["wire"].angle == pytest.approx(np.deg2rad(75.5))
+    assert config.contacts["04"].loading.b == 15600.0
+    assert config.string.young_modulus == 2e11
+
+
+def test_printed_tables_differ_by_the_regulation_only(action):
+    printed = feltmb.load_action("steinway45_printed")
+    assert printed.config.surfaces["Gp3"].point == pytest.approx((0.218, -0.0407))
+    assert printed.config.surfaces["Gp10"].point == pytest.approx((-0.133, 0.0774))
+    assert printed.config.contacts == action.config.contacts
+    assert printed.config.bodies == action.config.bodies
+    assert printed.hash != action.hash
+
+
+def test_unknown_action_lists_the_packaged_ones():
+    with pytest.raises(
+        feltmb.InvalidParameter, match=r"'grand' is unknown; packaged are .*steinway45"
+    ):
+        feltmb.load_action("grand")
+    with pytest.raises(feltmb.InvalidParameter, match="there is no such file"):
+        feltmb.load_action("grand.toml")
+
+
+# --- with_values ------------------------------------------------------------------------------
+
+
+def test_a_bare_number_keeps_the_unit_of_the_entry(action):
+    other = action.with_values({"bodies.wire.length": 70.0, "string.modes": 80})
+    assert other.config.bodies["wire"].length == pytest.approx(0.070)
+    assert other.config.string.modes == 80
+    assert action.config.string.modes == 40
+
+
+def test_text_and_tables_carry_their_own_unit(action):
+    other = action.with_values(
+        {
+            "bodies.wire.angle": "1.3 rad",
+            "string.length": {"value": 631.5, "unit": "mm"},
+            "bodies.key.mass": "117.6 g",
+        }
+    )
+    assert other.config.bodies["wire"].angle == 1.3
+    assert other.config.string.length == pytest.approx(0.6315)
+    assert other.config.bodies["key"].mass == pytest.approx(0.1176)
+
+
+def test_wildcard_and_body_name(action):
+    other = action.with_values({"contacts.*.law": "printed", "key.mass": 0.12})
+    assert {c.law for c in other.config.contacts.values()} == {"printed"}
+    assert other.config.bodies["key"].mass == 0.12
+    slow = action.with_values({"contacts.*.alpha": 10})
+    assert {c.alpha for c in slow.config.contacts.values()} == {10.0}
+
+
+@pytest.mark.parametrize("path", ["surfaces.Gp10.point.y", "surfaces.Gp10.point.1"])
+def test_component_of_a_point_in_the_unit_of_the_point(action, path):
+    other = action.with_values({path: 77.1})
+    assert other.config.surfaces["Gp10"].point == pytest.approx((-0.133, 0.0771))
+
+
+def test_component_of_a_bare_list(action):
+    assert action.with_values({"finger.direction.x": 0.0}).config.finger.direction == (0.0, -1.0)
+
+
+def test_whole_point_and_start_pose(action):
+    other = action.with_values(
+        {"surfaces.Gp10.point": [-133.0, 77.2], "start_pose.hammer.angle": -0.45}
+    )
+    assert other.config.surfaces["Gp10"].point == pytest.approx((-0.133, 0.0772))
+    assert other.config.start_pose["hammer.angle"] == -0.45
+
+
+def test_curve_coefficients_keep_their_units(action):
+    other = action.with_values({"contacts.02.unloading.b": 3600.0})
+    assert other.config.contacts["02"].unloading.b == 3600.0
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"string.modez": 80}, r"string\.modez: unknown key; did you mean 'modes'"),
+        ({"strings.modes": 80}, "'strings' does not exist"),
+        ({"bodies.kee.mass": 1.0}, "'bodies.kee' does not exist"),
+        ({"contacts.77.law": "mean"}, "'contacts.77' does not exist"),
+        ({"surfaces.Gp10.point.z": 1.0}, "leads into a quantity|does not exist"),
+        ({"surfaces.Gp10.point.2": 1.0}, "does not exist"),
+        ({"string.modes": 0}, r"string\.modes: got 0, must be >= 1"),
+        ({"string.modes": 2.5}, r"string\.modes"),
+        ({"bodies.key.mass": -0.1}, r"bodies\.key\.mass: got .*, must be >= 0"),
+        ({"bodies.key.mass": "0.1 m"}, "does not measure this quantity; expected a unit of kg"),
+        ({"contacts.06.law": "soft"}, r"contacts\.06\.law: got 'soft', expected 'guarded'"),
+        ({"string.kind": "rope"}, r"string\.kind: got 'rope', expected 'modal' or 'rigid_stop'"),
+        ({"start_pose.nothing": 1.0}, "coordinate 'nothing' is missing"),
+        ({"string.damping_ratio": 1.0}, "must be < 1"),
+    ],
+)
+def test_values_that_cannot_be_set(action, values, message):
+    with pytest.raises(feltmb.InvalidParameter, match=message):
+        action.with_values(values)
+
+
+def test_all_unknown_paths_at_once(action):
+    with pytest.raises(feltmb.InvalidParameter) as caught:
+        action.with_values({"a.b": 1, "bodies.kee.mass": 2, "string.modes": 50})
+    assert "'a'" in str(caught.value)
+    assert "bodies.kee" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("string.modes=80", ("string.modes", 80)),
+        ("string.kind = rigid_stop", ("string.kind", "rigid_stop")),
+        ("shank.rigid=false", ("shank.rigid", False)),
+        ("surfaces.Gp10.point=[1.0, 2.0]", ("surfaces.Gp10.point", [1.0, 2.0])),
+        ("bodies.key.mass=117 g", ("bodies.key.mass", "117 g")),
+        ('bodies.key.mass="117 g"', ("bodies.key.mass", "117 g")),
+    ],
+)
+def test_setting_of_the_command_line(text, expected):
+    assert parse_setting(text) == expected
+
+
+@pytest.mark.parametrize("text", ["string.modes", "=3", ""])
+def test_setting_without_path_or_value(text):
+    with pytest.raises(feltmb.InvalidParameter, match="expected PATH=VALUE"):
+        parse_setting(text)
+
+
+# --- hash, round trip, pickle, extends ---------------------------------------------------------
+
+
+def test_hash_changes_with_every_kind_of_number(action):
+    changes = [
+        {"string.modes": 41},
+        {"contacts.06.alpha": 99.0},
+        {"contacts.06.law": "printed"},
+        {"surfaces.Gp10.point.y": 77.0001},
+        {"bodies.key.mass": 0.11760001},
+        {"contacts.16.enabled": True},
+        {"springs.jack_spring.rest_angle": 0.41},
+        {"straps.bridle_strap.k3": 3.5e7},
+        {"finger.pad.stiffness": 1.2e5},
+    ]
+    hashes = {action.hash} | {action.with_values(c).hash for c in changes}
+    assert len(hashes) == len(changes) + 1
+
+
+def test_hash_does_not_change_otherwise(action):
+    assert feltmb.load_action("steinway45").hash == action.hash
+    assert action.with_values({}).hash == action.hash
+    assert action.with_values({"string.modes": 40}).hash == action.hash
+    assert action.with_values({"bodies.wire.angle": "75.5 deg"}).hash == action.hash
+    assert action.with_values({"about": "the same"}).hash == action.hash
+    assert action.with_values({"contacts.06.label": "other words"}).hash == action.hash
+    assert action.with_values({"contacts.06.note": "other words"}).hash == action.hash
+
+
+def test_toml_round_trip(action, tmp_path):
+    changed = action.with_values({"string.modes": 23, "contacts.*.law": "mean"})
+    path = tmp_path / "copy.toml"
+    path.write_text(changed.to_toml(), encoding="utf-8")
+    again = feltmb.load_action(path)
+    assert again.hash == changed.hash
+    assert again.config == changed.config
+    assert again.to_toml() == changed.to_toml()
+
+
+def test_pickle(action):
+    changed = action.with_values({"string.modes": 23})
+    again = pickle.loads(pickle.dumps(changed))
+    assert again.hash == changed.hash
+    assert np.array_equal(again.rest_pose, changed.rest_pose)
+
+
+def test_raw_and_rest_pose_are_copies(action):
+    action.raw["string"]["modes"] = 7
+    action.rest_pose[:] = 0.0
+    assert action.config.string.modes == 40
+    assert action.rest_pose[1] > 0.04
+    with pytest.raises(Exception, match="frozen"):
+        action.config.string.modes = 7
+
+
+def test_extends(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        'schema = 1\nname = "mine"\nextends = "steinway45"\n'
+        '[values]\n"string.modes" = 60\n"surfaces.Gp10.point.y" = 77.4\n'
+    )
+    mine = feltmb.load_action(path)
+    assert mine.name == "mine"
+    assert mine.config.string.modes == 60
+    second = tmp_path / "second.toml"
+    second.write_text('schema = 1\nname = "second"\nextends = "mine.toml"\n')
+    assert feltmb.load_action(second).config.string.modes == 60
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('extends = "loop.toml"', "leads back to itself"),
+        ('extends = "nothing"', "'nothing' is unknown"),
+        ("extends = 3", "expected a name or a path"),
+        ('extends = "steinway45"\n[bodies.key]\nmass = 1', "got bodies"),
+        ('extends = "steinway45"\nvalues = 3', "values: expected a table"),
+    ],
+)
+def test_faults_of_extends(tmp_path, text, message):
+    path = tmp_path / "loop.toml"
+    path.write_text(f'schema = 1\nname = "loop"\n{text}\n')
+    with pytest.raises(feltmb.InvalidParameter, match=message):
+        feltmb.load_action(path)
+
+
+def test_every_number_has_a_path_that_can_be_set(action):
+    """What ``quantities`` lists, ``with_values`` takes back without changing anything."""
+    listed = list(action.quantities())
+    assert len(listed) > 200
+    for path, value, _, _ in listed:
+        assert action.with_values({path: value}).hash == action.hash, path
+
+
+def test_values_from_tables_have_a_source(action):
+    """Every measured number says where it comes from."""
+    for path, _, _, source in action.quantities():
+        part = path.split(".")[0]
+        if part in ("bodies", "surfaces", "springs", "straps") and path.split(".")[-1] in (
+            "mass", "inertia", "center_of_mass", "point", "stiffness", "radius", "length",
+        ):  # fmt: skip
+            assert source, path

@@ -1,0 +1,140 @@
+"""Strokes from CSV: units in the header, and every fault with its line."""
+
+import pytest
+
+import feltmb
+
+
+@pytest.fixture
+def csv(tmp_path):
+    def write(text, name="record.csv"):
+        path = tmp_path / name
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return path
+
+    return write
+
+
+def table(n=30, step=0.001, header="time [s],force [N]"):
+    return header + "\n" + "".join(f"{i * step:.6f},{0.1 * i:.3f}\n" for i in range(n))
+
+
+def message_of(path):
+    with pytest.raises(feltmb.DataError) as caught:
+        feltmb.load_stroke(path)
+    return str(caught.value)
+
+
+def test_force(csv):
+    stroke = feltmb.load_stroke(csv(table()))
+    assert stroke.kind == "force"
+    assert stroke.name == "record"
+    assert stroke.duration == pytest.approx(0.029)
+    assert stroke.at(0.010) == pytest.approx(1.0)
+
+
+def test_units_of_the_header_are_converted(csv):
+    stroke = feltmb.load_stroke(csv("time [ms],displacement [mm]\n0,0\n50,5\n100,10\n"))
+    assert stroke.kind == "motion"
+    assert stroke.duration == pytest.approx(0.1)
+    assert stroke.at([0.05, 0.1]) == pytest.approx([0.005, 0.010])
+    assert feltmb.load_stroke(csv("time [s],force [mN]\n0,0\n1,500\n")).at(1.0) == 0.5
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "# a comment\ntime [s],force [N]\n\n0,0\n# more\n1,2\n",
+        "time [s],force [N]\r\n0,0\r\n1,2\r\n",
+        b"\xef\xbb\xbftime [s],force [N]\n0,0\n1,2\n",
+        " Time [s] , Force [N] \n 0 , 0 \n 1 , 2 \n",
+        "time [s],force [N]\n0,0\n1,2e0",
+    ],
+)
+def test_harmless_variations(csv, text):
+    stroke = feltmb.load_stroke(csv(text))
+    assert stroke.time == (0.0, 1.0)
+    assert stroke.value == (0.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("time,force [N]\n0,0\n1,1\n", r"column 'time' states no unit; write 'time [s]'"),
+        ("time [s],force\n0,0\n1,1\n", r"column 'force' states no unit; write 'force [N]'"),
+        ("time [kg],force [N]\n0,0\n1,1\n", "unit 'kg' does not measure"),
+        ("time [s],force [mm]\n0,0\n1,1\n", "unit 'mm' does not measure this quantity"),
+        ("time [s],displacement [N]\n0,0\n1,1\n", "expected a unit of m"),
+        ("time [s],speed [m/s]\n0,0\n1,1\n", "got column 'speed [m/s]'"),
+        ("force [N],time [s]\n0,0\n1,1\n", "got column 'force [N]'"),
+        ("time [s];force [N]\n0;0\n1;1\n", "header: got 'time [s];force [N]'"),
+        ("0,0\n1,1\n", "header"),
+        ("", "header"),
+        ("time [s],force [N]\n", "got 0 rows of data, expected at least 2"),
+        ("time [s],force [N]\n0,1\n", "got 1 rows of data"),
+        ("time [s],force [N]\n0,0\n1,nan\n", "line 3: value is 'nan', expected a finite number"),
+        ("time [s],force [N]\n0,0\n1,\n", "line 3: value is ''"),
+        ("time [s],force [N]\n0,0\ninf,1\n", "line 3: time is 'inf'"),
+        ("time [s],force [N]\n0,0\n1,1,1\n", "line 3: got 3 cells, expected 2"),
+        ("time [s],force [N]\n0,0\n1,1\n0.5,2\n", "line 4: time 0.5 s does not follow 1 s"),
+        ("time [s],force [N]\n0,0\n1,1\n1,2\n", "line 4: time 1 s does not follow 1 s"),
+        ("time [s],force [N]\n0,0\n0,0\n", "line 3: time 0 s does not follow 0 s"),
+    ],
+)
+def test_one_fault(csv, text, message):
+    text = message_of(csv(text))
+    assert message in text
+    assert text.startswith("record.csv: ")
+
+
+def test_gap(csv):
+    lines = table(60).splitlines()
+    text = "\n".join(lines[:20] + lines[40:]) + "\n"
+    assert "line 21: gap of 0.021 s before 0.039 s; the usual step is 0.001 s" in message_of(
+        csv(text)
+    )
+
+
+def test_all_faults_at_once_with_lines(csv):
+    text = message_of(csv("time [s],force [kg]\n0,0\nx,1\n2,nan\n3\n"))
+    assert "4 faults" in text
+    for part in (
+        "unit 'kg'",
+        "line 3: time is 'x'",
+        "line 4: value is 'nan'",
+        "line 5: got 1 cell",
+    ):
+        assert part in text
+
+
+def test_many_faults_are_cut(csv):
+    text = message_of(csv("time [s],force [N]\n" + "x,1\n" * 500))
+    assert "500 faults" in text
+    assert "... and 480 more" in text
+    assert len(text.splitlines()) == 22
+
+
+def test_reversed_time(csv):
+    lines = table(30).splitlines()
+    text = "\n".join([lines[0], *reversed(lines[1:])]) + "\n"
+    assert "29 faults" in message_of(csv(text))
+
+
+def test_files_that_cannot_be_read(csv, tmp_path):
+    assert "is no UTF-8 text" in message_of(csv(b"time [s],force [N]\n0,\xff\n"))
+    with pytest.raises(feltmb.DataError, match="cannot be read"):
+        feltmb.read_stroke_csv(tmp_path / "nothing.csv")
+
+
+def test_very_long_line_is_a_fault(csv):
+    assert "header" in message_of(csv("x" * 300_000 + ",force [N]\n0,0\n1,1\n"))
+
+
+def test_record_of_a_stroke_gives_the_stroke(csv, rigid):
+    """A sampled ramp strikes like the ramp."""
+    forte = feltmb.load_stroke("forte")
+    rows = [f"{i * 1e-3:.6f},{float(forte.at(i * 1e-3)):.9g}" for i in range(200)]
+    stroke = feltmb.load_stroke(csv("time [s],force [N]\n" + "\n".join(rows) + "\n"))
+    run = feltmb.simulate(rigid, stroke)
+    speed = feltmb.simulate(rigid, forte).summary["impact_speed"]
+    assert run.summary["impact_speed"] == pytest.approx(speed, rel=1e-3)

@@ -1,0 +1,105 @@
+"""Units at the door."""
+
+import math
+
+import pytest
+
+from feltmb.errors import InvalidParameter
+from feltmb.quantity import parse_scalar
+from feltmb.units import ACCEPTED_UNITS, conversion_factor, convert, dimension_text
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "si", "expected"),
+    [
+        (10.5, "mm", "m", 0.0105),
+        (90.0, "deg", "rad", math.pi / 2),
+        (1741.0, "kg mm^2", "kg m^2", 1.741e-3),
+        (1741.0, "kg*mm^2", "kg m^2", 1.741e-3),
+        (27.0, "N/mm", "N/m", 27000.0),
+        (3.0, "N m/rad", "N m/rad", 3.0),
+        (2.0, "N mm/deg", "N m/rad", 2e-3 * 180.0 / math.pi),
+        (1.0, "mg/mm^3", "kg/m^3", 1e3),
+        (12.5, "ms", "s", 0.0125),
+        (5.0, "kHz", "Hz", 5000.0),
+        (200.0, "GPa", "Pa", 2e11),
+        (100.0, "gf", "N", 0.980665),
+        (7.0, "%", "1", 0.07),
+        (3.0, "", "1", 3.0),
+        (3.0, "-", "1", 3.0),
+        (4.0, "1/mm", "1/m", 4000.0),
+        (2.0, "N/m^2.3", "N/m^2.3", 2.0),
+        (1.0, "m s^-2", "m/s^2", 1.0),
+        (1.0, "kg m/s^2", "N", 1.0),
+        (6.0, "µm", "m", 6e-6),
+    ],
+)
+def test_conversion(value, unit, si, expected):
+    assert convert(value, unit, si) == pytest.approx(expected, rel=1e-14)
+
+
+@pytest.mark.parametrize("unit", sorted(ACCEPTED_UNITS))
+def test_every_unit_converts_to_itself(unit):
+    assert conversion_factor(unit, unit) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("unit", "si", "message"),
+    [
+        ("kg", "m", "does not measure this quantity; expected a unit of m"),
+        ("rad/s", "1/s", "does not measure"),
+        ("furlong", "m", "unknown unit 'furlong'"),
+        ("N/m/s", "N/m", "more than one '/'"),
+        ("mm^", "m", "unknown unit"),
+        ("Mm", "m", "unknown unit"),
+        ("ms", "m", "does not measure"),
+    ],
+)
+def test_wrong_units_name_what_is_expected(unit, si, message):
+    with pytest.raises(InvalidParameter, match=message.replace("^", r"\^")):
+        conversion_factor(unit, si)
+
+
+def test_accepted_ways_are_listed():
+    assert dimension_text("N") == "N, mN, cN, kN, gf"
+    assert "mm" in dimension_text("m")
+    assert dimension_text("N/m^2.3") == "N/m^2.3"
+
+
+@pytest.mark.parametrize(
+    ("node", "expected"),
+    [
+        (3, 3.0),
+        (2.5e-3, 2.5e-3),
+        ("2.5 mm", 2.5e-3),
+        ("-2.5e1mm", -0.025),
+        ("7", 7.0),
+        ({"value": 2.5, "unit": "mm"}, 2.5e-3),
+        ({"value": 2.5}, 2.5),
+        ({"value": 2.5, "unit": "mm", "source": "A.3", "status": "measured", "sd": 0.1}, 2.5e-3),
+    ],
+)  # fmt: skip
+def test_quantity(node, expected):
+    assert parse_scalar(node, "m") == pytest.approx(expected, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("node", "message"),
+    [
+        ("two mm", "expected a number with a unit of m"),
+        ("2 kg", "does not measure"),
+        (True, "expected a number"),
+        (math.nan, "expected a finite number"),
+        (math.inf, "expected a finite number"),
+        ([1.0], "expected a number"),
+        (None, "expected a number"),
+        ({"unit": "mm"}, "needs the key 'value'"),
+        ({"value": 1.0, "units": "mm"}, "unknown key units in a quantity; known are"),
+        ({"value": 1.0, "unit": 3}, "got unit 3, expected a text"),
+        ({"value": "1.0", "unit": "mm"}, "expected a number"),
+        ({"value": 1.0, "status": "guessed"}, "status 'guessed' is none of measured"),
+    ],
+)
+def test_faults_of_a_quantity(node, message):
+    with pytest.raises(ValueError, match=message):
+        parse_scalar(node, "m")
