@@ -1,5 +1,5 @@
 // Made by tools/make_bench_model.py from params/steinway45.toml. Do not edit.
-// Hash of the parameters: 4dc31ecf0c565390
+// Hash of the parameters: 88eb438c721e7324
 // clang-format off
 #pragma once
 

@@ -92,7 +92,7 @@ class Law:
         """
         e = np.asarray(compression, dtype=float).ravel()
         t = np.asarray(time, dtype=float).ravel()
-        out: Array = _core.force_along(self.core, t, e)
+        out: Array = _core.force_along(self.core, t.tolist(), e.tolist())
         return out
 
 

@@ -14,7 +14,7 @@ ROOT = HERE.parents[2]
 
 BASE = "errors _optional units quantity"
 MODEL = f"{BASE} files _core params config stroke events results simulate"
-FRONT = f"{MODEL} fiber data fit gap plot report sweep study quasistatic regulate touch"
+FRONT = f"{MODEL} contact fiber data fit gap plot report sweep study quasistatic regulate touch"
 
 # part -> the parts that it may use. C++ parts are folders, Python parts are modules of the package.
 # A new folder or module gets a line here; what points back is refused.
@@ -37,6 +37,7 @@ MAY_USE = {
     # gap, plot) has never heard of a configuration and serves any simulator.
     "Python": {
         "_core": "",
+        "contact": f"{BASE} _core",
         "errors": "",
         "_optional": "errors",
         "units": "errors",
