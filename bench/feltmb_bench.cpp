@@ -146,6 +146,28 @@ CaseResult evaluation(bool flexible, bool jacobian, int repeat) {
   return out;
 }
 
+/// Time of one force of a contact law along compressions inside its window.
+CaseResult law_evaluation(const std::string& name, const feltmb::LawParameters& parameters,
+                          double largest, int repeat) {
+  const feltmb::ContactLaw law(parameters);
+  constexpr int count = 100000;
+  CaseResult out;
+  out.name = "law_" + name;
+  double state[feltmb::kMaxLawStates] = {0.3, 0.0, 0.0};
+  double sum = 0.0;
+  for (int i = 0; i < repeat; ++i) {
+    const auto begin = Clock::now();
+    for (int j = 0; j < count; ++j) {
+      const double e = largest * (0.05 + 0.9 * ((j * 7919) % count) / count);
+      sum += law.evaluate(e, (j & 1) != 0 ? 0.1 : -0.1, {state, largest}).force;
+    }
+    out.milliseconds.push_back(
+        std::chrono::duration<double, std::milli>(Clock::now() - begin).count() / count);
+  }
+  out.checksum = checksum(&sum, 1);
+  return out;
+}
+
 struct Reference {
   std::vector<double> x, force;
 };
@@ -259,7 +281,7 @@ void print(const CaseResult& r) {
   const double median = quantile(r.milliseconds, 0.5);
   const bool small = median < 0.1;
   const double scale = small ? 1e3 : 1.0;
-  std::printf("%-26s %9.3f %s [%.3f, %.3f]", r.name.c_str(), median * scale, small ? "us" : "ms",
+  std::printf("%-26s %9.4g %s [%.4g, %.4g]", r.name.c_str(), median * scale, small ? "us" : "ms",
               quantile(r.milliseconds, 0.25) * scale, quantile(r.milliseconds, 0.75) * scale);
   if (r.steps > 0) {
     std::printf("  %ld steps, %ld rhs, %ld jac, %ld fact", r.steps, r.rhs, r.jacobians,
@@ -343,6 +365,19 @@ int main(int argc, char** argv) {
                          [=] { return evaluation(flexible, jacobian, repeat); });
     }
   }
+  const feltmb::ExponentialCurve loading{5.52e3, 1.58e3, -0.60e3};
+  const feltmb::ExponentialCurve unloading{0.19e3, 5.04e3, 3.04e3};
+  const auto add_law = [&](const std::string& name, const feltmb::LawParameters& parameters) {
+    cases.emplace_back("law_" + name,
+                       [=] { return law_evaluation(name, parameters, 8e-4, repeat); });
+  };
+  add_law("printed", feltmb::ExponentialPair{loading, unloading, 100.0,
+                                             feltmb::ExponentialPair::Form::kPrinted});
+  add_law("guarded", feltmb::ExponentialPair{loading, unloading, 100.0,
+                                             feltmb::ExponentialPair::Form::kGuarded});
+  feltmb::FeltMemory memory;
+  memory.envelope = feltmb::Envelope::from_curves(loading, unloading);
+  add_law("felt_memory", memory);
   for (const int modes : {40, 200}) {
     for (const double damping : {0.07, 7e-4}) {
       for (const double rtol : {1e-4, 1e-5, 1e-6}) {

@@ -164,7 +164,8 @@ LawValue evaluate_memory(const FeltMemory& law, double e, double rate, const Law
   const std::size_t r = law.rate_amplitude > 0.0 ? next++ : 0;
   const double inner = creeps ? e - s[k] : e;
 
-  FeltCore c = evaluate_core(law, inner, 0.0, s[0], memory.largest);
+  // With creep the rate of the felt itself follows from the force: a second look below.
+  FeltCore c = evaluate_core(law, inner, creeps ? 0.0 : rate, s[0], memory.largest);
   v.force = c.force;
   v.d_compression = c.by_compression;
   v.d_state[0] = c.by_z;
@@ -182,7 +183,6 @@ LawValue evaluate_memory(const FeltMemory& law, double e, double rate, const Law
     }
   }
   if (!creeps) {
-    c = evaluate_core(law, inner, rate, s[0], memory.largest);
     v.state_rate[0] = c.z_rate;
     v.rate_by_compression[0] = c.z_rate_by_compression;
     v.rate_by_rate[0] = c.z_rate_by_rate;
