@@ -170,6 +170,7 @@ class _Number(Schema):
     end: Annotated[When | None, Field(alias="to")] = None
     level: float | None = None
     thesis: dict[str, float] = Field(default_factory=dict)
+    digits: Annotated[int, Field(ge=1, le=15)] = 4
     strokes: list[str] | None = None
 
 
@@ -410,7 +411,9 @@ class Study:
     def _extract_spec(self, case: Case) -> dict[str, Any]:
         numbers = {
             name: number.model_dump(
-                by_alias=True, exclude={"label", "unit", "thesis", "strokes"}, exclude_none=True
+                by_alias=True,
+                exclude={"label", "unit", "thesis", "strokes", "digits"},
+                exclude_none=True,
             )
             for name, number in self.spec.numbers.items()
             if (number.value or number.output)
@@ -967,10 +970,11 @@ class StudyResult:
 
         def lookup(name: str, arguments: tuple[Any, ...] | None) -> float:
             variant, stroke, point = self._arguments(arguments or ())
-            value = self.number(name, variant, stroke, *point)
+            outcome = self.outcomes.get(self._case(variant, stroke, point))
+            value = None
+            if outcome is not None and outcome.status == "done":
+                value = outcome.numbers.get(name)
             if value is None:
-                case = self._case(variant, stroke, point)
-                outcome = self.outcomes.get(case)
                 where = " ".join([variant, *map(_short, point), stroke])
                 reasons.append(
                     f"{where} did not run"

@@ -311,7 +311,7 @@ def _bars(
             if case is None:
                 continue
             outcome = result.outcomes[case]
-            value = outcome.numbers.get(panel.number)
+            value = outcome.numbers.get(panel.number) if outcome.status == "done" else None
             x = k + (i - (len(variants) - 1) / 2) * width
             if value is None:
                 missing.append(f"{result.study.label(variant)} {stroke}")
@@ -321,7 +321,6 @@ def _bars(
                     factor * value,
                     0.92 * width,
                     color=COLORS[every.index(variant) % len(COLORS)],
-                    alpha=1.0 if outcome.status == "done" else 0.45,
                 )
                 handles.setdefault(result.study.label(variant), bar)
                 ax.annotate(

@@ -37,8 +37,8 @@ class Table:
     rows: tuple[tuple[Cell, ...], ...]
 
 
-def number_text(value: float | None, factor: float = 1.0) -> str:
-    """Four digits; counts in full; a dash for what is not there."""
+def number_text(value: float | None, factor: float = 1.0, digits: int = 4) -> str:
+    """Some digits; counts in full; a dash for what is not there."""
     if value is None or not math.isfinite(value):
         return "-"
     shown = value * factor
@@ -46,7 +46,7 @@ def number_text(value: float | None, factor: float = 1.0) -> str:
         return "0"
     if abs(shown) >= 1000 and shown == int(shown) and abs(shown) < 1e9:
         return f"{int(shown)}"
-    return f"{shown:.4g}"
+    return f"{shown:.{digits}g}"
 
 
 def _case_number(result: StudyResult, case: Case, name: str) -> float | None:
@@ -71,7 +71,17 @@ def _variant_tables(result: StudyResult) -> list[Table]:
     out = []
     for stroke in dict.fromkeys(case.stroke for case in result.outcomes):
         cases = [case for case in result.outcomes if case.stroke == stroke]
-        head = (Cell(""), *(Cell(made.label(c.variant), True) for c in cases))
+        head = (
+            Cell(""),
+            *(
+                Cell(
+                    made.label(c.variant)
+                    + ("" if result.outcomes[c].status == "done" else " (stopped early)"),
+                    True,
+                )
+                for c in cases
+            ),
+        )
         rows = []
         for name in result.numbers:
             label, unit, factor = made.shown(name)
@@ -84,7 +94,7 @@ def _variant_tables(result: StudyResult) -> list[Table]:
                     Cell(_unit_text(label, unit)),
                     *(
                         Cell(
-                            number_text(v, factor),
+                            number_text(v, factor, made.number_spec(name).digits),
                             True,
                             number_text(printed.get(f"{c.variant}.{stroke}"))
                             if f"{c.variant}.{stroke}" in printed
@@ -122,7 +132,12 @@ def _sweep_tables(result: StudyResult) -> list[Table]:
             (
                 *(Cell(number_text(v) if isinstance(v, float) else str(v)) for v in case.point),
                 *(
-                    Cell(number_text(_case_number(result, case, n), factor), True)
+                    Cell(
+                        number_text(
+                            _case_number(result, case, n), factor, made.number_spec(n).digits
+                        ),
+                        True,
+                    )
                     for n, (_, _, factor) in zip(names, shown, strict=True)
                 ),
             )
