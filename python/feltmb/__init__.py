@@ -24,6 +24,8 @@ from feltmb.stroke import (
     sequence,
     table_stroke,
 )
+from feltmb.study import StudyResult, packaged_studies, study
+from feltmb.sweep import sweep
 from feltmb.touch import Touch, touch
 
 __all__ = [
@@ -38,6 +40,7 @@ __all__ = [
     "Regulation",
     "Run",
     "Stroke",
+    "StudyResult",
     "Touch",
     "__version__",
     "evaluate",
@@ -48,12 +51,15 @@ __all__ = [
     "motion_stroke",
     "packaged_actions",
     "packaged_strokes",
+    "packaged_studies",
     "pulse_stroke",
     "ramp_stroke",
     "read_stroke_csv",
     "regulate",
     "sequence",
     "simulate",
+    "study",
+    "sweep",
     "table_stroke",
     "touch",
 ]

@@ -14,7 +14,8 @@ ROOT = HERE.parents[2]
 
 BASE = "errors _optional units quantity"
 MODEL = f"{BASE} files _core params config stroke events results simulate"
-FRONT = f"{MODEL} contact fiber data fit gap plot report sweep study quasistatic regulate touch"
+STUDY = "sweep study study_expression study_plot study_report"
+FRONT = f"{MODEL} {STUDY} contact fiber data fit gap plot report quasistatic regulate touch"
 
 # part -> the parts that it may use. C++ parts are folders, Python parts are modules of the package.
 # A new folder or module gets a line here; what points back is refused.
@@ -58,7 +59,10 @@ MAY_USE = {
         "graph": f"{BASE} config plot",
         "animate": f"{BASE} files config results plot",
         "sweep": MODEL,
-        "study": f"{MODEL} sweep plot",
+        "study_expression": BASE,
+        "study_plot": f"{MODEL} sweep study_expression",
+        "study_report": f"{MODEL} sweep study_expression study_plot",
+        "study": f"{MODEL} sweep study_expression study_plot study_report",
         "quasistatic": MODEL,
         "regulate": f"{MODEL} quasistatic",
         "touch": f"{MODEL} quasistatic plot",

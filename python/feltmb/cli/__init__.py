@@ -14,6 +14,7 @@ __all__ = ["main"]
 COMMANDS = {
     "stroke": ("stroke", "Simulate strokes and save, plot or summarise them."),
     "demo": ("demo", "The main job: piano, forte, staccato; table, plots, animation."),
+    "study": ("study", "Comparisons as data: the thesis's figures, sweeps, your own."),
     "regulate": ("regulate", "Regulate a mechanism as a technician does, steps A to F."),
     "touch": ("touch", "Static and dynamic touch: weights, let-off, timing."),
     "show": ("show", "Bodies, contacts, springs of a mechanism, with units and sources."),
