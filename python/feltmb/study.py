@@ -27,7 +27,7 @@ from feltmb.errors import InvalidParameter
 from feltmb.files import check_writable, read_toml, write_file, write_text
 from feltmb.quantity import Schema, fault_lines
 from feltmb.stroke import Stroke, load_stroke
-from feltmb.study_expression import Formula, NotThere
+from feltmb.study_expression import Formula, NotThere, to_unit
 from feltmb.sweep import (
     Axis,
     Extract,
@@ -41,7 +41,6 @@ from feltmb.sweep import (
     grid_points,
     run_members,
 )
-from feltmb.units import conversion_factor
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -63,7 +62,6 @@ __all__ = [
     "statistic",
     "study",
     "study_targets",
-    "to_unit",
 ]
 
 #: Numbers that every run may have: name -> (text, unit to show).
@@ -443,19 +441,6 @@ class Study:
 
 def _short(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def to_unit(unit: str) -> float:
-    """Factor from SI to a unit."""
-    if unit in ("", "1"):
-        return 1.0
-    # The SI unit of the same dimension: kilo- and milli- names convert to their first accepted one.
-    for si in ("m", "s", "N", "rad", "m/s", "J", "Hz", "kg", "rad/s", "m/s^2", "N m", "Pa", "1"):
-        try:
-            return 1.0 / conversion_factor(unit, si)
-        except InvalidParameter:
-            continue
-    raise InvalidParameter(f"unit {unit!r} is unknown to studies")
 
 
 def series_key(panel: _Panel) -> str:

@@ -1,4 +1,4 @@
-"""Formulas in study files: arithmetic and comparisons over named numbers, nothing else.
+"""Formulas and units in study files: arithmetic over named numbers, and nothing else.
 
 ``hammer_tip.x - hammer_tip_rigid.x``, ``rebound_speed / impact_speed`` and
 ``check_gap(rigid, piano) < check_gap(flexible, piano)`` are formulas. They are parsed by Python's
@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from feltmb.errors import InvalidParameter
+from feltmb.units import conversion_factor
 
-__all__ = ["Formula", "NotThere"]
+__all__ = ["Formula", "NotThere", "to_unit"]
 
 LONGEST = 2000  # characters
 
@@ -231,3 +232,15 @@ class Formula:
             except (TypeError, ValueError) as error:
                 raise InvalidParameter(f"formula {self.text!r}: {name}: {error}") from None
         return lookup(name, tuple(self._word(child) for child in node.args))
+
+
+def to_unit(unit: str) -> float:
+    """Factor from the SI unit of the same quantity to a unit for the reader."""
+    if unit in ("", "1"):
+        return 1.0
+    for si in ("m", "s", "N", "rad", "m/s", "J", "Hz", "kg", "rad/s", "m/s^2", "N m", "Pa", "1"):
+        try:
+            return 1.0 / conversion_factor(unit, si)
+        except InvalidParameter:
+            continue
+    raise InvalidParameter(f"unit {unit!r} is unknown to studies")

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from feltmb.study_expression import to_unit
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -180,8 +182,6 @@ def _short(value: Any) -> str:
 def _time(
     result: StudyResult, spec: Any, panel: Any, ax: Axes, handles: dict[str, Any]
 ) -> list[str]:
-    from feltmb.study import to_unit
-
     del spec
     missing: list[str] = []
     variants = list(result.study.spec.variants)
@@ -224,8 +224,6 @@ def _time(
 def _over_axis(
     result: StudyResult, spec: Any, panel: Any, ax: Axes, handles: dict[str, Any]
 ) -> list[str]:
-    from feltmb.study import to_unit
-
     axes = _axes(result)
     names = [a.name for a in axes]
     position = names.index(spec.x) if spec.x else 0
@@ -291,8 +289,6 @@ def _over_axis(
 def _bars(
     result: StudyResult, spec: Any, panel: Any, ax: Axes, handles: dict[str, Any]
 ) -> list[str]:
-    from feltmb.study import to_unit
-
     del spec
     text, unit, factor = result.study.shown(panel.number)
     if panel.unit:
