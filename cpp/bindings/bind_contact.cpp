@@ -142,16 +142,17 @@ void bind_contact(py::module_& m) {
              double largest) {
             std::array<double, kMaxLawStates> s{};
             std::copy_n(state.begin(), std::min(state.size(), s.size()), s.begin());
-            const LawValue v = law.evaluate(e, rate, {s.data(), largest});
+            LawStates states;
+            const LawValue v = law.evaluate(e, rate, {s.data(), largest}, &states);
             py::dict out;
             out["force"] = v.force;
             out["d_compression"] = v.d_compression;
             out["d_rate"] = v.d_rate;
-            out["d_state"] = v.d_state;
-            out["state_rate"] = v.state_rate;
-            out["rate_by_compression"] = v.rate_by_compression;
-            out["rate_by_rate"] = v.rate_by_rate;
-            out["rate_by_state"] = v.rate_by_state;
+            out["d_state"] = states.force;
+            out["state_rate"] = states.rate;
+            out["rate_by_compression"] = states.rate_by_compression;
+            out["rate_by_rate"] = states.rate_by_rate;
+            out["rate_by_state"] = states.rate_by_state;
             out["dissipated_power"] = law.dissipated_power(e, rate, {s.data(), largest});
             out["stored_energy"] = law.stored_energy(e, {s.data(), largest});
             return out;

@@ -101,19 +101,19 @@ LawValue evaluate_pair(const ExponentialPair& pair, double e, double rate) {
           band * pair.alpha * (1.0 - t * t)};
 }
 
-LawValue evaluate_stulov(const Stulov& law, double e, const double* state) {
+LawValue evaluate_stulov(const Stulov& law, double e, const double* state, LawStates& s) {
   LawValue v;
   const double g = state[0];
   const double power = e > 0.0 ? std::pow(e, law.exponent) : 0.0;
   const double power_slope = e > 0.0 ? law.exponent * power / e : 0.0;
-  v.state_rate[0] = (power - g) / law.time;
-  v.rate_by_compression[0] = power_slope / law.time;
-  v.rate_by_state[0][0] = -1.0 / law.time;
+  s.rate[0] = (power - g) / law.time;
+  s.rate_by_compression[0] = power_slope / law.time;
+  s.rate_by_state[0][0] = -1.0 / law.time;
   const double relaxed = power - law.amplitude * g;
   if (e > 0.0 && relaxed > 0.0) {
     v.force = law.stiffness * relaxed;
     v.d_compression = law.stiffness * power_slope;
-    v.d_state[0] = -law.stiffness * law.amplitude;
+    s.force[0] = -law.stiffness * law.amplitude;
   }
   return v;
 }
@@ -155,57 +155,59 @@ FeltCore evaluate_core(const FeltMemory& law, double e, double rate, double z, d
   return c;
 }
 
-LawValue evaluate_memory(const FeltMemory& law, double e, double rate, const LawMemory& memory) {
+LawValue evaluate_memory(const FeltMemory& law, double e, double rate, const LawMemory& memory,
+                         LawStates& states) {
   LawValue v;
-  const double* s = memory.state;
+  const double* own = memory.state;
   std::size_t next = 1;
   const bool creeps = law.creep_stiffness > 0.0;
   const std::size_t k = creeps ? next++ : 0;
   const std::size_t r = law.rate_amplitude > 0.0 ? next++ : 0;
-  const double inner = creeps ? e - s[k] : e;
+  const double inner = creeps ? e - own[k] : e;
 
   // With creep the rate of the felt itself follows from the force: a second look below.
-  FeltCore c = evaluate_core(law, inner, creeps ? 0.0 : rate, s[0], memory.largest);
+  FeltCore c = evaluate_core(law, inner, creeps ? 0.0 : rate, own[0], memory.largest);
   v.force = c.force;
   v.d_compression = c.by_compression;
-  v.d_state[0] = c.by_z;
+  states.force[0] = c.by_z;
   if (r != 0) {
-    const double extra = law.rate_amplitude * (c.loading - s[r]);
-    v.state_rate[r] = (c.loading - s[r]) / law.rate_time;
-    v.rate_by_compression[r] = c.loading_slope / law.rate_time;
-    v.rate_by_state[r][r] = -1.0 / law.rate_time;
+    const double extra = law.rate_amplitude * (c.loading - own[r]);
+    states.rate[r] = (c.loading - own[r]) / law.rate_time;
+    states.rate_by_compression[r] = c.loading_slope / law.rate_time;
+    states.rate_by_state[r][r] = -1.0 / law.rate_time;
     if (inner > 0.0 && v.force + extra > 0.0) {
       v.force += extra;
       v.d_compression += law.rate_amplitude * c.loading_slope;
-      v.d_state[r] = -law.rate_amplitude;
+      states.force[r] = -law.rate_amplitude;
     } else {
-      v.force = v.d_compression = v.d_state[0] = 0.0;
+      v.force = v.d_compression = states.force[0] = 0.0;
     }
   }
   if (!creeps) {
-    v.state_rate[0] = c.z_rate;
-    v.rate_by_compression[0] = c.z_rate_by_compression;
-    v.rate_by_rate[0] = c.z_rate_by_rate;
-    v.rate_by_state[0][0] = c.z_rate_by_z;
+    states.rate[0] = c.z_rate;
+    states.rate_by_compression[0] = c.z_rate_by_compression;
+    states.rate_by_rate[0] = c.z_rate_by_rate;
+    states.rate_by_state[0][0] = c.z_rate_by_z;
     return v;
   }
   // Kelvin element in series: its rate follows from the common force, the felt takes the rest.
   const double inverse = 1.0 / law.creep_damping;
-  v.state_rate[k] = (v.force - law.creep_stiffness * s[k]) * inverse;
-  v.rate_by_compression[k] = v.d_compression * inverse;
-  for (std::size_t j = 0; j < next; ++j) v.rate_by_state[k][j] = v.d_state[j] * inverse;
-  v.rate_by_state[k][k] = (-v.d_compression - law.creep_stiffness) * inverse;
-  v.d_state[k] = -v.d_compression;
-  if (r != 0) v.rate_by_state[r][k] = -v.rate_by_compression[r];
-  c = evaluate_core(law, inner, rate - v.state_rate[k], s[0], memory.largest);
-  v.state_rate[0] = c.z_rate;
-  v.rate_by_rate[0] = c.z_rate_by_rate;
-  v.rate_by_compression[0] = c.z_rate_by_compression - c.z_rate_by_rate * v.rate_by_compression[k];
+  states.rate[k] = (v.force - law.creep_stiffness * own[k]) * inverse;
+  states.rate_by_compression[k] = v.d_compression * inverse;
+  for (std::size_t j = 0; j < next; ++j) states.rate_by_state[k][j] = states.force[j] * inverse;
+  states.rate_by_state[k][k] = (-v.d_compression - law.creep_stiffness) * inverse;
+  states.force[k] = -v.d_compression;
+  if (r != 0) states.rate_by_state[r][k] = -states.rate_by_compression[r];
+  c = evaluate_core(law, inner, rate - states.rate[k], own[0], memory.largest);
+  states.rate[0] = c.z_rate;
+  states.rate_by_rate[0] = c.z_rate_by_rate;
+  states.rate_by_compression[0] =
+      c.z_rate_by_compression - c.z_rate_by_rate * states.rate_by_compression[k];
   for (std::size_t j = 0; j < next; ++j) {
-    v.rate_by_state[0][j] = -c.z_rate_by_rate * v.rate_by_state[k][j];
+    states.rate_by_state[0][j] = -c.z_rate_by_rate * states.rate_by_state[k][j];
   }
-  v.rate_by_state[0][0] += c.z_rate_by_z;
-  v.rate_by_state[0][k] -= c.z_rate_by_compression;
+  states.rate_by_state[0][0] += c.z_rate_by_z;
+  states.rate_by_state[0][k] -= c.z_rate_by_compression;
   return v;
 }
 
@@ -257,13 +259,17 @@ std::string ContactLaw::name() const {
   return "felt_memory";
 }
 
-LawValue ContactLaw::evaluate(double compression, double rate, const LawMemory& memory) const {
+LawValue ContactLaw::evaluate(double compression, double rate, const LawMemory& memory,
+                              LawStates* states) const {
   // States go on while the contact is open.
   if (const auto* felt = std::get_if<FeltMemory>(&parameters_)) {
-    return evaluate_memory(*felt, compression, rate, memory);
+    LawStates unwanted;
+    return evaluate_memory(*felt, compression, rate, memory,
+                           states != nullptr ? *states : unwanted);
   }
   if (const auto* st = std::get_if<Stulov>(&parameters_)) {
-    return evaluate_stulov(*st, compression, memory.state);
+    LawStates unwanted;
+    return evaluate_stulov(*st, compression, memory.state, states != nullptr ? *states : unwanted);
   }
   if (compression <= 0.0) return {};
   if (const auto* pair = std::get_if<ExponentialPair>(&parameters_)) {
@@ -372,13 +378,16 @@ double ContactLaw::felt_compression(double compression, const LawMemory& memory)
 double ContactLaw::felt_rate(double compression, double rate, const LawMemory& memory) const {
   const auto* felt = std::get_if<FeltMemory>(&parameters_);
   if (felt == nullptr || felt->creep_stiffness == 0.0) return rate;
-  return rate - evaluate(compression, rate, memory).state_rate[1];
+  LawStates states;
+  evaluate(compression, rate, memory, &states);
+  return rate - states.rate[1];
 }
 
 double ContactLaw::dissipated_power(double compression, double rate,
                                     const LawMemory& memory) const {
   if (const auto* felt = std::get_if<FeltMemory>(&parameters_)) {
-    const LawValue v = evaluate(compression, rate, memory);
+    LawStates states;
+    const LawValue v = evaluate(compression, rate, memory, &states);
     const double inner = felt_compression(compression, memory);
     const double inner_rate = felt_rate(compression, rate, memory);
     const double z = memory.state[0];
@@ -391,7 +400,7 @@ double ContactLaw::dissipated_power(double compression, double rate,
                                        : 0.5 * c.band * square * std::fabs(inner_rate);
     }
     if (felt->creep_stiffness > 0.0) {
-      power += felt->creep_damping * v.state_rate[1] * v.state_rate[1];
+      power += felt->creep_damping * states.rate[1] * states.rate[1];
     }
     return power;
   }

@@ -78,12 +78,13 @@ void LawPath::move(double compression, double duration) {
   for (int i = 0; i < kSubsteps; ++i) {
     const double e = start + rate * h * (i + 0.5);
     // Linearly implicit midpoint step of the law's own states.
-    const LawValue v = law_->evaluate(e, rate, {state_.data(), largest_});
+    LawStates v;
+    law_->evaluate(e, rate, {state_.data(), largest_}, &v);
     Eigen::Matrix3d matrix = Eigen::Matrix3d::Identity();
     Eigen::Vector3d right = Eigen::Vector3d::Zero();
     for (std::size_t a = 0; a < law_->n_states(); ++a) {
       const auto row = static_cast<Eigen::Index>(a);
-      right[row] = h * v.state_rate[a];
+      right[row] = h * v.rate[a];
       for (std::size_t b = 0; b < law_->n_states(); ++b) {
         matrix(row, static_cast<Eigen::Index>(b)) -= 0.5 * h * v.rate_by_state[a][b];
       }

@@ -141,9 +141,9 @@ void MechanismSystem::rhs(double t, std::span<const double> y, std::span<double>
   const auto& contacts = mechanism().contacts;
   if (law_states_ > 0) {
     for (std::size_t i = 0; i < contacts.size(); ++i) {
-      const LawValue& law = dynamics_.contacts()[i].law;
+      const LawStates& states = dynamics_.law_states(i);
       for (std::size_t j = 0; j < contacts[i].law.n_states(); ++j) {
-        rate[2 * n + at(contacts[i].first_state) + j] = law.state_rate[j];
+        rate[2 * n + at(contacts[i].first_state) + j] = states.rate[j];
       }
     }
   }
@@ -182,6 +182,7 @@ void MechanismSystem::add_stateful(const ContactGradient* gradient, int contact,
   c.coupling = coupling;
   c.closed = gradient != nullptr;
   c.law = dynamics_.contacts()[at(contact)].law;
+  c.states = dynamics_.law_states(at(contact));
   if (gradient == nullptr) return;
   c.force_column = gradient->by_force;
   c.compression_column = gradient->by_compression;
@@ -257,11 +258,11 @@ void MechanismSystem::reduce_law_states(double gamma) {
     Eigen::Vector3d force = Eigen::Vector3d::Zero();
     for (Eigen::Index a = 0; a < count; ++a) {
       const auto row = static_cast<std::size_t>(a);
-      by_compression[a] = gamma * c.law.rate_by_compression[row];
-      by_rate[a] = gamma * c.law.rate_by_rate[row];
-      force[a] = c.law.d_state[row];
+      by_compression[a] = gamma * c.states.rate_by_compression[row];
+      by_rate[a] = gamma * c.states.rate_by_rate[row];
+      force[a] = c.states.force[row];
       for (Eigen::Index b = 0; b < count; ++b) {
-        matrix(a, b) -= gamma * c.law.rate_by_state[row][static_cast<std::size_t>(b)];
+        matrix(a, b) -= gamma * c.states.rate_by_state[row][static_cast<std::size_t>(b)];
       }
     }
     c.inverse = matrix.inverse();
@@ -375,7 +376,7 @@ void MechanismSystem::solve(std::span<double> b) {
     double force = 0.0;
     for (std::size_t j = 0; j < count; ++j) {
       own[j] = r[static_cast<Eigen::Index>(j)];
-      force += c.law.d_state[j] * own[j];
+      force += c.states.force[j] * own[j];
     }
     if (!c.closed) continue;
     right_.head(n_) += (g * force) * c.force_column;
@@ -478,10 +479,15 @@ std::vector<double> MechanismSystem::absolute_tolerances(double rtol) const {
     atol[k] = rtol * felt * scale;
     atol[n + k] = rtol * speed * scale;
   }
-  // Elastic speeds matter through the displacement that they make at the lateral modes.
-  constexpr double lateral_modes = 3000.0;  // rad/s
+  // Members bend by millimeters, and elastic speeds matter through the deflection that they make
+  // at the lateral modes.
+  constexpr double bending = 3.0;           // times the scale of a felt compression
+  constexpr double lateral_modes = 1000.0;  // rad/s
   for (const auto& b : m.beams) {
-    for (int k = b.first; k < b.first + b.count; ++k) atol[n + at(k)] = atol[at(k)] * lateral_modes;
+    for (int k = b.first; k < b.first + b.count; ++k) {
+      atol[at(k)] *= bending;
+      atol[n + at(k)] = atol[at(k)] * lateral_modes;
+    }
   }
   for (const auto& c : m.contacts) {
     for (std::size_t j = 0; j < c.law.n_states(); ++j) {

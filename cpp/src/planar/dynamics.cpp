@@ -27,6 +27,7 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   translation_rate_.assign(m_->motions.size(), {});
   largest_.assign(m_->contacts.size(), 0.0);
   law_.assign(at(m_->total_law_states), 0.0);
+  law_states_.resize(m_->contacts.size());
   phi_.assign(at(m_->total_modes), 0.0);
   dphi_.assign(at(m_->total_modes), 0.0);
   shaped_at_.assign(m_->strings.size(), std::numeric_limits<double>::quiet_NaN());
@@ -67,7 +68,8 @@ void Dynamics::apply_contacts() {
         state.law = {};
       } else {
         // The states of the law go on; an open contact gives no rate.
-        state.law = contact.law.evaluate(std::min(0.0, state.compression), 0.0, memory(i));
+        state.law =
+            contact.law.evaluate(std::min(0.0, state.compression), 0.0, memory(i), &law_states_[i]);
       }
       continue;
     }
@@ -77,7 +79,7 @@ void Dynamics::apply_contacts() {
       state.law.force = v.force;
       state.law.d_compression = v.slope;
     } else {
-      state.law = contact.law.evaluate(state.compression, state.rate, memory(i));
+      state.law = contact.law.evaluate(state.compression, state.rate, memory(i), &law_states_[i]);
     }
     state.friction = feltmb::evaluate(contact.friction, state.slip);
     const Vec2 f = state.law.force * (state.normal - state.friction.value * perp(state.normal));

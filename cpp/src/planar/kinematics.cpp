@@ -55,26 +55,6 @@ void Dynamics::move_lumps() {
   }
 }
 
-Vec2 Dynamics::position(LinkPoint p) const {
-  const LinkState& link = links_[at(p.link)];
-  return link.origin + link.rotation * p.local;
-}
-
-Vec2 Dynamics::velocity(LinkPoint p) const {
-  const LinkState& link = links_[at(p.link)];
-  return link.velocity + link.omega * perp(link.rotation * p.local);
-}
-
-Vec2 Dynamics::column(int motion, Vec2 point) const {
-  const Motion& m = m_->motions[at(motion)];
-  return translation_[at(motion)] + m.rho * perp(point - links_[at(m.link)].origin);
-}
-
-Vec2 Dynamics::column_rate(int motion, Vec2 point_velocity) const {
-  const Motion& m = m_->motions[at(motion)];
-  return translation_rate_[at(motion)] + m.rho * perp(point_velocity - links_[at(m.link)].velocity);
-}
-
 void Dynamics::locate_contact(std::size_t i, const MechanicalState& at_state, const Drive& drive,
                               Detail detail) {
   const Contact& contact = m_->contacts[i];

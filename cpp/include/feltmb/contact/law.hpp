@@ -86,13 +86,17 @@ using LawParameters = std::variant<ExponentialPair, MeanCurve, HuntCrossley, Stu
 /// Largest number of states of one law that are integrated with the rest.
 inline constexpr std::size_t kMaxLawStates = 3;
 
-/// Force of a law and its exact derivatives; states s of number n_states().
+/// Force of a law and its exact slopes.
 struct LawValue {
-  double force = 0.0;                                       ///< F [N]
-  double d_compression = 0.0;                               ///< dF/de [N/m]
-  double d_rate = 0.0;                                      ///< dF/d(de/dt) [N s/m]
-  std::array<double, kMaxLawStates> d_state{};              ///< dF/ds
-  std::array<double, kMaxLawStates> state_rate{};           ///< ds/dt
+  double force = 0.0;          ///< F [N]
+  double d_compression = 0.0;  ///< dF/de [N/m]
+  double d_rate = 0.0;         ///< dF/d(de/dt) [N s/m]
+};
+
+/// States s of a law that has any, of number n_states(): rates and exact derivatives.
+struct LawStates {
+  std::array<double, kMaxLawStates> force{};                ///< dF/ds
+  std::array<double, kMaxLawStates> rate{};                 ///< ds/dt
   std::array<double, kMaxLawStates> rate_by_compression{};  ///< d(ds/dt)/de
   std::array<double, kMaxLawStates> rate_by_rate{};         ///< d(ds/dt)/d(de/dt)
   std::array<std::array<double, kMaxLawStates>, kMaxLawStates> rate_by_state{};
@@ -127,8 +131,9 @@ class ContactLaw {
   bool has_memory() const { return std::holds_alternative<FeltMemory>(parameters_); }
 
   /// Force and slopes at compression [m] and rate [m/s]; zero force for compression <= 0. Never
-  /// throws. Laws with states or memory need `memory`.
-  LawValue evaluate(double compression, double rate, const LawMemory& memory = {}) const;
+  /// throws. Laws with states or memory need `memory`; `states` is filled for them if given.
+  LawValue evaluate(double compression, double rate, const LawMemory& memory = {},
+                    LawStates* states = nullptr) const;
 
   /// Force and slope after the states have come to rest under a virgin compression [m]; the rest
   /// pose of a mechanism uses this.

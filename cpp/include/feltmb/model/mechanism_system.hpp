@@ -124,6 +124,7 @@ class MechanismSystem : public OdeSystem {
     int coupling = -1;  ///< index in couplings_ if it is a closed string contact
     bool closed = false;
     LawValue law;
+    LawStates states;
     Eigen::VectorXd force_column, compression_column, gradient, rate_gradient;
     Eigen::Matrix3d inverse;                  ///< (I - gamma d(ds/dt)/ds)^-1
     Eigen::Vector3d by_compression, by_rate;  ///< ds for unit de, d(de/dt)

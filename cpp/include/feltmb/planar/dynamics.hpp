@@ -110,6 +110,9 @@ class Dynamics {
   /// Largest compression that each contact remembers [m], by contact; constant while evaluating.
   std::vector<double>& largest_compression() { return largest_; }
 
+  /// States of a contact's law at the last state given, if it has any.
+  const LawStates& law_states(std::size_t contact) const { return law_states_[contact]; }
+
   /// Memory of a contact's law at the last state given.
   LawMemory memory(std::size_t contact) const {
     return {law_.data() + m_->contacts[contact].first_state, largest_[contact]};
@@ -141,8 +144,14 @@ class Dynamics {
   std::span<const double> dphi(int string) const;
 
   /// Position and velocity of a link point at the last located state.
-  Vec2 position(LinkPoint p) const;
-  Vec2 velocity(LinkPoint p) const;
+  Vec2 position(LinkPoint p) const {
+    const LinkState& link = links_[static_cast<std::size_t>(p.link)];
+    return link.origin + link.rotation * p.local;
+  }
+  Vec2 velocity(LinkPoint p) const {
+    const LinkState& link = links_[static_cast<std::size_t>(p.link)];
+    return link.velocity + link.omega * perp(link.rotation * p.local);
+  }
 
   double strap_force(int strap) const;        ///< pull [N]
   double joint_friction(int k) const;         ///< torque or force against the motion, unit of Q_k
@@ -184,8 +193,17 @@ class Dynamics {
   void complete_links();
   void differentiate_contact(std::size_t i);
   void differentiate_strap(std::size_t i);
-  Vec2 column(int motion, Vec2 point) const;
-  Vec2 column_rate(int motion, Vec2 point_velocity) const;
+  Vec2 column(int motion, Vec2 point) const {
+    const auto i = static_cast<std::size_t>(motion);
+    const Motion& m = m_->motions[i];
+    return translation_[i] + m.rho * perp(point - links_[static_cast<std::size_t>(m.link)].origin);
+  }
+  Vec2 column_rate(int motion, Vec2 point_velocity) const {
+    const auto i = static_cast<std::size_t>(motion);
+    const Motion& m = m_->motions[i];
+    return translation_rate_[i] +
+           m.rho * perp(point_velocity - links_[static_cast<std::size_t>(m.link)].velocity);
+  }
   /// Motion by which coordinate k moves a link, -1 if it does not.
   int motion_of(int k, int link) const {
     return motion_of_[static_cast<std::size_t>(link * n_ + k)];
@@ -209,6 +227,7 @@ class Dynamics {
   bool static_laws_ = false;
   std::vector<double> largest_;
   std::vector<double> law_;
+  std::vector<LawStates> law_states_;  ///< by contact
   std::vector<double> q_;
   std::vector<double> v_;
   Eigen::VectorXd force_;
