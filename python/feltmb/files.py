@@ -22,13 +22,15 @@ def read_toml(path: Path) -> dict[str, Any]:
         size = path.stat().st_size
         if size > LARGEST_TOML:
             raise InvalidParameter(f"{path}: {size} bytes; the limit of a TOML file is 10 MB")
-        return tomllib.loads(path.read_bytes().decode("utf-8"))
+        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
     except OSError as error:
         raise InvalidParameter(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
         raise InvalidParameter(f"{path}: is no UTF-8 text (byte {error.start})") from None
     except tomllib.TOMLDecodeError as error:
         raise InvalidParameter(f"{path}: is no TOML: {error}") from None
+    except ValueError as error:  # such as an integer of thousands of digits
+        raise InvalidParameter(f"{path}: a value cannot be read: {error}") from None
     except RecursionError:
         raise InvalidParameter(f"{path}: tables are nested too deeply") from None
 

@@ -21,7 +21,7 @@ from pydantic import Field, ValidationError
 from feltmb import _core
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import read_toml
-from feltmb.quantity import SI, Schema, fault_lines
+from feltmb.quantity import SI, Schema, fault_lines, fault_text
 from feltmb.units import conversion_factor
 
 if TYPE_CHECKING:
@@ -385,7 +385,7 @@ def _from_toml(path: Path) -> Stroke:
     except ValidationError as error:
         faults += fault_lines(error, _StrokeFile)
     if faults:
-        raise InvalidParameter(f"{path.name}:\n" + "\n".join(f"  {f}" for f in faults))
+        raise InvalidParameter(fault_text(path.name, faults))
     stroke = _one_stroke(parsed, path)
     if parsed.oscillation is not None:
         stroke = replace(
@@ -455,11 +455,7 @@ def read_stroke_csv(path: str | Path, *, interpolation: Interpolation = "monoton
     time, value, faults = _parse_rows(text, factors)
     faults = header_faults + faults + _time_faults([row for row in time if math.isfinite(row[1])])
     if faults:
-        shown = faults[:20] + ([f"... and {len(faults) - 20} more"] if len(faults) > 20 else [])
-        raise DataError(
-            f"{path.name}: {len(faults)} fault{'s' if len(faults) > 1 else ''}\n"
-            + "\n".join(f"  {f}" for f in shown)
-        )
+        raise DataError(fault_text(path.name, faults, most=20))
     return _table(kind, [t for _, t in time], value, interpolation, None, path.stem)
 
 
