@@ -21,7 +21,7 @@ from pydantic import BeforeValidator, Field, ValidationError
 
 from feltmb import _core
 from feltmb.errors import InvalidParameter
-from feltmb.files import read_toml
+from feltmb.files import is_file, read_toml
 from feltmb.quantity import (
     META_KEYS,
     SI,
@@ -351,13 +351,14 @@ def _resolve(name_or_path: str | Path) -> Path:
     if text in packaged_actions():
         return _params() / f"{text}.toml"
     path = Path(text)
-    if path.suffix == ".toml" or path.exists():
-        if not path.is_file():
-            raise InvalidParameter(f"mechanism {text!r}: there is no such file")
+    if is_file(path):
         return path
+    if path.suffix == ".toml" or len(path.parts) != 1:
+        raise InvalidParameter(f"mechanism {shortened(repr(text))}: there is no such file")
     known = ", ".join(packaged_actions())
     raise InvalidParameter(
-        f"mechanism {text!r} is unknown; packaged are {known}; or give the path of a TOML file"
+        f"mechanism {shortened(repr(text))} is unknown; packaged are {known}; "
+        "or give the path of a TOML file"
     )
 
 

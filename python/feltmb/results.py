@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.files import write_file
+from feltmb.files import is_file, write_file
 
 if TYPE_CHECKING:
     import numpy as np
@@ -259,10 +259,13 @@ class Run:
             if np.size(data[name]) > 0
         }
 
-        def write(target: Path) -> None:
-            data.to_netcdf(target, engine="h5netcdf", encoding=encoding)
-
         assert isinstance(data, xr.Dataset)
+        # HDF5 does not survive a full disk: made in memory, written as bytes.
+        content = data.to_netcdf(engine="h5netcdf", encoding=encoding)
+
+        def write(target: Path) -> None:
+            target.write_bytes(content)
+
         return write_file(Path(path), write, force=force)
 
 
@@ -272,7 +275,7 @@ def load_run(path: str | Path) -> Run:
     import xarray as xr
 
     path = Path(path)
-    if not path.is_file():
+    if not is_file(path):
         raise DataError(f"{path}: there is no such file")
     try:
         with xr.open_dataset(path, engine="h5netcdf") as opened:

@@ -20,8 +20,8 @@ from pydantic import Field, ValidationError
 
 from feltmb import _core
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.files import read_toml
-from feltmb.quantity import SI, Schema, fault_lines, fault_text
+from feltmb.files import is_file, read_toml
+from feltmb.quantity import SI, Schema, fault_lines, fault_text, shortened
 from feltmb.units import conversion_factor
 
 if TYPE_CHECKING:
@@ -364,10 +364,11 @@ def load_stroke(name_or_path: str | Path) -> Stroke:
     if text in packaged_strokes():
         return _from_toml(_folder() / f"{text}.toml")
     path = Path(text)
-    if not path.is_file():
+    if not is_file(path):
         hint = "there is no such file" if path.suffix else "or give the path of a TOML or CSV file"
         raise InvalidParameter(
-            f"stroke {text!r} is unknown; packaged are {', '.join(packaged_strokes())}; {hint}"
+            f"stroke {shortened(repr(text))} is unknown; "
+            f"packaged are {', '.join(packaged_strokes())}; {hint}"
         )
     return _from_toml(path) if path.suffix == ".toml" else read_stroke_csv(path)
 
