@@ -616,6 +616,38 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
     return faults
 
 
+_OWN_OUTPUTS = (
+    *("time", "end_state", "end_memory", "finger.force", "finger.displacement"),
+    *("string.strike", "string.bridge_force", "string.eta"),
+    *(f"energy.{part}" for part in ("kinetic", "gravity", "elastic", "contact", "string")),
+)
+
+
+def _output_faults(raw: Mapping[str, Any]) -> list[str]:
+    """Names of outputs that no file can hold, or that two of them would share."""
+    bodies = [b for b in _table(raw, "bodies").values() if isinstance(b, Mapping)]
+    names = {str(b["coordinate"]) for b in bodies if isinstance(b.get("coordinate"), str)}
+    outputs = [*_OWN_OUTPUTS, *names, *(f"{name}.rate" for name in names)]
+    for table, parts in (
+        ("points", ("x", "y", "vx", "vy")),
+        ("straps", ("force",)),
+    ):
+        outputs += [f"{name}.{part}" for name in _table(raw, table) for part in parts]
+    for key in _table(raw, "contacts"):
+        parts = ("force", "compression", "rate", "friction")
+        outputs += [f"contact{key}.{part}" for part in parts]
+    faults = [
+        f"output {name!r}: the name of a coordinate, point or strap must hold no '/'"
+        for name in outputs
+        if "/" in name or "\0" in name
+    ]
+    twice = {name for name in outputs if outputs.count(name) > 1}
+    return faults + [
+        f"output {name!r} would be given twice; rename the coordinate, point or strap"
+        for name in sorted(twice)
+    ]
+
+
 def _law_faults(raw: Mapping[str, Any]) -> list[str]:
     faults = []
     for name, node in _table(raw, "contacts").items():
@@ -666,6 +698,7 @@ def _validate(raw: Mapping[str, Any], origin: str) -> MechanismFile:
         faults += fault_lines(error, MechanismFile)
     faults += _reference_faults(raw)
     faults += _law_faults(raw)
+    faults += _output_faults(raw)
     for path in _paths_of_none(raw):
         if not any(f.startswith(f"{path}:") for f in faults):
             faults.append(f"{path}: got None, expected a value; leave the key out for its default")

@@ -7,8 +7,10 @@ import tomllib
 from importlib import resources
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
+import xarray
 
 import feltmb
 from feltmb.cli import main
@@ -252,3 +254,75 @@ def test_interrupted_jobs_keep_what_was_finished(tmp_path, monkeypatch):
     out = tmp_path / "out"
     assert stroke_command("steinway45", *blows, "--out", out, "--jobs", 2) == 130
     assert [p.name for p in out.iterdir()] == ["short.nc"]
+
+
+# ---------------------------------------------------------------- outputs and saved runs
+
+
+@pytest.mark.parametrize("name", ["time", "tip.x", "energy.kinetic", "contact01.force", "a/b"])
+def test_names_of_outputs_that_collide(pendulum, name):
+    # ValueError of xarray after the simulation, or an output silently replaced by another
+    raw = pendulum.raw
+    raw["bodies"]["hammer"]["coordinate"] = name
+    raw["springs"]["return_spring"]["coordinate"] = name
+    raw["start_pose"] = {name: 0.1}
+    refused(lambda: Action(raw), f"output {name!r}")
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value"),
+    [("stats", "{}"), ("provenance", "[]"), ("events", '{"event": [1], "time": []}')],
+)
+def test_runs_with_damaged_tables(pendulum, tmp_path, attribute, value):
+    # read without complaint; KeyError, AttributeError, ValueError when they were used
+    path = feltmb.simulate(pendulum, "staccato", 0.001).save(tmp_path / "run.nc")
+    with h5py.File(path, "a") as file:
+        file.attrs[attribute] = value
+    refused(lambda: feltmb.load_run(path), "is no complete run")
+
+
+def test_damaged_metadata_of_hdf5(tmp_path, monkeypatch):
+    # RuntimeError: Link iteration failed (incorrect metadata checksum after all read attempts)
+    def fail(*_args, **_options):
+        raise RuntimeError("Link iteration failed")
+
+    monkeypatch.setattr(xarray, "open_dataset", fail)
+    (tmp_path / "run.nc").touch()
+    refused(lambda: feltmb.load_run(tmp_path / "run.nc"), "is no NetCDF file", "Link iteration")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"slowness": float("nan")},
+        {"slowness": 1e15},
+        {"rate": 2**33},
+        {"position": float("nan")},
+    ],
+)
+def test_sounds_out_of_range(run_of, tmp_path, options):
+    # ValueError, MemoryError, struct.error; a NaN was written as a sound
+    refused(lambda: run_of("forte").write_wav(tmp_path / "x.wav", **options))
+
+
+def test_restart_from_something_else(action, pendulum):
+    # AttributeError: 'str' object has no attribute 'coordinates'
+    refused(lambda: feltmb.simulate(action, "forte", start="run.nc"), "expected a run")
+    # accepted in silence
+    first = feltmb.simulate(pendulum, "staccato", 0.001)
+    other = pendulum.with_values({"bodies.hammer.mass": 13.0})
+    warnings = feltmb.simulate(other, "staccato", 0.001, start=first).stats["warnings"]
+    assert "with other parameters" in warnings[0]
+
+
+def test_force_without_end(pendulum):
+    # accelerations of NaN
+    refused(lambda: feltmb.evaluate(pendulum, [0.0], [0.0], float("inf")), "finger_force")
+
+
+def test_picture_of_unknown_kind(tmp_path, capsys):
+    # ValueError: Format 'abc' is not supported
+    with pytest.raises(SystemExit) as caught:
+        main(["show", "steinway45", "--plot", str(tmp_path / "x.abc")])
+    assert caught.value.code == 2
+    assert "expected .png, .pdf or .svg" in capsys.readouterr().err
