@@ -19,19 +19,22 @@ LAWS = {
 @click.command("list")
 @json_option
 def command(as_json: bool) -> None:
-    """List packaged mechanisms and strokes, contact laws and accepted units."""
+    """List packaged mechanisms, strokes and studies, contact laws and accepted units."""
     from feltmb.config import load_action, packaged_actions
     from feltmb.stroke import load_stroke, packaged_strokes
+    from feltmb.study import load_study, packaged_studies
     from feltmb.units import ACCEPTED_UNITS
 
     actions = {name: load_action(name).config.about for name in packaged_actions()}
     strokes = {name: load_stroke(name) for name in packaged_strokes()}
+    studies = {name: load_study(name) for name in packaged_studies()}
     if as_json:
         print_json(
             {
                 "actions": actions,
                 "strokes": {n: s.as_dict() for n, s in strokes.items()},
                 "laws": LAWS,
+                "studies": {n: s.spec.title for n, s in studies.items()},
                 "units": sorted(ACCEPTED_UNITS),
             }
         )
@@ -50,5 +53,9 @@ def command(as_json: bool) -> None:
     table = new_table("contact laws (contacts.NN.law)", "name", "about")
     for name, about in LAWS.items():
         table.add_row(name, about)
+    screen.print(table)
+    table = new_table("studies", "name", "about")
+    for name, study in studies.items():
+        table.add_row(name, study.spec.title)
     screen.print(table)
     screen.print("units: " + " ".join(sorted(u for u in ACCEPTED_UNITS if u != "1")))

@@ -326,3 +326,30 @@ def test_picture_of_unknown_kind(tmp_path, capsys):
         main(["show", "steinway45", "--plot", str(tmp_path / "x.abc")])
     assert caught.value.code == 2
     assert "expected .png, .pdf or .svg" in capsys.readouterr().err
+
+
+def test_samples_beyond_the_memory(action):
+    # up to 5e7 samples were allowed, whatever their number of columns: 42 GB for this one
+    refused(lambda: feltmb.simulate(action, "forte", output_rate=1e8), "samples of ", "limit")
+
+
+def test_faults_of_limits_name_the_limit(pendulum):
+    # "max_step [s] and max_wall [s] must be >= 0, max_steps >= 1" for any of the three
+    refused(lambda: feltmb.simulate(pendulum, "staccato", max_wall=-1.0), "max_wall = -1 s")
+    refused(lambda: feltmb.simulate(pendulum, "staccato", max_step=-1.0), "max_step = -1 s")
+
+
+def test_writing_leaves_the_umask_alone(tmp_path, monkeypatch):
+    # the umask was set to 0 and back: another thread could write, or keep it, in between
+    monkeypatch.setattr("os.umask", lambda mask: pytest.fail(f"umask set to {mask}"))
+    path = write_text(tmp_path / "x.txt", "x")
+    (tmp_path / "y.txt").touch()
+    assert path.stat().st_mode == (tmp_path / "y.txt").stat().st_mode
+
+
+def test_list_names_the_studies(capsys):
+    # feltmb list said nothing of them
+    with pytest.raises(SystemExit):
+        main(["list"])
+    listed = capsys.readouterr().out
+    assert all(name in listed for name in feltmb.packaged_studies())
