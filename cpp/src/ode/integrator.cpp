@@ -87,7 +87,7 @@ struct Integrator::Impl {
   IntegratorCounts total;  ///< of runs before the last restart
   long jacobians = 0;
   long factorizations = 0;
-  int stalled = 0;          ///< steps in a row that did not advance the time
+  int stalled = 0;  ///< steps in a row that did not advance the time
 
   Impl(OdeSystem& s, const IntegratorOptions& o) : system(s), options(o) {}
 
