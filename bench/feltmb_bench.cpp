@@ -236,6 +236,7 @@ CaseResult problem_h(int modes, double damping, double rtol, const std::string& 
   options.ledger = false;
   options.events = false;
   options.diagnose = false;
+  options.states = false;
   feltmb::SimulationState start;
   start.y.assign(2 + 2 * static_cast<std::size_t>(modes), 0.0);
   start.y[1] = 3.0;
