@@ -381,7 +381,7 @@ int main(int argc, char** argv) {
   add_law("felt_memory", memory);
   for (const int modes : {40, 200}) {
     for (const double damping : {0.07, 7e-4}) {
-      for (const double rtol : {1e-4, 1e-5, 1e-6}) {
+      for (const double rtol : {3e-5, 1e-5, 1e-6}) {
         cases.emplace_back(feltmb::format("H_N%d_xi%g_rtol%g", modes, damping, rtol),
                            [=] { return problem_h(modes, damping, rtol, folder, repeat); });
       }
