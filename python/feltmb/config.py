@@ -21,15 +21,17 @@ from pydantic import BeforeValidator, Field, ValidationError
 
 from feltmb import _core
 from feltmb.errors import InvalidParameter
-from feltmb.files import read_toml
+from feltmb.files import is_file, read_toml
 from feltmb.quantity import (
     META_KEYS,
     SI,
     Schema,
     SIVector,
     fault_lines,
+    fault_text,
     is_quantity,
     parse_scalar,
+    shortened,
 )
 from feltmb.units import conversion_factor
 
@@ -349,13 +351,14 @@ def _resolve(name_or_path: str | Path) -> Path:
     if text in packaged_actions():
         return _params() / f"{text}.toml"
     path = Path(text)
-    if path.suffix == ".toml" or path.exists():
-        if not path.is_file():
-            raise InvalidParameter(f"mechanism {text!r}: there is no such file")
+    if is_file(path):
         return path
+    if path.suffix == ".toml" or len(path.parts) != 1:
+        raise InvalidParameter(f"mechanism {shortened(repr(text))}: there is no such file")
     known = ", ".join(packaged_actions())
     raise InvalidParameter(
-        f"mechanism {text!r} is unknown; packaged are {known}; or give the path of a TOML file"
+        f"mechanism {shortened(repr(text))} is unknown; packaged are {known}; "
+        "or give the path of a TOML file"
     )
 
 
@@ -382,6 +385,12 @@ def _load_raw(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     values = raw.get("values", {})
     if not isinstance(values, Mapping):
         raise InvalidParameter(f"{path}: values: expected a table of dotted paths")
+    for key, value in values.items():
+        if isinstance(value, Mapping) and isinstance(merged.get(key), Mapping):
+            inner = f"{key}.{next(iter(value), 'KEY')}"
+            raise InvalidParameter(
+                f'{path}: values.{key}: got a table; write paths in quotes, such as "{inner}" = ...'
+            )
     return _apply_values(merged, values, str(path))
 
 
@@ -407,7 +416,7 @@ def parse_setting(text: str) -> tuple[str, Any]:
         raise InvalidParameter(f"--set {text!r}: expected PATH=VALUE, such as string.modes=80")
     try:
         return path.strip(), tomllib.loads(f"v = {value}")["v"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):  # no TOML
         return path.strip(), value.strip()
 
 
@@ -451,7 +460,7 @@ def _set_one(raw: dict[str, Any], parts: list[str], value: Any, where: str) -> N
             f"{where}: path {'.'.join(parts)!r}: {'.'.join(parts[: i + 1])!r} does not exist"
         )
     last = parts[-1]
-    if is_quantity(node) and (last in _AXES or last.isdigit()):
+    if is_quantity(node) and (last in _AXES or last.isdecimal()):
         node["value"] = _set_component(node["value"], last, value, where, parts)
     elif is_quantity(node) and last not in META_KEYS:
         raise InvalidParameter(f"{where}: path {'.'.join(parts)!r} leads into a quantity")
@@ -464,7 +473,7 @@ def _set_one(raw: dict[str, Any], parts: list[str], value: Any, where: str) -> N
 
 
 def _set_component(old: Any, key: str, value: Any, where: str, parts: list[str]) -> list[Any]:
-    index = _AXES.get(key, int(key) if key.isdigit() else -1)
+    index = _AXES.get(key, int(key) if key.isdecimal() else -1)
     if not isinstance(old, list) or not 0 <= index < len(old):
         raise InvalidParameter(f"{where}: path {'.'.join(parts)!r} does not exist")
     new = list(old)
@@ -473,10 +482,14 @@ def _set_component(old: Any, key: str, value: Any, where: str, parts: list[str])
 
 
 def _apply_values(raw: Mapping[str, Any], values: Mapping[str, Any], where: str) -> dict[str, Any]:
+    if not isinstance(values, Mapping):
+        raise InvalidParameter(f"{where}: got {shortened(repr(values))}, expected paths and values")
     out = copy.deepcopy(dict(raw))
     faults = []
     for path, value in values.items():
         try:
+            if not isinstance(path, str):
+                raise InvalidParameter(f"{where}: path {path!r}: expected a text with dots")
             for parts in _expand(out, path):
                 _set_one(out, parts, value, where)
         except InvalidParameter as error:
@@ -489,9 +502,45 @@ def _apply_values(raw: Mapping[str, Any], values: Mapping[str, Any], where: str)
 # --- checking ------------------------------------------------------------------------------------
 
 
+_DEEPEST = 50  # tables and lists within one another
+
+
+def _plain_data(node: Any, depth: int = 0) -> Any:
+    """Copy of a file's tables that holds nothing of NumPy."""
+    if depth > _DEEPEST:
+        raise InvalidParameter("tables are nested too deeply")
+    if isinstance(node, Mapping):
+        return {key: _plain_data(value, depth + 1) for key, value in node.items()}
+    if isinstance(node, (list, tuple)):
+        return [_plain_data(value, depth + 1) for value in node]
+    return node.tolist() if hasattr(node, "tolist") else node
+
+
+def _paths_of_none(node: Any, path: str = "") -> Iterator[str]:
+    if node is None:
+        yield path
+    elif isinstance(node, Mapping):
+        for key, value in node.items():
+            yield from _paths_of_none(value, f"{path}.{key}" if path else str(key))
+
+
 def _table(raw: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     node = raw.get(key)
     return node if isinstance(node, Mapping) else {}
+
+
+def _events_behind(name: str, events: Mapping[str, Any]) -> set[str]:
+    """Events that must have happened, or not, before ``name`` is known."""
+    behind: set[str] = set()
+    ahead = [name]
+    while ahead:
+        node = events.get(ahead.pop())
+        for key in ("after", "before"):
+            other = node.get(key) if isinstance(node, Mapping) else None
+            if isinstance(other, str) and other not in behind:
+                behind.add(other)
+                ahead.append(other)
+    return behind
 
 
 def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
@@ -510,7 +559,7 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
             faults.append(f"{where}: {what} {name!r} is missing; {what} names are {listed}")
 
     for key in _table(raw, "contacts"):
-        if not key.isdigit() or len(key) < 2:
+        if not (key.isascii() and key.isdigit()) or not 2 <= len(key) <= 4:
             faults.append(f"contacts.{key}: expected a number of two digits, such as contacts.06")
         else:
             numbers.add(int(key))
@@ -553,12 +602,50 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
             faults.append(f"{where}: a contact event needs change = 'opens' or 'closes'")
         elif "point" in node and "travel" not in node:
             faults.append(f"{where}: a point event needs travel")
+        if name in _events_behind(name, _table(raw, "events")):
+            faults.append(f"{where}: waits for itself through 'after' and 'before'")
     summary = _table(raw, "summary")
     for key in ("strike_contact", "let_off_contact"):
         if isinstance(summary.get(key), int) and summary[key] not in numbers:
             faults.append(f"summary.{key}: there is no contact {summary[key]}")
+    listed = summary.get("check_contacts")
+    for number in listed if isinstance(listed, list) else []:
+        if isinstance(number, int) and number not in numbers:
+            faults.append(f"summary.check_contacts: there is no contact {number}")
     need(summary.get("key_point"), points, "summary.key_point", "point")
     return faults
+
+
+_OWN_OUTPUTS = (
+    *("time", "end_state", "end_memory", "finger.force", "finger.displacement"),
+    *("string.strike", "string.bridge_force", "string.eta"),
+    *(f"energy.{part}" for part in ("kinetic", "gravity", "elastic", "contact", "string")),
+)
+
+
+def _output_faults(raw: Mapping[str, Any]) -> list[str]:
+    """Names of outputs that no file can hold, or that two of them would share."""
+    bodies = [b for b in _table(raw, "bodies").values() if isinstance(b, Mapping)]
+    names = {str(b["coordinate"]) for b in bodies if isinstance(b.get("coordinate"), str)}
+    outputs = [*_OWN_OUTPUTS, *names, *(f"{name}.rate" for name in names)]
+    for table, parts in (
+        ("points", ("x", "y", "vx", "vy")),
+        ("straps", ("force",)),
+    ):
+        outputs += [f"{name}.{part}" for name in _table(raw, table) for part in parts]
+    for key in _table(raw, "contacts"):
+        parts = ("force", "compression", "rate", "friction")
+        outputs += [f"contact{key}.{part}" for part in parts]
+    faults = [
+        f"output {name!r}: the name of a coordinate, point or strap must hold no '/'"
+        for name in outputs
+        if "/" in name or "\0" in name
+    ]
+    twice = {name for name in outputs if outputs.count(name) > 1}
+    return faults + [
+        f"output {name!r} would be given twice; rename the coordinate, point or strap"
+        for name in sorted(twice)
+    ]
 
 
 def _law_faults(raw: Mapping[str, Any]) -> list[str]:
@@ -609,14 +696,15 @@ def _validate(raw: Mapping[str, Any], origin: str) -> MechanismFile:
         parsed = MechanismFile.model_validate(raw)
     except ValidationError as error:
         faults += fault_lines(error, MechanismFile)
-    except RecursionError:
-        faults.append("tables are nested too deeply")
     faults += _reference_faults(raw)
     faults += _law_faults(raw)
+    faults += _output_faults(raw)
+    for path in _paths_of_none(raw):
+        if not any(f.startswith(f"{path}:") for f in faults):
+            faults.append(f"{path}: got None, expected a value; leave the key out for its default")
     if faults or parsed is None:
         unique = list(dict.fromkeys(faults))
-        count = "1 fault" if len(unique) == 1 else f"{len(unique)} faults"
-        raise InvalidParameter(f"{origin}: {count}\n" + "\n".join(f"  {f}" for f in unique))
+        raise InvalidParameter(fault_text(origin, unique))
     return parsed
 
 
@@ -847,7 +935,10 @@ class Action:
     """
 
     def __init__(self, raw: Mapping[str, Any], origin: str = "mechanism"):
-        self._raw = copy.deepcopy(dict(raw))
+        try:
+            self._raw = _plain_data(raw)
+        except InvalidParameter as error:
+            raise InvalidParameter(f"{origin}: {error}") from None
         self.origin = origin
         self.config = _validate(self._raw, origin)
         self.mechanism = _core.assemble(describe(self.config))

@@ -11,7 +11,7 @@ from typing import Any
 
 from feltmb.errors import FeltmbError, FileExists, InvalidParameter
 
-__all__ = ["check_writable", "read_toml", "write_file", "write_text"]
+__all__ = ["check_writable", "is_file", "read_toml", "write_file", "write_text"]
 
 LARGEST_TOML = 10_000_000  # bytes
 
@@ -22,23 +22,46 @@ def read_toml(path: Path) -> dict[str, Any]:
         size = path.stat().st_size
         if size > LARGEST_TOML:
             raise InvalidParameter(f"{path}: {size} bytes; the limit of a TOML file is 10 MB")
-        return tomllib.loads(path.read_bytes().decode("utf-8"))
+        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
     except OSError as error:
         raise InvalidParameter(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
         raise InvalidParameter(f"{path}: is no UTF-8 text (byte {error.start})") from None
     except tomllib.TOMLDecodeError as error:
         raise InvalidParameter(f"{path}: is no TOML: {error}") from None
+    except ValueError as error:  # such as an integer of thousands of digits
+        raise InvalidParameter(f"{path}: a value cannot be read: {error}") from None
     except RecursionError:
         raise InvalidParameter(f"{path}: tables are nested too deeply") from None
 
 
+def is_file(path: Path) -> bool:
+    """Whether there is such a file; a name that no file can have, or a closed folder, is none."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
+
+
 def check_writable(path: Path, *, force: bool) -> None:
     """Raise before long work if ``path`` could not be written at its end."""
-    if path.is_dir():
-        raise FileExists(f"{path}: is a folder, expected the name of a file")
-    if path.exists() and not force:
-        raise FileExists(f"{path}: exists already; give another name, or --force to replace it")
+    try:
+        if path.is_dir():
+            raise FileExists(f"{path}: is a folder, expected the name of a file")
+        if path.exists():
+            if not path.is_file():
+                raise FileExists(f"{path}: is a device, expected the name of a file")
+            if not force:
+                raise FileExists(
+                    f"{path}: exists already; give another name, or --force to replace it"
+                )
+        folder = next(f for f in path.absolute().parents if f.exists())
+    except OSError as error:
+        raise FeltmbError(f"{path}: cannot be written: {error.strerror or error}") from None
+    if not folder.is_dir():
+        raise FeltmbError(f"{path}: cannot be written: {folder} is a file, expected a folder")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise FeltmbError(f"{path}: cannot be written: the folder {folder} is not writable")
 
 
 def write_file(path: Path, write: Callable[[Path], None], *, force: bool = False) -> Path:
@@ -58,7 +81,7 @@ def write_file(path: Path, write: Callable[[Path], None], *, force: bool = False
     temporary: Path | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(path.suffix, f".{path.stem}", path.parent)
+        handle, name = tempfile.mkstemp(path.suffix, ".feltmb", path.parent)
         os.close(handle)
         temporary = Path(name)
         write(temporary)

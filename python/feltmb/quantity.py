@@ -23,8 +23,10 @@ __all__ = [
     "SIVector",
     "Schema",
     "fault_lines",
+    "fault_text",
     "is_quantity",
     "parse_scalar",
+    "shortened",
 ]
 
 META_KEYS = frozenset({"value", "unit", "source", "status", "note", "printed", "sd"})
@@ -38,6 +40,11 @@ class Schema(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
+def shortened(text: str) -> str:
+    """Text for a message, cut where it would fill the screen."""
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
 def is_quantity(node: object) -> bool:
     """Whether a node of a file is a quantity table."""
     return isinstance(node, Mapping) and "value" in node and set(node) <= META_KEYS
@@ -46,9 +53,13 @@ def is_quantity(node: object) -> bool:
 def _number(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise ValueError(f"got {value!r}, expected a number")
-    if not math.isfinite(value):
-        raise ValueError(f"got {value!r}, expected a finite number")
-    return float(value)
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise ValueError(f"got {shortened(repr(value))}, expected a finite number")
+    return number
 
 
 def _factor(unit: object, si_unit: str) -> float:
@@ -144,8 +155,16 @@ def _plain_input(node: object) -> str:
     if is_quantity(node):
         assert isinstance(node, Mapping)
         return f"{node['value']!r} {node.get('unit', '')}".strip()
-    text = repr(node)
-    return text if len(text) <= 80 else text[:77] + "..."
+    return shortened(repr(node))
+
+
+def fault_text(origin: str, faults: Sequence[str], most: int = 100) -> str:
+    """Message that lists the faults of a file, at most ``most`` of them."""
+    count = "1 fault" if len(faults) == 1 else f"{len(faults)} faults"
+    shown = list(faults[:most])
+    if len(faults) > most:
+        shown.append(f"... and {len(faults) - most} more")
+    return f"{origin}: {count}\n" + "\n".join(f"  {f}" for f in shown)
 
 
 def fault_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:

@@ -7,14 +7,13 @@ are asked for.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.files import write_file
+from feltmb.files import is_file, write_file
 
 if TYPE_CHECKING:
     import numpy as np
@@ -163,7 +162,7 @@ class Run:
         string = self._string()
         y = np.atleast_1d(np.asarray(position, dtype=float))
         length = string.parameters.length
-        if np.any(y < 0) or np.any(y > length):
+        if not np.all((y >= 0) & (y <= length)):
             raise InvalidParameter(
                 f"string_displacement: positions must lie in [0, {length:g}] m, got {position!r}"
             )
@@ -212,9 +211,17 @@ class Run:
             signal = self._string().bridge_force(np.ascontiguousarray(self.eta))
         else:
             signal = self.string_displacement(float(position))
-        if slowness <= 0 or rate <= 0:
-            raise InvalidParameter(f"wav: slowness {slowness:g} and rate {rate} must be > 0")
-        count = max(2, int((self.time[-1] - self.time[0]) * slowness * rate))
+        if not (0 < rate < 2**31 and 0 < slowness < float("inf")):
+            raise InvalidParameter(
+                f"wav: slowness {slowness:g} and rate {rate} must be finite numbers > 0"
+            )
+        length = float(self.time[-1] - self.time[0]) * slowness * rate
+        if length > 1e9:
+            raise InvalidParameter(
+                f"wav: slowness {slowness:g} at rate {rate} gives {length:.3g} samples, "
+                "must be at most 1e9"
+            )
+        count = max(2, int(length))
         grid = np.linspace(self.time[0], self.time[-1], count)
         sound = np.interp(grid, self.time, signal)
         top = float(np.max(np.abs(sound)))
@@ -259,11 +266,18 @@ class Run:
             if np.size(data[name]) > 0
         }
 
-        def write(target: Path) -> None:
-            data.to_netcdf(target, engine="h5netcdf", encoding=encoding)
-
         assert isinstance(data, xr.Dataset)
+        # HDF5 does not survive a full disk: made in memory, written as bytes.
+        content = data.to_netcdf(engine="h5netcdf", encoding=encoding)
+
+        def write(target: Path) -> None:
+            target.write_bytes(content)
+
         return write_file(Path(path), write, force=force)
+
+
+#: What the libraries below raise for a damaged file.
+_HDF5_FAULTS = (OSError, ValueError, KeyError, TypeError, AttributeError, RuntimeError)
 
 
 def load_run(path: str | Path) -> Run:
@@ -272,12 +286,12 @@ def load_run(path: str | Path) -> Run:
     import xarray as xr
 
     path = Path(path)
-    if not path.is_file():
+    if not is_file(path):
         raise DataError(f"{path}: there is no such file")
     try:
-        with xr.open_dataset(path, engine="h5netcdf") as opened:
+        with xr.open_dataset(path, engine="h5netcdf", phony_dims="sort") as opened:
             data = opened.load()
-    except (OSError, ValueError, KeyError) as error:
+    except _HDF5_FAULTS as error:
         raise DataError(f"{path}: is no NetCDF file of a run: {error}") from None
     if data.attrs.get("feltmb_format") != FILE_FORMAT:
         raise DataError(
@@ -289,6 +303,12 @@ def load_run(path: str | Path) -> Run:
             key: json.loads(data.attrs[key])
             for key in ("coordinate_names", "summary", "energy", "stats", "provenance", "events")
         }
+        for key, value in meta.items():
+            if key != "coordinate_names" and not isinstance(value, dict):
+                raise ValueError(f"{key} is no table")
+        float(meta["stats"]["reached"])
+        if len({len(column) for column in meta["events"].values()}) > 1:
+            raise ValueError("the columns of the events differ in length")
         special = {"string.eta", "end_state", "end_memory"}
         names = tuple(str(n) for n in data.data_vars if n not in special)
         return Run(
@@ -309,16 +329,5 @@ def load_run(path: str | Path) -> Run:
             status=str(data.attrs["status"]),
             message=str(data.attrs["message"]),
         )
-    except (KeyError, ValueError, TypeError) as error:
+    except _HDF5_FAULTS as error:
         raise DataError(f"{path}: is no complete run: {error}") from None
-
-
-def _plain(value: Any) -> Any:
-    """Numbers as Python floats, for JSON."""
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
-    if hasattr(value, "item") and not isinstance(value, (str, bytes)):
-        return value.item()
-    return value

@@ -88,6 +88,8 @@ def evaluate(
     finger_force
         [N], positive pressing.
     """
+    if not np.isfinite(finger_force):
+        raise InvalidParameter(f"evaluate: finger_force = {finger_force!r} N, must be finite")
     out = _core.evaluate(
         action.mechanism,
         np.asarray(q, dtype=float).ravel(),
@@ -192,6 +194,10 @@ def simulate(
         list(memory),
     )
     run = _to_run(action, stroke, options, result)
+    if start is not None and start.provenance.get("hash") != action.hash:
+        run.stats["warnings"].append(
+            f"started from a run of {start.provenance.get('action')!r} with other parameters"
+        )
     if run.status == "interrupted":
         raise KeyboardInterrupt(run.message)
     if run.status != "done":
@@ -214,6 +220,8 @@ def _start_state(action: Action, start: Run | None) -> tuple[Array, Array]:
         rest = action._equilibrium
         y = np.concatenate([rest["q"], np.zeros(n), rest["law"], rest["eta"], np.zeros(modes)])
         return y, np.asarray(rest["largest_compression"])
+    if not isinstance(start, Run):
+        raise InvalidParameter(f"start: got a {type(start).__name__}, expected a run")
     if start.coordinates != action.coordinates or start.end_state.size != size:
         raise InvalidParameter(
             f"start: the run ends with {start.end_state.size} states of coordinates "

@@ -20,8 +20,8 @@ from pydantic import Field, ValidationError
 
 from feltmb import _core
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.files import read_toml
-from feltmb.quantity import SI, Schema, fault_lines
+from feltmb.files import is_file, read_toml
+from feltmb.quantity import SI, Schema, fault_lines, fault_text, shortened
 from feltmb.units import conversion_factor
 
 if TYPE_CHECKING:
@@ -364,10 +364,11 @@ def load_stroke(name_or_path: str | Path) -> Stroke:
     if text in packaged_strokes():
         return _from_toml(_folder() / f"{text}.toml")
     path = Path(text)
-    if not path.is_file():
+    if not is_file(path):
         hint = "there is no such file" if path.suffix else "or give the path of a TOML or CSV file"
         raise InvalidParameter(
-            f"stroke {text!r} is unknown; packaged are {', '.join(packaged_strokes())}; {hint}"
+            f"stroke {shortened(repr(text))} is unknown; "
+            f"packaged are {', '.join(packaged_strokes())}; {hint}"
         )
     return _from_toml(path) if path.suffix == ".toml" else read_stroke_csv(path)
 
@@ -385,7 +386,7 @@ def _from_toml(path: Path) -> Stroke:
     except ValidationError as error:
         faults += fault_lines(error, _StrokeFile)
     if faults:
-        raise InvalidParameter(f"{path.name}:\n" + "\n".join(f"  {f}" for f in faults))
+        raise InvalidParameter(fault_text(path.name, faults))
     stroke = _one_stroke(parsed, path)
     if parsed.oscillation is not None:
         stroke = replace(
@@ -455,11 +456,7 @@ def read_stroke_csv(path: str | Path, *, interpolation: Interpolation = "monoton
     time, value, faults = _parse_rows(text, factors)
     faults = header_faults + faults + _time_faults([row for row in time if math.isfinite(row[1])])
     if faults:
-        shown = faults[:20] + ([f"... and {len(faults) - 20} more"] if len(faults) > 20 else [])
-        raise DataError(
-            f"{path.name}: {len(faults)} fault{'s' if len(faults) > 1 else ''}\n"
-            + "\n".join(f"  {f}" for f in shown)
-        )
+        raise DataError(fault_text(path.name, faults, most=20))
     return _table(kind, [t for _, t in time], value, interpolation, None, path.stem)
 
 

@@ -69,6 +69,8 @@ def _parse(unit: str) -> tuple[float, tuple[float, ...]]:
             if match is None or match.group(1) not in ACCEPTED_UNITS:
                 raise ValueError(f"unknown unit {token!r}")
             power = sign * float(match.group(2) or 1.0)
+            if abs(power) > 10.0:
+                raise ValueError(f"the power of {token!r} is beyond 10")
             scale, dims = ACCEPTED_UNITS[match.group(1)]
             factor *= scale**power
             exponents = [e + power * d for e, d in zip(exponents, dims, strict=True)]

@@ -92,4 +92,10 @@ def main(arguments: list[str] | None = None) -> None:
         code = 2 if isinstance(error, ValueError) or type(error).__name__ == "FileExists" else 1
     except BrokenPipeError:
         code = 0
+    except MemoryError as error:
+        complain(f"not enough memory: {error}" if str(error) else "not enough memory")
+        code = 1
+    except OSError as error:
+        complain(f"{error.filename or 'a file'}: {error.strerror or error}")
+        code = 1
     sys.exit(code if isinstance(code, int) else 0)

@@ -25,6 +25,7 @@ __all__ = [
     "new_table",
     "pretty",
     "print_json",
+    "save_figure",
     "say_written",
     "set_option",
 ]
@@ -47,6 +48,17 @@ def complain(text: str) -> None:
 def say_written(path: Path) -> None:
     """Name a file that was written."""
     click.echo(f"wrote {path}", err=True)
+
+
+def save_figure(figure: Any, path: Path, *, force: bool) -> None:
+    """Write a figure as PNG, PDF or SVG and name the file."""
+    from feltmb.errors import InvalidParameter
+    from feltmb.files import write_file
+
+    kind = path.suffix.lstrip(".").lower()
+    if kind not in ("png", "pdf", "svg"):
+        raise InvalidParameter(f"{path}: cannot draw .{kind}, expected .png, .pdf or .svg")
+    say_written(write_file(path, lambda p: figure.savefig(p, format=kind, dpi=150), force=force))
 
 
 def new_table(title: str, *columns: str, right: tuple[int, ...] = ()) -> Table:

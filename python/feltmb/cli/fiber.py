@@ -14,7 +14,7 @@ from typing import Any
 
 import click
 
-from feltmb.cli.common import complain, console, say_written
+from feltmb.cli.common import complain, console, save_figure, say_written
 
 _EXIT_FAILED = 1
 _EXIT_BAD_INPUT = 2
@@ -61,16 +61,6 @@ def _write_text(path: Path, text: str, force: bool) -> None:
     from feltmb.files import write_text
 
     say_written(write_text(path, text, force=force))
-
-
-def _save_figure(figure: Any, path: Path, force: bool) -> None:
-    from feltmb.errors import InvalidParameter
-    from feltmb.files import write_file
-
-    kind = path.suffix.lstrip(".").lower()
-    if kind not in ("png", "pdf", "svg"):
-        raise InvalidParameter(f"{path}: cannot draw .{kind}, expected .png, .pdf or .svg")
-    say_written(write_file(path, lambda p: figure.savefig(p, format=kind, dpi=150), force=force))
 
 
 def _refuse_existing(path: Path, force: bool) -> None:
@@ -293,7 +283,7 @@ def pressure_command(
     v = np.linspace(made.v_f0, min(top, 1.0, made.limit * 0.999), points)
     p, t, u = made.pressure(v), v * made.slope(v), made.energy(v)
     if output is not None and output.suffix != ".csv":
-        _save_figure(plot_law(made, float(v[-1])), output, force)
+        save_figure(plot_law(made, float(v[-1])), output, force=force)
         return
     columns = [
         "v_f [-]",
@@ -775,7 +765,7 @@ def fit_command(
         for warning in f.warnings:
             click.echo(f"warning: {f.model}, {f.branch}: {warning}")
     if plot is not None:
-        _save_figure(plot_fits(fits), plot, force)
+        save_figure(plot_fits(fits), plot, force=force)
     if output is not None:
         document = {"data": str(data.name), "fits": [_fit_dictionary(f) for f in fits]}
         _write_text(output, json.dumps(document, indent=1) + "\n", force)
@@ -940,7 +930,7 @@ def simulate_command(
         click.echo("unfinished; go on with --resume")
     say_written(output)
     if plot is not None:
-        _save_figure(plot_simulation(run), plot, force)
+        save_figure(plot_simulation(run), plot, force=force)
 
 
 @fiber.command(name="gallery")
@@ -965,7 +955,7 @@ def gallery_command(folder: Path, fibers: int, seed: int, force: bool) -> None:
     for path in paths:
         _refuse_existing(path, force)
     for path, figure in zip(paths, figures.values(), strict=True):
-        _save_figure(figure, path, True)
+        save_figure(figure, path, force=True)
 
 
 command = fiber

@@ -13,6 +13,7 @@ from feltmb.cli.common import (
     load_with_settings,
     new_table,
     print_json,
+    save_figure,
     say_written,
     set_option,
 )
@@ -42,7 +43,7 @@ def command(
     as_json: bool,
 ) -> None:
     """Show bodies, joints, contacts, springs and string of ACTION, with units and sources."""
-    from feltmb.files import write_file, write_text
+    from feltmb.files import write_text
 
     mechanism = load_with_settings(action, settings)
     if toml:
@@ -72,8 +73,7 @@ def command(
     if plot is not None:
         from feltmb.plot import mechanism as draw
 
-        figure = draw(mechanism)
-        say_written(write_file(plot, lambda p: figure.savefig(p, dpi=150), force=force))
+        save_figure(draw(mechanism), plot, force=force)
     if graph is not None:
         from feltmb.graph import draw_graph
         from feltmb.graph import graph as linear_graph
@@ -81,8 +81,7 @@ def command(
         if graph.suffix == ".dot":
             say_written(write_text(graph, linear_graph(mechanism).to_dot(), force=force))
         else:
-            drawn = draw_graph(mechanism)
-            say_written(write_file(graph, lambda p: drawn.savefig(p, dpi=150), force=force))
+            save_figure(draw_graph(mechanism), graph, force=force)
 
 
 def _tables(mechanism: object) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,8 @@ from feltmb.cli.common import (
 )
 
 if TYPE_CHECKING:
+    from concurrent.futures import Future
+
     from feltmb.results import Run
 
 
@@ -88,15 +91,16 @@ def command(
 
     mechanism = load_with_settings(action, settings)
     loaded = [load_stroke(s) for s in strokes]
-    targets = _targets(out, [s.name for s in loaded])
-    for target in targets:
-        if target is not None:
-            check_writable(target, force=force)
+    stems = _stems([s.name for s in loaded])
+    targets = _targets(out, stems)
+    for target, stem in zip(targets, stems, strict=True):
+        for path in _files(target, stem, plot=plot, wav=wav):
+            check_writable(path, force=force)
     first = load_run(start) if start is not None else None
 
     stop = {"now": False}
 
-    def one(i: int) -> tuple[Run | None, str]:
+    def one(i: int) -> tuple[Run, str]:
         try:
             run = simulate(
                 mechanism,
@@ -116,27 +120,38 @@ def command(
     failures: list[str] = []
     summaries: dict[str, Any] = {}
     screen = console()
+
+    def finish(i: int, run: Run, failure: str) -> None:
+        name = loaded[i].name
+        if failure:
+            failures.append(f"{name}: {failure}")
+        _write(run, targets[i], stems[i], plot=plot, wav=wav, force=force)
+        summaries[stems[i]] = {
+            "status": run.status,
+            "summary": run.summary,
+            "energy": run.energy,
+            "stats": run.stats,
+        }
+        if not as_json:
+            screen.print(summary_table(run, name))
+        for warning in run.stats["warnings"]:
+            complain(f"warning: {name}: {warning}")
+
     with ThreadPoolExecutor(max_workers=jobs) as pool:
-        futures = [pool.submit(one, i) for i in range(len(loaded))] if jobs > 1 else None
+        waiting: dict[int, Future[tuple[Run, str]]] = {}
+        if jobs > 1:
+            waiting = {i: pool.submit(one, i) for i in range(len(loaded))}
         try:
-            for i, stroke in enumerate(loaded):
-                run, failure = futures[i].result() if futures else one(i)
-                assert run is not None
-                if failure:
-                    failures.append(f"{stroke.name}: {failure}")
-                _write(run, targets[i], stroke.name, plot=plot, wav=wav, force=force)
-                summaries[stroke.name] = {
-                    "status": run.status,
-                    "summary": run.summary,
-                    "energy": run.energy,
-                    "stats": run.stats,
-                }
-                if not as_json:
-                    screen.print(summary_table(run, stroke.name))
-                for warning in run.stats["warnings"]:
-                    complain(f"warning: {stroke.name}: {warning}")
-        except KeyboardInterrupt:
+            for i in range(len(loaded)):
+                result = waiting[i].result() if waiting else one(i)
+                waiting.pop(i, None)
+                finish(i, *result)
+        except BaseException:
+            # What the other threads have finished is kept.
             stop["now"] = True
+            for i, future in waiting.items():
+                if not future.cancel() and future.exception() is None:
+                    finish(i, *future.result())
             raise
     if as_json:
         print_json(summaries)
@@ -146,23 +161,45 @@ def command(
         raise FeltmbError(failures[-1])
 
 
-def _targets(out: Path | None, names: list[str]) -> list[Path | None]:
+def _targets(out: Path | None, stems: list[str]) -> list[Path | None]:
     if out is None:
-        return [None] * len(names)
-    if len(names) == 1 and out.suffix:
+        return [None] * len(stems)
+    if len(stems) == 1 and out.suffix:
         return [out]
-    targets: list[Path | None] = []
-    for i, name in enumerate(names):
-        stem = name if names.count(name) == 1 else f"{name}_{i + 1}"
-        targets.append(out / f"{stem}.nc")
-    return targets
+    return [out / f"{stem}.nc" for stem in stems]
 
 
-def _write(run: Run, target: Path | None, name: str, *, plot: bool, wav: bool, force: bool) -> None:
+def _stems(names: list[str]) -> list[str]:
+    """Names of files for strokes: nothing that leads to another folder, none of them twice."""
+    plain = [re.sub(r"[^\w ,.+-]", "_", name).strip(" .")[:100] or "stroke" for name in names]
+    stems: list[str] = []
+    for i, stem in enumerate(plain):
+        number = i + 1
+        unique = stem if plain.count(stem) == 1 else f"{stem}_{number}"
+        while unique in stems or (unique != stem and unique in plain):
+            number += 1
+            unique = f"{stem}_{number}"
+        stems.append(unique)
+    return stems
+
+
+def _files(target: Path | None, stem: str, *, plot: bool, wav: bool) -> list[Path]:
+    """Every file that may be written for one stroke."""
+    folder, stem = (target.parent, target.stem) if target is not None else (Path(), stem)
+    files = [target] if target is not None else []
+    if plot:
+        from feltmb.plot import PICTURES
+
+        files += [folder / f"{stem}_{picture}.png" for picture in PICTURES]
+    if wav:
+        files.append(folder / f"{stem}.wav")
+    return files
+
+
+def _write(run: Run, target: Path | None, stem: str, *, plot: bool, wav: bool, force: bool) -> None:
     if target is not None:
         say_written(run.save(target, force=force))
-    folder = target.parent if target is not None else Path()
-    stem = target.stem if target is not None else name
+    folder, stem = (target.parent, target.stem) if target is not None else (Path(), stem)
     if plot:
         from feltmb.plot import save_all
 

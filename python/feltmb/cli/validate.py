@@ -20,7 +20,7 @@ def command(files: tuple[Path, ...], no_rest_pose: bool) -> None:
     from feltmb.cli.common import complain
     from feltmb.config import load_action
     from feltmb.errors import FeltmbError, InvalidParameter
-    from feltmb.files import read_toml
+    from feltmb.files import is_file, read_toml
     from feltmb.results import load_run
     from feltmb.stroke import load_stroke
 
@@ -28,7 +28,7 @@ def command(files: tuple[Path, ...], no_rest_pose: bool) -> None:
     bad = 0
     for path in files:
         try:
-            if not path.is_file():
+            if not is_file(path):
                 raise InvalidParameter(f"{path}: there is no such file")
             if path.suffix == ".csv":
                 stroke = load_stroke(path)

@@ -1,0 +1,328 @@
+"""One test a bug that was found in use; the comment says how it showed."""
+
+import subprocess
+import sys
+import threading
+import tomllib
+from importlib import resources
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import xarray
+
+import feltmb
+from feltmb.cli import main
+from feltmb.config import Action
+from feltmb.files import check_writable, write_text
+
+
+@pytest.fixture(scope="module")
+def pendulum():
+    """The mechanism that ``feltmb new`` writes."""
+    text = (resources.files("feltmb") / "params" / "template.toml.txt").read_text("utf-8")
+    return Action(tomllib.loads(text), "template.toml")
+
+
+def refused(call, *parts):
+    """Message of the InvalidParameter that ``call`` raises."""
+    with pytest.raises(feltmb.InvalidParameter) as caught:
+        call()
+    for part in parts:
+        assert part in str(caught.value)
+    return str(caught.value)
+
+
+# ---------------------------------------------------------------- numbers and units
+
+
+def test_integer_beyond_floats(pendulum):
+    # OverflowError: int too large to convert to float
+    refused(lambda: pendulum.with_values({"bodies.hammer.mass": 10**400}), "finite number")
+    refused(
+        lambda: pendulum.with_values({"bodies.hammer.center_of_mass": [10**400, 0]}),
+        "finite number",
+    )
+
+
+def test_integer_of_thousands_of_digits(tmp_path):
+    # ValueError: Exceeds the limit (4300 digits) for integer string conversion
+    path = tmp_path / "digits.toml"
+    path.write_text("schema = " + "1" * 5000)
+    refused(lambda: feltmb.load_action(path), "digits.toml")
+    refused(
+        lambda: Action({"name": "x"}).with_values(
+            dict([feltmb.config.parse_setting("schema=" + "1" * 5000)])
+        )
+    )
+
+
+def test_power_of_a_unit_beyond_floats(pendulum):
+    # OverflowError: (34, 'Numerical result out of range')
+    refused(
+        lambda: pendulum.with_values({"bodies.hammer.mass": "1 kHz^999"}),
+        "bodies.hammer.mass",
+        "expected a unit of kg",
+    )
+
+
+def test_digits_that_are_no_numbers(action, pendulum):
+    # ValueError: invalid literal for int() with base 10: '²²'
+    refused(lambda: action.with_values({"surfaces.Gp3.point.²": 1.0}), "point.²")
+    raw = pendulum.raw
+    raw["contacts"]["²²"] = raw["contacts"]["01"]
+    refused(lambda: Action(raw), "contacts.²²: expected a number of two digits")
+
+
+def test_byte_order_mark_of_a_mechanism(pendulum, tmp_path):
+    # "is no TOML: Invalid statement (at line 1, column 1)", while CSV files may begin with one
+    path = tmp_path / "marked.toml"
+    path.write_text("\ufeff" + pendulum.to_toml(), encoding="utf-8")
+    assert feltmb.load_action(path).hash == pendulum.hash
+
+
+# ---------------------------------------------------------------- files and with_values
+
+
+def test_dotted_keys_nested_deeply(tmp_path):
+    # RecursionError from copy.deepcopy
+    path = tmp_path / "deep.toml"
+    path.write_text("a." * 3000 + "b = 1\n")
+    refused(lambda: feltmb.load_action(path), "deep.toml", "nested too deeply")
+
+
+def test_faults_without_end_are_cut(pendulum):
+    # 400000 lines of message for as many unknown keys
+    text = refused(lambda: Action(pendulum.raw | {f"k{i}": 1 for i in range(3000)}))
+    assert "3000 faults" in text
+    assert len(text.splitlines()) < 150
+
+
+def test_values_of_numpy_reach_the_file(pendulum):
+    # ConvertError of tomlkit after the simulation: int64 is no TOML item
+    values = {"bodies.hammer.mass": np.float64(13.0), "contacts.02.enabled": np.bool_(False)}
+    other = pendulum.with_values(values | {"surfaces.pad.point": np.array([0.0, 59.0])})
+    assert "13.0" in other.to_toml()
+    assert other.config.surfaces["pad"].point == pytest.approx((0.0, 0.059))
+
+
+def test_none_is_no_value_of_a_file(pendulum):
+    # accepted, then ConvertError of tomlkit after the simulation
+    refused(lambda: pendulum.with_values({"bodies.hammer.length": None}), "length: got None")
+
+
+@pytest.mark.parametrize("values", [None, 5, "string.modes=80", [("a", 1)], {1: 2}])
+def test_with_values_wants_paths(pendulum, values):
+    # AttributeError: 'int' object has no attribute 'items'
+    refused(lambda: pendulum.with_values(values), "with_values", "expected")
+
+
+def test_tables_below_values_of_extends(tmp_path):
+    # [values] string.modes = 80 replaced the whole string: "string.surface: is missing", ...
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        'schema = 1\nname = "mine"\nextends = "steinway45"\n[values]\nstring.modes = 80\n'
+    )
+    refused(lambda: feltmb.load_action(path), '"string.modes" = ...')
+
+
+# ---------------------------------------------------------------- references
+
+
+def test_check_contact_that_does_not_exist(action):
+    # KeyError: 'contact99.force' after the simulation
+    refused(
+        lambda: action.with_values({"summary.check_contacts": [8, 99]}),
+        "summary.check_contacts: there is no contact 99",
+    )
+
+
+def test_events_that_wait_for_one_another(action):
+    # accepted; none of them ever happened
+    refused(
+        lambda: action.with_values({"events.string_contact_on.after": "check"}),
+        "events.check: waits for itself",
+    )
+
+
+# ---------------------------------------------------------------- files that are written
+
+
+def test_full_disk_leaves_a_message(tmp_path):
+    # HDF5 failed while it closed the file, and the process died of a segmentation fault (139)
+    pytest.importorskip("resource")
+    code = (
+        "import resource, feltmb\n"
+        "run = feltmb.simulate('steinway45', 'forte', 0.05)\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000))\n"
+        "try:\n"
+        f"    run.save({str(tmp_path / 'run.nc')!r})\n"
+        "except feltmb.FeltmbError as error:\n"
+        "    print(error)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "run.nc: cannot be written: " in done.stdout
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["a" * 5000, "a" * 5000 + ".toml"])
+def test_names_longer_than_names_of_files(name, tmp_path):
+    # OSError: [Errno 36] File name too long
+    refused(lambda: feltmb.load_action(name), "mechanism")
+    refused(lambda: feltmb.load_stroke(name), "stroke")
+    refused(lambda: feltmb.load_run(name), "there is no such file")
+    with pytest.raises(feltmb.FeltmbError, match="cannot be written"):
+        check_writable(tmp_path / name, force=False)
+
+
+def test_name_as_long_as_a_name_may_be(tmp_path):
+    # the name of the temporary file was longer, and refused
+    assert write_text(tmp_path / ("a" * 250 + ".txt"), "x").read_text() == "x"
+
+
+def test_folder_that_is_a_file_is_seen_before_long_work(tmp_path):
+    # found after the simulation: "cannot be written: File exists"
+    (tmp_path / "file").touch()
+    with pytest.raises(feltmb.FeltmbError, match="is a file, expected a folder"):
+        check_writable(tmp_path / "file" / "run.nc", force=False)
+
+
+def test_devices_are_not_replaced():
+    # --out /dev/null --force put a file in the place of the device
+    with pytest.raises(feltmb.FileExists, match="is a device"):
+        check_writable(Path("/dev/null"), force=True)
+
+
+# ---------------------------------------------------------------- feltmb stroke
+
+
+def stroke_command(*arguments):
+    """Run ``feltmb stroke`` and return its exit code."""
+    with pytest.raises(SystemExit) as caught:
+        main(["stroke", *map(str, arguments)])
+    return caught.value.code
+
+
+def short_blow(path, name):
+    path.write_text(f'schema = 1\nname = "{name}"\nduration = 0.002\n[ramp]\nforce = 1.0\n'
+                    "start = 0.0\nramp = 0.001\n")  # fmt: skip
+    return path
+
+
+def test_name_of_a_stroke_does_not_leave_the_folder(tmp_path):
+    # name = "../../outside" wrote outside of --out
+    blow = short_blow(tmp_path / "blow.toml", "../../outside")
+    assert stroke_command("steinway45", blow, "--out", tmp_path / "a" / "b") == 0
+    assert [p.name for p in tmp_path.rglob("*.nc")] == ["_.._outside.nc"]
+    assert (tmp_path / "a" / "b" / "_.._outside.nc").is_file()
+
+
+def test_strokes_whose_numbered_names_meet(tmp_path):
+    # a, a, a_1 gave a_1.nc twice; the last was refused after its simulation
+    names = ["a", "a", "a_1"]
+    blows = [short_blow(tmp_path / f"{i}.toml", name) for i, name in enumerate(names)]
+    assert stroke_command("steinway45", *blows, "--out", tmp_path / "out") == 0
+    assert len(list((tmp_path / "out").glob("*.nc"))) == 3
+
+
+def test_existing_plots_are_seen_before_the_simulation(tmp_path, capsys):
+    # the run was simulated and written, then the plots were refused
+    (tmp_path / "run_overview.png").touch()
+    blow = short_blow(tmp_path / "blow.toml", "blow")
+    assert stroke_command("steinway45", blow, "--out", tmp_path / "run.nc", "--plot") == 2
+    assert "run_overview.png: exists already" in capsys.readouterr().err
+    assert not (tmp_path / "run.nc").exists()
+
+
+def test_interrupted_jobs_keep_what_was_finished(tmp_path, monkeypatch):
+    # strokes finished by the other threads were lost if the first was still running
+    blows = [short_blow(tmp_path / f"{n}.toml", n) for n in ("long", "short")]
+    short_done = threading.Event()
+    simulate = feltmb.simulate
+
+    def interrupted(action, stroke, *args, **kwargs):
+        if stroke.name == "long":
+            short_done.wait(20)
+            raise KeyboardInterrupt
+        run = simulate(action, stroke, *args, **kwargs)
+        short_done.set()
+        return run
+
+    monkeypatch.setattr(sys.modules["feltmb.simulate"], "simulate", interrupted)
+    out = tmp_path / "out"
+    assert stroke_command("steinway45", *blows, "--out", out, "--jobs", 2) == 130
+    assert [p.name for p in out.iterdir()] == ["short.nc"]
+
+
+# ---------------------------------------------------------------- outputs and saved runs
+
+
+@pytest.mark.parametrize("name", ["time", "tip.x", "energy.kinetic", "contact01.force", "a/b"])
+def test_names_of_outputs_that_collide(pendulum, name):
+    # ValueError of xarray after the simulation, or an output silently replaced by another
+    raw = pendulum.raw
+    raw["bodies"]["hammer"]["coordinate"] = name
+    raw["springs"]["return_spring"]["coordinate"] = name
+    raw["start_pose"] = {name: 0.1}
+    refused(lambda: Action(raw), f"output {name!r}")
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value"),
+    [("stats", "{}"), ("provenance", "[]"), ("events", '{"event": [1], "time": []}')],
+)
+def test_runs_with_damaged_tables(pendulum, tmp_path, attribute, value):
+    # read without complaint; KeyError, AttributeError, ValueError when they were used
+    path = feltmb.simulate(pendulum, "staccato", 0.001).save(tmp_path / "run.nc")
+    with h5py.File(path, "a") as file:
+        file.attrs[attribute] = value
+    refused(lambda: feltmb.load_run(path), "is no complete run")
+
+
+def test_damaged_metadata_of_hdf5(tmp_path, monkeypatch):
+    # RuntimeError: Link iteration failed (incorrect metadata checksum after all read attempts)
+    def fail(*_args, **_options):
+        raise RuntimeError("Link iteration failed")
+
+    monkeypatch.setattr(xarray, "open_dataset", fail)
+    (tmp_path / "run.nc").touch()
+    refused(lambda: feltmb.load_run(tmp_path / "run.nc"), "is no NetCDF file", "Link iteration")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"slowness": float("nan")},
+        {"slowness": 1e15},
+        {"rate": 2**33},
+        {"position": float("nan")},
+    ],
+)
+def test_sounds_out_of_range(run_of, tmp_path, options):
+    # ValueError, MemoryError, struct.error; a NaN was written as a sound
+    refused(lambda: run_of("forte").write_wav(tmp_path / "x.wav", **options))
+
+
+def test_restart_from_something_else(action, pendulum):
+    # AttributeError: 'str' object has no attribute 'coordinates'
+    refused(lambda: feltmb.simulate(action, "forte", start="run.nc"), "expected a run")
+    # accepted in silence
+    first = feltmb.simulate(pendulum, "staccato", 0.001)
+    other = pendulum.with_values({"bodies.hammer.mass": 13.0})
+    warnings = feltmb.simulate(other, "staccato", 0.001, start=first).stats["warnings"]
+    assert "with other parameters" in warnings[0]
+
+
+def test_force_without_end(pendulum):
+    # accelerations of NaN
+    refused(lambda: feltmb.evaluate(pendulum, [0.0], [0.0], float("inf")), "finger_force")
+
+
+def test_picture_of_unknown_kind(tmp_path, capsys):
+    # ValueError: Format 'abc' is not supported
+    with pytest.raises(SystemExit) as caught:
+        main(["show", "steinway45", "--plot", str(tmp_path / "x.abc")])
+    assert caught.value.code == 2
+    assert "expected .png, .pdf or .svg" in capsys.readouterr().err
