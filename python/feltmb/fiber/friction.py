@@ -183,7 +183,5 @@ def carnaby_pan_march(
     c = np.atleast_1d(np.asarray(C, dtype=float))
     if c.ndim != 1:
         raise InvalidParameter(f"carnaby_pan_march: C has {c.ndim} dimensions, expected 1")
-    loop = _core.carnaby_pan_march(
-        c, mu, Wf0, E, d_f, v_f0, gamma, k_bend, Q, form, int(substeps)
-    )
+    loop = _core.carnaby_pan_march(c, mu, Wf0, E, d_f, v_f0, gamma, k_bend, Q, form, int(substeps))
     return CarnabyPan(**loop, form=form)
