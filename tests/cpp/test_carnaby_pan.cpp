@@ -133,13 +133,13 @@ TEST_CASE("pressures are inverted to rounding") {
   }
 }
 
-TEST_CASE("unloading is unique from mu = 0.30 at R = 1 on, 0.1 at R = 2") {
-  CHECK(unloading_is_unique(1.0, 0.31));
-  CHECK_FALSE(unloading_is_unique(1.0, 0.28));
-  CHECK(unloading_is_unique(1.25, 0.22));
-  CHECK_FALSE(unloading_is_unique(1.25, 0.15));
-  CHECK(unloading_is_unique(2.0, 0.12));
-  CHECK_FALSE(unloading_is_unique(2.0, 0.05));
+TEST_CASE("unloading is unique from mu = 0.298 at R = 1 on, 0.080 at R = 2") {
+  CHECK(unloading_is_unique(1.0, 0.299));
+  CHECK_FALSE(unloading_is_unique(1.0, 0.296));
+  CHECK(unloading_is_unique(1.25, 0.178));
+  CHECK_FALSE(unloading_is_unique(1.25, 0.175));
+  CHECK(unloading_is_unique(2.0, 0.081));
+  CHECK_FALSE(unloading_is_unique(2.0, 0.079));
   SlidingNetwork slick = kSoft;
   slick.mu = 0.1;
   const double v = 0.1325;

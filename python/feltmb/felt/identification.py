@@ -482,9 +482,9 @@ def _doubts(result: Identification) -> list[str]:
     if bad.size:
         out.append(
             f"The inversion of the unloading branch is not unique for v_f up to "
-            f"{bad.max() * m.v_f0:.4g} with mu = {mu:g} (unique from mu = 0.30 on at R = 1, about "
-            f"0.1 at R = 2): of several contact forces the largest was taken, at {back.ambiguous} "
-            "samples."
+            f"{bad.max() * m.v_f0:.4g} with mu = {mu:g} (unique from mu = 0.298 on at R = 1, from "
+            f"0.080 at R = 2): of several contact forces the largest was taken, for {back.ambiguous}"
+            " samples."
         )
     for b in (load, back):
         if not _PLAUSIBLE_GAMMA[0] <= b.gamma <= _PLAUSIBLE_GAMMA[1]:

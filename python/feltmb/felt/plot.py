@@ -158,7 +158,7 @@ def plot_audit(audit: Audit) -> Any:
     wrong = near & (audit.unloading > audit.loading)
     band.fill_between(
         e, 1e3 * audit.loading, 1e3 * audit.unloading, where=wrong, color=FRICTION, alpha=0.6,
-        label="makes energy",
+        label="unloading above loading",
     )  # fmt: skip
     band.axhline(0.0, color="#888888", lw=0.8)
     band.set_xlim(0.0, reach * 1e3)
