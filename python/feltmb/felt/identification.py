@@ -348,6 +348,12 @@ def _as_data(
             f"identify: v_f has shape {v.shape}, pressure {p.shape}; expected equal and one "
             "dimension"
         )
+    bad = np.flatnonzero(~(np.isfinite(v) & np.isfinite(p)))
+    if bad.size:
+        raise DataError(
+            f"identify: {bad.size} samples are not finite (first: index {bad[0]}, v_f = "
+            f"{v[bad[0]]:g}, pressure = {p[bad[0]]:g} Pa), expected numbers"
+        )
     if loading is None:
         up = np.arange(len(v)) <= int(np.argmax(v))
     else:
@@ -483,8 +489,8 @@ def _doubts(result: Identification) -> list[str]:
         out.append(
             f"The inversion of the unloading branch is not unique for v_f up to "
             f"{bad.max() * m.v_f0:.4g} with mu = {mu:g} (unique from mu = 0.298 on at R = 1, from "
-            f"0.080 at R = 2): of several contact forces the largest was taken, for {back.ambiguous}"
-            " samples."
+            "0.080 at R = 2): of several contact forces the largest was taken, for "
+            f"{back.ambiguous} samples."
         )
     for b in (load, back):
         if not _PLAUSIBLE_GAMMA[0] <= b.gamma <= _PLAUSIBLE_GAMMA[1]:
