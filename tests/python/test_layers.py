@@ -47,7 +47,7 @@ MAY_USE = {
         "params": BASE,
         "fiber": f"{BASE} _core files",
         "config": f"{BASE} _core files params",
-        "felt": f"{BASE} _core files params config fiber",
+        "felt": f"{BASE} _core files params config contact fiber",
         "stroke": f"{BASE} _core files params",
         "events": BASE,
         "results": f"{BASE} _core files",

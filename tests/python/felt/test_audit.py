@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from feltmb import _core, load_action
+from feltmb import load_action
+from feltmb.contact import law
 from feltmb.errors import InvalidParameter
 from feltmb.felt import ConstantArea, audit, audit_targets, envelope, load_material
 
@@ -59,12 +60,12 @@ def test_loss_of_a_full_cycle_of_contact_1(printed):
 
 
 def test_guarded_and_memory_laws_are_sound_on_the_same_data():
-    for law in ("guarded", "felt_memory"):
+    for name in ("guarded", "felt_memory"):
         for number in ("01", "06", "09", "13"):
-            action = load_action("steinway45").with_values({f"contacts.{number}.law": law})
+            action = load_action("steinway45").with_values({f"contacts.{number}.law": name})
             r = audit(action.config.contacts[number], name=number)
-            assert r.law_is_sound, (law, number, [f.text for f in r.findings])
-            assert r.law == law
+            assert r.law_is_sound, (name, number, [f.text for f in r.findings])
+            assert r.law == name
             assert r.data_are_sound == (number == "01")
 
 
@@ -84,8 +85,10 @@ def test_memory_law_loses_the_same_at_every_frequency_and_its_loop_at_first():
 
 
 def test_stulov_loses_most_near_its_relaxation_rate():
-    law = _core.ContactLaw(_core.Stulov(stiffness=1e8, exponent=2.5, amplitude=0.3, time=1e-3))
-    r = audit(law, largest=1e-3, frequencies=(0.1, 1.0, 10.0, 100.0, 1e3, 1e4), amplitudes=(1.0,))
+    stulov = law("stulov", stiffness=1e8, exponent=2.5, amplitude=0.3, time=1e-3)
+    r = audit(
+        stulov, largest=1e-3, frequencies=(0.1, 1.0, 10.0, 100.0, 1e3, 1e4), amplitudes=(1.0,)
+    )
     lost = [c.lost for c in r.cycles]
     assert min(lost) > 0
     assert np.argmax(lost) == 3
@@ -99,7 +102,7 @@ def test_stulov_loses_most_near_its_relaxation_rate():
 
 
 def test_conservative_law_loses_nothing():
-    r = audit(_core.ContactLaw(_core.HuntCrossley(stiffness=1e8, exponent=2.5)))
+    r = audit(law("hunt_crossley", stiffness=1e8, exponent=2.5))
     assert max(abs(c.loss) for c in r.cycles) < 1e-9
     assert r.findings == ()
     i = 200

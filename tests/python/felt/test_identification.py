@@ -169,7 +169,7 @@ def test_faults_are_named_together():
     with pytest.raises(DataError, match=r"(?s)1 samples of loading.*2 samples of unloading"):
         identify([0.2, 0.19, 0.18], [1e3, 5e2, 2e2], material=m)
     p[3] = np.nan
-    with pytest.raises(DataError, match="1 samples are not finite .*index 3"):
+    with pytest.raises(DataError, match=r"1 samples are not finite .*index 3"):
         identify(v, p, material=m)
     with pytest.raises(InvalidParameter, match="pressure is missing"):
         identify(v, material=m)
