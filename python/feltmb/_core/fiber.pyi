@@ -20,11 +20,14 @@ __all__: list[str] = [
     "OrientationQuadrature",
     "UniaxialStructure",
     "affine_density",
+    "carnaby_pan",
+    "carnaby_pan_march",
     "compress_energy",
     "compute_uniaxial_structure",
     "contact_count_distribution",
     "contact_model_names",
     "contacts_per_volume",
+    "critical_angle",
     "deform_directions",
     "engineering_moduli",
     "estimate_structure",
@@ -38,6 +41,11 @@ __all__: list[str] = [
     "narter_compliance",
     "narter_stiffness",
     "run_history",
+    "sliding_at_force",
+    "sliding_at_pressure",
+    "sliding_proportion",
+    "sliding_resistance",
+    "unloading_is_unique",
     "uniaxial_structure",
 ]
 
@@ -441,3 +449,59 @@ def run_history(
     rate: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
 ) -> numpy.typing.NDArray[numpy.float64]: ...
 def uniaxial_structure(ratio: typing.SupportsFloat | typing.SupportsIndex) -> UniaxialStructure: ...
+def carnaby_pan(
+    v_f: numpy.typing.ArrayLike,
+    mu: float,
+    Wf0: float,
+    E: float,
+    d_f: float,
+    v_f0: float,
+    gamma: float,
+    k_bend: float,
+    Q: float,
+    form: str,
+) -> dict[str, numpy.typing.NDArray[numpy.float64]]: ...
+def carnaby_pan_march(
+    C: numpy.typing.ArrayLike,
+    mu: float,
+    Wf0: float,
+    E: float,
+    d_f: float,
+    v_f0: float,
+    gamma: float,
+    k_bend: float,
+    Q: float,
+    form: str,
+    substeps: int,
+) -> dict[str, numpy.typing.NDArray[numpy.float64]]: ...
+def critical_angle(w: numpy.typing.ArrayLike, mu: numpy.typing.ArrayLike) -> typing.Any: ...
+def sliding_proportion(
+    ratio: numpy.typing.ArrayLike, theta: numpy.typing.ArrayLike
+) -> typing.Any: ...
+def sliding_resistance(
+    ratio: numpy.typing.ArrayLike, mu: numpy.typing.ArrayLike, theta: numpy.typing.ArrayLike
+) -> typing.Any: ...
+def unloading_is_unique(
+    ratio: numpy.typing.ArrayLike, mu: numpy.typing.ArrayLike
+) -> typing.Any: ...
+def sliding_at_force(
+    v_f: numpy.typing.ArrayLike,
+    C: numpy.typing.ArrayLike,
+    mu: float,
+    Wf0: float,
+    d_f: float,
+    v_f0: float,
+    gamma: float,
+    Q: float,
+) -> numpy.typing.NDArray[numpy.float64]: ...
+def sliding_at_pressure(
+    v_f: numpy.typing.ArrayLike,
+    pressure: numpy.typing.ArrayLike,
+    kind: str,
+    mu: float,
+    Wf0: float,
+    d_f: float,
+    v_f0: float,
+    gamma: float,
+    Q: float,
+) -> numpy.typing.NDArray[numpy.float64]: ...
