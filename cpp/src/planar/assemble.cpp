@@ -633,14 +633,17 @@ class Assembler {
         fault(where + format(": free_length = %.6g m, must be > 0", s.free_length));
       }
       const bool finite_cubic = std::isfinite(s.coefficients[0]) &&
-                                std::isfinite(s.coefficients[1]) && std::isfinite(s.coefficients[2]);
+                                std::isfinite(s.coefficients[1]) &&
+                                std::isfinite(s.coefficients[2]);
       if (!(finite_cubic && s.coefficients[2] >= 0.0 &&
             (s.coefficients[2] > 0.0 || s.coefficients[1] > 0.0 || s.coefficients[0] > 0.0))) {
         fault(where + ": the cubic never pulls; its leading coefficient must be positive");
       } else if (const auto [k1, k2, k3] = s.coefficients;
                  k1 >= 0.0 && k2 < 0.0 && !(k2 * k2 < 4.0 * k3 * k1)) {
-        fault(where + format(": the cubic with k1 = %.6g, k2 = %.6g, k3 = %.6g turns negative beyond "
-                             "slack", k1, k2, k3));
+        fault(where +
+              format(": the cubic with k1 = %.6g, k2 = %.6g, k3 = %.6g turns negative beyond "
+                     "slack",
+                     k1, k2, k3));
       }
       if (a == nullptr || b == nullptr) continue;
       Strap strap{s.name,

@@ -45,8 +45,8 @@ __all__: list[str] = [
     "sliding_at_pressure",
     "sliding_proportion",
     "sliding_resistance",
-    "unloading_is_unique",
     "uniaxial_structure",
+    "unloading_is_unique",
 ]
 
 class UniaxialStructure:
@@ -321,6 +321,31 @@ def affine_density(
         numpy.typing.NDArray[numpy.float64], "[m, 3]", "flags.c_contiguous"
     ],
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+def carnaby_pan(
+    v_f: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    mu: typing.SupportsFloat | typing.SupportsIndex,
+    Wf0: typing.SupportsFloat | typing.SupportsIndex,
+    E: typing.SupportsFloat | typing.SupportsIndex,
+    d_f: typing.SupportsFloat | typing.SupportsIndex,
+    v_f0: typing.SupportsFloat | typing.SupportsIndex,
+    gamma: typing.SupportsFloat | typing.SupportsIndex,
+    k_bend: typing.SupportsFloat | typing.SupportsIndex,
+    Q: typing.SupportsFloat | typing.SupportsIndex,
+    form: str,
+) -> dict: ...
+def carnaby_pan_march(
+    C: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    mu: typing.SupportsFloat | typing.SupportsIndex,
+    Wf0: typing.SupportsFloat | typing.SupportsIndex,
+    E: typing.SupportsFloat | typing.SupportsIndex,
+    d_f: typing.SupportsFloat | typing.SupportsIndex,
+    v_f0: typing.SupportsFloat | typing.SupportsIndex,
+    gamma: typing.SupportsFloat | typing.SupportsIndex,
+    k_bend: typing.SupportsFloat | typing.SupportsIndex,
+    Q: typing.SupportsFloat | typing.SupportsIndex,
+    form: str,
+    substeps: typing.SupportsInt | typing.SupportsIndex,
+) -> dict: ...
 def compress_energy(
     scheme: str,
     strain: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
@@ -361,6 +386,10 @@ def contacts_per_volume(
     as_printed: bool,
     counting: str,
 ) -> float: ...
+def critical_angle(
+    w: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    mu: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+) -> typing.Any: ...
 def deform_directions(
     directions: typing.Annotated[
         numpy.typing.NDArray[numpy.float64], "[m, 3]", "flags.c_contiguous"
@@ -448,60 +477,38 @@ def run_history(
     x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     rate: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
 ) -> numpy.typing.NDArray[numpy.float64]: ...
-def uniaxial_structure(ratio: typing.SupportsFloat | typing.SupportsIndex) -> UniaxialStructure: ...
-def carnaby_pan(
-    v_f: numpy.typing.ArrayLike,
-    mu: float,
-    Wf0: float,
-    E: float,
-    d_f: float,
-    v_f0: float,
-    gamma: float,
-    k_bend: float,
-    Q: float,
-    form: str,
-) -> dict[str, numpy.typing.NDArray[numpy.float64]]: ...
-def carnaby_pan_march(
-    C: numpy.typing.ArrayLike,
-    mu: float,
-    Wf0: float,
-    E: float,
-    d_f: float,
-    v_f0: float,
-    gamma: float,
-    k_bend: float,
-    Q: float,
-    form: str,
-    substeps: int,
-) -> dict[str, numpy.typing.NDArray[numpy.float64]]: ...
-def critical_angle(w: numpy.typing.ArrayLike, mu: numpy.typing.ArrayLike) -> typing.Any: ...
-def sliding_proportion(
-    ratio: numpy.typing.ArrayLike, theta: numpy.typing.ArrayLike
-) -> typing.Any: ...
-def sliding_resistance(
-    ratio: numpy.typing.ArrayLike, mu: numpy.typing.ArrayLike, theta: numpy.typing.ArrayLike
-) -> typing.Any: ...
-def unloading_is_unique(
-    ratio: numpy.typing.ArrayLike, mu: numpy.typing.ArrayLike
-) -> typing.Any: ...
 def sliding_at_force(
-    v_f: numpy.typing.ArrayLike,
-    C: numpy.typing.ArrayLike,
-    mu: float,
-    Wf0: float,
-    d_f: float,
-    v_f0: float,
-    gamma: float,
-    Q: float,
+    v_f: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    C: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    mu: typing.SupportsFloat | typing.SupportsIndex,
+    Wf0: typing.SupportsFloat | typing.SupportsIndex,
+    d_f: typing.SupportsFloat | typing.SupportsIndex,
+    v_f0: typing.SupportsFloat | typing.SupportsIndex,
+    gamma: typing.SupportsFloat | typing.SupportsIndex,
+    Q: typing.SupportsFloat | typing.SupportsIndex,
 ) -> numpy.typing.NDArray[numpy.float64]: ...
 def sliding_at_pressure(
-    v_f: numpy.typing.ArrayLike,
-    pressure: numpy.typing.ArrayLike,
+    v_f: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    pressure: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     kind: str,
-    mu: float,
-    Wf0: float,
-    d_f: float,
-    v_f0: float,
-    gamma: float,
-    Q: float,
+    mu: typing.SupportsFloat | typing.SupportsIndex,
+    Wf0: typing.SupportsFloat | typing.SupportsIndex,
+    d_f: typing.SupportsFloat | typing.SupportsIndex,
+    v_f0: typing.SupportsFloat | typing.SupportsIndex,
+    gamma: typing.SupportsFloat | typing.SupportsIndex,
+    Q: typing.SupportsFloat | typing.SupportsIndex,
 ) -> numpy.typing.NDArray[numpy.float64]: ...
+def sliding_proportion(
+    ratio: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+) -> typing.Any: ...
+def sliding_resistance(
+    ratio: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    mu: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+) -> typing.Any: ...
+def uniaxial_structure(ratio: typing.SupportsFloat | typing.SupportsIndex) -> UniaxialStructure: ...
+def unloading_is_unique(
+    ratio: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    mu: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+) -> typing.Any: ...
