@@ -10,6 +10,7 @@
 #include "bindings.hpp"
 #include "feltmb/core/error.hpp"
 #include "feltmb/fiber/bead_spring.hpp"
+#include "feltmb/fiber/carnaby_pan.hpp"
 #include "feltmb/fiber/compression.hpp"
 #include "feltmb/fiber/contact_count.hpp"
 #include "feltmb/fiber/energy_method.hpp"
@@ -534,6 +535,115 @@ void bind_simulation(py::module_& m) {
       });
 }
 
+SlidingNetwork network_of(double mu, double Wf0, double d_f, double v_f0, double gamma, double Q) {
+  return {mu, Wf0, d_f, v_f0, gamma, Q};
+}
+
+FrictionForm form_of(const std::string& name) {
+  if (name == "repaired") return FrictionForm::repaired;
+  if (name == "printed") return FrictionForm::printed;
+  throw InvalidParameter("carnaby_pan: form = \"" + name + "\", must be repaired or printed");
+}
+
+Stress stress_of(const std::string& name) {
+  if (name == "elastic") return Stress::elastic;
+  if (name == "loading") return Stress::loading;
+  if (name == "unloading") return Stress::unloading;
+  throw InvalidParameter("sliding: kind = \"" + name +
+                         "\", must be one of elastic, loading, unloading");
+}
+
+py::dict loop_dict(const CarnabyPanLoop& loop) {
+  const auto array = [](const std::vector<double>& v) {
+    return Array(static_cast<py::ssize_t>(v.size()), v.data());
+  };
+  py::dict out;
+  out["v_f"] = array(loop.v_f);
+  out["C"] = array(loop.C);
+  out["theta_cr"] = array(loop.theta_cr);
+  out["r_sc"] = array(loop.r_sc);
+  out["C_s_loading"] = array(loop.C_s_loading);
+  out["C_s_unloading"] = array(loop.C_s_unloading);
+  out["sigma_el"] = array(loop.sigma_el);
+  out["P_loading"] = array(loop.P_loading);
+  out["P_unloading"] = array(loop.P_unloading);
+  return out;
+}
+
+/// Columns C, theta_cr, r_sc, C_s_loading, C_s_unloading, sigma, tau_loading, tau_unloading,
+/// unique.
+template <class F>
+Array sliding_rows(const Array& v, const Array& x, F&& at) {
+  if (v.size() != x.size()) {
+    throw InvalidParameter(format("sliding: %zd volume fractions and %zd values, expected as many",
+                                  static_cast<std::ptrdiff_t>(v.size()),
+                                  static_cast<std::ptrdiff_t>(x.size())));
+  }
+  Array out({v.size(), py::ssize_t{9}});
+  double* row = out.mutable_data();
+  const py::gil_scoped_release release;
+  for (py::ssize_t i = 0; i < v.size(); ++i, row += 9) {
+    bool unique = true;
+    const Sliding s = at(v.data()[i], x.data()[i], unique);
+    const double values[] = {s.C,           s.theta_cr,      s.r_sc,
+                             s.C_s_loading, s.C_s_unloading, s.sigma,
+                             s.tau_loading, s.tau_unloading, unique ? 1.0 : 0.0};
+    std::copy(std::begin(values), std::end(values), row);
+  }
+  return out;
+}
+
+void bind_friction(py::module_& m) {
+  m.def(
+      "carnaby_pan",
+      [](const Array& v_f, double mu, double Wf0, double E, double d_f, double v_f0, double gamma,
+         double k_bend, double Q, const std::string& form) {
+        return loop_dict(carnaby_pan(network_of(mu, Wf0, d_f, v_f0, gamma, Q), E, k_bend, view(v_f),
+                                     form_of(form)));
+      },
+      py::arg("v_f"), py::arg("mu"), py::arg("Wf0"), py::arg("E"), py::arg("d_f"), py::arg("v_f0"),
+      py::arg("gamma"), py::arg("k_bend"), py::arg("Q"), py::arg("form"));
+  m.def(
+      "carnaby_pan_march",
+      [](const Array& C, double mu, double Wf0, double E, double d_f, double v_f0, double gamma,
+         double k_bend, double Q, const std::string& form, int substeps) {
+        return loop_dict(carnaby_pan_march(network_of(mu, Wf0, d_f, v_f0, gamma, Q), E, k_bend,
+                                           view(C), substeps, form_of(form)));
+      },
+      py::arg("C"), py::arg("mu"), py::arg("Wf0"), py::arg("E"), py::arg("d_f"), py::arg("v_f0"),
+      py::arg("gamma"), py::arg("k_bend"), py::arg("Q"), py::arg("form"), py::arg("substeps"));
+  m.def("critical_angle", py::vectorize(critical_angle), py::arg("w"), py::arg("mu"));
+  m.def("sliding_proportion", py::vectorize(sliding_proportion), py::arg("ratio"),
+        py::arg("theta"));
+  m.def("sliding_resistance", py::vectorize(sliding_resistance), py::arg("ratio"), py::arg("mu"),
+        py::arg("theta"));
+  m.def("unloading_is_unique", py::vectorize(unloading_is_unique), py::arg("ratio"), py::arg("mu"));
+  m.def(
+      "sliding_at_force",
+      [](const Array& v_f, const Array& C, double mu, double Wf0, double d_f, double v_f0,
+         double gamma, double Q) {
+        const SlidingNetwork network = network_of(mu, Wf0, d_f, v_f0, gamma, Q);
+        validate(network, "sliding");
+        return sliding_rows(
+            v_f, C, [&](double v, double c, bool&) { return sliding_at_force(network, v, c); });
+      },
+      py::arg("v_f"), py::arg("C"), py::arg("mu"), py::arg("Wf0"), py::arg("d_f"), py::arg("v_f0"),
+      py::arg("gamma"), py::arg("Q"));
+  m.def(
+      "sliding_at_pressure",
+      [](const Array& v_f, const Array& pressure, const std::string& kind, double mu, double Wf0,
+         double d_f, double v_f0, double gamma, double Q) {
+        const SlidingNetwork network = network_of(mu, Wf0, d_f, v_f0, gamma, Q);
+        validate(network, "sliding");
+        const Stress stress = stress_of(kind);
+        return sliding_rows(v_f, pressure, [&](double v, double p, bool& unique) {
+          return sliding_at_pressure(network, v, p, stress, &unique);
+        });
+      },
+      py::arg("v_f"), py::arg("pressure"), py::arg("kind"), py::arg("mu"), py::arg("Wf0"),
+      py::arg("d_f"), py::arg("v_f0"), py::arg("gamma"), py::arg("Q"));
+}
+
 }  // namespace
 
 }  // namespace feltmb::python
@@ -543,5 +653,6 @@ void bind_fiber(py::module_& m) {
   feltmb::python::bind_orientation(fiber);
   feltmb::python::bind_contacts(fiber);
   feltmb::python::bind_laws(fiber);
+  feltmb::python::bind_friction(fiber);
   feltmb::python::bind_simulation(fiber);
 }

@@ -678,11 +678,11 @@ def _law_faults(raw: Mapping[str, Any]) -> list[str]:
             continue
         if node.get("kind") == "beam":
             for key in ("length", "density", "area"):
-                if key not in node:
+                if node.get(key) is None:
                     faults.append(f"bodies.{name}.{key}: is missing; kind 'beam' needs it")
             if node.get("rigid") is False:
                 for key in ("young_modulus", "second_moment"):
-                    if key not in node:
+                    if node.get(key) is None:
                         faults.append(f"bodies.{name}.{key}: is missing; a flexible beam needs it")
         if node.get("joint", "revolute") != "weld" and "coordinate" not in node:
             faults.append(f"bodies.{name}.coordinate: is missing; a joint that moves needs a name")

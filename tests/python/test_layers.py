@@ -15,7 +15,7 @@ ROOT = HERE.parents[2]
 BASE = "errors _optional units quantity"
 MODEL = f"{BASE} files _core params config stroke events results simulate"
 STUDY = "sweep study study_expression study_plot study_report"
-FRONT = f"{MODEL} {STUDY} contact fiber data fit gap plot report quasistatic regulate touch"
+FRONT = f"{MODEL} {STUDY} contact fiber data fit gap plot report quasistatic regulate touch felt"
 
 # part -> the parts that it may use. C++ parts are folders, Python parts are modules of the package.
 # A new folder or module gets a line here; what points back is refused.
@@ -47,6 +47,7 @@ MAY_USE = {
         "params": BASE,
         "fiber": f"{BASE} _core files",
         "config": f"{BASE} _core files params",
+        "felt": f"{BASE} _core files params config contact fiber",
         "stroke": f"{BASE} _core files params",
         "events": BASE,
         "results": f"{BASE} _core files",

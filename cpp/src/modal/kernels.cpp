@@ -1,7 +1,5 @@
 #include "feltmb/modal/kernels.hpp"
 
-#include <cmath>
-
 #include "feltmb/core/multiversion.hpp"
 
 namespace feltmb::modal {
@@ -112,16 +110,6 @@ FELTMB_CLONES void add_force(std::size_t n, double g, double a, double b,
                              const double* __restrict phi, const double* __restrict dphi,
                              const double* __restrict factor, double* __restrict rate) {
   for (std::size_t i = 0; i < n; ++i) rate[i] += g * (phi[i] * a + dphi[i] * b) * factor[i];
-}
-
-FELTMB_CLONES double absolute_sum(std::size_t n, const double* __restrict eta) {
-  double part[kLanes] = {};
-  std::size_t i = 0;
-  for (; i + kLanes <= n; i += kLanes) {
-    for (std::size_t j = 0; j < kLanes; ++j) part[j] += std::fabs(eta[i + j]);
-  }
-  for (std::size_t j = 0; i < n; ++i, ++j) part[j] += std::fabs(eta[i]);
-  return total(part);
 }
 
 FELTMB_CLONES void advance(std::size_t n, double g, const double* __restrict rate,

@@ -4,6 +4,7 @@
 #include <numbers>
 
 #include "feltmb/core/error.hpp"
+#include "feltmb/core/sums.hpp"
 #include "feltmb/modal/kernels.hpp"
 
 namespace feltmb {
@@ -87,31 +88,23 @@ StringPoint ModalString::point(std::span<const double> phi, std::span<const doub
 }
 
 double ModalString::bridge_force(std::span<const double> eta) const {
-  double sum = 0.0;
-  for (std::size_t i = 0; i < eta.size(); ++i) sum += bridge_[i] * eta[i];
-  return sum;
+  return sum_products(eta.size(), bridge_.data(), eta.data());
 }
 
 double ModalString::largest_displacement(std::span<const double> eta) const {
-  return shape_scale_ * modal::absolute_sum(eta.size(), eta.data());
+  return shape_scale_ * sum_absolute(eta.size(), eta.data());
 }
 
 double ModalString::kinetic_energy(std::span<const double> eta_rate) const {
-  double sum = 0.0;
-  for (const double v : eta_rate) sum += v * v;
-  return 0.5 * sum;
+  return 0.5 * sum_squares(eta_rate.size(), eta_rate.data());
 }
 
 double ModalString::elastic_energy(std::span<const double> eta) const {
-  double sum = 0.0;
-  for (std::size_t i = 0; i < eta.size(); ++i) sum += stiffness_[i] * eta[i] * eta[i];
-  return 0.5 * sum;
+  return 0.5 * sum_weighted_squares(eta.size(), stiffness_.data(), eta.data());
 }
 
 double ModalString::dissipated_power(std::span<const double> eta_rate) const {
-  double sum = 0.0;
-  for (std::size_t i = 0; i < eta_rate.size(); ++i) sum += damping_[i] * eta_rate[i] * eta_rate[i];
-  return sum;
+  return sum_weighted_squares(eta_rate.size(), damping_.data(), eta_rate.data());
 }
 
 }  // namespace feltmb

@@ -363,7 +363,7 @@ class Run {
     const auto rows = static_cast<Eigen::Index>(count) + 2;
     result_.time.resize(rows);
     result_.data.resize(rows, static_cast<Eigen::Index>(result_.names.size()));
-    result_.states.resize(rows, static_cast<Eigen::Index>(y_.size()));
+    if (options_.states) result_.states.resize(rows, static_cast<Eigen::Index>(y_.size()));
     result_.ledger.resize(rows, static_cast<Eigen::Index>(result_.ledger_names.size()));
     ledger_scratch_.resize(result_.ledger_names.size());
   }
@@ -386,7 +386,7 @@ class Run {
     if (!options_.outputs) return;
     const auto row = static_cast<Eigen::Index>(rows_);
     result_.time[row] = t;
-    std::copy(y.begin(), y.end(), result_.states.row(row).data());
+    if (options_.states) std::copy(y.begin(), y.end(), result_.states.row(row).data());
     observe(system_, t, y,
             {result_.data.row(row).data(), static_cast<std::size_t>(result_.data.cols())});
     if (!ledger_scratch_.empty()) {
@@ -519,7 +519,7 @@ class Run {
     if (options_.outputs) {
       result_.time.conservativeResize(rows);
       result_.data.conservativeResize(rows, Eigen::NoChange);
-      result_.states.conservativeResize(rows, Eigen::NoChange);
+      if (options_.states) result_.states.conservativeResize(rows, Eigen::NoChange);
       result_.ledger.conservativeResize(rows, Eigen::NoChange);
     }
     const auto event_rows = static_cast<Eigen::Index>(result_.events.size());

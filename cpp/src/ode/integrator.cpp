@@ -10,6 +10,7 @@
 #include <exception>
 
 #include "feltmb/core/error.hpp"
+#include "feltmb/core/sums.hpp"
 #include "vector_kernels.hpp"
 
 #if defined(__SSE2__)
@@ -139,9 +140,8 @@ struct IntegratorCallbacks {
     int flag = impl.guard([&] { impl.system.rhs(t, impl.span(y), impl.span(rate)); });
     if (flag == 0) {
       // A trial step may leave the domain; CVODE then tries a smaller one.
-      double sum = 0.0;
-      for (const double v : impl.span(rate)) sum += v;
-      if (!std::isfinite(sum)) flag = 1;
+      const auto values = impl.span(rate);
+      if (!std::isfinite(sum_absolute(values.size(), values.data()))) flag = 1;
     }
     return flag;
   }

@@ -19,6 +19,11 @@ FELTMB_CLONES void add_scaled(sunindextype n, double a, const double* x, double*
   for (sunindextype i = 0; i < n; ++i) z[i] += a * x[i];
 }
 
+FELTMB_CLONES void add_two(sunindextype n, double a, const double* x, double b, const double* y,
+                           double* z) {
+  for (sunindextype i = 0; i < n; ++i) z[i] += a * x[i] + b * y[i];
+}
+
 FELTMB_CLONES void scale(sunindextype n, double c, const double* x, double* z) {
   for (sunindextype i = 0; i < n; ++i) z[i] = c * x[i];
 }
@@ -92,15 +97,19 @@ double op_wrmsnorm(N_Vector x, N_Vector w) {
 
 int op_linear_combination(int nvec, double* c, N_Vector* x, N_Vector z) {
   const sunindextype n = length(z);
-  int first = 0;
+  int next = 1;
   if (x[0] == z) {
     if (c[0] != 1.0) scale(n, c[0], data(z), data(z));
-    first = 1;
+  } else if (nvec > 1) {
+    linear_sum(n, c[0], data(x[0]), c[1], data(x[1]), data(z));
+    next = 2;
   } else {
     scale(n, c[0], data(x[0]), data(z));
-    first = 1;
   }
-  for (int j = first; j < nvec; ++j) add_scaled(n, c[j], data(x[j]), data(z));
+  for (; next + 1 < nvec; next += 2) {
+    add_two(n, c[next], data(x[next]), c[next + 1], data(x[next + 1]), data(z));
+  }
+  if (next < nvec) add_scaled(n, c[next], data(x[next]), data(z));
   return 0;
 }
 

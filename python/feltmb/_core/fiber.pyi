@@ -20,11 +20,14 @@ __all__: list[str] = [
     "OrientationQuadrature",
     "UniaxialStructure",
     "affine_density",
+    "carnaby_pan",
+    "carnaby_pan_march",
     "compress_energy",
     "compute_uniaxial_structure",
     "contact_count_distribution",
     "contact_model_names",
     "contacts_per_volume",
+    "critical_angle",
     "deform_directions",
     "engineering_moduli",
     "estimate_structure",
@@ -38,7 +41,12 @@ __all__: list[str] = [
     "narter_compliance",
     "narter_stiffness",
     "run_history",
+    "sliding_at_force",
+    "sliding_at_pressure",
+    "sliding_proportion",
+    "sliding_resistance",
     "uniaxial_structure",
+    "unloading_is_unique",
 ]
 
 class UniaxialStructure:
@@ -313,6 +321,31 @@ def affine_density(
         numpy.typing.NDArray[numpy.float64], "[m, 3]", "flags.c_contiguous"
     ],
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+def carnaby_pan(
+    v_f: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    mu: typing.SupportsFloat | typing.SupportsIndex,
+    Wf0: typing.SupportsFloat | typing.SupportsIndex,
+    E: typing.SupportsFloat | typing.SupportsIndex,
+    d_f: typing.SupportsFloat | typing.SupportsIndex,
+    v_f0: typing.SupportsFloat | typing.SupportsIndex,
+    gamma: typing.SupportsFloat | typing.SupportsIndex,
+    k_bend: typing.SupportsFloat | typing.SupportsIndex,
+    Q: typing.SupportsFloat | typing.SupportsIndex,
+    form: str,
+) -> dict: ...
+def carnaby_pan_march(
+    C: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    mu: typing.SupportsFloat | typing.SupportsIndex,
+    Wf0: typing.SupportsFloat | typing.SupportsIndex,
+    E: typing.SupportsFloat | typing.SupportsIndex,
+    d_f: typing.SupportsFloat | typing.SupportsIndex,
+    v_f0: typing.SupportsFloat | typing.SupportsIndex,
+    gamma: typing.SupportsFloat | typing.SupportsIndex,
+    k_bend: typing.SupportsFloat | typing.SupportsIndex,
+    Q: typing.SupportsFloat | typing.SupportsIndex,
+    form: str,
+    substeps: typing.SupportsInt | typing.SupportsIndex,
+) -> dict: ...
 def compress_energy(
     scheme: str,
     strain: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
@@ -353,6 +386,10 @@ def contacts_per_volume(
     as_printed: bool,
     counting: str,
 ) -> float: ...
+def critical_angle(
+    w: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    mu: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+) -> typing.Any: ...
 def deform_directions(
     directions: typing.Annotated[
         numpy.typing.NDArray[numpy.float64], "[m, 3]", "flags.c_contiguous"
@@ -440,4 +477,38 @@ def run_history(
     x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
     rate: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
 ) -> numpy.typing.NDArray[numpy.float64]: ...
+def sliding_at_force(
+    v_f: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    C: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    mu: typing.SupportsFloat | typing.SupportsIndex,
+    Wf0: typing.SupportsFloat | typing.SupportsIndex,
+    d_f: typing.SupportsFloat | typing.SupportsIndex,
+    v_f0: typing.SupportsFloat | typing.SupportsIndex,
+    gamma: typing.SupportsFloat | typing.SupportsIndex,
+    Q: typing.SupportsFloat | typing.SupportsIndex,
+) -> numpy.typing.NDArray[numpy.float64]: ...
+def sliding_at_pressure(
+    v_f: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    pressure: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    kind: str,
+    mu: typing.SupportsFloat | typing.SupportsIndex,
+    Wf0: typing.SupportsFloat | typing.SupportsIndex,
+    d_f: typing.SupportsFloat | typing.SupportsIndex,
+    v_f0: typing.SupportsFloat | typing.SupportsIndex,
+    gamma: typing.SupportsFloat | typing.SupportsIndex,
+    Q: typing.SupportsFloat | typing.SupportsIndex,
+) -> numpy.typing.NDArray[numpy.float64]: ...
+def sliding_proportion(
+    ratio: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+) -> typing.Any: ...
+def sliding_resistance(
+    ratio: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    mu: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    theta: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+) -> typing.Any: ...
 def uniaxial_structure(ratio: typing.SupportsFloat | typing.SupportsIndex) -> UniaxialStructure: ...
+def unloading_is_unique(
+    ratio: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+    mu: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+) -> typing.Any: ...

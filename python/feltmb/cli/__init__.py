@@ -21,6 +21,7 @@ COMMANDS = {
     "plot": ("plot", "Plots of saved runs."),
     "animate": ("animate", "Animation of a saved run (GIF or HTML)."),
     "wav": ("wav", "The string of a saved run as sound."),
+    "felt": ("felt", "Felt: identification, envelopes for the contact law, audit."),
     "fiber": ("fiber", "Micromechanics of fiber masses: structure, contacts, laws, fits."),
     "list": ("listing", "Packaged mechanisms, strokes, studies, contact laws, units."),
     "validate": ("validate", "Check a mechanism, a stroke or a table; all faults at once."),

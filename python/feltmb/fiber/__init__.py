@@ -14,6 +14,12 @@ from feltmb.fiber.contacts import (
 from feltmb.fiber.data import CompressionData, read_compression
 from feltmb.fiber.energy import EnergyCurve, compress_arcs
 from feltmb.fiber.fit import Fit, compare, fit
+from feltmb.fiber.friction import (
+    CarnabyPan,
+    carnaby_pan,
+    carnaby_pan_march,
+    critical_angle,
+)
 from feltmb.fiber.granular import granular_stress
 from feltmb.fiber.history import history, history_models
 from feltmb.fiber.laws import energy, law, models, pressure, slope, tangent_modulus
@@ -29,6 +35,7 @@ from feltmb.fiber.orientation import (
 from feltmb.fiber.simulation import Cycle, FiberBox, FiberRun, lay, simulate
 
 __all__ = [
+    "CarnabyPan",
     "CompressionData",
     "ContactCount",
     "Cycle",
@@ -38,10 +45,13 @@ __all__ = [
     "Fit",
     "Network",
     "NetworkEstimate",
+    "carnaby_pan",
+    "carnaby_pan_march",
     "compare",
     "compress_arcs",
     "contact_count",
     "contacts_per_volume",
+    "critical_angle",
     "density_structure",
     "energy",
     "fit",

@@ -41,9 +41,6 @@ ResidualSums residual_sums(std::size_t n, double g, const double* phi, const dou
 void add_force(std::size_t n, double g, double a, double b, const double* phi, const double* dphi,
                const double* factor, double* rate);
 
-/// Sum of |eta|.
-double absolute_sum(std::size_t n, const double* eta);
-
 /// eta += g rate.
 void advance(std::size_t n, double g, const double* rate, double* eta);
 

@@ -21,6 +21,7 @@ struct SimulationOptions {
   bool ledger = true;          ///< integrate work and dissipation along
   bool events = true;          ///< find contact openings and closings
   bool outputs = true;         ///< sample the named outputs; false: end state, events, counts only
+  bool states = true;          ///< keep the full state at every sample
   bool diagnose = true;        ///< count which state and contact limit the step
   int max_order = 0;           ///< 0: chosen from the damping of the strings
   double max_step = 0.0;       ///< [s], 0: no limit

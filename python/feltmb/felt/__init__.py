@@ -1,0 +1,48 @@
+"""Felt: materials, identification from tests, envelopes for the contact law, audit of laws.
+
+SI units; compression, pressure and contact force are positive. See ``docs/felt.md``.
+"""
+
+from feltmb.felt.auditing import Audit, Cycle, Finding, audit, audit_targets
+from feltmb.felt.envelopes import (
+    CircleOnLayer,
+    ConstantArea,
+    CrossedCylinders,
+    FeltEnvelope,
+    envelope,
+    load_envelope,
+    parse_area,
+)
+from feltmb.felt.identification import BranchFit, Identification, identify
+from feltmb.felt.material import (
+    Branch,
+    BranchCurve,
+    FeltMaterial,
+    Fiber,
+    load_material,
+    packaged_materials,
+)
+
+__all__ = [
+    "Audit",
+    "Branch",
+    "BranchCurve",
+    "BranchFit",
+    "CircleOnLayer",
+    "ConstantArea",
+    "CrossedCylinders",
+    "Cycle",
+    "FeltEnvelope",
+    "FeltMaterial",
+    "Fiber",
+    "Finding",
+    "Identification",
+    "audit",
+    "audit_targets",
+    "envelope",
+    "identify",
+    "load_envelope",
+    "load_material",
+    "packaged_materials",
+    "parse_area",
+]

@@ -1,0 +1,522 @@
+"""The two-step procedure of thesis section 3.3.2: from a measured loop to a felt.
+
+Step 1 takes friction off the measured pressures: at each volume fraction the contact force C that
+carries the pressure is found, with it the critical angle, the proportion of sliding contacts and
+the stress of the sticking ones. Step 2 fits the elastic law, eq. 3.64 less its value at v_f0, to
+that stress. The free length of step 1 needs the gamma of step 2, so both are repeated to a fixed
+point, for each branch by itself.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from feltmb._core import fiber as _core
+from feltmb.errors import DataError, InvalidParameter, ModelError
+from feltmb.felt.material import (
+    Branch,
+    BranchCurve,
+    CriticalAngles,
+    FeltMaterial,
+    sliding_at_pressure,
+)
+from feltmb.fiber import CompressionData
+
+__all__ = ["BranchFit", "Identification", "identify"]
+
+Array = NDArray[np.float64]
+BranchName = Literal["loading", "unloading"]
+
+_TOLERANCE = 1e-10  # of log gamma between two rounds
+_ROUNDS = 100
+_GAMMA_RANGE = (1e-3, 30.0)
+_PLAUSIBLE_GAMMA = (0.5, 5.0)
+
+
+@dataclass(frozen=True)
+class BranchFit:
+    """One branch: data, parts and fit. Arrays over the samples, sorted by volume fraction."""
+
+    which: BranchName
+    v_f: Array
+    """Data [-]."""
+    pressure: Array
+    """Data [Pa]."""
+    elastic: Array
+    """Stress of the sticking contacts, taken from the data [Pa]."""
+    friction: Array
+    """Stress of the sliding contacts, taken from the data [Pa]."""
+    theta_cr: Array
+    """Critical angle, taken from the data [rad]."""
+    r_sc: Array
+    """Proportion of contacts that slide [-]."""
+    fitted_elastic: Array
+    """Fitted elastic law [Pa]."""
+    fitted: Array
+    """Pressure of the identified felt [Pa]."""
+    K_p: float
+    """[Pa]."""
+    gamma: float
+    """[-]."""
+    interval: dict[str, tuple[float, float]]
+    """Confidence intervals of ``K_p`` and ``gamma``."""
+    correlation: float
+    """Between log K_p and log gamma [-]."""
+    rounds: tuple[float, ...]
+    """gamma after every round of the fixed point."""
+    ambiguous: int
+    """Samples whose pressure belongs to several contact forces; the largest was taken."""
+
+    @property
+    def residuals(self) -> Array:
+        """Measured minus identified pressure [Pa]."""
+        return self.pressure - self.fitted
+
+    @property
+    def rmse(self) -> float:
+        """Root mean square residual [Pa]."""
+        return float(np.sqrt(np.mean(self.residuals**2)))
+
+    @property
+    def r_squared(self) -> float:
+        """1 - residual over total sum of squares [-]."""
+        spread = self.pressure - self.pressure.mean()
+        return 1.0 - float(np.sum(self.residuals**2) / np.sum(spread**2))
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Result of :func:`identify`."""
+
+    material: FeltMaterial
+    """The felt, with its table of critical angles."""
+    loading: BranchFit
+    unloading: BranchFit
+    level: float
+    """Confidence level of the intervals [-]."""
+    warnings: tuple[str, ...]
+    name: str
+    """Of the test."""
+
+    @property
+    def closing_gap(self) -> float:
+        """(P_U - P_L) / P_L of the identified felt at the end of the loop [-]."""
+        end = [self.material.end]
+        load = self.material.pressure("loading", end)[0]
+        return float(self.material.pressure("unloading", end)[0] / load) - 1.0
+
+    def report(self) -> str:
+        """Markdown: parameters with intervals, quality, warnings."""
+        m = self.material
+        percent = f"{100 * self.level:g} %"
+        lines = [
+            f"# Felt identified from {self.name}",
+            "",
+            f"Volume fraction {m.v_f0:.4g} to {m.end:.4g}; friction between fibers "
+            f"{m.fiber.friction:g}, withdrawal force {m.fiber.withdrawal_force:g} N/m, fiber "
+            f"diameter {m.fiber.diameter * 1e6:g} um (given, not identified).",
+            "",
+            f"| branch | parameter | value | {percent} interval |",
+            "|---|---|---|---|",
+        ]
+        for b in (self.loading, self.unloading):
+            for key, unit in (("K_p", "Pa"), ("gamma", "-")):
+                low, high = b.interval[key]
+                lines.append(
+                    f"| {b.which} | {key} [{unit}] | {getattr(b, key):.5g} | "
+                    f"{low:.5g} to {high:.5g} |"
+                )
+        lines += [
+            "",
+            "| branch | samples | rms residual [Pa] | R^2 | correlation K_p, gamma | rounds |",
+            "|---|---|---|---|---|---|",
+        ]
+        for b in (self.loading, self.unloading):
+            lines.append(
+                f"| {b.which} | {len(b.v_f)} | {b.rmse:.4g} | {b.r_squared:.6f} | "
+                f"{b.correlation:.4f} | {len(b.rounds)} |"
+            )
+        lines += [
+            "",
+            f"Loss of the loop: {100 * m.loss():.2f} % of the loading work. Unloading meets "
+            f"loading at the end within {100 * self.closing_gap:+.2f} %.",
+            "",
+            "| v_f [-] | critical angle, loading [deg] | unloading [deg] | friction, loading |",
+            "|---|---|---|---|",
+        ]
+        v = np.linspace(m.v_f0, m.end, 9)[1:]
+        load, back = m.branch("loading", v), m.branch("unloading", v)
+        for i, x in enumerate(v):
+            share = load.friction[i] / load.pressure[i] if load.pressure[i] > 0 else 0.0
+            lines.append(
+                f"| {x:.4f} | {math.degrees(load.theta_cr[i]):.2f} | "
+                f"{math.degrees(back.theta_cr[i]):.2f} | {100 * share:.1f} % |"
+            )
+        lines += ["", "## Warnings", ""]
+        lines += [f"- {w}" for w in self.warnings] or ["None."]
+        return "\n".join(lines) + "\n"
+
+
+def _shape(v: Array, v0: float, q: float, gamma: float) -> Array:
+    """Eq. 3.64 less its value at v0, over K_p."""
+    law = _core.CompressionLaw("binomial", {"K_p": 1.0, "gamma": gamma, "v_f0": v0, "Q": q})
+    return np.asarray(law.pressure(v, 1), dtype=float)
+
+
+def _shape_slope(v: Array, v0: float, q: float, gamma: float) -> Array:
+    """Derivative of the shape by log gamma, central difference of fourth order."""
+    h = 1e-3
+
+    def at(k: float) -> Array:
+        return _shape(v, v0, q, gamma * math.exp(k * h))
+
+    return (8.0 * (at(1) - at(-1)) - (at(2) - at(-2))) / (12.0 * h)
+
+
+def _fit_elastic(
+    v: Array, stress: Array, weight: Array, v0: float, q: float, gamma: float
+) -> tuple[float, float]:
+    """K_p and gamma of least squares; K_p enters linearly, gamma is sought alone."""
+    from scipy.optimize import brentq, minimize_scalar
+
+    def best_K(g: float) -> tuple[float, Array]:
+        f = _shape(v, v0, q, g) * weight
+        return float(f @ (stress * weight) / (f @ f)), f
+
+    def cost(log_gamma: float) -> float:
+        K, f = best_K(math.exp(log_gamma))
+        return float(np.sum((K * f - stress * weight) ** 2))
+
+    def slope(log_gamma: float) -> float:
+        # The slope of the sum of squares; the part by K_p vanishes at the best K_p.
+        g = math.exp(log_gamma)
+        K, f = best_K(g)
+        return float((K * f - stress * weight) @ (K * weight * _shape_slope(v, v0, q, g)))
+
+    low, high = (math.log(x) for x in _GAMMA_RANGE)
+    start = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-4}).x
+    if abs(math.log(gamma) - start) > 2.0:
+        grid = np.linspace(low, high, 81)
+        start = float(grid[int(np.argmin([cost(g) for g in grid]))])
+    a, b = start - 0.05, start + 0.05
+    if slope(a) < 0.0 < slope(b):
+        start = brentq(slope, a, b, xtol=1e-13, rtol=1e-13)
+    found = math.exp(start)
+    return best_K(found)[0], found
+
+
+def _intervals(
+    v: Array,
+    pressure: Array,
+    fitted: Array,
+    weight: Array,
+    material: FeltMaterial,
+    which: BranchName,
+    branch: Branch,
+    level: float,
+) -> tuple[dict[str, tuple[float, float]], float]:
+    """Intervals of the whole procedure, friction and fixed point included, to first order.
+
+    The estimate solves J^T W (sigma(P, gamma) - f(K_p, gamma)) = 0 with J = df/d(log K_p, log
+    gamma); its scatter follows from that of P by the implicit function theorem.
+    """
+    from scipy.stats import t as student
+
+    q, v0 = material.fiber.Q, material.v_f0
+    f = branch.K_p * _shape(v, v0, q, branch.gamma)
+    jacobian = np.column_stack([f, branch.K_p * _shape_slope(v, v0, q, branch.gamma)])
+    h = 1e-5
+    scale = float(np.max(np.abs(pressure)))
+
+    def elastic(p: Array, gamma: float) -> Array:
+        return sliding_at_pressure(material, v, p, which, gamma)[:, 5]
+
+    change, ratio = h * scale, math.exp(h)
+    by_pressure = elastic(pressure + change, branch.gamma) - elastic(
+        pressure - change, branch.gamma
+    )
+    by_pressure /= 2 * change
+    by_gamma = elastic(pressure, branch.gamma * ratio) - elastic(pressure, branch.gamma / ratio)
+    by_gamma /= 2 * h
+    moved = jacobian.copy()
+    moved[:, 1] -= by_gamma
+    weighted = (weight**2)[:, None] * jacobian
+    normal = weighted.T @ moved
+    gain = np.linalg.solve(normal, weighted.T * by_pressure)
+    freedom = len(v) - 2
+    residual = weight * (pressure - fitted)
+    variance = float(residual @ residual) / freedom / weight**2
+    covariance = (gain * variance) @ gain.T
+    deviation = np.sqrt(np.diag(covariance))
+    factor = float(student.ppf(0.5 + 0.5 * level, freedom))
+    out = {}
+    for key, value, sd in (
+        ("K_p", branch.K_p, deviation[0]),
+        ("gamma", branch.gamma, deviation[1]),
+    ):
+        reach = min(factor * float(sd), 700.0)
+        out[key] = (value * math.exp(-reach), value * math.exp(reach))
+    product = float(deviation[0] * deviation[1])
+    return out, float(covariance[0, 1]) / product if product > 0 else 0.0
+
+
+def _identify_branch(
+    which: BranchName,
+    v: Array,
+    pressure: Array,
+    material: FeltMaterial,
+    relative: float,
+    level: float,
+    start: float,
+) -> BranchFit:
+    order = np.argsort(v, kind="stable")
+    v, pressure = v[order], pressure[order]
+    weight = 1.0 / (1.0 + relative * np.maximum(pressure, 0.0) / np.max(pressure))
+    q, v0 = material.fiber.Q, material.v_f0
+    gamma = start
+    rounds: list[float] = []
+    K = math.nan
+    step = math.inf
+    for _ in range(_ROUNDS):
+        rows = sliding_at_pressure(material, v, pressure, which, gamma)
+        K, found = _fit_elastic(v, rows[:, 5], weight, v0, q, gamma)
+        rounds.append(found)
+        change = math.log(found / gamma)
+        # Halved where the rounds would swing or grow.
+        gamma = found if abs(change) < step else math.sqrt(found * gamma)
+        step = abs(change)
+        if step < _TOLERANCE:
+            break
+    else:
+        raise ModelError(
+            f"identify: {which}: gamma still changes by {step:.3g} after {_ROUNDS} rounds (last "
+            f"{gamma:.6g}); expected a fixed point. Check friction, withdrawal force and fiber "
+            "diameter of the material"
+        )
+    if not K > 0:
+        raise ModelError(
+            f"identify: {which}: the best K_p = {K:.6g} Pa, expected > 0: the elastic part of the "
+            "data does not grow with compression"
+        )
+    rows = sliding_at_pressure(material, v, pressure, which, gamma)
+    branch = Branch(K_p=K, gamma=gamma)
+    curve: BranchCurve = material.model_copy(update={which: branch}).branch(which, v)
+    interval, correlation = _intervals(
+        v, pressure, curve.pressure, weight, material, which, branch, level
+    )
+    return BranchFit(
+        which=which,
+        v_f=v,
+        pressure=pressure,
+        elastic=rows[:, 5],
+        friction=rows[:, 6] if which == "loading" else rows[:, 7],
+        theta_cr=rows[:, 1],
+        r_sc=rows[:, 2],
+        fitted_elastic=curve.elastic,
+        fitted=curve.pressure,
+        K_p=K,
+        gamma=gamma,
+        interval=interval,
+        correlation=correlation,
+        rounds=tuple(rounds),
+        ambiguous=int(np.sum(rows[:, 8] == 0.0)),
+    )
+
+
+def _as_data(
+    data: CompressionData | ArrayLike,
+    pressure: ArrayLike | None,
+    loading: ArrayLike | None,
+    v_f0: float,
+) -> CompressionData:
+    if isinstance(data, CompressionData):
+        if pressure is not None or loading is not None:
+            raise InvalidParameter(
+                "identify: pressure or loading given beside a test, expected the test alone"
+            )
+        return data
+    if pressure is None:
+        raise InvalidParameter("identify: pressure is missing, expected one value per v_f [Pa]")
+    v, p = np.asarray(data, dtype=float), np.asarray(pressure, dtype=float)
+    if v.ndim != 1 or v.shape != p.shape:
+        raise InvalidParameter(
+            f"identify: v_f has shape {v.shape}, pressure {p.shape}; expected equal and one "
+            "dimension"
+        )
+    bad = np.flatnonzero(~(np.isfinite(v) & np.isfinite(p)))
+    if bad.size:
+        raise DataError(
+            f"identify: {bad.size} samples are not finite (first: index {bad[0]}, v_f = "
+            f"{v[bad[0]]:g}, pressure = {p[bad[0]]:g} Pa), expected numbers"
+        )
+    if loading is None:
+        up = np.arange(len(v)) <= int(np.argmax(v))
+    else:
+        up = np.asarray(loading, dtype=bool)
+        if up.shape != v.shape:
+            raise InvalidParameter(
+                f"identify: loading has shape {up.shape}, expected that of v_f, {v.shape}"
+            )
+    return CompressionData(v, p, up, v_f0, "data")
+
+
+def identify(
+    data: CompressionData | ArrayLike,
+    pressure: ArrayLike | None = None,
+    *,
+    material: FeltMaterial,
+    loading: ArrayLike | None = None,
+    v_f0: float | None = None,
+    relative: float = 0.0,
+    level: float = 0.95,
+    name: str | None = None,
+) -> Identification:
+    """Identify a felt from a measured loading-unloading loop (thesis section 3.3.2).
+
+    Parameters
+    ----------
+    data
+        A test (:func:`feltmb.fiber.read_compression`), or volume fractions [-] of the loop.
+    pressure
+        Pressures [Pa] to volume fractions.
+    material
+        Gives the fibers: diameter, friction, withdrawal force, Q. Its elastic laws are not used.
+    loading
+        True on the loading branch; default: up to the largest volume fraction.
+    v_f0
+        Volume fraction without load [-]; default that of the test, else of ``material``.
+    relative
+        Weight of a sample ``1 / (1 + relative P / P_max)``; 0: equal weights.
+    level
+        Confidence level of the intervals, between 0 and 1.
+    name
+        Name of the felt made; default that of the test.
+
+    Returns
+    -------
+    Identification
+        Felt, parts and fits of both branches, intervals, warnings. The intervals take the scatter
+        of the samples as independent, and mu, Wf0 and d_f as known.
+
+    Raises
+    ------
+    InvalidParameter, DataError
+        Arguments or data that cannot be used, all faults at once.
+    ModelError
+        No fixed point, or an elastic part that does not grow.
+    """
+    where = "identify"
+    faults: list[str] = []
+    if not 0 < level < 1:
+        faults.append(f"{where}: level = {level:g}, must be > 0 and < 1")
+    if not (relative >= 0 and math.isfinite(relative)):
+        faults.append(f"{where}: relative = {relative:g}, must be finite and >= 0")
+    if not material.fiber.friction > 0:
+        faults.append(
+            f"{where}: fiber.friction = {material.fiber.friction:g}, must be > 0 (without friction "
+            "the stress of the sticking contacts is bounded)"
+        )
+    if faults:
+        raise InvalidParameter("\n".join(faults))
+    test = _as_data(data, pressure, loading, v_f0 if v_f0 is not None else material.v_f0)
+    reference = v_f0 if v_f0 is not None else test.v_f0
+    base = material.model_copy(
+        update={
+            "name": name or test.name,
+            "about": f"identified from {test.name}"
+            + (" with the fibers of a SYNTHETIC material" if material.synthetic else ""),
+            "source": {"cite": test.name, "status": "fitted"},
+            "v_f0": reference,
+            "loading": None,
+            "unloading": None,
+            "critical_angles": None,
+        }
+    )
+    warnings: list[str] = []
+    branches: dict[str, tuple[Array, Array]] = {}
+    for which in ("loading", "unloading"):
+        keep = test.loading if which == "loading" else ~test.loading
+        v, p = test.v_f[keep], test.pressure[keep]
+        inside = v > reference
+        if np.sum(inside) < 5:
+            faults.append(
+                f"{test.name}: {int(np.sum(inside))} samples of {which} above v_f0 = "
+                f"{reference:.6g}, expected at least 5"
+            )
+            continue
+        if np.max(v) >= 1:
+            faults.append(f"{test.name}: v_f up to {np.max(v):.6g}, must be < 1")
+        if not np.max(p[inside]) > 0:
+            faults.append(f"{test.name}: no positive pressure of {which}, expected compression > 0")
+        below = int(np.sum(v < reference))
+        if below:
+            warnings.append(f"{which}: {below} samples below v_f0 = {reference:.4g} were left out.")
+        branches[which] = (v[inside], p[inside])
+    if faults:
+        raise DataError("\n".join(faults))
+
+    load = _identify_branch("loading", *branches["loading"], base, relative, level, 1.5)
+    back = _identify_branch("unloading", *branches["unloading"], base, relative, level, load.gamma)
+    end = float(max(load.v_f[-1], back.v_f[-1]))
+    grid = reference + (end - reference) * (np.arange(1, 66) / 65.0) ** 2
+    found = base.with_branches(
+        Branch(K_p=load.K_p, gamma=load.gamma), Branch(K_p=back.K_p, gamma=back.gamma), end
+    )
+    angles = CriticalAngles(
+        v_f=tuple(grid),
+        loading=tuple(found.branch("loading", grid).theta_cr),
+        unloading=tuple(found.branch("unloading", grid).theta_cr),
+    )
+    found = found.model_copy(update={"critical_angles": angles})
+    result = Identification(found, load, back, level, (), test.name)
+    warnings += _doubts(result)
+    return Identification(found, load, back, level, tuple(warnings), test.name)
+
+
+def _doubts(result: Identification) -> list[str]:
+    """What the reader should know before trusting the numbers."""
+    out = []
+    m, load, back = result.material, result.loading, result.unloading
+    mu = m.fiber.friction
+    ratios = np.linspace(1.0, m.end / m.v_f0, 41)
+    bad = ratios[~np.asarray(_core.unloading_is_unique(ratios, mu), dtype=bool)]
+    if bad.size:
+        out.append(
+            f"The inversion of the unloading branch is not unique for v_f up to "
+            f"{bad.max() * m.v_f0:.4g} with mu = {mu:g} (unique from mu = 0.298 on at R = 1, from "
+            "0.080 at R = 2): of several contact forces the largest was taken, for "
+            f"{back.ambiguous} samples."
+        )
+    for b in (load, back):
+        if not _PLAUSIBLE_GAMMA[0] <= b.gamma <= _PLAUSIBLE_GAMMA[1]:
+            out.append(
+                f"{b.which}: gamma = {b.gamma:.4g} is far from the geometric pi/2: the blocked "
+                "length of a contact can hardly be so."
+            )
+        low, high = b.interval["gamma"]
+        if high > 2.0 * b.gamma or low < 0.5 * b.gamma:
+            out.append(
+                f"{b.which}: the data hardly determine gamma ({low:.3g} to {high:.3g}); K_p goes "
+                "with it."
+            )
+        signs = np.sign(b.residuals)
+        runs = 1 + int(np.sum(signs[1:] != signs[:-1]))
+        if len(signs) > 20 and runs < 0.25 * len(signs) and b.rmse > 1e-6 * b.pressure.max():
+            out.append(
+                f"{b.which}: residuals keep their sign over long stretches ({runs} runs in "
+                f"{len(signs)} samples): they are not scatter, and the intervals are too narrow."
+            )
+    if abs(result.closing_gap) > 0.05:
+        out.append(
+            f"The branches end {100 * result.closing_gap:+.1f} % apart at v_f = {m.end:.4g}; an "
+            "envelope is closed there by force."
+        )
+    loss = m.loss()
+    if not 0 < loss < 0.95:
+        out.append(f"The loop loses {100 * loss:.1f} % of the loading work.")
+    return out

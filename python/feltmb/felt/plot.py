@@ -1,0 +1,190 @@
+"""Pictures of felts and their laws. Every function returns a matplotlib Figure."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from feltmb.felt.auditing import Audit
+    from feltmb.felt.envelopes import FeltEnvelope
+    from feltmb.felt.identification import Identification
+    from feltmb.felt.material import FeltMaterial
+    from feltmb.fiber.friction import CarnabyPan
+
+__all__ = ["plot_audit", "plot_envelope", "plot_identification", "plot_loop", "plot_material"]
+
+LOADING, UNLOADING, ELASTIC, FRICTION = "#1b6ca8", "#d1495b", "#2e8b57", "#edae49"
+GRAYS = ("#bbbbbb", "#888888", "#555555", "#222222")
+
+
+def _figure(width: float, height: float) -> Any:
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def _style(axes: Any, xlabel: str, ylabel: str, title: str = "") -> None:
+    axes.set_xlabel(xlabel)
+    axes.set_ylabel(ylabel)
+    if title:
+        axes.set_title(title, fontsize=10.5, loc="left")
+    axes.grid(True, color="#dddddd", linewidth=0.6)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
+def _scale(largest: float) -> tuple[float, str]:
+    """Factor and unit in which a pressure reads well."""
+    return (1e-6, "MPa") if largest >= 1e6 else (1e-3, "kPa")
+
+
+def plot_loop(loop: CarnabyPan) -> Any:
+    """Pressures, critical angle with proportion sliding, and forces of a fiber mass."""
+    factor, unit = _scale(float(loop.P_loading.max()))
+    figure = _figure(11.0, 3.6)
+    left, middle, right = figure.subplots(1, 3)
+    left.plot(loop.v_f, loop.P_loading * factor, color=LOADING, label="loading")
+    left.plot(loop.v_f, loop.P_unloading * factor, color=UNLOADING, label="unloading")
+    left.plot(loop.v_f, loop.sigma_el * factor, "--", color=ELASTIC, label="sticking contacts")
+    left.legend(frameon=False)
+    _style(left, "volume fraction [-]", f"pressure [{unit}]", f"Loop, {loop.form} form")
+    middle.plot(loop.v_f, np.degrees(loop.theta_cr), color=LOADING, label="critical angle [deg]")
+    middle.plot(loop.v_f, 100 * loop.r_sc, color=FRICTION, label="contacts that slide [%]")
+    middle.legend(frameon=False)
+    middle.set_ylim(bottom=0)
+    _style(middle, "volume fraction [-]", "angle [deg], part [%]", "Sliding")
+    right.plot(loop.v_f, loop.C * 1e6, color=ELASTIC, label="mean contact")
+    right.plot(loop.v_f, loop.C_s_loading * 1e6, color=LOADING, label="sliding, loading")
+    right.plot(loop.v_f, loop.C_s_unloading * 1e6, color=UNLOADING, label="sliding, unloading")
+    right.set_yscale("log")
+    low = float(np.min(loop.C_s_unloading[loop.C_s_unloading > 0], initial=np.inf)) * 1e6
+    if np.isfinite(low):
+        right.set_ylim(bottom=0.3 * low)
+    right.legend(frameon=False)
+    _style(right, "volume fraction [-]", "force a contact [uN]", "Contact forces")
+    return figure
+
+
+def plot_identification(result: Identification) -> Any:
+    """Loop with the identified felt, its elastic and friction parts, angles, residuals."""
+    m = result.material
+    factor, unit = _scale(float(result.loading.pressure.max()))
+    v = np.linspace(m.v_f0, m.end, 400)
+    figure = _figure(10.0, 7.2)
+    (loop, parts), (angle, rest) = figure.subplots(2, 2)
+    for fit, color in ((result.loading, LOADING), (result.unloading, UNLOADING)):
+        curve = m.branch(fit.which, v)
+        loop.plot(fit.v_f, fit.pressure * factor, ".", ms=3, color=color, alpha=0.5)
+        loop.plot(v, curve.pressure * factor, color=color, label=f"{fit.which}, identified")
+        parts.plot(fit.v_f, fit.elastic * factor, ".", ms=3, color=color, alpha=0.5)
+        parts.plot(v, curve.elastic * factor, color=color, label=f"elastic, {fit.which}")
+        parts.plot(v, curve.friction * factor, "--", color=color, label=f"friction, {fit.which}")
+        angle.plot(fit.v_f, np.degrees(fit.theta_cr), ".", ms=3, color=color, alpha=0.5)
+        angle.plot(v, np.degrees(curve.theta_cr), color=color, label=fit.which)
+        rest.plot(fit.v_f, fit.residuals * factor, ".", ms=3, color=color, label=fit.which)
+    loop.legend(frameon=False)
+    parts.legend(frameon=False)
+    angle.legend(frameon=False, loc="lower right")
+    rest.axhline(0.0, color="#888888", lw=0.8)
+    rest.legend(frameon=False)
+    title = "SYNTHETIC fibers, " if "synthetic" in m.about.lower() else ""
+    _style(loop, "volume fraction [-]", f"pressure [{unit}]", f"{title}{result.name}: loop")
+    _style(parts, "volume fraction [-]", f"stress [{unit}]", "Parts: dots from the data")
+    _style(angle, "volume fraction [-]", "critical angle [deg]", "Critical angle of sliding")
+    _style(rest, "volume fraction [-]", f"residual [{unit}]", "Measured minus identified")
+    return figure
+
+
+def plot_material(material: FeltMaterial) -> Any:
+    """Both branches of a felt with their parts."""
+    v = np.linspace(material.v_f0, material.end, 400)
+    load, back = material.branch("loading", v), material.branch("unloading", v)
+    factor, unit = _scale(float(load.pressure.max()))
+    figure = _figure(6.4, 4.2)
+    axes = figure.subplots()
+    for curve, color, name in ((load, LOADING, "loading"), (back, UNLOADING, "unloading")):
+        axes.plot(v, curve.pressure * factor, color=color, label=name)
+        axes.plot(v, curve.elastic * factor, "--", lw=1, color=color, label=f"{name}, elastic part")
+    axes.legend(frameon=False)
+    title = material.name + (" (SYNTHETIC)" if material.synthetic else "")
+    _style(axes, "volume fraction [-]", f"pressure [{unit}]", title)
+    return figure
+
+
+def plot_envelope(made: FeltEnvelope) -> Any:
+    """Force of the loop, with the unloading of smaller cycles as the law with memory has it."""
+    e = np.linspace(0.0, made.closing, 400)
+    figure = _figure(6.4, 4.2)
+    axes = figure.subplots()
+    axes.plot(e * 1e3, made.core.loading(e), color=LOADING, label="loading")
+    for share in (1.0, 0.75, 0.5):
+        x = e[e <= share * made.closing * (1 + 1e-12)]
+        axes.plot(
+            x * 1e3,
+            made.core.unloading(x, share * made.closing),
+            color=UNLOADING,
+            lw=1.6 if share == 1.0 else 0.9,
+            label=f"unloading from {share * made.closing * 1e3:.3g} mm",
+        )
+    axes.legend(frameon=False)
+    title = made.name + (" (SYNTHETIC felt)" if "synthetic" in made.about.lower() else "")
+    _style(axes, "compression [mm]", "force [N]", title)
+    return figure
+
+
+def plot_audit(audit: Audit) -> Any:
+    """Curves with the valid window, band between them near zero, losses, stiffness."""
+    figure = _figure(11.0, 7.0)
+    (curves, band), (loss, stiffness) = figure.subplots(2, 2)
+    e = audit.compression * 1e3
+    curves.plot(e, audit.loading, color=LOADING, label="loading")
+    curves.plot(e, audit.unloading, color=UNLOADING, label="unloading")
+    for axes in (curves, band):
+        if audit.window is not None:
+            low, high = (x * 1e3 for x in audit.window)
+            axes.axvspan(low, high, color="#e6f2e6", zorder=0, label="valid window")
+    curves.axhline(0.0, color="#888888", lw=0.8)
+    curves.legend(frameon=False)
+    _style(curves, "compression [mm]", "force [N]", f"{audit.name} ({audit.law})")
+
+    faulty = [f.high for f in audit.findings if f.kind in ("crossing", "adhesion", "softening")]
+    reach = min(2.5 * max(faulty), e[-1] * 1e-3) if faulty else 0.25 * e[-1] * 1e-3
+    near = audit.compression <= reach
+    band.plot(e[near], 1e3 * audit.loading[near], color=LOADING, label="loading")
+    band.plot(e[near], 1e3 * audit.unloading[near], color=UNLOADING, label="unloading")
+    wrong = near & (audit.unloading > audit.loading)
+    band.fill_between(
+        e, 1e3 * audit.loading, 1e3 * audit.unloading, where=wrong, color=FRICTION, alpha=0.6,
+        label="unloading above loading",
+    )  # fmt: skip
+    band.axhline(0.0, color="#888888", lw=0.8)
+    band.set_xlim(0.0, reach * 1e3)
+    shown = np.concatenate([audit.loading[near], audit.unloading[near]]) * 1e3
+    margin = 0.05 * float(np.ptp(shown))
+    band.set_ylim(float(shown.min()) - margin, float(shown.max()) + margin)
+    band.legend(frameon=False)
+    _style(band, "compression [mm]", "force [mN]", "The same near zero")
+
+    amplitudes = sorted({c.amplitude for c in audit.cycles})
+    for i, amplitude in enumerate(amplitudes):
+        row = [c for c in audit.cycles if c.amplitude == amplitude]
+        loss.semilogx(
+            [c.frequency for c in row],
+            [100 * c.loss for c in row],
+            "o-",
+            color=GRAYS[i * (len(GRAYS) - 1) // max(len(amplitudes) - 1, 1)],
+            label=f"to {amplitude * 1e3:.3g} mm",
+        )
+    loss.axhline(0.0, color="#888888", lw=0.8)
+    loss.legend(frameon=False)
+    _style(loss, "frequency [Hz]", "loss of the second cycle [%]", "Loss of sinusoidal cycles")
+
+    stiffness.plot(e, audit.loading_stiffness * 1e-3, color=LOADING, label="loading")
+    stiffness.plot(e, audit.unloading_stiffness * 1e-3, color=UNLOADING, label="unloading")
+    stiffness.axhline(0.0, color="#888888", lw=0.8)
+    stiffness.legend(frameon=False)
+    _style(stiffness, "compression [mm]", "dF/de [N/mm]", "Tangent stiffness")
+    return figure

@@ -1,0 +1,20 @@
+"""The example of docs/felt.md runs as it stands."""
+
+import re
+from pathlib import Path
+
+DOCS = Path(__file__).resolve().parents[3] / "docs" / "felt.md"
+
+
+def test_example_runs(capsys):
+    text = DOCS.read_text(encoding="utf-8")
+    (block,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    scope = {}
+    exec(compile(block, "felt.md", "exec"), scope)
+    assert scope["action"].config.contacts["06"].law == "felt_memory"
+    assert "unloading lies above loading" in capsys.readouterr().out
+
+
+def test_pictures_exist():
+    for name in re.findall(r"\]\((img/[^)]+)\)", DOCS.read_text(encoding="utf-8")):
+        assert (DOCS.parent / name).is_file()
