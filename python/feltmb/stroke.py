@@ -78,6 +78,11 @@ class Stroke:
             raise InvalidParameter(
                 f"stroke {self.name!r}: duration = {self.duration:g} s, must be > 0"
             )
+        if not _finite(self.oscillation_amplitude, self.oscillation_frequency):
+            raise InvalidParameter(
+                f"stroke {self.name!r}: oscillation {self.oscillation_amplitude!r} at "
+                f"{self.oscillation_frequency!r} Hz, must be finite numbers"
+            )
         try:
             profile = _core.Profile(
                 list(self.time),

@@ -1,5 +1,6 @@
 """One test a bug that was found in use; the comment says how it showed."""
 
+import dataclasses
 import signal
 import subprocess
 import sys
@@ -373,6 +374,12 @@ def test_oscillating_stroke_is_not_shifted():
     # the ramp came later, its oscillation did not: another stroke
     stroke = feltmb.ramp_stroke(5.0, oscillation=(0.5, 30.0))
     refused(lambda: stroke.shifted(0.01), "oscillates and cannot be shifted")
+
+
+def test_oscillation_that_is_no_number():
+    # accepted; the solver failed later: "the right-hand side failed at the start"
+    stroke = feltmb.load_stroke("forte")
+    refused(lambda: dataclasses.replace(stroke, oscillation_amplitude=float("nan")), "oscillation")
 
 
 def test_curve_of_a_law_that_is_a_number():
