@@ -19,19 +19,22 @@ LAWS = {
 @click.command("list")
 @json_option
 def command(as_json: bool) -> None:
-    """List packaged mechanisms and strokes, contact laws and accepted units."""
+    """List packaged mechanisms, strokes and studies, contact laws and accepted units."""
     from feltmb.config import load_action, packaged_actions
     from feltmb.stroke import load_stroke, packaged_strokes
+    from feltmb.study import load_study, packaged_studies
     from feltmb.units import ACCEPTED_UNITS
 
     actions = {name: load_action(name).config.about for name in packaged_actions()}
     strokes = {name: load_stroke(name) for name in packaged_strokes()}
+    studies = {name: load_study(name).spec.title for name in packaged_studies()}
     if as_json:
         print_json(
             {
                 "actions": actions,
                 "strokes": {n: s.as_dict() for n, s in strokes.items()},
                 "laws": LAWS,
+                "studies": studies,
                 "units": sorted(ACCEPTED_UNITS),
             }
         )
@@ -46,6 +49,10 @@ def command(as_json: bool) -> None:
         unit = "N" if stroke.kind == "force" else "mm"
         top = max(stroke.value) * (1.0 if unit == "N" else 1e3)
         table.add_row(name, stroke.kind, f"{top:g} {unit}", f"{stroke.duration:g} s")
+    screen.print(table)
+    table = new_table("studies (feltmb study NAME)", "name", "about")
+    for name, title in studies.items():
+        table.add_row(name, title)
     screen.print(table)
     table = new_table("contact laws (contacts.NN.law)", "name", "about")
     for name, about in LAWS.items():
