@@ -556,8 +556,8 @@ def audit(
         compression=e,
         loading=up,
         unloading=down,
-        loading_stiffness=np.gradient(up, e, edge_order=2),
-        unloading_stiffness=np.gradient(down, e, edge_order=2),
+        loading_stiffness=np.gradient(up, e),
+        unloading_stiffness=np.gradient(down, e),
     )
 
 
