@@ -181,6 +181,9 @@ void bind_model(py::module_& m) {
           report = [](double) {
             const py::gil_scoped_acquire acquire;
             if (PyErr_CheckSignals() != 0) {
+              if (PyErr_ExceptionMatches(PyExc_KeyboardInterrupt) == 0) {
+                throw py::error_already_set();
+              }
               PyErr_Clear();
               return false;
             }

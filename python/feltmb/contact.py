@@ -97,7 +97,7 @@ class Law:
 
 
 def _curve(name: str, value: Sequence[float]) -> _core.ExponentialCurve:
-    if len(value) != 3:
+    if not isinstance(value, (list, tuple, np.ndarray)) or len(value) != 3:
         raise InvalidParameter(
             f"law: {name} = {value!r}, expected (a [N/m], b [1/m], c [N/m]) of eq. 4.21"
         )

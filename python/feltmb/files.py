@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-import tempfile
+import secrets
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -81,14 +81,12 @@ def write_file(path: Path, write: Callable[[Path], None], *, force: bool = False
     temporary: Path | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(path.suffix, ".feltmb", path.parent)
-        os.close(handle)
-        temporary = Path(name)
+        # Not mkstemp, whose files are private: results are for everyone that the umask allows, and
+        # the umask of a process with threads cannot be read.
+        new = path.parent / f".feltmb{secrets.token_hex(8)}{path.suffix}"
+        new.touch(exist_ok=False)
+        temporary = new
         write(temporary)
-        # mkstemp makes private files; results are for everyone that the umask allows.
-        mask = os.umask(0)
-        os.umask(mask)
-        temporary.chmod(0o666 & ~mask)
         temporary.replace(path)
     except OSError as error:
         raise FeltmbError(f"{path}: cannot be written: {error.strerror or error}") from None

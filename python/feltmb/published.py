@@ -7,7 +7,7 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from feltmb.files import read_toml
+from feltmb.files import is_file, read_toml
 
 if TYPE_CHECKING:
     from feltmb.results import Run
@@ -36,7 +36,7 @@ def compare_with_published(run: Run) -> list[Comparison]:
     """Published values for the mechanism and stroke of a run; empty if there are none."""
     folder = Path(str(resources.files("feltmb") / "params" / "published"))
     path = folder / f"{run.provenance['action']}.toml"
-    if not path.is_file():
+    if not is_file(path):
         return []
     name = run.provenance["stroke"]["name"]
     return [

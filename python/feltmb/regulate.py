@@ -20,8 +20,8 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from feltmb import _core
 from feltmb.config import Action, load_action
 from feltmb.errors import FeltmbError, InvalidParameter
-from feltmb.files import read_toml
-from feltmb.quantity import SI, Schema, fault_lines, parse_scalar
+from feltmb.files import is_file, read_toml
+from feltmb.quantity import SI, Schema, fault_lines, parse_scalar, shortened
 from feltmb.units import conversion_factor
 
 if TYPE_CHECKING:
@@ -214,10 +214,10 @@ def load_targets(name_or_path: str | Path) -> Targets:
     """
     text = str(name_or_path)
     path = _folder() / f"{text}.toml" if text in packaged_targets() else Path(text)
-    if not path.is_file():
+    if not is_file(path):
         raise InvalidParameter(
-            f"targets {text!r} are unknown; packaged are {', '.join(packaged_targets())}; or give "
-            f"the path of a TOML file"
+            f"targets {shortened(repr(text))} are unknown; "
+            f"packaged are {', '.join(packaged_targets())}; or give the path of a TOML file"
         )
     try:
         return Targets.model_validate(read_toml(path))

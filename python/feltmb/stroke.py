@@ -118,7 +118,15 @@ class Stroke:
         return np.asarray(self.profile.value(np.asarray(time, dtype=float)))
 
     def shifted(self, delay: float) -> Stroke:
-        """The same stroke, later by ``delay`` [s]; the duration grows with it."""
+        """The same stroke, later by ``delay`` [s]; the duration grows with it.
+
+        Raises
+        ------
+        InvalidParameter
+            The stroke oscillates: its phase counts from time zero.
+        """
+        if self.oscillation_amplitude and delay:
+            raise InvalidParameter(f"stroke {self.name!r} oscillates and cannot be shifted")
         return replace(
             self,
             time=tuple(t + delay for t in self.time),

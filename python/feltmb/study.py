@@ -24,8 +24,8 @@ from pydantic import Field, ValidationError
 
 from feltmb.config import Action, load_action
 from feltmb.errors import InvalidParameter
-from feltmb.files import check_writable, read_toml, write_file, write_text
-from feltmb.quantity import Schema, fault_lines
+from feltmb.files import check_writable, is_file, read_toml, write_file, write_text
+from feltmb.quantity import Schema, fault_lines, shortened
 from feltmb.stroke import Stroke, load_stroke
 from feltmb.study_expression import Formula, NotThere, to_unit
 from feltmb.sweep import (
@@ -255,14 +255,14 @@ def load_study(name_or_path: str | Path) -> Study:
     if text in packaged_studies():
         return Study.read(_folder() / f"{text}.toml")
     path = Path(text)
-    if path.suffix != ".toml" and not path.is_file():
+    if path.suffix != ".toml" and not is_file(path):
         near = difflib.get_close_matches(text, packaged_studies(), n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         raise InvalidParameter(
-            f"study {text!r} is unknown; packaged are {', '.join(packaged_studies())}; or give "
-            f"the path of a TOML file{hint}"
+            f"study {shortened(repr(text))} is unknown; "
+            f"packaged are {', '.join(packaged_studies())}; or give the path of a TOML file{hint}"
         )
-    if not path.is_file():
+    if not is_file(path):
         raise InvalidParameter(f"study {text!r}: there is no such file")
     return Study.read(path)
 
@@ -497,7 +497,7 @@ def _strokes(spec: StudyFile, folder: Path, faults: list[str]) -> dict[str, Stro
 def _load_beside(load: Any, name: str, folder: Path) -> Any:
     """A packaged name, or a path that starts at the folder of the study."""
     beside = folder / name
-    if Path(name).suffix and beside.is_file():
+    if Path(name).suffix and is_file(beside):
         return load(beside)
     return load(name)
 

@@ -93,7 +93,7 @@ class Formula:
             raise InvalidParameter(f"formula {text!r}: {error.msg}") from None
         except InvalidParameter:
             raise
-        except (RecursionError, MemoryError, ValueError):
+        except (RecursionError, MemoryError, ValueError, OverflowError):
             raise InvalidParameter(f"formula {text[:60]!r}...: is no formula") from None
 
     def __repr__(self) -> str:

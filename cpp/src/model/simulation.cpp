@@ -32,8 +32,14 @@ void check(const SimulationOptions& o) {
   if (o.max_order < 0 || o.max_order > 5) {
     throw InvalidParameter(format("max_order = %d, must be 0 (chosen) to 5", o.max_order));
   }
-  if (!(o.max_step >= 0.0) || !(o.max_wall >= 0.0) || o.max_steps < 1) {
-    throw InvalidParameter("max_step [s] and max_wall [s] must be >= 0, max_steps >= 1");
+  if (!(o.max_step >= 0.0)) {
+    throw InvalidParameter(format("max_step = %.6g s, must be >= 0 (0: no limit)", o.max_step));
+  }
+  if (!(o.max_wall >= 0.0)) {
+    throw InvalidParameter(format("max_wall = %.6g s, must be >= 0 (0: no limit)", o.max_wall));
+  }
+  if (o.max_steps < 1) {
+    throw InvalidParameter(format("max_steps = %ld, must be >= 1", o.max_steps));
   }
 }
 
@@ -345,11 +351,14 @@ class Run {
       result_.long_names.push_back(info.long_name);
     }
     const double count = std::floor(options_.duration * options_.output_rate * (1.0 + 1e-12));
-    if (count > 5e7) {
-      throw InvalidParameter(
-          format("output_rate = %.6g Hz over %.6g s gives %.3g samples; the "
-                 "limit is 5e7",
-                 options_.output_rate, options_.duration, count));
+    const auto columns =
+        static_cast<double>(1 + result_.names.size() + y_.size() + result_.ledger_names.size());
+    constexpr double most = 5e8;  // numbers, 4 GB
+    if (count * columns > most) {
+      throw InvalidParameter(format(
+          "output_rate = %.6g Hz over %.6g s gives %.3g samples of %.0f numbers; the "
+          "limit is %.3g samples",
+          options_.output_rate, options_.duration, count, columns, std::floor(most / columns)));
     }
     const auto rows = static_cast<Eigen::Index>(count) + 2;
     result_.time.resize(rows);

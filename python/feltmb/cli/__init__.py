@@ -12,7 +12,7 @@ __all__ = ["main"]
 
 #: command -> (module below feltmb.cli, one line of help)
 COMMANDS = {
-    "stroke": ("stroke", "Simulate strokes and save, plot or summarise them."),
+    "stroke": ("stroke", "Simulate strokes and save, plot or summarize them."),
     "demo": ("demo", "The main job: piano, forte, staccato; table, plots, animation."),
     "study": ("study", "Comparisons as data: the thesis's figures, sweeps, your own."),
     "regulate": ("regulate", "Regulate a mechanism as a technician does, steps A to F."),
@@ -23,7 +23,7 @@ COMMANDS = {
     "wav": ("wav", "The string of a saved run as sound."),
     "felt": ("felt", "Felt: identification, envelopes for the contact law, audit."),
     "fiber": ("fiber", "Micromechanics of fiber masses: structure, contacts, laws, fits."),
-    "list": ("listing", "Packaged mechanisms, strokes, contact laws, units."),
+    "list": ("listing", "Packaged mechanisms, strokes, studies, contact laws, units."),
     "validate": ("validate", "Check a mechanism, a stroke or a table; all faults at once."),
     "new": ("new", "Write a commented template of a mechanism file."),
 }

@@ -27,14 +27,22 @@ def command(as_json: bool) -> None:
 
     actions = {name: load_action(name).config.about for name in packaged_actions()}
     strokes = {name: load_stroke(name) for name in packaged_strokes()}
+<<<<<<< HEAD
     studies = {name: load_study(name).spec.title for name in packaged_studies()}
+=======
+    studies = {name: load_study(name) for name in packaged_studies()}
+>>>>>>> 014a4fc87e4c596fa28b68fe1581ca2afe72e417
     if as_json:
         print_json(
             {
                 "actions": actions,
                 "strokes": {n: s.as_dict() for n, s in strokes.items()},
                 "laws": LAWS,
+<<<<<<< HEAD
                 "studies": studies,
+=======
+                "studies": {n: s.spec.title for n, s in studies.items()},
+>>>>>>> 014a4fc87e4c596fa28b68fe1581ca2afe72e417
                 "units": sorted(ACCEPTED_UNITS),
             }
         )
@@ -57,5 +65,9 @@ def command(as_json: bool) -> None:
     table = new_table("contact laws (contacts.NN.law)", "name", "about")
     for name, about in LAWS.items():
         table.add_row(name, about)
+    screen.print(table)
+    table = new_table("studies", "name", "about")
+    for name, study in studies.items():
+        table.add_row(name, study.spec.title)
     screen.print(table)
     screen.print("units: " + " ".join(sorted(u for u in ACCEPTED_UNITS if u != "1")))

@@ -1,5 +1,6 @@
 """One test a bug that was found in use; the comment says how it showed."""
 
+import signal
 import subprocess
 import sys
 import threading
@@ -15,7 +16,10 @@ import xarray
 import feltmb
 from feltmb.cli import main
 from feltmb.config import Action
+from feltmb.contact import law
 from feltmb.files import check_writable, write_text
+from feltmb.study import load_study
+from feltmb.study_expression import Formula
 
 
 @pytest.fixture(scope="module")
@@ -173,6 +177,8 @@ def test_names_longer_than_names_of_files(name, tmp_path):
     refused(lambda: feltmb.load_action(name), "mechanism")
     refused(lambda: feltmb.load_stroke(name), "stroke")
     refused(lambda: feltmb.load_run(name), "there is no such file")
+    refused(lambda: feltmb.load_targets(name), "targets")
+    refused(lambda: load_study(name), "study")
     with pytest.raises(feltmb.FeltmbError, match="cannot be written"):
         check_writable(tmp_path / name, force=False)
 
@@ -326,3 +332,65 @@ def test_picture_of_unknown_kind(tmp_path, capsys):
         main(["show", "steinway45", "--plot", str(tmp_path / "x.abc")])
     assert caught.value.code == 2
     assert "expected .png, .pdf or .svg" in capsys.readouterr().err
+
+
+def test_samples_beyond_the_memory(action):
+    # up to 5e7 samples were allowed, whatever their number of columns: 42 GB for this one
+    refused(lambda: feltmb.simulate(action, "forte", output_rate=1e8), "samples of ", "limit")
+
+
+def test_faults_of_limits_name_the_limit(pendulum):
+    # "max_step [s] and max_wall [s] must be >= 0, max_steps >= 1" for any of the three
+    refused(lambda: feltmb.simulate(pendulum, "staccato", max_wall=-1.0), "max_wall = -1 s")
+    refused(lambda: feltmb.simulate(pendulum, "staccato", max_step=-1.0), "max_step = -1 s")
+
+
+def test_writing_leaves_the_umask_alone(tmp_path, monkeypatch):
+    # the umask was set to 0 and back: another thread could write, or keep it, in between
+    monkeypatch.setattr("os.umask", lambda mask: pytest.fail(f"umask set to {mask}"))
+    path = write_text(tmp_path / "x.txt", "x")
+    (tmp_path / "y.txt").touch()
+    assert path.stat().st_mode == (tmp_path / "y.txt").stat().st_mode
+
+
+def test_word_of_a_formula_beyond_floats():
+    # OverflowError: int too large to convert to float
+    refused(lambda: Formula(f"peak({10**400})"), "is no formula")
+
+
+def test_list_names_the_studies(capsys):
+    # feltmb list said nothing of them
+    with pytest.raises(SystemExit):
+        main(["list"])
+    listed = capsys.readouterr().out
+    assert all(name in listed for name in feltmb.packaged_studies())
+
+
+# ---------------------------------------------------------------- strokes, laws, signals
+
+
+def test_oscillating_stroke_is_not_shifted():
+    # the ramp came later, its oscillation did not: another stroke
+    stroke = feltmb.ramp_stroke(5.0, oscillation=(0.5, 30.0))
+    refused(lambda: stroke.shifted(0.01), "oscillates and cannot be shifted")
+
+
+def test_curve_of_a_law_that_is_a_number():
+    # TypeError: object of type 'int' has no len()
+    refused(lambda: law("mean", loading=5, unloading=(1.0, 2.0, 3.0)), "loading = 5, expected")
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="no timers of the system")
+def test_errors_of_signal_handlers_come_through(action):
+    # any error of a handler became KeyboardInterrupt
+    def expire(*_arguments):
+        raise TimeoutError("time is up")
+
+    before = signal.signal(signal.SIGALRM, expire)
+    signal.setitimer(signal.ITIMER_REAL, 0.1)
+    try:
+        with pytest.raises(TimeoutError, match="time is up"):
+            feltmb.simulate(action, "repeated", rtol=1e-12)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
