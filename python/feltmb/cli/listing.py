@@ -27,22 +27,14 @@ def command(as_json: bool) -> None:
 
     actions = {name: load_action(name).config.about for name in packaged_actions()}
     strokes = {name: load_stroke(name) for name in packaged_strokes()}
-<<<<<<< HEAD
-    studies = {name: load_study(name).spec.title for name in packaged_studies()}
-=======
     studies = {name: load_study(name) for name in packaged_studies()}
->>>>>>> 014a4fc87e4c596fa28b68fe1581ca2afe72e417
     if as_json:
         print_json(
             {
                 "actions": actions,
                 "strokes": {n: s.as_dict() for n, s in strokes.items()},
                 "laws": LAWS,
-<<<<<<< HEAD
-                "studies": studies,
-=======
                 "studies": {n: s.spec.title for n, s in studies.items()},
->>>>>>> 014a4fc87e4c596fa28b68fe1581ca2afe72e417
                 "units": sorted(ACCEPTED_UNITS),
             }
         )
@@ -57,10 +49,6 @@ def command(as_json: bool) -> None:
         unit = "N" if stroke.kind == "force" else "mm"
         top = max(stroke.value) * (1.0 if unit == "N" else 1e3)
         table.add_row(name, stroke.kind, f"{top:g} {unit}", f"{stroke.duration:g} s")
-    screen.print(table)
-    table = new_table("studies (feltmb study NAME)", "name", "about")
-    for name, title in studies.items():
-        table.add_row(name, title)
     screen.print(table)
     table = new_table("contact laws (contacts.NN.law)", "name", "about")
     for name, about in LAWS.items():
