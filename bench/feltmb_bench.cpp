@@ -79,9 +79,19 @@ double impact_speed(const RunResult& run, int contact) {
   return std::nan("");
 }
 
-CaseResult stroke(const std::string& name, bool flexible, const feltmb::FingerInput& input,
+enum class Members { kRigid, kFlexible, kFlexibleFullAxial };
+
+feltmb::MechanismDescription action(Members members) {
+  auto description = feltmb::bench::steinway45(members != Members::kRigid);
+  for (auto& body : description.bodies) {
+    if (body.beam) body.beam->condense_axial = members == Members::kFlexible;
+  }
+  return description;
+}
+
+CaseResult stroke(const std::string& name, Members members, const feltmb::FingerInput& input,
                   double duration, bool outputs, int repeat) {
-  const auto mechanism = feltmb::assemble(feltmb::bench::steinway45(flexible));
+  const auto mechanism = feltmb::assemble(action(members));
   const int contact = mechanism->contact_index(6);
   feltmb::SimulationOptions options;
   options.duration = duration;
@@ -353,8 +363,10 @@ int main(int argc, char** argv) {
     const std::string kind = flexible ? "flexible_" : "rigid_";
     const auto add = [&](const std::string& name, const feltmb::FingerInput& input, double end,
                          bool outputs) {
-      cases.emplace_back(
-          kind + name, [=] { return stroke(kind + name, flexible, input, end, outputs, repeat); });
+      cases.emplace_back(kind + name, [=] {
+        return stroke(kind + name, flexible ? Members::kFlexible : Members::kRigid, input, end,
+                      outputs, repeat);
+      });
     };
     add("piano", flexible ? ramp(5.0, 0.083, 0.350) : ramp(5.0, 0.083, 0.3475), 0.5, false);
     const auto forte = flexible ? ramp(25.0, 0.05, 0.0930) : ramp(25.0, 0.05, 0.0905);
@@ -366,6 +378,10 @@ int main(int argc, char** argv) {
                          [=] { return evaluation(flexible, jacobian, repeat); });
     }
   }
+  cases.emplace_back("full_axial_forte", [&] {
+    return stroke("full_axial_forte", Members::kFlexibleFullAxial, ramp(25.0, 0.05, 0.0930), 0.4,
+                  false, std::min(repeat, 3));
+  });
   const feltmb::ExponentialCurve loading{5.52e3, 1.58e3, -0.60e3};
   const feltmb::ExponentialCurve unloading{0.19e3, 5.04e3, 3.04e3};
   const auto add_law = [&](const std::string& name, const feltmb::LawParameters& parameters) {
@@ -393,6 +409,18 @@ int main(int argc, char** argv) {
       if (name.find(filter) == std::string::npos) continue;
       results.push_back(run());
       print(results.back());
+    }
+    const auto median = [&](const std::string& name) {
+      for (const auto& r : results) {
+        if (r.name == name) return quantile(r.milliseconds, 0.5);
+      }
+      return std::nan("");
+    };
+    const double rigid = median("rigid_forte");
+    for (const char* name : {"flexible_forte", "full_axial_forte"}) {
+      if (std::isfinite(median(name) / rigid)) {
+        std::printf("%s takes %.2f times rigid_forte\n", name, median(name) / rigid);
+      }
     }
     if (!json.empty()) write_json(json, results);
   } catch (const std::exception& error) {

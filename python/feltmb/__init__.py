@@ -63,3 +63,19 @@ __all__ = [
     "table_stroke",
     "touch",
 ]
+
+#: Modules that are loaded when they are first asked for.
+_MODULES = ("animate", "contact", "felt", "fiber", "graph", "plot", "units")
+
+
+def __getattr__(name: str) -> object:
+    """Load a module of the package on first use, ``feltmb.fiber`` for example."""
+    if name in _MODULES:
+        import importlib
+
+        return importlib.import_module(f"feltmb.{name}")
+    raise AttributeError(f"module 'feltmb' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_MODULES])

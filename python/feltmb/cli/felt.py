@@ -392,6 +392,8 @@ def _print_audit(result: Audit) -> None:
         click.echo(
             f"  valid window: {result.window[0] * 1e3:.4g} to {result.window[1] * 1e3:.4g} mm"
         )
+    for branch, (low, high) in result.stiffness_range.items():
+        click.echo(f"  tangent stiffness, {branch}: {low * 1e-3:.4g} to {high * 1e-3:.4g} N/mm")
     for f in result.findings:
         click.echo(f"  {f.kind}: {f.text}")
     if not result.findings:

@@ -121,6 +121,17 @@ class Audit:
             f.kind in ("crossing", "adhesion", "softening", "open") for f in self.findings
         )
 
+    @property
+    def stiffness_range(self) -> dict[str, tuple[float, float]]:
+        """Least and largest tangent stiffness of both branches [N/m]."""
+        return {
+            "loading": (float(self.loading_stiffness.min()), float(self.loading_stiffness.max())),
+            "unloading": (
+                float(self.unloading_stiffness.min()),
+                float(self.unloading_stiffness.max()),
+            ),
+        }
+
     def to_dict(self) -> dict[str, Any]:
         """Plain data in SI units, without the curves."""
         return {
@@ -131,6 +142,7 @@ class Audit:
             "closing": self.closing,
             "law_is_sound": self.law_is_sound,
             "data_are_sound": self.data_are_sound,
+            "stiffness": {k: list(v) for k, v in self.stiffness_range.items()},
             "findings": [asdict(f) for f in self.findings],
             "cycles": [
                 {**asdict(c), "loss": c.loss, "first_loss": c.first_loss} for c in self.cycles
@@ -544,8 +556,8 @@ def audit(
         compression=e,
         loading=up,
         unloading=down,
-        loading_stiffness=np.gradient(up, e, edge_order=2),
-        unloading_stiffness=np.gradient(down, e, edge_order=2),
+        loading_stiffness=np.gradient(up, e),
+        unloading_stiffness=np.gradient(down, e),
     )
 
 

@@ -139,4 +139,10 @@ def test_faults_and_plain_data():
         audit(made, amplitudes=(-1.0,), frequencies=(0.0,))
     out = audit(made, amplitudes=(1.0,), frequencies=(1.0,)).to_dict()
     assert out["law"] == "felt_memory"
+    low, high = out["stiffness"]["loading"]
+    assert 0 <= low < high
+    assert high == pytest.approx(
+        (made.loading[-1] - made.loading[-2]) / (made.compression[-1] - made.compression[-2]),
+        rel=0.02,
+    )
     assert out["cycles"][0]["loss"] > 0

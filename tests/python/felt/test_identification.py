@@ -2,9 +2,20 @@
 
 import numpy as np
 import pytest
+from scipy.stats import t as student
 
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.felt import identify, load_material, packaged_materials
+from feltmb.felt import (
+    Branch,
+    CircleOnLayer,
+    FeltMaterial,
+    Fiber,
+    audit,
+    envelope,
+    identify,
+    load_material,
+    packaged_materials,
+)
 from feltmb.fiber import read_compression
 
 NAMES = packaged_materials()
@@ -189,3 +200,55 @@ def test_material_files_are_checked(tmp_path):
         assert part in text
     with pytest.raises(InvalidParameter, match="did you mean 'synthetic_leather'"):
         load_material("leather")
+
+
+def random_felt(rng):
+    v0 = rng.uniform(0.05, 0.4)
+    return FeltMaterial(
+        schema=1,
+        name="random",
+        v_f0=v0,
+        v_f_max=v0 + rng.uniform(0.1, 0.35),
+        fiber=Fiber(
+            diameter=rng.uniform(10e-6, 40e-6),
+            friction=rng.uniform(0.3, 0.8),
+            withdrawal_force=10 ** rng.uniform(-1.5, 1),
+        ),
+        loading=Branch(K_p=10 ** rng.uniform(5, 7), gamma=rng.uniform(0.8, 2)),
+        unloading=Branch(K_p=10 ** rng.uniform(4, 6), gamma=rng.uniform(1.5, 3.5)),
+    )
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_any_felt_is_found_again_and_makes_a_loop(seed):
+    m = random_felt(np.random.default_rng(seed))
+    v, p, loading = samples(m, 80)
+    found = identify(v, p, material=m, loading=loading)
+    for fit, truth in ((found.loading, m.loading), (found.unloading, m.unloading)):
+        assert fit.gamma == pytest.approx(truth.gamma, rel=1e-6)
+        assert fit.K_p == pytest.approx(truth.K_p, rel=1e-5)
+    made = envelope(m, 5e-3, CircleOnLayer(6e-3, 8e-3))
+    assert np.all((made.unloading >= 0) & (made.unloading <= made.loading))
+    assert made.unloading[-1] == made.loading[-1]
+    assert audit(made, amplitudes=(1.0,), frequencies=(1.0,)).law_is_sound
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_claimed_scatter_is_the_scatter(name):
+    m = load_material(name)
+    found: dict[str, list[float]] = {"loading": [], "unloading": []}
+    claimed: dict[str, list[float]] = {"loading": [], "unloading": []}
+    hits = 0
+    for seed in range(300):
+        v, p, loading = samples(m, 100, 0.01, 5000 + seed)
+        result = identify(v, p, material=m, loading=loading)
+        for fit, truth in ((result.loading, m.loading), (result.unloading, m.unloading)):
+            low, high = fit.interval["gamma"]
+            hits += low <= truth.gamma <= high
+            found[fit.which].append(np.log(fit.gamma / truth.gamma))
+            claimed[fit.which].append(np.log(high / low) / 2 / student.ppf(0.975, 98))
+    for which, values in found.items():
+        assert np.std(values) == pytest.approx(np.mean(claimed[which]), rel=0.13)
+        assert abs(np.mean(values)) < 4 * np.std(values) / np.sqrt(300)
+    assert 0.92 < hits / 600 < 0.98
