@@ -8,6 +8,8 @@ from typing import Any
 
 import click
 
+from feltmb import __version__
+
 __all__ = ["main"]
 
 #: command -> (module below feltmb.cli, one line of help)
@@ -63,7 +65,7 @@ class _Lazy(click.Group):
 
 
 @click.group(cls=_Lazy, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(package_name="feltmb", prog_name="feltmb")
+@click.version_option(__version__, prog_name="feltmb")
 def cli() -> None:
     """Simulate machines whose parts meet through felt.
 

@@ -1,6 +1,7 @@
 """One test a bug that was found in use; the comment says how it showed."""
 
 import dataclasses
+import importlib.metadata
 import signal
 import subprocess
 import sys
@@ -401,3 +402,15 @@ def test_errors_of_signal_handlers_come_through(action):
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
+
+
+def test_version_without_an_installed_package(capsys, monkeypatch):
+    # RuntimeError: 'feltmb' is not installed, from a folder of sources
+    def absent(name):
+        raise importlib.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr("importlib.metadata.version", absent)
+    with pytest.raises(SystemExit) as caught:
+        main(["--version"])
+    assert caught.value.code == 0
+    assert feltmb.__version__ in capsys.readouterr().out
