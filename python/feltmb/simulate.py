@@ -305,7 +305,14 @@ def _to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
     )
     states = result.states
     laws = action.mechanism.total_law_states
+    # Names of the first public interface, kept beside ours.
+    stats.update(factorisations=stats["factorizations"], time=stats["wall"])
     stats["warnings"] = _warnings(energy, options)
+    if len(changes) >= _MOST_EVENTS:
+        stats["warnings"].append(
+            f"only the first {_MOST_EVENTS} events were kept: named events and the summary may be "
+            "wrong"
+        )
     return Run(
         time=result.time,
         names=tuple(result.names),
@@ -324,6 +331,10 @@ def _to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
         status=result.status,
         message=result.message,
     )
+
+
+#: The core keeps no more events of one run.
+_MOST_EVENTS = 100_000
 
 
 def _warnings(energy: Mapping[str, Any], options: Any) -> list[str]:

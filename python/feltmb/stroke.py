@@ -273,6 +273,10 @@ def _table(
     return Stroke(name, kind, times, tuple(float(v) for v in value), interpolation, duration=end)
 
 
+#: A held value goes over to the first value of the next stroke within this time [s].
+_SEAM = 1e-4
+
+
 def sequence(*strokes: Stroke, period: float | None = None, name: str = "sequence") -> Stroke:
     """Strokes one after the other: repeated blows, press and release.
 
@@ -282,7 +286,8 @@ def sequence(*strokes: Stroke, period: float | None = None, name: str = "sequenc
         All of force or all of motion, without oscillation, same interpolation.
     period
         Each begins this long after the one before [s]; default: when the one before ends
-        (its ``duration``). Knots of one stroke must end before the next begins.
+        (its ``duration``). Knots of one stroke must end before the next begins. What a stroke
+        holds at its end it holds until then, and lets go within 0.1 ms.
     """
     _need(len(strokes) > 0, "sequence", strokes, "at least one stroke")
     first = strokes[0]
@@ -297,8 +302,14 @@ def sequence(*strokes: Stroke, period: float | None = None, name: str = "sequenc
             )
         if stroke.oscillation_amplitude:
             raise InvalidParameter(f"sequence: stroke {i} ({stroke.name}) oscillates; give a table")
+        if time and value[-1] != stroke.value[0] and start - _SEAM > time[-1]:
+            # What the last stroke holds, it holds until the next begins.
+            time += [start - _SEAM, start]
+            value += [value[-1], stroke.value[0]]
         for t, v in zip(stroke.time, stroke.value, strict=True):
             if time and start + t <= time[-1]:
+                if start + t == time[-1] and v == value[-1]:
+                    continue
                 raise InvalidParameter(
                     f"sequence: stroke {i} ({stroke.name}) begins at {start + t:g} s before the "
                     f"one before it ends at {time[-1]:g} s"

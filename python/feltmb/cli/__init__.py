@@ -76,7 +76,7 @@ def cli() -> None:
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line; never shows a traceback for a fault of the input."""
     from feltmb.cli.common import complain
-    from feltmb.errors import FeltmbError
+    from feltmb.errors import FeltmbError, FileExists, ModelError
 
     code: Any = 0
     try:
@@ -92,7 +92,11 @@ def main(arguments: list[str] | None = None) -> None:
         code = 130
     except FeltmbError as error:
         complain(str(error))
-        code = 2 if isinstance(error, ValueError) or type(error).__name__ == "FileExists" else 1
+        code = (
+            2
+            if isinstance(error, ValueError) or type(error).__name__ in ("FileExists", "ModelError")
+            else 1
+        )
     except BrokenPipeError:
         code = 0
     except MemoryError as error:

@@ -414,3 +414,29 @@ def test_version_without_an_installed_package(capsys, monkeypatch):
         main(["--version"])
     assert caught.value.code == 0
     assert feltmb.__version__ in capsys.readouterr().out
+
+
+def test_sequence_holds_what_a_stroke_holds():
+    # Two held ramps in sequence fell linearly from one to the next.
+    ramp = feltmb.ramp_stroke(5.0, 0.05, 0.1, duration=0.3)
+    both = feltmb.sequence(ramp, ramp)
+    assert both.at([0.15, 0.2, 0.299, 0.301, 0.34, 0.45]).tolist() == pytest.approx(
+        [5.0, 5.0, 5.0, 0.0, 0.0, 5.0]
+    )
+
+
+def test_unreachable_pose_is_bad_input(tmp_path, capsys):
+    # `feltmb stroke` exited with 1, `feltmb validate` with 2.
+    action = feltmb.load_action("steinway45")
+    text = feltmb.Action(
+        {
+            **action.raw,
+            "contacts": {k: {**c, "enabled": False} for k, c in action.raw["contacts"].items()},
+        }
+    ).to_toml()
+    path = tmp_path / "falls.toml"
+    path.write_text(text)
+    with pytest.raises(SystemExit) as stop:
+        main(["stroke", str(path), "piano"])
+    assert stop.value.code == 2
+    assert "no rest pose" in capsys.readouterr().err
