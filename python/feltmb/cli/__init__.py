@@ -92,11 +92,8 @@ def main(arguments: list[str] | None = None) -> None:
         code = 130
     except FeltmbError as error:
         complain(str(error))
-        code = (
-            2
-            if isinstance(error, ValueError) or type(error).__name__ in ("FileExists", "ModelError")
-            else 1
-        )
+        bad_input = isinstance(error, (ValueError, FileExists, ModelError))
+        code = 2 if bad_input else 1
     except BrokenPipeError:
         code = 0
     except MemoryError as error:
