@@ -20,6 +20,7 @@ __all__ = [
     "complain",
     "console",
     "force_option",
+    "is_terminal",
     "json_option",
     "load_with_settings",
     "new_table",
@@ -129,6 +130,3 @@ def load_with_settings(name: str, settings: tuple[str, ...]) -> Action:
 def is_terminal() -> bool:
     """Whether progress may be drawn."""
     return sys.stderr.isatty()
-
-
-__all__ += ["is_terminal"]

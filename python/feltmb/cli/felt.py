@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -15,6 +15,7 @@ from feltmb.cli.common import (
     json_option,
     new_table,
     print_json,
+    save_figure,
     say_written,
 )
 
@@ -22,16 +23,6 @@ if TYPE_CHECKING:
     from feltmb.felt import Audit
 
 __all__ = ["command", "felt"]
-
-
-def _save_figure(figure: Any, path: Path, force: bool) -> None:
-    from feltmb.errors import InvalidParameter
-    from feltmb.files import write_file
-
-    kind = path.suffix.lstrip(".").lower()
-    if kind not in ("png", "pdf", "svg"):
-        raise InvalidParameter(f"{path}: cannot draw .{kind}, expected .png, .pdf or .svg")
-    say_written(write_file(path, lambda p: figure.savefig(p, format=kind, dpi=150), force=force))
 
 
 def _length(text: str, where: str) -> float:
@@ -102,7 +93,7 @@ def show_command(material: str, points: int, output: Path | None, force: bool) -
     console().print(table)
     click.echo(f"loss of the loop: {100 * m.loss():.2f} % of the loading work")
     if output is not None:
-        _save_figure(plot_material(m), output, force)
+        save_figure(plot_material(m), output, force=force)
 
 
 @felt.command(name="loop")
@@ -157,7 +148,7 @@ def loop_command(
     v = np.linspace(v_f0, top, points)
     made = carnaby_pan(v, mu, withdrawal, e_modulus, d_f, v_f0, gamma, k_bend, q, form=form)
     if output is not None and output.suffix != ".csv":
-        _save_figure(plot_loop(made), output, force)
+        save_figure(plot_loop(made), output, force=force)
     columns = {
         "v_f [-]": made.v_f,
         "C [N]": made.C,
@@ -303,7 +294,7 @@ def identify_command(
     if output is not None:
         say_written(write_text(output, result.material.to_toml(), force=force))
     if folder is not None:
-        _save_figure(plot_identification(result), folder / "identification.png", force)
+        save_figure(plot_identification(result), folder / "identification.png", force=force)
         text = result.report() + "\n![Identification](identification.png)\n"
         say_written(write_text(folder / "report.md", text, force=force))
 
@@ -379,7 +370,7 @@ def envelope_command(
         text = made.to_toml(action, contact) if contact is not None else made.to_toml()
         say_written(write_text(output, text, force=force))
     if picture is not None:
-        _save_figure(plot_envelope(made), picture, force)
+        save_figure(plot_envelope(made), picture, force=force)
 
 
 def _print_audit(result: Audit) -> None:
@@ -494,7 +485,7 @@ def audit_command(
                 click.echo(f"{r.name.partition(':')[2] or r.name} {f.kind}: {f.text}")
     if folder is not None:
         for r in results:
-            _save_figure(plot_audit(r), picture(r.name), force)
+            save_figure(plot_audit(r), picture(r.name), force=force)
 
 
 command = felt

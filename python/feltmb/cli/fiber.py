@@ -14,7 +14,13 @@ from typing import Any
 
 import click
 
-from feltmb.cli.common import complain, console, save_figure, say_written
+from feltmb.cli.common import (
+    complain,
+    console,
+    force_option,
+    save_figure,
+    say_written,
+)
 
 _EXIT_FAILED = 1
 _EXIT_BAD_INPUT = 2
@@ -262,7 +268,7 @@ def contacts_command(
     type=click.Path(dir_okay=False, path_type=Path),
     help="CSV, or .png/.pdf/.svg for a picture.",
 )
-@click.option("--force", is_flag=True, help="Overwrite.")
+@force_option
 @_guard
 def pressure_command(
     model: str, given: tuple[str, ...], top: float, points: int, output: Path | None, force: bool
@@ -538,7 +544,7 @@ def arcs_command(
     type=click.Path(dir_okay=False, path_type=Path),
     help="CSV with time, compression and result.",
 )
-@click.option("--force", is_flag=True, help="Overwrite.")
+@force_option
 @_guard
 def history_command(
     model: str, path: Path, given: tuple[str, ...], spring: str, output: Path | None, force: bool
@@ -667,7 +673,7 @@ def _fit_dictionary(f: Any) -> dict[str, Any]:
 @click.option(
     "--output", "-o", type=click.Path(dir_okay=False, path_type=Path), help="Results as JSON."
 )
-@click.option("--force", is_flag=True, help="Overwrite.")
+@force_option
 @_guard
 def fit_command(
     data: Path,
@@ -810,7 +816,7 @@ def fit_command(
 @click.option("--resume", is_flag=True, help="Go on with OUTPUT, an unfinished run.")
 @click.option("--samples", type=int, help="Stop after this many samples; resume later.")
 @click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), help="Picture.")
-@click.option("--force", is_flag=True, help="Overwrite.")
+@force_option
 @_guard
 def simulate_command(
     output: Path,
@@ -943,7 +949,7 @@ def simulate_command(
     help="Fibers of the sampled network (the thesis uses 6000).",
 )
 @click.option("--seed", type=int, default=0, show_default=True)
-@click.option("--force", is_flag=True, help="Overwrite.")
+@force_option
 @_guard
 def gallery_command(folder: Path, fibers: int, seed: int, force: bool) -> None:
     """Draw all pictures of the fiber models into FOLDER."""

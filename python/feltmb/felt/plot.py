@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from feltmb.fiber.plot import new_figure, style_axes
 
 if TYPE_CHECKING:
     from feltmb.felt.auditing import Audit
@@ -18,22 +21,7 @@ __all__ = ["plot_audit", "plot_envelope", "plot_identification", "plot_loop", "p
 LOADING, UNLOADING, ELASTIC, FRICTION = "#1b6ca8", "#d1495b", "#2e8b57", "#edae49"
 GRAYS = ("#bbbbbb", "#888888", "#555555", "#222222")
 
-
-def _figure(width: float, height: float) -> Any:
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), layout="constrained")
-
-
-def _style(axes: Any, xlabel: str, ylabel: str, title: str = "") -> None:
-    axes.set_xlabel(xlabel)
-    axes.set_ylabel(ylabel)
-    if title:
-        axes.set_title(title, fontsize=10.5, loc="left")
-    axes.grid(True, color="#dddddd", linewidth=0.6)
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+_style = partial(style_axes, title_size=10.5)
 
 
 def _scale(largest: float) -> tuple[float, str]:
@@ -44,7 +32,7 @@ def _scale(largest: float) -> tuple[float, str]:
 def plot_loop(loop: CarnabyPan) -> Any:
     """Pressures, critical angle with proportion sliding, and forces of a fiber mass."""
     factor, unit = _scale(float(loop.P_loading.max()))
-    figure = _figure(11.0, 3.6)
+    figure = new_figure(11.0, 3.6)
     left, middle, right = figure.subplots(1, 3)
     left.plot(loop.v_f, loop.P_loading * factor, color=LOADING, label="loading")
     left.plot(loop.v_f, loop.P_unloading * factor, color=UNLOADING, label="unloading")
@@ -73,7 +61,7 @@ def plot_identification(result: Identification) -> Any:
     m = result.material
     factor, unit = _scale(float(result.loading.pressure.max()))
     v = np.linspace(m.v_f0, m.end, 400)
-    figure = _figure(10.0, 7.2)
+    figure = new_figure(10.0, 7.2)
     (loop, parts), (angle, rest) = figure.subplots(2, 2)
     for fit, color in ((result.loading, LOADING), (result.unloading, UNLOADING)):
         curve = m.branch(fit.which, v)
@@ -103,7 +91,7 @@ def plot_material(material: FeltMaterial) -> Any:
     v = np.linspace(material.v_f0, material.end, 400)
     load, back = material.branch("loading", v), material.branch("unloading", v)
     factor, unit = _scale(float(load.pressure.max()))
-    figure = _figure(6.4, 4.2)
+    figure = new_figure(6.4, 4.2)
     axes = figure.subplots()
     for curve, color, name in ((load, LOADING, "loading"), (back, UNLOADING, "unloading")):
         axes.plot(v, curve.pressure * factor, color=color, label=name)
@@ -117,7 +105,7 @@ def plot_material(material: FeltMaterial) -> Any:
 def plot_envelope(made: FeltEnvelope) -> Any:
     """Force of the loop, with the unloading of smaller cycles as the law with memory has it."""
     e = np.linspace(0.0, made.closing, 400)
-    figure = _figure(6.4, 4.2)
+    figure = new_figure(6.4, 4.2)
     axes = figure.subplots()
     axes.plot(e * 1e3, made.core.loading(e), color=LOADING, label="loading")
     for share in (1.0, 0.75, 0.5):
@@ -137,7 +125,7 @@ def plot_envelope(made: FeltEnvelope) -> Any:
 
 def plot_audit(audit: Audit) -> Any:
     """Curves with the valid window, band between them near zero, losses, stiffness."""
-    figure = _figure(11.0, 7.0)
+    figure = new_figure(11.0, 7.0)
     (curves, band), (loss, stiffness) = figure.subplots(2, 2)
     e = audit.compression * 1e3
     curves.plot(e, audit.loading, color=LOADING, label="loading")

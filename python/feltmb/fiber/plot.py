@@ -29,17 +29,21 @@ FELT_EXAMPLES: dict[str, dict[str, float]] = {
 """Parameters of one felt-like mass for every law (illustration, not a fit)."""
 
 
-def _figure(width: float = 7.0, height: float = 4.6) -> Any:
+def new_figure(width: float = 7.0, height: float = 4.6) -> Any:
+    """Figure of a size in inches."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def _style(axes: Any, xlabel: str, ylabel: str, title: str = "") -> None:
+def style_axes(
+    axes: Any, xlabel: str, ylabel: str, title: str = "", *, title_size: float = 11
+) -> None:
+    """Labels, a pale grid and no frame at the top and right."""
     axes.set_xlabel(xlabel)
     axes.set_ylabel(ylabel)
     if title:
-        axes.set_title(title, fontsize=11, loc="left")
+        axes.set_title(title, fontsize=title_size, loc="left")
     axes.grid(True, color="#dddddd", linewidth=0.6)
     axes.set_axisbelow(True)
     for side in ("top", "right"):
@@ -49,7 +53,7 @@ def _style(axes: Any, xlabel: str, ylabel: str, title: str = "") -> None:
 def plot_law(made: Any, top: float) -> Any:
     """Pressure, tangent modulus and energy of one law up to volume fraction ``top``."""
     v = np.linspace(made.v_f0, top, 300)
-    figure = _figure(10, 3.4)
+    figure = new_figure(10, 3.4)
     axes = figure.subplots(1, 3)
     rows = (
         (made.pressure(v) / 1e3, "pressure [kPa]"),
@@ -58,7 +62,7 @@ def plot_law(made: Any, top: float) -> Any:
     )
     for ax, (y, label) in zip(axes, rows, strict=True):
         ax.plot(v, y, color=COLORS[0])
-        _style(ax, "volume fraction $v_f$ [-]", label)
+        style_axes(ax, "volume fraction $v_f$ [-]", label)
     figure.suptitle(made.name, x=0.02, ha="left")
     return figure
 
@@ -68,7 +72,7 @@ def plot_pressures(parameters: dict[str, dict[str, float]] | None = None, top: f
     from feltmb.fiber.laws import law
 
     chosen = FELT_EXAMPLES if parameters is None else parameters
-    figure = _figure(8.4, 5.2)
+    figure = new_figure(8.4, 5.2)
     ax = figure.subplots()
     styles = ("-", "--")
     for number, (name, given) in enumerate(chosen.items()):
@@ -82,7 +86,7 @@ def plot_pressures(parameters: dict[str, dict[str, float]] | None = None, top: f
             label=name,
         )
     ax.set_ylim(1e-2, 1e5)
-    _style(
+    style_axes(
         ax,
         "volume fraction $v_f$ [-]",
         "pressure [kPa]",
@@ -98,7 +102,7 @@ def plot_sphere(n: int = 1500, seed: int = 0, ratio: float = 3.0, spread: int = 
 
     before = network(n, seed, spread)
     after = before.deform(ratio)
-    figure = _figure(8.8, 4.8)
+    figure = new_figure(8.8, 4.8)
     angle = np.linspace(0, 2 * math.pi, 200)
     pairs = ((before, "random"), (after, f"compressed, R = {ratio:g}"))
     for number, (made, title) in enumerate(pairs):
@@ -136,7 +140,7 @@ def plot_structure(n: int = 6000, seed: int = 0) -> Any:
     sampled_at = (1.0, 2.0, 4.0, 8.0, 16.0, 30.0)
     base = network(n, seed, 0)
     sampled = [base.deform(r).structure() for r in sampled_at]
-    figure = _figure(7.6, 4.8)
+    figure = new_figure(7.6, 4.8)
     ax = figure.subplots()
     labels = {
         "f": "$f$",
@@ -159,7 +163,7 @@ def plot_structure(n: int = 6000, seed: int = 0) -> Any:
     for value, text in ((math.pi / 4, r"$\pi/4$"), (2 / math.pi, r"$2/\pi$")):
         ax.axhline(value, color="#999999", linewidth=0.7, linestyle=":")
         ax.text(31, value, " " + text, va="center", color="#666666", fontsize=9)
-    _style(
+    style_axes(
         ax,
         "$R = v_f / v_{random}$ [-]",
         "structural number [-]",
@@ -175,13 +179,13 @@ def plot_planar() -> Any:
     """Planar glass fiber mass for two orientations (thesis Fig. 3.5): E = 75 GPa."""
     from feltmb.fiber.laws import pressure
 
-    figure = _figure()
+    figure = new_figure()
     ax = figure.subplots()
     v = np.linspace(0.02, 0.3, 300)
     for color, f in zip(COLORS, (2 / math.pi, 0.4), strict=False):
         p = pressure("toll_planar", v, E=75e9, v_f0=0.02, f=f)
         ax.plot(v, p / 1e6, color=color, label=f"f = {f:.3f}")
-    _style(
+    style_axes(
         ax, "volume fraction $v_f$ [-]", "pressure [MPa]", "Planar fiber mass, E = 75 GPa (eq. 2.8)"
     )
     ax.legend(frameon=False, title="orientation")
@@ -192,7 +196,7 @@ def plot_van_wyk() -> Any:
     """Granular theory against van Wyk for spatial networks (thesis Fig. 3.7)."""
     from feltmb.fiber.laws import pressure
 
-    figure = _figure()
+    figure = new_figure()
     ax = figure.subplots()
     v = np.geomspace(0.0205, 0.4, 300)
     common: dict[str, Any] = {"E": 2.5e9, "v_f0": 0.02}
@@ -206,7 +210,7 @@ def plot_van_wyk() -> Any:
         linestyle="--",
         label="van Wyk, $k_p$ = 0.01",
     )
-    _style(
+    style_axes(
         ax,
         "volume fraction $v_f$ [-]",
         "pressure [Pa]",
@@ -223,7 +227,7 @@ def plot_toll() -> Any:
     """Granular theory against Toll's planar law (thesis Fig. 3.8)."""
     from feltmb.fiber.laws import pressure
 
-    figure = _figure()
+    figure = new_figure()
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     v0 = 0.005
     ratio = np.geomspace(1.05, 60, 300)
@@ -232,11 +236,11 @@ def plot_toll() -> Any:
     planar = 128 / (3 * math.pi**4) * 2.5e9 * (2 / math.pi) ** 4 * v**5
     top.loglog(ratio, granular, color=COLORS[0], label="granular, spatial (eq. 3.55)")
     top.loglog(ratio, planar, color="black", linestyle="--", label="planar (eq. 3.56)")
-    _style(top, "", "pressure [Pa]", r"$k_b = k_t = \beta = 1$")
+    style_axes(top, "", "pressure [Pa]", r"$k_b = k_t = \beta = 1$")
     top.legend(frameon=False)
     bottom.semilogx(ratio, granular / planar, color=COLORS[0])
     bottom.axhline(1, color="#888888", linewidth=0.8, linestyle=":")
-    _style(bottom, "$R = v_f / v_{random}$ [-]", "ratio [-]")
+    style_axes(bottom, "$R = v_f / v_{random}$ [-]", "ratio [-]")
     bottom.set_xticks([1, 2, 5, 10, 20, 50], ["1", "2", "5", "10", "20", "50"])
     bottom.minorticks_off()
     return figure
@@ -246,7 +250,7 @@ def plot_contacts(d_f: float = 25e-6, gamma: float = math.pi / 2) -> Any:
     """Mean free length of the contact models against volume fraction."""
     from feltmb.fiber.contacts import contact_count, mean_free_length
 
-    figure = _figure(9.4, 4.2)
+    figure = new_figure(9.4, 4.2)
     left, right = figure.subplots(1, 2)
     v = np.linspace(0.02, 0.6, 200)
     names = (("van_wyk", "van Wyk, Komori, Toll"), ("pan", "Pan"), ("binomial", "binomial"))
@@ -260,7 +264,9 @@ def plot_contacts(d_f: float = 25e-6, gamma: float = math.pi / 2) -> Any:
         linestyle="--",
         label="Komori, R = 5",
     )
-    _style(left, "volume fraction $v_f$ [-]", "mean free length / $d_f$ [-]", "Isotropic fibers")
+    style_axes(
+        left, "volume fraction $v_f$ [-]", "mean free length / $d_f$ [-]", "Isotropic fibers"
+    )
     left.legend(frameon=False)
     for color, name in zip(COLORS, ("poisson", "binomial"), strict=False):
         extra = {"gamma": gamma} if name == "binomial" else {}
@@ -268,7 +274,7 @@ def plot_contacts(d_f: float = 25e-6, gamma: float = math.pi / 2) -> Any:
         keep = c.k <= 30
         shift = -0.2 if name == "poisson" else 0.2
         right.bar(c.k[keep] + shift, c.probability[keep], 0.4, color=color, label=name)
-    _style(
+    style_axes(
         right,
         "contacts on a fiber [1]",
         "probability [-]",
@@ -282,7 +288,7 @@ def plot_arcs() -> Any:
     """Energy method: schemes and split of the energy (eq. 2.6)."""
     from feltmb.fiber.energy import compress_arcs
 
-    figure = _figure(9.6, 4.2)
+    figure = new_figure(9.6, 4.2)
     left, right = figure.subplots(1, 2)
     strain = np.linspace(0, 0.5, 60)
     for color, scheme in zip(COLORS, ("isotropic", "confined", "simple"), strict=False):
@@ -297,7 +303,7 @@ def plot_arcs() -> Any:
         linestyle="--",
         label="confined, straight",
     )
-    _style(left, "axial strain [-]", "axial stress [kPa]", "Segments bent to arcs")
+    style_axes(left, "axial strain [-]", "axial stress [kPa]", "Segments bent to arcs")
     left.legend(frameon=False)
     strain = np.linspace(0, 0.7, 141)
     c = compress_arcs(
@@ -308,7 +314,7 @@ def plot_arcs() -> Any:
         c.strain, *shares, colors=COLORS[:3], labels=("bending", "straightening", "slipping")
     )
     right.set_ylim(0, 1)
-    _style(
+    style_axes(
         right,
         "axial strain [-]",
         "share of the segments [-]",
@@ -322,7 +328,7 @@ def plot_history() -> Any:
     """Loops of the laws with history."""
     from feltmb.fiber.history import history
 
-    figure = _figure(10, 3.6)
+    figure = new_figure(10, 3.6)
     axes = figure.subplots(1, 3)
     t = np.linspace(0, 4, 1601)
     rise = 1 - np.abs(1 - np.mod(t, 2))
@@ -338,13 +344,13 @@ def plot_history() -> Any:
     axes[0].plot(strain, p / 1e3, color=COLORS[0], label="Dunlop")
     p = history("stamm_kelvin", t, strain, G=3e6, c=1e6, **felt)
     axes[0].plot(strain, p / 1e3, color=COLORS[1], label="Stamm")
-    _style(axes[0], "strain [-]", "stress [kPa]", "Spring-slider units")
+    style_axes(axes[0], "strain [-]", "stress [kPa]", "Spring-slider units")
     t = np.linspace(0, 3, 1201)
     hold = 0.4 * np.minimum(t / 0.05, 1)
     p = history("maxwell", t, hold, E_inf=1e5, p_inf=2.5, E=1e5, p=2.5, tau=0.5)
     axes[1].plot(t, p / 1e3, color=COLORS[2], label="Maxwell, 3 components")
     axes[1].set_ylim(bottom=0)
-    _style(axes[1], "time [s]", "stress [kPa]", "Relaxation at strain 0.4")
+    style_axes(axes[1], "time [s]", "stress [kPa]", "Relaxation at strain 0.4")
     t = np.linspace(0, 2e-3, 2001)
     u = 1e-3 * np.sin(math.pi * t / 2e-3)
     cases: tuple[tuple[str, dict[str, Any]], ...] = (
@@ -357,7 +363,7 @@ def plot_history() -> Any:
         axes[2].plot(
             u * 1e3, history(name, t, u, **given), color=color, label=name.replace("_", " ")
         )
-    _style(axes[2], "compression [mm]", "force [N]", "Half sine of 2 ms")
+    style_axes(axes[2], "compression [mm]", "force [N]", "Half sine of 2 ms")
     for ax in axes:
         ax.legend(frameon=False, fontsize=8)
     return figure
@@ -365,7 +371,7 @@ def plot_history() -> Any:
 
 def plot_fits(fits: Sequence[Any]) -> Any:
     """Measured curve, fitted laws and residuals."""
-    figure = _figure(7.4, 6.0)
+    figure = new_figure(7.4, 6.0)
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1.4))
     drawn: set[str] = set()
     for number, f in enumerate(fits):
@@ -389,8 +395,8 @@ def plot_fits(fits: Sequence[Any]) -> Any:
             f.v_f[order], f.residuals[order] / 1e3, ".-", color=color, markersize=4, linewidth=0.7
         )
     bottom.axhline(0, color="black", linewidth=0.8)
-    _style(top, "", "pressure [kPa]", fits[0].name)
-    _style(bottom, "volume fraction $v_f$ [-]", "data - law [kPa]")
+    style_axes(top, "", "pressure [kPa]", fits[0].name)
+    style_axes(bottom, "volume fraction $v_f$ [-]", "data - law [kPa]")
     top.legend(frameon=False, fontsize=8)
     return figure
 
@@ -399,7 +405,7 @@ def plot_simulation(run: Any) -> Any:
     """Pressure loop, contacts and energies of a fiber-by-fiber simulation."""
     from feltmb.fiber.contacts import contacts_per_volume
 
-    figure = _figure(10.5, 3.8)
+    figure = new_figure(10.5, 3.8)
     axes = figure.subplots(1, 3)
     v, p, phase = run.column("v_f"), run.column("pressure"), run.column("phase")
     for which, label in ((0, "loading"), (1, "unloading")):
@@ -411,7 +417,7 @@ def plot_simulation(run: Any) -> Any:
         contacts = run.column("contacts")[keep] * v[keep]
         volume = run.laid["volume"] * run.box.v_f
         axes[1].plot(v[keep], contacts / volume * 1e-9, color=COLORS[which], label=label)
-    _style(
+    style_axes(
         axes[0],
         "volume fraction $v_f$ [-]",
         "pressure [kPa]",
@@ -422,7 +428,7 @@ def plot_simulation(run: Any) -> Any:
     grid = np.linspace(np.min(v), np.max(v), 50)
     toll = contacts_per_volume("toll", grid, run.box.d_f, counting="once")
     axes[1].plot(grid, toll * 1e-9, color="black", linestyle="--", label="Toll, isotropic")
-    _style(axes[1], "volume fraction $v_f$ [-]", "contacts [1/mm$^3$]", "Each contact once")
+    style_axes(axes[1], "volume fraction $v_f$ [-]", "contacts [1/mm$^3$]", "Each contact once")
     strain = run.column("step") * (1 if len(v) else 0)
     for color, (name, label) in zip(
         COLORS,
@@ -435,7 +441,7 @@ def plot_simulation(run: Any) -> Any:
         strict=False,
     ):
         axes[2].plot(strain / 1e3, run.column(name) * 1e6, color=color, label=label)
-    _style(axes[2], "step / 1000", "energy [uJ]", "Energy books")
+    style_axes(axes[2], "step / 1000", "energy [uJ]", "Energy books")
     for ax in axes:
         ax.legend(frameon=False, fontsize=8)
     return figure
