@@ -13,13 +13,12 @@ import math
 import tomllib
 from collections.abc import Iterator, Mapping
 from functools import cached_property
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationError
 
-from feltmb import _core
+from feltmb import _core, params
 from feltmb.errors import InvalidParameter
 from feltmb.files import is_file, read_toml
 from feltmb.quantity import (
@@ -337,19 +336,15 @@ class MechanismFile(Schema):
 # --- reading -------------------------------------------------------------------------------------
 
 
-def _params() -> Path:
-    return Path(str(resources.files("feltmb") / "params"))
-
-
 def packaged_actions() -> list[str]:
     """Names of the data sets of mechanisms that come with the package."""
-    return sorted(p.stem for p in _params().glob("*.toml"))
+    return params.names()
 
 
 def _resolve(name_or_path: str | Path) -> Path:
     text = str(name_or_path)
     if text in packaged_actions():
-        return _params() / f"{text}.toml"
+        return params.folder() / f"{text}.toml"
     path = Path(text)
     if is_file(path):
         return path

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib import resources
-from pathlib import Path
 from typing import TYPE_CHECKING
 
+from feltmb import params
 from feltmb.files import is_file, read_toml
 
 if TYPE_CHECKING:
@@ -34,8 +33,7 @@ class Comparison:
 
 def compare_with_published(run: Run) -> list[Comparison]:
     """Published values for the mechanism and stroke of a run; empty if there are none."""
-    folder = Path(str(resources.files("feltmb") / "params" / "published"))
-    path = folder / f"{run.provenance['action']}.toml"
+    path = params.folder("published") / f"{run.provenance['action']}.toml"
     if not is_file(path):
         return []
     name = run.provenance["stroke"]["name"]

@@ -11,13 +11,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
-from feltmb import _core
+from feltmb import _core, params
 from feltmb.config import Action, load_action
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.files import is_file, read_toml
@@ -195,13 +194,9 @@ class Targets(Schema):
     steps: Annotated[list[Step], Field(min_length=1)]
 
 
-def _folder() -> Path:
-    return Path(str(resources.files("feltmb") / "params" / "regulation"))
-
-
 def packaged_targets() -> list[str]:
     """Names of the targets files that come with the package."""
-    return sorted(p.stem for p in _folder().glob("*.toml"))
+    return params.names("regulation")
 
 
 def load_targets(name_or_path: str | Path) -> Targets:
@@ -213,7 +208,9 @@ def load_targets(name_or_path: str | Path) -> Targets:
         Listing all faults at once.
     """
     text = str(name_or_path)
-    path = _folder() / f"{text}.toml" if text in packaged_targets() else Path(text)
+    path = (
+        params.folder("regulation") / f"{text}.toml" if text in packaged_targets() else Path(text)
+    )
     if not is_file(path):
         raise InvalidParameter(
             f"targets {shortened(repr(text))} are unknown; "

@@ -12,13 +12,12 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, ValidationError
 
-from feltmb import _core
+from feltmb import _core, params
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import is_file, read_toml
 from feltmb.quantity import SI, Schema, fault_lines, fault_text, shortened
@@ -365,13 +364,9 @@ class _StrokeFile(Schema):
     period: Annotated[float, SI("s"), Field(gt=0)] | None = None
 
 
-def _folder() -> Path:
-    return Path(str(resources.files("feltmb") / "params" / "strokes"))
-
-
 def packaged_strokes() -> list[str]:
     """Names of the strokes that come with the package."""
-    return sorted(p.stem for p in _folder().glob("*.toml"))
+    return params.names("strokes")
 
 
 def load_stroke(name_or_path: str | Path) -> Stroke:
@@ -386,7 +381,7 @@ def load_stroke(name_or_path: str | Path) -> Stroke:
     """
     text = str(name_or_path)
     if text in packaged_strokes():
-        return _from_toml(_folder() / f"{text}.toml")
+        return _from_toml(params.folder("strokes") / f"{text}.toml")
     path = Path(text)
     if not is_file(path):
         hint = "there is no such file" if path.suffix else "or give the path of a TOML or CSV file"

@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -22,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, ValidationError
 
+from feltmb import params
 from feltmb.config import Action, load_action
 from feltmb.errors import InvalidParameter
 from feltmb.files import check_writable, is_file, read_toml, write_file, write_text
@@ -231,14 +231,10 @@ class StudyFile(Schema):
     findings: list[_Finding] = Field(default_factory=list)
 
 
-def _folder() -> Path:
-    return Path(str(resources.files("feltmb") / "params" / "studies"))
-
-
 def packaged_studies() -> list[str]:
     """Names of the studies that come with the package, in the order of the thesis's figures."""
-    listed = _folder() / "order.txt"
-    names = [p.stem for p in _folder().glob("*.toml")]
+    listed = params.folder("studies") / "order.txt"
+    names = params.names("studies")
     order = listed.read_text(encoding="utf-8").split() if listed.is_file() else []
     return sorted(names, key=lambda n: (order.index(n) if n in order else len(order), n))
 
@@ -253,7 +249,7 @@ def load_study(name_or_path: str | Path) -> Study:
     """
     text = str(name_or_path)
     if text in packaged_studies():
-        return Study.read(_folder() / f"{text}.toml")
+        return Study.read(params.folder("studies") / f"{text}.toml")
     path = Path(text)
     if path.suffix != ".toml" and not is_file(path):
         near = difflib.get_close_matches(text, packaged_studies(), n=1)

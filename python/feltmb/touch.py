@@ -13,11 +13,10 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from feltmb import _core
+from feltmb import _core, params
 from feltmb.config import Action, load_action
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.files import read_toml, write_file
@@ -640,7 +639,7 @@ def _rows(
 
 
 def _published() -> dict[str, dict[str, Any]]:
-    path = Path(str(resources.files("feltmb") / "params" / "touch" / "published.toml"))
+    path = params.folder("touch") / "published.toml"
     return {row["key"]: row for row in read_toml(path)["values"]}
 
 

@@ -61,6 +61,26 @@ struct Touch {
   double friction_loss = 0.0;
 };
 
+/// Touching segments by (a, b).
+using TouchingPairs = std::map<std::pair<std::int64_t, std::int64_t>, const Touch*>;
+
+/// Whether no neighboring segment pair is nearer: a place where fibers touch may show in several.
+/// Of equal distances (a shared bead) the earlier pair counts.
+bool nearest_of_place(const TouchingPairs& near, const TouchingPairs::key_type& pair,
+                      const Touch& here) {
+  for (std::int64_t i = -1; i <= 1; ++i) {
+    for (std::int64_t j = -1; j <= 1; ++j) {
+      if (i == 0 && j == 0) continue;
+      const TouchingPairs::key_type other{pair.first + i, pair.second + j};
+      const auto found = near.find(other);
+      if (found == near.end()) continue;
+      const double distance = found->second->distance;
+      if (distance < here.distance || (distance == here.distance && other < pair)) return false;
+    }
+  }
+  return true;
+}
+
 }  // namespace
 
 void validate(const BeadSpringParams& p) {
@@ -122,6 +142,13 @@ struct BeadSpringNetwork::Implementation {
   std::vector<Pair> pairs;
   std::vector<Vec> spring;
   std::vector<Touch> touch;
+  TouchingPairs touching() const {
+    TouchingPairs near;
+    for (std::size_t k = 0; k < pairs.size(); ++k) {
+      if (touch[k].active) near[{pairs[k].a, pairs[k].b}] = &touch[k];
+    }
+    return near;
+  }
   std::vector<std::size_t> share_start, share;
   std::vector<Vec> x_listed;
   double strain_listed = 0.0;
@@ -631,29 +658,10 @@ BeadSpringSample BeadSpringNetwork::sample() {
   r.friction_loss = s.friction_loss;
   r.drag_loss = s.drag_loss;
   r.smallest_distance = 1.0;
-  // A place where fibers touch may show in neighboring segment pairs: count the nearest only.
-  std::map<std::pair<std::int64_t, std::int64_t>, double> near;
-  for (std::size_t k = 0; k < s.pairs.size(); ++k) {
-    if (!s.touch[k].active) continue;
-    near[{s.pairs[k].a, s.pairs[k].b}] = s.touch[k].distance;
-    r.smallest_distance = std::min(r.smallest_distance, s.touch[k].distance / s.p.d_f);
-  }
-  for (const auto& [pair, distance] : near) {
-    bool smallest = true;
-    for (std::int64_t i = -1; i <= 1 && smallest; ++i) {
-      for (std::int64_t j = -1; j <= 1; ++j) {
-        if (i == 0 && j == 0) continue;
-        const std::pair other{pair.first + i, pair.second + j};
-        const auto found = near.find(other);
-        // Equal distances (a shared bead) are counted at the earlier pair.
-        if (found != near.end() &&
-            (found->second < distance || (found->second == distance && other < pair))) {
-          smallest = false;
-          break;
-        }
-      }
-    }
-    r.contacts += smallest;
+  const TouchingPairs near = s.touching();
+  for (const auto& [pair, here] : near) {
+    r.smallest_distance = std::min(r.smallest_distance, here->distance / s.p.d_f);
+    r.contacts += nearest_of_place(near, pair, *here);
   }
   return r;
 }
@@ -702,26 +710,10 @@ std::size_t BeadSpringNetwork::crossings() {
     return (place == 0.0 && index == 0) ||
            (place == 1.0 && index + 2 == static_cast<std::int64_t>(s.p.n_beads));
   };
-  std::map<std::pair<std::int64_t, std::int64_t>, const Touch*> near;
-  for (std::size_t k = 0; k < s.pairs.size(); ++k) {
-    if (s.touch[k].active) near[{s.pairs[k].a, s.pairs[k].b}] = &s.touch[k];
-  }
+  const TouchingPairs near = s.touching();
   for (const auto& [pair, here] : near) {
-    bool smallest = true;
-    for (std::int64_t i = -1; i <= 1 && smallest; ++i) {
-      for (std::int64_t j = -1; j <= 1; ++j) {
-        if (i == 0 && j == 0) continue;
-        const std::pair other{pair.first + i, pair.second + j};
-        const auto found = near.find(other);
-        if (found == near.end()) continue;
-        const double difference = found->second->distance - here->distance;
-        if (difference < 0.0 || (difference == 0.0 && other < pair)) {
-          smallest = false;
-          break;
-        }
-      }
-    }
-    if (smallest && !end_of_fiber(pair.first, here->s) && !end_of_fiber(pair.second, here->t)) {
+    if (nearest_of_place(near, pair, *here) && !end_of_fiber(pair.first, here->s) &&
+        !end_of_fiber(pair.second, here->t)) {
       ++count;
     }
   }

@@ -267,33 +267,23 @@ UniaxialStructure compute_uniaxial_structure(double ratio) {
             ((moments.c4 - moments.c6) * moments.c2 + moments.c6 * moments.s2);
   };
   const double scale = std::min(ratio, 1.0 / ratio);
-  if (ratio >= 1.0) {
-    // u: cosine of the plane's normal before deformation; spreads the peak at normal = axis 3.
-    const double range = std::asinh(1.0 / scale);
-    const auto panels = static_cast<std::size_t>(std::ceil(2.0 * range)) + 1;
-    const QuadratureRule& rule = gauss16();
-    for (std::size_t panel = 0; panel < panels; ++panel) {
-      const double width = range / static_cast<double>(panels);
-      for (std::size_t i = 0; i < rule.nodes.size(); ++i) {
-        const double t = width * (static_cast<double>(panel) + 0.5 * (1.0 + rule.nodes[i]));
-        const double u = std::min(1.0, scale * std::sinh(t));
+  // Places u = scale sinh(t) in 0..1 crowd toward 0, where the integrand peaks.
+  const double range = std::asinh(1.0 / scale);
+  const auto panels = static_cast<std::size_t>(std::ceil(2.0 * range)) + 1;
+  const double width = range / static_cast<double>(panels);
+  const QuadratureRule& rule = gauss16();
+  for (std::size_t panel = 0; panel < panels; ++panel) {
+    for (std::size_t i = 0; i < rule.nodes.size(); ++i) {
+      const double t = width * (static_cast<double>(panel) + 0.5 * (1.0 + rule.nodes[i]));
+      const double u = std::min(1.0, scale * std::sinh(t));
+      const double du = 0.5 * width * rule.weights[i] * scale * std::cosh(t);
+      if (ratio >= 1.0) {
+        // u: cosine of the plane's normal before deformation.
         const double d = (1.0 - u) * (1.0 + u) + ratio * ratio * u * u;
-        const double weight =
-            0.5 * width * rule.weights[i] * scale * std::cosh(t) * ratio / (d * std::sqrt(d));
-        accumulate(k * (1.0 - u) * (1.0 + u) / d, ratio * ratio * u * u / d, weight);
-      }
-    }
-  } else {
-    const double range = std::asinh(1.0 / scale);
-    const auto panels = static_cast<std::size_t>(std::ceil(2.0 * range)) + 1;
-    const QuadratureRule& rule = gauss16();
-    for (std::size_t panel = 0; panel < panels; ++panel) {
-      const double width = range / static_cast<double>(panels);
-      for (std::size_t i = 0; i < rule.nodes.size(); ++i) {
-        const double t = width * (static_cast<double>(panel) + 0.5 * (1.0 + rule.nodes[i]));
-        const double x = std::min(1.0, scale * std::sinh(t));
-        accumulate(k * (1.0 - x) * (1.0 + x), x * x,
-                   0.5 * width * rule.weights[i] * scale * std::cosh(t));
+        accumulate(k * (1.0 - u) * (1.0 + u) / d, ratio * ratio * u * u / d,
+                   du * ratio / (d * std::sqrt(d)));
+      } else {
+        accumulate(k * (1.0 - u) * (1.0 + u), u * u, du);
       }
     }
   }

@@ -6,7 +6,6 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
+from feltmb import params
 from feltmb._core import fiber as _core
 from feltmb.errors import InvalidParameter
 from feltmb.files import read_toml
@@ -276,10 +276,7 @@ def sliding_at_pressure(
 
 def packaged_materials() -> tuple[str, ...]:
     """Names of the materials that come with feltmb."""
-    folder = resources.files("feltmb") / "params" / "felts"
-    return tuple(
-        sorted(p.name.removesuffix(".toml") for p in folder.iterdir() if p.name.endswith(".toml"))
-    )
+    return tuple(params.names("felts"))
 
 
 def load_material(name_or_path: str | Path) -> FeltMaterial:
@@ -302,7 +299,7 @@ def load_material(name_or_path: str | Path) -> FeltMaterial:
                 f"felt {str(name_or_path)!r} is none of {', '.join(names)}, nor a file ending in "
                 f".toml{hint}"
             )
-        path = Path(str(resources.files("feltmb") / "params" / "felts" / f"{name_or_path}.toml"))
+        path = params.folder("felts") / f"{name_or_path}.toml"
     raw = read_toml(path)
     try:
         material = FeltMaterial.model_validate(raw)
