@@ -12,6 +12,7 @@ from feltmb.errors import (
 )
 from feltmb.regulate import Regulation, load_targets, regulate
 from feltmb.results import Run, load_run
+from feltmb.sensitivity import Gradient, gradient
 from feltmb.simulate import Evaluation, evaluate, simulate
 from feltmb.stroke import (
     Stroke,
@@ -34,6 +35,7 @@ __all__ = [
     "Evaluation",
     "FeltmbError",
     "FileExists",
+    "Gradient",
     "IntegrationError",
     "InvalidParameter",
     "ModelError",
@@ -44,6 +46,7 @@ __all__ = [
     "Touch",
     "__version__",
     "evaluate",
+    "gradient",
     "load_action",
     "load_run",
     "load_stroke",
@@ -65,7 +68,9 @@ __all__ = [
 ]
 
 #: Modules that are loaded when they are first asked for.
-_MODULES = ("animate", "contact", "felt", "fiber", "graph", "plot", "units")
+_MODULES = (
+    *("animate", "contact", "felt", "fiber", "graph", "parameters", "plot", "sensitivity", "units"),
+)
 
 
 def __getattr__(name: str) -> object:

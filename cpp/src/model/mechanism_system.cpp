@@ -17,10 +17,10 @@ Drive FingerInput::at(double t) const {
   Drive drive;
   drive.motion = motion;
   if (motion) {
-    drive.displacement = profile.value(t);
-    drive.speed = profile.rate(t);
+    drive.displacement = profile.value(origin + t);
+    drive.speed = profile.rate(origin + t);
   } else {
-    drive.force = profile.value(t);
+    drive.force = profile.value(origin + t);
   }
   return drive;
 }
