@@ -16,9 +16,39 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from feltmb import plot
 from feltmb.errors import InvalidParameter
 from feltmb.files import check_writable, write_file, write_text
+from feltmb.plot.axes import set_window
+from feltmb.plot.drawing import draw_bodies, draw_fixed, draw_joints
+from feltmb.plot.outlines import spiral
+from feltmb.plot.poses import (
+    Pose,
+    bent_beams,
+    body_poses,
+    contact_rows,
+    moving_joints,
+    spring_bodies,
+    strap_curve,
+    strap_ends,
+    string_line,
+    string_reach,
+    to_ground,
+)
+from feltmb.plot.readings import busy_window, loaded_contacts, named_events, run_action, run_name
+from feltmb.plot.shapes import Shape, scene, shape_points, station_of, upper_right_is_free, view_box
+from feltmb.style import (
+    BLACK,
+    FELT,
+    INK,
+    NORMAL,
+    PURPLE,
+    RED,
+    SMALL,
+    SURFACE,
+    body_fill,
+    new_figure,
+    style_axes,
+)
 
 if TYPE_CHECKING:
     from feltmb.config import Action
@@ -85,7 +115,7 @@ def animate(
         raise InvalidParameter(f"animate: slowness = {slowness:g}, must be > 0")
     start, end = _window(run, window)
     check_writable(path, force=force)
-    action = plot.run_action(run)
+    action = run_action(run)
     if kind == ".gif":
         delay = max(2, round(100.0 / fps))  # hundredths of a second
         step = 0.01 * delay / slowness
@@ -101,7 +131,7 @@ def _window(run: Run, window: tuple[float, float] | None) -> tuple[float, float]
     if len(run.time) < 2:
         raise InvalidParameter(f"animate: the run has {len(run.time)} samples, expected 2 or more")
     if window is None:
-        return plot._busy_window(run)
+        return busy_window(run)
     first, last = float(run.time[0]), float(run.time[-1])
     start, end = max(first, float(window[0])), min(last, float(window[1]))
     if not end > start:
@@ -137,10 +167,10 @@ class _Film:
         # A few poses tell how far the contacts travel along their surfaces.
         some = np.unique(np.linspace(0, len(times) - 1, 13).astype(int))
         self.some = [self.q[i] for i in some]
-        self.scene = plot.scene(action, self.some)
-        self.limits = plot.view_box(action, self.scene, self.some)
+        self.scene = scene(action, self.some)
+        self.limits = view_box(action, self.scene, self.some)
         enabled = {int(k) for k, c in action.config.contacts.items() if c.enabled}
-        self.contacts = [n for n in plot._loaded_contacts(run) if n in enabled]
+        self.contacts = [n for n in loaded_contacts(run) if n in enabled]
         self.forces = {
             n: np.maximum(self.sample(f"contact{n:02d}.force"), 0) for n in self.contacts
         }
@@ -156,21 +186,21 @@ class _Film:
     def sample(self, name: str) -> Array:
         return np.asarray(np.interp(self.time, self.run.time, self.run[name]))
 
-    def poses(self, i: int) -> dict[str, plot.Pose]:
-        return plot.body_poses(self.action, self.q[i])
+    def poses(self, i: int) -> dict[str, Pose]:
+        return body_poses(self.action, self.q[i])
 
     def _sides(self, number: int) -> tuple[float, ...]:
         """Signs along the contact's normal of the forces on those of its bodies that can move."""
         config = self.action.config
         pair = [config.surfaces[n] for n in config.contacts[f"{number:02d}"].surfaces]
-        x, y, nx, ny, _ = plot.contact_rows(self.action, self.q[0])[number]
+        x, y, nx, ny, _ = contact_rows(self.action, self.q[0])[number]
         poses = self.poses(0)
 
         def depth(k: int) -> float:
             """How far the center of a circle lies on the side that the normal points to."""
             if pair[k].kind != "circle":
                 return -math.inf
-            center = plot._to_ground(poses[pair[k].body], np.array([pair[k].point]))[0]
+            center = to_ground(poses[pair[k].body], np.array([pair[k].point]))[0]
             return float((center[0] - x) * nx + (center[1] - y) * ny)
 
         # The normal of the core points into the body of the circle.
@@ -188,10 +218,10 @@ class _Film:
             return 0.0
         return 45.0 * self.scene.unit * math.sqrt(force / self.largest)
 
-    def arrows(self, i: int, poses: dict[str, plot.Pose]) -> list[tuple[Array, Array]]:
+    def arrows(self, i: int, poses: dict[str, Pose]) -> list[tuple[Array, Array]]:
         """Tail and head [m] of the forces on bodies that move, at picture ``i``."""
         out: list[tuple[Array, Array]] = []
-        rows = plot.contact_rows(self.action, self.q[i])
+        rows = contact_rows(self.action, self.q[i])
         for number in self.contacts:
             length = self.arrow_length(float(self.forces[number][i]))
             if length <= 0:
@@ -203,26 +233,23 @@ class _Film:
         if finger is not None and self.finger is not None:
             length = self.arrow_length(abs(float(self.finger[i])))
             if length > 0:
-                at = plot._to_ground(poses[finger.body], np.array([finger.point]))[0]
+                at = to_ground(poses[finger.body], np.array([finger.point]))[0]
                 along = np.array(finger.direction) / np.hypot(*finger.direction)
                 along = along * math.copysign(1.0, float(self.finger[i]))
                 out.append((at - length * along, at))
         return out
 
-    def straps(self, i: int, poses: dict[str, plot.Pose]) -> list[Array]:
-        bent = plot.bent_beams(self.action, self.q[i])
-        return [
-            plot.strap_curve(a, b, free)
-            for _, a, b, free in plot.strap_ends(self.action, poses, bent)
-        ]
+    def straps(self, i: int, poses: dict[str, Pose]) -> list[Array]:
+        bent = bent_beams(self.action, self.q[i])
+        return [strap_curve(a, b, free) for _, a, b, free in strap_ends(self.action, poses, bent)]
 
     def _string_shapes(self) -> Array | None:
         """Points of the string in the view (n_pictures, STRING_POINTS, 2) [m], or None."""
-        line = plot.string_line(self.action)
+        line = string_line(self.action)
         if line is None:
             return None
         start, along, normal, _ = line
-        y = np.linspace(0.0, plot.string_reach(line, self.limits), STRING_POINTS)
+        y = np.linspace(0.0, string_reach(line, self.limits), STRING_POINTS)
         at_rest = start + y[:, None] * along
         out = np.repeat(at_rest[None], len(self.time), axis=0)
         if self.run.provenance.get("string") and self.run.eta.shape[1] > 0:
@@ -283,7 +310,7 @@ def _palette(image: Any) -> Any:
     for i in range(0, len(found), 3):
         if min(found[i : i + 3]) > 247:
             found[i : i + 3] = [255, 255, 255]
-    for color in ("#FFFFFF", plot.RED, plot.PURPLE, plot.INK, plot.BLACK, plot.SURFACE, plot.FELT):
+    for color in ("#FFFFFF", RED, PURPLE, INK, BLACK, SURFACE, FELT):
         rgb = np.array(to_rgb(color))
         # Also half-way to white, for smooth edges.
         for share in (1.0, 0.5):
@@ -302,7 +329,7 @@ def _pictures(film: _Film, slowness: float) -> Any:
     low, high = film.limits
     width = 7.6
     height = float(np.clip(width * (high[1] - low[1]) / (high[0] - low[0]), 3.0, 8.0)) + 0.3
-    figure = plot._figure(width, height)
+    figure = new_figure(width, height)
     figure.set_layout_engine("none")
     figure.set_dpi(100)
     canvas: Any = figure.canvas
@@ -312,34 +339,34 @@ def _pictures(film: _Film, slowness: float) -> Any:
     ax.set_aspect("equal", adjustable="datalim")
     ax.set_axis_off()
     # Text and lines of the pictures are those of a small figure.
-    name = plot._run_name(film.run)
-    figure.text(0.01, 1.0 - 0.07 / height, name, fontsize=plot.NORMAL, va="top", fontweight="bold")
-    plot.draw_fixed(ax, action, drawn, film.limits, with_string=False)
+    name = run_name(film.run)
+    figure.text(0.01, 1.0 - 0.07 / height, name, fontsize=NORMAL, va="top", fontweight="bold")
+    draw_fixed(ax, action, drawn, film.limits, with_string=False)
     marker = _speed_inset(film, figure, ax)
 
     poses = film.poses(0)
-    bent = plot.bent_beams(action, film.q[0])
-    bodies = plot.draw_bodies(ax, action, drawn, poses, bent)
+    bent = bent_beams(action, film.q[0])
+    bodies = draw_bodies(ax, action, drawn, poses, bent)
     moving: list[tuple[str, Any]] = [
         (body, artist) for body, own in bodies.items() for artist, _ in own if body != "ground"
     ]
-    moving += [(body, artist) for body, artist in plot.draw_joints(ax, action, drawn, poses)]
+    moving += [(body, artist) for body, artist in draw_joints(ax, action, drawn, poses)]
     straps = [
-        ax.plot(*curve.T, color=plot.PURPLE, linewidth=1.2, zorder=5.3)[0]
+        ax.plot(*curve.T, color=PURPLE, linewidth=1.2, zorder=5.3)[0]
         for curve in film.straps(0, poses)
     ]
     strings = (
-        [ax.plot(*film.string[0].T, color=plot.INK, linewidth=1.4, zorder=1.5)[0]]
+        [ax.plot(*film.string[0].T, color=INK, linewidth=1.4, zorder=1.5)[0]]
         if film.string is not None
         else []
     )
-    arrows = LineCollection([], colors=plot.RED, linewidths=1.8, zorder=7)
+    arrows = LineCollection([], colors=RED, linewidths=1.8, zorder=7)
     ax.add_collection(arrows, autolim=False)
     clock = figure.text(
         0.99,
         1.0 - 0.07 / height,
         "",
-        fontsize=plot.NORMAL,
+        fontsize=NORMAL,
         va="top",
         ha="right",
         family="monospace",
@@ -362,10 +389,10 @@ def _pictures(film: _Film, slowness: float) -> Any:
         for body, frame in frames.items():
             x, y, angle = poses[body]
             frame.clear().rotate(angle).translate(x, y)
-        bent = plot.bent_beams(action, film.q[i])
+        bent = bent_beams(action, film.q[i])
         for body in bent:
             for artist, shapes in bodies[body]:
-                artist.set_verts([plot.shape_points(action, s, bent) for s in shapes])
+                artist.set_verts([shape_points(action, s, bent) for s in shapes])
         for line, curve in zip(straps, film.straps(i, poses), strict=True):
             line.set_data(curve[:, 0], curve[:, 1])
         if film.string is not None:
@@ -402,22 +429,22 @@ def _speed_inset(film: _Film, figure: Any, ax: Any) -> Any:
         return None
     points = np.vstack(
         [
-            plot._to_ground(plot.body_poses(film.action, q)[s.body], s.points)
+            to_ground(body_poses(film.action, q)[s.body], s.points)
             for q in film.some
             for s in film.scene.shapes
         ]
     )
-    if not plot._inside_upper_right(points, film.limits, np.array([0.45, 0.42])):
+    if not upper_right_is_free(points, film.limits, np.array([0.45, 0.42])):
         return None
     box = ax.get_position()
     small = figure.add_axes((0.60, box.y0 + 0.68 * box.height, 0.37, 0.27 * box.height))
-    small.plot(1e3 * film.run.time, film.speed, color=plot.RED, linewidth=1.1)
-    plot._style(small, "time, ms", "")
-    small.set_title("hammer speed toward string, m/s", fontsize=plot.SMALL, loc="left")
-    small.xaxis.label.set_size(plot.SMALL)
-    small.tick_params(labelsize=plot.SMALL)
-    plot._set_window(small, (float(film.time[0]), float(film.time[-1])))
-    return small.plot([], [], "o", color=plot.BLACK, markersize=5)[0]
+    small.plot(1e3 * film.run.time, film.speed, color=RED, linewidth=1.1)
+    style_axes(small, "time, ms", "")
+    small.set_title("hammer speed toward string, m/s", fontsize=SMALL, loc="left")
+    small.xaxis.label.set_size(SMALL)
+    small.tick_params(labelsize=SMALL)
+    set_window(small, (float(film.time[0]), float(film.time[-1])))
+    return small.plot([], [], "o", color=BLACK, markersize=5)[0]
 
 
 # --- HTML ----------------------------------------------------------------------------------------
@@ -452,10 +479,10 @@ def _html(film: _Film, slowness: float, progress: Progress | None) -> str:
     action, drawn = film.action, film.scene
     bodies = ["ground", *action.config.bodies]
     names = {body: i for i, body in enumerate(bodies)}
-    flexible = plot.bent_beams(action, film.q[0])
+    flexible = bent_beams(action, film.q[0])
 
-    def bends(shape: plot.Shape) -> bool:
-        return shape.body in flexible and plot.station_of(action, shape) is None
+    def bends(shape: Shape) -> bool:
+        return shape.body in flexible and station_of(action, shape) is None
 
     shapes = [
         {
@@ -463,7 +490,7 @@ def _html(film: _Film, slowness: float, progress: Progress | None) -> str:
             "r": s.role,
             "c": int(s.closed),
             "p": _rounded(1e3 * (s.points if bends(s) else _thin(s.points, 2e-5)), 3),
-            "s": _rounded(1e3 * x, 3) if (x := plot.station_of(action, s)) is not None else None,
+            "s": _rounded(1e3 * x, 3) if (x := station_of(action, s)) is not None else None,
         }
         for s in drawn.shapes
     ]
@@ -474,11 +501,11 @@ def _html(film: _Film, slowness: float, progress: Progress | None) -> str:
     for i in range(len(film.time)):
         at = film.poses(i)
         poses[i] = [[1e3 * at[b][0], 1e3 * at[b][1], at[b][2]] for b in bodies]
-        rows = plot.contact_rows(action, film.q[i])
+        rows = contact_rows(action, film.q[i])
         points[i] = [
             [1e3 * rows[n][0], 1e3 * rows[n][1], rows[n][2], rows[n][3]] for n in film.contacts
         ]
-        for body, line in plot.bent_beams(action, film.q[i]).items():
+        for body, line in bent_beams(action, film.q[i]).items():
             beams.setdefault(names[body], []).append(_rounded(1e3 * line[::3], 4))
         if progress is not None:
             progress((i + 1) / len(film.time))
@@ -487,7 +514,7 @@ def _html(film: _Film, slowness: float, progress: Progress | None) -> str:
         "unit": round(1e3 * drawn.unit, 4),
         "slowness": slowness,
         "view": _rounded(1e3 * np.array(film.limits), 2),
-        "colors": [plot._fill(drawn.group[b]) for b in bodies],
+        "colors": [body_fill(drawn.group[b]) for b in bodies],
         "shapes": shapes,
         "poses": _rounded(poses, 5),
         "beams": [
@@ -507,15 +534,15 @@ def _html(film: _Film, slowness: float, progress: Progress | None) -> str:
         "largest": film.largest,
         "joints": [
             {"b": names[parent], "p": _rounded(1e3 * place, 3), "g": int(parent == "ground")}
-            for _, kind, parent, place in plot._joints(action)
+            for _, kind, parent, place in moving_joints(action)
             if kind == "revolute"
         ],
         "springs": [
             {
                 "b": names[body],
-                "p": _rounded(1e3 * plot.spiral(4.6 * drawn.unit), 3),
+                "p": _rounded(1e3 * spiral(4.6 * drawn.unit), 3),
             }
-            for body in plot._spring_bodies(action)
+            for body in spring_bodies(action)
         ],
         "straps": [
             {
@@ -531,7 +558,7 @@ def _html(film: _Film, slowness: float, progress: Progress | None) -> str:
         "speed": None,
         "events": [
             [round(1e3 * t, 4), name.replace("_", " ")]
-            for t, name in plot._named_events(film.run)
+            for t, name in named_events(film.run)
             if film.time[0] <= t <= film.time[-1]
         ],
     }

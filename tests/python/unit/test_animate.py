@@ -11,6 +11,7 @@ import pytest
 import feltmb
 from feltmb import Action, FileExists, InvalidParameter, plot
 from feltmb.animate import _Film, _times, animate
+from feltmb.plot.poses import to_ground
 
 EVIL = "</script><script>alert('1')</script>&<b>"
 
@@ -91,7 +92,7 @@ def test_html_beams_end_where_the_next_body_begins(page):
         name = bodies[beam["b"]]
         for i in (0, len(data["time"]) // 3, len(data["time"]) - 1):
             end = np.array([beam["line"][i][-1]])
-            here = plot._to_ground(data["poses"][i][beam["b"]], end)[0]
+            here = to_ground(data["poses"][i][beam["b"]], end)[0]
             there = data["poses"][i][bodies.index(child[name])][:2]
             np.testing.assert_allclose(here, there, atol=5e-3)
 
