@@ -21,6 +21,7 @@ from pydantic import BeforeValidator, Field, ValidationError
 from feltmb import _core, params
 from feltmb.errors import InvalidParameter
 from feltmb.files import is_file, read_toml
+from feltmb.mending import mended
 from feltmb.quantity import (
     META_KEYS,
     SI,
@@ -684,7 +685,8 @@ def _law_faults(raw: Mapping[str, Any]) -> list[str]:
     return faults
 
 
-def _validate(raw: Mapping[str, Any], origin: str) -> MechanismFile:
+def _parse(raw: Mapping[str, Any]) -> tuple[list[str], MechanismFile | None]:
+    """What is wrong with single entries and with the names between them; the checked tables."""
     faults: list[str] = []
     parsed: MechanismFile | None = None
     try:
@@ -697,10 +699,54 @@ def _validate(raw: Mapping[str, Any], origin: str) -> MechanismFile:
     for path in _paths_of_none(raw):
         if not any(f.startswith(f"{path}:") for f in faults):
             faults.append(f"{path}: got None, expected a value; leave the key out for its default")
-    if faults or parsed is None:
-        unique = list(dict.fromkeys(faults))
-        raise InvalidParameter(fault_text(origin, unique))
-    return parsed
+    return list(dict.fromkeys(faults)), parsed
+
+
+def _assemble(config: MechanismFile) -> tuple[list[str], Any]:
+    """What is wrong with the whole, as the core tells it; the mechanism of the core."""
+    description, faults = _describe(config)
+    try:
+        mechanism = _core.assemble(description)
+    except InvalidParameter as error:
+        lines = str(error).splitlines()
+        found = [line.strip() for line in lines[1:]] or lines
+        if faults:  # contacts are left out of the description
+            found = [f for f in found if "no contact uses its surface" not in f]
+        return faults + found, None
+    return faults, mechanism
+
+
+def _hidden_faults(raw: Mapping[str, Any]) -> list[str]:
+    """Faults that the core finds in what the schema lets pass of a faulty file."""
+    found = mended(raw, lambda tables: _parse(tables)[0])
+    if found is None:
+        return []
+    rest, dropped = found
+    parsed = _parse(rest)[1]
+    if parsed is None:
+        return []
+    bodies = {path.split(".")[1] for path in dropped if path.startswith("bodies.")}
+    # A body that lost an entry may lack a mass only because of that.
+    return [
+        f
+        for f in _assemble(parsed)[0]
+        if not any(f'"{name}"' in f for name in bodies)
+        and not (bodies and ("moves no mass" in f or "no body has a joint" in f))
+        and "no contact uses its surface" not in f
+    ]
+
+
+def _validate(raw: Mapping[str, Any], origin: str) -> tuple[MechanismFile, Any]:
+    """The checked file and the mechanism of the core."""
+    faults, config = _parse(raw)
+    mechanism = None
+    if faults or config is None:
+        faults += _hidden_faults(raw)
+    else:
+        faults, mechanism = _assemble(config)
+    if faults or config is None:
+        raise InvalidParameter(fault_text(origin, list(dict.fromkeys(faults))))
+    return config, mechanism
 
 
 # --- from the file to the core -------------------------------------------------------------------
@@ -836,6 +882,14 @@ def _core_string(s: String) -> _core.StringDescription:
 
 def describe(config: MechanismFile) -> _core.MechanismDescription:
     """Plain description of a validated file for the core."""
+    description, faults = _describe(config)
+    if faults:
+        raise InvalidParameter("\n".join(faults))
+    return description
+
+
+def _describe(config: MechanismFile) -> tuple[_core.MechanismDescription, list[str]]:
+    """Description without the contacts whose laws cannot be made, and why they cannot."""
     d = _core.MechanismDescription()
     d.name = config.name
     d.gravity = config.gravity
@@ -870,8 +924,6 @@ def describe(config: MechanismFile) -> _core.MechanismDescription:
         cd.friction = _core_friction(c.friction)
         cd.enabled = c.enabled
         contacts.append(cd)
-    if faults:
-        raise InvalidParameter("\n".join(faults))
     d.contacts = contacts
     springs = []
     for name, sp in config.springs.items():
@@ -912,7 +964,7 @@ def describe(config: MechanismFile) -> _core.MechanismDescription:
         fd.pad = _core_hunt_crossley(config.finger.pad)
         d.finger = fd
     d.start_pose = list(config.start_pose.items())
-    return d
+    return d, faults
 
 
 # --- the public object ---------------------------------------------------------------------------
@@ -935,8 +987,7 @@ class Action:
         except InvalidParameter as error:
             raise InvalidParameter(f"{origin}: {error}") from None
         self.origin = origin
-        self.config = _validate(self._raw, origin)
-        self.mechanism = _core.assemble(describe(self.config))
+        self.config, self.mechanism = _validate(self._raw, origin)
 
     def __repr__(self) -> str:
         return f"Action({self.name!r}, {len(self.coordinates)} coordinates, hash {self.hash[:12]})"
