@@ -95,7 +95,7 @@ void bind_contact(py::module_& m) {
           "unloading",
           [](const Envelope& e, py::array_t<double> x, double largest) {
             return py::vectorize([&e, largest](double v) {
-              return v <= 0.0 ? 0.0 : e.loading(v).force * e.ratio(v / largest).force;
+              return v <= 0.0 ? 0.0 : e.loading(v).force * e.ratio(v / largest, largest).force;
             })(x);
           },
           py::arg("compression"), py::arg("largest"),
