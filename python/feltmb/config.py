@@ -14,13 +14,15 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from pydantic import BeforeValidator, Field, ValidationError
 
 from feltmb import _core, params
 from feltmb.errors import InvalidParameter
 from feltmb.files import is_file, read_toml
+from feltmb.layer import LayerParameters
+from feltmb.material import load_material
 from feltmb.quantity import (
     META_KEYS,
     SI,
@@ -41,8 +43,10 @@ if TYPE_CHECKING:
 __all__ = ["Action", "load_action", "packaged_actions", "parse_setting"]
 
 SCHEMA_VERSION = 1
-LAWS = ("guarded", "printed", "mean", "hunt_crossley", "stulov", "felt_memory")
-LawName = Literal["guarded", "printed", "mean", "hunt_crossley", "stulov", "felt_memory"]
+LawName = Literal[
+    "guarded", "printed", "mean", "hunt_crossley", "stulov", "felt_memory", "micromechanical"
+]
+LAWS: tuple[str, ...] = get_args(LawName)
 
 
 def _curve(node: object) -> object:
@@ -208,6 +212,7 @@ class Contact(Schema):
     hunt_crossley: HuntCrossleyParameters | None = None
     stulov: StulovParameters | None = None
     memory: MemoryParameters = MemoryParameters()
+    micromechanical: LayerParameters | None = None
     friction: Friction = FrictionParameters()
 
 
@@ -358,7 +363,7 @@ def _resolve(name_or_path: str | Path) -> Path:
 
 
 def _load_raw(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
-    raw = read_toml(path)
+    raw = _felts_in_place(read_toml(path), path.parent)
     if "extends" not in raw:
         return raw
     unknown = sorted(set(raw) - {"schema", "name", "about", "source", "extends", "values"})
@@ -387,6 +392,27 @@ def _load_raw(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
                 f'{path}: values.{key}: got a table; write paths in quotes, such as "{inner}" = ...'
             )
     return _apply_values(merged, values, str(path))
+
+
+def _felts_in_place(raw: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Felts that a file names by a path beside it become tables: the mechanism is then whole."""
+
+    def whole(node: Any) -> Any:
+        if not isinstance(node, Mapping):
+            return node
+        out = {key: whole(value) for key, value in node.items()}
+        felt = out.get("felt")
+        if isinstance(felt, str) and felt.endswith(".toml"):
+            out["felt"] = load_material(folder / felt).model_dump(
+                mode="json", by_alias=True, exclude_none=True
+            )
+        return out
+
+    out = dict(raw)
+    for key in ("contacts", "values"):
+        if isinstance(raw.get(key), Mapping):
+            out[key] = whole(raw[key])
+    return out
 
 
 def load_action(name_or_path: str | Path) -> Action:
@@ -643,6 +669,78 @@ def _output_faults(raw: Mapping[str, Any]) -> list[str]:
     ]
 
 
+#: Where the parameters of a law stand in a contact; others stand in the contact itself.
+_LAW_TABLE = {
+    "hunt_crossley": "hunt_crossley",
+    "stulov": "stulov",
+    "felt_memory": "memory",
+    "micromechanical": "micromechanical",
+}
+_LAW_CURVES = ("loading", "unloading", "alpha")
+
+
+def _spread_laws(raw: dict[str, Any], faults: list[str]) -> dict[str, Any]:
+    """``law = { name = ..., ... }`` as ``law = name`` with the parameters where they belong."""
+    contacts = {}
+    for key, node in _table(raw, "contacts").items():
+        law = node.get("law") if isinstance(node, Mapping) else None
+        if not isinstance(law, Mapping):
+            contacts[key] = node
+            continue
+        own = {k: v for k, v in law.items() if k != "name"}
+        name = law.get("name")
+        if name is None:
+            faults.append(
+                f"contacts.{key}.law: is missing its name, such as "
+                '{ name = "felt_memory", kappa = 0.2 }'
+            )
+            name = "guarded"
+        curves = {k: own.pop(k) for k in _LAW_CURVES if k in own}
+        table = _LAW_TABLE.get(str(name))
+        inner = {}
+        if table is not None:
+            old = node.get(table)
+            inner = {table: {**(old if isinstance(old, Mapping) else {}), **own}}
+        elif own:
+            faults += [f"contacts.{key}.law.{k}: unknown key of law {name!r}" for k in own]
+        contacts[key] = {**node, **curves, **inner, "law": name}
+    return {**raw, "contacts": contacts} if contacts else raw
+
+
+def _pair_radii(config: MechanismFile, contact: Contact) -> tuple[float | None, float | None]:
+    """Relative radius of a pair of surfaces and, on a string, that of the string [m]."""
+    pair = [config.surfaces[name] for name in contact.surfaces if name in config.surfaces]
+    curvature = sum(
+        0.0 if s.kind == "line" else (-1.0 if s.kind == "concave" else 1.0) / (s.radius or math.inf)
+        for s in pair
+    )
+    on_string = config.string is not None and config.string.surface in contact.surfaces
+    wire = 0.5 * config.string.diameter if config.string is not None and on_string else None
+    return (1.0 / curvature if curvature > 0.0 else None), wire
+
+
+def _with_radii(config: MechanismFile) -> MechanismFile:
+    """Radii that the areas of layers leave out are those of the pair."""
+    contacts = {}
+    for key, contact in config.contacts.items():
+        layer = contact.micromechanical
+        contacts[key] = contact
+        if layer is None:
+            continue
+        radius, wire = _pair_radii(config, contact)
+        own = {
+            "crossed_cylinders": {"radius_a": radius, "radius_b": wire},
+            "circle_on_layer": {"radius": radius},
+            "sphere_on_layer": {"radius": radius},
+        }.get(layer.area.kind, {})
+        update = {k: v for k, v in own.items() if getattr(layer.area, k) is None}
+        area = layer.area.model_copy(update=update)
+        contacts[key] = contact.model_copy(
+            update={"micromechanical": layer.model_copy(update={"area": area})}
+        )
+    return config.model_copy(update={"contacts": contacts})
+
+
 def _law_faults(raw: Mapping[str, Any]) -> list[str]:
     faults = []
     for name, node in _table(raw, "contacts").items():
@@ -655,6 +753,7 @@ def _law_faults(raw: Mapping[str, Any]) -> list[str]:
             "hunt_crossley": ["hunt_crossley"],
             "stulov": ["stulov"],
             "felt_memory": [] if tabulated else ["loading", "unloading"],
+            "micromechanical": ["micromechanical"],
         }.get(str(law), ["loading", "unloading"])
         for key in needed:
             if law in LAWS and key not in node:
@@ -686,6 +785,7 @@ def _law_faults(raw: Mapping[str, Any]) -> list[str]:
 
 def _validate(raw: Mapping[str, Any], origin: str) -> MechanismFile:
     faults: list[str] = []
+    raw = _spread_laws(dict(raw), faults)
     parsed: MechanismFile | None = None
     try:
         parsed = MechanismFile.model_validate(raw)
@@ -700,7 +800,7 @@ def _validate(raw: Mapping[str, Any], origin: str) -> MechanismFile:
     if faults or parsed is None:
         unique = list(dict.fromkeys(faults))
         raise InvalidParameter(fault_text(origin, unique))
-    return parsed
+    return _with_radii(parsed)
 
 
 # --- from the file to the core -------------------------------------------------------------------
@@ -727,6 +827,9 @@ def core_law(contact: Contact) -> Any:
         return _core.Stulov(
             stiffness=st.stiffness, exponent=st.exponent, amplitude=st.amplitude, time=st.time
         )
+    if contact.law == "micromechanical":
+        assert contact.micromechanical is not None
+        return _core_memory(contact.micromechanical, contact.micromechanical.envelope)
     if contact.law == "felt_memory" and contact.memory.envelope is not None:
         return _core_memory(contact.memory, _table_envelope(contact.memory.envelope))
     assert contact.loading is not None
@@ -761,7 +864,9 @@ def _table_envelope(table: EnvelopeTable) -> _core.Envelope:
     )
 
 
-def _core_memory(p: MemoryParameters, envelope: _core.Envelope) -> _core.FeltMemory:
+def _core_memory(
+    p: MemoryParameters | LayerParameters, envelope: _core.Envelope
+) -> _core.FeltMemory:
     return _core.FeltMemory(
         envelope=envelope,
         kappa=p.kappa,

@@ -5,31 +5,38 @@
 #include <deque>
 #include <map>
 #include <mutex>
+#include <utility>
 
 #include "feltmb/core/error.hpp"
 #include "feltmb/numeric/quadrature.hpp"
+#include "monotone_table.hpp"
 
 namespace feltmb {
 namespace {
 
-constexpr int kRows = 24;           // of a column table over the largest compression
-constexpr std::size_t kPanels = 6;  // of an integral over columns
+constexpr int kRows = 17;           // of a column table over the largest compression
+constexpr std::size_t kPanels = 4;  // of an integral over columns
 
 using Key = std::vector<double>;
 
-/// Tables by the numbers that they follow from.
+/// Tables by the numbers, and the table of pressures, that they follow from.
 class Cache {
  public:
+  using Table = std::shared_ptr<const Envelope>;
+
   template <class Make>
-  std::shared_ptr<const Envelope> find(const Key& key, Make&& make) {
+  Table find(const Table& from, const Key& numbers, Make&& make) {
+    const std::pair key{from.get(), numbers};
     {
       const std::lock_guard<std::mutex> guard(mutex_);
-      if (const auto it = kept_.find(key); it != kept_.end()) return it->second;
+      if (const auto it = kept_.find(key); it != kept_.end()) return it->second.second;
     }
     // Two threads may make the same table; the first to come back is kept.
-    const std::shared_ptr<const Envelope> made = make();
+    const Table made = make();
     const std::lock_guard<std::mutex> guard(mutex_);
-    const auto [it, added] = kept_.emplace(key, made);
+    // Keeping `from` keeps its address from being used again.
+    const auto [it, added] = kept_.emplace(key, std::pair{from, made});
+    const Table out = it->second.second;
     if (added) {
       order_.push_back(key);
       if (order_.size() > kLayerCache) {
@@ -37,13 +44,13 @@ class Cache {
         order_.pop_front();
       }
     }
-    return it->second;
+    return out;
   }
 
  private:
   std::mutex mutex_;
-  std::map<Key, std::shared_ptr<const Envelope>> kept_;
-  std::deque<Key> order_;
+  std::map<std::pair<const Envelope*, Key>, std::pair<Table, Table>> kept_;
+  std::deque<std::pair<const Envelope*, Key>> order_;
 };
 
 Key key_of(const FeltMaterial& m) {
@@ -52,24 +59,22 @@ Key key_of(const FeltMaterial& m) {
 }
 
 Key key_of(const FeltLayer& layer) {
-  Key key = key_of(layer.material);
-  key.push_back(layer.thickness);
-  key.push_back(layer.compression == LayerCompression::kColumns ? 1.0 : 0.0);
-  key.push_back(static_cast<double>(layer.area.index()));
+  Key key{layer.thickness, layer.compression == LayerCompression::kColumns ? 1.0 : 0.0,
+          static_cast<double>(layer.area.index())};
   if (const auto* flat = std::get_if<ConstantArea>(&layer.area)) {
-    key.insert(key.end(), {flat->size, 0.0, 0.0});
+    key.push_back(flat->size);
   } else if (const auto* pair = std::get_if<CrossedCylinders>(&layer.area)) {
-    key.insert(key.end(), {pair->radius_a, pair->radius_b, 0.0});
+    key.insert(key.end(), {pair->radius_a, pair->radius_b});
   } else if (const auto* circle = std::get_if<CircleOnLayer>(&layer.area)) {
     key.insert(key.end(), {circle->radius, circle->width, circle->length});
   } else {
-    key.insert(key.end(), {std::get<SphereOnLayer>(layer.area).radius, 0.0, 0.0});
+    key.push_back(std::get<SphereOnLayer>(layer.area).radius);
   }
   return key;
 }
 
 void check(const FeltLayer& layer) {
-  validate(layer.material, "felt");
+  if (!layer.pressure) throw InvalidParameter("felt layer: pressure is missing");
   validate(layer.area);
   if (!(std::isfinite(layer.thickness) && layer.thickness > 0.0)) {
     throw InvalidParameter(
@@ -77,23 +82,34 @@ void check(const FeltLayer& layer) {
   }
 }
 
-/// Integral of p'(u) A(e - u) du over 0 <= u <= e, which is that of p(e - g) dA(g) by parts.
-/// `slope(u)` is p'(u), `value(u)` is p(u).
-template <class Value, class Slope>
-double sum_columns(const ContactArea& area, const FullArea& full, double e, Value&& value,
-                   Slope&& slope) {
-  const double depth = std::min(e, full.compression);
-  // Columns deeper than the indenter is high: all of its area presses.
-  double sum = e > full.compression ? full.size * value(e - full.compression) : 0.0;
-  if (depth <= 0.0) return sum;
-  // u = e - depth t^2: the area begins as a root of the gap.
-  return sum + integrate_composite(
-                   [&](double t) {
-                     const double g = depth * t * t;
-                     return slope(e - g) * shared_area(area, g) * 2.0 * t * depth;
-                   },
-                   0.0, 1.0, kPanels);
-}
+/// Area of an indenter against t = sqrt(gap / depth), in which it is smooth, up to where it is
+/// full.
+class GapTable {
+ public:
+  GapTable(const ContactArea& area, double reach)
+      : depth_(std::min(reach, full_area(area).compression)) {
+    for (const double t : tables::knot_positions()) {
+      area_.push_back(shared_area(area, depth_ * t * t));
+    }
+    slope_ = tables::smooth_slopes(area_);
+  }
+
+  /// Integral of pressure(e - g) dA(g) over 0 <= g <= e.
+  template <class Pressure>
+  double sum(double e, Pressure&& pressure) const {
+    const double end = std::sqrt(std::min(1.0, e / depth_));
+    return integrate_composite(
+        [&](double t) {
+          return pressure(std::max(0.0, e - depth_ * t * t)) *
+                 tables::look_up(area_.data(), slope_.data(), t).slope;
+        },
+        0.0, end, kPanels);
+  }
+
+ private:
+  double depth_;
+  std::vector<double> area_, slope_;
+};
 
 std::shared_ptr<const Envelope> make_pressure(const FeltMaterial& m) {
   const FeltPressure pressure(m);
@@ -112,40 +128,33 @@ std::shared_ptr<const Envelope> make_pressure(const FeltMaterial& m) {
 }
 
 std::shared_ptr<const Envelope> make_layer(const FeltLayer& layer) {
-  const auto pressure = pressure_envelope(layer.material);
+  const auto& pressure = layer.pressure;
   const double h = layer.thickness;
   const ContactArea& area = layer.area;
   EnvelopeShape shape;
   shape.closing = h * pressure->closing();
-  shape.reach = h * (1.0 - layer.material.v_f0 / (0.5 * (1.0 + layer.material.v_f_max)));
+  shape.reach = h * pressure->reach();
   const FullArea full = full_area(area);
   if (layer.compression == LayerCompression::kEven || full.compression == 0.0) {
     shape.loading = [&](double e) { return shared_area(area, e) * pressure->loading(e / h).force; };
     shape.ratio = [&](double x, double e_m) { return pressure->ratio(x, e_m / h).force; };
     return Envelope::from_shape(shape);
   }
+  const GapTable indenter(area, shape.reach);
+  const auto load = [&](double u) { return pressure->loading(u / h).force; };
   shape.rows = kRows;
-  shape.loading = [&](double e) {
-    return sum_columns(
-        area, full, e, [&](double u) { return pressure->loading(u / h).force; },
-        [&](double u) { return pressure->loading(u / h).slope / h; });
-  };
+  shape.loading = [&](double e) { return indenter.sum(e, load); };
   shape.ratio = [&](double x, double e_m) {
     const double e = x * e_m;
-    const double load = shape.loading(e);
-    if (!(load > 0.0)) return 1.0;
+    const double whole = indenter.sum(e, load);
+    if (!(whole > 0.0)) return 1.0;
     // Every column of a cycle lacks the same compression to its largest: e_m - e.
     const double lacking = e_m - e;
-    const auto ratio = [&](double u) { return pressure->ratio(u / (u + lacking), 1.0); };
-    const double back = sum_columns(
-        area, full, e, [&](double u) { return pressure->loading(u / h).force * ratio(u).force; },
-        [&](double u) {
-          const CurveValue p = pressure->loading(u / h);
-          const CurveValue rho = ratio(u);
-          const double reach = u + lacking;
-          return p.slope / h * rho.force + p.force * rho.slope * lacking / (reach * reach);
-        });
-    return std::clamp(back / load, 0.0, 1.0);
+    const double back = indenter.sum(e, [&](double u) {
+      const double reach = u + lacking;
+      return reach > 0.0 ? load(u) * pressure->ratio(u / reach, reach / h).force : 0.0;
+    });
+    return std::clamp(back / whole, 0.0, 1.0);
   };
   return Envelope::from_shape(shape);
 }
@@ -154,24 +163,24 @@ std::shared_ptr<const Envelope> make_layer(const FeltLayer& layer) {
 
 std::shared_ptr<const Envelope> pressure_envelope(const FeltMaterial& material) {
   static Cache cache;
-  return cache.find(key_of(material), [&] { return make_pressure(material); });
+  return cache.find(nullptr, key_of(material), [&] { return make_pressure(material); });
 }
 
 std::shared_ptr<const Envelope> layer_envelope(const FeltLayer& layer) {
   static Cache cache;
   check(layer);
-  return cache.find(key_of(layer), [&] { return make_layer(layer); });
+  return cache.find(layer.pressure, key_of(layer), [&] { return make_layer(layer); });
 }
 
 LayerColumns::LayerColumns(const FeltLayer& layer, int columns, double kappa)
     : thickness_(layer.thickness) {
   check(layer);
-  law_ = std::make_shared<const ContactLaw>(FeltMemory{pressure_envelope(layer.material), kappa});
+  law_ = std::make_shared<const ContactLaw>(FeltMemory{layer.pressure, kappa});
   if (columns < 1) {
     throw InvalidParameter(format("columns = %d, must be >= 1", columns));
   }
   const FullArea full = full_area(layer.area);
-  const double end = thickness_ * pressure_envelope(layer.material)->closing();
+  const double end = thickness_ * layer.pressure->closing();
   const double depth =
       layer.compression == LayerCompression::kEven ? 0.0 : std::min(end, full.compression);
   if (depth == 0.0) {

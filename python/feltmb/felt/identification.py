@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from feltmb._core import fiber as _core
 from feltmb.errors import DataError, InvalidParameter, ModelError
-from feltmb.felt.material import (
+from feltmb.material import (
     Branch,
     BranchCurve,
     CriticalAngles,

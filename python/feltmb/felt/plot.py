@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from feltmb.felt.auditing import Audit
     from feltmb.felt.envelopes import FeltEnvelope
     from feltmb.felt.identification import Identification
-    from feltmb.felt.material import FeltMaterial
+    from feltmb.material import FeltMaterial
     from feltmb.fiber.friction import CarnabyPan
 
 __all__ = ["plot_audit", "plot_envelope", "plot_identification", "plot_loop", "plot_material"]

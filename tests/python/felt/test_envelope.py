@@ -55,18 +55,18 @@ def test_table_is_a_loop(name, area):
     i = 120
     v = m.v_f0 / (1 - made.compression[i] / 6e-3)
     p = m.pressure("loading", [v])[0]
-    assert made.loading[i] == pytest.approx(p * float(area.area(made.compression[i])), rel=1e-12)
+    assert made.loading[i] == pytest.approx(p * float(area.area(made.compression[i])), rel=1e-6)
     # The table that the integrator uses is as fine as the felt itself.
     e = np.linspace(0.02, 0.98, 97) * made.closing
     exact = m.pressure("loading", m.v_f0 / (1 - e / 6e-3)) * area.area(e)
     np.testing.assert_allclose(made.core.loading(e), exact, atol=2e-4 * made.loading[-1])
 
 
-def test_same_arguments_same_object():
+def test_same_arguments_same_tables():
     m = load_material("synthetic_hammer")
     a = envelope(m, 6e-3, ConstantArea(1e-4))
-    assert envelope(load_material("synthetic_hammer"), 6e-3, ConstantArea(1e-4)) is a
-    assert envelope(m, 6.1e-3, ConstantArea(1e-4)) is not a
+    assert envelope(load_material("synthetic_hammer"), 6e-3, ConstantArea(1e-4)).core is a.core
+    assert envelope(m, 6.1e-3, ConstantArea(1e-4)).core is not a.core
     with pytest.raises(ValueError, match="read-only"):
         a.loading[0] = 1.0
 

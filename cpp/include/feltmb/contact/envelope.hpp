@@ -62,6 +62,9 @@ class Envelope {
   /// e_M [m].
   double closing() const { return closing_; }
 
+  /// Largest compression of the table of F_L [m]; that of curves has no end, there e_M.
+  double reach() const { return exponential_ ? closing_ : reach_; }
+
   /// What made rho monotone; force 0 if nothing did.
   const ShapeRepair& repair() const { return repair_; }
 

@@ -18,19 +18,21 @@
 
 namespace feltmb {
 
-enum class LayerCompression { kEven, kColumns };
-
-struct FeltLayer {
-  FeltMaterial material;
-  double thickness = 0.0;  ///< h without load [m], > 0
-  ContactArea area;
-  LayerCompression compression = LayerCompression::kEven;
-};
-
 /// Pressure [Pa] against engineering strain u / h [-]: the table that layers of one material share.
 /// Its end e_M is the strain at v_f_max; loading goes on by the same equations to half the
 /// remaining volume fraction, v = (1 + v_f_max) / 2. Made once a material. Throws InvalidParameter.
 std::shared_ptr<const Envelope> pressure_envelope(const FeltMaterial& material);
+
+enum class LayerCompression { kEven, kColumns };
+
+struct FeltLayer {
+  /// Pressure [Pa] against engineering strain u / h [-]: pressure_envelope(material), or a measured
+  /// loop through Envelope::from_table.
+  std::shared_ptr<const Envelope> pressure;
+  double thickness = 0.0;  ///< h without load [m], > 0
+  ContactArea area;
+  LayerCompression compression = LayerCompression::kEven;
+};
 
 /// Envelope of a contact through a felt layer, for the law with memory; made once a layer.
 ///
@@ -40,7 +42,7 @@ std::shared_ptr<const Envelope> pressure_envelope(const FeltMaterial& material);
 /// a table over e and e_m; the stick transition z is that of the contact. Throws InvalidParameter.
 std::shared_ptr<const Envelope> layer_envelope(const FeltLayer& layer);
 
-/// Materials and layers that are kept, the oldest given up first.
+/// Tables of each kind that are kept, the oldest given up first.
 inline constexpr std::size_t kLayerCache = 256;
 
 /// A layer as a number of separate columns, each with its whole memory, its own transition
