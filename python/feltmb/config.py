@@ -707,6 +707,16 @@ def _spread_laws(raw: dict[str, Any], faults: list[str]) -> dict[str, Any]:
     return {**raw, "contacts": contacts} if contacts else raw
 
 
+def _as_written(line: str, contacts: Mapping[str, Any]) -> str:
+    """A fault in the parameters of ``law = { ... }``, at the place where they were written."""
+    where = line.split(":")[0].split(".")
+    if len(where) > 3 and where[2] in _LAW_TABLE.values():
+        node = contacts.get(where[1])
+        if isinstance(node, Mapping) and isinstance(node.get("law"), Mapping):
+            return line.replace(f".{where[1]}.{where[2]}.", f".{where[1]}.law.", 1)
+    return line
+
+
 def _pair_radii(config: MechanismFile, contact: Contact) -> tuple[float | None, float | None]:
     """Relative radius of a pair of surfaces and, on a string, that of the string [m]."""
     pair = [config.surfaces[name] for name in contact.surfaces if name in config.surfaces]
@@ -785,12 +795,12 @@ def _law_faults(raw: Mapping[str, Any]) -> list[str]:
 
 def _validate(raw: Mapping[str, Any], origin: str) -> MechanismFile:
     faults: list[str] = []
-    raw = _spread_laws(dict(raw), faults)
+    raw_laws, raw = _table(raw, "contacts"), _spread_laws(dict(raw), faults)
     parsed: MechanismFile | None = None
     try:
         parsed = MechanismFile.model_validate(raw)
     except ValidationError as error:
-        faults += fault_lines(error, MechanismFile)
+        faults += [_as_written(line, raw_laws) for line in fault_lines(error, MechanismFile)]
     faults += _reference_faults(raw)
     faults += _law_faults(raw)
     faults += _output_faults(raw)

@@ -124,7 +124,9 @@ class CircleOnLayer(_FromCore):
         return _core.CircleOnLayer(self.radius, self.width, self.length)
 
     def __str__(self) -> str:
-        text = f"circle on layer, radius {self.radius * 1e3:.6g} mm, width {self.width * 1e3:.6g} mm"
+        text = (
+            f"circle on layer, radius {self.radius * 1e3:.6g} mm, width {self.width * 1e3:.6g} mm"
+        )
         return text if self.length == math.inf else f"{text}, length {self.length * 1e3:.6g} mm"
 
 
@@ -272,5 +274,3 @@ def core_layer(
         raise InvalidParameter(f"compression: got {compression!r}, expected even or columns")
     pressure = _core.pressure_envelope(felt.core())
     return _core.FeltLayer(pressure, float(thickness), area.core, compression == "columns")
-
-

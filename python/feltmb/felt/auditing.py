@@ -21,8 +21,8 @@ from feltmb.config import Contact, core_law, load_action
 from feltmb.contact import Law
 from feltmb.errors import InvalidParameter
 from feltmb.felt.envelopes import ConstantArea, FeltEnvelope, envelope, load_envelope
-from feltmb.material import FeltMaterial, load_material
 from feltmb.files import read_toml
+from feltmb.material import FeltMaterial, load_material
 from feltmb.units import conversion_factor
 
 __all__ = ["Audit", "Cycle", "Finding", "audit", "audit_targets"]

@@ -74,11 +74,11 @@ def parse_area(text: str) -> Area:
             f"area {text!r}: {len(parts)} numbers, expected {needed}: {usage_of(name.strip())}"
         )
     values, faults = [], []
-    for part, (field, unit) in zip(parts, fields, strict=False):
+    for part, (number, unit) in zip(parts, fields, strict=False):
         try:
             values.append(parse_scalar(part, unit))
         except ValueError as error:
-            faults.append(f"area {text!r}: {field}: {error}")
+            faults.append(f"area {text!r}: {number}: {error}")
     if faults:
         raise InvalidParameter("\n".join(faults))
     made: Area = kind(*values)
@@ -227,9 +227,7 @@ def envelope(
             f'felt "{material.name}" of {thickness:.6g} m reaches its v_f_max = {material.end:.6g}'
         )
     if largest is not None:
-        material = material.model_copy(
-            update={"v_f_max": material.v_f0 / (1.0 - end / thickness)}
-        )
+        material = material.model_copy(update={"v_f_max": material.v_f0 / (1.0 - end / thickness)})
     core = _core.layer_envelope(core_layer(material, thickness, area, compression))
     e = core.closing * np.linspace(0.0, 1.0, points) ** 2
     load = np.asarray(core.loading(e), dtype=float)

@@ -136,9 +136,7 @@ def fit_contact(
     """
     from scipy.optimize import least_squares, minimize_scalar
 
-    e, load, back = (
-        np.asarray(x, dtype=float).ravel() for x in (compression, loading, unloading)
-    )
+    e, load, back = (np.asarray(x, dtype=float).ravel() for x in (compression, loading, unloading))
     faults = []
     if not (len(e) == len(load) == len(back) and len(e) >= 8):
         faults.append(
@@ -175,7 +173,11 @@ def fit_contact(
         # Pressures are linear in K_p and the withdrawal force together.
         factor = float(force @ load / (force @ force))
         branch = Branch(K_p=1e6 * factor, gamma=g)
-        return _with(fibers, branch, branch, withdrawal * factor, float(v[-1])), share, force * factor
+        return (
+            _with(fibers, branch, branch, withdrawal * factor, float(v[-1])),
+            share,
+            force * factor,
+        )
 
     def left(x: float) -> float:
         h, g = (e[-1] / x, gamma) if thickness is None else (thickness, math.exp(x))

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from feltmb._core import fiber as _core
 from feltmb.errors import DataError, InvalidParameter, ModelError
+from feltmb.fiber import CompressionData
 from feltmb.material import (
     Branch,
     BranchCurve,
@@ -25,7 +26,6 @@ from feltmb.material import (
     FeltMaterial,
     sliding_at_pressure,
 )
-from feltmb.fiber import CompressionData
 
 __all__ = ["BranchFit", "Identification", "identify"]
 
