@@ -38,7 +38,9 @@ MAY_USE = {
     # gap, plot) has never heard of a configuration and serves any simulator.
     "Python": {
         "_core": "",
-        "contact": f"{BASE} _core",
+        "material": f"{BASE} _core files params",
+        "layer": f"{BASE} _core material",
+        "contact": f"{BASE} _core layer",
         "errors": "",
         "_optional": "errors",
         "units": "errors",
@@ -47,8 +49,8 @@ MAY_USE = {
         "params": BASE,
         "mending": "",
         "fiber": f"{BASE} _core files",
-        "config": f"{BASE} _core files params mending",
-        "felt": f"{BASE} _core files params config contact fiber",
+        "config": f"{BASE} _core files params mending material layer",
+        "felt": f"{BASE} _core files params material layer config contact fiber",
         "stroke": f"{BASE} _core files params",
         "events": BASE,
         "results": f"{BASE} _core files",
