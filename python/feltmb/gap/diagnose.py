@@ -311,6 +311,7 @@ def diagnose(
         next=advice,
         model=model,
         not_tested=tuple(not_tested),
+        refused=tuple(NotTested(name=n, why=w) for n, w in accepted.rejected),
         fit=fit,
         gates=gates,
         seconds=seconds,

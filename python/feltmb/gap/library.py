@@ -41,7 +41,7 @@ __all__ = [
     "viscous_friction",
 ]
 
-Rate = Callable[[Any, Named, Named, Named, Any, Any], Mapping[str, Array]]
+Rate = Callable[[Any, Named, Named, Named, Any, Any], Mapping[str, Any]]
 
 
 def _force(c: Coordinate, law: Callable[[Any, Any, Any], Any]) -> Rate:
