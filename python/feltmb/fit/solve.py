@@ -31,6 +31,8 @@ class FitSettings:
     """A step that can lower the sum of squares by less than this ends the search."""
     restarts: int = 3
     seed: int = 0
+    chain: bool = False
+    """Whether a poor fit is tried again from one simulation through all windows."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -278,7 +280,7 @@ def polish(problem: Problem, point: Point, level: float, settings: FitSettings) 
     found, cost, linears, converged = _optimize(
         problem, point, gap_sd, settings, settings.iterations
     )
-    if gap_sd.size and level < 0.1:
+    if settings.chain and gap_sd.size and level < 0.1:
         bar = problem.samples + 4.0 * np.sqrt(2.0 * problem.samples)
         # A chain of windows can be stuck where one simulation from the first state is not.
         for _ in range(2):

@@ -18,7 +18,7 @@ import numpy as np
 from feltmb.data import Array
 from feltmb.fit.linearize import Place, predict
 from feltmb.fit.observe import machine_terms
-from feltmb.fit.problem import Point, Problem
+from feltmb.fit.problem import Point, Problem, solve_scaled
 from feltmb.fit.shots import Shot
 from feltmb.fit.solve import Fit, FitSettings, polish
 
@@ -80,6 +80,7 @@ def evaluate(held: HeldOut, model: Fit, settings: FitSettings, *, windowed_level
         state_scale=held.state_scale if held.state_scale.size else None,
     )
     point = _settle(base, model)
+    settings = replace(settings, chain=True)
     fit = polish(base, point, model.level, settings)
     density = _density(base, fit, model)
     level = windowed_level
@@ -132,15 +133,17 @@ def _density(base: Problem, fit: Fit, model: Fit) -> Array:
             at += 1
     out = []
     _, before = np.linalg.slogdet(height)
-    power = float(right @ np.linalg.solve(height, right))
+    power = float(right @ solve_scaled(height, right))
     for shot, chain, own in zip(base.shots, normal.chains, normal.columns, strict=True):
         gaps = float(np.sum(np.log(fit.gap_sd))) if fit.gap_sd.size else 0.0
         for w, gram in enumerate(chain.grams):
             mine = units[own]
             height = height + mine.T @ gram[:-1, :-1] @ mine
             right = right + mine.T @ gram[:-1, -1]
+            if not np.all(np.isfinite(height)):
+                return np.full(sum(s.count for s in base.shots), -1e6)
             _, after = np.linalg.slogdet(height)
-            now = float(right @ np.linalg.solve(height, right))
+            now = float(right @ solve_scaled(height, right))
             value = -0.5 * (gram[-1, -1] - (now - power)) - chain.log_dets[w]
             value -= 0.5 * (after - before)
             if w < shot.count - 1:
