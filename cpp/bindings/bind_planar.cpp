@@ -88,7 +88,10 @@ void bind_description(py::module_& m) {
       .def_readwrite("name", &TorsionSpringDescription::name)
       .def_readwrite("coordinate", &TorsionSpringDescription::coordinate)
       .def_readwrite("stiffness", &TorsionSpringDescription::stiffness)
-      .def_readwrite("rest_angle", &TorsionSpringDescription::rest_angle);
+      .def_readwrite("rest_angle", &TorsionSpringDescription::rest_angle)
+      .def_readwrite("damping", &TorsionSpringDescription::damping)
+      .def_readwrite("clearance", &TorsionSpringDescription::clearance)
+      .def_readwrite("seating", &TorsionSpringDescription::seating);
 
   py::class_<StrapDescription> strap(m, "StrapDescription");
   strap.def(py::init<>())

@@ -126,7 +126,7 @@ def _power_stiffness(node: object) -> float:
 
 
 class FrictionParameters(Schema):
-    """Coulomb friction of thesis eq. A.1."""
+    """Coulomb friction of thesis eq. A.1, with viscous, quadratic and Stribeck terms."""
 
     amplitude: Annotated[
         float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("1", "N", "N m")))
@@ -136,6 +136,20 @@ class FrictionParameters(Schema):
     threshold_speed: Annotated[
         float, Field(gt=0), BeforeValidator(lambda n: _one_of(n, ("m/s", "rad/s")))
     ] = 1e-3
+    viscous: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m s/rad", "N s/m", "s/m")))
+    ] = 0.0
+    quadratic: Annotated[
+        float,
+        Field(ge=0),
+        BeforeValidator(lambda n: _one_of(n, ("N m s^2/rad^2", "N s^2/m^2", "s^2/m^2"))),
+    ] = 0.0
+    stribeck: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("1", "N", "N m")))
+    ] = 0.0
+    stribeck_speed: Annotated[
+        float, Field(gt=0), BeforeValidator(lambda n: _one_of(n, ("m/s", "rad/s")))
+    ] = 0.1
 
 
 def _one_of(node: object, units: tuple[str, ...]) -> float:
@@ -203,6 +217,7 @@ class Contact(Schema):
     enabled: bool = True
     law: LawName = "guarded"
     alpha: Annotated[float, SI("s/m"), Field(gt=0)] = 100.0
+    hysteresis: Annotated[float, SI("1"), Field(ge=0)] = 1.0
     loading: Annotated[Curve, BeforeValidator(_curve)] | None = None
     unloading: Annotated[Curve, BeforeValidator(_curve)] | None = None
     hunt_crossley: HuntCrossleyParameters | None = None
@@ -212,12 +227,23 @@ class Contact(Schema):
 
 
 class Spring(Schema):
-    """Torsion spring on a coordinate."""
+    """Spring on the coordinate of a joint, with damping and play if wanted."""
 
     label: str = ""
     coordinate: str
-    stiffness: Annotated[float, SI("N m/rad"), Field(ge=0)]
-    rest_angle: Annotated[float, SI("rad")]
+    stiffness: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m/rad", "N/m")))
+    ]
+    rest_angle: Annotated[float, BeforeValidator(lambda n: _one_of(n, ("rad", "m")))]
+    damping: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m s/rad", "N s/m")))
+    ] = 0.0
+    clearance: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("rad", "m")))
+    ] = 0.0
+    seating: Annotated[float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m", "N")))] = (
+        0.0
+    )
     enabled: bool = True
 
 
@@ -708,7 +734,14 @@ def _validate(raw: Mapping[str, Any], origin: str) -> MechanismFile:
 
 def _core_friction(f: FrictionParameters) -> _core.Friction:
     return _core.Friction(
-        amplitude=f.amplitude, b1=f.b1, b2=f.b2, threshold_speed=f.threshold_speed
+        amplitude=f.amplitude,
+        b1=f.b1,
+        b2=f.b2,
+        threshold_speed=f.threshold_speed,
+        viscous=f.viscous,
+        quadratic=f.quadratic,
+        stribeck=f.stribeck,
+        stribeck_speed=f.stribeck_speed,
     )
 
 
@@ -745,6 +778,9 @@ def core_law(contact: Contact) -> Any:
         unloading=unloading,
         alpha=contact.alpha,
         guarded=contact.law == "guarded",
+        hysteresis=contact.hysteresis,
+        rate_amplitude=contact.memory.rate_amplitude,
+        rate_time=contact.memory.rate_time,
     )
 
 
@@ -880,6 +916,9 @@ def describe(config: MechanismFile) -> _core.MechanismDescription:
         spd.coordinate = sp.coordinate
         spd.stiffness = sp.stiffness
         spd.rest_angle = sp.rest_angle
+        spd.damping = sp.damping
+        spd.clearance = sp.clearance
+        spd.seating = sp.seating
         if sp.enabled:
             springs.append(spd)
     d.springs = springs

@@ -66,12 +66,16 @@ class Friction:
         b1: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         b2: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         threshold_speed: typing.SupportsFloat | typing.SupportsIndex = 0.001,
+        viscous: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        quadratic: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        stribeck: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        stribeck_speed: typing.SupportsFloat | typing.SupportsIndex = 0.1,
     ) -> None: ...
     def coefficient(
         self, speed: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
     ) -> typing.Any:
         """
-        mu(v) of thesis eq. A.1 at sliding speed [m/s or rad/s].
+        mu(v) of thesis eq. A.1 with the added terms, at sliding speed [m/s or rad/s].
         """
     @property
     def amplitude(self) -> float: ...
@@ -80,7 +84,15 @@ class Friction:
     @property
     def b2(self) -> float: ...
     @property
+    def quadratic(self) -> float: ...
+    @property
+    def stribeck(self) -> float: ...
+    @property
+    def stribeck_speed(self) -> float: ...
+    @property
     def threshold_speed(self) -> float: ...
+    @property
+    def viscous(self) -> float: ...
 
 class ExponentialCurve:
     def __init__(
@@ -110,6 +122,9 @@ class ExponentialPair:
         unloading: ExponentialCurve,
         alpha: typing.SupportsFloat | typing.SupportsIndex = 100.0,
         guarded: bool = True,
+        hysteresis: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+        rate_amplitude: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        rate_time: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> None: ...
 
 class MeanCurve:
@@ -555,9 +570,21 @@ class TorsionSpringDescription:
     name: str
     def __init__(self) -> None: ...
     @property
+    def clearance(self) -> float: ...
+    @clearance.setter
+    def clearance(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def damping(self) -> float: ...
+    @damping.setter
+    def damping(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
     def rest_angle(self) -> float: ...
     @rest_angle.setter
     def rest_angle(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def seating(self) -> float: ...
+    @seating.setter
+    def seating(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def stiffness(self) -> float: ...
     @stiffness.setter
