@@ -1,0 +1,70 @@
+"""Diagnosis of the gap between a model and measurements: where, which cause, how far it shrinks.
+
+It knows time series and parameters, not any particular machine.
+"""
+
+from feltmb.data import Record, Sensor, StartPrior
+from feltmb.fit import (
+    Coordinate,
+    Effect,
+    FunctionNominal,
+    Lanes,
+    LinearNominal,
+    Nominal,
+    OdeNominal,
+    Parameter,
+    Port,
+    Sensitivity,
+    Simulated,
+    State,
+    Term,
+)
+from feltmb.gap.report import (
+    Advice,
+    Amended,
+    ComponentRow,
+    EventRow,
+    GapRow,
+    HowFar,
+    LedgerCell,
+    NotTested,
+    Ranked,
+    RankedSet,
+    Report,
+    Verdict,
+    Where,
+    Which,
+)
+
+__all__ = [
+    "Advice",
+    "Amended",
+    "ComponentRow",
+    "Coordinate",
+    "Effect",
+    "EventRow",
+    "FunctionNominal",
+    "GapRow",
+    "HowFar",
+    "Lanes",
+    "LedgerCell",
+    "LinearNominal",
+    "Nominal",
+    "NotTested",
+    "OdeNominal",
+    "Parameter",
+    "Port",
+    "Ranked",
+    "RankedSet",
+    "Record",
+    "Report",
+    "Sensitivity",
+    "Sensor",
+    "Simulated",
+    "StartPrior",
+    "State",
+    "Term",
+    "Verdict",
+    "Where",
+    "Which",
+]
