@@ -153,6 +153,16 @@ void bind_planar(py::module_& m) {
       .def_readonly("coordinate_scale", &Mechanism::coordinate_scale)
       .def_readonly("total_modes", &Mechanism::total_modes)
       .def_readonly("total_law_states", &Mechanism::total_law_states)
+      .def_property_readonly("law_state_names",
+                             [](const Mechanism& mech) {
+                               std::vector<std::string> names;
+                               for (const auto& c : mech.contacts) {
+                                 for (std::size_t i = 0; i < c.law.n_states(); ++i) {
+                                   names.push_back(c.name + "." + c.law.state_name(i));
+                                 }
+                               }
+                               return names;
+                             })
       .def_property_readonly("coordinate_units",
                              [](const Mechanism& self) {
                                std::vector<std::string> units;

@@ -15,7 +15,8 @@ ROOT = HERE.parents[2]
 BASE = "errors _optional units quantity"
 MODEL = f"{BASE} files _core params config stroke events results simulate"
 STUDY = "sweep study study_expression study_plot study_report"
-FRONT = f"{MODEL} {STUDY} contact fiber data fit gap plot report quasistatic regulate touch felt"
+TOOLS = "quasistatic regulate touch felt subjects"
+FRONT = f"{MODEL} {STUDY} contact fiber data fit gap plot report {TOOLS}"
 
 # part -> the parts that it may use. C++ parts are folders, Python parts are modules of the package.
 # A new folder or module gets a line here; what points back is refused.
@@ -67,6 +68,7 @@ MAY_USE = {
         "quasistatic": MODEL,
         "regulate": f"{MODEL} quasistatic",
         "touch": f"{MODEL} quasistatic plot",
+        "subjects": f"{MODEL} data fit gap",
         "report": f"{BASE} results data fit gap plot",
         "__init__": FRONT,
         "cli": f"{FRONT} __init__ graph animate published",
