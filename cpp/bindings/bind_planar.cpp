@@ -127,6 +127,11 @@ void bind_description(py::module_& m) {
   vec2(finger, "point", &FingerDescription::point);
   vec2(finger, "direction", &FingerDescription::direction);
 
+  py::class_<MotorDescription>(m, "MotorDescription")
+      .def(py::init<>())
+      .def_readwrite("coordinate", &MotorDescription::coordinate)
+      .def_readwrite("contact", &MotorDescription::contact);
+
   py::class_<MechanismDescription> mechanism(m, "MechanismDescription");
   mechanism.def(py::init<>())
       .def_readwrite("name", &MechanismDescription::name)
@@ -138,6 +143,7 @@ void bind_description(py::module_& m) {
       .def_readwrite("strings", &MechanismDescription::strings)
       .def_readwrite("points", &MechanismDescription::points)
       .def_readwrite("finger", &MechanismDescription::finger)
+      .def_readwrite("motor", &MechanismDescription::motor)
       .def_readwrite("start_pose", &MechanismDescription::start_pose);
   vec2(mechanism, "gravity", &MechanismDescription::gravity);
 }

@@ -299,6 +299,14 @@ class Finger(Schema):
     pad: Pad = Pad(stiffness=1.1e5, exponent=1.5, damping=1.0)
 
 
+class Motor(Schema):
+    """A motor on a revolute joint, which drives the mechanism instead of a finger."""
+
+    coordinate: str
+    contact: int | None = None
+    note: str = ""
+
+
 class Point(Schema):
     """Tracking point."""
 
@@ -353,6 +361,7 @@ class MechanismFile(Schema):
     straps: dict[str, Strap] = {}
     string: String | None = None
     finger: Finger | None = None
+    motor: Motor | None = None
     points: dict[str, Point] = {}
     start_pose: dict[str, float] = {}
     events: dict[str, NamedEvent] = {}
@@ -605,6 +614,10 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
         need(name, coordinates, "start_pose", "coordinate")
     need(_table(raw, "string").get("surface"), surfaces, "string.surface", "surface")
     need(_table(raw, "finger").get("body"), bodies, "finger.body", "body")
+    motor = _table(raw, "motor")
+    need(motor.get("coordinate"), coordinates, "motor.coordinate", "coordinate")
+    if isinstance(motor.get("contact"), int) and motor["contact"] not in numbers:
+        faults.append(f"motor.contact: there is no contact {motor['contact']}")
     events = set(_table(raw, "events"))
     for name, node in _table(raw, "events").items():
         if not isinstance(node, Mapping):
@@ -638,7 +651,7 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
 
 
 _OWN_OUTPUTS = (
-    *("time", "end_state", "end_memory", "finger.force", "finger.displacement"),
+    *("time", "end_state", "end_memory", "finger.force", "finger.displacement", "motor.torque"),
     *("string.strike", "string.bridge_force", "string.eta"),
     *(f"energy.{part}" for part in ("kinetic", "gravity", "elastic", "contact", "string")),
 )
@@ -950,6 +963,11 @@ def describe(config: MechanismFile) -> _core.MechanismDescription:
         fd.direction = config.finger.direction
         fd.pad = _core_hunt_crossley(config.finger.pad)
         d.finger = fd
+    if config.motor is not None:
+        md = _core.MotorDescription()
+        md.coordinate = config.motor.coordinate
+        md.contact = config.motor.contact or 0
+        d.motor = md
     d.start_pose = list(config.start_pose.items())
     return d
 
@@ -1002,6 +1020,8 @@ class Action:
     def hash(self) -> str:
         """SHA-256 of all parameters in SI units, without names for people, notes, sources."""
         tables = self.config.model_dump(mode="json", exclude={"name", "about", "source"})
+        if self.config.motor is None:
+            del tables["motor"]  # as before there were motors: results keep their hash
         text = json.dumps(_without_texts(tables), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 

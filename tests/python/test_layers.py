@@ -13,7 +13,7 @@ HERE = Path(__file__).resolve()
 ROOT = HERE.parents[2]
 
 BASE = "errors _optional units quantity"
-MODEL = f"{BASE} files _core params config stroke events results simulate"
+MODEL = f"{BASE} files _core params config smoothing stroke events results simulate"
 STUDY = "sweep study study_expression study_plot study_report"
 TOOLS = "quasistatic regulate touch felt subjects"
 FRONT = f"{MODEL} {STUDY} contact fiber data fit gap plot report {TOOLS}"
@@ -49,7 +49,8 @@ MAY_USE = {
         "fiber": f"{BASE} _core files",
         "config": f"{BASE} _core files params",
         "felt": f"{BASE} _core files params config contact fiber",
-        "stroke": f"{BASE} _core files params",
+        "smoothing": "errors",
+        "stroke": f"{BASE} _core files params smoothing",
         "events": BASE,
         "results": f"{BASE} _core files",
         "data": f"{BASE} files",

@@ -477,6 +477,7 @@ class Assembler {
       m_->contacts.push_back(contact);
     }
     if (d_.finger) add_finger();
+    if (d_.motor) add_motor();
   }
 
   void set_geometry(Contact& contact, const SurfaceDescription& sa, const SurfaceDescription& sb,
@@ -555,6 +556,18 @@ class Assembler {
     set_coordinates(contact.coordinates, 0, m_->finger_point.link);
     m_->finger_contact = static_cast<int>(m_->contacts.size());
     m_->contacts.push_back(contact);
+  }
+
+  void add_motor() {
+    m_->motor_coordinate = m_->coordinate_index(d_.motor->coordinate);
+    if (m_->motor_coordinate < 0) {
+      fault("motor: there is no coordinate \"" + d_.motor->coordinate + "\"");
+    } else if (!m_->coordinate_is_angle[at(m_->motor_coordinate)]) {
+      fault("motor: coordinate \"" + d_.motor->coordinate + "\" is no angle");
+    }
+    if (d_.motor->contact == 0) return;
+    m_->motor_contact = m_->contact_index(d_.motor->contact);
+    if (m_->motor_contact < 0) fault(format("motor: there is no contact %d", d_.motor->contact));
   }
 
   void add_strings() {

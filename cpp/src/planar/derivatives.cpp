@@ -106,6 +106,7 @@ void Dynamics::differentiate() {
   for (std::size_t i = 0; i < contacts_.size(); ++i) {
     if (contacts_[i].closed) differentiate_contact(i);
   }
+  if (prescription_.active) differentiate_prescription();
   // Held coordinates have no equation; others still depend on where they are held.
   for (const int k : condensed_) {
     stiffness_.row(k).setZero();

@@ -48,6 +48,9 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
       vector->setZero(n_);
     }
   }
+  for (auto* vector : {&prescription_.row, &prescription_.by_position, &prescription_.by_speed}) {
+    vector->setZero(n_);
+  }
   for (auto* vector : {&column_a_, &column_b_, &dn_, &dp_, &du_, &columns_}) vector->assign(n, {});
 }
 
@@ -204,7 +207,7 @@ void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail
   std::fill(applied_.begin(), applied_.end(), Wrench{});
   apply_contacts();
   apply_straps();
-  if (!drive.motion && drive.force != 0.0) {
+  if (!drive.motion && !drive.prescribed && drive.coordinate < 0 && drive.force != 0.0) {
     apply(m_->finger_point.link, position(m_->finger_point), drive.force * m_->finger_direction);
   }
 
@@ -230,10 +233,13 @@ void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail
       mass_(j, k) = mass_(k, j);
     }
   }
+  if (drive.coordinate >= 0 && !drive.prescribed) force_[drive.coordinate] += drive.force;
   if (!condensed_.empty()) hold_condensed();
   factor_mass();
   acceleration_ = force_;
   solve_mass(acceleration_);
+  prescription_.active = drive.prescribed;
+  if (drive.prescribed) prescribe(drive);
 }
 
 void Dynamics::condense_axial() {

@@ -32,6 +32,7 @@ __all__: list[str] = [
     "MechanismDescription",
     "ModalString",
     "Monitor",
+    "MotorDescription",
     "Profile",
     "RunResult",
     "ShapeSet",
@@ -689,8 +690,17 @@ class FingerDescription:
         ],
     ) -> None: ...
 
+class MotorDescription:
+    coordinate: str
+    def __init__(self) -> None: ...
+    @property
+    def contact(self) -> int: ...
+    @contact.setter
+    def contact(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+
 class MechanismDescription:
     finger: FingerDescription | None
+    motor: MotorDescription | None
     name: str
     def __init__(self) -> None: ...
     @property
@@ -778,11 +788,14 @@ class Interpolation:
       linear
 
       monotone
+
+      spline
     """
 
     __members__: typing.ClassVar[dict[str, Interpolation]]
     linear: typing.ClassVar[Interpolation]
     monotone: typing.ClassVar[Interpolation]
+    spline: typing.ClassVar[Interpolation]
     @typing.overload
     def __eq__(self, other: Interpolation) -> bool: ...
     @typing.overload
@@ -813,12 +826,17 @@ class Profile:
         oscillation_amplitude: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         oscillation_frequency: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> None: ...
+    def acceleration(
+        self, time: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
+    ) -> typing.Any: ...
     def rate(self, time: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]) -> typing.Any: ...
     def value(
         self, time: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
     ) -> typing.Any: ...
     @property
     def breakpoints(self) -> list[float]: ...
+    @property
+    def smooth(self) -> bool: ...
 
 class SimulationOptions:
     diagnose: bool
@@ -993,6 +1011,8 @@ def jacobian_check(
     motion: bool,
     time: typing.SupportsFloat | typing.SupportsIndex,
     gamma: typing.SupportsFloat | typing.SupportsIndex,
+    prescribed: bool = False,
+    motor: bool = False,
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
     """
     Inverse of I - gamma J as the structured solver applies it.
@@ -1013,6 +1033,8 @@ def rhs(
     profile: Profile,
     motion: bool,
     time: typing.SupportsFloat | typing.SupportsIndex,
+    prescribed: bool = False,
+    motor: bool = False,
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]:
     """
     y' of the full state [q, v, eta, deta/dt].
@@ -1027,6 +1049,8 @@ def simulate(
     monitors: collections.abc.Sequence[Monitor],
     progress: typing.Any = None,
     start_memory: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] = [],
+    prescribed: bool = False,
+    motor: bool = False,
 ) -> RunResult: ...
 
 __version__: str = "0.1.0"

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from feltmb import _core
 from feltmb.config import Action
 from feltmb.data import Array, Record
-from feltmb.errors import DataError, InvalidParameter
+from feltmb.errors import DataError, FeltmbError, InvalidParameter
 from feltmb.fit import (
     Effect,
     Lanes,
@@ -44,6 +44,28 @@ __all__ = ["MechanismNominal", "effects_of", "mechanism_nominal"]
 DEPARTURE = 0.05
 #: The same of the rate: departures last for some milliseconds [1/s].
 DEPARTURE_RATE = 50.0
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What a record puts in: force of the finger [N], or displacement of the key's front [m]."""
+
+    time: Array
+    value: Array
+    motion: bool
+
+    def profile(self, begin: float, duration: float) -> _core.Profile:
+        """Input on the clock of a window that begins at ``begin`` [s].
+
+        A force goes through its samples without overshoot; a motion, whose acceleration counts,
+        as a spline through the whole record.
+        """
+        low, high = 0, self.time.size
+        if not self.motion:
+            low = max(0, int(np.searchsorted(self.time, begin - 1e-12)) - 2)
+            high = min(high, int(np.searchsorted(self.time, begin + duration + 1e-12)) + 3)
+        kind = _core.Interpolation.spline if self.motion else _core.Interpolation.monotone
+        return _core.Profile(list(self.time[low:high] - begin), list(self.value[low:high]), kind)
 
 
 @dataclass(frozen=True)
@@ -310,7 +332,7 @@ class MechanismNominal(Nominal):
             return self._base()
         return self._workshop.variant(key, self._chosen(theta, terms, sizes), record.conditions)
 
-    def _drive(self, record: Record) -> tuple[Array, Array, bool]:
+    def _drive(self, record: Record) -> Drive:
         motion = record.input_mode == "motion"
         wanted = "displacement" if motion else "force"
         if wanted not in record.inputs:
@@ -319,7 +341,10 @@ class MechanismNominal(Nominal):
                 f"(inputs are {', '.join(record.inputs) or 'none'}); "
                 f"input_mode {record.input_mode!r} needs it"
             )
-        return record.time, record.inputs[wanted], motion
+        value = record.inputs[wanted]
+        if motion and record.input_sigma.get(wanted, 0.0) > 0.0:
+            value = _smoothed(value)
+        return Drive(record.time, value, motion)
 
     def in_parallel(self, work: Callable[[Any], None], jobs: Sequence[Any]) -> None:
         """Do the jobs on the threads of the nominal; the results do not depend on their number."""
@@ -331,7 +356,7 @@ class MechanismNominal(Nominal):
             list(pool.map(work, jobs))
 
     def _run(
-        self, record: Record, drive: tuple[Array, Array, bool], job: _Job, names: Sequence[str]
+        self, record: Record, drive: Drive, job: _Job, names: Sequence[str]
     ) -> tuple[Array, Array] | None:
         run = self._integrate(record, drive, job, names)
         if run is None:
@@ -340,7 +365,7 @@ class MechanismNominal(Nominal):
         return columns, states[-1]
 
     def _integrate(
-        self, record: Record, drive: tuple[Array, Array, bool], job: _Job, names: Sequence[str]
+        self, record: Record, drive: Drive, job: _Job, names: Sequence[str]
     ) -> tuple[Array, Array, Any] | None:
         """States (n, nx) and outputs (n, ny) at the samples of one window; None if it failed."""
         v = job.variant
@@ -356,12 +381,22 @@ class MechanismNominal(Nominal):
         options.output_rate = (count - 1) / time[-1] if even else 8.0 * (count - 1) / time[-1]
         options.ledger = options.events = options.diagnose = False
         options.finger_reference = v.finger_reference
-        profile = self._profile(drive, record.time[job.first], time[-1])
+        profile = drive.profile(float(record.time[job.first]), float(time[-1]))
+        if drive.motion:
+            self._follow(v, full, profile)
         try:
             result = _core.simulate(
-                v.mechanism, profile, drive[2], options, list(full), [], None, list(v.memory)
+                v.mechanism,
+                profile,
+                False,
+                options,
+                list(full),
+                [],
+                None,
+                list(v.memory),
+                prescribed=drive.motion,
             )
-        except (RuntimeError, ValueError):
+        except (RuntimeError, ValueError, FeltmbError):
             return None
         if result.time.size < 2 or result.reached < time[-1] * (1.0 - 1e-9):
             return None
@@ -374,6 +409,34 @@ class MechanismNominal(Nominal):
         x[:, known] = states[:, index[known]] - v.rest[index[known]]
         return x, self._columns(result, data, v), result
 
+    def _follow(self, v: Variant, full: Array, profile: _core.Profile) -> None:
+        """Put the joint of the finger's body where the prescribed motion wants it, and its rate.
+
+        The start state of that joint has no say under motion input.
+        """
+        finger = self.action.config.finger
+        assert finger is not None
+        name = self.action.config.bodies[finger.body].coordinate
+        k, n = v.place[name], len(v.mechanism.coordinates)
+        wanted = v.finger_reference + float(profile.value(0.0))
+
+        def place(q: Array) -> float:
+            return float(_core.finger_place(v.mechanism, q))
+
+        step = 1e-6
+        for _ in range(4):
+            here = place(full[:n])
+            ahead = full[:n].copy()
+            ahead[k] += step
+            full[k] -= (here - wanted) * step / (place(ahead) - here)
+        full[n + k] = 0.0
+        here = place(full[:n])
+        ahead = full[:n].copy()
+        ahead[k] += step
+        lever = (place(ahead) - here) / step
+        drift = (place(full[:n] + step * full[n : 2 * n]) - here) / step
+        full[n + k] = (float(profile.rate(0.0)) - drift) / lever
+
     def _columns(self, result: Any, data: Array, v: Variant) -> Array:
         where = {name: i for i, name in enumerate(result.names)}
         out = np.empty((data.shape[0], len(self.outputs)))
@@ -385,15 +448,15 @@ class MechanismNominal(Nominal):
             out[:, o] = column
         return out
 
-    def _profile(
-        self, drive: tuple[Array, Array, bool], begin: float, duration: float
-    ) -> _core.Profile:
-        time, value, _ = drive
-        low = max(0, int(np.searchsorted(time, begin - 1e-12)) - 2)
-        high = min(time.size, int(np.searchsorted(time, begin + duration + 1e-12)) + 3)
-        return _core.Profile(
-            list(time[low:high] - begin), list(value[low:high]), _core.Interpolation.monotone
-        )
+
+def _smoothed(value: Array) -> Array:
+    """Cubic fits over 11 samples: linear in the record, 250 Hz at 2 kHz."""
+    from scipy.signal import savgol_filter
+
+    if value.size < 11:
+        return value
+    out: Array = savgol_filter(value, 11, 3)
+    return out
 
 
 def _resample(old: Array, values: Array, new: Array) -> Array:

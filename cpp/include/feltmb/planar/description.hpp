@@ -140,6 +140,12 @@ struct FingerDescription {
   LawParameters pad = HuntCrossley{1.0, 1.0, 0.0};
 };
 
+/// A motor on a joint coordinate that drives the mechanism instead of a finger.
+struct MotorDescription {
+  std::string coordinate;
+  int contact = 0;  ///< number of the contact that is its finger on the key; 0: none
+};
+
 struct MechanismDescription {
   std::string name;
   Vec2 gravity{0.0, -9.81};  ///< [m/s^2]
@@ -151,6 +157,7 @@ struct MechanismDescription {
   std::vector<StringDescription> strings;
   std::vector<TrackingPointDescription> points;
   std::optional<FingerDescription> finger;
+  std::optional<MotorDescription> motor;
   /// Start of the equilibrium solve by coordinate name; missing ones are zero. Not a rest pose.
   std::vector<std::pair<std::string, double>> start_pose;
 };

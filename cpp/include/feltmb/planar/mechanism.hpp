@@ -172,6 +172,8 @@ class Mechanism {
   int finger_contact = -1;               ///< index in contacts, -1 without a finger
   LinkPoint finger_point;
   Vec2 finger_direction{0.0, -1.0};
+  int motor_coordinate = -1;  ///< index of the coordinate a motor drives, -1 without a motor
+  int motor_contact = -1;     ///< index of the contact that is the motor's finger, -1 if none
   int total_modes = 0;
   int total_law_states = 0;
 
