@@ -4,14 +4,21 @@ The layer between :mod:`feltmb.simulate`, which runs mechanisms, and :mod:`feltm
 :mod:`feltmb.gap`, which know time series and nothing of pianos.
 """
 
+from feltmb.subjects.amend import amended_action
+from feltmb.subjects.blows import BlowNominal, blow_record, load_blows
+from feltmb.subjects.effects import effect_of
 from feltmb.subjects.library import Entry, Library, load_library
-from feltmb.subjects.nominal import MechanismNominal, effects_of, mechanism_nominal
+from feltmb.subjects.nominal import MechanismNominal, mechanism_nominal
 
 __all__ = [
+    "BlowNominal",
     "Entry",
     "Library",
     "MechanismNominal",
-    "effects_of",
+    "amended_action",
+    "blow_record",
+    "effect_of",
+    "load_blows",
     "load_library",
     "mechanism_nominal",
 ]

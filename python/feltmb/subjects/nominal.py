@@ -33,12 +33,13 @@ from feltmb.fit import (
     State,
     Term,
 )
-from feltmb.subjects.insertions import inserted_coordinates
+from feltmb.subjects.effects import effect_of
 from feltmb.subjects.library import Entry, Library, load_library
-from feltmb.subjects.signals import excite_by, observe_by
+from feltmb.subjects.reuse import Reuse
+from feltmb.subjects.signals import columns_of
 from feltmb.subjects.variants import Variant, Workshop
 
-__all__ = ["MechanismNominal", "effects_of", "mechanism_nominal"]
+__all__ = ["MechanismNominal", "mechanism_nominal"]
 
 #: Natural size of a departure from the nominal motion, as a share of 1 mm of felt travel.
 DEPARTURE = 0.05
@@ -138,6 +139,7 @@ class MechanismNominal(Nominal):
         self.window = library.window if window is None else window
         self.rtol = rtol
         self.workers = workers or min(8, os.cpu_count() or 1)
+        self.reuse = Reuse()
         self._workshop = Workshop(action)
         base = self._base()
         condensed = {
@@ -242,21 +244,59 @@ class MechanismNominal(Nominal):
         by_starts: bool = True,
         candidates: tuple[Term, ...] = (),
     ) -> Sensitivity:
-        """Derivatives by differences, see :mod:`feltmb.subjects.derivatives`."""
+        """Derivatives by differences, kept while the point moves little.
+
+        See :mod:`feltmb.subjects.derivatives` and :mod:`feltmb.subjects.reuse`.
+        """
         from feltmb.subjects.derivatives import difference_sensitivities
 
-        return difference_sensitivities(
-            self,
-            record,
-            theta,
-            windows,
-            starts,
-            terms,
-            np.zeros(len(terms)) if sizes is None else sizes,
-            by_theta=range(len(self.parameters)) if by_theta is None else by_theta,
-            by_starts=by_starts,
-            candidates=candidates,
+        theta, starts = np.asarray(theta, dtype=float), np.asarray(starts, dtype=float)
+        sizes = np.zeros(len(terms)) if sizes is None else np.asarray(sizes, dtype=float)
+        wanted = tuple(range(len(self.parameters)) if by_theta is None else by_theta)
+
+        def compute() -> Sensitivity:
+            return difference_sensitivities(
+                self,
+                record,
+                theta,
+                windows,
+                starts,
+                terms,
+                sizes,
+                by_theta=wanted,
+                by_starts=by_starts,
+                candidates=candidates,
+            )
+
+        def base() -> tuple[Array, Array]:
+            count = len(windows)
+            run = self.simulate(
+                record,
+                Lanes(
+                    theta=np.tile(theta, (count, 1)),
+                    windows=windows,
+                    starts=starts,
+                    terms=terms,
+                    sizes=np.tile(sizes, (count, 1)),
+                ),
+            )
+            return run.outputs, run.ends
+
+        key = (
+            record.name,
+            hash(tuple(v.tobytes() for v in record.inputs.values())),
+            windows.tobytes(),
+            tuple((t.name, t.shape) for t in terms),
+            wanted,
+            by_starts,
+            tuple((t.name, t.shape) for t in candidates),
         )
+        units = (
+            np.array([p.size for p in self.parameters]),
+            np.array([t.effect.scale for t in terms]),
+            np.array([s.scale for s in self.states(terms)]),
+        )
+        return self.reuse.ask(key, theta, sizes, starts, units, base, compute)
 
     def guess(self, record: Record, windows: NDArray[np.intp]) -> Array:
         """Start states on the nominal's own way through the record."""
@@ -467,56 +507,6 @@ def _resample(old: Array, values: Array, new: Array) -> Array:
     return out
 
 
-def effects_of(nominal: MechanismNominal, entries: Sequence[Entry]) -> tuple[Effect, ...]:
-    """Effects for the engine from entries of the library."""
-    return tuple(_effect(nominal, entry) for entry in entries)
-
-
-def _effect(nominal: MechanismNominal, entry: Entry) -> Effect:
-    hidden = [
-        State(name=name, unit=unit, scale=size, start_sd=0.0, hidden=True)
-        for name, unit, size in entry.hidden
-    ]
-    if entry.insertion is not None:
-        for name, unit, size in inserted_coordinates(entry.insertion):
-            hidden.append(State(name=name, unit=unit, scale=size, start_sd=0.0, hidden=True))
-            hidden.append(
-                State(
-                    name=f"{name}.rate",
-                    unit=f"{unit}/s",
-                    scale=size * 100.0,
-                    start_sd=0.0,
-                    hidden=True,
-                )
-            )
-    observe: Any = None
-    excite: Any = None
-    data: Any = entry
-    if entry.sensor is not None:
-        observe, data = observe_by(entry.sensor, nominal.outputs, nominal.library.channels), None
-    elif entry.input is not None:
-        excite, data = excite_by(entry.input), None
-    return Effect(
-        name=entry.name,
-        component=entry.component,
-        unit=entry.unit.replace("{input_unit}", "N"),
-        scale=entry.size,
-        sign=entry.sign,
-        mechanism=entry.mechanism,
-        kind=entry.kind,
-        shapes=entry.shapes,
-        remedy=entry.remedy,
-        lower=entry.lower,
-        upper=entry.upper,
-        confounders=entry.confounders,
-        hidden=tuple(hidden),
-        step=entry.step,
-        observe=observe,
-        excite=excite,
-        data=data,
-    )
-
-
 def mechanism_nominal(
     action: Action,
     *,
@@ -548,7 +538,7 @@ def mechanism_nominal(
         library = load_library(action, library)
     nominal = MechanismNominal(action, library, library.outputs(channels), **options)
     chosen = [e for e in library.select(effects) if _can_show(nominal, e)]
-    return nominal, effects_of(nominal, chosen)
+    return nominal, tuple(effect_of(e, nominal.outputs, library.channels) for e in chosen)
 
 
 def _can_show(nominal: MechanismNominal, entry: Entry) -> bool:
@@ -556,6 +546,4 @@ def _can_show(nominal: MechanismNominal, entry: Entry) -> bool:
     if entry.sensor is None:
         moved = {c.path.split(".")[1] for c in entry.changes if c.path.startswith("points.")}
         return not moved or any(o.rpartition(".")[0] in moved for o in nominal.outputs)
-    from feltmb.subjects.signals import columns_of
-
     return bool(columns_of(entry.sensor, nominal.outputs, nominal.library.channels))
