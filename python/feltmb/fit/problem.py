@@ -121,15 +121,16 @@ class Problem:
             _, residual, gap = predict(
                 self.nominal, shot, point.theta, self.terms, point.sizes, place
             )
-            part = np.sum(residual**2, axis=1)
-            if gap.shape[1]:
-                tied = np.sum((gap / gap_sd) ** 2, axis=1)
-                part[:-1] += tied
-                mean, sd = self.start_prior(shot)
-                known = np.isfinite(sd)
-                part[0] += np.sum(
-                    ((place.starts[0] - mean)[known] / np.maximum(sd[known], 1e-12)) ** 2
-                )
+            with np.errstate(over="ignore", invalid="ignore"):
+                part = np.sum(residual**2, axis=1)
+                if gap.shape[1]:
+                    tied = np.sum((gap / gap_sd) ** 2, axis=1)
+                    part[:-1] += tied
+                    mean, sd = self.start_prior(shot)
+                    known = np.isfinite(sd)
+                    part[0] += np.sum(
+                        ((place.starts[0] - mean)[known] / np.maximum(sd[known], 1e-12)) ** 2
+                    )
             for (_, _, sd_n), value in zip(shot.nuisances, place.nuisances, strict=True):
                 total += (value / sd_n) ** 2
             part = np.where(np.isfinite(part), part, np.inf)
