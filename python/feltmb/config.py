@@ -131,7 +131,7 @@ def _power_stiffness(node: object) -> float:
 
 
 class FrictionParameters(Schema):
-    """Coulomb friction of thesis eq. A.1."""
+    """Coulomb friction of thesis eq. A.1, with viscous, quadratic and Stribeck terms."""
 
     amplitude: Annotated[
         float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("1", "N", "N m")))
@@ -141,6 +141,20 @@ class FrictionParameters(Schema):
     threshold_speed: Annotated[
         float, Field(gt=0), BeforeValidator(lambda n: _one_of(n, ("m/s", "rad/s")))
     ] = 1e-3
+    viscous: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m s/rad", "N s/m", "s/m")))
+    ] = 0.0
+    quadratic: Annotated[
+        float,
+        Field(ge=0),
+        BeforeValidator(lambda n: _one_of(n, ("N m s^2/rad^2", "N s^2/m^2", "s^2/m^2"))),
+    ] = 0.0
+    stribeck: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("1", "N", "N m")))
+    ] = 0.0
+    stribeck_speed: Annotated[
+        float, Field(gt=0), BeforeValidator(lambda n: _one_of(n, ("m/s", "rad/s")))
+    ] = 0.1
 
 
 def _one_of(node: object, units: tuple[str, ...]) -> float:
@@ -208,6 +222,7 @@ class Contact(Schema):
     enabled: bool = True
     law: LawName = "guarded"
     alpha: Annotated[float, SI("s/m"), Field(gt=0)] = 100.0
+    hysteresis: Annotated[float, SI("1"), Field(ge=0)] = 1.0
     loading: Annotated[Curve, BeforeValidator(_curve)] | None = None
     unloading: Annotated[Curve, BeforeValidator(_curve)] | None = None
     hunt_crossley: HuntCrossleyParameters | None = None
@@ -218,12 +233,23 @@ class Contact(Schema):
 
 
 class Spring(Schema):
-    """Torsion spring on a coordinate."""
+    """Spring on the coordinate of a joint, with damping and play if wanted."""
 
     label: str = ""
     coordinate: str
-    stiffness: Annotated[float, SI("N m/rad"), Field(ge=0)]
-    rest_angle: Annotated[float, SI("rad")]
+    stiffness: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m/rad", "N/m")))
+    ]
+    rest_angle: Annotated[float, BeforeValidator(lambda n: _one_of(n, ("rad", "m")))]
+    damping: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m s/rad", "N s/m")))
+    ] = 0.0
+    clearance: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("rad", "m")))
+    ] = 0.0
+    seating: Annotated[float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m", "N")))] = (
+        0.0
+    )
     enabled: bool = True
 
 
@@ -277,6 +303,14 @@ class Finger(Schema):
     point: Annotated[tuple[float, float], SIVector("m")]
     direction: Annotated[tuple[float, float], SIVector("1")] = (0.0, -1.0)
     pad: Pad = Pad(stiffness=1.1e5, exponent=1.5, damping=1.0)
+
+
+class Motor(Schema):
+    """A motor on a revolute joint, which drives the mechanism instead of a finger."""
+
+    coordinate: str
+    contact: int | None = None
+    note: str = ""
 
 
 class Point(Schema):
@@ -333,6 +367,7 @@ class MechanismFile(Schema):
     straps: dict[str, Strap] = {}
     string: String | None = None
     finger: Finger | None = None
+    motor: Motor | None = None
     points: dict[str, Point] = {}
     start_pose: dict[str, float] = {}
     events: dict[str, NamedEvent] = {}
@@ -606,6 +641,10 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
         need(name, coordinates, "start_pose", "coordinate")
     need(_table(raw, "string").get("surface"), surfaces, "string.surface", "surface")
     need(_table(raw, "finger").get("body"), bodies, "finger.body", "body")
+    motor = _table(raw, "motor")
+    need(motor.get("coordinate"), coordinates, "motor.coordinate", "coordinate")
+    if isinstance(motor.get("contact"), int) and motor["contact"] not in numbers:
+        faults.append(f"motor.contact: there is no contact {motor['contact']}")
     events = set(_table(raw, "events"))
     for name, node in _table(raw, "events").items():
         if not isinstance(node, Mapping):
@@ -639,7 +678,7 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
 
 
 _OWN_OUTPUTS = (
-    *("time", "end_state", "end_memory", "finger.force", "finger.displacement"),
+    *("time", "end_state", "end_memory", "finger.force", "finger.displacement", "motor.torque"),
     *("string.strike", "string.bridge_force", "string.eta"),
     *(f"energy.{part}" for part in ("kinetic", "gravity", "elastic", "contact", "string")),
 )
@@ -865,7 +904,14 @@ def _validate(raw: Mapping[str, Any], origin: str) -> tuple[MechanismFile, Any]:
 
 def _core_friction(f: FrictionParameters) -> _core.Friction:
     return _core.Friction(
-        amplitude=f.amplitude, b1=f.b1, b2=f.b2, threshold_speed=f.threshold_speed
+        amplitude=f.amplitude,
+        b1=f.b1,
+        b2=f.b2,
+        threshold_speed=f.threshold_speed,
+        viscous=f.viscous,
+        quadratic=f.quadratic,
+        stribeck=f.stribeck,
+        stribeck_speed=f.stribeck_speed,
     )
 
 
@@ -905,6 +951,9 @@ def core_law(contact: Contact) -> Any:
         unloading=unloading,
         alpha=contact.alpha,
         guarded=contact.law == "guarded",
+        hysteresis=contact.hysteresis,
+        rate_amplitude=contact.memory.rate_amplitude,
+        rate_time=contact.memory.rate_time,
     )
 
 
@@ -1048,6 +1097,9 @@ def _describe(config: MechanismFile) -> tuple[_core.MechanismDescription, list[s
         spd.coordinate = sp.coordinate
         spd.stiffness = sp.stiffness
         spd.rest_angle = sp.rest_angle
+        spd.damping = sp.damping
+        spd.clearance = sp.clearance
+        spd.seating = sp.seating
         if sp.enabled:
             springs.append(spd)
     d.springs = springs
@@ -1079,6 +1131,11 @@ def _describe(config: MechanismFile) -> tuple[_core.MechanismDescription, list[s
         fd.direction = config.finger.direction
         fd.pad = _core_hunt_crossley(config.finger.pad)
         d.finger = fd
+    if config.motor is not None:
+        md = _core.MotorDescription()
+        md.coordinate = config.motor.coordinate
+        md.contact = config.motor.contact or 0
+        d.motor = md
     d.start_pose = list(config.start_pose.items())
     return d, faults
 
@@ -1130,6 +1187,8 @@ class Action:
     def hash(self) -> str:
         """SHA-256 of all parameters in SI units, without names for people, notes, sources."""
         tables = self.config.model_dump(mode="json", exclude={"name", "about", "source"})
+        if self.config.motor is None:
+            del tables["motor"]  # as before there were motors: results keep their hash
         text = json.dumps(_without_texts(tables), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 

@@ -148,7 +148,7 @@ def law(name: str, **parameters: Any) -> Law:
 
     core: Any
     if name in ("guarded", "printed", "mean"):
-        curves = {key: _curve(key, take(key)) for key in ("loading", "unloading")}
+        curves: dict[str, Any] = {k: _curve(k, take(k)) for k in ("loading", "unloading")}
         if name == "mean":
             core = _core.MeanCurve(**curves)
         else:

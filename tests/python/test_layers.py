@@ -13,9 +13,10 @@ HERE = Path(__file__).resolve()
 ROOT = HERE.parents[2]
 
 BASE = "errors _optional units quantity"
-MODEL = f"{BASE} files _core params config stroke events results simulate"
+MODEL = f"{BASE} files _core params config smoothing stroke events results simulate"
 STUDY = "sweep study study_expression study_plot study_report"
-FRONT = f"{MODEL} {STUDY} contact fiber data fit gap plot report quasistatic regulate touch felt"
+TOOLS = "quasistatic regulate touch felt subjects"
+FRONT = f"{MODEL} {STUDY} contact fiber data fit gap plot report {TOOLS}"
 
 # part -> the parts that it may use. C++ parts are folders, Python parts are modules of the package.
 # A new folder or module gets a line here; what points back is refused.
@@ -51,7 +52,8 @@ MAY_USE = {
         "fiber": f"{BASE} _core files",
         "config": f"{BASE} _core files params mending material layer",
         "felt": f"{BASE} _core files params material layer config contact fiber",
-        "stroke": f"{BASE} _core files params",
+        "stroke": f"{BASE} _core files params smoothing",
+        "smoothing": "errors",
         "events": BASE,
         "results": f"{BASE} _core files",
         "data": f"{BASE} files",
@@ -74,8 +76,9 @@ MAY_USE = {
         "regulate": f"{MODEL} quasistatic",
         "touch": f"{MODEL} quasistatic plot",
         "report": f"{BASE} results data fit gap plot viewer",
-        "__init__": f"{FRONT} viewer",
+        "__init__": f"{FRONT} viewer FRONT",
         "cli": f"{FRONT} __init__ graph animate published viewer",
+        "subjects": f"{MODEL} data fit gap",
         "__main__": "cli",
     },
 }
