@@ -14,11 +14,14 @@ namespace feltmb::python {
 void bind_sensitivity(py::module_& m) {
   py::class_<Perturbed>(m, "Perturbed")
       .def(py::init([](const std::shared_ptr<Mechanism>& mechanism, const Profile& profile,
-                       bool motion, double shift, double weight, double origin) {
-             return Perturbed{mechanism, FingerInput{profile, motion, origin}, shift, weight};
+                       bool motion, double shift, double weight, double origin, bool prescribed,
+                       bool motor) {
+             return Perturbed{mechanism, FingerInput{profile, motion, prescribed, motor, origin},
+                              shift, weight};
            }),
            py::arg("mechanism"), py::arg("profile"), py::arg("motion"), py::arg("shift"),
-           py::arg("weight"), py::arg("origin") = 0.0);
+           py::arg("weight"), py::arg("origin") = 0.0, py::arg("prescribed") = false,
+           py::arg("motor") = false);
   py::class_<SensitivityParameter>(m, "SensitivityParameter")
       .def(py::init([](std::string name, std::vector<Perturbed> nodes, double scale) {
              return SensitivityParameter{std::move(name), std::move(nodes), scale};
@@ -114,18 +117,20 @@ void bind_sensitivity(py::module_& m) {
       "sensitivities",
       [](const std::shared_ptr<Mechanism>& mechanism, const Profile& profile, bool motion,
          const std::vector<SensitivityParameter>& parameters,
-         const std::vector<SensitivityWindow>& windows, const SensitivityOptions& options) {
+         const std::vector<SensitivityWindow>& windows, const SensitivityOptions& options,
+         bool prescribed, bool motor) {
         const Progress watch = [](double) {
           const py::gil_scoped_acquire acquire;
           if (PyErr_CheckSignals() != 0) throw py::error_already_set();
           return true;
         };
         const py::gil_scoped_release release;
-        return sensitivities(mechanism, FingerInput{profile, motion}, parameters, windows, options,
-                             watch);
+        return sensitivities(mechanism, FingerInput{profile, motion, prescribed, motor}, parameters,
+                             windows, options, watch);
       },
       py::arg("mechanism"), py::arg("profile"), py::arg("motion"), py::arg("parameters"),
-      py::arg("windows"), py::arg("options"));
+      py::arg("windows"), py::arg("options"), py::arg("prescribed") = false,
+      py::arg("motor") = false);
 }
 
 }  // namespace feltmb::python

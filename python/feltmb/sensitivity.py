@@ -18,7 +18,8 @@ from feltmb.config import Action, load_action
 from feltmb.errors import IntegrationError, InvalidParameter
 from feltmb.events import name_events
 from feltmb.parameters import Parameter, all_parameters, find_parameters, mechanism_with
-from feltmb.stroke import Stroke, load_stroke
+from feltmb.simulate import check_input, find_strike, list_changes
+from feltmb.stroke import MOTORS, PRESCRIBED, Stroke, load_stroke
 
 if TYPE_CHECKING:
     import numpy as np
@@ -276,6 +277,7 @@ def windows(
     action = load_action(action) if isinstance(action, str) else action
     stroke = load_stroke(stroke) if isinstance(stroke, str) else stroke
     from_rest = len(windows) == 1 and windows[0].state is None and directions is None
+    check_input(action, stroke)
     chosen = _choose(action, parameters, every=from_rest and parameters is None)
     infos = {name: (i, unit) for i, (name, unit, _) in enumerate(_observables(action))}
     names = _choose_outputs(action, infos, outputs)
@@ -304,6 +306,7 @@ def windows(
         [_shifted(action, stroke, p) for p in chosen],
         prepared,
         options,
+        *_drives(stroke),
     )
     provenance = {
         "feltmb": "gradient",
@@ -427,29 +430,33 @@ def _nodes(action: Action, parameter: Parameter) -> list[tuple[Any, float, float
 
 
 def _shifted(action: Action, stroke: Stroke, parameter: Parameter) -> Any:
-    motion = stroke.kind == "motion"
-    if parameter.path in STROKE_PARAMETERS:
-        h = SHIFT * parameter.size
-        nodes = []
-        for sign in (1.0, -1.0):
-            scaled = parameter.path == "stroke.scale"
-            profile = stroke.scaled(1.0 + sign * h).profile if scaled else stroke.profile
-            nodes.append(
-                _core.Perturbed(
-                    action.mechanism,
-                    profile,
-                    motion,
-                    sign * h,
-                    sign * 0.5 / h,
-                    0.0 if scaled else -sign * h,
-                )
-            )
-    else:
+    def model(mechanism: Any, shift: float, weight: float, **changed: Any) -> Any:
+        return _core.Perturbed(
+            mechanism,
+            changed.get("profile", stroke.profile),
+            stroke.kind == "motion",
+            shift,
+            weight,
+            changed.get("origin", 0.0),
+            *_drives(stroke),
+        )
+
+    h = SHIFT * parameter.size
+    sides = [(h, 0.5 / h), (-h, -0.5 / h)]
+    if parameter.path == "stroke.scale":
         nodes = [
-            _core.Perturbed(mechanism, stroke.profile, motion, shift, weight)
-            for mechanism, shift, weight in _nodes(action, parameter)
+            model(action.mechanism, s, w, profile=stroke.scaled(1.0 + s).profile) for s, w in sides
         ]
+    elif parameter.path == "stroke.delay":
+        nodes = [model(action.mechanism, s, w, origin=-s) for s, w in sides]
+    else:
+        nodes = [model(*node) for node in _nodes(action, parameter)]
     return _core.SensitivityParameter(parameter.path, nodes, parameter.size)
+
+
+def _drives(stroke: Stroke) -> tuple[bool, bool]:
+    """Whether a motion is prescribed exactly, and whether a motor drives."""
+    return stroke.kind in PRESCRIBED, stroke.kind in MOTORS
 
 
 def _directions(action: Action, given: Any) -> tuple[tuple[str, ...], Any]:
@@ -487,7 +494,7 @@ def _state_unit(action: Action, name: str) -> str:
     if name not in names:
         return "1"
     i = names.index(name)
-    units = action.mechanism.coordinate_units
+    units: list[str] = action.mechanism.coordinate_units
     if i < 2 * n:
         return units[i % n] + ("/s" if i >= n else "")
     if i < 2 * n + action.mechanism.total_law_states:
@@ -626,8 +633,6 @@ def _to_gradient(
 def _summarize(
     action: Action, result: Any, rules: list[str]
 ) -> tuple[dict[str, float], dict[str, Array], list[dict[str, Any]]]:
-    from feltmb.simulate import find_strike, list_changes
-
     numbers = action.mechanism.contact_numbers
     run = result.run
     changes = list_changes(action, run.events, rules)
@@ -678,7 +683,8 @@ def _summarize(
         name = (
             names.get(i)
             or change.monitor
-            or (f"contact{change.contact:02d}_{'on' if change.closes else 'off'}")
+            or (f"contact{change.contact:02d}" if change.contact else "finger")
+            + ("_on" if change.closes else "_off")
         )
         events.append({"event": name, "time": event.when, "gradient": event.time})
     return summary, out, events

@@ -66,11 +66,15 @@ class WindowRun {
       throw InvalidParameter(format("directions of the start state: got %ld rows, expected %zu",
                                     static_cast<long>(window_.directions.rows()), states));
     }
-    models_.begin(window_.begin, width);
-    input_.origin += window_.begin;
-    Trajectory trajectory(models_.probe());
     const bool from_rest = window_.start.y.empty();
     const SimulationState start = from_rest ? models_.rest() : window_.start;
+    if (start.y.size() != states) {
+      throw InvalidParameter(format("start state: got %zu values, expected %zu of this mechanism",
+                                    start.y.size(), states));
+    }
+    models_.begin(window_.begin, width, start.y);
+    input_.origin += window_.begin;
+    Trajectory trajectory(models_.probe());
     simulate_stroke(trajectory, start);
     const auto middle = Clock::now();
     result_.wall_stroke = std::chrono::duration<double>(middle - begin).count();

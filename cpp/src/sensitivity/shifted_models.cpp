@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <exception>
 
 #include "feltmb/core/error.hpp"
 #include "feltmb/model/equilibrium.hpp"
@@ -24,13 +25,20 @@ ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
   weight_.resize(static_cast<Eigen::Index>(states));
   for (std::size_t i = 0; i < states; ++i) weight_[static_cast<Eigen::Index>(i)] = 1.0 / atol[i];
   scratch_.resize(states);
-  rest_ = find_rest(mechanism, {}, input);
+  try {
+    rest_ = find_rest(mechanism, {}, input);
+  } catch (const ModelError&) {
+    // Windows from a given state need none, unless the input or an event is counted from it.
+    if (input.motion || input.prescribed || !options.rules.empty()) throw;
+    no_rest_ = std::current_exception();
+  }
   const auto count = static_cast<Eigen::Index>(parameters.size());
   rest_columns_.state.setZero(static_cast<Eigen::Index>(states), count);
   rest_columns_.memory.setZero(contacts, count);
-  const std::vector<double> near(rest_.state.data(), rest_.state.data() + mechanism->size());
+  std::vector<double> near;
+  if (!no_rest_) near.assign(rest_.state.data(), rest_.state.data() + mechanism->size());
   // Polished like the shifted ones, so that their differences are of the parameter only.
-  rest_ = find_rest(mechanism, near, input);
+  if (!no_rest_) rest_ = find_rest(mechanism, near, input);
   base_->set_finger_reference(rest_.finger);
   probe_->set_finger_reference(rest_.finger);
   parameters_.resize(parameters.size());
@@ -48,6 +56,10 @@ ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
       node.shift = p.shift;
       node.weight = p.weight;
       node.input = p.input;
+      if (no_rest_) {
+        parameters_[j].push_back(std::move(node));
+        continue;
+      }
       const Rest moved = p.mechanism == mechanism ? rest_ : find_rest(p.mechanism, near, p.input);
       node.levels = moved.levels;
       node.system->set_finger_reference(moved.finger);
@@ -56,15 +68,19 @@ ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
       parameters_[j].push_back(std::move(node));
     }
   }
-  begin(0.0, 0);
+  begin(0.0, 0, {});
 }
 
-void ShiftedModels::begin(double begin, std::size_t directions) {
+void ShiftedModels::begin(double begin, std::size_t directions, std::span<const double> start) {
   directions_ = directions;
-  base_->set_origin(input_.origin + begin);
-  probe_->set_origin(input_.origin + begin);
+  const auto set = [&](MechanismSystem& system, double origin) {
+    system.set_origin(origin + begin);
+    if (!start.empty()) system.set_prescribed_reference(0.0, start);
+  };
+  set(*base_, input_.origin);
+  set(*probe_, input_.origin);
   for (auto& nodes : parameters_) {
-    for (auto& node : nodes) node.system->set_origin(node.input.origin + begin);
+    for (auto& node : nodes) set(*node.system, node.input.origin);
   }
 }
 
@@ -96,6 +112,7 @@ ShiftedModels::Rest ShiftedModels::find_rest(const std::shared_ptr<const Mechani
 }
 
 SimulationState ShiftedModels::rest() const {
+  if (no_rest_) std::rethrow_exception(no_rest_);
   SimulationState out;
   out.y.assign(rest_.state.begin(), rest_.state.end());
   out.largest_compression.assign(rest_.memory.begin(), rest_.memory.end());

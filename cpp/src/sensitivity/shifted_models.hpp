@@ -1,6 +1,7 @@
 /// Workspaces of the model and of its copies with shifted parameters, one set a thread.
 #pragma once
 
+#include <exception>
 #include <memory>
 #include <span>
 #include <vector>
@@ -23,8 +24,8 @@ class ShiftedModels {
                 const SensitivityOptions& options);
 
   /// From now on the clock of all starts at `begin` of the input's, with `directions` columns after
-  /// those of the parameters.
-  void begin(double begin, std::size_t directions);
+  /// those of the parameters; `start` is the state there, empty if not known yet.
+  void begin(double begin, std::size_t directions, std::span<const double> start);
 
   MechanismSystem& base() { return *base_; }
   MechanismSystem& probe() { return *probe_; }
@@ -94,6 +95,7 @@ class ShiftedModels {
   std::vector<std::vector<Node>> parameters_;
   std::size_t directions_ = 0;
   Rest rest_;
+  std::exception_ptr no_rest_;  ///< why the mechanism has no rest pose
   Columns rest_columns_;
   Eigen::VectorXd weight_;
   std::vector<double> floor_;
