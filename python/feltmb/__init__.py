@@ -98,8 +98,8 @@ _HOME = {name: module for module, names in _LAZY.items() for name in names.split
 
 #: Modules that are loaded when they are first asked for.
 _MODULES = (
-    *("animate", "contact", "felt", "fiber", "graph", "parameters", "plot", "sensitivity", "units"),
-    "viewer",
+    *("animate", "batch", "contact", "felt", "fiber", "graph", "parameters", "plot"),
+    *("sensitivity", "units", "viewer"),
 )
 
 
