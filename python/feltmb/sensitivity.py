@@ -443,8 +443,20 @@ def _shifted(action: Action, stroke: Stroke, parameter: Parameter) -> Any:
     else:
         nodes = [model(*node) for node in _nodes(action, parameter)]
     return _core.SensitivityParameter(
-        parameter.path, nodes, parameter.size, _law_of(action, parameter.path)
+        parameter.path,
+        nodes,
+        parameter.size,
+        _law_of(action, parameter.path),
+        _is_inertial(action, parameter.path),
     )
+
+
+def _is_inertial(action: Action, path: str) -> bool:
+    """Whether a parameter changes the mass, center of mass or inertia of a rigid body only."""
+    table, name, *rest = path.split(".")
+    if table != "bodies" or rest[0] not in ("mass", "inertia", "center_of_mass"):
+        return False
+    return action.config.bodies[name].kind == "rigid"
 
 
 def _law_of(action: Action, path: str) -> int:

@@ -42,6 +42,28 @@ ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
   base_->set_finger_reference(rest_.finger);
   probe_->set_finger_reference(rest_.finger);
   parameters_.resize(parameters.size());
+  for (const auto& beam : mechanism->beams) {
+    for (int k = 0; beam.condense_axial && k < beam.shapes.axial(); ++k) {
+      condensed_.push_back(beam.first + k);
+    }
+  }
+  for (const auto& parameter : parameters) {
+    inertial_.emplace_back();
+    for (std::size_t i = 1; parameter.inertial && !input.prescribed && i < mechanism->links.size();
+         ++i) {
+      InertialShift shift{i, 0.0, {}, 0.0};
+      for (const Perturbed& p : parameter.nodes) {
+        const Link& link = p.mechanism->links[i];
+        const Vec2 c = link.center_of_mass;
+        shift.mass += p.weight * link.mass;
+        shift.first += (p.weight * link.mass) * c;
+        shift.second += p.weight * (link.inertia + link.mass * dot(c, c));
+      }
+      if (shift.mass != 0.0 || dot(shift.first, shift.first) != 0.0 || shift.second != 0.0) {
+        inertial_.back().push_back(shift);
+      }
+    }
+  }
   if (!no_rest_) base_->locate(0.0, {rest_.state.data(), states});
   for (const auto& parameter : parameters) {
     floor_.push_back(1e-2 / parameter.scale);
@@ -140,8 +162,8 @@ void ShiftedModels::rates(double t, std::span<const double> y, std::span<const d
   const auto n = static_cast<Eigen::Index>(y.size());
   std::fill(has_by_force_.begin(), has_by_force_.end(), 0);
   out.setZero(n, static_cast<Eigen::Index>(columns()));
-  one_.resize(n);
-  const std::span<double> rate{one_.data(), y.size()};
+  three_.resize(n);
+  const std::span<double> rate{three_.data(), y.size()};
   moved_memory_.assign(memory.begin(), memory.end());
   const auto move = [&](Eigen::Index j, double shift) {
     for (std::size_t c = 0; c < memory.size(); ++c) {
@@ -165,6 +187,10 @@ void ShiftedModels::rates(double t, std::span<const double> y, std::span<const d
       law_rates(j, out);
       continue;
     }
+    if (j < parameters_.size() && !inertial_[j].empty() && memory.empty()) {
+      inertial_rates(j, out);
+      continue;
+    }
     if (j < parameters_.size()) {
       // One side is enough: the shift is a millionth of the parameter, its curvature is not seen.
       Node& node = nearest(parameters_[j]);
@@ -177,7 +203,7 @@ void ShiftedModels::rates(double t, std::span<const double> y, std::span<const d
       move(column, node.shift);
       remember(*node.system, moved_memory_);
       node.system->rhs(t, y, rate);
-      out.col(column) = (one_ - two_) / node.shift;
+      out.col(column) = (three_ - two_) / node.shift;
       ++evaluations_;
       continue;
     }
@@ -188,11 +214,42 @@ void ShiftedModels::rates(double t, std::span<const double> y, std::span<const d
       move(column, sign * shift);
       remember(*probe_, moved_memory_);
       probe_->rhs(t, y, rate);
-      out.col(column) += (sign * 0.5 / shift) * one_;
+      out.col(column) += (sign * 0.5 / shift) * three_;
       ++evaluations_;
     }
   }
   remember(*probe_, memory);
+}
+
+void ShiftedModels::inertial_rates(std::size_t j, RowMatrix& out) {
+  // M a = Q is linear in mass, first moment and inertia: minus their inertial force and weight.
+  Dynamics& dynamics = base_->dynamics();
+  const auto links = dynamics.links();
+  const int n = base_->coordinates();
+  one_.setZero(n);
+  for (const InertialShift& shift : inertial_[j]) {
+    const LinkState& s = links[shift.link];
+    const Vec2 r = s.rotation * shift.first;
+    const Vec2 a = s.acceleration - mechanism_->gravity;
+    const Vec2 force = shift.mass * a + s.alpha * perp(r) - (s.omega * s.omega) * r;
+    const double moment = cross(r, a) + shift.second * s.alpha;
+    for (const int index : mechanism_->links[shift.link].path) {
+      const Motion& motion = mechanism_->motions[static_cast<std::size_t>(index)];
+      const auto own = static_cast<std::size_t>(motion.link);
+      const Link& link = mechanism_->links[own];
+      Vec2 t{};
+      if (link.kind != LinkKind::kRevolute) {
+        Rotation frame = links[static_cast<std::size_t>(link.parent)].rotation;
+        if (link.angle != 0.0) frame = frame * link.base;
+        t = frame * motion.translation;
+      }
+      const Vec2 column = t + motion.rho * perp(s.origin - links[own].origin);
+      one_[motion.coordinate] -= dot(column, force) + motion.rho * moment;
+    }
+  }
+  for (const int k : condensed_) one_[k] = 0.0;
+  dynamics.solve_mass(one_);
+  out.col(static_cast<Eigen::Index>(j)).segment(n, n) = one_;
 }
 
 void ShiftedModels::law_rates(std::size_t j, RowMatrix& out) {

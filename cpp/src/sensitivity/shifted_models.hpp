@@ -95,6 +95,17 @@ class ShiftedModels {
   const SensitivityOptions& options_;
   std::unique_ptr<MechanismSystem> base_, probe_;
   void law_rates(std::size_t j, RowMatrix& out);
+  void inertial_rates(std::size_t j, RowMatrix& out);
+
+  /// Change of a link's mass, first moment and inertia about its origin, a unit of a parameter.
+  struct InertialShift {
+    std::size_t link;
+    double mass;
+    Vec2 first;
+    double second;
+  };
+  std::vector<std::vector<InertialShift>> inertial_;  ///< by parameter; empty: anything
+  std::vector<int> condensed_;                        ///< coordinates without an equation
   std::vector<std::vector<Node>> parameters_;
   std::vector<int> law_;  ///< contact whose law alone a parameter changes, -1: anything
   std::vector<Eigen::VectorXd> by_force_;  ///< M^-1 dQ/dF by contact, of the stage at hand
@@ -106,7 +117,7 @@ class ShiftedModels {
   Eigen::VectorXd weight_;
   std::vector<double> floor_;
   std::vector<double> scratch_, shifted_, moved_memory_;
-  Eigen::VectorXd one_, two_;
+  Eigen::VectorXd one_, two_, three_;
   long evaluations_ = 0;
 };
 

@@ -1128,6 +1128,7 @@ class SensitivityParameter:
         nodes: collections.abc.Sequence[Perturbed],
         scale: typing.SupportsFloat | typing.SupportsIndex,
         law: typing.SupportsInt | typing.SupportsIndex = -1,
+        inertial: bool = False,
     ) -> None: ...
 
 class SensitivityWindow:

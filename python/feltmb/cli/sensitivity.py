@@ -151,7 +151,7 @@ def _table(result: Gradient, effects: Any, rows: list[str], number: str, stroke:
     shown = [number] + [
         n for n in ("impact_time", "max_string_force", "rebound_speed") if n in effects
     ]
-    shown = list(dict.fromkeys(shown))
+    shown = list(dict.fromkeys(shown))[:2]  # as many as 80 columns hold
     value, unit = pretty(result.summary[number], _unit(number))
     table = new_table(
         f"{stroke}: what 1 % more does; {number.replace('_', ' ')} is {value} {unit}",

@@ -273,3 +273,23 @@ def test_full_state_of_the_core(action):
     names = state_names(action)
     assert names[: len(action.coordinates)] == action.coordinates
     assert len(names) == len(_core.state_names(action.mechanism))
+
+
+def test_quick_ways_to_the_inhomogeneous_part(action):
+    """A center of mass goes by its own formula, linear in the moments of mass; against runs."""
+    path, value = "bodies.jack.center_of_mass.y", 0.0256  # m; the file says mm
+    g = gradient(
+        action, "forte", [path, "bodies.butt.mass"], ["hammer.angle"], duration=0.09, rtol=1e-9,
+        tolerance=1e-4,
+    )  # fmt: skip
+
+    def at(shift):
+        run = feltmb.simulate(
+            action.with_values({path: 1e3 * (value + shift)}), "forte", duration=0.09, rtol=1e-10,
+            ledger=False, output_rate=1000.0,
+        )  # fmt: skip
+        return run["hammer.angle"]
+
+    h = 1e-4
+    by_runs = (at(h) - at(-h)) / (2 * h)
+    assert g.of("hammer.angle", path) == pytest.approx(by_runs, abs=1e-3 * np.abs(by_runs).max())

@@ -1,0 +1,51 @@
+"""``feltmb sensitivity``: table, JSON, files, faults."""
+
+import json
+
+import pytest
+
+from feltmb.cli import main
+
+COMMON = ["steinway45", "forte", "--duration", "0.097", "--rtol", "1e-6"]
+PATHS = ["--parameters", "key.mass", "--parameters", "stroke.scale"]
+
+
+def run(capsys, *arguments):
+    with pytest.raises(SystemExit) as ended:
+        main(["sensitivity", *arguments])
+    out = capsys.readouterr()
+    return ended.value.code, out.out, out.err
+
+
+def test_table_picture_and_csv(capsys, tmp_path):
+    picture, table = tmp_path / "effects.png", tmp_path / "effects.csv"
+    code, out, err = run(capsys, *COMMON, *PATHS, "--plot", str(picture), "-o", str(table))
+    assert code == 0, err
+    assert "stroke.scale" in out
+    assert "impact speed is 3.3" in out
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    lines = table.read_text().splitlines()
+    assert lines[0].startswith("parameter,")
+    assert lines[1].startswith("stroke.scale,")  # the more influential one
+
+
+def test_json(capsys):
+    code, out, _ = run(capsys, *COMMON, *PATHS, "--json")
+    found = json.loads(out)
+    assert code == 0
+    assert found["parameters"]["bodies.key.mass"]["unit"] == "kg"
+    assert found["derivatives"]["impact_speed"]["stroke.scale"] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--parameters", "key.mss"], "bodies.key.mass"),
+        ([*PATHS, "--number", "loudness"], "impact_speed"),
+        ([*PATHS, "--most", "0"], "--most 0"),
+    ],
+)
+def test_faults(capsys, arguments, text):
+    code, _, err = run(capsys, *COMMON, *arguments)
+    assert code == 2
+    assert text in err
