@@ -23,6 +23,7 @@ from feltmb.stroke import (
     read_stroke_csv,
     sequence,
     table_stroke,
+    torque_stroke,
 )
 from feltmb.study import StudyResult, packaged_studies, study
 from feltmb.sweep import sweep
@@ -61,6 +62,7 @@ __all__ = [
     "study",
     "sweep",
     "table_stroke",
+    "torque_stroke",
     "touch",
 ]
 

@@ -266,7 +266,7 @@ def finger_force(run: Run) -> Figure:
     if travel:
         ax = axes[1]
         axes[0].set_xlabel("")
-        moved = run.provenance.get("stroke", {}).get("kind") == "motion"
+        moved = run.provenance.get("stroke", {}).get("kind") in ("motion", "key_motion")
         travelled = run["finger.displacement"] - (0.0 if moved else run["finger.displacement"][0])
         ax.plot(
             1e3 * run.time,
@@ -283,13 +283,15 @@ def finger_force(run: Run) -> Figure:
                 getattr(_core.Interpolation, stroke["interpolation"]),
             )
             prescribed = np.asarray(profile.value(run.time))
+            if stroke["kind"] == "key_motion":
+                prescribed += run["finger.displacement"][0] - prescribed[0]
             ax.plot(
                 1e3 * run.time,
                 1e3 * prescribed,
                 color=BLACK,
                 linewidth=1.0,
                 linestyle="--",
-                label="finger, prescribed",
+                label="finger, prescribed" if stroke["kind"] == "motion" else "prescribed",
             )
             side_legend(ax)
         style_axes(ax, "time, ms", "travel, mm")
