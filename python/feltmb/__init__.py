@@ -23,6 +23,7 @@ from feltmb.stroke import (
     read_stroke_csv,
     sequence,
     table_stroke,
+    torque_stroke,
 )
 from feltmb.study import StudyResult, packaged_studies, study
 from feltmb.sweep import sweep
@@ -61,11 +62,12 @@ __all__ = [
     "study",
     "sweep",
     "table_stroke",
+    "torque_stroke",
     "touch",
 ]
 
 #: Modules that are loaded when they are first asked for.
-_MODULES = ("animate", "contact", "felt", "fiber", "graph", "plot", "units")
+_MODULES = ("animate", "contact", "felt", "fiber", "graph", "plot", "units", "viewer")
 
 
 def __getattr__(name: str) -> object:
@@ -74,8 +76,12 @@ def __getattr__(name: str) -> object:
         import importlib
 
         return importlib.import_module(f"feltmb.{name}")
+    if name == "view":
+        from feltmb.viewer import view
+
+        return view
     raise AttributeError(f"module 'feltmb' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_MODULES])
+    return sorted([*globals(), *_MODULES, "view"])

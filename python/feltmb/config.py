@@ -23,6 +23,7 @@ from feltmb.errors import InvalidParameter
 from feltmb.files import is_file, read_toml
 from feltmb.layer import LayerParameters
 from feltmb.material import load_material
+from feltmb.mending import mended
 from feltmb.quantity import (
     META_KEYS,
     SI,
@@ -130,7 +131,7 @@ def _power_stiffness(node: object) -> float:
 
 
 class FrictionParameters(Schema):
-    """Coulomb friction of thesis eq. A.1."""
+    """Coulomb friction of thesis eq. A.1, with viscous, quadratic and Stribeck terms."""
 
     amplitude: Annotated[
         float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("1", "N", "N m")))
@@ -140,6 +141,20 @@ class FrictionParameters(Schema):
     threshold_speed: Annotated[
         float, Field(gt=0), BeforeValidator(lambda n: _one_of(n, ("m/s", "rad/s")))
     ] = 1e-3
+    viscous: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m s/rad", "N s/m", "s/m")))
+    ] = 0.0
+    quadratic: Annotated[
+        float,
+        Field(ge=0),
+        BeforeValidator(lambda n: _one_of(n, ("N m s^2/rad^2", "N s^2/m^2", "s^2/m^2"))),
+    ] = 0.0
+    stribeck: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("1", "N", "N m")))
+    ] = 0.0
+    stribeck_speed: Annotated[
+        float, Field(gt=0), BeforeValidator(lambda n: _one_of(n, ("m/s", "rad/s")))
+    ] = 0.1
 
 
 def _one_of(node: object, units: tuple[str, ...]) -> float:
@@ -207,6 +222,7 @@ class Contact(Schema):
     enabled: bool = True
     law: LawName = "felt_memory"
     alpha: Annotated[float, SI("s/m"), Field(gt=0)] = 100.0
+    hysteresis: Annotated[float, SI("1"), Field(ge=0)] = 1.0
     loading: Annotated[Curve, BeforeValidator(_curve)] | None = None
     unloading: Annotated[Curve, BeforeValidator(_curve)] | None = None
     hunt_crossley: HuntCrossleyParameters | None = None
@@ -217,12 +233,23 @@ class Contact(Schema):
 
 
 class Spring(Schema):
-    """Torsion spring on a coordinate."""
+    """Spring on the coordinate of a joint, with damping and play if wanted."""
 
     label: str = ""
     coordinate: str
-    stiffness: Annotated[float, SI("N m/rad"), Field(ge=0)]
-    rest_angle: Annotated[float, SI("rad")]
+    stiffness: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m/rad", "N/m")))
+    ]
+    rest_angle: Annotated[float, BeforeValidator(lambda n: _one_of(n, ("rad", "m")))]
+    damping: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m s/rad", "N s/m")))
+    ] = 0.0
+    clearance: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("rad", "m")))
+    ] = 0.0
+    seating: Annotated[float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m", "N")))] = (
+        0.0
+    )
     enabled: bool = True
 
 
@@ -276,6 +303,14 @@ class Finger(Schema):
     point: Annotated[tuple[float, float], SIVector("m")]
     direction: Annotated[tuple[float, float], SIVector("1")] = (0.0, -1.0)
     pad: Pad = Pad(stiffness=1.1e5, exponent=1.5, damping=1.0)
+
+
+class Motor(Schema):
+    """A motor on a revolute joint, which drives the mechanism instead of a finger."""
+
+    coordinate: str
+    contact: int | None = None
+    note: str = ""
 
 
 class Point(Schema):
@@ -332,6 +367,7 @@ class MechanismFile(Schema):
     straps: dict[str, Strap] = {}
     string: String | None = None
     finger: Finger | None = None
+    motor: Motor | None = None
     points: dict[str, Point] = {}
     start_pose: dict[str, float] = {}
     events: dict[str, NamedEvent] = {}
@@ -605,6 +641,10 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
         need(name, coordinates, "start_pose", "coordinate")
     need(_table(raw, "string").get("surface"), surfaces, "string.surface", "surface")
     need(_table(raw, "finger").get("body"), bodies, "finger.body", "body")
+    motor = _table(raw, "motor")
+    need(motor.get("coordinate"), coordinates, "motor.coordinate", "coordinate")
+    if isinstance(motor.get("contact"), int) and motor["contact"] not in numbers:
+        faults.append(f"motor.contact: there is no contact {motor['contact']}")
     events = set(_table(raw, "events"))
     for name, node in _table(raw, "events").items():
         if not isinstance(node, Mapping):
@@ -638,7 +678,7 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
 
 
 _OWN_OUTPUTS = (
-    *("time", "end_state", "end_memory", "finger.force", "finger.displacement"),
+    *("time", "end_state", "end_memory", "finger.force", "finger.displacement", "motor.torque"),
     *("string.strike", "string.bridge_force", "string.eta"),
     *(f"energy.{part}" for part in ("kinetic", "gravity", "elastic", "contact", "string")),
 )
@@ -675,8 +715,10 @@ _LAW_TABLE = {
     "stulov": "stulov",
     "felt_memory": "memory",
     "micromechanical": "micromechanical",
+    "guarded": "memory",
+    "printed": "memory",
 }
-_LAW_CURVES = ("loading", "unloading", "alpha")
+_LAW_CURVES = ("loading", "unloading", "alpha", "hysteresis")
 
 
 def _spread_laws(raw: dict[str, Any], faults: list[str]) -> dict[str, Any]:
@@ -793,7 +835,8 @@ def _law_faults(raw: Mapping[str, Any]) -> list[str]:
     return faults
 
 
-def _validate(raw: Mapping[str, Any], origin: str) -> MechanismFile:
+def _parse(raw: Mapping[str, Any]) -> tuple[list[str], MechanismFile | None]:
+    """What is wrong with single entries and with the names between them; the checked tables."""
     faults: list[str] = []
     raw_laws, raw = _table(raw, "contacts"), _spread_laws(dict(raw), faults)
     parsed: MechanismFile | None = None
@@ -807,10 +850,55 @@ def _validate(raw: Mapping[str, Any], origin: str) -> MechanismFile:
     for path in _paths_of_none(raw):
         if not any(f.startswith(f"{path}:") for f in faults):
             faults.append(f"{path}: got None, expected a value; leave the key out for its default")
-    if faults or parsed is None:
-        unique = list(dict.fromkeys(faults))
-        raise InvalidParameter(fault_text(origin, unique))
-    return _with_radii(parsed)
+    # Radii come from the pair, which a fault may have left without any.
+    return list(dict.fromkeys(faults)), parsed if faults or parsed is None else _with_radii(parsed)
+
+
+def _assemble(config: MechanismFile) -> tuple[list[str], Any]:
+    """What is wrong with the whole, as the core tells it; the mechanism of the core."""
+    description, faults = _describe(config)
+    try:
+        mechanism = _core.assemble(description)
+    except InvalidParameter as error:
+        lines = str(error).splitlines()
+        found = [line.strip() for line in lines[1:]] or lines
+        if faults:  # contacts are left out of the description
+            found = [f for f in found if "no contact uses its surface" not in f]
+        return faults + found, None
+    return faults, mechanism
+
+
+def _hidden_faults(raw: Mapping[str, Any]) -> list[str]:
+    """Faults that the core finds in what the schema lets pass of a faulty file."""
+    found = mended(raw, lambda tables: _parse(tables)[0])
+    if found is None:
+        return []
+    rest, dropped = found
+    parsed = _parse(rest)[1]
+    if parsed is None:
+        return []
+    bodies = {path.split(".")[1] for path in dropped if path.startswith("bodies.")}
+    # A body that lost an entry may lack a mass only because of that.
+    return [
+        f
+        for f in _assemble(parsed)[0]
+        if not any(f'"{name}"' in f for name in bodies)
+        and not (bodies and ("moves no mass" in f or "no body has a joint" in f))
+        and "no contact uses its surface" not in f
+    ]
+
+
+def _validate(raw: Mapping[str, Any], origin: str) -> tuple[MechanismFile, Any]:
+    """The checked file and the mechanism of the core."""
+    faults, config = _parse(raw)
+    mechanism = None
+    if faults or config is None:
+        faults += _hidden_faults(raw)
+    else:
+        faults, mechanism = _assemble(config)
+    if faults or config is None:
+        raise InvalidParameter(fault_text(origin, list(dict.fromkeys(faults))))
+    return config, mechanism
 
 
 # --- from the file to the core -------------------------------------------------------------------
@@ -818,7 +906,14 @@ def _validate(raw: Mapping[str, Any], origin: str) -> MechanismFile:
 
 def _core_friction(f: FrictionParameters) -> _core.Friction:
     return _core.Friction(
-        amplitude=f.amplitude, b1=f.b1, b2=f.b2, threshold_speed=f.threshold_speed
+        amplitude=f.amplitude,
+        b1=f.b1,
+        b2=f.b2,
+        threshold_speed=f.threshold_speed,
+        viscous=f.viscous,
+        quadratic=f.quadratic,
+        stribeck=f.stribeck,
+        stribeck_speed=f.stribeck_speed,
     )
 
 
@@ -858,6 +953,9 @@ def core_law(contact: Contact) -> Any:
         unloading=unloading,
         alpha=contact.alpha,
         guarded=contact.law == "guarded",
+        hysteresis=contact.hysteresis,
+        rate_amplitude=contact.memory.rate_amplitude,
+        rate_time=contact.memory.rate_time,
     )
 
 
@@ -951,6 +1049,14 @@ def _core_string(s: String) -> _core.StringDescription:
 
 def describe(config: MechanismFile) -> _core.MechanismDescription:
     """Plain description of a validated file for the core."""
+    description, faults = _describe(config)
+    if faults:
+        raise InvalidParameter("\n".join(faults))
+    return description
+
+
+def _describe(config: MechanismFile) -> tuple[_core.MechanismDescription, list[str]]:
+    """Description without the contacts whose laws cannot be made, and why they cannot."""
     d = _core.MechanismDescription()
     d.name = config.name
     d.gravity = config.gravity
@@ -985,8 +1091,6 @@ def describe(config: MechanismFile) -> _core.MechanismDescription:
         cd.friction = _core_friction(c.friction)
         cd.enabled = c.enabled
         contacts.append(cd)
-    if faults:
-        raise InvalidParameter("\n".join(faults))
     d.contacts = contacts
     springs = []
     for name, sp in config.springs.items():
@@ -995,6 +1099,9 @@ def describe(config: MechanismFile) -> _core.MechanismDescription:
         spd.coordinate = sp.coordinate
         spd.stiffness = sp.stiffness
         spd.rest_angle = sp.rest_angle
+        spd.damping = sp.damping
+        spd.clearance = sp.clearance
+        spd.seating = sp.seating
         if sp.enabled:
             springs.append(spd)
     d.springs = springs
@@ -1026,8 +1133,13 @@ def describe(config: MechanismFile) -> _core.MechanismDescription:
         fd.direction = config.finger.direction
         fd.pad = _core_hunt_crossley(config.finger.pad)
         d.finger = fd
+    if config.motor is not None:
+        md = _core.MotorDescription()
+        md.coordinate = config.motor.coordinate
+        md.contact = config.motor.contact or 0
+        d.motor = md
     d.start_pose = list(config.start_pose.items())
-    return d
+    return d, faults
 
 
 # --- the public object ---------------------------------------------------------------------------
@@ -1050,8 +1162,7 @@ class Action:
         except InvalidParameter as error:
             raise InvalidParameter(f"{origin}: {error}") from None
         self.origin = origin
-        self.config = _validate(self._raw, origin)
-        self.mechanism = _core.assemble(describe(self.config))
+        self.config, self.mechanism = _validate(self._raw, origin)
 
     def __repr__(self) -> str:
         return f"Action({self.name!r}, {len(self.coordinates)} coordinates, hash {self.hash[:12]})"
@@ -1078,6 +1189,8 @@ class Action:
     def hash(self) -> str:
         """SHA-256 of all parameters in SI units, without names for people, notes, sources."""
         tables = self.config.model_dump(mode="json", exclude={"name", "about", "source"})
+        if self.config.motor is None:
+            del tables["motor"]  # as before there were motors: results keep their hash
         text = json.dumps(_without_texts(tables), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 

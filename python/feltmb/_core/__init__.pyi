@@ -38,6 +38,7 @@ __all__: list[str] = [
     "MechanismDescription",
     "ModalString",
     "Monitor",
+    "MotorDescription",
     "Profile",
     "RunResult",
     "ShapeSet",
@@ -75,12 +76,16 @@ class Friction:
         b1: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         b2: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         threshold_speed: typing.SupportsFloat | typing.SupportsIndex = 0.001,
+        viscous: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        quadratic: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        stribeck: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        stribeck_speed: typing.SupportsFloat | typing.SupportsIndex = 0.1,
     ) -> None: ...
     def coefficient(
         self, speed: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
     ) -> typing.Any:
         """
-        mu(v) of thesis eq. A.1 at sliding speed [m/s or rad/s].
+        mu(v) of thesis eq. A.1 with the added terms, at sliding speed [m/s or rad/s].
         """
     @property
     def amplitude(self) -> float: ...
@@ -89,7 +94,15 @@ class Friction:
     @property
     def b2(self) -> float: ...
     @property
+    def quadratic(self) -> float: ...
+    @property
+    def stribeck(self) -> float: ...
+    @property
+    def stribeck_speed(self) -> float: ...
+    @property
     def threshold_speed(self) -> float: ...
+    @property
+    def viscous(self) -> float: ...
 
 class ExponentialCurve:
     def __init__(
@@ -119,6 +132,9 @@ class ExponentialPair:
         unloading: ExponentialCurve,
         alpha: typing.SupportsFloat | typing.SupportsIndex = 100.0,
         guarded: bool = True,
+        hysteresis: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+        rate_amplitude: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        rate_time: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> None: ...
 
 class MeanCurve:
@@ -698,9 +714,21 @@ class TorsionSpringDescription:
     name: str
     def __init__(self) -> None: ...
     @property
+    def clearance(self) -> float: ...
+    @clearance.setter
+    def clearance(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def damping(self) -> float: ...
+    @damping.setter
+    def damping(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
     def rest_angle(self) -> float: ...
     @rest_angle.setter
     def rest_angle(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def seating(self) -> float: ...
+    @seating.setter
+    def seating(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def stiffness(self) -> float: ...
     @stiffness.setter
@@ -805,8 +833,17 @@ class FingerDescription:
         ],
     ) -> None: ...
 
+class MotorDescription:
+    coordinate: str
+    def __init__(self) -> None: ...
+    @property
+    def contact(self) -> int: ...
+    @contact.setter
+    def contact(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+
 class MechanismDescription:
     finger: FingerDescription | None
+    motor: MotorDescription | None
     name: str
     def __init__(self) -> None: ...
     @property
@@ -877,6 +914,8 @@ class Mechanism:
     @property
     def coordinates(self) -> list[str]: ...
     @property
+    def law_state_names(self) -> list[str]: ...
+    @property
     def name(self) -> str: ...
     @property
     def point_names(self) -> list[str]: ...
@@ -892,11 +931,14 @@ class Interpolation:
       linear
 
       monotone
+
+      spline
     """
 
     __members__: typing.ClassVar[dict[str, Interpolation]]
     linear: typing.ClassVar[Interpolation]
     monotone: typing.ClassVar[Interpolation]
+    spline: typing.ClassVar[Interpolation]
     @typing.overload
     def __eq__(self, other: Interpolation) -> bool: ...
     @typing.overload
@@ -927,12 +969,17 @@ class Profile:
         oscillation_amplitude: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         oscillation_frequency: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> None: ...
+    def acceleration(
+        self, time: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
+    ) -> typing.Any: ...
     def rate(self, time: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]) -> typing.Any: ...
     def value(
         self, time: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
     ) -> typing.Any: ...
     @property
     def breakpoints(self) -> list[float]: ...
+    @property
+    def smooth(self) -> bool: ...
 
 class SimulationOptions:
     diagnose: bool
@@ -1107,6 +1154,8 @@ def jacobian_check(
     motion: bool,
     time: typing.SupportsFloat | typing.SupportsIndex,
     gamma: typing.SupportsFloat | typing.SupportsIndex,
+    prescribed: bool = False,
+    motor: bool = False,
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
     """
     Inverse of I - gamma J as the structured solver applies it.
@@ -1137,6 +1186,8 @@ def rhs(
     profile: Profile,
     motion: bool,
     time: typing.SupportsFloat | typing.SupportsIndex,
+    prescribed: bool = False,
+    motor: bool = False,
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]:
     """
     y' of the full state [q, v, eta, deta/dt].
@@ -1151,6 +1202,8 @@ def simulate(
     monitors: collections.abc.Sequence[Monitor],
     progress: typing.Any = None,
     start_memory: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] = [],
+    prescribed: bool = False,
+    motor: bool = False,
 ) -> RunResult: ...
 
 __version__: str = "0.1.0"
