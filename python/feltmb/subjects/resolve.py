@@ -1,0 +1,73 @@
+"""From a name on a command line to a nominal with its effects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from feltmb.config import Action, load_action, packaged_actions
+from feltmb.errors import InvalidParameter
+from feltmb.fit import Effect, Nominal
+from feltmb.subjects.library import load_library
+from feltmb.subjects.nominal import mechanism_nominal
+
+__all__ = ["SETTINGS", "resolve"]
+
+#: What a command may set: name -> meaning.
+SETTINGS = {
+    "channels": "channels or outputs, with commas: key,hammer_tip (default: those of the library)",
+    "effects": "names or patterns, with commas: felt_*,let_off_button; all (default: a core set)",
+    "library": "packaged library of effects or TOML file (default: that of the mechanism)",
+    "set": "changes of the mechanism, PATH=VALUE, with semicolons",
+    "rtol": "relative tolerance of the integrator (default 1e-7)",
+    "window": "length of shooting windows in s",
+}
+
+
+def _mechanism(name: str) -> Action | None:
+    if name in packaged_actions():
+        return load_action(name)
+    if not name.endswith(".toml"):
+        return None
+    return load_action(name)
+
+
+def resolve(name: str, settings: Mapping[str, str]) -> tuple[Nominal, tuple[Effect, ...]] | None:
+    """Nominal and effects of a packaged mechanism or a mechanism file; None for other names.
+
+    Raises
+    ------
+    InvalidParameter
+        Unknown settings, channels or effects, with what is known.
+    """
+    action = _mechanism(name)
+    if action is None:
+        return None
+    unknown = sorted(set(settings) - set(SETTINGS))
+    if unknown:
+        raise InvalidParameter(
+            f"settings {', '.join(unknown)} are unknown; known are {', '.join(SETTINGS)}"
+        )
+    if "set" in settings:
+        from feltmb.config import parse_setting
+
+        pairs = [parse_setting(part) for part in settings["set"].split(";") if part.strip()]
+        action = action.with_values(dict(pairs))
+    options: dict[str, float] = {}
+    for key in ("rtol", "window"):
+        if key not in settings:
+            continue
+        try:
+            options[key] = float(settings[key])
+        except ValueError:
+            raise InvalidParameter(f"{key}: got {settings[key]!r}, expected a number") from None
+    return mechanism_nominal(
+        action,
+        channels=_list(settings.get("channels", "")),
+        effects=_list(settings.get("effects", "")),
+        library=load_library(action, settings.get("library")),
+        **options,
+    )
+
+
+def _list(text: str) -> list[str]:
+    return [part.strip() for part in text.split(",") if part.strip()]
