@@ -125,19 +125,21 @@ def test_a_pivot_that_gives_tends_to_the_ideal_one():
     """Twice the compliance, twice the departure: the limit is the joint as it was."""
     library = load_library(ACTION)
     stroke = feltmb.load_stroke("forte")
-    plain = feltmb.simulate(ACTION, stroke, duration=0.09, ledger=False, rtol=1e-9)
     entry = library.effect("pivot_compliance.butt")
 
-    def departure(size):
-        action = amended_action(ACTION, [(entry, size, None)])
-        run = feltmb.simulate(action, stroke, duration=0.09, ledger=False, rtol=1e-9)
-        return (run["hammer_tip.x"] - run["hammer_tip.x"][0]) - (
-            plain["hammer_tip.x"] - plain["hammer_tip.x"][0]
-        )
+    def motion(action):
+        run = feltmb.simulate(action, stroke, duration=0.066, ledger=False, rtol=1e-9)
+        return run["hammer_tip.x"]
 
-    small, large = departure(1e-7), departure(2e-7)
-    assert np.max(np.abs(large)) > 1e-7
-    assert np.max(np.abs(large - 2.0 * small)) < 0.05 * np.max(np.abs(large))
+    plain = motion(ACTION)
+    small, large = (
+        motion(amended_action(ACTION, [(entry, s, None)])) - plain for s in (1e-7, 2e-7)
+    )
+    # At rest the pin stands where the load puts it; moving, it swings a little on its bushing.
+    assert small[0] < -1e-9
+    assert large[0] == pytest.approx(2.0 * small[0], rel=1e-5)
+    assert np.max(np.abs(large)) > 5e-7
+    assert np.max(np.abs(large - 2.0 * small)) < 0.06 * np.max(np.abs(large))
 
 
 def test_windows_go_on_where_the_last_one_ended():
@@ -183,3 +185,13 @@ def test_names_on_the_command_line():
         resolve("steinway45", {"chanels": "key"})
     with pytest.raises(InvalidParameter, match="rtol: got 'small'"):
         resolve("steinway45", {"rtol": "small"})
+
+
+def test_the_document_shows_the_library_as_it_is():
+    import runpy
+    from pathlib import Path
+
+    tool = Path(__file__).parents[3] / "tools" / "make_effects_table.py"
+    made = runpy.run_path(str(tool))
+    text = made["DOCUMENT"].read_text(encoding="utf-8")
+    assert made["renewed"](text) == text, "run tools/make_effects_table.py"
