@@ -109,7 +109,7 @@ void bind_contact(py::module_& m) {
           "unloading",
           [](const Envelope& e, py::array_t<double> x, double largest) {
             return py::vectorize([&e, largest](double v) {
-              return v <= 0.0 ? 0.0 : e.loading(v).force * e.ratio(v / largest).force;
+              return v <= 0.0 ? 0.0 : e.loading(v).force * e.ratio(v / largest, largest).force;
             })(x);
           },
           py::arg("compression"), py::arg("largest"),
@@ -119,7 +119,29 @@ void bind_contact(py::module_& m) {
           [](const Envelope& e, py::array_t<double> x) {
             return py::vectorize([&e](double v) { return e.loop_area(v).force; })(x);
           },
-          py::arg("largest"), "Energy lost [J] in the cycle to `largest` [m].");
+          py::arg("largest"), "Energy lost [J] in the cycle to `largest` [m].")
+      .def(
+          "loading_energy",
+          [](const Envelope& e, py::array_t<double> x) {
+            return py::vectorize([&e](double v) { return e.loading_energy(v); })(x);
+          },
+          py::arg("compression"), "Work [J] of a virgin loading to compression [m].")
+      .def(
+          "unloading_energy",
+          [](const Envelope& e, py::array_t<double> x, double largest) {
+            return py::vectorize(
+                [&e, largest](double v) { return e.unloading_energy(v, largest); })(x);
+          },
+          py::arg("compression"), py::arg("largest"),
+          "Work [J] that the cycle to `largest` [m] gives back from compression [m].")
+      .def_property_readonly(
+          "repair",
+          [](const Envelope& e) {
+            return py::make_tuple(e.repair().force, e.repair().low, e.repair().high);
+          },
+          "Largest change [N] of the unloading force that made its shape monotone, from and to "
+          "[m]; "
+          "zeros if none.");
   py::class_<FeltMemory>(m, "FeltMemory")
       .def(py::init([](std::shared_ptr<Envelope> envelope, double kappa, double recovery_time,
                        double creep_stiffness, double creep_damping, double rate_amplitude,
@@ -130,7 +152,12 @@ void bind_contact(py::module_& m) {
            py::kw_only(), py::arg("envelope"), py::arg("kappa") = 0.2,
            py::arg("recovery_time") = 0.0, py::arg("creep_stiffness") = 0.0,
            py::arg("creep_damping") = 0.0, py::arg("rate_amplitude") = 0.0,
-           py::arg("rate_time") = 0.0);
+           py::arg("rate_time") = 0.0)
+      .def_property_readonly(
+          "envelope",
+          [](const FeltMemory& law) { return std::const_pointer_cast<Envelope>(law.envelope); },
+          "Envelope of the law.")
+      .def_readonly("kappa", &FeltMemory::kappa);
 
   py::class_<ContactLaw>(m, "ContactLaw")
       .def(py::init<const LawParameters&>(), py::arg("parameters"))

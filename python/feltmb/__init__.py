@@ -67,7 +67,7 @@ __all__ = [
 ]
 
 #: Modules that are loaded when they are first asked for.
-_MODULES = ("animate", "contact", "felt", "fiber", "graph", "plot", "units")
+_MODULES = ("animate", "contact", "felt", "fiber", "graph", "plot", "units", "viewer")
 
 
 def __getattr__(name: str) -> object:
@@ -76,8 +76,12 @@ def __getattr__(name: str) -> object:
         import importlib
 
         return importlib.import_module(f"feltmb.{name}")
+    if name == "view":
+        from feltmb.viewer import view
+
+        return view
     raise AttributeError(f"module 'feltmb' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_MODULES])
+    return sorted([*globals(), *_MODULES, "view"])

@@ -14,13 +14,16 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from pydantic import BeforeValidator, Field, ValidationError
 
 from feltmb import _core, params
 from feltmb.errors import InvalidParameter
 from feltmb.files import is_file, read_toml
+from feltmb.layer import LayerParameters
+from feltmb.material import load_material
+from feltmb.mending import mended
 from feltmb.quantity import (
     META_KEYS,
     SI,
@@ -41,8 +44,10 @@ if TYPE_CHECKING:
 __all__ = ["Action", "load_action", "packaged_actions", "parse_setting"]
 
 SCHEMA_VERSION = 1
-LAWS = ("guarded", "printed", "mean", "hunt_crossley", "stulov", "felt_memory")
-LawName = Literal["guarded", "printed", "mean", "hunt_crossley", "stulov", "felt_memory"]
+LawName = Literal[
+    "guarded", "printed", "mean", "hunt_crossley", "stulov", "felt_memory", "micromechanical"
+]
+LAWS: tuple[str, ...] = get_args(LawName)
 
 
 def _curve(node: object) -> object:
@@ -223,6 +228,7 @@ class Contact(Schema):
     hunt_crossley: HuntCrossleyParameters | None = None
     stulov: StulovParameters | None = None
     memory: MemoryParameters = MemoryParameters()
+    micromechanical: LayerParameters | None = None
     friction: Friction = FrictionParameters()
 
 
@@ -393,7 +399,7 @@ def _resolve(name_or_path: str | Path) -> Path:
 
 
 def _load_raw(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
-    raw = read_toml(path)
+    raw = _felts_in_place(read_toml(path), path.parent)
     if "extends" not in raw:
         return raw
     unknown = sorted(set(raw) - {"schema", "name", "about", "source", "extends", "values"})
@@ -422,6 +428,27 @@ def _load_raw(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
                 f'{path}: values.{key}: got a table; write paths in quotes, such as "{inner}" = ...'
             )
     return _apply_values(merged, values, str(path))
+
+
+def _felts_in_place(raw: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Felts that a file names by a path beside it become tables: the mechanism is then whole."""
+
+    def whole(node: Any) -> Any:
+        if not isinstance(node, Mapping):
+            return node
+        out = {key: whole(value) for key, value in node.items()}
+        felt = out.get("felt")
+        if isinstance(felt, str) and felt.endswith(".toml"):
+            out["felt"] = load_material(folder / felt).model_dump(
+                mode="json", by_alias=True, exclude_none=True
+            )
+        return out
+
+    out = dict(raw)
+    for key in ("contacts", "values"):
+        if isinstance(raw.get(key), Mapping):
+            out[key] = whole(raw[key])
+    return out
 
 
 def load_action(name_or_path: str | Path) -> Action:
@@ -682,6 +709,88 @@ def _output_faults(raw: Mapping[str, Any]) -> list[str]:
     ]
 
 
+#: Where the parameters of a law stand in a contact; others stand in the contact itself.
+_LAW_TABLE = {
+    "hunt_crossley": "hunt_crossley",
+    "stulov": "stulov",
+    "felt_memory": "memory",
+    "micromechanical": "micromechanical",
+}
+_LAW_CURVES = ("loading", "unloading", "alpha")
+
+
+def _spread_laws(raw: dict[str, Any], faults: list[str]) -> dict[str, Any]:
+    """``law = { name = ..., ... }`` as ``law = name`` with the parameters where they belong."""
+    contacts = {}
+    for key, node in _table(raw, "contacts").items():
+        law = node.get("law") if isinstance(node, Mapping) else None
+        if not isinstance(law, Mapping):
+            contacts[key] = node
+            continue
+        own = {k: v for k, v in law.items() if k != "name"}
+        name = law.get("name")
+        if name is None:
+            faults.append(
+                f"contacts.{key}.law: is missing its name, such as "
+                '{ name = "felt_memory", kappa = 0.2 }'
+            )
+            name = "guarded"
+        curves = {k: own.pop(k) for k in _LAW_CURVES if k in own}
+        table = _LAW_TABLE.get(str(name))
+        inner = {}
+        if table is not None:
+            old = node.get(table)
+            inner = {table: {**(old if isinstance(old, Mapping) else {}), **own}}
+        elif own:
+            faults += [f"contacts.{key}.law.{k}: unknown key of law {name!r}" for k in own]
+        contacts[key] = {**node, **curves, **inner, "law": name}
+    return {**raw, "contacts": contacts} if contacts else raw
+
+
+def _as_written(line: str, contacts: Mapping[str, Any]) -> str:
+    """A fault in the parameters of ``law = { ... }``, at the place where they were written."""
+    where = line.split(":")[0].split(".")
+    if len(where) > 3 and where[2] in _LAW_TABLE.values():
+        node = contacts.get(where[1])
+        if isinstance(node, Mapping) and isinstance(node.get("law"), Mapping):
+            return line.replace(f".{where[1]}.{where[2]}.", f".{where[1]}.law.", 1)
+    return line
+
+
+def _pair_radii(config: MechanismFile, contact: Contact) -> tuple[float | None, float | None]:
+    """Relative radius of a pair of surfaces and, on a string, that of the string [m]."""
+    pair = [config.surfaces[name] for name in contact.surfaces if name in config.surfaces]
+    curvature = sum(
+        0.0 if s.kind == "line" else (-1.0 if s.kind == "concave" else 1.0) / (s.radius or math.inf)
+        for s in pair
+    )
+    on_string = config.string is not None and config.string.surface in contact.surfaces
+    wire = 0.5 * config.string.diameter if config.string is not None and on_string else None
+    return (1.0 / curvature if curvature > 0.0 else None), wire
+
+
+def _with_radii(config: MechanismFile) -> MechanismFile:
+    """Radii that the areas of layers leave out are those of the pair."""
+    contacts = {}
+    for key, contact in config.contacts.items():
+        layer = contact.micromechanical
+        contacts[key] = contact
+        if layer is None:
+            continue
+        radius, wire = _pair_radii(config, contact)
+        own = {
+            "crossed_cylinders": {"radius_a": radius, "radius_b": wire},
+            "circle_on_layer": {"radius": radius},
+            "sphere_on_layer": {"radius": radius},
+        }.get(layer.area.kind, {})
+        update = {k: v for k, v in own.items() if getattr(layer.area, k) is None}
+        area = layer.area.model_copy(update=update)
+        contacts[key] = contact.model_copy(
+            update={"micromechanical": layer.model_copy(update={"area": area})}
+        )
+    return config.model_copy(update={"contacts": contacts})
+
+
 def _law_faults(raw: Mapping[str, Any]) -> list[str]:
     faults = []
     for name, node in _table(raw, "contacts").items():
@@ -694,6 +803,7 @@ def _law_faults(raw: Mapping[str, Any]) -> list[str]:
             "hunt_crossley": ["hunt_crossley"],
             "stulov": ["stulov"],
             "felt_memory": [] if tabulated else ["loading", "unloading"],
+            "micromechanical": ["micromechanical"],
         }.get(str(law), ["loading", "unloading"])
         for key in needed:
             if law in LAWS and key not in node:
@@ -723,23 +833,70 @@ def _law_faults(raw: Mapping[str, Any]) -> list[str]:
     return faults
 
 
-def _validate(raw: Mapping[str, Any], origin: str) -> MechanismFile:
+def _parse(raw: Mapping[str, Any]) -> tuple[list[str], MechanismFile | None]:
+    """What is wrong with single entries and with the names between them; the checked tables."""
     faults: list[str] = []
+    raw_laws, raw = _table(raw, "contacts"), _spread_laws(dict(raw), faults)
     parsed: MechanismFile | None = None
     try:
         parsed = MechanismFile.model_validate(raw)
     except ValidationError as error:
-        faults += fault_lines(error, MechanismFile)
+        faults += [_as_written(line, raw_laws) for line in fault_lines(error, MechanismFile)]
     faults += _reference_faults(raw)
     faults += _law_faults(raw)
     faults += _output_faults(raw)
     for path in _paths_of_none(raw):
         if not any(f.startswith(f"{path}:") for f in faults):
             faults.append(f"{path}: got None, expected a value; leave the key out for its default")
-    if faults or parsed is None:
-        unique = list(dict.fromkeys(faults))
-        raise InvalidParameter(fault_text(origin, unique))
-    return parsed
+    # Radii come from the pair, which a fault may have left without any.
+    return list(dict.fromkeys(faults)), parsed if faults or parsed is None else _with_radii(parsed)
+
+
+def _assemble(config: MechanismFile) -> tuple[list[str], Any]:
+    """What is wrong with the whole, as the core tells it; the mechanism of the core."""
+    description, faults = _describe(config)
+    try:
+        mechanism = _core.assemble(description)
+    except InvalidParameter as error:
+        lines = str(error).splitlines()
+        found = [line.strip() for line in lines[1:]] or lines
+        if faults:  # contacts are left out of the description
+            found = [f for f in found if "no contact uses its surface" not in f]
+        return faults + found, None
+    return faults, mechanism
+
+
+def _hidden_faults(raw: Mapping[str, Any]) -> list[str]:
+    """Faults that the core finds in what the schema lets pass of a faulty file."""
+    found = mended(raw, lambda tables: _parse(tables)[0])
+    if found is None:
+        return []
+    rest, dropped = found
+    parsed = _parse(rest)[1]
+    if parsed is None:
+        return []
+    bodies = {path.split(".")[1] for path in dropped if path.startswith("bodies.")}
+    # A body that lost an entry may lack a mass only because of that.
+    return [
+        f
+        for f in _assemble(parsed)[0]
+        if not any(f'"{name}"' in f for name in bodies)
+        and not (bodies and ("moves no mass" in f or "no body has a joint" in f))
+        and "no contact uses its surface" not in f
+    ]
+
+
+def _validate(raw: Mapping[str, Any], origin: str) -> tuple[MechanismFile, Any]:
+    """The checked file and the mechanism of the core."""
+    faults, config = _parse(raw)
+    mechanism = None
+    if faults or config is None:
+        faults += _hidden_faults(raw)
+    else:
+        faults, mechanism = _assemble(config)
+    if faults or config is None:
+        raise InvalidParameter(fault_text(origin, list(dict.fromkeys(faults))))
+    return config, mechanism
 
 
 # --- from the file to the core -------------------------------------------------------------------
@@ -773,6 +930,9 @@ def core_law(contact: Contact) -> Any:
         return _core.Stulov(
             stiffness=st.stiffness, exponent=st.exponent, amplitude=st.amplitude, time=st.time
         )
+    if contact.law == "micromechanical":
+        assert contact.micromechanical is not None
+        return _core_memory(contact.micromechanical, contact.micromechanical.envelope)
     if contact.law == "felt_memory" and contact.memory.envelope is not None:
         return _core_memory(contact.memory, _table_envelope(contact.memory.envelope))
     assert contact.loading is not None
@@ -810,7 +970,9 @@ def _table_envelope(table: EnvelopeTable) -> _core.Envelope:
     )
 
 
-def _core_memory(p: MemoryParameters, envelope: _core.Envelope) -> _core.FeltMemory:
+def _core_memory(
+    p: MemoryParameters | LayerParameters, envelope: _core.Envelope
+) -> _core.FeltMemory:
     return _core.FeltMemory(
         envelope=envelope,
         kappa=p.kappa,
@@ -885,6 +1047,14 @@ def _core_string(s: String) -> _core.StringDescription:
 
 def describe(config: MechanismFile) -> _core.MechanismDescription:
     """Plain description of a validated file for the core."""
+    description, faults = _describe(config)
+    if faults:
+        raise InvalidParameter("\n".join(faults))
+    return description
+
+
+def _describe(config: MechanismFile) -> tuple[_core.MechanismDescription, list[str]]:
+    """Description without the contacts whose laws cannot be made, and why they cannot."""
     d = _core.MechanismDescription()
     d.name = config.name
     d.gravity = config.gravity
@@ -919,8 +1089,6 @@ def describe(config: MechanismFile) -> _core.MechanismDescription:
         cd.friction = _core_friction(c.friction)
         cd.enabled = c.enabled
         contacts.append(cd)
-    if faults:
-        raise InvalidParameter("\n".join(faults))
     d.contacts = contacts
     springs = []
     for name, sp in config.springs.items():
@@ -969,7 +1137,7 @@ def describe(config: MechanismFile) -> _core.MechanismDescription:
         md.contact = config.motor.contact or 0
         d.motor = md
     d.start_pose = list(config.start_pose.items())
-    return d
+    return d, faults
 
 
 # --- the public object ---------------------------------------------------------------------------
@@ -992,8 +1160,7 @@ class Action:
         except InvalidParameter as error:
             raise InvalidParameter(f"{origin}: {error}") from None
         self.origin = origin
-        self.config = _validate(self._raw, origin)
-        self.mechanism = _core.assemble(describe(self.config))
+        self.config, self.mechanism = _validate(self._raw, origin)
 
     def __repr__(self) -> str:
         return f"Action({self.name!r}, {len(self.coordinates)} coordinates, hash {self.hash[:12]})"

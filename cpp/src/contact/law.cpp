@@ -174,7 +174,7 @@ FeltCore evaluate_core(const FeltMemory& law, double e, double rate, double z, d
     c.by_compression = load.slope;
     return c;
   }
-  const CurveValue rho = law.envelope->ratio(e / largest);
+  const CurveValue rho = law.envelope->ratio(e / largest, largest);
   const double mix = rho.force + z * (1.0 - rho.force);
   const double rho_slope = rho.slope / largest;
   c.force = load.force * mix;

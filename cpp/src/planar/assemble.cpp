@@ -19,6 +19,7 @@ class Assembler {
     m_->name = d_.name;
     m_->gravity = d_.gravity;
     add_bodies();
+    const bool bodies_are_sound = faults_.empty();
     add_surfaces();
     add_contacts();
     add_strings();
@@ -30,10 +31,8 @@ class Assembler {
       contact.first_state = m_->total_law_states;
       m_->total_law_states += static_cast<int>(contact.law.n_states());
     }
-    if (faults_.empty()) {
-      check_inertia();
-      set_scales();
-    }
+    if (bodies_are_sound) check_inertia();
+    if (faults_.empty()) set_scales();
     if (!faults_.empty()) {
       std::string text = "mechanism \"" + d_.name + "\": " + std::to_string(faults_.size()) +
                          (faults_.size() == 1 ? " fault" : " faults");

@@ -15,11 +15,16 @@ from . import fiber
 __all__: list[str] = [
     "BeamDescription",
     "BodyDescription",
+    "CircleOnLayer",
+    "ConstantArea",
     "ContactDescription",
     "ContactLaw",
+    "CrossedCylinders",
     "Envelope",
     "ExponentialCurve",
     "ExponentialPair",
+    "FeltLayer",
+    "FeltMaterial",
     "FeltMemory",
     "FingerDescription",
     "Friction",
@@ -27,6 +32,7 @@ __all__: list[str] = [
     "Interpolation",
     "JointKind",
     "LawPath",
+    "LayerColumns",
     "MeanCurve",
     "Mechanism",
     "MechanismDescription",
@@ -37,6 +43,7 @@ __all__: list[str] = [
     "RunResult",
     "ShapeSet",
     "SimulationOptions",
+    "SphereOnLayer",
     "StrapDescription",
     "StringDescription",
     "StringParameters",
@@ -54,7 +61,9 @@ __all__: list[str] = [
     "force_along",
     "jacobian_blocks",
     "jacobian_check",
+    "layer_envelope",
     "point_position",
+    "pressure_envelope",
     "rhs",
     "simulate",
 ]
@@ -169,6 +178,12 @@ class Envelope:
         """
         Virgin loading force [N].
         """
+    def loading_energy(
+        self, compression: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
+    ) -> typing.Any:
+        """
+        Work [J] of a virgin loading to compression [m].
+        """
     def loop_area(
         self, largest: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
     ) -> typing.Any:
@@ -183,10 +198,23 @@ class Envelope:
         """
         Unloading force [N] of the cycle to the compression `largest` [m].
         """
+    def unloading_energy(
+        self,
+        compression: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        largest: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> typing.Any:
+        """
+        Work [J] that the cycle to `largest` [m] gives back from compression [m].
+        """
     @property
     def closing(self) -> float:
         """
         Compression e_M [m].
+        """
+    @property
+    def repair(self) -> tuple[float, float, float]:
+        """
+        Largest change [N] of the unloading force that made its shape monotone, from and to [m]; zeros if none.
         """
 
 class FeltMemory:
@@ -201,6 +229,13 @@ class FeltMemory:
         rate_amplitude: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         rate_time: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> None: ...
+    @property
+    def envelope(self) -> Envelope:
+        """
+        Envelope of the law.
+        """
+    @property
+    def kappa(self) -> float: ...
 
 class ContactLaw:
     def __init__(
@@ -272,6 +307,114 @@ class LawPath:
     def largest(self) -> float: ...
     @property
     def state(self) -> typing.Annotated[list[float], "FixedSize(3)"]: ...
+
+class ConstantArea:
+    def __init__(self, size: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    def area(
+        self, compression: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
+    ) -> typing.Any:
+        """
+        Area [m^2] at compression [m]; 0 for compression <= 0.
+        """
+    @property
+    def size(self) -> float: ...
+
+class CrossedCylinders:
+    def __init__(
+        self,
+        radius_a: typing.SupportsFloat | typing.SupportsIndex,
+        radius_b: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    def area(
+        self, compression: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
+    ) -> typing.Any:
+        """
+        Area [m^2] at compression [m]; 0 for compression <= 0.
+        """
+    @property
+    def radius_a(self) -> float: ...
+    @property
+    def radius_b(self) -> float: ...
+
+class CircleOnLayer:
+    def __init__(
+        self,
+        radius: typing.SupportsFloat | typing.SupportsIndex,
+        width: typing.SupportsFloat | typing.SupportsIndex,
+        length: typing.SupportsFloat | typing.SupportsIndex = ...,
+    ) -> None: ...
+    def area(
+        self, compression: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
+    ) -> typing.Any:
+        """
+        Area [m^2] at compression [m]; 0 for compression <= 0.
+        """
+    @property
+    def length(self) -> float: ...
+    @property
+    def radius(self) -> float: ...
+    @property
+    def width(self) -> float: ...
+
+class SphereOnLayer:
+    def __init__(self, radius: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    def area(
+        self, compression: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
+    ) -> typing.Any:
+        """
+        Area [m^2] at compression [m]; 0 for compression <= 0.
+        """
+    @property
+    def radius(self) -> float: ...
+
+class FeltMaterial:
+    def __init__(
+        self,
+        *,
+        mu: typing.SupportsFloat | typing.SupportsIndex,
+        Wf0: typing.SupportsFloat | typing.SupportsIndex,
+        d_f: typing.SupportsFloat | typing.SupportsIndex,
+        v_f0: typing.SupportsFloat | typing.SupportsIndex,
+        v_f_max: typing.SupportsFloat | typing.SupportsIndex,
+        loading: tuple[
+            typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex
+        ],
+        unloading: tuple[
+            typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex
+        ],
+        Q: typing.SupportsFloat | typing.SupportsIndex = 2.0,
+    ) -> None: ...
+    @property
+    def v_f0(self) -> float: ...
+    @property
+    def v_f_max(self) -> float: ...
+
+class FeltLayer:
+    def __init__(
+        self,
+        pressure: Envelope,
+        thickness: typing.SupportsFloat | typing.SupportsIndex,
+        area: ConstantArea | CrossedCylinders | CircleOnLayer | SphereOnLayer,
+        columns: bool = False,
+    ) -> None: ...
+
+class LayerColumns:
+    def __init__(
+        self,
+        layer: FeltLayer,
+        columns: typing.SupportsInt | typing.SupportsIndex,
+        kappa: typing.SupportsFloat | typing.SupportsIndex = 0.2,
+    ) -> None: ...
+    def path(
+        self, compression: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]
+    ) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Forces [N] along compressions [m], from virgin felt.
+        """
+    def step(self, compression: typing.SupportsFloat | typing.SupportsIndex) -> float:
+        """
+        Force [N] at compression [m].
+        """
 
 class StringParameters:
     def __init__(
@@ -1018,6 +1161,11 @@ def jacobian_check(
     Inverse of I - gamma J as the structured solver applies it.
     """
 
+def layer_envelope(layer: FeltLayer) -> Envelope:
+    """
+    Envelope of a contact through a felt layer; kept.
+    """
+
 def point_position(
     mechanism: Mechanism,
     point: typing.SupportsInt | typing.SupportsIndex,
@@ -1025,6 +1173,11 @@ def point_position(
 ) -> tuple[float, float]:
     """
     Position [m] of a tracking point in the ground frame.
+    """
+
+def pressure_envelope(material: FeltMaterial) -> Envelope:
+    """
+    Pressure [Pa] against strain [-] as a table; kept.
     """
 
 def rhs(

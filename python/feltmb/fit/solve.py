@@ -141,7 +141,8 @@ def _optimize(
     """Minimize from a point, or take the result from the cache of the problem."""
     if problem.cache is None:
         return _minimize(problem, point, gap_sd, settings, iterations)
-    cost, parts = problem.cost(point, gap_sd)
+    linears = problem.linear(point)
+    cost, parts = problem.cost_at(point, gap_sd, linears)
     key = Cache.key(
         cost,
         *parts,
@@ -172,8 +173,8 @@ def _minimize(
     problem: Problem, point: Point, gap_sd: Array, settings: FitSettings, iterations: int
 ) -> tuple[Point, float, list[Linear], bool]:
     """Levenberg-Marquardt with damping of its own for every window."""
-    cost, parts = problem.cost(point, gap_sd)
     linears = problem.linear(point)
+    cost, parts = problem.cost_at(point, gap_sd, linears)
     lam = 1e-4
     damping = [np.zeros(s.count) for s in problem.shots]
     for _ in range(iterations):
@@ -187,7 +188,7 @@ def _minimize(
             predicted = cost - left + gain - _priors(problem, point)
             if predicted < settings.decrement:
                 return point, cost, linears, True
-            new, new_parts = problem.cost(trial, gap_sd)
+            new, new_parts = problem.cost(trial, gap_sd, linears)
             if new < cost:
                 accepted = True
                 break
@@ -198,12 +199,13 @@ def _minimize(
         if not accepted:
             return point, cost, linears, False
         done = cost - new < settings.decrement and predicted < 50.0 * settings.decrement
-        point, cost, parts = trial, new, new_parts
+        point = trial
         lam /= 8.0
         for d in damping:
             d /= 10.0
             d[d < 1e-6] = 0.0
         linears = problem.linear(point)
+        cost, parts = problem.cost_at(point, gap_sd, linears)
         if done:
             return point, cost, linears, True
     return point, cost, linears, False
@@ -287,7 +289,7 @@ def polish(problem: Problem, point: Point, level: float, settings: FitSettings) 
             if cost < bar:
                 break
             chained = _chain(problem, found)
-            if not problem.cost(chained, gap_sd)[0] < 1e6 * cost:
+            if not problem.cost(chained, gap_sd, linears)[0] < 1e6 * cost:
                 break
             other = _optimize(problem, chained, gap_sd, settings, settings.iterations)
             if not other[1] < cost - 0.5:
@@ -314,7 +316,7 @@ def _chain(problem: Problem, point: Point) -> Point:
             if np.all(np.isfinite(ends)):
                 starts[w + 1] = ends
         places.append(Place(starts, place.nuisances))
-    return replace(point, places=tuple(places))
+    return replace(point, places=tuple(places), memo={})
 
 
 def _descend(
@@ -337,7 +339,7 @@ def _descend(
         if scale is None:  # after the first level the states are those of the machine
             scale = problem.scale(found)
             gap_sd = level * scale
-            cost, _ = problem.cost(found, gap_sd)
+            cost, _ = problem.cost_at(found, gap_sd, linears)
         normal = problem.normal(found, linears, gap_sd)
         value = _evidence(problem, normal, cost, gap_sd)
         table.append((level, value))
@@ -387,7 +389,9 @@ def _rescue(fit: Fit, settings: FitSettings) -> Fit:
                         elif v + 1 < len(starts):
                             starts[v] = 0.5 * (starts[v - 1] + starts[v + 1])
             places.append(Place(starts, place.nuisances))
-        trial = polish(fit.problem, replace(fit.point, places=tuple(places)), fit.level, settings)
+        trial = polish(
+            fit.problem, replace(fit.point, places=tuple(places), memo={}), fit.level, settings
+        )
         if trial.cost < fit.cost - 1.0:
             fit = replace(trial, levels=fit.levels, notes=(*fit.notes, "windows restarted"))
     return fit
