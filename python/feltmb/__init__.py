@@ -67,7 +67,20 @@ __all__ = [
 ]
 
 #: Modules that are loaded when they are first asked for.
-_MODULES = ("animate", "contact", "felt", "fiber", "graph", "plot", "units", "viewer")
+_MODULES = (
+    "animate",
+    "contact",
+    "data",
+    "felt",
+    "fiber",
+    "fit",
+    "gap",
+    "graph",
+    "plot",
+    "subjects",
+    "units",
+    "viewer",
+)
 
 
 def __getattr__(name: str) -> object:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from feltmb.config import Action, load_action, packaged_actions
+from feltmb.config import Action, load_action, packaged_actions, parse_setting
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Effect, Nominal
 from feltmb.subjects.library import load_library
@@ -17,7 +17,6 @@ SETTINGS = {
     "channels": "channels or outputs, with commas: key,hammer_tip (default: those of the library)",
     "effects": "names or patterns, with commas: felt_*,let_off_button; all (default: a core set)",
     "library": "packaged library of effects or TOML file (default: that of the mechanism)",
-    "set": "changes of the mechanism, PATH=VALUE, with semicolons",
     "rtol": "relative tolerance of the integrator (default 1e-7)",
     "window": "length of shooting windows in s",
 }
@@ -34,6 +33,11 @@ def _mechanism(name: str) -> Action | None:
 def resolve(name: str, settings: Mapping[str, str]) -> tuple[Nominal, tuple[Effect, ...]] | None:
     """Nominal and effects of a packaged mechanism or a mechanism file; None for other names.
 
+    Parameters
+    ----------
+    settings
+        Those of :data:`SETTINGS`; a name with a dot is a path of the mechanism, ``string.modes``.
+
     Raises
     ------
     InvalidParameter
@@ -42,16 +46,15 @@ def resolve(name: str, settings: Mapping[str, str]) -> tuple[Nominal, tuple[Effe
     action = _mechanism(name)
     if action is None:
         return None
-    unknown = sorted(set(settings) - set(SETTINGS))
+    paths = {k: v for k, v in settings.items() if "." in k}
+    unknown = sorted(set(settings) - set(SETTINGS) - set(paths))
     if unknown:
         raise InvalidParameter(
-            f"settings {', '.join(unknown)} are unknown; known are {', '.join(SETTINGS)}"
+            f"--set {', '.join(unknown)}: expected {', '.join(SETTINGS)}, or a path of the "
+            "mechanism such as string.modes"
         )
-    if "set" in settings:
-        from feltmb.config import parse_setting
-
-        pairs = [parse_setting(part) for part in settings["set"].split(";") if part.strip()]
-        action = action.with_values(dict(pairs))
+    if paths:
+        action = action.with_values(dict(parse_setting(f"{k}={v}") for k, v in paths.items()))
     options: dict[str, float] = {}
     for key in ("rtol", "window"):
         if key not in settings:

@@ -181,7 +181,7 @@ def test_names_on_the_command_line():
     assert nominal.outputs == ("key_front.y",)
     assert "let_off_button" in [e.name for e in effects]
     assert resolve("mine.py", {}) is None
-    with pytest.raises(InvalidParameter, match="settings chanels are unknown; known are channels"):
+    with pytest.raises(InvalidParameter, match="--set chanels: expected channels, effects"):
         resolve("steinway45", {"chanels": "key"})
     with pytest.raises(InvalidParameter, match="rtol: got 'small'"):
         resolve("steinway45", {"rtol": "small"})
