@@ -76,7 +76,7 @@ MAY_USE = {
         "regulate": f"{MODEL} quasistatic",
         "touch": f"{MODEL} quasistatic plot",
         "report": f"{BASE} results data fit gap plot viewer",
-        "__init__": f"{FRONT} viewer FRONT",
+        "__init__": f"{FRONT} viewer",
         "cli": f"{FRONT} __init__ graph animate published viewer",
         "subjects": f"{MODEL} data fit gap",
         "__main__": "cli",
