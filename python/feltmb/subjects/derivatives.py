@@ -127,6 +127,16 @@ def _candidates(
             step = -step
         all_terms = (*terms, term)
         row = np.append(sizes, step)
+        if nominal.single:
+            lanes = Lanes(
+                theta=np.tile(theta, (count, 1)),
+                windows=windows,
+                starts=starts,
+                terms=all_terms,
+                sizes=np.tile(row, (count, 1)),
+            )
+            d_outputs[..., c] = (nominal.simulate(record, lanes).outputs - outputs) / step
+            return
         hidden = np.array([s.start for s in term.effect.hidden])
         for w in range(count):
             lanes = Lanes(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 from feltmb.config import Action, load_action, packaged_actions, parse_setting
 from feltmb.errors import InvalidParameter
@@ -19,6 +20,7 @@ SETTINGS = {
     "library": "packaged library of effects or TOML file (default: that of the mechanism)",
     "rtol": "relative tolerance of the integrator (default 1e-7)",
     "window": "length of shooting windows in s",
+    "shooting": "multiple (default) or single: every record in one go from rest",
 }
 
 
@@ -55,7 +57,9 @@ def resolve(name: str, settings: Mapping[str, str]) -> tuple[Nominal, tuple[Effe
         )
     if paths:
         action = action.with_values(dict(parse_setting(f"{k}={v}") for k, v in paths.items()))
-    options: dict[str, float] = {}
+    options: dict[str, Any] = {}
+    if "shooting" in settings:
+        options["shooting"] = settings["shooting"]
     for key in ("rtol", "window"):
         if key not in settings:
             continue
