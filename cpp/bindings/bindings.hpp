@@ -13,5 +13,6 @@ void bind_felt(pybind11::module_& m);
 void bind_modal(pybind11::module_& m);
 void bind_planar(pybind11::module_& m);
 void bind_model(pybind11::module_& m);
+void bind_sensitivity(pybind11::module_& m);
 
 }  // namespace feltmb::python

@@ -10,6 +10,7 @@ import difflib
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from types import NoneType, UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
@@ -35,6 +36,7 @@ __all__ = [
     "is_quantity",
     "parse_scalar",
     "shortened",
+    "unit_of",
 ]
 
 META_KEYS = frozenset({"value", "unit", "source", "status", "note", "printed", "sd"})
@@ -159,14 +161,28 @@ def _parse_vector(node: object, si_unit: str, length: int) -> tuple[float, ...]:
     )
 
 
+@dataclass(frozen=True)
+class _InUnit(BeforeValidator):
+    """Validator that remembers its unit."""
+
+    si_unit: str = ""
+
+
 def SI(si_unit: str) -> BeforeValidator:
     """Annotation of a float field: any accepted way to write it becomes ``si_unit``."""
-    return BeforeValidator(lambda node: parse_scalar(node, si_unit))
+    return _InUnit(lambda node: parse_scalar(node, si_unit), si_unit=si_unit)
 
 
 def SIVector(si_unit: str, length: int = 2) -> BeforeValidator:
     """Annotation of a field of ``length`` floats in ``si_unit``."""
-    return BeforeValidator(lambda node: _parse_vector(node, si_unit, length))
+    return _InUnit(lambda node: _parse_vector(node, si_unit, length), si_unit=si_unit)
+
+
+def unit_of(model: type[BaseModel], field: str) -> str | None:
+    """SI unit of a field that was annotated by :func:`SI` or :func:`SIVector`, else None."""
+    info = model.model_fields[field]
+    marks = [*info.metadata, *(m for arg in get_args(info.annotation) for m in get_args(arg))]
+    return next((mark.si_unit for mark in marks if isinstance(mark, _InUnit)), None)
 
 
 _LIMITS = {

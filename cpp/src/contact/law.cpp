@@ -140,6 +140,7 @@ LawValue evaluate_relaxing(const ExponentialPair& pair, double e, double rate, c
 
 LawValue evaluate_stulov(const Stulov& law, double e, const double* state, LawStates& s) {
   LawValue v;
+  s = {};  // nothing stays of another branch
   const double g = state[0];
   const double power = e > 0.0 ? std::pow(e, law.exponent) : 0.0;
   const double power_slope = e > 0.0 ? law.exponent * power / e : 0.0;
@@ -195,6 +196,7 @@ FeltCore evaluate_core(const FeltMemory& law, double e, double rate, double z, d
 LawValue evaluate_memory(const FeltMemory& law, double e, double rate, const LawMemory& memory,
                          LawStates& states) {
   LawValue v;
+  states = {};
   const double* own = memory.state;
   std::size_t next = 1;
   const bool creeps = law.creep_stiffness > 0.0;

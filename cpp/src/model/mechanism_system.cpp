@@ -18,11 +18,11 @@ Drive FingerInput::at(double t) const {
   drive.motion = motion;
   drive.prescribed = prescribed;
   if (motion || prescribed) {
-    drive.displacement = profile.value(t);
-    drive.speed = profile.rate(t);
-    if (prescribed) drive.acceleration = profile.acceleration(t);
+    drive.displacement = profile.value(origin + t);
+    drive.speed = profile.rate(origin + t);
+    if (prescribed) drive.acceleration = profile.acceleration(origin + t);
   } else {
-    drive.force = profile.value(t);
+    drive.force = profile.value(origin + t);
   }
   return drive;
 }
@@ -118,12 +118,13 @@ void MechanismSystem::set_prescribed_reference(double t, std::span<const double>
     place = dot(m.finger_direction, dynamics_.position(m.finger_point));
     speed = dot(m.finger_direction, dynamics_.velocity(m.finger_point));
   }
-  prescribed_reference_ = place - input_.profile.value(t);
-  if (std::fabs(input_.profile.rate(t) - speed) > slow) {
+  const double on_profile = input_.origin + t;
+  prescribed_reference_ = place - input_.profile.value(on_profile);
+  if (std::fabs(input_.profile.rate(on_profile) - speed) > slow) {
     throw InvalidParameter(
         format("prescribed motion: starts with %.4g %s, the mechanism with %.4g; let both agree, "
                "such as by a record that begins at rest",
-               input_.profile.rate(t), input_.motor ? "rad/s" : "m/s", speed));
+               input_.profile.rate(on_profile), input_.motor ? "rad/s" : "m/s", speed));
   }
 }
 

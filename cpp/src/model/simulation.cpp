@@ -168,7 +168,8 @@ class Run {
     system_.set_prescribed_reference(0.0, y_);
     scratch_.resize(y_.size());
     const auto add_stops = [&](const std::vector<double>& times, bool restart) {
-      for (const double t : times) {
+      for (const double on_profile : times) {
+        const double t = on_profile - input.origin;
         if (t > 0.0 && t < options.duration) stops_.push_back({t, restart});
       }
     };
@@ -199,6 +200,7 @@ class Run {
     integrator.start(0.0, y_, true);
     locator_.start(0.0, y_);
     sample(0.0, y_, nullptr);
+    if (options_.on_step) options_.on_step(0.0, y_, largest());
 
     std::size_t next_stop = 0;
     bool going = true;
@@ -224,8 +226,10 @@ class Run {
         record_event(integrator, crossing);
       }
       if (options_.diagnose && steps % 4 == 0) diagnose(integrator);
+      if (reversal.contact >= 0) restart_at(integrator, reversal);
+      if (options_.on_step) options_.on_step(now, integrator.state(), largest());
       if (reversal.contact >= 0) {
-        restart_at(integrator, reversal);
+        // has been started anew
       } else if (status == StepStatus::kStop) {
         const bool restart = stops_[next_stop].restart;
         ++next_stop;
