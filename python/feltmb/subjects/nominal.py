@@ -101,6 +101,8 @@ class MechanismNominal(Nominal):
         ``multiple``: windows with start states of their own, tied to one another, which keeps a
         record linear through impacts and noise of the input. ``single``: every record in one go
         from rest; ten times cheaper, for records whose input is known well.
+    derivatives
+        ``differences``, or ``forward``: exact, at about twice the cost.
     workers
         Threads; default: one a core.
 
@@ -122,10 +124,15 @@ class MechanismNominal(Nominal):
         rtol: float = 1e-7,
         window: float | None = None,
         shooting: Literal["multiple", "single"] = "multiple",
+        derivatives: Literal["differences", "forward"] = "differences",
         workers: int | None = None,
     ):
         if shooting not in ("multiple", "single"):
             raise InvalidParameter(f"shooting = {shooting!r}, expected multiple or single")
+        if derivatives not in ("differences", "forward"):
+            raise InvalidParameter(
+                f"derivatives = {derivatives!r}, expected differences or forward"
+            )
         self.action = action
         self.library = library
         self.name = action.name
@@ -147,6 +154,7 @@ class MechanismNominal(Nominal):
         self.rtol = rtol
         self.single = shooting == "single"
         self.chaotic = not self.single
+        self.forward = derivatives == "forward"
         self.workers = workers or min(8, os.cpu_count() or 1)
         self.reuse = Reuse()
         self._workshop = Workshop(action)
@@ -285,18 +293,19 @@ class MechanismNominal(Nominal):
         by_starts: bool = True,
         candidates: tuple[Term, ...] = (),
     ) -> Sensitivity:
-        """Derivatives by differences, kept while the point moves little.
+        """Derivatives, kept while the point moves little.
 
-        See :mod:`feltmb.subjects.derivatives` and :mod:`feltmb.subjects.reuse`.
+        See :mod:`feltmb.subjects.forward`, :mod:`feltmb.subjects.derivatives` and
+        :mod:`feltmb.subjects.reuse`.
         """
-        from feltmb.subjects.derivatives import difference_sensitivities
+        from feltmb.subjects.derivatives import sensitivities
 
         theta, starts = np.asarray(theta, dtype=float), np.asarray(starts, dtype=float)
         sizes = np.zeros(len(terms)) if sizes is None else np.asarray(sizes, dtype=float)
         wanted = tuple(range(len(self.parameters)) if by_theta is None else by_theta)
 
         def compute() -> Sensitivity:
-            return difference_sensitivities(
+            return sensitivities(
                 self,
                 record,
                 theta,

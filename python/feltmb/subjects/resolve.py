@@ -17,10 +17,12 @@ __all__ = ["SETTINGS", "resolve"]
 SETTINGS = {
     "channels": "channels or outputs, with commas: key,hammer_tip (default: those of the library)",
     "effects": "names or patterns, with commas: felt_*,let_off_button; all (default: a core set)",
+    "tolerances": "parameters to estimate, names or patterns (default: all of the library)",
     "library": "packaged library of effects or TOML file (default: that of the mechanism)",
     "rtol": "relative tolerance of the integrator (default 1e-7)",
     "window": "length of shooting windows in s",
     "shooting": "multiple (default) or single: every record in one go from rest",
+    "derivatives": "differences (default) or forward",
 }
 
 
@@ -58,8 +60,9 @@ def resolve(name: str, settings: Mapping[str, str]) -> tuple[Nominal, tuple[Effe
     if paths:
         action = action.with_values(dict(parse_setting(f"{k}={v}") for k, v in paths.items()))
     options: dict[str, Any] = {}
-    if "shooting" in settings:
-        options["shooting"] = settings["shooting"]
+    for key in ("shooting", "derivatives"):
+        if key in settings:
+            options[key] = settings[key]
     for key in ("rtol", "window"):
         if key not in settings:
             continue
@@ -67,11 +70,14 @@ def resolve(name: str, settings: Mapping[str, str]) -> tuple[Nominal, tuple[Effe
             options[key] = float(settings[key])
         except ValueError:
             raise InvalidParameter(f"{key}: got {settings[key]!r}, expected a number") from None
+    library = load_library(action, settings.get("library"))
+    if "tolerances" in settings:
+        options["tolerances"] = library.choose_tolerances(_list(settings["tolerances"]))
     return mechanism_nominal(
         action,
         channels=_list(settings.get("channels", "")),
         effects=_list(settings.get("effects", "")),
-        library=load_library(action, settings.get("library")),
+        library=library,
         **options,
     )
 
