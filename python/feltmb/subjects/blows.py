@@ -407,6 +407,7 @@ def load_blows(path: str | Path) -> tuple[BlowNominal, tuple[Effect, ...], tuple
                 faults.append(f"records.{table.name}.{key}: {error}")
         if all(getattr(table, key) is None for key in _UNITS):
             faults.append(f"records.{table.name}: no number; known are {', '.join(_UNITS)}")
+        if not numbers:
             continue
         records.append(
             blow_record(
