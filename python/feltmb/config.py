@@ -220,7 +220,7 @@ class Contact(Schema):
     note: str = ""
     surfaces: tuple[str, str]
     enabled: bool = True
-    law: LawName = "guarded"
+    law: LawName = "felt_memory"
     alpha: Annotated[float, SI("s/m"), Field(gt=0)] = 100.0
     hysteresis: Annotated[float, SI("1"), Field(ge=0)] = 1.0
     loading: Annotated[Curve, BeforeValidator(_curve)] | None = None
@@ -715,8 +715,10 @@ _LAW_TABLE = {
     "stulov": "stulov",
     "felt_memory": "memory",
     "micromechanical": "micromechanical",
+    "guarded": "memory",
+    "printed": "memory",
 }
-_LAW_CURVES = ("loading", "unloading", "alpha")
+_LAW_CURVES = ("loading", "unloading", "alpha", "hysteresis")
 
 
 def _spread_laws(raw: dict[str, Any], faults: list[str]) -> dict[str, Any]:
@@ -734,7 +736,7 @@ def _spread_laws(raw: dict[str, Any], faults: list[str]) -> dict[str, Any]:
                 f"contacts.{key}.law: is missing its name, such as "
                 '{ name = "felt_memory", kappa = 0.2 }'
             )
-            name = "guarded"
+            name = "felt_memory"
         curves = {k: own.pop(k) for k in _LAW_CURVES if k in own}
         table = _LAW_TABLE.get(str(name))
         inner = {}
@@ -796,7 +798,7 @@ def _law_faults(raw: Mapping[str, Any]) -> list[str]:
     for name, node in _table(raw, "contacts").items():
         if not isinstance(node, Mapping):
             continue
-        law = node.get("law", "guarded")
+        law = node.get("law", "felt_memory")
         memory = node.get("memory")
         tabulated = isinstance(memory, Mapping) and "envelope" in memory
         needed = {

@@ -15,11 +15,11 @@ using tables::kKnots;
 using tables::knot_positions;
 using tables::look_up;
 
-constexpr double kLargest = 0.02;        // m, no felt of a machine is pressed further
-constexpr double kAreaReach = 4.0;       // the tables over e_m go to this times e_M
-constexpr std::size_t kShareRows = 40;   // of the energy share, over e_m
-constexpr std::size_t kShareKnots = 64;  // over x
-constexpr double kSmallest = 1e-12;      // of x, for roots
+constexpr double kLargest = 0.02;         // m, no felt of a machine is pressed further
+constexpr double kAreaReach = 4.0;        // the tables over e_m go to this times e_M
+constexpr std::size_t kShareRows = 128;   // of the energy share, over e_m
+constexpr std::size_t kShareKnots = 128;  // over x
+constexpr double kSmallest = 1e-12;       // of x, for roots
 
 /// Three nodes are exact for a cubic of s times s.
 const QuadratureRule& cell_rule() {
@@ -134,6 +134,7 @@ void Envelope::tabulate_area() {
 /// a coarse table does for every cycle.
 void Envelope::tabulate_energy() {
   const std::size_t width = kShareKnots + 1;
+  const QuadratureRule narrow = make_gauss_legendre(5);
   share_.assign(kShareRows * width, 1.0);
   share_slope_.assign(kShareRows * width, 0.0);
   const std::vector<double> s = knot_positions(kShareKnots);
@@ -145,7 +146,7 @@ void Envelope::tabulate_energy() {
     for (std::size_t i = 0; i < width; ++i) {
       if (i > 0) {
         given += integrate_rule(
-            gauss16(),
+            narrow,
             [&](double t) {
               const double x = t * t;
               return loading(x * e_m).force * ratio(x, e_m).force * 2.0 * t * e_m;
