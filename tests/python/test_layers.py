@@ -15,7 +15,7 @@ ROOT = HERE.parents[2]
 BASE = "errors _optional units quantity"
 MODEL = f"{BASE} files _core params config smoothing stroke events results simulate"
 STUDY = "sweep study study_expression study_plot study_report"
-TOOLS = "quasistatic regulate touch felt subjects parameters sensitivity"
+TOOLS = "quasistatic regulate touch felt subjects parameters sensitivity batch"
 FRONT = f"{MODEL} {STUDY} contact fiber data fit gap plot report {TOOLS}"
 
 # part -> the parts that it may use. C++ parts are folders, Python parts are modules of the package.
@@ -62,6 +62,7 @@ MAY_USE = {
         "simulate": f"{BASE} _core params config stroke events results",
         "parameters": f"{BASE} _core config",
         "sensitivity": f"{MODEL} parameters",
+        "batch": MODEL,
         "fit": f"{BASE} results data files",
         "gap": f"{BASE} results data fit _core files",
         "style": "errors",

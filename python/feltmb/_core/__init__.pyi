@@ -13,6 +13,7 @@ import numpy.typing
 from . import fiber
 
 __all__: list[str] = [
+    "BatchStroke",
     "BeamDescription",
     "BodyDescription",
     "CircleOnLayer",
@@ -74,6 +75,7 @@ __all__: list[str] = [
     "rhs",
     "sensitivities",
     "simulate",
+    "simulate_many",
     "state_names",
 ]
 
@@ -1125,6 +1127,7 @@ class SensitivityParameter:
         name: str,
         nodes: collections.abc.Sequence[Perturbed],
         scale: typing.SupportsFloat | typing.SupportsIndex,
+        law: typing.SupportsInt | typing.SupportsIndex = -1,
     ) -> None: ...
 
 class SensitivityWindow:
@@ -1209,6 +1212,20 @@ class SensitivityResult:
     def wall(self) -> float: ...
     @property
     def wall_stroke(self) -> float: ...
+
+class BatchStroke:
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        profile: Profile,
+        motion: bool,
+        options: SimulationOptions,
+        start: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+        monitors: collections.abc.Sequence[Monitor],
+        memory: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+        prescribed: bool = False,
+        motor: bool = False,
+    ) -> None: ...
 
 def assemble(description: MechanismDescription) -> Mechanism:
     """
@@ -1333,6 +1350,15 @@ def simulate(
     prescribed: bool = False,
     motor: bool = False,
 ) -> RunResult: ...
+def simulate_many(
+    strokes: collections.abc.Iterator,
+    sink: collections.abc.Callable,
+    threads: typing.SupportsInt | typing.SupportsIndex = 0,
+) -> int:
+    """
+    Simulates the strokes of an iterator on threads; sink(index, result, failure) gets the outcomes in order and returns whether to go on. Returns their number.
+    """
+
 def state_names(mechanism: Mechanism) -> list[str]:
     """
     Names of the full state in its order.
