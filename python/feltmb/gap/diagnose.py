@@ -25,13 +25,15 @@ from feltmb.gap.gates import Gates, check_records
 from feltmb.gap.proof import HeldOut
 from feltmb.gap.refine import Search, search
 from feltmb.gap.report import NotTested, Report, Where
-from feltmb.gap.rest import rest_of, with_noise
+from feltmb.gap.rest import rest_of, settled, with_noise
 from feltmb.gap.settle import accept, posterior, shapley
 from feltmb.gap.where import event_ledger, ledger, split_gap
 
 __all__ = ["Options", "diagnose", "prepare", "split_records"]
 
 Progress = Callable[[str, int, int], None]
+#: Rounds in which the unknown rest is estimated again.
+ROUNDS = 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -225,12 +227,16 @@ def diagnose(
     sensed = held_shots
     first = _investigate(nominal, shots, usable, options, settings, cache, progress)
     found, rest_noise = first, None
-    if first.best is not None or first.nominal.chi2 > 4.0 * first.nominal.dof:
-        rest_noise = rest_of(first, settings)
-    if rest_noise is not None:
-        # Nothing in the library explains all of it: effects must now beat the unknown rest.
-        shots = tuple(with_noise(nominal, s, rest_noise) for s in shots)
-        held_shots = tuple(with_noise(nominal, s, rest_noise) for s in held_shots)
+    plain = shots
+    for _ in range(ROUNDS):
+        new = rest_of(found, plain, settings)
+        if new is None or (rest_noise is not None and settled(rest_noise, new)):
+            break
+        # Nothing in the library explains all of it: effects must now beat the unknown rest, which
+        # shrinks with every effect that is found.
+        rest_noise = new
+        shots = tuple(with_noise(nominal, s, new) for s in plain)
+        held_shots = tuple(with_noise(nominal, s, new) for s in sensed)
         found = _investigate(nominal, shots, usable, options, settings, cache, progress)
     fit, tight_fit = found.nominal, found.tight_fit
     for name, why in found.failed:
