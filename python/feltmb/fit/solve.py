@@ -14,7 +14,7 @@ from feltmb.fit.nominal import Lanes, Term
 from feltmb.fit.observe import machine_terms, observe_lanes
 from feltmb.fit.problem import Normal, Point, Problem, solve_scaled
 
-__all__ = ["Fit", "FitSettings", "Interval", "fit_problem", "polish"]
+__all__ = ["Fit", "FitSettings", "Interval", "finish", "fit_problem", "polish"]
 
 Progress = Callable[[str, int, int], None]
 
@@ -274,6 +274,13 @@ def _finish(
         linears=tuple(linears),
         normal=normal,
     )
+
+
+def finish(problem: Problem, point: Point, level: float, gap_sd: Array) -> Fit:
+    """A fit that is taken as it is, without a search."""
+    linears = problem.linear(point)
+    cost, _ = problem.cost_at(point, gap_sd, linears)
+    return _finish(problem, point, level, gap_sd, cost, linears, True, (), ())
 
 
 def polish(problem: Problem, point: Point, level: float, settings: FitSettings) -> Fit:

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from feltmb.data import Record, Role
-from feltmb.errors import InvalidParameter
+from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.cache import Cache
 from feltmb.fit.nominal import Effect, Nominal
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Shot, make_shot
-from feltmb.fit.solve import FitSettings, fit_problem, polish
+from feltmb.fit.solve import Fit, FitSettings, fit_problem, polish
 from feltmb.gap.advise import advise
 from feltmb.gap.assemble import amended, how_far_rows, ranked
 from feltmb.gap.calibrate import calibrate
@@ -29,7 +29,7 @@ from feltmb.gap.rest import rest_of, settled, with_noise
 from feltmb.gap.settle import accept, posterior, shapley
 from feltmb.gap.where import event_ledger, ledger, split_gap
 
-__all__ = ["Options", "diagnose", "prepare", "split_records"]
+__all__ = ["Options", "diagnose", "fit_nominal", "prepare", "split_records"]
 
 Progress = Callable[[str, int, int], None]
 #: Rounds in which the unknown rest is estimated again.
@@ -214,8 +214,6 @@ def diagnose(
     fit_records, held_records = split_records(records, hold_out)
     gates = _inherit(check_records([*fit_records, *held_records], nominal.outputs), whole, records)
     if gates.problems:
-        from feltmb.errors import DataError
-
         raise DataError("records: " + "; ".join(gates.problems))
     shots = prepare(nominal, fit_records, gates, options.window)
     held_shots = prepare(nominal, held_records, gates, options.window)
@@ -379,3 +377,19 @@ def _primary(nominal: Nominal, accepted: object, shots: Sequence[Shot]) -> str:
         return "windowed"
     finite = all(np.isfinite(o.gap(shots, "open_loop")) for o in (before, after))
     return "open_loop" if finite else "windowed"
+
+
+def fit_nominal(
+    nominal: Nominal,
+    records: Sequence[Record],
+    *,
+    window: float | None = None,
+    settings: FitSettings | None = None,
+    progress: Progress | None = None,
+) -> Fit:
+    """Fit the nominal alone to all records: parameters, intervals, what the data said."""
+    gates = check_records(records, nominal.outputs)
+    if gates.problems:
+        raise DataError("records: " + "; ".join(gates.problems))
+    shots = prepare(nominal, records, gates, window)
+    return fit_problem(Problem(nominal, shots), settings, progress=progress)
