@@ -96,7 +96,9 @@ class Network:
 
     def _place(self, name: str, names: Sequence[str], what: str) -> int:
         if name not in names:
-            raise InvalidParameter(f"lumped network: no {what} {name!r}; there is {', '.join(names)}")
+            raise InvalidParameter(
+                f"lumped network: no {what} {name!r}; there is {', '.join(names)}"
+            )
         return list(names).index(name)
 
     def _sum(self, value: Any) -> list[tuple[int, float]]:

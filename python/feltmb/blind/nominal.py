@@ -315,9 +315,7 @@ class KeyHammer(Nominal):
             if t.name in self._effects
         ]
 
-    def _rows(
-        self, record: Record, theta: Array, terms: Sequence[Term], sizes: Array
-    ) -> Array:
+    def _rows(self, record: Record, theta: Array, terms: Sequence[Term], sizes: Array) -> Array:
         full = np.zeros((theta.shape[0], len(self.parameters) + len(self._effects)))
         full[:, : len(self.parameters)] = theta
         for k, place in self._known(terms):

@@ -79,7 +79,7 @@ BOTH_SIGNS = {
     "rest_felt_hardening", "key_spring", "input_gain", "input_offset", "input_delay",
     "hammer_scale", "hammer_offset",
 }  # fmt: skip
-#: Largest plausible size: a truth is cut here even if its noncentrality asks for more.
+#: Largest plausible size: what would need more to stand out so far is not drawn.
 LARGEST = {
     "key_dry_friction": 0.5, "hammer_dry_friction": 0.1, "hammer_drag": 0.03,
     "spring_preload": 0.045, "hammer_bridle": 60.0, "jack_hysteresis": 3.0, "bed_hysteresis": 0.8,
@@ -121,40 +121,43 @@ def draw(
     seed: int,
     number: int,
     scales: Mapping[str, Mapping[str, float]],
-    outside: Sequence[str],
+    outside: Mapping[str, float],
     *,
     mix: Sequence[float] = (0.25, 0.45, 0.15, 0.05, 0.10),
 ) -> Case:
     """Draw the truth of a case.
 
-    ``scales``: {mode: {"name:form": noncentrality per unit of size}}; ``outside``: names of the
-    kinds from outside. ``mix``: shares of none, one, two, three effects, outside.
+    ``scales``: {mode: {"name:form": noncentrality per unit of size}}; ``outside``: kinds from
+    outside with their largest sizes. ``mix``: shares of none, one, two, three effects, outside.
     """
     rng = np.random.default_rng([seed, number, 1])
     mode = "force" if rng.random() < 0.5 else "motion"
     kind = int(rng.choice(5, p=np.asarray(mix) / np.sum(mix)))
+    pool = (
+        [(name, "outside", limit) for name, limit in sorted(outside.items())]
+        if kind == 4
+        else [(name, form, _largest(name, mode)) for name in sorted(EFFECTS) for form in "AB"]
+    )
+    weakest = 5.0 if kind == 4 else 0.5
     parts: list[Part] = []
-    if kind == 4:
-        name = str(rng.choice(sorted(outside)))
-        target = float(np.exp(rng.uniform(np.log(5.0), np.log(50.0))))
-        parts.append(Part(name, "outside", target / scales[mode][f"{name}:outside"], target))
-    else:
-        # A key spring of negative rate would be no machine; so would a truth nobody could see.
-        chosen = rng.choice(sorted(EFFECTS), size=kind, replace=False)
-        for name in map(str, chosen):
-            form = "A" if rng.random() < 0.5 else "B"
-            target = float(np.exp(rng.uniform(np.log(0.5), np.log(50.0))))
-            per_size = scales[mode][f"{name}:{form}"]
-            size = target / per_size if per_size > 0.0 else np.inf
-            if name == "input_offset" and mode == "motion":
-                limit = 1.0
-            else:
-                limit = LARGEST[name]
-            if size > limit:
-                size, target = limit, limit * per_size
-            if name in BOTH_SIGNS and rng.random() < 0.5:
-                size = -size
-            parts.append(Part(name, form, float(size), target))
+    while len(parts) < (1 if kind == 4 else kind):
+        target = float(np.exp(rng.uniform(np.log(weakest), np.log(50.0))))
+        # Of the causes that can stand out so far at a plausible size.
+        able = [
+            (name, form, target / scales[mode][f"{name}:{form}"])
+            for name, form, limit in pool
+            if limit * scales[mode][f"{name}:{form}"] >= target
+            and all(name != q.name for q in parts)
+        ]
+        if not able:
+            continue
+        names = sorted({name for name, _, _ in able})
+        name = names[int(rng.integers(len(names)))]
+        forms = [(form, size) for other, form, size in able if other == name]
+        form, size = forms[int(rng.integers(len(forms)))]
+        if name in BOTH_SIGNS and rng.random() < 0.5:
+            size = -size
+        parts.append(Part(name, form, float(size), target))
     n = len(STROKES)
     parameters = {}
     for name, (value, sd) in DRAWN.items():
@@ -173,6 +176,10 @@ def draw(
         for _ in range(n)
     ]
     return Case(number, mode, parts, parameters, strokes, float(rng.uniform(*SKEW)), [seed, number])
+
+
+def _largest(name: str, mode: str) -> float:
+    return 1.0 if name == "input_offset" and mode == "motion" else LARGEST[name]
 
 
 def plain_case(mode: str, parts: Sequence[Part] = ()) -> Case:
@@ -369,7 +376,9 @@ def integrate(
             d = RATIO * x - h - lost
             rate = RATIO * v - w
             dp = np.maximum(d, 0.0)
-            engaged = logistic((p["letoff_position"] - x) / width) * logistic((2e-3 - d - lost) / 2e-4)
+            engaged = logistic((p["letoff_position"] - x) / width) * logistic(
+                (2e-3 - d - lost) / 2e-4
+            )
             jack = felt(d, p["jack_stiffness"] * dp * np.sqrt(dp), jack_loss, rate) * engaged
             if has["jack_hysteresis", "B"]:
                 jack = jack * (1.0 + 0.3 * e["jack_hysteresis", "B"] * np.tanh(rate / 0.3)).clip(0)
@@ -434,9 +443,7 @@ def integrate(
                 for (kind, at, size), memory in zip(strange, memories, strict=True):
                     if hasattr(kind, "force"):
                         seen = {k: f[at] for k, f in contacts.items()}
-                        more = kind.force(
-                            now, x[at], v[at], h[at], w[at], seen, size, memory, dt
-                        )
+                        more = kind.force(now, x[at], v[at], h[at], w[at], seen, size, memory, dt)
                         fx[at] += more[0]
                         fh[at] += more[1]
             # hidden states
@@ -537,8 +544,8 @@ def record(
         if blur != 0.0:
             ages = np.linspace(0.0, 2.0, 21)
             moments = frames[:, None] + blur * ages[None, :]
-            seen = seen + np.interp(moments, fine, shown).mean(axis=1) - np.interp(
-                frames, fine, shown
+            seen = (
+                seen + np.interp(moments, fine, shown).mean(axis=1) - np.interp(frames, fine, shown)
             )
         if not ideal:
             raw = seen + NOISE_INPUT[case.mode] * rng.standard_normal(seen.size)
