@@ -17,6 +17,8 @@ __all__ = ["difference_sensitivities", "run_through"]
 
 #: Step of a central difference as a share of the natural size of a parameter or state.
 STEP = 1e-3
+#: The same for a start state, whose natural size is often a guess.
+STATE_STEP = 1e-4
 
 
 def run_through(
@@ -115,7 +117,7 @@ def difference_sensitivities(
         add("sizes", i, step, low, high, sizes[i])
     if by_starts:
         for i, state in enumerate(states):
-            add("start", i, STEP * state.scale, -np.inf, np.inf, 0.0)
+            add("start", i, STATE_STEP * state.scale, -np.inf, np.inf, 0.0)
 
     versions = len(rows_theta)
     lanes = Lanes(
