@@ -124,8 +124,8 @@ void bind_lumped(py::module_& m) {
             for (const Doubles& u : inputs) {
               signals.push_back(view(u));
             }
-            Request request{view(parameters), signals, pieces, view(starts), wanted,
-                            initial,          forces,  0,      {}};
+            Request request{view(parameters), signals, pieces, view(starts), wanted, initial,
+                            forces,           0,       {}};
             if (unknown && unknown->ndim() == 3) {
               request.knots = static_cast<int>(unknown->shape(2));
               request.unknown = view(*unknown);
@@ -139,11 +139,10 @@ void bind_lumped(py::module_& m) {
             const auto rows = static_cast<py::ssize_t>(b.outputs.size()) / (n_y > 0 ? n_y : 1);
             const auto n_g = static_cast<py::ssize_t>(pieces.size());
             const auto n_e = static_cast<py::ssize_t>(net.elements.size());
-            return py::make_tuple(
-                array(b.outputs, {rows, n_y}), array(b.ends, {n_g, net.states()}),
-                array(b.d_outputs, {rows, n_y, b.columns}),
-                array(b.d_ends, {n_g, net.states(), b.columns}),
-                array(b.forces, {forces ? rows : 0, n_e}));
+            return py::make_tuple(array(b.outputs, {rows, n_y}), array(b.ends, {n_g, net.states()}),
+                                  array(b.d_outputs, {rows, n_y, b.columns}),
+                                  array(b.d_ends, {n_g, net.states(), b.columns}),
+                                  array(b.forces, {forces ? rows : 0, n_e}));
           },
           py::arg("parameters"), py::arg("inputs"), py::arg("segments"), py::arg("starts"),
           py::arg("wanted") = std::vector<int>{}, py::arg("initial") = false,

@@ -17,8 +17,8 @@ std::size_t at(int i) { return static_cast<std::size_t>(i); }
 void check_sum(const Sum& sum, int limit, const char* what) {
   for (const Weight& w : sum) {
     if (w.index < 0 || w.index >= limit) {
-      throw InvalidParameter(format("lumped network: %s refers to number %d of %d", what, w.index,
-                                    limit));
+      throw InvalidParameter(
+          format("lumped network: %s refers to number %d of %d", what, w.index, limit));
     }
   }
 }
@@ -413,8 +413,7 @@ void run_pass(const Network& net, const Request& request, const std::vector<std:
     note(k1.data(), true);
     for (std::size_t i = 0; i < n; ++i) {
       out.ends[g * n + i] = value(x[i]);
-      copy_slopes(x[i],
-                  out.d_ends.data() + (g * n + i) * at(out.columns) + at(columns.first),
+      copy_slopes(x[i], out.d_ends.data() + (g * n + i) * at(out.columns) + at(columns.first),
                   columns.count);
     }
     for (int k = 0; k <= segment.steps; ++k, ++row) {
@@ -442,8 +441,7 @@ void run_pass(const Network& net, const Request& request, const std::vector<std:
           d = (S(1.0) + s + s) * r2 * a.d + (S(1.0) + rest + rest) * s2 * b.d +
               S(h) * (s * r2 * a.rate - rest * s2 * b.rate);
         }
-        const S result =
-            scale[y] * d + offset[y] + flexibility[y] * bent[at(k) * n_y + y];
+        const S result = scale[y] * d + offset[y] + flexibility[y] * bent[at(k) * n_y + y];
         out.outputs[row * n_y + y] = value(result);
         copy_slopes(result,
                     out.d_outputs.data() + (row * n_y + y) * at(out.columns) + at(columns.first),
@@ -561,8 +559,10 @@ Batch simulate(const Network& net, const Request& request) {
     const int left = out.columns - first;
     const Columns columns{first, std::min(left, 48)};
     part.with_forces = request.with_forces && first == 0;
-    (left <= 8 ? run_8 : left <= 16 ? run_16 : left <= 24 ? run_24 : run_48)(net, part, columns,
-                                                                            out);
+    (left <= 8    ? run_8
+     : left <= 16 ? run_16
+     : left <= 24 ? run_24
+                  : run_48)(net, part, columns, out);
     first += columns.count;
   }
   return out;

@@ -29,7 +29,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from feltmb.blind import truth
+from feltmb.blind import truth, truth_machine, truth_sensors
 from feltmb.errors import FileExists, InvalidParameter
 from feltmb.files import write_file, write_text
 
@@ -149,7 +149,10 @@ class Bench:
             "seed": seed,
             "sealed": datetime.now(UTC).isoformat(timespec="seconds"),
             "truths_sha256": _sha256(text.encode()),
-            "generator_sha256": _sources("blind/truth.py", "blind/truth_outside.py"),
+            "generator_sha256": _sources(
+                *(f"blind/{name}.py" for name in ("truth", "truth_machine", "truth_sensors")),
+                "blind/truth_outside.py",
+            ),
             "outside": self._outside_hash(),
         }
         write_text(path, _json(seal))
@@ -271,10 +274,10 @@ def _make_records(folder: Path, outside: Path | None, numbers: Sequence[int]) ->
     kinds = load_kinds(outside)
     truths = _read_truths(folder)
     cases = [truths[n] for n in numbers]
-    result = truth.integrate(cases, [truth.STROKES] * len(cases), kinds)
+    result = truth_machine.integrate(cases, [truth.STROKES] * len(cases), kinds)
     for i, case in enumerate(cases):
         first = i * len(truth.STROKES)
-        views = truth.record(case, truth.STROKES, result, first, kinds)
+        views = truth_sensors.record(case, truth.STROKES, result, first, kinds)
         arrays = {f"{s}.{channel}": v for s, view in views.items() for channel, v in view.items()}
 
         def save(path: Path, arrays: dict[str, Any] = arrays, mode: str = case.mode) -> None:
@@ -288,7 +291,7 @@ def _make_records(folder: Path, outside: Path | None, numbers: Sequence[int]) ->
 
 
 def _answer(
-    case: truth.Case, result: truth.Strokes, first: int, kinds: Mapping[str, Any]
+    case: truth.Case, result: truth_machine.Strokes, first: int, kinds: Mapping[str, Any]
 ) -> dict[str, Any]:
     """What the scorer needs to know of a case."""
     parts = []
@@ -298,7 +301,7 @@ def _answer(
         else:
             component, what = truth.EFFECTS[part.name]
         onsets = {
-            stroke: truth.onset(case, result, first + k, what)
+            stroke: truth_sensors.onset(case, result, first + k, what)
             for k, stroke in enumerate(truth.STROKES)
         }
         parts.append({**asdict(part), "component": component, "onset": onsets})
@@ -322,8 +325,8 @@ def read_records(path: Path) -> list[Any]:
             c: Sensor(
                 name=c,
                 unit="m",
-                sigma=truth.NOISE_CAMERA,
-                quantum=truth.PIXEL,
+                sigma=truth_sensors.NOISE_CAMERA,
+                quantum=truth_sensors.PIXEL,
                 # The mean of three frames is worth one independent look per three frames.
                 correlation_time=1.5 * truth.FRAME,
             )
@@ -337,7 +340,7 @@ def read_records(path: Path) -> list[Any]:
                 outputs=channels,
                 sensors=sensors,
                 input_mode="force" if mode == "force" else "motion",
-                input_sigma={"finger": truth.NOISE_INPUT[mode]},
+                input_sigma={"finger": truth_sensors.NOISE_INPUT[mode]},
                 role="fit" if stroke in truth.FIT else "held_out",
             )
         )

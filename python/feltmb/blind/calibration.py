@@ -15,14 +15,15 @@ unit of size that sizes are drawn with.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.blind import truth
+from feltmb.blind import truth, truth_machine, truth_sensors
 from feltmb.blind.nominal import SAMPLE_TIME, KeyHammer
 from feltmb.data import Record
 from feltmb.fit import Lanes
@@ -46,7 +47,7 @@ def packaged_scales() -> Scales:
 class _Whitener:
     """Projection of the nominal at the drawing values, stroke by stroke, for one input mode."""
 
-    def __init__(self, mode: str, records: list[Record], starts: list[Array]):
+    def __init__(self, records: list[Record], starts: list[Array]):
         self.nominal = KeyHammer()
         self.theta = np.array([p.value for p in self.nominal.parameters])
         prior = np.array([p.sd for p in self.nominal.parameters])
@@ -79,7 +80,7 @@ class _Whitener:
         first, last = self.windows[w]
         n = int(last - first)
         mode = record.input_mode
-        step = 10.0 * truth.NOISE_INPUT[mode]
+        step = 10.0 * truth_sensors.NOISE_INPUT[mode]
         network = self.nominal._network(record)
         u = record.inputs["finger"]
         places = range(max(first - 2, 0), min(last + 2, u.size))
@@ -97,14 +98,16 @@ class _Whitener:
         slope = (y[1:] - y[0]).transpose(2, 1, 0).reshape(2 * n, -1) / step
         noise = np.zeros((len(inputs) - 1,) * 2)
         for lag, value in enumerate((0.375, 0.25, 0.0625)):  # of a white noise through 1/4 1/2 1/4
-            noise += value * (
-                np.eye(noise.shape[0], k=lag) + (lag > 0) * np.eye(noise.shape[0], k=-lag)
-            )
-        quantum = truth.RANGE_INPUT[mode] / 4096.0
-        noise = noise * truth.NOISE_INPUT[mode] ** 2 + np.eye(noise.shape[0]) * quantum**2 / 12.0
-        return np.asarray(slope @ noise @ slope.T)
+            both = np.eye(noise.shape[0], k=lag)
+            noise += value * (both if lag == 0 else both + both.T)
+        quantum = truth_sensors.RANGE_INPUT[mode] / 4096.0
+        noise = (
+            noise * truth_sensors.NOISE_INPUT[mode] ** 2
+            + np.eye(noise.shape[0]) * quantum**2 / 12.0
+        )
+        return np.asarray(slope @ noise @ slope.T, dtype=np.float64)
 
-    def residual(self, k: int, record: Record, start: Array) -> list[Array]:
+    def residual(self, record: Record, start: Array) -> list[Array]:
         """Record minus nominal, window after window started in the true state."""
         lanes = Lanes(
             theta=np.tile(self.theta, (len(self.windows), 1)),
@@ -114,18 +117,18 @@ class _Whitener:
         )
         y = self.nominal.simulate(record, lanes).outputs
         seen = record.output_array(self.nominal.outputs)
-        del k
         return [(seen[a:b] - y[w, : b - a]).T.ravel() for w, (a, b) in enumerate(self.windows)]
 
     def noncentrality(self, differences: list[list[Array]]) -> float:
         square = 0.0
-        pull = np.zeros(self.theta.size)
+        pull: Array = np.zeros(self.theta.size)
         for inverses, parts, ds in zip(self.inverse, self.theta_part, differences, strict=True):
             for inverse, t, d in zip(inverses, parts, ds, strict=True):
                 vd = inverse @ d
                 square += float(d @ vd)
                 pull += t.T @ vd
-        return float(np.sqrt(max(square - pull @ np.linalg.solve(self.total, pull), 0.0)))
+        adjusted = float(pull @ np.linalg.solve(self.total, pull))
+        return math.sqrt(max(square - adjusted, 0.0))
 
 
 def _windows(samples: int) -> NDArray[np.intp]:
@@ -134,40 +137,43 @@ def _windows(samples: int) -> NDArray[np.intp]:
 
 
 def _camera_covariance(n: int) -> Array:
-    one = np.eye(n) + sum(
-        value * (np.eye(n, k=lag) + np.eye(n, k=-lag)) for lag, value in ((1, 2 / 3), (2, 1 / 3))
-    )
-    one = one * truth.NOISE_CAMERA**2 + np.eye(n) * truth.PIXEL**2 / 12.0
-    return np.kron(np.eye(2), one)
+    one = np.eye(n) * (truth_sensors.NOISE_CAMERA**2 + truth_sensors.PIXEL**2 / 12.0)
+    for lag in (1, 2):  # mean of three white frames
+        both = np.eye(n, k=lag) + np.eye(n, k=-lag)
+        one += both * (1.0 - lag / 3.0) * truth_sensors.NOISE_CAMERA**2
+    return np.asarray(np.kron(np.eye(2), one), dtype=np.float64)
 
 
 def _view(
-    case: truth.Case, result: truth.Strokes, first: int, kinds: Mapping[str, Any]
+    case: truth.Case, result: truth_machine.Strokes, first: int, kinds: Mapping[str, Any]
 ) -> tuple[list[Record], list[Array]]:
     """Ideal records of the fit strokes, and the true states at the window starts."""
-    views = truth.record(case, truth.FIT, result, first, kinds, ideal=True)
+    views = truth_sensors.record(case, truth.FIT, result, first, kinds, ideal=True)
     records, starts = [], []
     per_frame = round(truth.FRAME / truth.STEP) // truth.KEEP
     for k, stroke in enumerate(truth.FIT):
         v = views[stroke]
         record = Record(
             name=stroke,
-            time=np.arange(v["key"].size) * SAMPLE_TIME,
+            time=np.asarray(np.arange(v["key"].size) * SAMPLE_TIME, dtype=np.float64),
             inputs={"finger": v["finger"]},
             outputs={"key": v["key"], "hammer": v["hammer"]},
             input_mode="force" if case.mode == "force" else "motion",
         )
         at = _windows(record.samples)[:, 0] * per_frame
         lane = first + k
-        columns = (result.key, result.hammer, *result.speeds)
+        columns = (result.key, result.hammer, result.key_speed, result.hammer_speed)
         records.append(record)
         starts.append(np.column_stack([c[at, lane] for c in columns]))
     return records, starts
 
 
 def calibrate(
-    kinds: Mapping[str, Any], *, only_outside: bool = False, modes: tuple[str, ...] = ("force", "motion")
-) -> Scales:  # fmt: skip
+    kinds: Mapping[str, Any],
+    *,
+    only_outside: bool = False,
+    modes: Sequence[str] = ("force", "motion"),
+) -> Scales:
     """Noncentrality per unit of size of every effect and form, and of the kinds from outside."""
     names = [] if only_outside else [(n, f) for n in truth.EFFECTS for f in "AB"]
     names += [(n, "outside") for n in kinds]
@@ -183,23 +189,19 @@ def calibrate(
             truth.plain_case(mode, [truth.Part(name, form, size, 0.0)])
             for (mode, name, form), size in guess.items()
         ]
-        result = truth.integrate(cases, [truth.FIT] * len(cases), kinds)
+        result = truth_machine.integrate(cases, [truth.FIT] * len(cases), kinds)
         whiteners, plain = {}, {}
         for i, case in enumerate(base):
             records, starts = _view(case, result, 3 * i, kinds)
-            whiteners[case.mode] = _Whitener(case.mode, records, starts)
+            whiteners[case.mode] = _Whitener(records, starts)
             plain[case.mode] = [
-                whiteners[case.mode].residual(k, r, s)
-                for k, (r, s) in enumerate(zip(records, starts, strict=True))
+                whiteners[case.mode].residual(r, s) for r, s in zip(records, starts, strict=True)
             ]
         for i, ((mode, name, form), size) in enumerate(guess.items()):
             case = cases[len(base) + i]
             records, starts = _view(case, result, 3 * (len(base) + i), kinds)
             d = [
-                [
-                    a - b
-                    for a, b in zip(whiteners[mode].residual(k, r, s), plain[mode][k], strict=True)
-                ]
+                [a - b for a, b in zip(whiteners[mode].residual(r, s), plain[mode][k], strict=True)]
                 for k, (r, s) in enumerate(zip(records, starts, strict=True))
             ]
             found = whiteners[mode].noncentrality(d)

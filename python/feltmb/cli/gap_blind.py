@@ -39,21 +39,45 @@ class _Told:
 
 
 @click.command("blind")
-@click.option("--cases", type=click.IntRange(1, 100_000), default=20, show_default=True,
-              help="Number of sealed cases; even numbers are for development, odd for the test.")  # fmt: skip
-@click.option("--seed", type=click.IntRange(0), default=1, show_default=True,
-              help="All that is random in the cases comes from it.")  # fmt: skip
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True,
-              help="Folder of the bench.")  # fmt: skip
-@click.option("--outside", type=click.Path(path_type=Path),
-              help="Python file with KINDS: further causes that the library does not hold.")  # fmt: skip
-@click.option("--half", type=click.Choice(["development", "test", "both"]), default="both",
-              show_default=True, help="Which half to diagnose and score.")  # fmt: skip
+@click.option(
+    "--cases",
+    type=click.IntRange(1, 100_000),
+    default=20,
+    show_default=True,
+    help="Number of sealed cases; even numbers are for development, odd ones for the test.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    default=1,
+    show_default=True,
+    help="All that is random in the cases comes from it.",
+)
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder of the bench."
+)
+@click.option(
+    "--outside",
+    type=click.Path(path_type=Path),
+    help="Python file with KINDS: further causes that the library does not hold.",
+)
+@click.option(
+    "--half",
+    type=click.Choice(["development", "test", "both"]),
+    default="both",
+    show_default=True,
+    help="Which half to diagnose and score.",
+)
 @click.option("--resume", is_flag=True, help="Go on with a bench that was cut off.")
-@click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True,
-              help="Processes.")  # fmt: skip
-@click.option("--oracle/--no-oracle", default=True, show_default=True,
-              help="Whether to compare the held-out gap with that of the true structure.")  # fmt: skip
+@click.option(
+    "--workers", type=click.IntRange(1, 64), default=2, show_default=True, help="Processes."
+)
+@click.option(
+    "--oracle/--no-oracle",
+    default=True,
+    show_default=True,
+    help="Whether to compare the held-out gap with that of the true structure.",
+)
 @click.option("--score-only", is_flag=True, help="Score what is there, diagnose nothing.")
 @json_option
 def command(

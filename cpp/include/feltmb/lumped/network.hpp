@@ -99,12 +99,12 @@ struct Segment {
 
 /// Packed results: sample after sample of all segments.
 struct Batch {
-  std::vector<double> outputs;        ///< (samples, sensors)
-  std::vector<double> ends;           ///< (segments, states): state at the last sample
-  std::vector<double> forces;         ///< (samples, elements) [N], if asked for
-  std::vector<double> d_outputs;      ///< (samples, sensors, columns)
-  std::vector<double> d_ends;         ///< (segments, states, columns)
-  int columns = 0;                    ///< parameters in `wanted`, then states if `initial`
+  std::vector<double> outputs;    ///< (samples, sensors)
+  std::vector<double> ends;       ///< (segments, states): state at the last sample
+  std::vector<double> forces;     ///< (samples, elements) [N], if asked for
+  std::vector<double> d_outputs;  ///< (samples, sensors, columns)
+  std::vector<double> d_ends;     ///< (segments, states, columns)
+  int columns = 0;                ///< parameters in `wanted`, then states if `initial`
 };
 
 /// What is simulated. All arrays are rows after rows.
