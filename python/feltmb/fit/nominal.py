@@ -180,6 +180,10 @@ class Port:
     unit: str = "N"
     scale: float = 1.0
     """Natural size of such a force [unit]."""
+    position: str = ""
+    """State that holds the displacement on which it works, if there is one."""
+    speed: str = ""
+    """State that holds the speed, if there is one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -132,9 +132,17 @@ class OdeNominal(Nominal):
         self._port_states = {c.name: c.speed for c in coordinates} | dict(ports or {})
         self._port_coordinates = {c.name: c for c in coordinates}
         self.ports = tuple(
-            Port(name=c.name, component=c.name, unit=c.unit, scale=c.scale) for c in coordinates
+            Port(
+                name=c.name,
+                component=c.name,
+                unit=c.unit,
+                scale=c.scale,
+                position=c.position,
+                speed=c.speed,
+            )
+            for c in coordinates
         ) + tuple(
-            Port(name=n, component=n, unit=f"{s.unit}/s", scale=s.scale)
+            Port(name=n, component=n, unit=f"{s.unit}/s", scale=s.scale, position=state)
             for n, state in (ports or {}).items()
             for s in self._states
             if s.name == state

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from feltmb.data import Array
+from feltmb.fit.cache import Cache
 from feltmb.fit.filter import Chain, reduce_chain
 from feltmb.fit.linearize import Linear, Place, linearize, predict
 from feltmb.fit.nominal import Nominal, Term
@@ -54,6 +55,8 @@ class Problem:
     frozen: bool = False
     """Whether parameters and sizes are held (held-out records)."""
     input_knots: int = 6
+    cache: Cache | None = None
+    """Where finished optimizations are kept, if anywhere."""
 
     @property
     def free(self) -> list[int]:
@@ -95,7 +98,8 @@ class Problem:
             spread[: len(self.state_scale)] = 0.0
         return np.asarray(np.maximum(spread, known))
 
-    def _start_prior(self, shot: Shot) -> tuple[Array, Array]:
+    def start_prior(self, shot: Shot) -> tuple[Array, Array]:
+        """Mean and standard deviation of the state at the first sample of a shot."""
         states = self.nominal.states(machine_terms(self.terms))
         prior = shot.record.start
         mean = np.array([s.start for s in states])
@@ -121,7 +125,7 @@ class Problem:
             if gap.shape[1]:
                 tied = np.sum((gap / gap_sd) ** 2, axis=1)
                 part[:-1] += tied
-                mean, sd = self._start_prior(shot)
+                mean, sd = self.start_prior(shot)
                 known = np.isfinite(sd)
                 part[0] += np.sum(
                     ((place.starts[0] - mean)[known] / np.maximum(sd[known], 1e-12)) ** 2
@@ -168,7 +172,7 @@ class Problem:
         for i, (shot, place, linear) in enumerate(
             zip(self.shots, point.places, linears, strict=True)
         ):
-            mean, sd = self._start_prior(shot)
+            mean, sd = self.start_prior(shot)
             offset = mean - place.starts[0] if place.starts.shape[1] else np.zeros(0)
             chains.append(
                 reduce_chain(

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from feltmb.data import Array
+from feltmb.fit.cache import Cache
 from feltmb.fit.linearize import Linear, Place
 from feltmb.fit.nominal import Term
 from feltmb.fit.observe import machine_terms
@@ -135,6 +136,39 @@ def inverse_scaled(matrix: Array) -> Array:
 def _optimize(
     problem: Problem, point: Point, gap_sd: Array, settings: FitSettings, iterations: int
 ) -> tuple[Point, float, list[Linear], bool]:
+    """Minimize from a point, or take the result from the cache of the problem."""
+    if problem.cache is None:
+        return _minimize(problem, point, gap_sd, settings, iterations)
+    cost, parts = problem.cost(point, gap_sd)
+    key = Cache.key(
+        cost,
+        *parts,
+        point.theta,
+        point.sizes,
+        gap_sd,
+        iterations,
+        problem.frozen,
+        [(t.name, t.shape) for t in problem.terms],
+    )
+    known = problem.cache.get(key)
+    if known is not None:
+        places = tuple(
+            Place(known[f"starts{i}"], known[f"nuisances{i}"]) for i in range(len(problem.shots))
+        )
+        found = Point(known["theta"], known["sizes"], places)
+        return found, float(known["cost"]), problem.linear(found), bool(known["converged"])
+    found, cost, linears, converged = _minimize(problem, point, gap_sd, settings, iterations)
+    arrays = {"theta": found.theta, "sizes": found.sizes}
+    arrays |= {"cost": np.array(cost), "converged": np.array(float(converged))}
+    for i, place in enumerate(found.places):
+        arrays |= {f"starts{i}": place.starts, f"nuisances{i}": place.nuisances}
+    problem.cache.put(key, arrays)
+    return found, cost, linears, converged
+
+
+def _minimize(
+    problem: Problem, point: Point, gap_sd: Array, settings: FitSettings, iterations: int
+) -> tuple[Point, float, list[Linear], bool]:
     """Levenberg-Marquardt with damping of its own for every window."""
     cost, parts = problem.cost(point, gap_sd)
     linears = problem.linear(point)
@@ -216,7 +250,7 @@ def _finish(
         tail = np.append(-change, 1.0)
         chi2 += float(np.einsum("i,wij,j->", tail, chain.grams, tail))
         dof += float(shot.samples.sum())
-        _, sd = problem._start_prior(shot)
+        _, sd = problem.start_prior(shot)
         dof -= min(states, int(np.sum(~np.isfinite(sd))))
     if not problem.frozen:
         dof -= sum(1 for i in problem.free if np.isinf(problem.nominal.parameters[i].sd))

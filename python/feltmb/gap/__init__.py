@@ -19,6 +19,8 @@ from feltmb.fit import (
     State,
     Term,
 )
+from feltmb.gap.diagnose import Options, diagnose
+from feltmb.gap.gates import Gates, check_records
 from feltmb.gap.report import (
     Advice,
     Amended,
@@ -45,6 +47,7 @@ __all__ = [
     "EventRow",
     "FunctionNominal",
     "GapRow",
+    "Gates",
     "HowFar",
     "Lanes",
     "LedgerCell",
@@ -52,6 +55,7 @@ __all__ = [
     "Nominal",
     "NotTested",
     "OdeNominal",
+    "Options",
     "Parameter",
     "Port",
     "Ranked",
@@ -67,4 +71,6 @@ __all__ = [
     "Verdict",
     "Where",
     "Which",
+    "check_records",
+    "diagnose",
 ]
