@@ -114,17 +114,45 @@ class Problem:
                     sd[i] = prior.sd[s.name]
         return mean, sd
 
-    def cost(self, point: Point, gap_sd: Array) -> tuple[float, list[Array]]:
-        """Sum of squares, and its part by window of every shot; infinite where it fails."""
-        total, parts = 0.0, []
+    def cost(
+        self, point: Point, gap_sd: Array, linears: Sequence[Linear]
+    ) -> tuple[float, list[Array]]:
+        """Sum of squares, and its part by window of every shot; infinite where it fails.
+
+        The noise of the inputs is integrated out with the derivatives of ``linears``, as the
+        steps do: otherwise steps and their acceptance would not mean the same function.
+        """
+        seen = []
         for shot, place in zip(self.shots, point.places, strict=True):
             _, residual, gap = predict(
                 self.nominal, shot, point.theta, self.terms, point.sizes, place
             )
+            seen.append((residual, gap))
+        return self._cost(point, gap_sd, linears, seen)
+
+    def cost_at(
+        self, point: Point, gap_sd: Array, linears: Sequence[Linear]
+    ) -> tuple[float, list[Array]]:
+        """The same at the point of the linearization; nothing is simulated."""
+        seen = [(np.where(x.good[:, None], x.residual, np.inf), x.gap) for x in linears]
+        return self._cost(point, gap_sd, linears, seen)
+
+    def _cost(
+        self,
+        point: Point,
+        gap_sd: Array,
+        linears: Sequence[Linear],
+        seen: Sequence[tuple[Array, Array]],
+    ) -> tuple[float, list[Array]]:
+        total, parts = 0.0, []
+        for shot, place, linear, (residual, gap) in zip(
+            self.shots, point.places, linears, seen, strict=True
+        ):
             part = np.sum(residual**2, axis=1)
             if gap.shape[1]:
                 tied = np.sum((gap / gap_sd) ** 2, axis=1)
                 part[:-1] += tied
+                part -= _by_input_noise(linear, residual, gap, gap_sd)
                 mean, sd = self.start_prior(shot)
                 known = np.isfinite(sd)
                 part[0] += np.sum(
@@ -283,6 +311,30 @@ class Problem:
                 starts = _run_hidden(self.nominal, shot, point.theta, new, starts, base)
             places.append(Place(starts, place.nuisances))
         return Point(point.theta, np.asarray(sizes, dtype=np.float64), tuple(places))
+
+
+def _by_input_noise(linear: Linear, residual: Array, gap: Array, gap_sd: Array) -> Array:
+    """What the noise of the inputs explains of the sum of squares, by window (W,).
+
+    |v|^2 - min over u of |v - A u|^2 + |u|^2 for unit normal numbers u.
+    """
+    count, _, mi = linear.by_input.shape
+    if mi == 0:
+        return np.zeros(count)
+    tied = np.zeros((count, gap.shape[1], mi))
+    tied[:-1] = -linear.ends_by_input[:-1] / gap_sd[:, None]
+    full_gap = np.zeros((count, gap.shape[1]))
+    full_gap[:-1] = gap / gap_sd
+    with np.errstate(invalid="ignore", over="ignore"):
+        pull = np.einsum("wmi,wm->wi", linear.by_input, residual)
+        pull += np.einsum("wni,wn->wi", tied, full_gap)
+    matrix = np.einsum("wmi,wmj->wij", linear.by_input, linear.by_input, optimize=True)
+    matrix += np.einsum("wni,wnj->wij", tied, tied, optimize=True) + np.eye(mi)
+    good = np.all(np.isfinite(pull), axis=1)
+    out = np.zeros(count)
+    found = np.linalg.solve(matrix[good], pull[good][..., None])[..., 0]
+    out[good] = np.sum(pull[good] * found, axis=1)
+    return out
 
 
 def _run_hidden(

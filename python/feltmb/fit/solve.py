@@ -139,7 +139,8 @@ def _optimize(
     """Minimize from a point, or take the result from the cache of the problem."""
     if problem.cache is None:
         return _minimize(problem, point, gap_sd, settings, iterations)
-    cost, parts = problem.cost(point, gap_sd)
+    linears = problem.linear(point)
+    cost, parts = problem.cost_at(point, gap_sd, linears)
     key = Cache.key(
         cost,
         *parts,
@@ -170,8 +171,8 @@ def _minimize(
     problem: Problem, point: Point, gap_sd: Array, settings: FitSettings, iterations: int
 ) -> tuple[Point, float, list[Linear], bool]:
     """Levenberg-Marquardt with damping of its own for every window."""
-    cost, parts = problem.cost(point, gap_sd)
     linears = problem.linear(point)
+    cost, parts = problem.cost_at(point, gap_sd, linears)
     lam = 1e-4
     damping = [np.zeros(s.count) for s in problem.shots]
     for _ in range(iterations):
@@ -185,7 +186,7 @@ def _minimize(
             predicted = cost - left + gain - _priors(problem, point)
             if predicted < settings.decrement:
                 return point, cost, linears, True
-            new, new_parts = problem.cost(trial, gap_sd)
+            new, new_parts = problem.cost(trial, gap_sd, linears)
             if new < cost:
                 accepted = True
                 break
@@ -196,12 +197,13 @@ def _minimize(
         if not accepted:
             return point, cost, linears, False
         done = cost - new < settings.decrement and predicted < 50.0 * settings.decrement
-        point, cost, parts = trial, new, new_parts
+        point = trial
         lam /= 8.0
         for d in damping:
             d /= 10.0
             d[d < 1e-6] = 0.0
         linears = problem.linear(point)
+        cost, parts = problem.cost_at(point, gap_sd, linears)
         if done:
             return point, cost, linears, True
     return point, cost, linears, False
@@ -301,7 +303,7 @@ def _descend(
         if scale is None:  # after the first level the states are those of the machine
             scale = problem.scale(found)
             gap_sd = level * scale
-            cost, _ = problem.cost(found, gap_sd)
+            cost, _ = problem.cost_at(found, gap_sd, linears)
         normal = problem.normal(found, linears, gap_sd)
         value = _evidence(problem, normal, cost, gap_sd)
         table.append((level, value))
