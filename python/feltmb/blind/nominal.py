@@ -20,7 +20,7 @@ __all__ = ["SAMPLE_TIME", "KeyHammer", "effects"]
 
 SAMPLE_TIME = 0.5e-3
 RATIO = 5.0
-SUBSTEPS = 4
+SUBSTEPS = 2
 
 #: name, value, tolerance (sd), unit, component
 PARAMETERS = (
@@ -268,6 +268,7 @@ class KeyHammer(Nominal):
     name = "key_hammer"
     outputs = ("key", "hammer")
     chaotic = True
+    window = 0.025
     ports = (
         Port(name="key", component="key", unit="N", scale=0.1),
         Port(name="hammer", component="hammer", unit="N", scale=0.02),

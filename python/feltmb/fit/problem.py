@@ -169,8 +169,13 @@ class Problem:
                 total += float(((point.theta[i] - p.value) / p.sd) ** 2)
         return total, parts
 
-    def linear(self, point: Point, candidates: tuple[Term, ...] = ()) -> list[Linear]:
-        """Residuals and derivatives of all shots."""
+    def linear(
+        self,
+        point: Point,
+        candidates: tuple[Term, ...] = (),
+        known: Sequence[Linear] | None = None,
+    ) -> list[Linear]:
+        """Residuals and derivatives of all shots; ``known``: see :func:`linearize`."""
         return [
             linearize(
                 self.nominal,
@@ -182,8 +187,9 @@ class Problem:
                 place,
                 candidates,
                 self.input_knots,
+                None if known is None else known[i],
             )
-            for shot, place in zip(self.shots, point.places, strict=True)
+            for i, (shot, place) in enumerate(zip(self.shots, point.places, strict=True))
         ]
 
     def normal(
