@@ -127,6 +127,10 @@ class Network:
         }
 
     def _element(self, d: Mapping[str, Any]) -> dict[str, Any]:
+        if d["kind"] not in _SUMS:
+            raise InvalidParameter(
+                f"lumped network: element of kind {d['kind']!r}, expected {', '.join(_SUMS)}"
+            )
         core = {"kind": d["kind"], **self._travel(d)}
         core.update({k: self._sum(d.get(k, 0.0)) for k in _SUMS[d["kind"]]})
         core["gates"] = [

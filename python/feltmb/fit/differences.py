@@ -135,9 +135,10 @@ def difference_sensitivities(
     def derive(all_of_it: Array, wanted: list[list[tuple[int, float]]]) -> Array:
         shape = (*all_of_it.shape[1:], len(wanted))
         out = np.zeros(shape)
-        for c, entry in enumerate(wanted):
-            for row, weight in entry:
-                out[..., c] += weight * (all_of_it[row] - all_of_it[0])
+        with np.errstate(invalid="ignore", over="ignore"):
+            for c, entry in enumerate(wanted):
+                for row, weight in entry:
+                    out[..., c] += weight * (all_of_it[row] - all_of_it[0])
         return out
 
     a, b = len(by_theta), len(by_theta) + len(terms)

@@ -121,7 +121,8 @@ def predict(
         ),
     )
     outputs, _ = _with_nuisances(shot, run.outputs[:, : shot.measured.shape[1]], place.nuisances)
-    residual = shot.whiten(shot.measured - outputs)
+    with np.errstate(over="ignore", invalid="ignore"):
+        residual = shot.whiten(shot.measured - outputs)
     gap = run.ends[:-1] - place.starts[1:]
     return outputs, residual.reshape(w, -1), gap
 
@@ -183,7 +184,8 @@ def linearize(
     good = np.all(np.isfinite(np.where(shot.valid, outputs, 0.0)), axis=(1, 2))
     good &= np.all(np.isfinite(s.ends), axis=1)
     columns = np.nan_to_num(columns, nan=0.0, posinf=0.0, neginf=0.0)
-    white = shot.whiten(columns).reshape(count, -1, columns.shape[3])
+    rows = shot.measured.shape[1] * shot.measured.shape[2]
+    white = shot.whiten(columns).reshape(count, rows, columns.shape[3])
     nx = place.starts.shape[1]
     ng = columns.shape[3] - nx - by_input.shape[3]
     ends_by_global = np.concatenate(

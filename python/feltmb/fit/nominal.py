@@ -128,7 +128,7 @@ class Effect:
     """Memory states that it brings, appended to those of the nominal."""
     step: float = 0.01
     """First step of differences, as a share of ``scale``."""
-    rate: Callable[..., Array] | None = None
+    rate: Callable[..., Mapping[str, Any]] | None = None
     regressor: Callable[..., Array] | None = None
     observe: Callable[..., Array] | None = None
     excite: Callable[..., Mapping[str, Array]] | None = None

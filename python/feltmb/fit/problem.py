@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -25,6 +25,8 @@ class Point:
     theta: Array
     sizes: Array
     places: tuple[Place, ...]
+    memo: dict[object, tuple[object, list[Linear]]] = field(default_factory=dict, repr=False)
+    """Linearizations here that were already made."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,16 +150,17 @@ class Problem:
         for shot, place, linear, (residual, gap) in zip(
             self.shots, point.places, linears, seen, strict=True
         ):
-            part = np.sum(residual**2, axis=1)
-            if gap.shape[1]:
-                tied = np.sum((gap / gap_sd) ** 2, axis=1)
-                part[:-1] += tied
-                part -= _by_input_noise(linear, residual, gap, gap_sd)
-                mean, sd = self.start_prior(shot)
-                known = np.isfinite(sd)
-                part[0] += np.sum(
-                    ((place.starts[0] - mean)[known] / np.maximum(sd[known], 1e-12)) ** 2
-                )
+            with np.errstate(over="ignore", invalid="ignore"):
+                part = np.sum(residual**2, axis=1)
+                if gap.shape[1]:
+                    tied = np.sum((gap / gap_sd) ** 2, axis=1)
+                    part[:-1] += tied
+                    part -= _by_input_noise(linear, residual, gap, gap_sd)
+                    mean, sd = self.start_prior(shot)
+                    known = np.isfinite(sd)
+                    part[0] += np.sum(
+                        ((place.starts[0] - mean)[known] / np.maximum(sd[known], 1e-12)) ** 2
+                    )
             for (_, _, sd_n), value in zip(shot.nuisances, place.nuisances, strict=True):
                 total += (value / sd_n) ** 2
             part = np.where(np.isfinite(part), part, np.inf)
@@ -175,7 +178,27 @@ class Problem:
         candidates: tuple[Term, ...] = (),
         known: Sequence[Linear] | None = None,
     ) -> list[Linear]:
-        """Residuals and derivatives of all shots; ``known``: see :func:`linearize`."""
+        """Residuals and derivatives of all shots; made once a point.
+
+        ``known``: linearizations nearby, whose columns of the input noise are taken over.
+        """
+        key = (
+            tuple(id(shot) for shot in self.shots),
+            tuple((id(t.effect), repr(t.shape)) for t in (*self.terms, *candidates)),
+            len(candidates),
+            self.frozen,
+            self.input_knots,
+        )
+        if key in point.memo:
+            return point.memo[key][1]
+        made = self._linear(point, candidates, known)
+        if not candidates:  # what the key names by id is kept alive
+            point.memo[key] = ((self.shots, self.terms), made)
+        return made
+
+    def _linear(
+        self, point: Point, candidates: tuple[Term, ...], known: Sequence[Linear] | None
+    ) -> list[Linear]:
         return [
             linearize(
                 self.nominal,

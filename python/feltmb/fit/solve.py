@@ -10,8 +10,8 @@ import numpy as np
 from feltmb.data import Array
 from feltmb.fit.cache import Cache
 from feltmb.fit.linearize import Linear, Place
-from feltmb.fit.nominal import Term
-from feltmb.fit.observe import machine_terms
+from feltmb.fit.nominal import Lanes, Term
+from feltmb.fit.observe import machine_terms, observe_lanes
 from feltmb.fit.problem import Normal, Point, Problem, solve_scaled
 
 __all__ = ["Fit", "FitSettings", "Interval", "fit_problem", "polish"]
@@ -31,6 +31,8 @@ class FitSettings:
     """A step that can lower the sum of squares by less than this ends the search."""
     restarts: int = 3
     seed: int = 0
+    chain: bool = False
+    """Whether a poor fit is tried again from one simulation through all windows."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -282,7 +284,41 @@ def polish(problem: Problem, point: Point, level: float, settings: FitSettings) 
     found, cost, linears, converged = _optimize(
         problem, point, gap_sd, settings, settings.iterations
     )
+    if settings.chain and gap_sd.size and level < 0.1:
+        bar = problem.samples + 4.0 * np.sqrt(2.0 * problem.samples)
+        # A chain of windows can be stuck where one simulation from the first state is not.
+        for _ in range(2):
+            if cost < bar:
+                break
+            chained = _chain(problem, found)
+            if not problem.cost(chained, gap_sd, linears)[0] < 1e6 * cost:
+                break
+            other = _optimize(problem, chained, gap_sd, settings, settings.iterations)
+            if not other[1] < cost - 0.5:
+                break
+            found, cost, linears, converged = other
     return _finish(problem, found, level, gap_sd, cost, linears, converged, (), ())
+
+
+def _chain(problem: Problem, point: Point) -> Point:
+    """The point whose windows start where the window before ends."""
+    places = []
+    count = len(problem.terms)
+    for shot, place in zip(problem.shots, point.places, strict=True):
+        starts = place.starts.copy()
+        for w in range(shot.count - 1):
+            lanes = Lanes(
+                theta=point.theta[None, :],
+                windows=shot.windows[w : w + 1],
+                starts=starts[w : w + 1],
+                terms=problem.terms,
+                sizes=point.sizes.reshape(1, count),
+            )
+            ends = observe_lanes(problem.nominal, shot.record, lanes).ends[0]
+            if np.all(np.isfinite(ends)):
+                starts[w + 1] = ends
+        places.append(Place(starts, place.nuisances))
+    return replace(point, places=tuple(places), memo={})
 
 
 def _descend(
@@ -355,7 +391,9 @@ def _rescue(fit: Fit, settings: FitSettings) -> Fit:
                         elif v + 1 < len(starts):
                             starts[v] = 0.5 * (starts[v - 1] + starts[v + 1])
             places.append(Place(starts, place.nuisances))
-        trial = polish(fit.problem, replace(fit.point, places=tuple(places)), fit.level, settings)
+        trial = polish(
+            fit.problem, replace(fit.point, places=tuple(places), memo={}), fit.level, settings
+        )
         if trial.cost < fit.cost - 1.0:
             fit = replace(trial, levels=fit.levels, notes=(*fit.notes, "windows restarted"))
     return fit

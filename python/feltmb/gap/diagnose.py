@@ -42,7 +42,7 @@ class Options:
     window: float | None = None
     """Length of shooting windows [s]; None: that of the model, else chosen from the data."""
     max_effects: int = 4
-    width: int = 6
+    width: int = 4
     """Sets that survive each screen."""
     bootstrap: int = 12
     """Refits of simulated nominal records for the null law; 0: asymptotic only."""
@@ -198,7 +198,9 @@ def diagnose(
     tight_fit = None
     if fit.gap_sd.size and fit.level > settings.levels[-1]:
         say("nominal fit, tight")
-        tight_fit = polish(fit.problem, fit.point, settings.levels[-1], settings)
+        tight_fit = polish(
+            fit.problem, fit.point, settings.levels[-1], replace(settings, chain=True)
+        )
         if not np.isfinite(tight_fit.cost):
             tight_fit = None
     lap("fit")
@@ -311,6 +313,7 @@ def diagnose(
         next=advice,
         model=model,
         not_tested=tuple(not_tested),
+        refused=tuple(NotTested(name=n, why=w) for n, w in accepted.rejected),
         fit=fit,
         gates=gates,
         seconds=seconds,

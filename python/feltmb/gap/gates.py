@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -108,6 +108,7 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
                 f"{record.name}: none of its outputs ({', '.join(record.outputs)}) is one of the "
                 f"model ({', '.join(outputs)})"
             )
+    channels = _pooled(channels)
     flat = tuple((label, channel, sd) for (label, channel), sd in sorted(repeats.items()))
     return Gates(
         channels=tuple(channels),
@@ -116,6 +117,24 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
         repeatability=flat,
         estimated=estimated,
     )
+
+
+def _pooled(channels: list[ChannelGate]) -> list[ChannelGate]:
+    """One noise a sensor: where it was estimated, the quietest record speaks for all of them."""
+    out = []
+    for c in channels:
+        if c.method in ("rest", "differences"):
+            same = [
+                o
+                for o in channels
+                if o.channel == c.channel
+                and o.unit == c.unit
+                and o.method in ("rest", "differences")
+            ]
+            best = min(same, key=lambda o: o.sigma)
+            c = replace(c, sigma=best.sigma, method=best.method)
+        out.append(c)
+    return out
 
 
 def _clock(record: Record, problems: list[str], warnings: list[str]) -> None:

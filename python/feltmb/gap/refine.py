@@ -102,7 +102,7 @@ def search(
     settings: FitSettings,
     *,
     most: int = 4,
-    width: int = 6,
+    width: int = 4,
     tight_fit: Fit | None = None,
     progress: Progress | None = None,
 ) -> Search:
@@ -191,5 +191,14 @@ def search(
                 attempt(best.fit, rest, np.delete(best.fit.point.sizes, k))
         if max(c.evidence for c in done.values()) <= before + 1e-9:
             break
+    if done:  # the winner must not be a stuck fit
+        best = max(done.values(), key=lambda c: c.evidence)
+        if best.fit.chi2 > best.fit.dof + 4.0 * np.sqrt(2.0 * best.fit.dof):
+            fit = polish(
+                best.fit.problem, best.fit.point, best.fit.level, replace(settings, chain=True)
+            )
+            again = Candidate(fit, full_evidence(fit, total))
+            if again.evidence > best.evidence:
+                done[best.key] = again
     ordered = tuple(sorted(done.values(), key=lambda c: (-c.evidence, c.key)))
     return Search(nominal, scores, tight, tight_fit, ordered, start, tuple(failed.items()))

@@ -308,6 +308,8 @@ class Report:
     next: tuple[Advice, ...]
     model: Amended
     not_tested: tuple[NotTested, ...]
+    refused: tuple[NotTested, ...]
+    """Effects that the fit asked for and held-out records did not confirm."""
     fit: Any
     """The fit of the nominal (:class:`feltmb.fit.Fit`)."""
     gates: Any
