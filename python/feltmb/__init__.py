@@ -65,7 +65,18 @@ __all__ = [
 ]
 
 #: Modules that are loaded when they are first asked for.
-_MODULES = ("animate", "contact", "felt", "fiber", "graph", "plot", "units")
+_MODULES = (
+    "animate",
+    "contact",
+    "data",
+    "felt",
+    "fiber",
+    "fit",
+    "gap",
+    "graph",
+    "plot",
+    "units",
+)
 
 
 def __getattr__(name: str) -> object:

@@ -19,6 +19,7 @@ COMMANDS = {
     "study": ("study", "Comparisons as data: the thesis's figures, sweeps, your own."),
     "regulate": ("regulate", "Regulate a mechanism as a technician does, steps A to F."),
     "touch": ("touch", "Static and dynamic touch: weights, let-off, timing."),
+    "gap": ("gap", "The gap to measurements: where, which cause, how far it shrinks."),
     "show": ("show", "Bodies, contacts, springs of a mechanism, with units and sources."),
     "plot": ("plot", "Plots of saved runs."),
     "animate": ("animate", "Animation of a saved run (GIF or HTML)."),

@@ -36,6 +36,10 @@ class Facts:
     where: Where
     rest: Fit | None
     """The accepted model fitted with the tightest gaps."""
+    first: Search
+    """The search with the noise of the sensors alone."""
+    unexplained: bool
+    """Whether effects were judged against an unknown rest as well as noise."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +76,7 @@ def decide(facts: Facts) -> Decision:
     """Weigh the facts; see docs/gap.md for the rules in words."""
     search, accepted, belief = facts.search, facts.accepted, facts.belief
     estimated = facts.gates.estimated
-    left, _, _ = misfit(search.nominal, search.tight_fit, estimated=estimated)
+    left, _, _ = misfit(facts.first.nominal, facts.first.tight_fit, estimated=estimated)
     reference = search.tight if search.tight is not None else search.scores
     largest = float(np.max(reference.singles())) if reference.terms else 0.0
     p = facts.null.p(largest)
@@ -102,7 +106,7 @@ def decide(facts: Facts) -> Decision:
     if best is None:
         text = (
             "There is a gap (sum of squares "
-            f"{_ratio(search):.3g} of its expectation), but no tested effect explains it"
+            f"{_ratio(facts.first):.3g} of its expectation), but no tested effect explains it"
         )
         refused = _refusals(accepted)
         text += f"; held-out records refused {refused}." if refused else "."
@@ -132,11 +136,10 @@ def _name(facts: Facts) -> Decision:
         )
     del weight
     left, _, _ = misfit(best.fit, facts.rest, estimated=facts.gates.estimated)
+    left = left or facts.unexplained
     closed = f"It closes {facts.how_far.closed:.0%} of the held-out gap."
     rest = (
-        " What is left is still more than noise"
-        f" (sum of squares {_of(best.fit, facts.rest):.3g} of its expectation); nothing tested"
-        " explains it."
+        f" What is left is {_floor(facts)}; nothing tested explains it."
         if left
         else " What is left is noise."
     )
@@ -164,9 +167,13 @@ def _ratio(search: Search) -> float:
     return fit.chi2 / fit.dof
 
 
-def _of(fit: Fit, tight: Fit | None) -> float:
-    reference = tight if tight is not None else fit
-    return reference.chi2 / reference.dof
+def _floor(facts: Facts) -> str:
+    """Held-out rest against noise, by channel, in words."""
+    rows = [r for r in facts.how_far.rows if r.metric == facts.how_far.metric and r.floor > 0.0]
+    if not rows:
+        return "more than noise"
+    worst = max(rows, key=lambda r: r.after / r.floor)
+    return f"{worst.after / worst.floor:.2g} times the noise of {worst.channel}"
 
 
 def _refusals(accepted: Accepted) -> str:

@@ -15,7 +15,7 @@ from feltmb.fit.cache import Cache
 from feltmb.fit.nominal import Effect, Nominal
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Shot, make_shot
-from feltmb.fit.solve import Fit, FitSettings, fit_problem, polish
+from feltmb.fit.solve import FitSettings, fit_problem, polish
 from feltmb.gap.advise import advise
 from feltmb.gap.assemble import amended, how_far_rows, ranked
 from feltmb.gap.calibrate import calibrate
@@ -23,8 +23,9 @@ from feltmb.gap.components import component_table
 from feltmb.gap.decide import Facts, decide
 from feltmb.gap.gates import Gates, check_records
 from feltmb.gap.proof import HeldOut
-from feltmb.gap.refine import search
+from feltmb.gap.refine import Search, search
 from feltmb.gap.report import NotTested, Report, Where
+from feltmb.gap.rest import rest_of, with_noise
 from feltmb.gap.settle import accept, posterior, shapley
 from feltmb.gap.where import event_ledger, ledger, split_gap
 
@@ -52,6 +53,8 @@ class Options:
     """Share of the whole held-out gain below which an effect is small print, not a cause."""
     windowed_level: float = 0.01
     """Gap between windows of the windowed metric, as a share of the spread of the states."""
+    fit: FitSettings | None = None
+    """How hard fits try; replaces ``restarts`` and ``seed`` there."""
     resume: Path | None = None
     """Folder for finished fits: a cut-off run continues from them."""
 
@@ -115,9 +118,7 @@ def prepare(
     return tuple(make_shot(nominal, r, gates.noise(r.name), window) for r in records)
 
 
-def _usable(
-    nominal: Nominal, effects: Sequence[Effect], fit: Fit
-) -> tuple[list[Effect], list[NotTested]]:
+def _usable(nominal: Nominal, effects: Sequence[Effect]) -> tuple[list[Effect], list[NotTested]]:
     """Effects that the nominal can simulate, and why the others cannot be tested."""
     names = [e.name for e in effects]
     doubled = sorted({n for n in names if names.count(n) > 1})
@@ -129,8 +130,36 @@ def _usable(
             bad.append(NotTested(name=e.name, why=f"the model {nominal.name} cannot simulate it"))
         else:
             good.append(e)
-    del fit
     return good, bad
+
+
+def _investigate(
+    nominal: Nominal,
+    shots: tuple[Shot, ...],
+    effects: Sequence[Effect],
+    options: Options,
+    settings: FitSettings,
+    cache: Cache | None,
+    progress: Progress | None,
+) -> Search:
+    """Fit the nominal and search the effects with the noise of the shots."""
+    fit = fit_problem(
+        Problem(nominal, shots, cache=cache), settings, progress=progress, label="nominal fit"
+    )
+    tight = None
+    if fit.gap_sd.size and fit.level > settings.levels[-1]:
+        tight = polish(fit.problem, fit.point, settings.levels[-1], replace(settings, chain=True))
+        if not np.isfinite(tight.cost):
+            tight = None
+    return search(
+        fit,
+        effects,
+        replace(settings, restarts=0),
+        most=options.max_effects,
+        width=options.width,
+        tight_fit=tight,
+        progress=progress,
+    )
 
 
 def diagnose(
@@ -190,32 +219,20 @@ def diagnose(
     held_shots = prepare(nominal, held_records, gates, options.window)
     lap("gates")
 
-    settings = FitSettings(restarts=options.restarts, seed=options.seed)
+    settings = options.fit or FitSettings(restarts=options.restarts, seed=options.seed)
     cache = None if options.resume is None else Cache(options.resume)
-    fit = fit_problem(
-        Problem(nominal, shots, cache=cache), settings, progress=progress, label="nominal fit"
-    )
-    tight_fit = None
-    if fit.gap_sd.size and fit.level > settings.levels[-1]:
-        say("nominal fit, tight")
-        tight_fit = polish(
-            fit.problem, fit.point, settings.levels[-1], replace(settings, chain=True)
-        )
-        if not np.isfinite(tight_fit.cost):
-            tight_fit = None
-    lap("fit")
-
-    usable, not_tested = _usable(nominal, effects, fit)
-    say("score")
-    found = search(
-        fit,
-        usable,
-        replace(settings, restarts=0),
-        most=options.max_effects,
-        width=options.width,
-        tight_fit=tight_fit,
-        progress=progress,
-    )
+    usable, not_tested = _usable(nominal, effects)
+    sensed = held_shots
+    first = _investigate(nominal, shots, usable, options, settings, cache, progress)
+    found, rest_noise = first, None
+    if first.best is not None or first.nominal.chi2 > 4.0 * first.nominal.dof:
+        rest_noise = rest_of(first, settings)
+    if rest_noise is not None:
+        # Nothing in the library explains all of it: effects must now beat the unknown rest.
+        shots = tuple(with_noise(nominal, s, rest_noise) for s in shots)
+        held_shots = tuple(with_noise(nominal, s, rest_noise) for s in held_shots)
+        found = _investigate(nominal, shots, usable, options, settings, cache, progress)
+    fit, tight_fit = found.nominal, found.tight_fit
     for name, why in found.failed:
         not_tested.append(NotTested(name=name, why=why))
     blind = [t for t, ok in zip(found.scores.terms, found.scores.testable, strict=True) if not ok]
@@ -240,9 +257,8 @@ def diagnose(
     lap("where")
 
     belief = posterior(found)
-    held = HeldOut(
-        held_shots, fit.problem.state_scale if fit.problem.state_scale is not None else np.zeros(0)
-    )
+    scale = fit.problem.state_scale
+    held = HeldOut(held_shots, np.zeros(0) if scale is None else scale, sensed)
     accepted = accept(
         found,
         held,
@@ -253,7 +269,7 @@ def diagnose(
         seed=options.seed,
         progress=progress,
     )
-    which_gap = _primary(nominal, accepted, held_shots)
+    which_gap = _primary(nominal, accepted, sensed)
     shares = shapley(
         found,
         accepted,
@@ -285,7 +301,7 @@ def diagnose(
                 rest = None
     lap("null")
     model = amended(nominal, found, accepted)
-    how_far = how_far_rows(accepted, held_shots, shares, which_gap, options.seed)
+    how_far = how_far_rows(accepted, sensed, shares, which_gap, options.seed)
     advice = advise(found, accepted, nominal)
     facts = Facts(
         gates=gates,
@@ -297,6 +313,8 @@ def diagnose(
         how_far=how_far,
         where=where,
         rest=rest,
+        first=first,
+        unexplained=rest_noise is not None,
     )
     decision = decide(facts)
     which = ranked(found, accepted, belief, null, decision.named, decision.one_of)

@@ -123,7 +123,7 @@ def accept(
         without = before if rest is None else outcome(rest.fit)
         shares = []
         for which in ("open_loop", "windowed"):
-            old, new = without.gap(held.shots, which), after.gap(held.shots, which)
+            old, new = without.gap(held.sensed, which), after.gap(held.sensed, which)
             if np.isfinite(old) and np.isfinite(new) and old > 1.0:
                 shares.append((old - new) / (old - 1.0))
         return max(shares, default=0.0)
@@ -206,7 +206,7 @@ def shapley(
                 settings,
             )
             found = evaluate(held, part, settings, windowed_level=windowed_level)
-        value[subset] = found.gap(held.shots, which)
+        value[subset] = found.gap(held.sensed, which)
     n = len(names)
     out = {}
     for name in names:
