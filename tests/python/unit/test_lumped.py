@@ -55,7 +55,7 @@ def test_network_agrees_with_another_integrator():
         gate = 1.0 / (1.0 + np.exp(-(4e-3 - x) / 5e-4))
         return 1e5 * max(d, 0.0) ** 1.7 * max(1.0 + 0.4 * v, 0.0) * gate
 
-    def rates(t, s):
+    def rates(_, s):
         x, v, b, c = s
         f = felt(x, v)
         a = (1.5 - f - 0.2 * v - 0.3 * v * abs(v)) / 0.05
