@@ -122,8 +122,12 @@ def linearize(
     place: Place,
     candidates: tuple[Term, ...] = (),
     input_knots: int = 6,
+    known: Linear | None = None,
 ) -> Linear:
-    """Residual and derivatives by states, free parameters, sizes, candidates and nuisances."""
+    """Residual and derivatives by states, free parameters, sizes, candidates and nuisances.
+
+    ``known``: a linearization nearby, whose columns of the input noise are taken over.
+    """
     count = shot.count
     ask = nominal.sensitivities if _plain(nominal, shot, (*terms, *candidates)) else None
     if ask is None:
@@ -139,9 +143,12 @@ def linearize(
         by_starts=place.starts.shape[1] > 0,
         candidates=candidates,
     )
-    by_input, ends_by_input = _input_noise(
-        nominal, shot, theta, terms, sizes, place, s, input_knots
-    )
+    if known is not None:
+        by_input, ends_by_input = np.zeros((*s.outputs.shape, 0)), known.ends_by_input
+    else:
+        by_input, ends_by_input = _input_noise(
+            nominal, shot, theta, terms, sizes, place, s, input_knots
+        )
     outputs, nuisance = _with_nuisances(shot, s.outputs, place.nuisances)
     nn = nuisance.shape[3]
     columns = np.concatenate(
@@ -161,7 +168,7 @@ def linearize(
         residual=np.nan_to_num(shot.whiten(shot.measured - outputs).reshape(count, -1)),
         by_state=white[..., :nx],
         by_global=white[..., nx : nx + ng],
-        by_input=white[..., nx + ng :],
+        by_input=white[..., nx + ng :] if known is None else known.by_input,
         gap=np.nan_to_num(s.ends[:-1] - place.starts[1:]),
         ends_by_state=np.nan_to_num(s.d_starts_ends) if nx else np.zeros((count, 0, 0)),
         ends_by_global=np.nan_to_num(ends_by_global),
