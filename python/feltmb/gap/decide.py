@@ -147,7 +147,7 @@ def _name(facts: Facts) -> Decision:
     if sure and all(kinds.get(n) in data_kinds for n in sure):
         return Decision(
             Verdict.DATA_PROBLEM,
-            f"The records, not the machine: {_list(sure)} explains the gap. {closed}{rest}",
+            f"The records, not the machine: {_list(sure)}. {closed}{rest}",
             sure,
             tuple(unsure),
             confidence,
@@ -155,7 +155,7 @@ def _name(facts: Facts) -> Decision:
     if not sure:
         text = f"One of {_list(unsure)}; these records cannot tell which. {closed}{rest}"
         return Decision(Verdict.ONE_OF, text, (), tuple(unsure), confidence)
-    text = f"{_list(sure)}. {closed}"
+    text = f"The model lacks: {_list(sure)}. {closed}"
     if unsure:
         text += f" Besides, one of {_list(unsure)}, which these records cannot tell apart."
     verdict = Verdict.NAMED_UNKNOWN_REST if left or unsure else Verdict.NAMED

@@ -26,6 +26,7 @@ from feltmb.gap.proof import HeldOut
 from feltmb.gap.refine import Search, search
 from feltmb.gap.report import NotTested, Report, Where
 from feltmb.gap.rest import rest_of, settled, with_noise
+from feltmb.gap.score import family_threshold
 from feltmb.gap.settle import accept, posterior, shapley
 from feltmb.gap.where import event_ledger, ledger, split_gap
 
@@ -287,12 +288,14 @@ def diagnose(
     reference = found.tight if found.tight is not None else found.scores
     reference_fit = found.tight_fit if found.tight_fit is not None else fit
     alarm = float(np.max(reference.singles())) if reference.terms else 0.0
+    bar, _ = family_threshold(reference, options.alpha, seed=options.seed)
     null = calibrate(
         reference_fit,
         reference,
         usable,
         options.alpha,
-        options.bootstrap if 4.0 < alarm < 60.0 else 0,
+        # A correction can only raise the bar: it matters for what passed it by little.
+        options.bootstrap if bar < alarm < 6.0 * bar else 0,
         seed=options.seed,
         progress=progress,
     )
