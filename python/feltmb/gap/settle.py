@@ -129,6 +129,8 @@ def accept(
         return max(shares, default=0.0)
 
     before = outcome(search.nominal)
+    proof: dict[str, Paired] = {}
+    rejected: list[tuple[str, str]] = []
 
     def faults(c: Candidate) -> tuple[dict[str, Paired], dict[str, str]]:
         """Gain by effect over the set without it, and why some do not stand."""
