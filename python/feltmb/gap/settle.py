@@ -155,10 +155,14 @@ def accept(
             # Effects of a set can stand in for each other, so that the first refusal must not
             # decide: of the largest subsets that stand, the one with the best evidence is kept.
             first, why = best, bad
+            strongest = max(first.names, key=lambda n: proof[n].gain)
+            needed = set() if strongest in bad else {strongest}
             best = None
             for size in range(len(first.names) - 1, 0, -1):
                 standing = []
                 for names in itertools.combinations(first.names, size):
+                    if not needed <= set(names):
+                        continue
                     part: Candidate | None = first
                     for name in set(first.names) - set(names):
                         assert part is not None
