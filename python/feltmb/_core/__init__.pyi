@@ -34,6 +34,7 @@ __all__: list[str] = [
     "JointKind",
     "LawPath",
     "LayerColumns",
+    "LumpedNetwork",
     "MeanCurve",
     "Mechanism",
     "MechanismDescription",
@@ -1226,6 +1227,35 @@ class BatchStroke:
         prescribed: bool = False,
         motor: bool = False,
     ) -> None: ...
+class LumpedNetwork:
+    """
+    Network of lumped masses; see feltmb.lumped.
+    """
+    def __init__(self, description: dict) -> None: ...
+    def simulate(
+        self,
+        parameters: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        inputs: collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float64]],
+        segments: typing.Annotated[numpy.typing.ArrayLike, numpy.int32],
+        starts: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        wanted: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] = [],
+        initial: bool = False,
+        forces: bool = False,
+        unknown: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None,
+    ) -> tuple[
+        numpy.typing.NDArray[numpy.float64],
+        numpy.typing.NDArray[numpy.float64],
+        numpy.typing.NDArray[numpy.float64],
+        numpy.typing.NDArray[numpy.float64],
+        numpy.typing.NDArray[numpy.float64],
+    ]:
+        """
+        (outputs, ends, d_outputs, d_ends, forces) of segments (input, first, steps, row).
+        """
+    @property
+    def parameters(self) -> int: ...
+    @property
+    def states(self) -> int: ...
 
 def assemble(description: MechanismDescription) -> Mechanism:
     """

@@ -172,8 +172,16 @@ class Problem:
                 total += float(((point.theta[i] - p.value) / p.sd) ** 2)
         return total, parts
 
-    def linear(self, point: Point, candidates: tuple[Term, ...] = ()) -> list[Linear]:
-        """Residuals and derivatives of all shots; made once a point."""
+    def linear(
+        self,
+        point: Point,
+        candidates: tuple[Term, ...] = (),
+        known: Sequence[Linear] | None = None,
+    ) -> list[Linear]:
+        """Residuals and derivatives of all shots; made once a point.
+
+        ``known``: linearizations nearby, whose columns of the input noise are taken over.
+        """
         key = (
             tuple(id(shot) for shot in self.shots),
             tuple((id(t.effect), repr(t.shape)) for t in (*self.terms, *candidates)),
@@ -183,12 +191,14 @@ class Problem:
         )
         if key in point.memo:
             return point.memo[key][1]
-        made = self._linear(point, candidates)
+        made = self._linear(point, candidates, known)
         if not candidates:  # what the key names by id is kept alive
             point.memo[key] = ((self.shots, self.terms), made)
         return made
 
-    def _linear(self, point: Point, candidates: tuple[Term, ...]) -> list[Linear]:
+    def _linear(
+        self, point: Point, candidates: tuple[Term, ...], known: Sequence[Linear] | None
+    ) -> list[Linear]:
         return [
             linearize(
                 self.nominal,
@@ -200,8 +210,9 @@ class Problem:
                 place,
                 candidates,
                 self.input_knots,
+                None if known is None else known[i],
             )
-            for shot, place in zip(self.shots, point.places, strict=True)
+            for i, (shot, place) in enumerate(zip(self.shots, point.places, strict=True))
         ]
 
     def normal(
