@@ -20,6 +20,7 @@ COMMANDS = {
     "regulate": ("regulate", "Regulate a mechanism as a technician does, steps A to F."),
     "touch": ("touch", "Static and dynamic touch: weights, let-off, timing."),
     "gap": ("gap", "The gap to measurements: where, which cause, how far it shrinks."),
+    "fit": ("fit", "Fit a model to measured records: parameters, intervals."),
     "show": ("show", "Bodies, contacts, springs of a mechanism, with units and sources."),
     "plot": ("plot", "Plots of saved runs."),
     "animate": ("animate", "Animation of a saved run (GIF or HTML)."),

@@ -15,11 +15,6 @@ if TYPE_CHECKING:
 
 __all__ = ["difference_sensitivities", "run_through"]
 
-#: Step of a central difference as a share of the natural size of a parameter or state.
-STEP = 1e-3
-#: The same for a start state, whose natural size is often a guess.
-STATE_STEP = 1e-4
-
 
 def run_through(
     nominal: Nominal,
@@ -110,14 +105,14 @@ def difference_sensitivities(
 
     for i in by_theta:
         p = nominal.parameters[i]
-        add("theta", i, STEP * p.size, p.lower, p.upper, theta[i])
+        add("theta", i, nominal.difference_step * p.size, p.lower, p.upper, theta[i])
     for i, term in enumerate(terms):
         low, high = term.effect.bounds
         step = term.effect.step * term.effect.scale
         add("sizes", i, step, low, high, sizes[i])
     if by_starts:
         for i, state in enumerate(states):
-            add("start", i, STATE_STEP * state.scale, -np.inf, np.inf, 0.0)
+            add("start", i, 0.1 * nominal.difference_step * state.scale, -np.inf, np.inf, 0.0)
 
     versions = len(rows_theta)
     lanes = Lanes(

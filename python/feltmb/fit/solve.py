@@ -14,9 +14,11 @@ from feltmb.fit.nominal import Lanes, Term
 from feltmb.fit.observe import machine_terms, observe_lanes
 from feltmb.fit.problem import Normal, Point, Problem, solve_scaled
 
-__all__ = ["Fit", "FitSettings", "Interval", "fit_problem", "polish"]
+__all__ = ["Fit", "FitSettings", "Interval", "finish", "fit_problem", "polish"]
 
 Progress = Callable[[str, int, int], None]
+#: Where the fit is poor, a gain below this share of the misfit is not worth a simulation.
+COARSE = 3e-5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,6 +177,7 @@ def _minimize(
     """Levenberg-Marquardt with damping of its own for every window."""
     linears = problem.linear(point)
     cost, parts = problem.cost_at(point, gap_sd, linears)
+    samples = problem.samples
     lam = 1e-4
     damping = [np.zeros(s.count) for s in problem.shots]
     for _ in range(iterations):
@@ -186,7 +189,8 @@ def _minimize(
             # The gain of the states is within the chains: what is left of the residual.
             left = sum(float(np.sum(c.grams[:, -1, -1])) for c in normal.chains)
             predicted = cost - left + gain - _priors(problem, point)
-            if predicted < settings.decrement:
+            least = max(settings.decrement, COARSE * max(cost - 4.0 * samples, 0.0))
+            if predicted < least:
                 return point, cost, linears, True
             new, new_parts = problem.cost(trial, gap_sd, linears)
             if new < cost:
@@ -198,7 +202,7 @@ def _minimize(
                 d[worse] = np.maximum(d[worse] * 8.0, 1e-3)
         if not accepted:
             return point, cost, linears, False
-        done = cost - new < settings.decrement and predicted < 50.0 * settings.decrement
+        done = cost - new < least and predicted < 50.0 * least
         point = trial
         lam /= 8.0
         for d in damping:
@@ -276,6 +280,13 @@ def _finish(
         linears=tuple(linears),
         normal=normal,
     )
+
+
+def finish(problem: Problem, point: Point, level: float, gap_sd: Array) -> Fit:
+    """A fit that is taken as it is, without a search."""
+    linears = problem.linear(point)
+    cost, _ = problem.cost_at(point, gap_sd, linears)
+    return _finish(problem, point, level, gap_sd, cost, linears, True, (), ())
 
 
 def polish(problem: Problem, point: Point, level: float, settings: FitSettings) -> Fit:

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from feltmb.data import Record, Role
-from feltmb.errors import InvalidParameter
+from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.cache import Cache
 from feltmb.fit.nominal import Effect, Nominal
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Shot, make_shot
-from feltmb.fit.solve import FitSettings, fit_problem, polish
+from feltmb.fit.solve import Fit, FitSettings, fit_problem, polish
 from feltmb.gap.advise import advise
 from feltmb.gap.assemble import amended, how_far_rows, ranked
 from feltmb.gap.calibrate import calibrate
@@ -25,13 +25,15 @@ from feltmb.gap.gates import Gates, check_records
 from feltmb.gap.proof import HeldOut
 from feltmb.gap.refine import Search, search
 from feltmb.gap.report import NotTested, Report, Where
-from feltmb.gap.rest import rest_of, with_noise
+from feltmb.gap.rest import rest_of, settled, with_noise
 from feltmb.gap.settle import accept, posterior, shapley
 from feltmb.gap.where import event_ledger, ledger, split_gap
 
-__all__ = ["Options", "diagnose", "prepare", "split_records"]
+__all__ = ["Options", "diagnose", "fit_nominal", "prepare", "split_records"]
 
 Progress = Callable[[str, int, int], None]
+#: Rounds in which the unknown rest is estimated again.
+ROUNDS = 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,8 +214,6 @@ def diagnose(
     fit_records, held_records = split_records(records, hold_out)
     gates = _inherit(check_records([*fit_records, *held_records], nominal.outputs), whole, records)
     if gates.problems:
-        from feltmb.errors import DataError
-
         raise DataError("records: " + "; ".join(gates.problems))
     shots = prepare(nominal, fit_records, gates, options.window)
     held_shots = prepare(nominal, held_records, gates, options.window)
@@ -225,12 +225,16 @@ def diagnose(
     sensed = held_shots
     first = _investigate(nominal, shots, usable, options, settings, cache, progress)
     found, rest_noise = first, None
-    if first.best is not None or first.nominal.chi2 > 4.0 * first.nominal.dof:
-        rest_noise = rest_of(first, settings)
-    if rest_noise is not None:
-        # Nothing in the library explains all of it: effects must now beat the unknown rest.
-        shots = tuple(with_noise(nominal, s, rest_noise) for s in shots)
-        held_shots = tuple(with_noise(nominal, s, rest_noise) for s in held_shots)
+    plain = shots
+    for _ in range(ROUNDS):
+        new = rest_of(found, plain, settings)
+        if new is None or (rest_noise is not None and settled(rest_noise, new)):
+            break
+        # Nothing in the library explains all of it: effects must now beat the unknown rest, which
+        # shrinks with every effect that is found.
+        rest_noise = new
+        shots = tuple(with_noise(nominal, s, new) for s in plain)
+        held_shots = tuple(with_noise(nominal, s, new) for s in sensed)
         found = _investigate(nominal, shots, usable, options, settings, cache, progress)
     fit, tight_fit = found.nominal, found.tight_fit
     for name, why in found.failed:
@@ -373,3 +377,19 @@ def _primary(nominal: Nominal, accepted: object, shots: Sequence[Shot]) -> str:
         return "windowed"
     finite = all(np.isfinite(o.gap(shots, "open_loop")) for o in (before, after))
     return "open_loop" if finite else "windowed"
+
+
+def fit_nominal(
+    nominal: Nominal,
+    records: Sequence[Record],
+    *,
+    window: float | None = None,
+    settings: FitSettings | None = None,
+    progress: Progress | None = None,
+) -> Fit:
+    """Fit the nominal alone to all records: parameters, intervals, what the data said."""
+    gates = check_records(records, nominal.outputs)
+    if gates.problems:
+        raise DataError("records: " + "; ".join(gates.problems))
+    shots = prepare(nominal, records, gates, window)
+    return fit_problem(Problem(nominal, shots), settings, progress=progress)

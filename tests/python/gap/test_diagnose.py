@@ -142,3 +142,37 @@ def test_emps_names_dry_friction():
     assert row.before / spread > 0.17
     assert row.after / spread < 0.095  # what a plain trial reached
     assert report.model.parameters["mass"] == pytest.approx(95.3, rel=0.02)
+
+
+def test_a_late_input_is_a_data_problem():
+    from dataclasses import replace
+
+    from feltmb.gap import library
+
+    late = []
+    for r in models.records(4):
+        force = np.interp(r.time + 0.004, r.time, r.inputs["f"])
+        late.append(replace(r, inputs={"f": force}))  # the record shows the force too early
+    effects = (*models.EFFECTS, library.delay_input("f", scale=0.002))
+    report = diagnose(models.NOMINAL, effects, late)
+    assert report.verdict is Verdict.DATA_PROBLEM
+    assert report.named == ("delay of input f",)
+    assert report.which["delay of input f"].size == pytest.approx(0.004, rel=0.05)
+
+
+def test_known_sensors_are_applied_to_the_model():
+    from dataclasses import replace
+
+    from feltmb.gap import Sensor
+
+    seen = []
+    for r in models.records(4):
+        q = np.interp(r.time - 0.008, r.time, r.outputs["q"], left=r.outputs["q"][0])
+        sensor = Sensor(name="q", unit="m", sigma=1.1e-4, gain=2.0, offset=0.01, delay=0.008)
+        seen.append(
+            replace(r, outputs={"q": 2.0 * q + 0.01}, sensors={"q": replace(sensor, sigma=2.2e-4)})
+        )
+    report = diagnose(models.NOMINAL, models.EFFECTS, seen)
+    assert report.named == ()
+    for row, truth in zip(report.fit.intervals(), models.TRUTH, strict=True):
+        assert abs(row.value - truth) < 0.02 * truth
