@@ -13,6 +13,7 @@ All files are written whole or not at all, so that a bench that was cut off goes
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import importlib.util
 import json
@@ -231,6 +232,7 @@ def _sources(*names: str) -> str:
     return digest.hexdigest()
 
 
+@functools.cache
 def engine_hash() -> str:
     """Hash of what a result depends on: the engine, the nominal, its library."""
     return _sources("fit", "gap", "data", "lumped.py", "blind/nominal.py")

@@ -94,7 +94,8 @@ class Problem:
         starts = np.vstack([p.starts for p in point.places])
         spread = np.std(starts, axis=0)
         declared = np.array([s.scale for s in states])
-        known = 1e-3 * declared
+        # Memory that an effect brings has no spread of its own while its size is small.
+        known = np.where([s.hidden for s in states], 1.0, 1e-3) * declared
         if self.state_scale is not None:
             known[: len(self.state_scale)] = self.state_scale
             spread[: len(self.state_scale)] = 0.0

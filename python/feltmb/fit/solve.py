@@ -342,12 +342,14 @@ def _descend(
     scale: Array | None = None
     table: list[tuple[float, float]] = []
     poor = 0
+    # A level that is left unfinished leads into a wrong valley of the next.
+    way = replace(settings, decrement=max(settings.decrement, 0.3))
     for i, level in enumerate(settings.levels):
         if progress is not None:
             progress(label, i, len(settings.levels))
         gap_sd = level * (problem.scale(point) if scale is None else scale)
         found, cost, linears, converged = _optimize(
-            problem, point, gap_sd, settings, 12 if i == 0 else 8
+            problem, point, gap_sd, way, 40 if i == 0 else 20
         )
         if scale is None:  # after the first level the states are those of the machine
             scale = problem.scale(found)
