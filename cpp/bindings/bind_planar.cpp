@@ -90,6 +90,13 @@ void bind_description(py::module_& m) {
       .def_readwrite("stiffness", &TorsionSpringDescription::stiffness)
       .def_readwrite("rest_angle", &TorsionSpringDescription::rest_angle);
 
+  py::class_<DashpotDescription>(m, "DashpotDescription")
+      .def(py::init<>())
+      .def_readwrite("name", &DashpotDescription::name)
+      .def_readwrite("coordinate", &DashpotDescription::coordinate)
+      .def_readwrite("coefficient", &DashpotDescription::coefficient)
+      .def_readwrite("side", &DashpotDescription::side);
+
   py::class_<StrapDescription> strap(m, "StrapDescription");
   strap.def(py::init<>())
       .def_readwrite("name", &StrapDescription::name)
@@ -136,6 +143,7 @@ void bind_description(py::module_& m) {
       .def_readwrite("surfaces", &MechanismDescription::surfaces)
       .def_readwrite("contacts", &MechanismDescription::contacts)
       .def_readwrite("springs", &MechanismDescription::springs)
+      .def_readwrite("dashpots", &MechanismDescription::dashpots)
       .def_readwrite("straps", &MechanismDescription::straps)
       .def_readwrite("strings", &MechanismDescription::strings)
       .def_readwrite("points", &MechanismDescription::points)

@@ -12,5 +12,6 @@ void bind_contact(pybind11::module_& m);
 void bind_modal(pybind11::module_& m);
 void bind_planar(pybind11::module_& m);
 void bind_model(pybind11::module_& m);
+void bind_actuator(pybind11::module_& m);
 
 }  // namespace feltmb::python

@@ -8,5 +8,6 @@ PYBIND11_MODULE(_core, m) {
   feltmb::python::bind_modal(m);
   feltmb::python::bind_planar(m);
   feltmb::python::bind_model(m);
+  feltmb::python::bind_actuator(m);
   bind_fiber(m);
 }

@@ -11,7 +11,7 @@ import hashlib
 import json
 import math
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -194,13 +194,9 @@ class Surface(Schema):
     note: str = ""
 
 
-class Contact(Schema):
-    """Two surfaces, a law and friction."""
+class LawChoice(Schema):
+    """A contact law with the parameters of all that may be chosen."""
 
-    label: str = ""
-    note: str = ""
-    surfaces: tuple[str, str]
-    enabled: bool = True
     law: LawName = "guarded"
     alpha: Annotated[float, SI("s/m"), Field(gt=0)] = 100.0
     loading: Annotated[Curve, BeforeValidator(_curve)] | None = None
@@ -208,6 +204,15 @@ class Contact(Schema):
     hunt_crossley: HuntCrossleyParameters | None = None
     stulov: StulovParameters | None = None
     memory: MemoryParameters = MemoryParameters()
+
+
+class Contact(LawChoice):
+    """Two surfaces, a law and friction."""
+
+    label: str = ""
+    note: str = ""
+    surfaces: tuple[str, str]
+    enabled: bool = True
     friction: Friction = FrictionParameters()
 
 
@@ -218,6 +223,18 @@ class Spring(Schema):
     coordinate: str
     stiffness: Annotated[float, SI("N m/rad"), Field(ge=0)]
     rest_angle: Annotated[float, SI("rad")]
+    enabled: bool = True
+
+
+class Dashpot(Schema):
+    """Dashpot on a joint's coordinate, on one side of its motion only if so wanted."""
+
+    label: str = ""
+    coordinate: str
+    coefficient: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m s/rad", "N s/m")))
+    ]
+    side: Literal["both", "positive", "negative"] = "both"
     enabled: bool = True
 
 
@@ -332,6 +349,7 @@ class MechanismFile(Schema):
     surfaces: dict[str, Surface] = {}
     contacts: dict[str, Contact] = {}
     springs: dict[str, Spring] = {}
+    dashpots: dict[str, Dashpot] = {}
     straps: dict[str, Strap] = {}
     string: String | None = None
     finger: Finger | None = None
@@ -366,7 +384,10 @@ def _resolve(name_or_path: str | Path) -> Path:
     )
 
 
-def _load_raw(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
+def load_raw(
+    path: Path, resolve: Callable[[str], Path], seen: tuple[Path, ...] = ()
+) -> dict[str, Any]:
+    """Tables of a file, on top of those that it extends; ``resolve`` finds a base by its name."""
     raw = read_toml(path)
     if "extends" not in raw:
         return raw
@@ -379,10 +400,10 @@ def _load_raw(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     base = raw["extends"]
     if not isinstance(base, str):
         raise InvalidParameter(f"{path}: extends: got {base!r}, expected a name or a path")
-    base_path = path.parent / base if base.endswith(".toml") else _resolve(base)
+    base_path = path.parent / base if base.endswith(".toml") else resolve(base)
     if base_path.resolve() in [p.resolve() for p in (*seen, path)]:
         raise InvalidParameter(f"{path}: extends {base!r}, which leads back to itself")
-    merged = _load_raw(base_path, (*seen, path))
+    merged = load_raw(base_path, resolve, (*seen, path))
     for key in ("name", "about", "source"):
         if key in raw:
             merged[key] = raw[key]
@@ -395,7 +416,7 @@ def _load_raw(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
             raise InvalidParameter(
                 f'{path}: values.{key}: got a table; write paths in quotes, such as "{inner}" = ...'
             )
-    return _apply_values(merged, values, str(path))
+    return apply_values(merged, values, str(path))
 
 
 def load_action(name_or_path: str | Path) -> Action:
@@ -407,7 +428,7 @@ def load_action(name_or_path: str | Path) -> Action:
         Listing all faults of the file at once.
     """
     path = _resolve(name_or_path)
-    return Action(_load_raw(path), origin=path.name)
+    return Action(load_raw(path, _resolve), origin=path.name)
 
 
 # --- changing values -----------------------------------------------------------------------------
@@ -485,7 +506,8 @@ def _set_component(old: Any, key: str, value: Any, where: str, parts: list[str])
     return new
 
 
-def _apply_values(raw: Mapping[str, Any], values: Mapping[str, Any], where: str) -> dict[str, Any]:
+def apply_values(raw: Mapping[str, Any], values: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Tables with other values by dotted path; ``where`` names the caller in messages."""
     if not isinstance(values, Mapping):
         raise InvalidParameter(f"{where}: got {shortened(repr(values))}, expected paths and values")
     out = copy.deepcopy(dict(raw))
@@ -509,14 +531,14 @@ def _apply_values(raw: Mapping[str, Any], values: Mapping[str, Any], where: str)
 _DEEPEST = 50  # tables and lists within one another
 
 
-def _plain_data(node: Any, depth: int = 0) -> Any:
+def plain_data(node: Any, depth: int = 0) -> Any:
     """Copy of a file's tables that holds nothing of NumPy."""
     if depth > _DEEPEST:
         raise InvalidParameter("tables are nested too deeply")
     if isinstance(node, Mapping):
-        return {key: _plain_data(value, depth + 1) for key, value in node.items()}
+        return {key: plain_data(value, depth + 1) for key, value in node.items()}
     if isinstance(node, (list, tuple)):
-        return [_plain_data(value, depth + 1) for value in node]
+        return [plain_data(value, depth + 1) for value in node]
     return node.tolist() if hasattr(node, "tolist") else node
 
 
@@ -581,9 +603,11 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
         listed = node.get("surfaces") if isinstance(node, Mapping) else None
         for surface in listed if isinstance(listed, list) else []:
             need(surface, surfaces, f"contacts.{name}.surfaces", "surface")
-    for name, node in _table(raw, "springs").items():
-        if isinstance(node, Mapping):
-            need(node.get("coordinate"), coordinates, f"springs.{name}.coordinate", "coordinate")
+    for table in ("springs", "dashpots"):
+        for name, node in _table(raw, table).items():
+            if isinstance(node, Mapping):
+                where = f"{table}.{name}.coordinate"
+                need(node.get("coordinate"), coordinates, where, "coordinate")
     for name in _table(raw, "start_pose"):
         need(name, coordinates, "start_pose", "coordinate")
     need(_table(raw, "string").get("surface"), surfaces, "string.surface", "surface")
@@ -656,22 +680,28 @@ def _output_faults(raw: Mapping[str, Any]) -> list[str]:
     ]
 
 
+def missing_law_faults(node: Mapping[str, Any], where: str) -> list[str]:
+    """What the law chosen in a raw table needs and does not find there."""
+    law = node.get("law", "guarded")
+    memory = node.get("memory")
+    tabulated = isinstance(memory, Mapping) and "envelope" in memory
+    needed = {
+        "hunt_crossley": ["hunt_crossley"],
+        "stulov": ["stulov"],
+        "felt_memory": [] if tabulated else ["loading", "unloading"],
+    }.get(str(law), ["loading", "unloading"])
+    return [
+        f"{where}.{key}: is missing; law {law!r} needs it"
+        for key in needed
+        if law in LAWS and key not in node
+    ]
+
+
 def _law_faults(raw: Mapping[str, Any]) -> list[str]:
     faults = []
     for name, node in _table(raw, "contacts").items():
-        if not isinstance(node, Mapping):
-            continue
-        law = node.get("law", "guarded")
-        memory = node.get("memory")
-        tabulated = isinstance(memory, Mapping) and "envelope" in memory
-        needed = {
-            "hunt_crossley": ["hunt_crossley"],
-            "stulov": ["stulov"],
-            "felt_memory": [] if tabulated else ["loading", "unloading"],
-        }.get(str(law), ["loading", "unloading"])
-        for key in needed:
-            if law in LAWS and key not in node:
-                faults.append(f"contacts.{name}.{key}: is missing; law {law!r} needs it")
+        if isinstance(node, Mapping):
+            faults += missing_law_faults(node, f"contacts.{name}")
     for name, node in _table(raw, "surfaces").items():
         if not isinstance(node, Mapping):
             continue
@@ -729,7 +759,7 @@ def _core_hunt_crossley(p: HuntCrossleyParameters) -> _core.HuntCrossley:
     return _core.HuntCrossley(stiffness=p.stiffness, exponent=p.exponent, damping=p.damping)
 
 
-def core_law(contact: Contact) -> Any:
+def core_law(contact: LawChoice) -> Any:
     """Law parameters of a contact for the core."""
     if contact.law == "hunt_crossley":
         assert contact.hunt_crossley is not None
@@ -896,6 +926,16 @@ def describe(config: MechanismFile) -> _core.MechanismDescription:
         if sp.enabled:
             springs.append(spd)
     d.springs = springs
+    dashpots = []
+    for name, da in config.dashpots.items():
+        dad = _core.DashpotDescription()
+        dad.name = name
+        dad.coordinate = da.coordinate
+        dad.coefficient = da.coefficient
+        dad.side = {"both": 0, "positive": 1, "negative": -1}[da.side]
+        if da.enabled:
+            dashpots.append(dad)
+    d.dashpots = dashpots
     straps = []
     for name, st in config.straps.items():
         std = _core.StrapDescription()
@@ -949,7 +989,7 @@ class Action:
 
     def __init__(self, raw: Mapping[str, Any], origin: str = "mechanism"):
         try:
-            self._raw = _plain_data(raw)
+            self._raw = plain_data(raw)
         except InvalidParameter as error:
             raise InvalidParameter(f"{origin}: {error}") from None
         self.origin = origin
@@ -981,8 +1021,9 @@ class Action:
     def hash(self) -> str:
         """SHA-256 of all parameters in SI units, without names for people, notes, sources."""
         tables = self.config.model_dump(mode="json", exclude={"name", "about", "source"})
-        if self.config.motor is None:
-            del tables["motor"]  # as before there were motors: results keep their hash
+        for table in ("motor", "dashpots"):
+            if not tables[table]:
+                del tables[table]  # as before there were any: results keep their hash
         text = json.dumps(_without_texts(tables), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
@@ -1002,7 +1043,7 @@ class Action:
         InvalidParameter
             A path that does not exist, or a value out of range.
         """
-        raw = _apply_values(self._raw, values, "with_values")
+        raw = apply_values(self._raw, values, "with_values")
         return Action(raw, self.origin)
 
     def to_toml(self) -> str:
@@ -1059,4 +1100,12 @@ def _walk(node: Any, path: str) -> Iterator[tuple[str, Any, str, str]]:
         yield path, node, "", ""
 
 
-__all__ += ["core_law", "describe"]
+__all__ += [
+    "LawChoice",
+    "apply_values",
+    "core_law",
+    "describe",
+    "load_raw",
+    "missing_law_faults",
+    "plain_data",
+]

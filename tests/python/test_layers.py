@@ -15,7 +15,8 @@ ROOT = HERE.parents[2]
 BASE = "errors _optional units quantity"
 MODEL = f"{BASE} files _core params config smoothing stroke events results simulate"
 STUDY = "sweep study study_expression study_plot study_report"
-FRONT = f"{MODEL} {STUDY} contact fiber data fit gap plot report quasistatic regulate touch felt"
+OTHERS = "actuator contact fiber data fit gap plot report quasistatic regulate touch felt"
+FRONT = f"{MODEL} {STUDY} {OTHERS}"
 
 # part -> the parts that it may use. C++ parts are folders, Python parts are modules of the package.
 # A new folder or module gets a line here; what points back is refused.
@@ -58,6 +59,7 @@ MAY_USE = {
         "fit": f"{BASE} results data",
         "gap": f"{BASE} results data fit",
         "plot": f"{BASE} _core files config results data",
+        "actuator": f"{MODEL} fiber",
         "graph": f"{BASE} config plot",
         "animate": f"{BASE} files config results plot",
         "sweep": MODEL,

@@ -23,6 +23,7 @@ class Assembler {
     add_contacts();
     add_strings();
     add_springs();
+    add_dashpots();
     add_straps();
     add_points();
     add_start_pose();
@@ -634,6 +635,17 @@ class Assembler {
       }
       if (!std::isfinite(s.rest_angle)) fault(where + ": rest_angle is not a finite number");
       if (index >= 0) m_->springs.push_back({s.name, index, s.stiffness, s.rest_angle});
+    }
+  }
+
+  void add_dashpots() {
+    for (const auto& s : d_.dashpots) {
+      const std::string where = "dashpot \"" + s.name + "\"";
+      const int index = find_coordinate(s.coordinate, where);
+      if (!(std::isfinite(s.coefficient) && s.coefficient >= 0.0)) {
+        fault(where + format(": coefficient = %.6g, must be >= 0", s.coefficient));
+      }
+      if (index >= 0) m_->dashpots.push_back({index, s.coefficient, s.side});
     }
   }
 

@@ -18,6 +18,7 @@ COMMANDS = {
     "demo": ("demo", "The main job: piano, forte, staccato; table, plots, animation."),
     "study": ("study", "Comparisons as data: the thesis's figures, sweeps, your own."),
     "regulate": ("regulate", "Regulate a mechanism as a technician does, steps A to F."),
+    "actuator": ("actuator", "The key actuator: simulate, study, match a finger force."),
     "touch": ("touch", "Static and dynamic touch: weights, let-off, timing."),
     "show": ("show", "Bodies, contacts, springs of a mechanism, with units and sources."),
     "plot": ("plot", "Plots of saved runs."),
