@@ -4,6 +4,7 @@ SI units, positive pressing. See ``docs/actuator.md``.
 """
 
 from feltmb.actuator.compose import compose, stand_alone
+from feltmb.actuator.match import Match, MatchParameter, match
 from feltmb.actuator.model import (
     DAMPING,
     Actuator,
@@ -12,14 +13,21 @@ from feltmb.actuator.model import (
     packaged_actuators,
     simulate_actuator,
 )
+from feltmb.actuator.studies import ActuatorStudy, StudyFinding, study_actuator
 
 __all__ = [
     "DAMPING",
     "Actuator",
     "ActuatorRun",
+    "ActuatorStudy",
+    "Match",
+    "MatchParameter",
+    "StudyFinding",
     "compose",
     "load_actuator",
+    "match",
     "packaged_actuators",
     "simulate_actuator",
     "stand_alone",
+    "study_actuator",
 ]

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from feltmb.actuator.model import ActuatorRun, degrees
 from feltmb.fiber.plot import new_figure, style_axes
 
-__all__ = ["PANELS", "compare_runs", "plot_run"]
+if TYPE_CHECKING:
+    from feltmb.actuator.match import Match
+
+__all__ = ["PANELS", "compare_runs", "plot_match", "plot_run"]
 
 #: name -> (label, factor from SI, outputs with their names)
 PANELS: dict[str, tuple[str, Mapping[str, str]]] = {
@@ -70,3 +73,22 @@ def compare_runs(
 def plot_run(run: ActuatorRun, title: str = "") -> Any:
     """Hub angle, tip deflection and the forces of one run."""
     return compare_runs({"": run}, ("angle", "deflection", "forces"), title)
+
+
+def plot_match(found: Match) -> Any:
+    """Target, finger force before and after the fit, and the torque."""
+    figure = new_figure(7.4, 4.8)
+    axes = figure.subplots(2, 1, sharex=True)
+    for values, label, color in (
+        (found.force_start, "before", "#999999"),
+        (found.force, "fitted", _COLORS[0]),
+        (found.target, "target", "#000000"),
+    ):
+        axes[0].plot(1e3 * found.time, values, label=label, color=color, linewidth=1.3)
+    axes[0].lines[-1].set_linestyle("--")
+    axes[0].legend(frameon=False, fontsize=8)
+    fine = np.linspace(0.0, found.time[-1], 500)
+    axes[1].plot(1e3 * fine, found.torque.at(fine), color=_COLORS[1], linewidth=1.3)
+    style_axes(axes[0], "", "finger force [N]", f"rms deviation {found.rms:.3g} N, means over 1 ms")
+    style_axes(axes[1], "time [ms]", "torque [N m]")
+    return figure

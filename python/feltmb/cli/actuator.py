@@ -155,3 +155,125 @@ def _show(actuator: Actuator, run: ActuatorRun) -> None:
         f"{1e3 * run.stats['wall']:.3g} ms"
     )
     console().print(table)
+
+
+@command.command("study")
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Folder for the figures and the tables."
+)
+@force_option
+@json_option
+def study_command(out: Path | None, force: bool, as_json: bool) -> None:
+    """Figures 5.6 to 5.11 of the thesis and its findings, held against the numbers."""
+    from dataclasses import asdict
+
+    from feltmb.actuator.studies import study_actuator
+
+    result = study_actuator()
+    if as_json:
+        print_json(
+            {
+                "runs": {name: run.summary for name, run in result.runs.items()},
+                "findings": [asdict(f) for f in result.findings],
+            }
+        )
+    else:
+        table = new_table("what the thesis found", "finding", "section", "here", "agrees")
+        for f in result.findings:
+            verdict = "not tested" if f.agrees is None else "yes" if f.agrees else "NO"
+            table.add_row(f.says, f.source, f.here, verdict)
+        console().print(table)
+    if out is not None:
+        for path in result.save(out, force=force):
+            say_written(path)
+
+
+@command.command("match")
+@click.argument("target")
+@_arm
+@click.option(
+    "--damper", metavar="KIND[=C]", default="one-sided", show_default=True, help="Where to start."
+)
+@_set
+@click.option("--action", metavar="NAME", help="Press this action instead of the actuator's stop.")
+@click.option("--torque", metavar="FILE", help="Torque to start from; default: the actuator's.")
+@click.option(
+    "--fit", default="stiffness,damping,torque", show_default=True, help="What may change."
+)
+@click.option("--knots", type=int, default=8, show_default=True, help="Of the torque.")
+@click.option("--steps", type=click.IntRange(1), default=60, show_default=True, help="At most.")
+@click.option("--out", type=click.Path(path_type=Path), help="Actuator file to write (TOML).")
+@click.option("--plot", type=click.Path(path_type=Path), help="Picture to write.")
+@force_option
+@json_option
+def match_command(
+    target: str,
+    arm: str,
+    damper: str,
+    settings: tuple[str, ...],
+    action: str | None,
+    torque: str | None,
+    fit: str,
+    knots: int,
+    steps: int,
+    out: Path | None,
+    plot: Path | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Fit arm, damper and torque so that the finger force follows TARGET.
+
+    TARGET is a CSV with the header "time [s],force [N]" or a force stroke.
+    """
+    from feltmb.actuator.match import match
+    from feltmb.actuator.plot import plot_match
+    from feltmb.files import check_writable, write_text
+    from feltmb.stroke import load_stroke
+
+    for path in (out, plot):
+        if path is not None:
+            check_writable(path, force=force)
+    found = match(
+        _load(arm, damper, settings),
+        load_stroke(target),
+        action=action,
+        fit=[name.strip() for name in fit.split(",") if name.strip()],
+        knots=knots,
+        start_torque=load_stroke(torque) if torque is not None else None,
+        max_evaluations=steps,
+    )
+    if as_json:
+        print_json(
+            {
+                "rms": found.rms,
+                "rms_start": found.rms_start,
+                "relative": found.relative,
+                "evaluations": found.evaluations,
+                "parameters": [vars(p) for p in found.parameters],
+            }
+        )
+    else:
+        table = new_table(
+            "finger force on its target", "parameter", "start", "fitted", "95 % interval", "unit",
+            "force changes by", right=(1, 2, 5),
+        )  # fmt: skip
+        for p in found.parameters:
+            note = " (at its bound)" if p.at_bound else ""
+            table.add_row(
+                p.name + note,
+                f"{p.start:.4g}",
+                f"{p.value:.4g}",
+                f"{p.low:.4g} to {p.high:.4g}",
+                p.unit,
+                f"{p.effect:.3g} N",
+            )
+        table.caption = (
+            f"rms deviation {found.rms:.3g} N, {100 * found.relative:.2g} % of the target (before "
+            f"{found.rms_start:.3g} N); {found.evaluations} simulations; last column: rms, for 10 % "
+            "of a parameter or 0.1 N m of torque"
+        )
+        console().print(table)
+    if out is not None:
+        say_written(write_text(out, found.actuator.to_toml(), force=force))
+    if plot is not None:
+        save_figure(plot_match(found), plot, force=force)
