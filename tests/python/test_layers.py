@@ -15,7 +15,7 @@ ROOT = HERE.parents[2]
 BASE = "errors _optional units quantity"
 MODEL = f"{BASE} files _core params config smoothing stroke events results simulate"
 STUDY = "sweep study study_expression study_plot study_report"
-TOOLS = "quasistatic regulate touch felt subjects parameters sensitivity batch"
+TOOLS = "actuator quasistatic regulate touch felt subjects parameters sensitivity batch"
 FRONT = f"{MODEL} {STUDY} contact fiber data fit gap plot report {TOOLS}"
 
 # part -> the parts that it may use. C++ parts are folders, Python parts are modules of the package.
@@ -72,6 +72,7 @@ MAY_USE = {
         "film": f"{BASE} config results plot",
         "animate": f"{BASE} files style config results plot film",
         "viewer": f"{BASE} files style config results plot film",
+        "actuator": f"{MODEL} fiber",
         "sweep": MODEL,
         "study_expression": BASE,
         "study_plot": f"{BASE} study_expression",

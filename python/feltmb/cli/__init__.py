@@ -17,6 +17,7 @@ COMMANDS = {
     "study": ("study", "Comparisons as data: the thesis's figures, sweeps, your own."),
     "regulate": ("regulate", "Regulate a mechanism as a technician does, steps A to F."),
     "sensitivity": ("sensitivity", "Which parameters move what: derivatives of a stroke."),
+    "actuator": ("actuator", "The key actuator: simulate, study, match a finger force."),
     "touch": ("touch", "Static and dynamic touch: weights, let-off, timing."),
     "gap": ("gap", "The gap to measurements: where, which cause, how far it shrinks."),
     "fit": ("fit", "Fit a model to measured records: parameters, intervals."),

@@ -28,6 +28,7 @@ __all__ = [
     "json_option",
     "load_with_settings",
     "new_table",
+    "parse_damper",
     "pretty",
     "print_json",
     "save_figure",
@@ -191,6 +192,20 @@ def load_with_settings(name: str, settings: tuple[str, ...]) -> Action:
     if settings:
         action = action.with_values(dict(parse_setting(text) for text in settings))
     return action
+
+
+def parse_damper(text: str) -> tuple[str, float | None]:
+    """Kind and coefficient [N m s/rad] of ``--damper one-sided=0.05``."""
+    from feltmb.errors import InvalidParameter
+    from feltmb.quantity import parse_scalar
+
+    kind, sign, value = text.partition("=")
+    if not sign:
+        return kind.strip(), None
+    try:
+        return kind.strip(), parse_scalar(value, "N m s/rad")
+    except ValueError as error:
+        raise InvalidParameter(f"--damper {text!r}: {error}") from None
 
 
 def is_terminal() -> bool:
