@@ -34,7 +34,8 @@ MAY_USE = {
         "model": "core numeric fiber contact beam modal ode planar",
         "sensitivity": "core numeric fiber contact beam modal ode planar model",
         "batch": "core numeric fiber contact beam modal ode planar model sensitivity",
-        "bindings": "core numeric fiber contact beam modal ode planar model sensitivity batch lumped",
+        "bindings": "core numeric fiber contact beam modal ode planar model sensitivity batch "
+        "lumped",
         "bench": "core numeric fiber contact beam modal ode planar model sensitivity batch",
     },
     # Configuration becomes a simulation, a simulation gives results; what works on results (fit,

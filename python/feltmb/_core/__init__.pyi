@@ -13,10 +13,10 @@ import numpy.typing
 from . import fiber
 
 __all__: list[str] = [
-    "BatchStroke",
     "Actuator",
     "ActuatorDescription",
     "ArmSection",
+    "BatchStroke",
     "BeamDescription",
     "BodyDescription",
     "CircleOnLayer",
@@ -1252,6 +1252,7 @@ class BatchStroke:
         prescribed: bool = False,
         motor: bool = False,
     ) -> None: ...
+
 class LumpedNetwork:
     """
     Network of lumped masses; see feltmb.lumped.
@@ -1281,6 +1282,7 @@ class LumpedNetwork:
     def parameters(self) -> int: ...
     @property
     def states(self) -> int: ...
+
 class ArmSection:
     def __init__(
         self,
