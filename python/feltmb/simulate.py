@@ -15,7 +15,7 @@ from feltmb.config import Action, load_action
 from feltmb.errors import IntegrationError, InvalidParameter
 from feltmb.events import Change, name_events
 from feltmb.results import Run
-from feltmb.stroke import Stroke, load_stroke
+from feltmb.stroke import MOTORS, PRESCRIBED, Stroke, load_stroke
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -166,10 +166,7 @@ def simulate(
         action = load_action(action)
     if isinstance(stroke, str):
         stroke = load_stroke(stroke)
-    if action.config.finger is None and any(stroke.value):
-        raise InvalidParameter(
-            f"stroke {stroke.name!r} presses, but mechanism {action.name!r} describes no finger"
-        )
+    check_input(action, stroke)
     options = _core.SimulationOptions()
     options.duration = float(stroke.duration if duration is None else duration)
     options.rtol = float(rtol)
@@ -199,6 +196,8 @@ def simulate(
         _monitors(action, y),
         progress,
         list(memory),
+        stroke.kind in PRESCRIBED,
+        stroke.kind in MOTORS,
     )
     run = _to_run(action, stroke, options, result)
     if start is not None and start.provenance.get("hash") != action.hash:
@@ -216,6 +215,27 @@ def simulate(
             contact=result.failed_contact,
         )
     return run
+
+
+def check_input(action: Action, stroke: Stroke) -> None:
+    """What drives the mechanism must be there."""
+    if not any(stroke.value):
+        return
+    if stroke.kind in MOTORS:
+        if action.config.motor is None:
+            raise InvalidParameter(
+                f"stroke {stroke.name!r} is a {stroke.kind}, but mechanism {action.name!r} "
+                "describes no motor; compose it with an actuator (--actuator)"
+            )
+    elif action.config.finger is None:
+        raise InvalidParameter(
+            f"stroke {stroke.name!r} presses, but mechanism {action.name!r} describes no finger"
+        )
+    elif action.config.motor is not None and action.config.motor.contact is not None:
+        raise InvalidParameter(
+            f"stroke {stroke.name!r} is a {stroke.kind} of a finger, but a motor presses mechanism "
+            f"{action.name!r}; give its torque or motor angle"
+        )
 
 
 def _start_state(action: Action, start: Run | None) -> tuple[Array, Array]:
@@ -259,17 +279,8 @@ def _monitors(action: Action, y: Array) -> list[Any]:
 
 
 def _to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
-    numbers = action.mechanism.contact_numbers
     monitor_names = [name for name, rule in action.config.events.items() if rule.point is not None]
-    changes = [
-        Change(
-            time,
-            numbers[contact] if contact >= 0 else None,
-            monitor_names[monitor] if monitor >= 0 else None,
-            direction > 0,
-        )
-        for time, contact, monitor, direction in result.events
-    ]
+    changes = list_changes(action, result.events, monitor_names)
     named = name_events(changes, action.config.events)
     n = len(action.coordinates)
     modes = action.mechanism.total_modes
@@ -316,7 +327,7 @@ def _to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
     laws = action.mechanism.total_law_states
     # Names of the first public interface, kept beside ours.
     stats.update(factorisations=stats["factorizations"], time=stats["wall"])
-    stats["warnings"] = _warnings(energy, options)
+    stats["warnings"] = _warnings(energy, options) + _input_warnings(stroke, result)
     if len(changes) >= _MOST_EVENTS:
         stats["warnings"].append(
             f"only the first {_MOST_EVENTS} events were kept: named events and the summary may be "
@@ -342,6 +353,20 @@ def _to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
     )
 
 
+def list_changes(action: Action, events: Any, monitors: list[str]) -> list[Change]:
+    """Events of the core, with contact numbers and names of monitored points."""
+    numbers = action.mechanism.contact_numbers
+    return [
+        Change(
+            time,
+            numbers[contact] if contact >= 0 else None,
+            monitors[monitor] if monitor >= 0 else None,
+            direction > 0,
+        )
+        for time, contact, monitor, direction in events
+    ]
+
+
 #: The core keeps no more events of one run.
 _MOST_EVENTS = 100_000
 
@@ -355,6 +380,34 @@ def _warnings(energy: Mapping[str, Any], options: Any) -> list[str]:
             f"energy not accounted for is {100 * residual:.2g} % of the work at rtol "
             f"{options.rtol:g}: use a smaller rtol"
         )
+    return out
+
+
+def _input_warnings(stroke: Stroke, result: Any) -> list[str]:
+    """Whether the forces of a prescribed motion can be those of a finger."""
+    if stroke.kind not in PRESCRIBED:
+        return []
+    out = []
+    noise = stroke.noise
+    if noise > 0.0:
+        step = (stroke.time[-1] - stroke.time[0]) / (len(stroke.time) - 1)
+        jitter = np.sqrt(6.0) * noise / step**2
+        largest = float(np.max(np.abs(stroke.smoothed(noise).profile.acceleration(stroke.time))))
+        if jitter > 0.2 * largest:
+            out.append(
+                f"the record's noise, about {noise:.2g} {stroke.unit}, gives accelerations of "
+                f"{jitter:.2g} {stroke.unit}/s^2 from row to row, the motion itself {largest:.2g}: "
+                "the reaction is mostly noise; smooth the record (--noise, Stroke.smoothed)"
+            )
+    names = list(result.names)
+    if stroke.kind == "key_motion" and "finger.force" in names and result.time.size:
+        force = result.data[:, names.index("finger.force")]
+        lowest = int(np.argmin(force))
+        if force[lowest] < -0.02 * max(1.0, float(np.max(force))):
+            out.append(
+                f"the key's motion takes a finger that pulls, {-force[lowest]:.3g} N at "
+                f"{result.time[lowest]:.4f} s: a finger would leave the key there"
+            )
     return out
 
 
@@ -450,7 +503,7 @@ def _summary(
     strike = roles.strike_contact
     if strike is not None:
         column = numbers.index(strike)
-        on, off = _strike(changes, strike)
+        on, off = find_strike(changes, strike)
         if on is not None:
             out["impact_time"] = changes[on].time
             out["impact_speed"] = float(result.event_approach[on, column])
@@ -472,7 +525,7 @@ def _summary(
 _ONE_BLOW = 6e-3
 
 
-def _strike(changes: list[Change], contact: int) -> tuple[int | None, int | None]:
+def find_strike(changes: list[Change], contact: int) -> tuple[int | None, int | None]:
     """First closing of the strike contact and its last opening within one blow."""
     on = next((i for i, c in enumerate(changes) if c.contact == contact and c.closes), None)
     if on is None:

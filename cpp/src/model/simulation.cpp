@@ -154,7 +154,7 @@ class Run {
         progress_(progress),
         system_(mechanism, input, options.ledger, monitors, options.events),
         locator_(system_),
-        modal_(options.method != Method::kCvode && !mechanism->strings.empty()),
+        modal_(options.method != Method::kCvode && !options.on_step && !mechanism->strings.empty()),
         whole_size_(system_.size()),
         string_heat_(mechanism->strings.size(), 0.0),
         begin_(Clock::now()) {
@@ -185,12 +185,14 @@ class Run {
     for (std::size_t i = 0; i < mechanism->contacts.size(); ++i) {
       if (mechanism->contacts[i].law.has_memory()) remembering_.push_back(i);
     }
-    felt_rate_.assign(remembering_.size(), 0.0);
+    felt_rate_.assign(remembering_.size(), 0.0);  // at rest
     recovered_.assign(mechanism->contacts.size(), 0.0);
     set_finger_reference();
+    system_.set_prescribed_reference(0.0, y_);
     scratch_.resize(y_.size());
     const auto add_stops = [&](const std::vector<double>& times, bool restart) {
-      for (const double t : times) {
+      for (const double on_profile : times) {
+        const double t = on_profile - input.origin;
         if (t > 0.0 && t < options.duration) stops_.push_back({t, restart});
       }
     };
@@ -234,6 +236,7 @@ class Run {
     Integrator* integrator = current();
     integrator->start(0.0, state_of(y_), true);
     sample(0.0, y_, nullptr);
+    if (options_.on_step) options_.on_step(0.0, y_, largest());
 
     std::size_t next_stop = 0;
     bool going = true;
@@ -251,8 +254,9 @@ class Run {
         break;
       }
       ++steps;
-      const double strike = find_strike(*integrator);
+      // First, since it reads the contacts of the last right-hand side.
       Reversal reversal = find_reversal(*integrator);
+      const double strike = find_strike(*integrator);
       if (strike < reversal.time) reversal.contact = -1;
       const bool struck = strike < integrator->time() && reversal.contact < 0;
       const double now = reversal.contact >= 0 ? reversal.time
@@ -264,8 +268,10 @@ class Run {
         record_event(*integrator, crossing);
       }
       if (options_.diagnose && steps % 4 == 0) diagnose(*integrator);
+      if (reversal.contact >= 0) restart_at(*integrator, reversal);
+      if (options_.on_step) options_.on_step(now, integrator->state(), largest());
       if (reversal.contact >= 0) {
-        restart_at(*integrator, reversal);
+        // has been started anew
       } else if (struck) {
         integrator = meet_strings(*integrator, strike, make);
       } else if (status == StepStatus::kStop) {
@@ -391,18 +397,38 @@ class Run {
     if (remembering_.empty()) return first;
     const double end = integrator.time();
     const double h = integrator.last_step();
-    system_.locate(end, integrator.state(), Detail::kAllContacts);
+    // The last right-hand side was taken within a Newton correction of the end of the step: where
+    // it leaves no doubt about the turn of a felt, the contacts need not be located again.
+    const double sure_rate = 1e-4 + 20.0 * options_.rtol;         // m/s
+    const double sure_compression = 1e-7 + 0.02 * options_.rtol;  // m
+    const auto may_turn = [&](std::size_t i, double room_rate, double room) {
+      const std::size_t contact = remembering_[i];
+      const CurveValue after = felt(contact);
+      const bool closed = system_.dynamics().contacts()[contact].closed;
+      const double before = felt_rate_[i];
+      const bool was_open = std::isnan(before);
+      if (!closed && was_open) return false;
+      // A felt that closed within the step may have turned in it, too; one that opened has.
+      if (!was_open && before <= -room_rate) return false;
+      if (closed && after.slope > room_rate) return false;
+      // A reversal below the remembered compression is smooth: z takes care of it.
+      const double reach =
+          after.force + (std::fabs(after.slope) + (was_open ? 0.0 : std::fabs(before))) * h;
+      return reach > largest()[contact] - room && reach > -room;
+    };
+    bool doubt = false;
+    for (std::size_t i = 0; i < remembering_.size() && !doubt; ++i) {
+      doubt = may_turn(i, sure_rate, sure_compression);
+    }
+    if (doubt) system_.locate(end, integrator.state(), Detail::kAllContacts);
     turned_.clear();
     for (std::size_t i = 0; i < remembering_.size(); ++i) {
       const std::size_t contact = remembering_[i];
+      if (doubt && may_turn(i, sure_rate, 0.0)) turned_.push_back(contact);
       const CurveValue after = felt(contact);
-      const double before = felt_rate_[i];
-      felt_rate_[i] = after.slope;
-      // A reversal below the remembered compression is smooth: z takes care of it.
-      const double reach = after.force + (std::fabs(after.slope) + std::fabs(before)) * h;
-      if (before > 0.0 && after.slope <= 0.0 && reach > largest()[contact] && reach > 0.0) {
-        turned_.push_back(contact);
-      }
+      felt_rate_[i] = system_.dynamics().contacts()[contact].closed
+                          ? after.slope
+                          : std::numeric_limits<double>::quiet_NaN();
       recover(contact, after.force, h);
     }
     for (const std::size_t contact : turned_) {
@@ -668,7 +694,6 @@ class Run {
   std::unique_ptr<Integrator> whole_, apart_;
   bool leaving_ = false;             ///< the strings can be left to themselves
   std::vector<double> string_heat_;  ///< of the times apart that are over [J]
-  std::vector<std::size_t> turned_;
   Clock::time_point begin_;
   std::vector<double> y_;
   std::vector<double> scratch_;
@@ -676,7 +701,8 @@ class Run {
   std::vector<Stop> stops_;
   std::vector<PeakWatch> watches_;
   std::vector<std::size_t> remembering_;  ///< contacts whose laws have memory
-  std::vector<double> felt_rate_;         ///< of these, at the end of the last step
+  std::vector<double> felt_rate_;         ///< of these, near the end of the last step
+  std::vector<std::size_t> turned_;       ///< of these, in the last step; kept for its memory
   std::vector<double> recovered_;         ///< heat of recovery by contact [J]
   RunResult result_;
   long rows_ = 0;
