@@ -32,7 +32,7 @@ def test_ledger_closes_with_a_string_outside(runs):
     assert heat[0] > 0
 
 
-def test_auto_takes_modal_where_there_is_a_string(runs):
+def test_auto_takes_modal_where_there_is_a_string():
     run = feltmb.simulate("steinway45", "forte", 0.01)
     assert run.stats["method"] == "modal"
 
