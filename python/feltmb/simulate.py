@@ -107,6 +107,7 @@ def simulate(
     duration: float | None = None,
     rtol: float = 1e-6,
     *,
+    method: str = "auto",
     output_rate: float = 10_000.0,
     ledger: bool = True,
     events: bool = True,
@@ -127,6 +128,11 @@ def simulate(
     rtol
         Relative tolerance of the integrator, 1e-13 to 1e-2. Absolute tolerances follow from it,
         state by state: rtol times 0.2 mm and 0.2 m/s at the contacts.
+    method
+        ``"cvode"``: all states by CVODES (BDF), the modes of the string among them. ``"modal"``:
+        a string that nothing touches leaves the integrator and vibrates exactly, whatever its
+        frequencies and damping; needs a string with modes. ``"auto"``: modal where there is one.
+        Both agree within their errors (``run.stats["method"]`` names the one used).
     output_rate
         Samples a second. Events and the largest string force are found on the dense output and do
         not depend on it.
@@ -221,6 +227,7 @@ def prepare(
     options.output_rate = float(output_rate)
     options.ledger = ledger
     options.events = events
+    options.method = method
     if max_wall is not None:
         options.max_wall = float(max_wall)
     if max_step is not None:
@@ -345,6 +352,8 @@ def to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
     stats: dict[str, Any] = dict(result.counts)
     stats.update(
         restarts=result.restarts,
+        method=result.method,
+        strikes=result.strikes,
         wall=result.wall,
         reached=result.reached,
         limiting_states=dict(result.limiting_states[:10]),

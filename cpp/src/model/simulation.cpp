@@ -7,6 +7,7 @@
 
 #include "feltmb/core/error.hpp"
 #include "feltmb/model/equilibrium.hpp"
+#include "feltmb/model/linear_machine.hpp"
 #include "feltmb/model/observables.hpp"
 #include "feltmb/numeric/bracketing.hpp"
 #include "feltmb/ode/events.hpp"
@@ -571,7 +572,7 @@ class Run {
   void diagnose(Integrator& integrator) {
     const std::size_t state = integrator.limiting_state();
     if (state_counts_.empty()) {
-      state_counts_.assign(system_.size(), 0);
+      state_counts_.assign(whole_size_, 0);
       contact_counts_.assign(system_.mechanism().contacts.size(), 0);
     }
     ++state_counts_[state];
@@ -724,6 +725,12 @@ RunResult simulate(const std::shared_ptr<const Mechanism>& mechanism, const Fing
   if (options.method == Method::kModal && mechanism->strings.empty()) {
     throw InvalidParameter("method = \"modal\": mechanism \"" + mechanism->name +
                            "\" has no string with modes; use \"auto\" or \"cvode\"");
+  }
+  const bool samples_only = !options.ledger && !options.events && monitors.empty();
+  if (options.method != Method::kCvode && !mechanism->strings.empty() && samples_only) {
+    if (auto machine = LinearMachine::of(*mechanism)) {
+      return simulate_linear(mechanism, std::move(*machine), options, start, progress);
+    }
   }
   return Run(mechanism, input, options, start, monitors, progress).run();
 }

@@ -265,6 +265,11 @@ void Integrator::start(double t, std::span<const double> y, bool reset_quadratur
     d.check(CVodeSetMaxOrd(d.cvode, d.options.max_order), "CVodeSetMaxOrd");
     d.check(CVodeSetMaxNumSteps(d.cvode, -1), "CVodeSetMaxNumSteps");
     CVodeSetMaxHnilWarns(d.cvode, -1);
+    // What Newton's method leaves is noise to the error test, and a step that may grow by a tenth
+    // pays although the matrix is factorised anew: a fifth fewer steps than with the defaults of
+    // 0.1 and 1.5, at the same error (docs/performance.md).
+    CVodeSetNonlinConvCoef(d.cvode, 0.03);
+    CVodeSetEtaFixedStepBounds(d.cvode, 0.0, 1.1);
     if (d.options.max_step > 0.0) CVodeSetMaxStep(d.cvode, d.options.max_step);
     if (d.options.first_step > 0.0) CVodeSetInitStep(d.cvode, d.options.first_step);
     if (d.quad != nullptr) {

@@ -28,6 +28,9 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   }
   translation_.assign(m_->motions.size(), {});
   translation_rate_.assign(m_->motions.size(), {});
+  for (const Motion& motion : m_->motions) {
+    twist_.push_back({{}, motion.rho, motion.coordinate, 0});
+  }
   largest_.assign(m_->contacts.size(), 0.0);
   law_.assign(at(m_->total_law_states), 0.0);
   law_states_.resize(m_->contacts.size());
@@ -126,29 +129,20 @@ void Dynamics::project(std::size_t i) {
   const Link& link = m_->links[i];
   const Wrench& w = load_[i];
   const Inertia& c = carried_[i];
-  const std::size_t before = link.path.size() - link.motions.size();
-  for (std::size_t x = before; x < link.path.size(); ++x) {
-    const Motion& mk = m_->motions[at(link.path[x])];
-    const int k = mk.coordinate;
-    if (held_[at(k)] != 0) continue;
-    const Vec2 t = translation_[at(link.path[x])];
-    const Vec2 own = links_[i].origin;
+  const int* path = link.path.data();
+  const std::size_t size = link.path.size();
+  double* mass = mass_.data();
+  for (std::size_t x = size - link.motions.size(); x < size; ++x) {
+    const Twist& own = twist_[at(path[x])];
+    if (own.held != 0) continue;
     // Momentum and angular momentum about the ground's origin for a unit rate.
-    Vec2 p = c.mass * t;
-    double l = cross(c.first, t);
-    double q = dot(t, w.force);
-    if (mk.rho != 0.0) {
-      p += mk.rho * perp(c.first - c.mass * own);
-      l += mk.rho * (c.second - dot(c.first, own));
-      q += mk.rho * (w.moment - cross(own, w.force));
-    }
-    force_[k] += q;
+    const Vec2 p = c.mass * own.base + own.rho * perp(c.first);
+    const double l = cross(c.first, own.base) + own.rho * c.second;
+    force_[own.coordinate] += dot(own.base, w.force) + own.rho * w.moment;
+    double* row = mass + own.coordinate;
     for (std::size_t y = 0; y <= x; ++y) {
-      const Motion& mj = m_->motions[at(link.path[y])];
-      if (held_[at(mj.coordinate)] != 0) continue;
-      double value = dot(translation_[at(link.path[y])], p);
-      if (mj.rho != 0.0) value += mj.rho * (l - cross(links_[at(mj.link)].origin, p));
-      mass_(k, mj.coordinate) += value;
+      const Twist& other = twist_[at(path[y])];
+      if (other.held == 0) row[other.coordinate * n_] += dot(other.base, p) + other.rho * l;
     }
   }
   load_[at(link.parent)].force += w.force;
@@ -228,21 +222,31 @@ void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail
 
   mass_.setZero();
   for (int k = 0; k < n_; ++k) force_[k] = -joint_friction(k);
-  std::fill(load_.begin(), load_.end(), Wrench{});
-  std::fill(carried_.begin(), carried_.end(), Inertia{});
+  for (std::size_t i = 0; i < links_.size(); ++i) {
+    if (m_->links[i].lump) continue;
+    load_[i] = applied_[i];
+    carried_[i] = {};
+  }
   for (const FlexibleBeam& beam : m_->beams) add_beam(beam);
   // Children come after their parents: what a link carries is complete when it is reached.
   for (std::size_t i = links_.size() - 1; i > 0; --i) {
     const Link& link = m_->links[i];
     if (link.lump) continue;
-    apply_inertia(i);
-    load_[i].force += applied_[i].force;
-    load_[i].moment += applied_[i].moment;
-    const Vec2 center = links_[i].origin + links_[i].rotation * link.center_of_mass;
-    Inertia& own = carried_[i];
-    own.mass += link.mass;
-    own.first += link.mass * center;
-    own.second += link.inertia + link.mass * dot(center, center);
+    if (link.mass != 0.0) {
+      const LinkState& moving = links_[i];
+      const Vec2 arm = moving.rotation * link.center_of_mass;
+      const Vec2 center = moving.origin + arm;
+      const Vec2 bias = moving.bias - (moving.omega * moving.omega) * arm;
+      const Vec2 force = link.mass * (m_->gravity - bias);
+      load_[i].force += force;
+      load_[i].moment += cross(center, force);
+      apply(static_cast<int>(i), center, force);
+      Inertia& own = carried_[i];
+      own.mass += link.mass;
+      own.first += link.mass * center;
+      own.second += link.mass * dot(center, center);
+    }
+    carried_[i].second += link.inertia;
     project(i);
   }
   for (const auto& spring : m_->springs) {
@@ -273,6 +277,7 @@ void Dynamics::condense_axial() {
       held_[at(beam.first + k)] = 1;
     }
   }
+  for (Twist& twist : twist_) twist.held = held_[at(twist.coordinate)];
 }
 
 void Dynamics::hold_condensed() {

@@ -61,6 +61,13 @@ if TYPE_CHECKING:
 @click.option("--duration", type=float, help="Simulated time [s]; default: the stroke's own.")
 @click.option("--rtol", type=float, default=1e-6, show_default=True, help="Relative tolerance.")
 @click.option(
+    "--method",
+    type=click.Choice(["auto", "cvode", "modal"]),
+    default="auto",
+    show_default=True,
+    help="cvode: all states by CVODES; modal: a free string vibrates exactly outside of it.",
+)
+@click.option(
     "--output-rate", type=float, default=10000.0, show_default=True, help="Samples a second."
 )
 @click.option(
@@ -97,6 +104,7 @@ def command(
     wav: bool,
     duration: float | None,
     rtol: float,
+    method: str,
     output_rate: float,
     max_wall: float | None,
     start: Path | None,
@@ -147,6 +155,7 @@ def command(
                 loaded[i],
                 duration,
                 rtol,
+                method=method,
                 output_rate=output_rate,
                 ledger=not no_ledger,
                 start=first,

@@ -203,6 +203,14 @@ class Dynamics {
                       Detail detail);
   void locate_string(const Contact& contact, ContactState& state, Vec2 d,
                      const MechanicalState& at_state);
+  /// A motion seen from the ground: a unit of rate gives a point p the velocity base + rho perp(p).
+  struct Twist {
+    Vec2 base;
+    double rho = 0.0;
+    int coordinate = 0;
+    int held = 0;  ///< the coordinate is kept
+  };
+
   /// Mass, first moment and moment of inertia about the origin of the ground frame.
   struct Inertia {
     double mass = 0.0;
@@ -231,9 +239,8 @@ class Dynamics {
   void differentiate_contact(std::size_t i);
   void differentiate_strap(std::size_t i);
   Vec2 column(int motion, Vec2 point) const {
-    const auto i = static_cast<std::size_t>(motion);
-    const Motion& m = m_->motions[i];
-    return translation_[i] + m.rho * perp(point - links_[static_cast<std::size_t>(m.link)].origin);
+    const Twist& w = twist_[static_cast<std::size_t>(motion)];
+    return w.base + w.rho * perp(point);
   }
   Vec2 column_rate(int motion, Vec2 point_velocity) const {
     const auto i = static_cast<std::size_t>(motion);
@@ -255,6 +262,7 @@ class Dynamics {
   std::vector<int> motion_of_;     ///< link x coordinate
   std::vector<Vec2> translation_;  ///< t by motion, in the ground frame
   std::vector<Vec2> translation_rate_;
+  std::vector<Twist> twist_;  ///< by motion
   std::vector<double> phi_;
   std::vector<double> dphi_;
   std::vector<double> shaped_at_;  ///< strike position of phi_ by string, NaN before the first
