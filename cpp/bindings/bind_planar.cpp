@@ -88,7 +88,10 @@ void bind_description(py::module_& m) {
       .def_readwrite("name", &TorsionSpringDescription::name)
       .def_readwrite("coordinate", &TorsionSpringDescription::coordinate)
       .def_readwrite("stiffness", &TorsionSpringDescription::stiffness)
-      .def_readwrite("rest_angle", &TorsionSpringDescription::rest_angle);
+      .def_readwrite("rest_angle", &TorsionSpringDescription::rest_angle)
+      .def_readwrite("damping", &TorsionSpringDescription::damping)
+      .def_readwrite("clearance", &TorsionSpringDescription::clearance)
+      .def_readwrite("seating", &TorsionSpringDescription::seating);
 
   py::class_<DashpotDescription>(m, "DashpotDescription")
       .def(py::init<>())
@@ -164,6 +167,16 @@ void bind_planar(py::module_& m) {
       .def_readonly("coordinate_scale", &Mechanism::coordinate_scale)
       .def_readonly("total_modes", &Mechanism::total_modes)
       .def_readonly("total_law_states", &Mechanism::total_law_states)
+      .def_property_readonly("law_state_names",
+                             [](const Mechanism& mech) {
+                               std::vector<std::string> names;
+                               for (const auto& c : mech.contacts) {
+                                 for (std::size_t i = 0; i < c.law.n_states(); ++i) {
+                                   names.push_back(c.name + "." + c.law.state_name(i));
+                                 }
+                               }
+                               return names;
+                             })
       .def_property_readonly("coordinate_units",
                              [](const Mechanism& self) {
                                std::vector<std::string> units;

@@ -9,9 +9,11 @@ namespace feltmb::python {
 
 void bind_error(pybind11::module_& m);
 void bind_contact(pybind11::module_& m);
+void bind_felt(pybind11::module_& m);
 void bind_modal(pybind11::module_& m);
 void bind_planar(pybind11::module_& m);
 void bind_model(pybind11::module_& m);
 void bind_actuator(pybind11::module_& m);
+void bind_sensitivity(pybind11::module_& m);
 
 }  // namespace feltmb::python

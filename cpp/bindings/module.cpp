@@ -5,9 +5,11 @@ PYBIND11_MODULE(_core, m) {
   m.attr("__version__") = FELTMB_VERSION;
   feltmb::python::bind_error(m);
   feltmb::python::bind_contact(m);
+  feltmb::python::bind_felt(m);
   feltmb::python::bind_modal(m);
   feltmb::python::bind_planar(m);
   feltmb::python::bind_model(m);
   feltmb::python::bind_actuator(m);
+  feltmb::python::bind_sensitivity(m);
   bind_fiber(m);
 }

@@ -14,13 +14,16 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from pydantic import BeforeValidator, Field, ValidationError
 
 from feltmb import _core, params
 from feltmb.errors import InvalidParameter
 from feltmb.files import is_file, read_toml
+from feltmb.layer import LayerParameters
+from feltmb.material import load_material
+from feltmb.mending import mended
 from feltmb.quantity import (
     META_KEYS,
     SI,
@@ -41,8 +44,10 @@ if TYPE_CHECKING:
 __all__ = ["Action", "load_action", "packaged_actions", "parse_setting"]
 
 SCHEMA_VERSION = 1
-LAWS = ("guarded", "printed", "mean", "hunt_crossley", "stulov", "felt_memory")
-LawName = Literal["guarded", "printed", "mean", "hunt_crossley", "stulov", "felt_memory"]
+LawName = Literal[
+    "guarded", "printed", "mean", "hunt_crossley", "stulov", "felt_memory", "micromechanical"
+]
+LAWS: tuple[str, ...] = get_args(LawName)
 
 
 def _curve(node: object) -> object:
@@ -126,7 +131,7 @@ def _power_stiffness(node: object) -> float:
 
 
 class FrictionParameters(Schema):
-    """Coulomb friction of thesis eq. A.1."""
+    """Coulomb friction of thesis eq. A.1, with viscous, quadratic and Stribeck terms."""
 
     amplitude: Annotated[
         float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("1", "N", "N m")))
@@ -136,6 +141,20 @@ class FrictionParameters(Schema):
     threshold_speed: Annotated[
         float, Field(gt=0), BeforeValidator(lambda n: _one_of(n, ("m/s", "rad/s")))
     ] = 1e-3
+    viscous: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m s/rad", "N s/m", "s/m")))
+    ] = 0.0
+    quadratic: Annotated[
+        float,
+        Field(ge=0),
+        BeforeValidator(lambda n: _one_of(n, ("N m s^2/rad^2", "N s^2/m^2", "s^2/m^2"))),
+    ] = 0.0
+    stribeck: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("1", "N", "N m")))
+    ] = 0.0
+    stribeck_speed: Annotated[
+        float, Field(gt=0), BeforeValidator(lambda n: _one_of(n, ("m/s", "rad/s")))
+    ] = 0.1
 
 
 def _one_of(node: object, units: tuple[str, ...]) -> float:
@@ -197,13 +216,15 @@ class Surface(Schema):
 class LawChoice(Schema):
     """A contact law with the parameters of all that may be chosen."""
 
-    law: LawName = "guarded"
+    law: LawName = "felt_memory"
     alpha: Annotated[float, SI("s/m"), Field(gt=0)] = 100.0
+    hysteresis: Annotated[float, SI("1"), Field(ge=0)] = 1.0
     loading: Annotated[Curve, BeforeValidator(_curve)] | None = None
     unloading: Annotated[Curve, BeforeValidator(_curve)] | None = None
     hunt_crossley: HuntCrossleyParameters | None = None
     stulov: StulovParameters | None = None
     memory: MemoryParameters = MemoryParameters()
+    micromechanical: LayerParameters | None = None
 
 
 class Contact(LawChoice):
@@ -217,12 +238,23 @@ class Contact(LawChoice):
 
 
 class Spring(Schema):
-    """Torsion spring on a coordinate."""
+    """Spring on the coordinate of a joint, with damping and play if wanted."""
 
     label: str = ""
     coordinate: str
-    stiffness: Annotated[float, SI("N m/rad"), Field(ge=0)]
-    rest_angle: Annotated[float, SI("rad")]
+    stiffness: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m/rad", "N/m")))
+    ]
+    rest_angle: Annotated[float, BeforeValidator(lambda n: _one_of(n, ("rad", "m")))]
+    damping: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m s/rad", "N s/m")))
+    ] = 0.0
+    clearance: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("rad", "m")))
+    ] = 0.0
+    seating: Annotated[float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m", "N")))] = (
+        0.0
+    )
     enabled: bool = True
 
 
@@ -388,7 +420,7 @@ def load_raw(
     path: Path, resolve: Callable[[str], Path], seen: tuple[Path, ...] = ()
 ) -> dict[str, Any]:
     """Tables of a file, on top of those that it extends; ``resolve`` finds a base by its name."""
-    raw = read_toml(path)
+    raw = _felts_in_place(read_toml(path), path.parent)
     if "extends" not in raw:
         return raw
     unknown = sorted(set(raw) - {"schema", "name", "about", "source", "extends", "values"})
@@ -417,6 +449,27 @@ def load_raw(
                 f'{path}: values.{key}: got a table; write paths in quotes, such as "{inner}" = ...'
             )
     return apply_values(merged, values, str(path))
+
+
+def _felts_in_place(raw: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Felts that a file names by a path beside it become tables: the mechanism is then whole."""
+
+    def whole(node: Any) -> Any:
+        if not isinstance(node, Mapping):
+            return node
+        out = {key: whole(value) for key, value in node.items()}
+        felt = out.get("felt")
+        if isinstance(felt, str) and felt.endswith(".toml"):
+            out["felt"] = load_material(folder / felt).model_dump(
+                mode="json", by_alias=True, exclude_none=True
+            )
+        return out
+
+    out = dict(raw)
+    for key in ("contacts", "values"):
+        if isinstance(raw.get(key), Mapping):
+            out[key] = whole(raw[key])
+    return out
 
 
 def load_action(name_or_path: str | Path) -> Action:
@@ -680,15 +733,100 @@ def _output_faults(raw: Mapping[str, Any]) -> list[str]:
     ]
 
 
+#: Where the parameters of a law stand in a contact; others stand in the contact itself.
+_LAW_TABLE = {
+    "hunt_crossley": "hunt_crossley",
+    "stulov": "stulov",
+    "felt_memory": "memory",
+    "micromechanical": "micromechanical",
+    "guarded": "memory",
+    "printed": "memory",
+}
+_LAW_CURVES = ("loading", "unloading", "alpha", "hysteresis")
+
+
+def spread_laws(raw: dict[str, Any], faults: list[str]) -> dict[str, Any]:
+    """``law = { name = ..., ... }`` as ``law = name`` with the parameters where they belong."""
+    contacts = {}
+    for key, node in _table(raw, "contacts").items():
+        law = node.get("law") if isinstance(node, Mapping) else None
+        if not isinstance(law, Mapping):
+            contacts[key] = node
+            continue
+        own = {k: v for k, v in law.items() if k != "name"}
+        name = law.get("name")
+        if name is None:
+            faults.append(
+                f"contacts.{key}.law: is missing its name, such as "
+                '{ name = "felt_memory", kappa = 0.2 }'
+            )
+            name = "felt_memory"
+        curves = {k: own.pop(k) for k in _LAW_CURVES if k in own}
+        table = _LAW_TABLE.get(str(name))
+        inner = {}
+        if table is not None:
+            old = node.get(table)
+            inner = {table: {**(old if isinstance(old, Mapping) else {}), **own}}
+        elif own:
+            faults += [f"contacts.{key}.law.{k}: unknown key of law {name!r}" for k in own]
+        contacts[key] = {**node, **curves, **inner, "law": name}
+    return {**raw, "contacts": contacts} if contacts else raw
+
+
+def _as_written(line: str, contacts: Mapping[str, Any]) -> str:
+    """A fault in the parameters of ``law = { ... }``, at the place where they were written."""
+    where = line.split(":")[0].split(".")
+    if len(where) > 3 and where[2] in _LAW_TABLE.values():
+        node = contacts.get(where[1])
+        if isinstance(node, Mapping) and isinstance(node.get("law"), Mapping):
+            return line.replace(f".{where[1]}.{where[2]}.", f".{where[1]}.law.", 1)
+    return line
+
+
+def _pair_radii(config: MechanismFile, contact: Contact) -> tuple[float | None, float | None]:
+    """Relative radius of a pair of surfaces and, on a string, that of the string [m]."""
+    pair = [config.surfaces[name] for name in contact.surfaces if name in config.surfaces]
+    curvature = sum(
+        0.0 if s.kind == "line" else (-1.0 if s.kind == "concave" else 1.0) / (s.radius or math.inf)
+        for s in pair
+    )
+    on_string = config.string is not None and config.string.surface in contact.surfaces
+    wire = 0.5 * config.string.diameter if config.string is not None and on_string else None
+    return (1.0 / curvature if curvature > 0.0 else None), wire
+
+
+def _with_radii(config: MechanismFile) -> MechanismFile:
+    """Radii that the areas of layers leave out are those of the pair."""
+    contacts = {}
+    for key, contact in config.contacts.items():
+        layer = contact.micromechanical
+        contacts[key] = contact
+        if layer is None:
+            continue
+        radius, wire = _pair_radii(config, contact)
+        own = {
+            "crossed_cylinders": {"radius_a": radius, "radius_b": wire},
+            "circle_on_layer": {"radius": radius},
+            "sphere_on_layer": {"radius": radius},
+        }.get(layer.area.kind, {})
+        update = {k: v for k, v in own.items() if getattr(layer.area, k) is None}
+        area = layer.area.model_copy(update=update)
+        contacts[key] = contact.model_copy(
+            update={"micromechanical": layer.model_copy(update={"area": area})}
+        )
+    return config.model_copy(update={"contacts": contacts})
+
+
 def missing_law_faults(node: Mapping[str, Any], where: str) -> list[str]:
     """What the law chosen in a raw table needs and does not find there."""
-    law = node.get("law", "guarded")
+    law = node.get("law", "felt_memory")
     memory = node.get("memory")
     tabulated = isinstance(memory, Mapping) and "envelope" in memory
     needed = {
         "hunt_crossley": ["hunt_crossley"],
         "stulov": ["stulov"],
         "felt_memory": [] if tabulated else ["loading", "unloading"],
+        "micromechanical": ["micromechanical"],
     }.get(str(law), ["loading", "unloading"])
     return [
         f"{where}.{key}: is missing; law {law!r} needs it"
@@ -727,23 +865,70 @@ def _law_faults(raw: Mapping[str, Any]) -> list[str]:
     return faults
 
 
-def _validate(raw: Mapping[str, Any], origin: str) -> MechanismFile:
+def _parse(raw: Mapping[str, Any]) -> tuple[list[str], MechanismFile | None]:
+    """What is wrong with single entries and with the names between them; the checked tables."""
     faults: list[str] = []
+    raw_laws, raw = _table(raw, "contacts"), spread_laws(dict(raw), faults)
     parsed: MechanismFile | None = None
     try:
         parsed = MechanismFile.model_validate(raw)
     except ValidationError as error:
-        faults += fault_lines(error, MechanismFile)
+        faults += [_as_written(line, raw_laws) for line in fault_lines(error, MechanismFile)]
     faults += _reference_faults(raw)
     faults += _law_faults(raw)
     faults += _output_faults(raw)
     for path in _paths_of_none(raw):
         if not any(f.startswith(f"{path}:") for f in faults):
             faults.append(f"{path}: got None, expected a value; leave the key out for its default")
-    if faults or parsed is None:
-        unique = list(dict.fromkeys(faults))
-        raise InvalidParameter(fault_text(origin, unique))
-    return parsed
+    # Radii come from the pair, which a fault may have left without any.
+    return list(dict.fromkeys(faults)), parsed if faults or parsed is None else _with_radii(parsed)
+
+
+def _assemble(config: MechanismFile) -> tuple[list[str], Any]:
+    """What is wrong with the whole, as the core tells it; the mechanism of the core."""
+    description, faults = _describe(config)
+    try:
+        mechanism = _core.assemble(description)
+    except InvalidParameter as error:
+        lines = str(error).splitlines()
+        found = [line.strip() for line in lines[1:]] or lines
+        if faults:  # contacts are left out of the description
+            found = [f for f in found if "no contact uses its surface" not in f]
+        return faults + found, None
+    return faults, mechanism
+
+
+def _hidden_faults(raw: Mapping[str, Any]) -> list[str]:
+    """Faults that the core finds in what the schema lets pass of a faulty file."""
+    found = mended(raw, lambda tables: _parse(tables)[0])
+    if found is None:
+        return []
+    rest, dropped = found
+    parsed = _parse(rest)[1]
+    if parsed is None:
+        return []
+    bodies = {path.split(".")[1] for path in dropped if path.startswith("bodies.")}
+    # A body that lost an entry may lack a mass only because of that.
+    return [
+        f
+        for f in _assemble(parsed)[0]
+        if not any(f'"{name}"' in f for name in bodies)
+        and not (bodies and ("moves no mass" in f or "no body has a joint" in f))
+        and "no contact uses its surface" not in f
+    ]
+
+
+def _validate(raw: Mapping[str, Any], origin: str) -> tuple[MechanismFile, Any]:
+    """The checked file and the mechanism of the core."""
+    faults, config = _parse(raw)
+    mechanism = None
+    if faults or config is None:
+        faults += _hidden_faults(raw)
+    else:
+        faults, mechanism = _assemble(config)
+    if faults or config is None:
+        raise InvalidParameter(fault_text(origin, list(dict.fromkeys(faults))))
+    return config, mechanism
 
 
 # --- from the file to the core -------------------------------------------------------------------
@@ -751,7 +936,14 @@ def _validate(raw: Mapping[str, Any], origin: str) -> MechanismFile:
 
 def _core_friction(f: FrictionParameters) -> _core.Friction:
     return _core.Friction(
-        amplitude=f.amplitude, b1=f.b1, b2=f.b2, threshold_speed=f.threshold_speed
+        amplitude=f.amplitude,
+        b1=f.b1,
+        b2=f.b2,
+        threshold_speed=f.threshold_speed,
+        viscous=f.viscous,
+        quadratic=f.quadratic,
+        stribeck=f.stribeck,
+        stribeck_speed=f.stribeck_speed,
     )
 
 
@@ -770,6 +962,9 @@ def core_law(contact: LawChoice) -> Any:
         return _core.Stulov(
             stiffness=st.stiffness, exponent=st.exponent, amplitude=st.amplitude, time=st.time
         )
+    if contact.law == "micromechanical":
+        assert contact.micromechanical is not None
+        return _core_memory(contact.micromechanical, contact.micromechanical.envelope)
     if contact.law == "felt_memory" and contact.memory.envelope is not None:
         return _core_memory(contact.memory, _table_envelope(contact.memory.envelope))
     assert contact.loading is not None
@@ -788,6 +983,9 @@ def core_law(contact: LawChoice) -> Any:
         unloading=unloading,
         alpha=contact.alpha,
         guarded=contact.law == "guarded",
+        hysteresis=contact.hysteresis,
+        rate_amplitude=contact.memory.rate_amplitude,
+        rate_time=contact.memory.rate_time,
     )
 
 
@@ -804,7 +1002,9 @@ def _table_envelope(table: EnvelopeTable) -> _core.Envelope:
     )
 
 
-def _core_memory(p: MemoryParameters, envelope: _core.Envelope) -> _core.FeltMemory:
+def _core_memory(
+    p: MemoryParameters | LayerParameters, envelope: _core.Envelope
+) -> _core.FeltMemory:
     return _core.FeltMemory(
         envelope=envelope,
         kappa=p.kappa,
@@ -877,86 +1077,127 @@ def _core_string(s: String) -> _core.StringDescription:
     return d
 
 
-def describe(config: MechanismFile) -> _core.MechanismDescription:
-    """Plain description of a validated file for the core."""
+def _core_surface(name: str, s: Surface) -> _core.SurfaceDescription:
+    d = _core.SurfaceDescription()
+    d.name = name
+    d.body = s.body
+    d.kind = getattr(_core.SurfaceKind, s.kind)
+    d.point = s.point
+    if s.normal is not None:
+        d.normal = s.normal
+    if s.radius is not None:
+        d.radius = s.radius
+    if s.arc is not None:
+        d.arc = s.arc
+    return d
+
+
+def _core_contact(key: str, c: Contact) -> _core.ContactDescription:
+    d = _core.ContactDescription()
+    d.number = int(key)
+    d.label = c.label
+    d.surface_a, d.surface_b = c.surfaces
+    d.law = core_law(c)
+    d.friction = _core_friction(c.friction)
+    d.enabled = c.enabled
+    return d
+
+
+def _core_spring(name: str, s: Spring) -> _core.TorsionSpringDescription:
+    d = _core.TorsionSpringDescription()
+    d.name = name
+    d.coordinate = s.coordinate
+    d.stiffness = s.stiffness
+    d.rest_angle = s.rest_angle
+    d.damping = s.damping
+    d.clearance = s.clearance
+    d.seating = s.seating
+    return d
+
+
+def _core_dashpot(name: str, da: Dashpot) -> _core.DashpotDescription:
+    d = _core.DashpotDescription()
+    d.name = name
+    d.coordinate = da.coordinate
+    d.coefficient = da.coefficient
+    d.side = {"both": 0, "positive": 1, "negative": -1}[da.side]
+    return d
+
+
+def _core_strap(name: str, s: Strap) -> _core.StrapDescription:
+    d = _core.StrapDescription()
+    d.name = name
+    d.body_a, d.point_a = s.body_a, s.point_a
+    d.body_b, d.point_b = s.body_b, s.point_b
+    d.free_length = s.free_length
+    d.coefficients = (s.k1, s.k2, s.k3)
+    return d
+
+
+def _core_point(name: str, p: Point) -> _core.TrackingPointDescription:
+    d = _core.TrackingPointDescription()
+    d.name = name
+    d.body = p.body
+    d.point = p.point
+    return d
+
+
+def describe(
+    config: MechanismFile, known: dict[int, tuple[Any, Any]] | None = None
+) -> _core.MechanismDescription:
+    """Plain description of a validated file for the core.
+
+    Parameters
+    ----------
+    known
+        Parts made before, by the identity of the part of the file that they came from; what is
+        missing is added. Files that share parts are then described in a fraction of the time.
+    """
+    description, faults = _describe(config, known)
+    if faults:
+        raise InvalidParameter("\n".join(faults))
+    return description
+
+
+def _describe(
+    config: MechanismFile, known: dict[int, tuple[Any, Any]] | None = None
+) -> tuple[_core.MechanismDescription, list[str]]:
+    """Description without the contacts whose laws cannot be made, and why they cannot."""
+
+    def each(table: Mapping[str, Any], make: Callable[[str, Any], Any]) -> list[Any]:
+        if known is None:
+            return [make(name, node) for name, node in table.items()]
+        out = []
+        for name, node in table.items():
+            if id(node) not in known:
+                made = make(name, node)
+                if made is None:
+                    continue
+                known[id(node)] = (node, made)
+            out.append(known[id(node)][1])
+        return out
+
     d = _core.MechanismDescription()
     d.name = config.name
     d.gravity = config.gravity
-    d.bodies = [_core_body(name, b) for name, b in config.bodies.items()]
-    surfaces = []
-    for name, s in config.surfaces.items():
-        sd = _core.SurfaceDescription()
-        sd.name = name
-        sd.body = s.body
-        sd.kind = getattr(_core.SurfaceKind, s.kind)
-        sd.point = s.point
-        if s.normal is not None:
-            sd.normal = s.normal
-        if s.radius is not None:
-            sd.radius = s.radius
-        if s.arc is not None:
-            sd.arc = s.arc
-        surfaces.append(sd)
-    d.surfaces = surfaces
-    contacts = []
+    d.bodies = each(config.bodies, _core_body)
+    d.surfaces = each(config.surfaces, _core_surface)
     faults: list[str] = []
-    for key, c in config.contacts.items():
-        cd = _core.ContactDescription()
-        cd.number = int(key)
-        cd.label = c.label
-        cd.surface_a, cd.surface_b = c.surfaces
+
+    def contact(key: str, c: Contact) -> Any:
         try:
-            cd.law = core_law(c)
+            return _core_contact(key, c)
         except InvalidParameter as error:
             faults.append(f"contacts.{key}: {error}")
-            continue
-        cd.friction = _core_friction(c.friction)
-        cd.enabled = c.enabled
-        contacts.append(cd)
-    if faults:
-        raise InvalidParameter("\n".join(faults))
-    d.contacts = contacts
-    springs = []
-    for name, sp in config.springs.items():
-        spd = _core.TorsionSpringDescription()
-        spd.name = name
-        spd.coordinate = sp.coordinate
-        spd.stiffness = sp.stiffness
-        spd.rest_angle = sp.rest_angle
-        if sp.enabled:
-            springs.append(spd)
-    d.springs = springs
-    dashpots = []
-    for name, da in config.dashpots.items():
-        dad = _core.DashpotDescription()
-        dad.name = name
-        dad.coordinate = da.coordinate
-        dad.coefficient = da.coefficient
-        dad.side = {"both": 0, "positive": 1, "negative": -1}[da.side]
-        if da.enabled:
-            dashpots.append(dad)
-    d.dashpots = dashpots
-    straps = []
-    for name, st in config.straps.items():
-        std = _core.StrapDescription()
-        std.name = name
-        std.body_a, std.point_a = st.body_a, st.point_a
-        std.body_b, std.point_b = st.body_b, st.point_b
-        std.free_length = st.free_length
-        std.coefficients = (st.k1, st.k2, st.k3)
-        if st.enabled:
-            straps.append(std)
-    d.straps = straps
+            return None
+
+    d.contacts = [c for c in each(config.contacts, contact) if c is not None]
+    d.springs = each({k: s for k, s in config.springs.items() if s.enabled}, _core_spring)
+    d.dashpots = each({k: s for k, s in config.dashpots.items() if s.enabled}, _core_dashpot)
+    d.straps = each({k: s for k, s in config.straps.items() if s.enabled}, _core_strap)
     if config.string is not None:
         d.strings = [_core_string(config.string)]
-    points = []
-    for name, p in config.points.items():
-        pd = _core.TrackingPointDescription()
-        pd.name = name
-        pd.body = p.body
-        pd.point = p.point
-        points.append(pd)
-    d.points = points
+    d.points = each(config.points, _core_point)
     if config.finger is not None:
         fd = _core.FingerDescription()
         fd.body = config.finger.body
@@ -970,7 +1211,7 @@ def describe(config: MechanismFile) -> _core.MechanismDescription:
         md.contact = config.motor.contact or 0
         d.motor = md
     d.start_pose = list(config.start_pose.items())
-    return d
+    return d, faults
 
 
 # --- the public object ---------------------------------------------------------------------------
@@ -993,8 +1234,7 @@ class Action:
         except InvalidParameter as error:
             raise InvalidParameter(f"{origin}: {error}") from None
         self.origin = origin
-        self.config = _validate(self._raw, origin)
-        self.mechanism = _core.assemble(describe(self.config))
+        self.config, self.mechanism = _validate(self._raw, origin)
 
     def __repr__(self) -> str:
         return f"Action({self.name!r}, {len(self.coordinates)} coordinates, hash {self.hash[:12]})"
@@ -1108,4 +1348,5 @@ __all__ += [
     "load_raw",
     "missing_law_faults",
     "plain_data",
+    "spread_laws",
 ]

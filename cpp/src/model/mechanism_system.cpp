@@ -18,11 +18,11 @@ Drive FingerInput::at(double t) const {
   drive.motion = motion;
   drive.prescribed = prescribed;
   if (motion || prescribed) {
-    drive.displacement = profile.value(t);
-    drive.speed = profile.rate(t);
-    if (prescribed) drive.acceleration = profile.acceleration(t);
+    drive.displacement = profile.value(origin + t);
+    drive.speed = profile.rate(origin + t);
+    if (prescribed) drive.acceleration = profile.acceleration(origin + t);
   } else {
-    drive.force = profile.value(t);
+    drive.force = profile.value(origin + t);
   }
   return drive;
 }
@@ -118,12 +118,13 @@ void MechanismSystem::set_prescribed_reference(double t, std::span<const double>
     place = dot(m.finger_direction, dynamics_.position(m.finger_point));
     speed = dot(m.finger_direction, dynamics_.velocity(m.finger_point));
   }
-  prescribed_reference_ = place - input_.profile.value(t);
-  if (std::fabs(input_.profile.rate(t) - speed) > slow) {
+  const double on_profile = input_.origin + t;
+  prescribed_reference_ = place - input_.profile.value(on_profile);
+  if (std::fabs(input_.profile.rate(on_profile) - speed) > slow) {
     throw InvalidParameter(
         format("prescribed motion: starts with %.4g %s, the mechanism with %.4g; let both agree, "
                "such as by a record that begins at rest",
-               input_.profile.rate(t), input_.motor ? "rad/s" : "m/s", speed));
+               input_.profile.rate(on_profile), input_.motor ? "rad/s" : "m/s", speed));
   }
 }
 
@@ -557,9 +558,10 @@ std::vector<double> MechanismSystem::absolute_tolerances(double rtol) const {
   }
   for (const auto& c : m.contacts) {
     for (std::size_t j = 0; j < c.law.n_states(); ++j) {
-      // z is a fraction, creep a length, overstress a force of some N, Stulov's g a power of e.
-      double scale = 1.0;
+      // z is a fraction of a band that is a tenth of the force or less where the felts are soft;
+      // creep a length, overstress a force of some N, Stulov's g a power of e.
       const std::string name = c.law.state_name(j);
+      double scale = name == "z" ? 10.0 : 1.0;
       if (name == "creep") scale = felt;
       if (const auto* st = std::get_if<Stulov>(&c.law.parameters())) {
         scale = std::pow(felt, st->exponent);

@@ -162,13 +162,14 @@ class Run {
     for (std::size_t i = 0; i < mechanism->contacts.size(); ++i) {
       if (mechanism->contacts[i].law.has_memory()) remembering_.push_back(i);
     }
-    felt_rate_.assign(remembering_.size(), 0.0);
+    felt_rate_.assign(remembering_.size(), 0.0);  // at rest
     recovered_.assign(mechanism->contacts.size(), 0.0);
     set_finger_reference();
     system_.set_prescribed_reference(0.0, y_);
     scratch_.resize(y_.size());
     const auto add_stops = [&](const std::vector<double>& times, bool restart) {
-      for (const double t : times) {
+      for (const double on_profile : times) {
+        const double t = on_profile - input.origin;
         if (t > 0.0 && t < options.duration) stops_.push_back({t, restart});
       }
     };
@@ -199,6 +200,7 @@ class Run {
     integrator.start(0.0, y_, true);
     locator_.start(0.0, y_);
     sample(0.0, y_, nullptr);
+    if (options_.on_step) options_.on_step(0.0, y_, largest());
 
     std::size_t next_stop = 0;
     bool going = true;
@@ -224,8 +226,10 @@ class Run {
         record_event(integrator, crossing);
       }
       if (options_.diagnose && steps % 4 == 0) diagnose(integrator);
+      if (reversal.contact >= 0) restart_at(integrator, reversal);
+      if (options_.on_step) options_.on_step(now, integrator.state(), largest());
       if (reversal.contact >= 0) {
-        restart_at(integrator, reversal);
+        // has been started anew
       } else if (status == StepStatus::kStop) {
         const bool restart = stops_[next_stop].restart;
         ++next_stop;
@@ -292,21 +296,41 @@ class Run {
     if (remembering_.empty()) return first;
     const double end = integrator.time();
     const double h = integrator.last_step();
-    system_.locate(end, integrator.state(), Detail::kAllContacts);
-    std::vector<std::size_t> turned;
-    for (std::size_t i = 0; i < remembering_.size(); ++i) {
+    // The last right-hand side was taken within a Newton correction of the end of the step: where
+    // it leaves no doubt about the turn of a felt, the contacts need not be located again.
+    const double sure_rate = 1e-4 + 20.0 * options_.rtol;         // m/s
+    const double sure_compression = 1e-7 + 0.02 * options_.rtol;  // m
+    const auto may_turn = [&](std::size_t i, double room_rate, double room) {
       const std::size_t contact = remembering_[i];
       const CurveValue after = felt(contact);
+      const bool closed = system_.dynamics().contacts()[contact].closed;
       const double before = felt_rate_[i];
-      felt_rate_[i] = after.slope;
+      const bool was_open = std::isnan(before);
+      if (!closed && was_open) return false;
+      // A felt that closed within the step may have turned in it, too; one that opened has.
+      if (!was_open && before <= -room_rate) return false;
+      if (closed && after.slope > room_rate) return false;
       // A reversal below the remembered compression is smooth: z takes care of it.
-      const double reach = after.force + (std::fabs(after.slope) + std::fabs(before)) * h;
-      if (before > 0.0 && after.slope <= 0.0 && reach > largest()[contact] && reach > 0.0) {
-        turned.push_back(contact);
-      }
+      const double reach =
+          after.force + (std::fabs(after.slope) + (was_open ? 0.0 : std::fabs(before))) * h;
+      return reach > largest()[contact] - room && reach > -room;
+    };
+    bool doubt = false;
+    for (std::size_t i = 0; i < remembering_.size() && !doubt; ++i) {
+      doubt = may_turn(i, sure_rate, sure_compression);
+    }
+    if (doubt) system_.locate(end, integrator.state(), Detail::kAllContacts);
+    turned_.clear();
+    for (std::size_t i = 0; i < remembering_.size(); ++i) {
+      const std::size_t contact = remembering_[i];
+      if (doubt && may_turn(i, sure_rate, 0.0)) turned_.push_back(contact);
+      const CurveValue after = felt(contact);
+      felt_rate_[i] = system_.dynamics().contacts()[contact].closed
+                          ? after.slope
+                          : std::numeric_limits<double>::quiet_NaN();
       recover(contact, after.force, h);
     }
-    for (const std::size_t contact : turned) {
+    for (const std::size_t contact : turned_) {
       const auto falling = [&](double t) { return -felt_at(integrator, contact, t).slope; };
       const double before = falling(end - h);
       const double after = falling(end);
@@ -558,7 +582,8 @@ class Run {
   std::vector<Stop> stops_;
   std::vector<PeakWatch> watches_;
   std::vector<std::size_t> remembering_;  ///< contacts whose laws have memory
-  std::vector<double> felt_rate_;         ///< of these, at the end of the last step
+  std::vector<double> felt_rate_;         ///< of these, near the end of the last step
+  std::vector<std::size_t> turned_;       ///< of these, in the last step; kept for its memory
   std::vector<double> recovered_;         ///< heat of recovery by contact [J]
   RunResult result_;
   long rows_ = 0;

@@ -225,7 +225,8 @@ void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail
   }
   for (const FlexibleBeam& beam : m_->beams) add_beam(beam);
   for (const auto& spring : m_->springs) {
-    force_[spring.coordinate] -= spring.stiffness * (q_[at(spring.coordinate)] - spring.rest_angle);
+    const double x = q_[at(spring.coordinate)] - spring.rest_angle;
+    force_[spring.coordinate] -= spring.stiffness * x + spring.play.at(x).force;
   }
   for (int k = 0; k < n_; ++k) {
     for (int j = m_->coordinate_parent[at(k)]; j >= 0; j = m_->coordinate_parent[at(j)]) {
@@ -366,7 +367,7 @@ double Dynamics::spring_energy(std::span<const double> q) const {
   double energy = 0.0;
   for (const auto& s : m_->springs) {
     const double angle = q[at(s.coordinate)] - s.rest_angle;
-    energy += 0.5 * s.stiffness * angle * angle;
+    energy += 0.5 * s.stiffness * angle * angle + s.play.at(angle).energy;
   }
   return energy;
 }

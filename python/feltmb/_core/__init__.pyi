@@ -18,13 +18,18 @@ __all__: list[str] = [
     "ArmSection",
     "BeamDescription",
     "BodyDescription",
+    "CircleOnLayer",
+    "ConstantArea",
     "ContactDescription",
     "ContactLaw",
+    "CrossedCylinders",
     "DamperKind",
     "DashpotDescription",
     "Envelope",
     "ExponentialCurve",
     "ExponentialPair",
+    "FeltLayer",
+    "FeltMaterial",
     "FeltMemory",
     "FingerDescription",
     "Friction",
@@ -34,16 +39,24 @@ __all__: list[str] = [
     "Interpolation",
     "JointKind",
     "LawPath",
+    "LayerColumns",
     "MeanCurve",
     "Mechanism",
     "MechanismDescription",
     "ModalString",
     "Monitor",
     "MotorDescription",
+    "Perturbed",
     "Profile",
     "RunResult",
+    "SensitivityEvent",
+    "SensitivityOptions",
+    "SensitivityParameter",
+    "SensitivityResult",
+    "SensitivityWindow",
     "ShapeSet",
     "SimulationOptions",
+    "SphereOnLayer",
     "StrapDescription",
     "StringDescription",
     "StringParameters",
@@ -62,9 +75,14 @@ __all__: list[str] = [
     "force_along",
     "jacobian_blocks",
     "jacobian_check",
+    "layer_envelope",
+    "observables",
     "point_position",
+    "pressure_envelope",
     "rhs",
+    "sensitivities",
     "simulate",
+    "state_names",
 ]
 
 class Friction:
@@ -75,12 +93,16 @@ class Friction:
         b1: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         b2: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         threshold_speed: typing.SupportsFloat | typing.SupportsIndex = 0.001,
+        viscous: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        quadratic: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        stribeck: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        stribeck_speed: typing.SupportsFloat | typing.SupportsIndex = 0.1,
     ) -> None: ...
     def coefficient(
         self, speed: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
     ) -> typing.Any:
         """
-        mu(v) of thesis eq. A.1 at sliding speed [m/s or rad/s].
+        mu(v) of thesis eq. A.1 with the added terms, at sliding speed [m/s or rad/s].
         """
     @property
     def amplitude(self) -> float: ...
@@ -89,7 +111,15 @@ class Friction:
     @property
     def b2(self) -> float: ...
     @property
+    def quadratic(self) -> float: ...
+    @property
+    def stribeck(self) -> float: ...
+    @property
+    def stribeck_speed(self) -> float: ...
+    @property
     def threshold_speed(self) -> float: ...
+    @property
+    def viscous(self) -> float: ...
 
 class ExponentialCurve:
     def __init__(
@@ -119,6 +149,9 @@ class ExponentialPair:
         unloading: ExponentialCurve,
         alpha: typing.SupportsFloat | typing.SupportsIndex = 100.0,
         guarded: bool = True,
+        hysteresis: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+        rate_amplitude: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        rate_time: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> None: ...
 
 class MeanCurve:
@@ -162,6 +195,12 @@ class Envelope:
         """
         Virgin loading force [N].
         """
+    def loading_energy(
+        self, compression: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
+    ) -> typing.Any:
+        """
+        Work [J] of a virgin loading to compression [m].
+        """
     def loop_area(
         self, largest: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
     ) -> typing.Any:
@@ -176,10 +215,23 @@ class Envelope:
         """
         Unloading force [N] of the cycle to the compression `largest` [m].
         """
+    def unloading_energy(
+        self,
+        compression: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        largest: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> typing.Any:
+        """
+        Work [J] that the cycle to `largest` [m] gives back from compression [m].
+        """
     @property
     def closing(self) -> float:
         """
         Compression e_M [m].
+        """
+    @property
+    def repair(self) -> tuple[float, float, float]:
+        """
+        Largest change [N] of the unloading force that made its shape monotone, from and to [m]; zeros if none.
         """
 
 class FeltMemory:
@@ -194,6 +246,13 @@ class FeltMemory:
         rate_amplitude: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         rate_time: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> None: ...
+    @property
+    def envelope(self) -> Envelope:
+        """
+        Envelope of the law.
+        """
+    @property
+    def kappa(self) -> float: ...
 
 class ContactLaw:
     def __init__(
@@ -265,6 +324,114 @@ class LawPath:
     def largest(self) -> float: ...
     @property
     def state(self) -> typing.Annotated[list[float], "FixedSize(3)"]: ...
+
+class ConstantArea:
+    def __init__(self, size: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    def area(
+        self, compression: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
+    ) -> typing.Any:
+        """
+        Area [m^2] at compression [m]; 0 for compression <= 0.
+        """
+    @property
+    def size(self) -> float: ...
+
+class CrossedCylinders:
+    def __init__(
+        self,
+        radius_a: typing.SupportsFloat | typing.SupportsIndex,
+        radius_b: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    def area(
+        self, compression: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
+    ) -> typing.Any:
+        """
+        Area [m^2] at compression [m]; 0 for compression <= 0.
+        """
+    @property
+    def radius_a(self) -> float: ...
+    @property
+    def radius_b(self) -> float: ...
+
+class CircleOnLayer:
+    def __init__(
+        self,
+        radius: typing.SupportsFloat | typing.SupportsIndex,
+        width: typing.SupportsFloat | typing.SupportsIndex,
+        length: typing.SupportsFloat | typing.SupportsIndex = ...,
+    ) -> None: ...
+    def area(
+        self, compression: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
+    ) -> typing.Any:
+        """
+        Area [m^2] at compression [m]; 0 for compression <= 0.
+        """
+    @property
+    def length(self) -> float: ...
+    @property
+    def radius(self) -> float: ...
+    @property
+    def width(self) -> float: ...
+
+class SphereOnLayer:
+    def __init__(self, radius: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    def area(
+        self, compression: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
+    ) -> typing.Any:
+        """
+        Area [m^2] at compression [m]; 0 for compression <= 0.
+        """
+    @property
+    def radius(self) -> float: ...
+
+class FeltMaterial:
+    def __init__(
+        self,
+        *,
+        mu: typing.SupportsFloat | typing.SupportsIndex,
+        Wf0: typing.SupportsFloat | typing.SupportsIndex,
+        d_f: typing.SupportsFloat | typing.SupportsIndex,
+        v_f0: typing.SupportsFloat | typing.SupportsIndex,
+        v_f_max: typing.SupportsFloat | typing.SupportsIndex,
+        loading: tuple[
+            typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex
+        ],
+        unloading: tuple[
+            typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex
+        ],
+        Q: typing.SupportsFloat | typing.SupportsIndex = 2.0,
+    ) -> None: ...
+    @property
+    def v_f0(self) -> float: ...
+    @property
+    def v_f_max(self) -> float: ...
+
+class FeltLayer:
+    def __init__(
+        self,
+        pressure: Envelope,
+        thickness: typing.SupportsFloat | typing.SupportsIndex,
+        area: ConstantArea | CrossedCylinders | CircleOnLayer | SphereOnLayer,
+        columns: bool = False,
+    ) -> None: ...
+
+class LayerColumns:
+    def __init__(
+        self,
+        layer: FeltLayer,
+        columns: typing.SupportsInt | typing.SupportsIndex,
+        kappa: typing.SupportsFloat | typing.SupportsIndex = 0.2,
+    ) -> None: ...
+    def path(
+        self, compression: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]
+    ) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Forces [N] along compressions [m], from virgin felt.
+        """
+    def step(self, compression: typing.SupportsFloat | typing.SupportsIndex) -> float:
+        """
+        Force [N] at compression [m].
+        """
 
 class StringParameters:
     def __init__(
@@ -564,9 +731,21 @@ class TorsionSpringDescription:
     name: str
     def __init__(self) -> None: ...
     @property
+    def clearance(self) -> float: ...
+    @clearance.setter
+    def clearance(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def damping(self) -> float: ...
+    @damping.setter
+    def damping(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
     def rest_angle(self) -> float: ...
     @rest_angle.setter
     def rest_angle(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def seating(self) -> float: ...
+    @seating.setter
+    def seating(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def stiffness(self) -> float: ...
     @stiffness.setter
@@ -768,6 +947,8 @@ class Mechanism:
     def coordinate_units(self) -> list[str]: ...
     @property
     def coordinates(self) -> list[str]: ...
+    @property
+    def law_state_names(self) -> list[str]: ...
     @property
     def name(self) -> str: ...
     @property
@@ -1123,6 +1304,110 @@ class Actuator:
     @property
     def beam(self) -> HubBeam: ...
 
+class Perturbed:
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        profile: Profile,
+        motion: bool,
+        shift: typing.SupportsFloat | typing.SupportsIndex,
+        weight: typing.SupportsFloat | typing.SupportsIndex,
+        origin: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        prescribed: bool = False,
+        motor: bool = False,
+    ) -> None: ...
+
+class SensitivityParameter:
+    def __init__(
+        self,
+        name: str,
+        nodes: collections.abc.Sequence[Perturbed],
+        scale: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+
+class SensitivityWindow:
+    def __init__(
+        self,
+        begin: typing.SupportsFloat | typing.SupportsIndex,
+        end: typing.SupportsFloat | typing.SupportsIndex,
+        state: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] = [],
+        memory: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] = [],
+        directions: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
+    ) -> None: ...
+
+class SensitivityOptions:
+    simulation: SimulationOptions
+    def __init__(self) -> None: ...
+    def add_rule(
+        self,
+        name: str,
+        point: typing.SupportsInt | typing.SupportsIndex,
+        direction: tuple[
+            typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex
+        ],
+        travel: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    @property
+    def output_rate(self) -> float: ...
+    @output_rate.setter
+    def output_rate(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def outputs(self) -> list[int]: ...
+    @outputs.setter
+    def outputs(
+        self, arg0: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex]
+    ) -> None: ...
+    @property
+    def threads(self) -> int: ...
+    @threads.setter
+    def threads(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    @property
+    def tolerance(self) -> float: ...
+    @tolerance.setter
+    def tolerance(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+
+class SensitivityEvent:
+    @property
+    def approach(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def compression(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def contact(self) -> int: ...
+    @property
+    def direction(self) -> int: ...
+    @property
+    def monitor(self) -> int: ...
+    @property
+    def rate(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def time(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    @property
+    def when(self) -> float: ...
+
+class SensitivityResult:
+    @property
+    def counts(self) -> dict: ...
+    @property
+    def end_memory(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def end_state(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def events(self) -> list[SensitivityEvent]: ...
+    @property
+    def gradient(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def peaks(self) -> list[typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]]: ...
+    @property
+    def run(self) -> RunResult: ...
+    @property
+    def time(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    @property
+    def values(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def wall(self) -> float: ...
+    @property
+    def wall_stroke(self) -> float: ...
+
 def assemble(description: MechanismDescription) -> Mechanism:
     """
     Checked, immutable mechanism; one error lists all faults.
@@ -1187,6 +1472,16 @@ def jacobian_check(
     Inverse of I - gamma J as the structured solver applies it.
     """
 
+def layer_envelope(layer: FeltLayer) -> Envelope:
+    """
+    Envelope of a contact through a felt layer; kept.
+    """
+
+def observables(mechanism: Mechanism) -> list:
+    """
+    Tuples (name, unit, long name) of all outputs in their order.
+    """
+
 def point_position(
     mechanism: Mechanism,
     point: typing.SupportsInt | typing.SupportsIndex,
@@ -1194,6 +1489,11 @@ def point_position(
 ) -> tuple[float, float]:
     """
     Position [m] of a tracking point in the ground frame.
+    """
+
+def pressure_envelope(material: FeltMaterial) -> Envelope:
+    """
+    Pressure [Pa] against strain [-] as a table; kept.
     """
 
 def rhs(
@@ -1209,6 +1509,16 @@ def rhs(
     y' of the full state [q, v, eta, deta/dt].
     """
 
+def sensitivities(
+    mechanism: Mechanism,
+    profile: Profile,
+    motion: bool,
+    parameters: collections.abc.Sequence[SensitivityParameter],
+    windows: collections.abc.Sequence[SensitivityWindow],
+    options: SensitivityOptions,
+    prescribed: bool = False,
+    motor: bool = False,
+) -> list[SensitivityResult]: ...
 def simulate(
     mechanism: Mechanism,
     profile: Profile,
@@ -1221,5 +1531,9 @@ def simulate(
     prescribed: bool = False,
     motor: bool = False,
 ) -> RunResult: ...
+def state_names(mechanism: Mechanism) -> list[str]:
+    """
+    Names of the full state in its order.
+    """
 
 __version__: str = "0.1.0"

@@ -27,7 +27,7 @@ KINDS = ("stiffness", "damping", "torque")
 #: Forces are compared as means over this time [s]: what a load cell on a key resolves.
 WINDOW = 1e-3
 _RATE = 10_000.0
-_STARTS = (0.3, 0.5, 2.0, 4.0)  # factors of the stiffness to start from besides 1
+_STARTS = (0.3, 0.5, 0.7, 1.4, 2.0, 4.0)  # factors of the stiffness to start from besides 1
 _FIRST_STEPS = 10
 _COARSE, _MIDDLE = 4.0, 1.5  # smoothing, standard deviation in windows
 _STIFFNESS = (1e-2, 1e2)  # bounds of the factor of E I

@@ -133,7 +133,7 @@ def _lasts(run: ActuatorRun, output: str, share: float = 0.1) -> float:
 
 
 def _findings(runs: Mapping[str, ActuatorRun]) -> list[StudyFinding]:
-    wood, aluminum = runs["wood"], runs["aluminum"]
+    wood = runs["wood"]
     first = {name: run.summary["first_contact_time"] for name, run in runs.items()}
     after = {name: (t, t + 0.03) for name, t in first.items()}
     bend = {n: _swing(runs[n], "tip.deflection", *after[n]) for n in ("wood", "aluminum")}

@@ -8,8 +8,6 @@ from typing import Any
 
 import click
 
-from feltmb import __version__
-
 __all__ = ["main"]
 
 #: command -> (module below feltmb.cli, one line of help)
@@ -19,10 +17,12 @@ COMMANDS = {
     "study": ("study", "Comparisons as data: the thesis's figures, sweeps, your own."),
     "regulate": ("regulate", "Regulate a mechanism as a technician does, steps A to F."),
     "actuator": ("actuator", "The key actuator: simulate, study, match a finger force."),
+    "sensitivity": ("sensitivity", "Which parameters move what: derivatives of a stroke."),
     "touch": ("touch", "Static and dynamic touch: weights, let-off, timing."),
     "show": ("show", "Bodies, contacts, springs of a mechanism, with units and sources."),
     "plot": ("plot", "Plots of saved runs."),
-    "animate": ("animate", "Animation of a saved run (GIF or HTML)."),
+    "view": ("view", "Saved runs in a browser: motion, forces, curves, string."),
+    "animate": ("animate", "Animation of a saved run (GIF)."),
     "wav": ("wav", "The string of a saved run as sound."),
     "felt": ("felt", "Felt: identification, envelopes for the contact law, audit."),
     "fiber": ("fiber", "Micromechanics of fiber masses: structure, contacts, laws, fits."),
@@ -65,8 +65,24 @@ class _Lazy(click.Group):
         return super().resolve_command(ctx, args)
 
 
+def _show_version(ctx: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
+    if not wanted or ctx.resilient_parsing:
+        return
+    from feltmb import __version__
+
+    click.echo(f"feltmb, version {__version__}")
+    ctx.exit()
+
+
 @click.group(cls=_Lazy, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(__version__, prog_name="feltmb")
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_show_version,
+    help="Show the version and exit.",
+)
 def cli() -> None:
     """Simulate machines whose parts meet through felt.
 

@@ -22,9 +22,12 @@ def scales(action):
     mechanism = action.mechanism
     q = np.array(mechanism.coordinate_scale)
     modes = mechanism.total_modes
+    laws = np.ones(mechanism.total_law_states)
     string = action.config.string
     shape = np.sqrt(2.0 / (string.linear_density * string.length)) if string else 1.0
-    return np.concatenate([q, 10.0 * q, np.full(modes, 1e-3 / shape), np.full(modes, 1.0 / shape)])
+    return np.concatenate(
+        [q, 10.0 * q, laws, np.full(modes, 1e-3 / shape), np.full(modes, 1.0 / shape)]
+    )
 
 
 def how(stroke):
@@ -45,7 +48,7 @@ def sampled_states(action, stroke, rate, duration=None):
     options.finger_reference = 0.0  # as in rhs and jacobian_check: motion counts from y = 0
     n, modes = len(action.coordinates), action.mechanism.total_modes
     rest = action._equilibrium
-    start = np.concatenate([rest["q"], np.zeros(n), rest["eta"], np.zeros(modes)])
+    start = np.concatenate([rest["q"], np.zeros(n), rest["law"], rest["eta"], np.zeros(modes)])
     return _core.simulate(
         action.mechanism,
         stroke.profile,

@@ -19,6 +19,7 @@ struct FingerInput {
   bool motion = false;      ///< false: profile is force [N]; true: displacement [m], pad in between
   bool prescribed = false;  ///< the driven point or coordinate itself moves by the profile [m, rad]
   bool motor = false;       ///< drives the motor's coordinate: torque [N m], or its motion [rad]
+  double origin = 0.0;      ///< time on the clock of the profile at which a run begins [s]
 
   Drive at(double t) const;
 };
@@ -86,6 +87,10 @@ class MechanismSystem : public OdeSystem {
   /// See SimulationOptions::finger_reference.
   void set_finger_reference(double place) { finger_reference_ = place; }
   double finger_reference() const { return finger_reference_; }
+
+  /// See FingerInput::origin.
+  void set_origin(double origin) { input_.origin = origin; }
+  double origin() const { return input_.origin; }
 
   /// Absolute tolerance of each state: rtol times 0.2 mm of travel and 0.2 m/s at the contacts, the
   /// scale of a felt compression; strings likewise at their largest displacement.

@@ -4,6 +4,7 @@
 #include <Eigen/Dense>
 #include <functional>
 #include <limits>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -13,6 +14,10 @@
 namespace feltmb {
 
 using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+/// Called with every accepted step: time [s], state, largest compression remembered by each contact
+/// from there on [m].
+using StepObserver = std::function<void(double, std::span<const double>, std::span<const double>)>;
 
 struct SimulationOptions {
   double duration = 0.4;       ///< [s], > 0
@@ -31,6 +36,7 @@ struct SimulationOptions {
   /// Place of the finger's point along the finger's direction at which its pad just touches [m];
   /// motion input counts from there. NaN: where the run starts.
   double finger_reference = std::numeric_limits<double>::quiet_NaN();
+  StepObserver on_step = {};  ///< none: empty
 };
 
 /// Complete state from which a run can go on.

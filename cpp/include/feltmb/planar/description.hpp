@@ -86,12 +86,19 @@ struct ContactDescription {
   bool enabled = true;
 };
 
-/// Torsion spring on a joint coordinate: torque -K (theta - theta_0) [N m].
+/// Spring on a joint coordinate: torque [N m] or force [N]
+///   -K (q - q_0) - C dq/dt - R x / (w - |x|),  x = q - q_0.
+/// The last term is play: a pin in a hole of radial clearance w that a load of about R seats
+/// against the wall. Its stiffness is R / w in the middle and grows without bound toward the wall
+/// (continued linearly beyond 0.99 w, so that trial steps stay finite).
 struct TorsionSpringDescription {
   std::string name;
   std::string coordinate;
   double stiffness = 0.0;   ///< K [N m/rad], >= 0
-  double rest_angle = 0.0;  ///< theta_0 [rad]
+  double rest_angle = 0.0;  ///< q_0 [rad or m]
+  double damping = 0.0;     ///< C [N m s/rad or N s/m], >= 0
+  double clearance = 0.0;   ///< w [rad or m], >= 0; 0: no play
+  double seating = 0.0;     ///< R [N m or N], > 0 with play
 };
 
 /// Dashpot between a joint's two bodies: torque or force -c v on its coordinate.

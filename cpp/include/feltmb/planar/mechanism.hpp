@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "feltmb/planar/description.hpp"
+#include "feltmb/planar/play.hpp"
 
 namespace feltmb {
 
@@ -131,6 +132,7 @@ struct TorsionSpring {
   int coordinate = 0;
   double stiffness = 0.0;
   double rest_angle = 0.0;
+  Play play;  ///< its damping is part of the friction of the coordinate
 };
 
 struct Strap {

@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
+from feltmb import _core as _all
 from feltmb import params
 from feltmb._core import fiber as _core
 from feltmb.errors import InvalidParameter
 from feltmb.files import read_toml
-from feltmb.quantity import SI, Schema, fault_lines, is_quantity
+from feltmb.quantity import SI, Schema, fault_lines, fault_text, is_quantity
 
 __all__ = [
     "Branch",
@@ -199,6 +200,26 @@ class FeltMaterial(Schema):
         back = np.minimum(self.pressure("unloading", v) / v**2, load)
         return 1.0 - float(np.sum(back[1:] + back[:-1]) / np.sum(load[1:] + load[:-1]))
 
+    def core(self) -> _all.FeltMaterial:
+        """The felt as the integrator knows it.
+
+        Raises
+        ------
+        InvalidParameter
+            A branch or the end of the loop is missing, or a number out of range.
+        """
+        loading, unloading = self._branch("loading"), self._branch("unloading")
+        return _all.FeltMaterial(
+            mu=self.fiber.friction,
+            Wf0=self.fiber.withdrawal_force,
+            d_f=self.fiber.diameter,
+            v_f0=self.v_f0,
+            v_f_max=self.end,
+            loading=(loading.K_p, loading.gamma),
+            unloading=(unloading.K_p, unloading.gamma),
+            Q=self.fiber.Q,
+        )
+
     @property
     def end(self) -> float:
         """Volume fraction where the loop ends [-]."""
@@ -304,8 +325,7 @@ def load_material(name_or_path: str | Path) -> FeltMaterial:
     try:
         material = FeltMaterial.model_validate(raw)
     except ValidationError as error:
-        lines = fault_lines(error, FeltMaterial)
-        raise InvalidParameter("\n".join(f"{path.name}: {line}" for line in lines)) from None
+        raise InvalidParameter(fault_text(path.name, fault_lines(error, FeltMaterial))) from None
     if material.fiber.friction == 0.0 and material.loading is not None:
         raise InvalidParameter(
             f"{path.name}: fiber.friction: got 0, must be > 0 (without friction between the "

@@ -1,0 +1,404 @@
+"""Records from files: CSV, MAT (version 5 or 7.3) and NetCDF, with a small TOML beside them.
+
+``strokes/forte.csv`` is described by ``strokes/forte.toml``; without it every column must be
+called for by name and has its unit in the header, ``hammer [mm]``.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from feltmb.data.records import Array, InputMode, Record, Role, Sensor, StartPrior
+from feltmb.errors import DataError, InvalidParameter
+from feltmb.files import read_toml
+from feltmb.quantity import Schema, fault_lines, fault_text
+from feltmb.units import conversion_factor
+
+__all__ = ["read_record", "read_records", "write_record"]
+
+_HEADER = re.compile(r"^\s*(.*?)\s*(?:\[\s*(.*?)\s*\])?\s*$")
+
+
+class _Column(Schema):
+    """A column of the file: where it is and in what unit."""
+
+    column: str = ""
+    """Name in the file; default: that of the signal."""
+    unit: str = ""
+    """Unit in the file; default: that of the header, else SI."""
+    factor: float = 1.0
+    """Multiplies the values after the unit."""
+    shift: float = 0.0
+    """Added after the factor [unit of the model]."""
+    si: str = ""
+    """Unit of the model; default: the SI unit of the same quantity, or the unit itself."""
+
+
+class _Input(_Column):
+    sigma: Annotated[float, Field(ge=0.0)] = 0.0
+    correlation_time: Annotated[float, Field(ge=0.0)] = 0.0
+
+
+class _Output(_Column):
+    sigma: float | None = None
+    quantum: float = 0.0
+    delay: float = 0.0
+    bandwidth: float | None = None
+    gain: float = 1.0
+    offset: float = 0.0
+    correlation_time: float = 0.0
+    gain_sd: float = 0.0
+    offset_sd: float = 0.0
+    delay_sd: float = 0.0
+    point: str = ""
+    axis: str = ""
+
+
+class _Sheet(Schema):
+    """The TOML beside a measured file."""
+
+    name: str = ""
+    role: Literal["fit", "held_out"] = "fit"
+    input_mode: Literal["force", "motion"] = "force"
+    repeats: str = ""
+    source: str = ""
+    time: str = ""
+    """Column of the clock; default: time or t, else the first."""
+    interval: float | None = None
+    """Step of the clock [s] if the file has none."""
+    first: int = 0
+    """First sample that is used."""
+    last: int | None = None
+    """Sample before which to stop; negative counts from the end."""
+    every: Annotated[int, Field(ge=1)] = 1
+    """Use every so-manyth sample."""
+    inputs: dict[str, _Input] = {}
+    outputs: dict[str, _Output] = {}
+    start: dict[str, tuple[float, float]] = {}
+    """State -> (mean, standard deviation) at the first sample [SI]."""
+    conditions: dict[str, float | str] = {}
+
+
+def read_records(
+    paths: Sequence[str | Path], *, inputs: Sequence[str] = (), outputs: Sequence[str] = ()
+) -> tuple[Record, ...]:
+    """Read several files; all faults in one message."""
+    found, faults = [], []
+    for path in paths:
+        try:
+            found.append(read_record(path, inputs=inputs, outputs=outputs))
+        except DataError as error:
+            faults.append(str(error))
+    if faults:
+        raise DataError("\n".join(faults))
+    if not found:
+        raise DataError("no measured files were given")
+    return tuple(found)
+
+
+def read_record(
+    path: str | Path, *, inputs: Sequence[str] = (), outputs: Sequence[str] = ()
+) -> Record:
+    """Read one measured file.
+
+    Parameters
+    ----------
+    path
+        ``.csv`` (comma, semicolon or tab; lines with # are comments; empty cells and nan are
+        missing), ``.mat``, ``.nc``.
+    inputs, outputs
+        Names of the signals when there is no TOML beside the file; they are columns then.
+
+    Raises
+    ------
+    DataError
+        With every fault of the file.
+    """
+    path = Path(path)
+    beside = path.with_suffix(".toml")
+    if beside.is_file():
+        raw = read_toml(beside)
+        try:
+            sheet = _Sheet.model_validate(raw)
+        except ValidationError as error:
+            raise DataError(fault_text(str(beside), fault_lines(error, _Sheet))) from None
+        if not sheet.outputs:
+            raise DataError(f"{beside}: there is no table [outputs.NAME]: nothing to compare")
+    else:
+        if not outputs:
+            raise DataError(
+                f"{path}: there is no {beside.name} beside it that says which columns are inputs "
+                "and outputs; write one, or name them"
+            )
+        sheet = _Sheet(
+            inputs={n: _Input() for n in inputs}, outputs={n: _Output() for n in outputs}
+        )
+    columns, units = _columns(path)
+    return _build(path, sheet, columns, units)
+
+
+def _build(
+    path: Path, sheet: _Sheet, columns: Mapping[str, Array], units: Mapping[str, str]
+) -> Record:
+    faults: list[str] = []
+
+    def find(name: str, spec: _Column) -> tuple[Array, str]:
+        key = spec.column or name
+        if key not in columns:
+            faults.append(f"no column {key!r}; there are {', '.join(columns)}")
+            return np.zeros(0), ""
+        unit = spec.unit or units.get(key, "")
+        factor, si = _to_si(unit, spec.si)
+        if factor is None:
+            faults.append(f"column {key}: unit {unit!r} is not one of {spec.si}")
+            return np.zeros(0), ""
+        return columns[key] * factor * spec.factor + spec.shift, si
+
+    part = slice(sheet.first, sheet.last, sheet.every)
+    read_in = {n: find(n, s)[0] for n, s in sheet.inputs.items()}
+    read_out = {n: find(n, s) for n, s in sheet.outputs.items()}
+    time = _clock(sheet, columns, units, faults)
+    if faults:
+        raise DataError(fault_text(str(path), faults))
+    sensors = {}
+    for name, spec in sheet.outputs.items():
+        fields = spec.model_dump(exclude={"column", "unit", "factor", "shift", "si"})
+        if fields["bandwidth"] is None:
+            fields.pop("bandwidth")
+        try:
+            sensors[name] = Sensor(name=name, unit=read_out[name][1] or "1", **fields)
+        except DataError as error:
+            faults.append(str(error))
+    if faults:
+        raise DataError(fault_text(str(path), faults))
+    role: Role = sheet.role
+    mode: InputMode = sheet.input_mode
+    start = None
+    if sheet.start:
+        start = StartPrior(
+            mean={k: v[0] for k, v in sheet.start.items()},
+            sd={k: v[1] for k, v in sheet.start.items()},
+        )
+    try:
+        return Record(
+            name=sheet.name or path.stem,
+            time=time[part],
+            inputs={n: v[part] for n, v in read_in.items()},
+            outputs={n: v[part] for n, (v, _) in read_out.items()},
+            sensors=sensors,
+            input_mode=mode,
+            input_sigma={n: s.sigma for n, s in sheet.inputs.items() if s.sigma > 0.0},
+            input_correlation_time={
+                n: s.correlation_time for n, s in sheet.inputs.items() if s.correlation_time > 0.0
+            },
+            conditions=sheet.conditions,
+            role=role,
+            start=start,
+            repeats=sheet.repeats,
+            source=sheet.source,
+        )
+    except DataError as error:
+        raise DataError(f"{path}: {error}") from None
+
+
+def _clock(
+    sheet: _Sheet, columns: Mapping[str, Array], units: Mapping[str, str], faults: list[str]
+) -> Array:
+    length = max((v.size for v in columns.values()), default=0)
+    if sheet.interval is not None:
+        if not sheet.interval > 0.0:
+            faults.append(f"interval = {sheet.interval!r}, expected > 0 [s]")
+        return np.arange(length, dtype=np.float64) * float(sheet.interval)
+    if sheet.time:
+        name = sheet.time
+    else:
+        name = next((n for n in ("time", "t", "Time", "T") if n in columns), "")
+        name = name or next(iter(columns), "")
+    if name not in columns:
+        faults.append(f"no column {name!r} for the clock; there are {', '.join(columns)}")
+        return np.zeros(0)
+    unit = units.get(name, "") or "s"
+    factor, _ = _to_si(unit, "s")
+    if factor is None:
+        faults.append(f"column {name}: unit {unit!r} is no time")
+        return np.zeros(0)
+    return columns[name] * factor
+
+
+#: Units whose SI form keeps its name in reports.
+_SI = ("m", "kg", "s", "rad", "Hz", "N", "Pa", "J", "m/s", "m/s^2", "rad/s", "N m", "1")
+
+
+def _to_si(unit: str, si: str) -> tuple[float | None, str]:
+    """Factor to SI and its unit; units that are no mechanics (V, degC) stay as they are."""
+    if not unit:
+        return 1.0, si or "1"
+    for target in (si,) if si else _SI:
+        try:
+            return conversion_factor(unit, target), target
+        except (InvalidParameter, ValueError):
+            continue
+    if si and si != unit:
+        return None, si
+    return 1.0, unit
+
+
+def _columns(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
+    kind = path.suffix.lower()
+    readers = {".csv": _read_csv, ".txt": _read_csv, ".mat": _read_mat, ".nc": _read_netcdf}
+    if kind not in readers:
+        raise DataError(f"{path}: cannot read {kind or 'this'}; expected .csv, .mat or .nc")
+    if not path.is_file():
+        raise DataError(f"{path}: no such file")
+    return readers[kind](path)
+
+
+def _read_csv(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f"{path}: cannot be read: {error}") from None
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    if len(lines) < 3:
+        raise DataError(f"{path}: {len(lines)} lines, expected a header and at least 2 samples")
+    separator = max(",;\t", key=lines[0].count)
+    rows = list(csv.reader(lines, delimiter=separator))
+    names, units = [], {}
+    for cell in rows[0]:
+        match = _HEADER.match(cell)
+        assert match is not None
+        names.append(match.group(1))
+        if match.group(2):
+            units[match.group(1)] = match.group(2)
+    faults: list[str] = []
+    if len(set(names)) < len(names):
+        faults.append(f"line 1: a column is named twice ({', '.join(names)})")
+    if all(_is_number(c) for c in rows[0]):
+        faults.append("line 1 holds numbers, expected the names of the columns")
+    values = np.full((len(rows) - 1, len(names)), np.nan)
+    for i, row in enumerate(rows[1:]):
+        if len(row) != len(names):
+            faults.append(f"row {i + 1}: {len(row)} cells, expected {len(names)}")
+            continue
+        for j, cell in enumerate(row):
+            if cell.strip() in ("", "nan", "NaN", "NA"):
+                continue
+            try:
+                values[i, j] = float(cell)
+            except ValueError:
+                faults.append(f"row {i + 1}, column {names[j]}: {cell!r} is no number")
+    if faults:
+        raise DataError(fault_text(str(path), faults, most=10))
+    return {n: values[:, j] for j, n in enumerate(names) if n}, units
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _read_mat(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
+    import h5py
+
+    out: dict[str, Array] = {}
+    if h5py.is_hdf5(path):
+        with h5py.File(path, "r") as file:
+            for name, item in file.items():
+                if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu":
+                    out[name] = np.array(item, dtype=np.float64).ravel()
+    else:
+        from scipy.io import loadmat
+
+        try:
+            content = loadmat(str(path))
+        except (ValueError, NotImplementedError, TypeError, OSError) as error:
+            raise DataError(f"{path}: cannot be read as MAT: {error}") from None
+        for name, value in content.items():
+            if not name.startswith("_") and value.dtype.kind in "fiu":
+                out[name] = np.asarray(value, dtype=np.float64).ravel()
+    longest = max((v.size for v in out.values()), default=0)
+    if longest < 2:
+        raise DataError(f"{path}: holds no series")
+    return {n: v for n, v in out.items() if v.size == longest}, {}
+
+
+def _read_netcdf(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
+    import xarray
+
+    try:
+        data = xarray.load_dataset(path, engine="h5netcdf", decode_times=False)
+    except (OSError, ValueError) as error:
+        raise DataError(f"{path}: cannot be read as NetCDF: {error}") from None
+    out, units = {}, {}
+    for name, variable in data.variables.items():
+        if variable.ndim == 1 and variable.dtype.kind in "fiu":
+            out[str(name)] = np.asarray(variable.values, dtype=np.float64)
+            if "units" in variable.attrs:
+                units[str(name)] = str(variable.attrs["units"])
+    if not out:
+        raise DataError(f"{path}: holds no series")
+    return out, units
+
+
+def write_record(record: Record, path: str | Path, *, force: bool = False) -> Path:
+    """Write a record as CSV with its TOML beside it, so that :func:`read_record` returns it."""
+    import tomlkit
+
+    from feltmb.files import write_text
+
+    path = Path(path)
+    names = ["time", *record.inputs, *record.outputs]
+    units = ["s", *("" for _ in record.inputs), *(record.sensors[n].unit for n in record.outputs)]
+    head = [f"{n} [{u}]" if u and u != "1" else n for n, u in zip(names, units, strict=True)]
+    table = np.column_stack([record.time, *record.inputs.values(), *record.outputs.values()])
+    lines = [",".join(head)]
+    lines += [",".join("" if np.isnan(v) else repr(float(v)) for v in row) for row in table]
+    sheet: dict[str, Any] = {
+        "name": record.name,
+        "role": record.role,
+        "input_mode": record.input_mode,
+    }
+    for key in ("repeats", "source"):
+        if getattr(record, key):
+            sheet[key] = getattr(record, key)
+    sheet["inputs"] = {
+        n: {
+            k: v
+            for k, v in (
+                ("sigma", record.input_sigma.get(n, 0.0)),
+                ("correlation_time", record.input_correlation_time.get(n, 0.0)),
+            )
+            if v
+        }
+        for n in record.inputs
+    }
+    plain = Sensor(name="")
+    sheet["outputs"] = {}
+    for n, sensor in record.sensors.items():
+        fields = {
+            k: getattr(sensor, k)
+            for k in _Output.model_fields
+            if k in Sensor.__dataclass_fields__ and getattr(sensor, k) != getattr(plain, k)
+        }
+        fields.pop("unit", None)
+        sheet["outputs"][n] = {k: v for k, v in fields.items() if v is not None}
+    if record.start is not None:
+        sheet["start"] = {
+            k: [float(record.start.mean.get(k, 0.0)), float(record.start.sd.get(k, 1e300))]
+            for k in {**record.start.mean, **record.start.sd}
+        }
+    if record.conditions:
+        sheet["conditions"] = dict(record.conditions)
+    write_text(path, "\n".join(lines) + "\n", force=force)
+    write_text(path.with_suffix(".toml"), tomlkit.dumps(sheet), force=force)
+    return path

@@ -1,0 +1,200 @@
+"""Measured records: time series with their sensors and inputs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feltmb.errors import DataError
+
+__all__ = ["Array", "InputMode", "Record", "Role", "Sensor", "StartPrior"]
+
+Array = NDArray[np.float64]
+InputMode = Literal["force", "motion"]
+Role = Literal["fit", "held_out"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensor:
+    """What stands between a quantity of the machine and a column of the record.
+
+    The record shows ``gain * low_pass(y)(t - delay) + offset + noise``. Known values are applied to
+    the simulation before it is compared; the ``*_sd`` are priors of what is not known: each becomes
+    a nuisance parameter of every record, estimated with the fit and never named as a cause.
+    """
+
+    name: str
+    """Name of the output of the model that it shows, and of the column."""
+    unit: str = "1"
+    sigma: float | None = None
+    """Standard deviation of the noise [unit]; None: estimated (rest, repeats, differences)."""
+    quantum: float = 0.0
+    """Step of the digitizer [unit]; adds quantum^2/12 to the variance."""
+    delay: float = 0.0
+    """Known delay [s]; positive: the record lags the machine."""
+    bandwidth: float = math.inf
+    """Corner of a first-order low-pass [Hz]."""
+    gain: float = 1.0
+    """Known gain [1]."""
+    offset: float = 0.0
+    """Known offset [unit]."""
+    correlation_time: float = 0.0
+    """Time in which the noise forgets itself [s] (first-order); 0 is white."""
+    gain_sd: float = 0.0
+    """Prior of an unknown relative gain error [1]."""
+    offset_sd: float = 0.0
+    """Prior of an unknown offset [unit]."""
+    delay_sd: float = 0.0
+    """Prior of an unknown delay [s]."""
+    point: str = ""
+    """Where it sits, for people and for the model."""
+    axis: str = ""
+    """Direction in which it looks, for people and for the model."""
+
+    def __post_init__(self) -> None:
+        faults = []
+        for name in ("quantum", "correlation_time", "gain_sd", "offset_sd", "delay_sd"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                faults.append(f"{name} = {value!r}, expected a finite number >= 0")
+        if self.sigma is not None and not (math.isfinite(self.sigma) and self.sigma > 0.0):
+            faults.append(f"sigma = {self.sigma!r}, expected a finite number > 0, or none")
+        if not self.bandwidth > 0.0:
+            faults.append(f"bandwidth = {self.bandwidth!r}, expected > 0 [Hz]")
+        if not (math.isfinite(self.gain) and self.gain != 0.0):
+            faults.append(f"gain = {self.gain!r}, expected a finite number that is not 0")
+        if faults:
+            raise DataError(f"sensor {self.name}: " + "; ".join(faults))
+
+
+@dataclass(frozen=True, kw_only=True)
+class StartPrior:
+    """What is known of the state at the first sample: mean and standard deviation by state."""
+
+    mean: Mapping[str, float] = field(default_factory=dict)
+    sd: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Record:
+    """One measured run: one clock, inputs without gaps, outputs in which NaN means missing.
+
+    Raises
+    ------
+    DataError
+        Lengths differ, time does not rise, an input holds NaN, a sensor is doubled; all at once.
+    """
+
+    name: str
+    time: Array
+    """Clock [s], strictly rising, (n,)."""
+    inputs: Mapping[str, Array]
+    """What drives the model, each (n,), SI."""
+    outputs: Mapping[str, Array]
+    """What was measured, each (n,), in the unit of its sensor; NaN is missing."""
+    sensors: Mapping[str, Sensor] = field(default_factory=dict)
+    """By output; an output without one gets ``Sensor(name=...)``."""
+    input_mode: InputMode = "force"
+    input_sigma: Mapping[str, float] = field(default_factory=dict)
+    """Noise of an input [its unit]: propagated into the covariance of the residuals."""
+    input_correlation_time: Mapping[str, float] = field(default_factory=dict)
+    """Correlation time of that noise [s]; 0 is white from sample to sample."""
+    conditions: Mapping[str, float | str] = field(default_factory=dict)
+    """Humidity, temperature, cycle number, date, operator, ..."""
+    role: Role = "fit"
+    start: StartPrior | None = None
+    repeats: str = ""
+    """Label shared by repeats of one run: their spread is the floor of every gap."""
+    source: str = ""
+    """File and license, for the report."""
+
+    def __post_init__(self) -> None:
+        faults = []
+        time = _column(self.time)
+        n = time.size
+        if n < 2:
+            faults.append(f"time has {n} samples, expected at least 2")
+        elif not np.all(np.isfinite(time)):
+            faults.append("time holds a number that is not finite")
+        elif not np.all(np.diff(time) > 0.0):
+            at = int(np.argmax(np.diff(time) <= 0.0)) + 1
+            faults.append(f"time does not rise at sample {at} ({time[at]:g} s)")
+        inputs = {k: _column(v) for k, v in self.inputs.items()}
+        outputs = {k: _column(v) for k, v in self.outputs.items()}
+        for kind, columns in (("input", inputs), ("output", outputs)):
+            for name, column in columns.items():
+                if column.size != n:
+                    faults.append(f"{kind} {name} has {column.size} samples, the clock {n}")
+                elif kind == "input" and not np.all(np.isfinite(column)):
+                    at = int(np.argmin(np.isfinite(column)))
+                    faults.append(f"input {name} is missing at sample {at}; the model needs it")
+                elif kind == "output" and np.any(np.isinf(column)):
+                    faults.append(f"output {name} holds an infinite number; NaN means missing")
+        if not outputs:
+            faults.append("there is no output to compare")
+        for name in self.sensors:
+            if name not in outputs:
+                faults.append(f"sensor {name} belongs to no output ({', '.join(outputs)})")
+        for name, sigma in self.input_sigma.items():
+            if name not in inputs:
+                faults.append(f"input_sigma names {name}, no input ({', '.join(inputs) or 'none'})")
+            elif not (math.isfinite(sigma) and sigma >= 0.0):
+                faults.append(f"input_sigma of {name} is {sigma!r}, expected a number >= 0")
+        if faults:
+            raise DataError(f"record {self.name}: " + "; ".join(faults))
+        sensors = {k: self.sensors.get(k, Sensor(name=k)) for k in outputs}
+        for target, value in (
+            ("time", time),
+            ("inputs", inputs),
+            ("outputs", outputs),
+            ("sensors", sensors),
+        ):
+            object.__setattr__(self, target, value)
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        return int(self.time.size)
+
+    @property
+    def interval(self) -> float:
+        """Median step of the clock [s]."""
+        return float(np.median(np.diff(self.time)))
+
+    def output_array(self, names: Iterable[str]) -> Array:
+        """Outputs as (n, len(names)); a name that was not measured is all NaN."""
+        missing = np.full(self.samples, np.nan)
+        return np.column_stack([self.outputs.get(k, missing) for k in names])
+
+    def cut(
+        self, first: int, last: int, name: str | None = None, role: Role | None = None
+    ) -> Record:
+        """Samples ``first`` <= i < ``last`` as a record of their own.
+
+        The start prior is dropped unless the first sample stays.
+        """
+        part = slice(first, last)
+        return replace(
+            self,
+            name=name or self.name,
+            time=self.time[part],
+            inputs={k: v[part] for k, v in self.inputs.items()},
+            outputs={k: v[part] for k, v in self.outputs.items()},
+            role=role or self.role,
+            start=self.start if first == 0 else None,
+        )
+
+    def with_inputs(self, inputs: Mapping[str, Array]) -> Record:
+        """Same record, some inputs replaced."""
+        return replace(self, inputs={**self.inputs, **inputs})
+
+
+def _column(values: object) -> Array:
+    column = np.array(values, dtype=np.float64).reshape(-1)
+    column.flags.writeable = False
+    return column

@@ -1,0 +1,34 @@
+"""Fits of anything that simulates: parameters with priors, windows, intervals."""
+
+from feltmb.fit.linear import FunctionNominal, LinearNominal
+from feltmb.fit.nominal import (
+    Effect,
+    EffectKind,
+    Lanes,
+    Nominal,
+    Parameter,
+    Port,
+    Sensitivity,
+    Simulated,
+    State,
+    Term,
+)
+from feltmb.fit.ode import Coordinate, Named, OdeNominal
+
+__all__ = [
+    "Coordinate",
+    "Effect",
+    "EffectKind",
+    "FunctionNominal",
+    "Lanes",
+    "LinearNominal",
+    "Named",
+    "Nominal",
+    "OdeNominal",
+    "Parameter",
+    "Port",
+    "Sensitivity",
+    "Simulated",
+    "State",
+    "Term",
+]

@@ -1,0 +1,122 @@
+"""Nominals without states: linear in their parameters, or any function of the inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from feltmb.data import Array, Record
+from feltmb.errors import InvalidParameter
+from feltmb.fit.nominal import Effect, Lanes, Nominal, Parameter, Simulated, State, Term
+from feltmb.fit.ode import Named
+
+__all__ = ["FunctionNominal", "LinearNominal"]
+
+
+class FunctionNominal(Nominal):
+    """Outputs that follow from the inputs at every sample, without memory.
+
+    Parameters
+    ----------
+    outputs
+        Name -> function ``(record, p) -> (n,)``; ``p.name`` are the parameters as numbers.
+    """
+
+    def __init__(
+        self,
+        *,
+        outputs: Mapping[str, Callable[[Record, Named], Array]],
+        parameters: Sequence[Parameter],
+        name: str = "model",
+        window: float | None = None,
+    ):
+        self.name = name
+        self.parameters = tuple(parameters)
+        self.outputs = tuple(outputs)
+        self.window = window
+        self._outputs = dict(outputs)
+
+    def states(self, terms: Sequence[Term] = ()) -> tuple[State, ...]:
+        """None."""
+        del terms
+        return ()
+
+    def accepts(self, effect: Effect) -> bool:
+        """Effects with a ``regressor``, besides sensor and input effects."""
+        return effect.regressor is not None or super().accepts(effect)
+
+    def whole(self, record: Record, theta: Array) -> Array:
+        """Outputs of a whole record, (n, ny)."""
+        p = Named({q.name: theta[i] for i, q in enumerate(self.parameters)})
+        outputs: Array = np.column_stack([f(record, p) for f in self._outputs.values()])
+        return outputs
+
+    def simulate(self, record: Record, lanes: Lanes) -> Simulated:
+        """See :class:`~feltmb.fit.Nominal`."""
+        outputs = np.full((lanes.count, lanes.longest, len(self.outputs)), np.nan)
+        columns: list[Array] = []
+        for term in lanes.terms:
+            assert term.effect.regressor is not None
+            columns.append(self._place(term, term.effect.regressor(record, term.shape)))
+        key, whole = None, np.zeros(0)
+        for b in range(lanes.count):
+            now = (lanes.theta[b].tobytes(), lanes.sizes[b].tobytes() if lanes.terms else b"")
+            if now != key:  # lanes of one version come together
+                key, whole = now, self.whole(record, lanes.theta[b])
+                for k, column in enumerate(columns):
+                    whole = whole + float(lanes.sizes[b, k]) * column
+            first, last = lanes.windows[b]
+            outputs[b, : last - first + 1] = whole[first : last + 1]
+        return Simulated(outputs=outputs, ends=np.zeros((lanes.count, 0)))
+
+    def _place(self, term: Term, column: Any) -> Array:
+        """Column of an effect as (n, ny): its output is ``effect.data`` or the only one."""
+        values: Array = np.asarray(column, dtype=np.float64)
+        if values.ndim == 2:
+            return values
+        output = term.effect.data if isinstance(term.effect.data, str) else self.outputs[0]
+        if output not in self.outputs:
+            raise InvalidParameter(
+                f"effect {term.name}: {output!r} is no output of {self.name} "
+                f"({', '.join(self.outputs)})"
+            )
+        out = np.zeros((values.size, len(self.outputs)))
+        out[:, self.outputs.index(output)] = values
+        return out
+
+
+class LinearNominal(FunctionNominal):
+    """One output that is linear in its parameters: y = sum over j of p_j column_j(record).
+
+    Parameters
+    ----------
+    columns
+        Name of a parameter -> function of the record that gives its column, (n,).
+    """
+
+    def __init__(
+        self,
+        *,
+        output: str,
+        columns: Mapping[str, Callable[[Record], Array]],
+        parameters: Sequence[Parameter] = (),
+        name: str = "model",
+        window: float | None = None,
+    ):
+        given = {p.name: p for p in parameters}
+        unknown = sorted(set(given) - set(columns))
+        if unknown:
+            raise InvalidParameter(f"model {name}: parameter {', '.join(unknown)} has no column")
+        ordered = [given.get(n, Parameter(name=n, value=0.0)) for n in columns]
+        self.columns = dict(columns)
+
+        def value(record: Record, p: Named) -> Array:
+            total: Array = sum(
+                (p[n] * np.asarray(f(record)) for n, f in self.columns.items()),
+                np.zeros(record.samples),
+            )
+            return total
+
+        super().__init__(outputs={output: value}, parameters=ordered, name=name, window=window)

@@ -1,0 +1,280 @@
+"""Residuals of a shot and their derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from feltmb.data import Array
+from feltmb.fit.nominal import Lanes, Nominal, Sensitivity, Term
+from feltmb.fit.observe import machine_terms, observe_lanes
+from feltmb.fit.shots import Shot
+
+__all__ = ["Linear", "Place", "linearize", "predict"]
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where one shot stands: start states (W, nx) and its nuisances (nn,)."""
+
+    starts: Array
+    nuisances: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """Whitened residual and derivatives of one shot at one place; rows are samples x channels.
+
+    A step d changes the residual to ``residual - J d``, the gap to ``gap - (ends' d - d_next)``.
+    """
+
+    residual: Array
+    """(W, m)"""
+    by_state: Array
+    """(W, m, nx)"""
+    by_global: Array
+    """(W, m, ng): free parameters, sizes, candidates, then nuisances of the record"""
+    by_input: Array
+    """(W, m, mi): unit normal numbers that stand for the noise of the inputs"""
+    gap: Array
+    """End of a window minus start of the next, (W - 1, nx)"""
+    ends_by_state: Array
+    """(W, nx, nx)"""
+    ends_by_global: Array
+    """(W, nx, ng)"""
+    ends_by_input: Array
+    """(W, nx, mi)"""
+    good: Array
+    """Whether the window could be simulated, (W,)"""
+
+
+class _Observed(Nominal):
+    """A nominal seen through the sensors of a record, so that differences include them."""
+
+    def __init__(self, nominal: Nominal):
+        self.nominal = nominal
+        self.name = nominal.name
+        self.parameters = nominal.parameters
+        self.outputs = nominal.outputs
+
+    def states(self, terms=()):  # type: ignore[no-untyped-def]
+        return self.nominal.states(machine_terms(tuple(terms)))
+
+    def simulate(self, record, lanes):  # type: ignore[no-untyped-def]
+        return observe_lanes(self.nominal, record, lanes)
+
+
+def _plain(nominal: Nominal, shot: Shot, terms: tuple[Term, ...]) -> bool:
+    """Whether the nominal's own derivatives are those of the record."""
+    sensors = [shot.record.sensors[n] for n in nominal.outputs if n in shot.record.sensors]
+    return machine_terms(terms) == terms and all(
+        s.delay == 0.0 and s.gain == 1.0 and s.offset == 0.0 and np.isinf(s.bandwidth)
+        for s in sensors
+    )
+
+
+def _with_nuisances(shot: Shot, outputs: Array, values: Array) -> tuple[Array, Array]:
+    """Outputs with gains, offsets and delays of the record, and their derivatives (..., nn)."""
+    changed = outputs.copy() if len(values) else outputs
+    columns = np.zeros((*outputs.shape, len(values)))
+    for i, ((kind, c, _), value) in enumerate(zip(shot.nuisances, values, strict=True)):
+        y = outputs[:, :, c]
+        if kind == "gain":
+            column = y
+        elif kind == "offset":
+            column = np.ones_like(y)
+        else:
+            at = np.minimum(shot.windows[:, :1] + np.arange(y.shape[1]), shot.record.samples - 1)
+            time = shot.record.time[at]
+            column = np.zeros_like(y)
+            step = np.maximum(time[:, 1:] - time[:, :-1], 1e-300)
+            slope = np.where(time[:, 1:] > time[:, :-1], np.diff(y, axis=1) / step, 0.0)
+            column[:, :-1] -= 0.5 * slope
+            column[:, 1:] -= 0.5 * slope
+            column[:, 0] *= 2.0
+            column[:, -1] *= 2.0
+        columns[:, :, c, i] = column
+        changed[:, :, c] += value * column
+    return changed, columns
+
+
+def predict(
+    nominal: Nominal,
+    shot: Shot,
+    theta: Array,
+    terms: tuple[Term, ...],
+    sizes: Array,
+    place: Place,
+) -> tuple[Array, Array, Array]:
+    """Outputs (W, L, ny), whitened residual (W, m) and gap (W - 1, nx) of a shot."""
+    w = shot.count
+    run = observe_lanes(
+        nominal,
+        shot.record,
+        Lanes(
+            theta=np.tile(theta, (w, 1)),
+            windows=shot.windows,
+            starts=place.starts,
+            terms=terms,
+            sizes=np.tile(sizes, (w, 1)),
+        ),
+    )
+    outputs, _ = _with_nuisances(shot, run.outputs[:, : shot.measured.shape[1]], place.nuisances)
+    with np.errstate(over="ignore", invalid="ignore"):
+        residual = shot.whiten(shot.measured - outputs)
+    gap = run.ends[:-1] - place.starts[1:]
+    return outputs, residual.reshape(w, -1), gap
+
+
+def linearize(
+    nominal: Nominal,
+    shot: Shot,
+    theta: Array,
+    free: list[int],
+    terms: tuple[Term, ...],
+    sizes: Array,
+    place: Place,
+    candidates: tuple[Term, ...] = (),
+    input_knots: int = 6,
+) -> Linear:
+    """Residual and derivatives by states, free parameters, sizes, candidates and nuisances."""
+    count = shot.count
+    inner = tuple(c for c in candidates if machine_terms((c,)))
+    outer = tuple(c for c in candidates if not machine_terms((c,)))
+    seen: Nominal = nominal if _plain(nominal, shot, terms) else _Observed(nominal)
+    s = seen.sensitivities(
+        shot.record,
+        theta,
+        shot.windows,
+        place.starts,
+        terms,
+        sizes,
+        by_theta=free,
+        by_starts=place.starts.shape[1] > 0,
+        candidates=inner,
+    )
+    order = {id(c): i for i, c in enumerate(candidates)}
+    d_candidates = np.zeros((*s.outputs.shape, len(candidates)))
+    d_candidates_ends = np.zeros((*s.ends.shape, len(candidates)))
+    for group, part in (
+        (inner, s),
+        (outer, _outer(nominal, shot, theta, terms, sizes, place, outer)),
+    ):
+        if part is None:
+            continue
+        for i, c in enumerate(group):
+            d_candidates[..., order[id(c)]] = part.d_candidates[..., i]
+            d_candidates_ends[..., order[id(c)]] = part.d_candidates_ends[..., i]
+    by_input, ends_by_input = _input_noise(
+        nominal, shot, theta, terms, sizes, place, s, input_knots
+    )
+    outputs, nuisance = _with_nuisances(shot, s.outputs, place.nuisances)
+    nn = nuisance.shape[3]
+    columns = np.concatenate(
+        [s.d_starts, s.d_theta, s.d_sizes, d_candidates, nuisance, by_input], axis=3
+    )
+    good = np.all(np.isfinite(np.where(shot.valid, outputs, 0.0)), axis=(1, 2))
+    good &= np.all(np.isfinite(s.ends), axis=1)
+    columns = np.nan_to_num(columns, nan=0.0, posinf=0.0, neginf=0.0)
+    rows = shot.measured.shape[1] * shot.measured.shape[2]
+    white = shot.whiten(columns).reshape(count, rows, columns.shape[3])
+    nx = place.starts.shape[1]
+    ng = columns.shape[3] - nx - by_input.shape[3]
+    ends_by_global = np.concatenate(
+        [s.d_theta_ends, s.d_sizes_ends, d_candidates_ends, np.zeros((count, nx, nn))], axis=2
+    )
+    return Linear(
+        residual=np.nan_to_num(shot.whiten(shot.measured - outputs).reshape(count, -1)),
+        by_state=white[..., :nx],
+        by_global=white[..., nx : nx + ng],
+        by_input=white[..., nx + ng :],
+        gap=np.nan_to_num(s.ends[:-1] - place.starts[1:]),
+        ends_by_state=np.nan_to_num(s.d_starts_ends) if nx else np.zeros((count, 0, 0)),
+        ends_by_global=np.nan_to_num(ends_by_global),
+        ends_by_input=np.nan_to_num(ends_by_input),
+        good=good,
+    )
+
+
+def _outer(
+    nominal: Nominal,
+    shot: Shot,
+    theta: Array,
+    terms: tuple[Term, ...],
+    sizes: Array,
+    place: Place,
+    outer: tuple[Term, ...],
+) -> Sensitivity | None:
+    """Derivatives by sensor and input effects, which any nominal can have."""
+    if not outer:
+        return None
+    return _Observed(nominal).sensitivities(
+        shot.record,
+        theta,
+        shot.windows,
+        place.starts,
+        terms,
+        sizes,
+        by_theta=[],
+        by_starts=False,
+        candidates=outer,
+    )
+
+
+def _input_noise(
+    nominal: Nominal,
+    shot: Shot,
+    theta: Array,
+    terms: tuple[Term, ...],
+    sizes: Array,
+    place: Place,
+    base: Sensitivity,
+    knots: int,
+) -> tuple[Array, Array]:
+    """Columns of unit normal numbers for the noise of the inputs: outputs and end states.
+
+    Within a window the noise is a straight line between knots. A knot that stands for a stretch D
+    of noise with standard deviation s and correlation time c at sampling step h has the variance
+    s^2 (h + 2 c) / D: the same integral over the stretch, to which an inertia answers.
+    """
+    record = shot.record
+    noisy = [n for n, s in record.input_sigma.items() if s > 0.0]
+    nx = place.starts.shape[1]
+    if not noisy or nx == 0:
+        return (
+            np.zeros((*base.outputs.shape, 0)),
+            np.zeros((*base.ends.shape, 0)),
+        )
+    count = shot.count
+    n = record.samples
+    phase = np.zeros(n)
+    stretch = np.zeros(n)
+    for first, last in shot.windows:
+        phase[first:last] = np.arange(last - first) / (last - first) * (knots - 1)
+        stretch[first:last] = (record.time[last] - record.time[first]) / (knots - 1)
+    phase[-1], stretch[-1] = knots - 1, stretch[-2]
+    lanes = Lanes(
+        theta=np.tile(theta, (count, 1)),
+        windows=shot.windows,
+        starts=place.starts,
+        terms=terms,
+        sizes=np.tile(sizes, (count, 1)),
+    )
+    columns, ends = [], []
+    for name in noisy:
+        tau = record.input_correlation_time.get(name, 0.0)
+        share = (record.interval + 2.0 * tau) / stretch
+        sd = record.input_sigma[name] * np.sqrt(np.minimum(share, 1.0))
+        for k in range(knots):
+            hat = np.maximum(0.0, 1.0 - np.abs(phase - k)) * sd
+            if k == knots - 1:  # the sample that a window shares with the next
+                hat[shot.windows[:, 1]] = sd[shot.windows[:, 1]]
+            if k == 0:
+                hat[shot.windows[1:, 0]] = 0.5 * sd[shot.windows[1:, 0]]
+            run = observe_lanes(
+                nominal, record.with_inputs({name: record.inputs[name] + hat}), lanes
+            )
+            columns.append(run.outputs - base.outputs)
+            ends.append(run.ends - base.ends)
+    return np.stack(columns, axis=3), np.stack(ends, axis=2)

@@ -1,0 +1,365 @@
+"""What can be fitted and diagnosed: anything that simulates named outputs from parameters.
+
+A *nominal* turns a record's inputs into outputs, given parameters theta, sizes phi of some effects
+and start states x of time windows. It is asked in *lanes*: every lane is one window with its own
+theta, phi and start, so that a batch of windows and finite differences is one call.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feltmb.data import Array, Record
+from feltmb.errors import InvalidParameter
+
+__all__ = [
+    "Effect",
+    "EffectKind",
+    "Lanes",
+    "Nominal",
+    "Parameter",
+    "Port",
+    "Sensitivity",
+    "Simulated",
+    "State",
+    "Term",
+]
+
+EffectKind = Literal["force", "kinematic", "state", "parameter", "sensor", "input", "drift"]
+Integers = NDArray[np.intp]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """A number of the nominal with its prior N(value, sd^2), cut at lower and upper."""
+
+    name: str
+    value: float
+    sd: float = math.inf
+    """Standard deviation of the prior [unit]; inf: nothing is known beforehand; 0: fixed."""
+    unit: str = "1"
+    lower: float = -math.inf
+    upper: float = math.inf
+    component: str = ""
+    scale: float | None = None
+    """Natural size for steps of differences [unit]; default: sd if finite, else abs(value) or 1."""
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.value) and self.lower <= self.value <= self.upper):
+            raise InvalidParameter(
+                f"parameter {self.name}: value {self.value!r}, expected a finite number in "
+                f"[{self.lower:g}, {self.upper:g}] {self.unit}"
+            )
+        if not self.sd >= 0.0:
+            raise InvalidParameter(f"parameter {self.name}: sd = {self.sd!r}, expected >= 0")
+
+    @property
+    def size(self) -> float:
+        """Natural size [unit], > 0."""
+        if self.scale is not None:
+            return self.scale
+        if 0.0 < self.sd < math.inf:
+            return self.sd
+        return abs(self.value) or 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class State:
+    """One state variable of the nominal, or a hidden one that an effect brings."""
+
+    name: str
+    unit: str = "1"
+    scale: float = 1.0
+    """Natural size [unit]: sets steps of differences and the unit of gaps between windows."""
+    start: float = 0.0
+    """Prior mean at the first sample of a record, unless the record says otherwise [unit]."""
+    start_sd: float = math.inf
+    """Prior standard deviation there [unit]; inf: unknown; 0: fixed."""
+    hidden: bool = False
+    """Memory that an effect brings: no influence on the outputs while the effect has size 0."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Effect:
+    """A cause that the nominal lacks. Contract: at size zero it is exactly the nominal.
+
+    How it enters is told by at most one of the callables, or is known to the nominal by ``name``:
+
+    ``rate(t, x, u, p, size, shape) -> {state: (B,)}``
+        For :class:`~feltmb.gap.OdeNominal`: what it adds to the rates of states, its own hidden
+        states included.
+    ``regressor(record, shape) -> (n,)``
+        For :class:`~feltmb.gap.LinearNominal`: output per unit of size.
+    ``observe(record, outputs (B, L, ny), windows (B, 2), sizes (B,), shape) -> (B, L, ny)``
+        Sensor effect, for any nominal.
+    ``excite(record, size, shape) -> {input: (n,)}``
+        Input effect, for any nominal: the inputs that replace those of the record.
+    """
+
+    name: str
+    component: str
+    unit: str = "1"
+    scale: float = 1.0
+    """Size that one would expect if it were there [unit]: prior sd, steps of differences."""
+    sign: Literal[-1, 0, 1] = 0
+    """+1: size >= 0 (friction), -1: size <= 0, 0: any."""
+    mechanism: str = ""
+    """One sentence: what happens in the machine."""
+    kind: EffectKind = "force"
+    shapes: tuple[Any, ...] = (None,)
+    """Grid of shape parameters that mean nothing at size zero; each is tried, the best is kept."""
+    remedy: str = ""
+    """What to do about it."""
+    lower: float = -math.inf
+    upper: float = math.inf
+    """Hard limits of the size [unit]; ``sign`` is applied on top."""
+    confounders: tuple[str, ...] = ()
+    """Effects known beforehand to look alike."""
+    weight: float = 1.0
+    """Prior weight against the other effects."""
+    hidden: tuple[State, ...] = ()
+    """Memory states that it brings, appended to those of the nominal."""
+    step: float = 0.01
+    """First step of differences, as a share of ``scale``."""
+    rate: Callable[..., Mapping[str, Any]] | None = None
+    regressor: Callable[..., Array] | None = None
+    observe: Callable[..., Array] | None = None
+    excite: Callable[..., Mapping[str, Array]] | None = None
+    data: Any = None
+    """Anything the nominal wants to find again; the engine does not look at it."""
+
+    def __post_init__(self) -> None:
+        faults = []
+        if not (math.isfinite(self.scale) and self.scale > 0.0):
+            faults.append(f"scale = {self.scale!r}, expected a finite number > 0")
+        if self.sign not in (-1, 0, 1):
+            faults.append(f"sign = {self.sign!r}, expected -1, 0 or 1")
+        if not self.shapes:
+            faults.append("shapes is empty, expected at least (None,)")
+        if not self.lower <= 0.0 <= self.upper:
+            faults.append(f"limits [{self.lower:g}, {self.upper:g}] do not hold 0, the nominal")
+        if not self.weight > 0.0:
+            faults.append(f"weight = {self.weight!r}, expected > 0")
+        if faults:
+            raise InvalidParameter(f"effect {self.name}: " + "; ".join(faults))
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Permitted sizes [unit]."""
+        low = max(self.lower, 0.0) if self.sign > 0 else self.lower
+        high = min(self.upper, 0.0) if self.sign < 0 else self.upper
+        return low, high
+
+
+@dataclass(frozen=True)
+class Term:
+    """An effect with one of its shapes."""
+
+    effect: Effect
+    shape: Any = None
+
+    @property
+    def name(self) -> str:
+        """Name of the effect."""
+        return self.effect.name
+
+
+@dataclass(frozen=True, kw_only=True)
+class Port:
+    """A place where an unknown force may act (a coordinate, a contact): for the component table."""
+
+    name: str
+    component: str
+    unit: str = "N"
+    scale: float = 1.0
+    """Natural size of such a force [unit]."""
+    position: str = ""
+    """State that holds the displacement on which it works, if there is one."""
+    speed: str = ""
+    """State that holds the speed, if there is one."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Lanes:
+    """A batch of B windows to be simulated. Row b of every array belongs to lane b."""
+
+    theta: Array
+    """Parameters, (B, p), in the order of ``nominal.parameters``."""
+    windows: Integers
+    """First and last sample, (B, 2): outputs at i0 <= i <= i1, the end state at i1."""
+    starts: Array
+    """States at i0, (B, nx); order of ``nominal.states(terms)``."""
+    terms: tuple[Term, ...] = ()
+    sizes: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """Sizes of the terms [their units], (B, k)."""
+    forces: Array | None = None
+    """Unknown forces, (B, ports, m): linear between m knots from i0 to i1; None: no force."""
+
+    @property
+    def count(self) -> int:
+        """Number of lanes B."""
+        return int(self.windows.shape[0])
+
+    @property
+    def longest(self) -> int:
+        """Samples of the longest window, both ends counted."""
+        return int(np.max(self.windows[:, 1] - self.windows[:, 0])) + 1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Simulated:
+    """What every lane gave; a lane that failed holds NaN."""
+
+    outputs: Array
+    """(B, L, ny) at the samples i0, i0+1, ..., i1 of each lane; beyond i1: anything."""
+    ends: Array
+    """States at sample i1, (B, nx)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sensitivity:
+    """Outputs and end states of W windows with their derivatives.
+
+    The last axis of every ``d_*`` is what is differentiated by; it has length 0 where nothing was
+    asked for.
+    """
+
+    outputs: Array
+    """(W, L, ny)"""
+    ends: Array
+    """(W, nx)"""
+    d_theta: Array
+    """(W, L, ny, p) by the parameters asked for."""
+    d_theta_ends: Array
+    """(W, nx, p)"""
+    d_sizes: Array
+    """(W, L, ny, k) by the sizes of the terms."""
+    d_sizes_ends: Array
+    """(W, nx, k)"""
+    d_starts: Array
+    """(W, L, ny, nx)"""
+    d_starts_ends: Array
+    """(W, nx, nx)"""
+    d_candidates: Array
+    """(W, L, ny, c) by the sizes of the candidates, at zero"""
+    d_candidates_ends: Array
+    """(W, nx, c)"""
+
+
+class Nominal(ABC):
+    """Base of all that can be fitted and diagnosed.
+
+    A subclass sets the attributes and writes :meth:`simulate`. If it has derivatives, it overrides
+    :meth:`sensitivities` as well; otherwise batched differences are taken.
+    """
+
+    name: str = "nominal"
+    parameters: tuple[Parameter, ...] = ()
+    outputs: tuple[str, ...] = ()
+    """Names of the outputs; a record may have measured some of them only."""
+    ports: tuple[Port, ...] = ()
+    """Where unknown forces may act; empty: no component table from forces."""
+    window: float | None = None
+    """Length of shooting windows that suits the model [s]; None: chosen from the data."""
+    chaotic: bool = False
+    """Whether it has impacts after which a small error of the state grows strongly."""
+
+    @abstractmethod
+    def states(self, terms: Sequence[Term] = ()) -> tuple[State, ...]:
+        """States, then the hidden states of the terms in their order; () if it has none."""
+
+    @abstractmethod
+    def simulate(self, record: Record, lanes: Lanes) -> Simulated:
+        """Simulate every lane.
+
+        Inputs are ``record.inputs``. The measured outputs are not to be used: they are what is to
+        be explained.
+        """
+
+    def accepts(self, effect: Effect) -> bool:
+        """Whether it can simulate the effect. Sensor and input effects need no help from it."""
+        return effect.observe is not None or effect.excite is not None
+
+    def guess(self, record: Record, windows: Integers) -> Array:
+        """First guess of the states at the window starts, (W, nx), for the first fit.
+
+        Default: simulate from the prior start through the windows in turn.
+        """
+        states = self.states()
+        starts = np.zeros((len(windows), len(states)))
+        if not states:
+            return starts
+        prior = record.start
+        x = np.array(
+            [prior.mean.get(s.name, s.start) if prior is not None else s.start for s in states]
+        )
+        theta = np.array([[p.value for p in self.parameters]])
+        for w, window in enumerate(windows):
+            starts[w] = x
+            ends = self.simulate(
+                record, Lanes(theta=theta, windows=window[None, :], starts=x[None, :])
+            ).ends[0]
+            x = np.where(np.isfinite(ends), ends, x)
+        return starts
+
+    def events(self, record: Record, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:
+        """Names and times [s] of events found in outputs (measured or simulated, NaN: missing).
+
+        Default: none; the engine then takes the steepest changes of each channel.
+        """
+        del record, outputs
+        return []
+
+    def sensitivities(
+        self,
+        record: Record,
+        theta: Array,
+        windows: Integers,
+        starts: Array,
+        terms: tuple[Term, ...] = (),
+        sizes: Array | None = None,
+        *,
+        by_theta: Sequence[int] | None = None,
+        by_starts: bool = True,
+        candidates: tuple[Term, ...] = (),
+    ) -> Sensitivity:
+        """Outputs and derivatives of windows.
+
+        Parameters
+        ----------
+        theta
+            (p,)
+        windows, starts
+            (W, 2) and (W, nx), states in the order of ``states(terms)``.
+        terms, sizes
+            Terms that are part of the model, and their sizes (k,); derivatives by all of them.
+        by_theta
+            Parameters wanted; default: all.
+        by_starts
+            Whether the derivatives by the start states are wanted.
+        candidates
+            Further terms, all at size zero, whose derivatives at zero are wanted too (one-sided
+            if they have a sign). Their hidden states start at their prior mean at the first
+            window and run through the windows in turn.
+        """
+        from feltmb.fit.differences import difference_sensitivities
+
+        return difference_sensitivities(
+            self,
+            record,
+            theta,
+            windows,
+            starts,
+            terms,
+            np.zeros(len(terms)) if sizes is None else sizes,
+            by_theta=range(len(self.parameters)) if by_theta is None else by_theta,
+            by_starts=by_starts,
+            candidates=candidates,
+        )

@@ -1,0 +1,395 @@
+"""Records, a nominal and some effects as one least-squares problem."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from feltmb.data import Array
+from feltmb.fit.cache import Cache
+from feltmb.fit.filter import Chain, reduce_chain
+from feltmb.fit.linearize import Linear, Place, linearize, predict
+from feltmb.fit.nominal import Nominal, Term
+from feltmb.fit.observe import machine_terms
+from feltmb.fit.shots import Shot
+
+__all__ = ["Normal", "Point", "Problem"]
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Parameters, sizes, and the place of every shot."""
+
+    theta: Array
+    sizes: Array
+    places: tuple[Place, ...]
+    memo: dict[object, tuple[object, list[Linear]]] = field(default_factory=dict, repr=False)
+    """Linearizations here that were already made."""
+
+
+@dataclass(frozen=True, eq=False)
+class Normal:
+    """Normal equations over the globals, states eliminated.
+
+    Globals are parameters, sizes, candidates, then the nuisances of each record; ``columns`` says
+    which of them belong to a shot.
+    """
+
+    matrix: Array
+    right: Array
+    chains: tuple[Chain, ...]
+    columns: tuple[Array, ...]
+    shared: int
+    """Number of globals that all records share."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is fitted: a nominal with some terms to shots."""
+
+    nominal: Nominal
+    shots: tuple[Shot, ...]
+    terms: tuple[Term, ...] = ()
+    state_scale: Array | None = None
+    """Unit of the gaps between windows, by state [its unit]."""
+    frozen: bool = False
+    """Whether parameters and sizes are held (held-out records)."""
+    input_knots: int = 6
+    cache: Cache | None = None
+    """Where finished optimizations are kept, if anywhere."""
+
+    @property
+    def free(self) -> list[int]:
+        """Parameters that are fitted."""
+        if self.frozen:
+            return []
+        return [i for i, p in enumerate(self.nominal.parameters) if p.sd > 0.0]
+
+    @property
+    def samples(self) -> int:
+        """Number of measured values."""
+        return int(sum(s.samples.sum() for s in self.shots))
+
+    def start(self, sizes: Array | None = None, theta: Array | None = None) -> Point:
+        """Prior means, and starts guessed by the nominal."""
+        if theta is None:
+            theta = np.array([p.value for p in self.nominal.parameters], dtype=np.float64)
+        states = self.nominal.states(machine_terms(self.terms))
+        places = []
+        for shot in self.shots:
+            guess = self.nominal.guess(shot.record, shot.windows)
+            starts = np.array([[s.start for s in states]] * shot.count).reshape(shot.count, -1)
+            starts[:, : guess.shape[1]] = guess
+            places.append(Place(starts, np.zeros(len(shot.nuisances))))
+        size = np.zeros(len(self.terms)) if sizes is None else sizes
+        return Point(theta, size, tuple(places))
+
+    def scale(self, point: Point) -> Array:
+        """Spread of each state over the windows, at least a little of its declared size."""
+        states = self.nominal.states(machine_terms(self.terms))
+        if not states:
+            return np.zeros(0)
+        starts = np.vstack([p.starts for p in point.places])
+        spread = np.std(starts, axis=0)
+        declared = np.array([s.scale for s in states])
+        known = 1e-3 * declared
+        if self.state_scale is not None:
+            known[: len(self.state_scale)] = self.state_scale
+            spread[: len(self.state_scale)] = 0.0
+        return np.asarray(np.maximum(spread, known))
+
+    def start_prior(self, shot: Shot) -> tuple[Array, Array]:
+        """Mean and standard deviation of the state at the first sample of a shot."""
+        states = self.nominal.states(machine_terms(self.terms))
+        prior = shot.record.start
+        mean = np.array([s.start for s in states])
+        sd = np.array(
+            [s.scale if s.hidden and np.isinf(s.start_sd) else s.start_sd for s in states]
+        )
+        if prior is not None:
+            for i, s in enumerate(states):
+                if s.name in prior.mean:
+                    mean[i] = prior.mean[s.name]
+                if s.name in prior.sd:
+                    sd[i] = prior.sd[s.name]
+        return mean, sd
+
+    def cost(
+        self, point: Point, gap_sd: Array, linears: Sequence[Linear]
+    ) -> tuple[float, list[Array]]:
+        """Sum of squares, and its part by window of every shot; infinite where it fails.
+
+        The noise of the inputs is integrated out with the derivatives of ``linears``, as the
+        steps do: otherwise steps and their acceptance would not mean the same function.
+        """
+        seen = []
+        for shot, place in zip(self.shots, point.places, strict=True):
+            _, residual, gap = predict(
+                self.nominal, shot, point.theta, self.terms, point.sizes, place
+            )
+            seen.append((residual, gap))
+        return self._cost(point, gap_sd, linears, seen)
+
+    def cost_at(
+        self, point: Point, gap_sd: Array, linears: Sequence[Linear]
+    ) -> tuple[float, list[Array]]:
+        """The same at the point of the linearization; nothing is simulated."""
+        seen = [(np.where(x.good[:, None], x.residual, np.inf), x.gap) for x in linears]
+        return self._cost(point, gap_sd, linears, seen)
+
+    def _cost(
+        self,
+        point: Point,
+        gap_sd: Array,
+        linears: Sequence[Linear],
+        seen: Sequence[tuple[Array, Array]],
+    ) -> tuple[float, list[Array]]:
+        total, parts = 0.0, []
+        for shot, place, linear, (residual, gap) in zip(
+            self.shots, point.places, linears, seen, strict=True
+        ):
+            with np.errstate(over="ignore", invalid="ignore"):
+                part = np.sum(residual**2, axis=1)
+                if gap.shape[1]:
+                    tied = np.sum((gap / gap_sd) ** 2, axis=1)
+                    part[:-1] += tied
+                    part -= _by_input_noise(linear, residual, gap, gap_sd)
+                    mean, sd = self.start_prior(shot)
+                    known = np.isfinite(sd)
+                    part[0] += np.sum(
+                        ((place.starts[0] - mean)[known] / np.maximum(sd[known], 1e-12)) ** 2
+                    )
+            for (_, _, sd_n), value in zip(shot.nuisances, place.nuisances, strict=True):
+                total += (value / sd_n) ** 2
+            part = np.where(np.isfinite(part), part, np.inf)
+            parts.append(part)
+            total += float(np.sum(part))
+        if not self.frozen:
+            for i in self.free:
+                p = self.nominal.parameters[i]
+                total += float(((point.theta[i] - p.value) / p.sd) ** 2)
+        return total, parts
+
+    def linear(self, point: Point, candidates: tuple[Term, ...] = ()) -> list[Linear]:
+        """Residuals and derivatives of all shots; made once a point."""
+        key = (
+            tuple(id(shot) for shot in self.shots),
+            tuple((id(t.effect), repr(t.shape)) for t in (*self.terms, *candidates)),
+            len(candidates),
+            self.frozen,
+            self.input_knots,
+        )
+        if key in point.memo:
+            return point.memo[key][1]
+        made = self._linear(point, candidates)
+        if not candidates:  # what the key names by id is kept alive
+            point.memo[key] = ((self.shots, self.terms), made)
+        return made
+
+    def _linear(self, point: Point, candidates: tuple[Term, ...]) -> list[Linear]:
+        return [
+            linearize(
+                self.nominal,
+                shot,
+                point.theta,
+                self.free,
+                self.terms,
+                point.sizes,
+                place,
+                candidates,
+                self.input_knots,
+            )
+            for shot, place in zip(self.shots, point.places, strict=True)
+        ]
+
+    def normal(
+        self,
+        point: Point,
+        linears: Sequence[Linear],
+        gap_sd: Array,
+        damping: Sequence[Array | None] | None = None,
+        *,
+        keep_rows: bool = False,
+    ) -> Normal:
+        """Eliminate the states and sum the records."""
+        chains = []
+        for i, (shot, place, linear) in enumerate(
+            zip(self.shots, point.places, linears, strict=True)
+        ):
+            mean, sd = self.start_prior(shot)
+            offset = mean - place.starts[0] if place.starts.shape[1] else np.zeros(0)
+            chains.append(
+                reduce_chain(
+                    linear,
+                    gap_sd,
+                    offset,
+                    sd,
+                    None if damping is None else damping[i],
+                    keep_rows=keep_rows,
+                )
+            )
+        nuisances = [len(s.nuisances) for s in self.shots]
+        shared = linears[0].by_global.shape[2] - nuisances[0]
+        size = shared + sum(nuisances)
+        matrix, right = np.zeros((size, size)), np.zeros(size)
+        columns, at = [], shared
+        for shot, place, chain, nn in zip(self.shots, point.places, chains, nuisances, strict=True):
+            own = np.concatenate([np.arange(shared), np.arange(at, at + nn)])
+            gram = np.sum(chain.grams, axis=0)
+            matrix[np.ix_(own, own)] += gram[:-1, :-1]
+            right[own] += gram[:-1, -1]
+            for j, (_, _, sd_n) in enumerate(shot.nuisances):
+                matrix[at + j, at + j] += 1.0 / sd_n**2
+                right[at + j] -= place.nuisances[j] / sd_n**2
+            columns.append(own)
+            at += nn
+        for c, i in enumerate(self.free):
+            p = self.nominal.parameters[i]
+            if np.isfinite(p.sd):
+                matrix[c, c] += 1.0 / p.sd**2
+                right[c] += (p.value - point.theta[i]) / p.sd**2
+        return Normal(matrix, right, tuple(chains), tuple(columns), shared)
+
+    def step(self, point: Point, normal: Normal, lam: float) -> tuple[Point, float]:
+        """Levenberg step within the limits of parameters and sizes, and its predicted gain."""
+        free = self.free
+        count = len(free) + len(self.terms)
+        low = np.full(normal.right.size, -np.inf)
+        high = np.full(normal.right.size, np.inf)
+        for c, i in enumerate(free):
+            p = self.nominal.parameters[i]
+            low[c], high[c] = p.lower - point.theta[i], p.upper - point.theta[i]
+        for k, term in enumerate(self.terms):
+            a, b = term.effect.bounds
+            c = len(free) + k
+            low[c], high[c] = a - point.sizes[k], b - point.sizes[k]
+        matrix = normal.matrix + lam * np.diag(np.diag(normal.matrix))
+        held = np.zeros(normal.right.size, dtype=bool)
+        held[count : normal.shared] = True  # candidates take no step
+        if self.frozen:
+            held[: normal.shared] = True
+        delta = np.zeros(normal.right.size)
+        for _ in range(count + 1):
+            open_ = ~held
+            rhs = normal.right - matrix[:, held] @ delta[held]
+            delta[open_] = solve_scaled(matrix[np.ix_(open_, open_)], rhs[open_])
+            beyond = open_ & ((delta < low) | (delta > high))
+            if not beyond.any():
+                break
+            delta[beyond] = np.clip(delta[beyond], low[beyond], high[beyond])
+            held |= beyond
+        gain = float(2.0 * normal.right @ delta - delta @ normal.matrix @ delta)
+        theta = point.theta.copy()
+        theta[free] += delta[: len(free)]
+        sizes = point.sizes + delta[len(free) : count]
+        for i in free:
+            p = self.nominal.parameters[i]
+            theta[i] = np.clip(theta[i], p.lower, p.upper)
+        for k, term in enumerate(self.terms):
+            sizes[k] = np.clip(sizes[k], *term.effect.bounds)
+        places = []
+        for place, chain, own in zip(point.places, normal.chains, normal.columns, strict=True):
+            moved = delta[own]
+            starts = place.starts
+            if starts.shape[1]:
+                starts = starts + chain.back(moved)
+            places.append(Place(starts, place.nuisances + moved[normal.shared :]))
+        return Point(theta, sizes, tuple(places)), gain
+
+    def with_terms(self, terms: tuple[Term, ...]) -> Problem:
+        """Same records, other terms."""
+        return replace(self, terms=terms)
+
+    def carry(self, point: Point, terms: tuple[Term, ...], sizes: Array) -> Point:
+        """A point of this problem as one of the same problem with other terms.
+
+        Hidden states that are new start at their prior mean; those that stay are kept.
+        """
+        base = len(self.nominal.states())
+        places = []
+        old = machine_terms(self.terms)
+        new = machine_terms(terms)
+        for shot, place in zip(self.shots, point.places, strict=True):
+            blocks = [place.starts[:, :base]]
+            fresh = []
+            for term in new:
+                width = len(term.effect.hidden)
+                if not width:
+                    continue
+                if term in old:
+                    at = base + sum(len(t.effect.hidden) for t in old[: old.index(term)])
+                    blocks.append(place.starts[:, at : at + width])
+                else:
+                    blocks.append(np.tile([h.start for h in term.effect.hidden], (shot.count, 1)))
+                    fresh.append(term)
+            starts = np.hstack(blocks)
+            if fresh:
+                starts = _run_hidden(self.nominal, shot, point.theta, new, starts, base)
+            places.append(Place(starts, place.nuisances))
+        return Point(point.theta, np.asarray(sizes, dtype=np.float64), tuple(places))
+
+
+def _by_input_noise(linear: Linear, residual: Array, gap: Array, gap_sd: Array) -> Array:
+    """What the noise of the inputs explains of the sum of squares, by window (W,).
+
+    |v|^2 - min over u of |v - A u|^2 + |u|^2 for unit normal numbers u.
+    """
+    count, _, mi = linear.by_input.shape
+    if mi == 0:
+        return np.zeros(count)
+    tied = np.zeros((count, gap.shape[1], mi))
+    tied[:-1] = -linear.ends_by_input[:-1] / gap_sd[:, None]
+    full_gap = np.zeros((count, gap.shape[1]))
+    full_gap[:-1] = gap / gap_sd
+    with np.errstate(invalid="ignore", over="ignore"):
+        pull = np.einsum("wmi,wm->wi", linear.by_input, residual)
+        pull += np.einsum("wni,wn->wi", tied, full_gap)
+    matrix = np.einsum("wmi,wmj->wij", linear.by_input, linear.by_input, optimize=True)
+    matrix += np.einsum("wni,wnj->wij", tied, tied, optimize=True) + np.eye(mi)
+    good = np.all(np.isfinite(pull), axis=1)
+    out = np.zeros(count)
+    found = np.linalg.solve(matrix[good], pull[good][..., None])[..., 0]
+    out[good] = np.sum(pull[good] * found, axis=1)
+    return out
+
+
+def _run_hidden(
+    nominal: Nominal, shot: Shot, theta: Array, terms: tuple[Term, ...], starts: Array, base: int
+) -> Array:
+    """Hidden states at the window starts, as the nominal's motion drives them."""
+    from feltmb.fit.nominal import Lanes
+
+    starts = starts.copy()
+    for w in range(shot.count - 1):
+        run = nominal.simulate(
+            shot.record,
+            Lanes(
+                theta=theta[None, :],
+                windows=shot.windows[w : w + 1],
+                starts=starts[w : w + 1],
+                terms=terms,
+                sizes=np.zeros((1, len(terms))),
+            ),
+        )
+        if np.all(np.isfinite(run.ends)):
+            starts[w + 1, base:] = run.ends[0, base:]
+    return starts
+
+
+def solve_scaled(matrix: Array, right: Array) -> Array:
+    """Solve symmetric equations after scaling their diagonal to 1; drop what has no support."""
+    if right.size == 0:
+        return right
+    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    seen = size > 1e-150
+    out = np.zeros_like(right)
+    if not seen.any():
+        return out
+    scaled = matrix[np.ix_(seen, seen)] / np.outer(size[seen], size[seen])
+    values, vectors = np.linalg.eigh(scaled)
+    keep = values > 1e-11 * values[-1]
+    part = vectors[:, keep] @ ((vectors[:, keep].T @ (right[seen] / size[seen])) / values[keep])
+    out[seen] = part / size[seen]
+    return out

@@ -1,0 +1,167 @@
+"""A record cut into shooting windows, with the noise of its channels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feltmb.data import Array, Record
+from feltmb.errors import InvalidParameter
+from feltmb.fit.nominal import Nominal
+
+__all__ = ["Noise", "Shot", "choose_windows", "make_shot"]
+
+Integers = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of one channel: standard deviation [unit] and correlation time [s]."""
+
+    sigma: float
+    correlation_time: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """One record, ready to be compared window by window."""
+
+    record: Record
+    windows: Integers
+    """First and last sample, (W, 2); a window ends where the next begins."""
+    measured: Array
+    """(W, L, ny), NaN where nothing was measured or the sample belongs to the next window."""
+    valid: NDArray[np.bool_]
+    """(W, L, ny)"""
+    before: Integers
+    """Position of the valid sample before, in the window; -1: none. (W, L, ny)"""
+    decay: Array
+    """Correlation with that sample, (W, L, ny)."""
+    weight: Array
+    """1 / standard deviation of the innovation; 0 where nothing was measured. (W, L, ny)"""
+    noise: tuple[Noise, ...]
+    nuisances: tuple[tuple[str, int, float], ...]
+    """("gain" | "offset" | "delay", channel, prior standard deviation)."""
+
+    @property
+    def count(self) -> int:
+        """Number of windows."""
+        return len(self.windows)
+
+    @property
+    def samples(self) -> Array:
+        """Valid samples by window and channel, (W, ny)."""
+        return np.asarray(np.sum(self.valid, axis=1), dtype=np.float64)
+
+    def whiten(self, columns: Array) -> Array:
+        """Whiten arrays (W, L, ny) or (W, L, ny, c): unit, uncorrelated noise; 0 if missing."""
+        extra = columns.ndim == 4
+        valid, decay, weight = self.valid, self.decay, self.weight
+        if extra:
+            valid, decay, weight = valid[..., None], decay[..., None], weight[..., None]
+        clean = np.where(valid, columns, 0.0)
+        if not np.any(self.decay):
+            return np.asarray(clean * weight)
+        at = np.maximum(self.before, 0)
+        shifted = np.take_along_axis(clean, at[..., None] if extra else at, axis=1)
+        return np.asarray((clean - decay * shifted) * weight)
+
+
+def choose_windows(
+    record: Record, length: float | None, *, most: int = 60, least: int = 12
+) -> Integers:
+    """Windows of about ``length`` [s] whose boundaries lie where the outputs are quiet.
+
+    A boundary inside an impact would put all of its uncertainty into one start state, so each one
+    is moved, by up to a quarter of a window, to the sample with the smallest bend of the outputs.
+    """
+    n = record.samples
+    if length is None:
+        size = int(np.clip(n / 40, 16, max(16, n // least)))
+        size = max(size, n // most)
+    else:
+        if not (math.isfinite(length) and length > 0.0):
+            raise InvalidParameter(f"window = {length!r} s, expected a finite number > 0")
+        size = max(2, round(length / record.interval))
+    count = max(1, round((n - 1) / size))
+    edges = np.round(np.linspace(0, n - 1, count + 1)).astype(int)
+    if count > 1 and size >= 8:
+        bend = np.zeros(n)
+        for values in [*record.outputs.values(), *record.inputs.values()]:
+            good = np.isfinite(values)
+            if good.sum() < 3:
+                continue
+            filled = np.interp(np.arange(n), np.flatnonzero(good), values[good])
+            second = np.zeros(n)
+            second[1:-1] = np.abs(filled[2:] - 2.0 * filled[1:-1] + filled[:-2])
+            spread = float(np.std(second))
+            if spread > 0.0:
+                bend += second / spread
+        bend = np.convolve(bend, np.ones(3), mode="same")
+        reach = size // 4
+        for i in range(1, count):
+            around = np.arange(edges[i] - reach, edges[i] + reach + 1)
+            cost = bend[around] + 0.05 * np.abs(around - edges[i]) / reach
+            edges[i] = int(around[np.argmin(cost)])
+    edges = np.unique(edges)
+    return np.column_stack([edges[:-1], edges[1:]]).astype(np.intp)
+
+
+def make_shot(
+    nominal: Nominal,
+    record: Record,
+    noise: Mapping[str, Noise],
+    window: float | None,
+    windows: Integers | None = None,
+) -> Shot:
+    """Cut a record into windows and prepare its whitening."""
+    if windows is None:
+        windows = choose_windows(record, window if window is not None else nominal.window)
+    ny = len(nominal.outputs)
+    longest = int(np.max(windows[:, 1] - windows[:, 0])) + 1
+    all_measured = record.output_array(nominal.outputs)
+    at = windows[:, :1] + np.arange(longest)
+    inside = at < windows[:, 1:]
+    inside[-1] |= at[-1] == windows[-1, 1]
+    at = np.minimum(at, record.samples - 1)
+    measured = np.where(inside[..., None], all_measured[at], np.nan)
+    valid = np.isfinite(measured)
+    position = np.where(valid, np.arange(longest)[None, :, None], -1)
+    before = np.full_like(position, -1)
+    before[:, 1:] = np.maximum.accumulate(position, axis=1)[:, :-1]
+    chosen = tuple(noise.get(name, Noise(1.0)) for name in nominal.outputs)
+    sigma = np.array([c.sigma for c in chosen])
+    tau = np.array([c.correlation_time for c in chosen])
+    time = np.repeat(record.time[at][..., None], ny, axis=2)
+    lag = time - np.take_along_axis(time, np.maximum(before, 0), axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        decay = np.where((before >= 0) & (tau > 0.0) & valid, np.exp(-lag / tau), 0.0)
+    decay = np.nan_to_num(decay)
+    weight = np.where(valid, 1.0 / (sigma * np.sqrt(1.0 - decay**2)), 0.0)
+    nuisances = []
+    for c, name in enumerate(nominal.outputs):
+        if name not in record.outputs or not valid[:, :, c].any():
+            continue
+        sensor = record.sensors[name]
+        for kind, sd in (
+            ("gain", sensor.gain_sd),
+            ("offset", sensor.offset_sd),
+            ("delay", sensor.delay_sd),
+        ):
+            if sd > 0.0:
+                nuisances.append((kind, c, sd))
+    return Shot(
+        record=record,
+        windows=windows,
+        measured=measured,
+        valid=valid,
+        before=before,
+        decay=decay,
+        weight=weight,
+        noise=chosen,
+        nuisances=tuple(nuisances),
+    )

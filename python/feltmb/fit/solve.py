@@ -1,0 +1,442 @@
+"""Weak-constraint multiple shooting: the fit of a nominal, with or without effects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from feltmb.data import Array
+from feltmb.fit.cache import Cache
+from feltmb.fit.linearize import Linear, Place
+from feltmb.fit.nominal import Lanes, Term
+from feltmb.fit.observe import machine_terms, observe_lanes
+from feltmb.fit.problem import Normal, Point, Problem, solve_scaled
+
+__all__ = ["Fit", "FitSettings", "Interval", "fit_problem", "polish"]
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitSettings:
+    """How hard a fit tries."""
+
+    levels: tuple[float, ...] = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
+    """Gaps between windows that are tried, as shares of the spread of the states; the one with
+    the largest marginal likelihood is kept."""
+    iterations: int = 40
+    decrement: float = 0.02
+    """A step that can lower the sum of squares by less than this ends the search."""
+    restarts: int = 3
+    seed: int = 0
+    chain: bool = False
+    """Whether a poor fit is tried again from one simulation through all windows."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Interval:
+    """A fitted number with its uncertainty."""
+
+    name: str
+    unit: str
+    value: float
+    sd: float
+    low: float
+    """95 % interval, cut at the limits."""
+    high: float
+    prior: float
+    prior_sd: float
+    at_limit: bool
+    contraction: float
+    """1 - (sd / prior sd)^2: what the data say beyond the prior [1]; 1 without a prior."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fit:
+    """A fit of a problem."""
+
+    problem: Problem
+    point: Point
+    level: float
+    """Gap between windows, as a share of the spread of the states."""
+    gap_sd: Array
+    cost: float
+    """Sum of squares with priors and gaps."""
+    chi2: float
+    """Sum of squares of the innovations."""
+    dof: float
+    log_evidence: float
+    """Laplace approximation, up to a constant that all fits to the same records share."""
+    levels: tuple[tuple[float, float], ...]
+    """Log marginal likelihood by level."""
+    converged: bool
+    notes: tuple[str, ...]
+    linears: tuple[Linear, ...] = field(repr=False)
+    normal: Normal = field(repr=False)
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """Effects that are part of the fit."""
+        return self.problem.terms
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the shared globals (free parameters, then sizes)."""
+        count = len(self.problem.free) + len(self.terms)
+        total = inverse_scaled(self.normal.matrix)
+        return np.asarray(total[:count, :count])
+
+    def intervals(self) -> tuple[Interval, ...]:
+        """Parameters and sizes with 95 % intervals."""
+        sd = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        out = []
+        rows = [
+            (p.name, p.unit, self.point.theta[i], p.value, p.sd, p.lower, p.upper)
+            for i, p in enumerate(self.problem.nominal.parameters)
+            if i in self.problem.free
+        ]
+        rows += [
+            (t.name, t.effect.unit, self.point.sizes[k], 0.0, np.inf, *t.effect.bounds)
+            for k, t in enumerate(self.terms)
+        ]
+        for (name, unit, value, prior, prior_sd, low, high), s in zip(rows, sd, strict=True):
+            out.append(
+                Interval(
+                    name=name,
+                    unit=unit,
+                    value=float(value),
+                    sd=float(s),
+                    low=float(max(value - 1.96 * s, low)),
+                    high=float(min(value + 1.96 * s, high)),
+                    prior=float(prior),
+                    prior_sd=float(prior_sd),
+                    at_limit=bool(np.isclose(value, low) or np.isclose(value, high)),
+                    contraction=float(1.0 - (s / prior_sd) ** 2) if prior_sd > 0.0 else 0.0,
+                )
+            )
+        return tuple(out)
+
+
+def inverse_scaled(matrix: Array) -> Array:
+    """Inverse of a symmetric matrix; infinite variance where nothing supports a number."""
+    n = matrix.shape[0]
+    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    seen = size > 1e-150
+    out = np.full((n, n), 0.0)
+    out[~seen, ~seen] = np.inf
+    if seen.any():
+        scaled = matrix[np.ix_(seen, seen)] / np.outer(size[seen], size[seen])
+        values, vectors = np.linalg.eigh(scaled)
+        values = np.maximum(values, 1e-11 * values[-1])
+        inverse = (vectors / values) @ vectors.T
+        out[np.ix_(seen, seen)] = inverse / np.outer(size[seen], size[seen])
+    return out
+
+
+def _optimize(
+    problem: Problem, point: Point, gap_sd: Array, settings: FitSettings, iterations: int
+) -> tuple[Point, float, list[Linear], bool]:
+    """Minimize from a point, or take the result from the cache of the problem."""
+    if problem.cache is None:
+        return _minimize(problem, point, gap_sd, settings, iterations)
+    linears = problem.linear(point)
+    cost, parts = problem.cost_at(point, gap_sd, linears)
+    key = Cache.key(
+        cost,
+        *parts,
+        point.theta,
+        point.sizes,
+        gap_sd,
+        iterations,
+        problem.frozen,
+        [(t.name, t.shape) for t in problem.terms],
+    )
+    known = problem.cache.get(key)
+    if known is not None:
+        places = tuple(
+            Place(known[f"starts{i}"], known[f"nuisances{i}"]) for i in range(len(problem.shots))
+        )
+        found = Point(known["theta"], known["sizes"], places)
+        return found, float(known["cost"]), problem.linear(found), bool(known["converged"])
+    found, cost, linears, converged = _minimize(problem, point, gap_sd, settings, iterations)
+    arrays = {"theta": found.theta, "sizes": found.sizes}
+    arrays |= {"cost": np.array(cost), "converged": np.array(float(converged))}
+    for i, place in enumerate(found.places):
+        arrays |= {f"starts{i}": place.starts, f"nuisances{i}": place.nuisances}
+    problem.cache.put(key, arrays)
+    return found, cost, linears, converged
+
+
+def _minimize(
+    problem: Problem, point: Point, gap_sd: Array, settings: FitSettings, iterations: int
+) -> tuple[Point, float, list[Linear], bool]:
+    """Levenberg-Marquardt with damping of its own for every window."""
+    linears = problem.linear(point)
+    cost, parts = problem.cost_at(point, gap_sd, linears)
+    lam = 1e-4
+    damping = [np.zeros(s.count) for s in problem.shots]
+    for _ in range(iterations):
+        accepted = False
+        for _ in range(8):
+            used = [d if np.any(d) else None for d in damping]
+            normal = problem.normal(point, linears, gap_sd, used)
+            trial, gain = problem.step(point, normal, lam)
+            # The gain of the states is within the chains: what is left of the residual.
+            left = sum(float(np.sum(c.grams[:, -1, -1])) for c in normal.chains)
+            predicted = cost - left + gain - _priors(problem, point)
+            if predicted < settings.decrement:
+                return point, cost, linears, True
+            new, new_parts = problem.cost(trial, gap_sd, linears)
+            if new < cost:
+                accepted = True
+                break
+            lam = max(lam, 1e-4) * 6.0
+            for d, a, b in zip(damping, parts, new_parts, strict=True):
+                worse = ~(b <= a + 1e-9)
+                d[worse] = np.maximum(d[worse] * 8.0, 1e-3)
+        if not accepted:
+            return point, cost, linears, False
+        done = cost - new < settings.decrement and predicted < 50.0 * settings.decrement
+        point = trial
+        lam /= 8.0
+        for d in damping:
+            d /= 10.0
+            d[d < 1e-6] = 0.0
+        linears = problem.linear(point)
+        cost, parts = problem.cost_at(point, gap_sd, linears)
+        if done:
+            return point, cost, linears, True
+    return point, cost, linears, False
+
+
+def _priors(problem: Problem, point: Point) -> float:
+    """Part of the cost that is in no window."""
+    total = 0.0
+    if not problem.frozen:
+        for i in problem.free:
+            p = problem.nominal.parameters[i]
+            total += float(((point.theta[i] - p.value) / p.sd) ** 2)
+    for shot, place in zip(problem.shots, point.places, strict=True):
+        for (_, _, sd), value in zip(shot.nuisances, place.nuisances, strict=True):
+            total += (value / sd) ** 2
+    return total
+
+
+def _evidence(problem: Problem, normal: Normal, cost: float, gap_sd: Array) -> float:
+    """Log marginal likelihood over states, inputs and parameters (Laplace)."""
+    value = -0.5 * cost
+    for shot, chain in zip(problem.shots, normal.chains, strict=True):
+        value -= float(np.sum(chain.log_dets))
+        if gap_sd.size:
+            value -= (shot.count - 1) * float(np.sum(np.log(gap_sd)))
+    return value
+
+
+def _finish(
+    problem: Problem,
+    point: Point,
+    level: float,
+    gap_sd: Array,
+    cost: float,
+    linears: list[Linear],
+    converged: bool,
+    notes: tuple[str, ...],
+    levels: tuple[tuple[float, float], ...],
+) -> Fit:
+    normal = problem.normal(point, linears, gap_sd)
+    chi2, dof = 0.0, 0.0
+    states = len(gap_sd)
+    step = solve_scaled(normal.matrix, normal.right) if not problem.frozen else None
+    for shot, chain, own in zip(problem.shots, normal.chains, normal.columns, strict=True):
+        change = np.zeros(own.size) if step is None else step[own]
+        tail = np.append(-change, 1.0)
+        chi2 += float(np.einsum("i,wij,j->", tail, chain.grams, tail))
+        dof += float(shot.samples.sum())
+        _, sd = problem.start_prior(shot)
+        dof -= min(states, int(np.sum(~np.isfinite(sd))))
+    if not problem.frozen:
+        dof -= sum(1 for i in problem.free if np.isinf(problem.nominal.parameters[i].sd))
+        dof -= len(problem.terms)
+    return Fit(
+        problem=problem,
+        point=point,
+        level=level,
+        gap_sd=gap_sd,
+        cost=cost,
+        chi2=chi2,
+        dof=max(dof, 1.0),
+        log_evidence=_evidence(problem, normal, cost, gap_sd),
+        levels=levels,
+        converged=converged,
+        notes=notes,
+        linears=tuple(linears),
+        normal=normal,
+    )
+
+
+def polish(problem: Problem, point: Point, level: float, settings: FitSettings) -> Fit:
+    """Fit from a good start at one level."""
+    gap_sd = level * problem.scale(point)
+    found, cost, linears, converged = _optimize(
+        problem, point, gap_sd, settings, settings.iterations
+    )
+    if settings.chain and gap_sd.size and level < 0.1:
+        bar = problem.samples + 4.0 * np.sqrt(2.0 * problem.samples)
+        # A chain of windows can be stuck where one simulation from the first state is not.
+        for _ in range(2):
+            if cost < bar:
+                break
+            chained = _chain(problem, found)
+            if not problem.cost(chained, gap_sd, linears)[0] < 1e6 * cost:
+                break
+            other = _optimize(problem, chained, gap_sd, settings, settings.iterations)
+            if not other[1] < cost - 0.5:
+                break
+            found, cost, linears, converged = other
+    return _finish(problem, found, level, gap_sd, cost, linears, converged, (), ())
+
+
+def _chain(problem: Problem, point: Point) -> Point:
+    """The point whose windows start where the window before ends."""
+    places = []
+    count = len(problem.terms)
+    for shot, place in zip(problem.shots, point.places, strict=True):
+        starts = place.starts.copy()
+        for w in range(shot.count - 1):
+            lanes = Lanes(
+                theta=point.theta[None, :],
+                windows=shot.windows[w : w + 1],
+                starts=starts[w : w + 1],
+                terms=problem.terms,
+                sizes=point.sizes.reshape(1, count),
+            )
+            ends = observe_lanes(problem.nominal, shot.record, lanes).ends[0]
+            if np.all(np.isfinite(ends)):
+                starts[w + 1] = ends
+        places.append(Place(starts, place.nuisances))
+    return replace(point, places=tuple(places), memo={})
+
+
+def _descend(
+    problem: Problem, point: Point, settings: FitSettings, progress: Progress | None, label: str
+) -> Fit:
+    """From loose to tight gaps; keep the level with the largest marginal likelihood."""
+    if not problem.nominal.states(machine_terms(problem.terms)):
+        return polish(problem, point, 1.0, settings)
+    best: tuple[float, float, Point, bool] | None = None
+    scale: Array | None = None
+    table: list[tuple[float, float]] = []
+    poor = 0
+    for i, level in enumerate(settings.levels):
+        if progress is not None:
+            progress(label, i, len(settings.levels))
+        gap_sd = level * (problem.scale(point) if scale is None else scale)
+        found, cost, linears, converged = _optimize(
+            problem, point, gap_sd, settings, 12 if i == 0 else 8
+        )
+        if scale is None:  # after the first level the states are those of the machine
+            scale = problem.scale(found)
+            gap_sd = level * scale
+            cost, _ = problem.cost_at(found, gap_sd, linears)
+        normal = problem.normal(found, linears, gap_sd)
+        value = _evidence(problem, normal, cost, gap_sd)
+        table.append((level, value))
+        if best is None or value > best[0]:
+            best, poor = (value, level, found, converged), 0
+        else:
+            poor += 1
+        point = found
+        if poor >= 2:
+            break
+    assert best is not None
+    assert scale is not None
+    fixed = replace(problem, state_scale=scale)
+    fit = polish(fixed, best[2], best[1], settings)
+    return replace(fit, levels=tuple(table))
+
+
+def _stuck(fit: Fit) -> list[Array]:
+    """Windows whose misfit stands far above the others': a state may sit in a wrong valley."""
+    zs = []
+    for shot, chain in zip(fit.problem.shots, fit.normal.chains, strict=True):
+        n = np.maximum(shot.samples.sum(axis=1), 1.0)
+        zs.append((chain.grams[:, -1, -1] - n) / np.sqrt(2.0 * n))
+    everything = np.concatenate(zs)
+    typical = float(np.median(everything))
+    spread = 1.4826 * float(np.median(np.abs(everything - typical))) + 1.0
+    return [(z > typical + 12.0 * spread) & (z > 15.0) for z in zs]
+
+
+def _rescue(fit: Fit, settings: FitSettings) -> Fit:
+    """Restart stuck windows from the end of the window before, or from its neighbors' mean."""
+    for attempt in range(2):
+        stuck = _stuck(fit)
+        if not any(s.any() for s in stuck) or not fit.gap_sd.size:
+            return fit
+        places = []
+        for i, (place, bad) in enumerate(zip(fit.point.places, stuck, strict=True)):
+            starts = place.starts.copy()
+            linear = fit.linears[i]
+            ends = starts[1:] + linear.gap
+            for w in np.flatnonzero(bad):
+                # The misfit of a window may come from its own start or from that of the next.
+                for v in (w, w + 1):
+                    if 0 < v < len(starts):
+                        if attempt == 0:
+                            starts[v] = ends[v - 1]
+                        elif v + 1 < len(starts):
+                            starts[v] = 0.5 * (starts[v - 1] + starts[v + 1])
+            places.append(Place(starts, place.nuisances))
+        trial = polish(
+            fit.problem, replace(fit.point, places=tuple(places), memo={}), fit.level, settings
+        )
+        if trial.cost < fit.cost - 1.0:
+            fit = replace(trial, levels=fit.levels, notes=(*fit.notes, "windows restarted"))
+    return fit
+
+
+def fit_problem(
+    problem: Problem,
+    settings: FitSettings | None = None,
+    *,
+    point: Point | None = None,
+    progress: Progress | None = None,
+    label: str = "fit",
+) -> Fit:
+    """Fit a problem from its priors.
+
+    Gaps go from loose to tight; the level with the largest marginal likelihood is kept. A fit that
+    is not good is tried again from other starts, so that a stuck fit is not taken for a gap:
+    windows that stand out are restarted from their neighbors, and the parameters from draws of
+    their priors.
+    """
+    settings = settings or FitSettings()
+    fit = _rescue(_descend(problem, point or problem.start(), settings, progress, label), settings)
+    if fit.chi2 < fit.dof + 4.0 * np.sqrt(2.0 * fit.dof) and fit.converged:
+        return fit
+    generator = np.random.default_rng(settings.seed)
+    free = [i for i in problem.free]
+    if not free or not fit.gap_sd.size or problem.frozen:
+        return fit
+    better = 0
+    for i in range(settings.restarts):
+        if progress is not None:
+            progress(f"{label}, restart", i, settings.restarts)
+        theta = fit.point.theta.copy()
+        for j in free:
+            p = problem.nominal.parameters[j]
+            sd = p.sd if np.isfinite(p.sd) else 0.3 * p.size
+            theta[j] = np.clip(theta[j] + sd * generator.standard_normal(), p.lower, p.upper)
+        base = fit.problem
+        places = [Place(p.starts, p.nuisances) for p in fit.point.places]
+        moved = Point(theta, fit.point.sizes, tuple(places))
+        loose = polish(base, moved, min(1.0, fit.level * 100.0), replace(settings, iterations=6))
+        trial = _rescue(polish(base, loose.point, fit.level, settings), settings)
+        if trial.cost < fit.cost - 1.0:
+            better += 1
+            fit = replace(
+                trial, levels=fit.levels, notes=(*fit.notes, f"restart {i + 1} was better")
+            )
+    return fit

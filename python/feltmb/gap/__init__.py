@@ -1,0 +1,76 @@
+"""Diagnosis of the gap between a model and measurements: where, which cause, how far it shrinks.
+
+It knows time series and parameters, not any particular machine.
+"""
+
+from feltmb.data import Record, Sensor, StartPrior
+from feltmb.fit import (
+    Coordinate,
+    Effect,
+    FunctionNominal,
+    Lanes,
+    LinearNominal,
+    Nominal,
+    OdeNominal,
+    Parameter,
+    Port,
+    Sensitivity,
+    Simulated,
+    State,
+    Term,
+)
+from feltmb.gap.diagnose import Options, diagnose
+from feltmb.gap.gates import Gates, check_records
+from feltmb.gap.report import (
+    Advice,
+    Amended,
+    ComponentRow,
+    EventRow,
+    GapRow,
+    HowFar,
+    LedgerCell,
+    NotTested,
+    Ranked,
+    RankedSet,
+    Report,
+    Verdict,
+    Where,
+    Which,
+)
+
+__all__ = [
+    "Advice",
+    "Amended",
+    "ComponentRow",
+    "Coordinate",
+    "Effect",
+    "EventRow",
+    "FunctionNominal",
+    "GapRow",
+    "Gates",
+    "HowFar",
+    "Lanes",
+    "LedgerCell",
+    "LinearNominal",
+    "Nominal",
+    "NotTested",
+    "OdeNominal",
+    "Options",
+    "Parameter",
+    "Port",
+    "Ranked",
+    "RankedSet",
+    "Record",
+    "Report",
+    "Sensitivity",
+    "Sensor",
+    "Simulated",
+    "StartPrior",
+    "State",
+    "Term",
+    "Verdict",
+    "Where",
+    "Which",
+    "check_records",
+    "diagnose",
+]

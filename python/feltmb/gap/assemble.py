@@ -1,0 +1,305 @@
+"""Rows of the report from the stages of the diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from feltmb.data import Array
+from feltmb.fit.nominal import Nominal
+from feltmb.fit.shots import Shot
+from feltmb.gap.advise import confusion
+from feltmb.gap.calibrate import Null
+from feltmb.gap.proof import Outcome
+from feltmb.gap.refine import Candidate, Search
+from feltmb.gap.report import Amended, GapRow, HowFar, Ranked, RankedSet, Which
+from feltmb.gap.settle import Accepted, Posterior
+
+__all__ = ["amended", "how_far_rows", "ranked"]
+
+
+def amended(nominal: Nominal, search: Search, accepted: Accepted) -> Amended:
+    """The model with what was accepted."""
+    fit = search.nominal if accepted.candidate is None else accepted.candidate.fit
+    return Amended(nominal=nominal, theta=fit.point.theta, terms=fit.terms, sizes=fit.point.sizes)
+
+
+def ranked(
+    search: Search,
+    accepted: Accepted,
+    belief: Posterior,
+    null: Null,
+    named: Sequence[str],
+    one_of: Sequence[str],
+) -> Which:
+    """Effects and sets in the order of belief."""
+    reference = search.tight if search.tight is not None else search.scores
+    sizes, single, robust = reference.one_step(), reference.singles(), reference.robust()
+    strength = reference.strength
+    names = list(dict.fromkeys(t.name for t in reference.terms))
+    weights = {n: 0.0 for n in names}
+    for candidate, weight in zip(search.candidates, belief.sets, strict=True):
+        for n in candidate.names:
+            weights[n] += weight
+    classes = _classes(search)
+    member = {n: c for c in classes for n in c}
+    rows = []
+    for name in names:
+        own = [i for i, t in enumerate(reference.terms) if t.name == name]
+        i = max(own, key=lambda j: (single[j], strength[j]))
+        term = reference.terms[i]
+        scale = term.effect.scale
+        refitted = _where_refitted(search, accepted, name)
+        size = sizes[i] * scale
+        sd = scale / strength[i] if strength[i] > 0.0 else np.inf
+        shape = term.shape
+        if refitted is not None:
+            k = refitted.names.index(name)
+            shape = refitted.fit.terms[k].shape
+            size = float(refitted.fit.point.sizes[k])
+            at = len(refitted.fit.problem.free) + k
+            sd = float(np.sqrt(max(refitted.fit.covariance[at, at], 0.0)))
+        low, high = term.effect.bounds
+        confused = tuple(n for n in member.get(name, ()) if n != name)
+        rows.append(
+            Ranked(
+                effect=name,
+                component=term.effect.component,
+                mechanism=term.effect.mechanism,
+                kind=term.effect.kind,
+                unit=term.effect.unit,
+                shape=shape,
+                size=float(size),
+                sd=float(sd),
+                low=float(max(size - 1.96 * sd, low)),
+                high=float(min(size + 1.96 * sd, high)),
+                refitted=refitted is not None,
+                statistic=float(single[i]),
+                robust=float(robust[i]),
+                p=null.p(float(single[i])),
+                posterior=float(min(weights[name], 1.0)),
+                noncentrality=float(strength[i]),
+                smallest=float(3.7 * scale / strength[i]) if strength[i] > 0.0 else float("inf"),
+                confusable=confused,
+                named=name in named,
+                remedy=term.effect.remedy,
+            )
+        )
+    rows.sort(
+        key=lambda r: (not r.named, r.effect not in one_of, -r.posterior, -r.statistic, r.effect)
+    )
+    sets = tuple(
+        RankedSet(
+            effects=c.names,
+            sizes=tuple(float(s) for s in c.fit.point.sizes),
+            statistic=float(search.nominal.chi2 - c.fit.chi2),
+            evidence=float(c.evidence - search.nominal_evidence),
+            posterior=w,
+            refitted=True,
+        )
+        for c, w in zip(search.candidates, belief.sets, strict=True)
+    )
+    return Which(
+        effects=tuple(rows), sets=sets, none=belief.none, other=belief.other, classes=classes
+    )
+
+
+def _where_refitted(search: Search, accepted: Accepted, name: str) -> Candidate | None:
+    """The accepted set if the effect is in it, else the best set that holds it."""
+    if accepted.candidate is not None and name in accepted.candidate.names:
+        return accepted.candidate
+    return next((c for c in search.candidates if name in c.names), None)
+
+
+def _classes(search: Search) -> tuple[tuple[str, ...], ...]:
+    """Groups of effects that would be taken for each other more often than one time in ten."""
+    scores = search.tight if search.tight is not None else search.scores
+    chance = confusion(scores, search)
+    parent = list(range(len(scores.terms)))
+
+    def root(i: int) -> int:
+        while parent[i] != i:
+            i = parent[i]
+        return i
+
+    for i in range(len(scores.terms)):
+        for j in range(i):
+            if chance[i, j] > 0.1:
+                parent[root(i)] = root(j)
+    groups: dict[int, list[str]] = {}
+    for i, t in enumerate(scores.terms):
+        if scores.testable[i]:
+            groups.setdefault(root(i), []).append(t.name)
+    unique = {tuple(sorted(set(g))) for g in groups.values()}
+    return tuple(sorted(g for g in unique if len(g) > 1))
+
+
+def _per_channel(outcome: Outcome, shots: Sequence[Shot], which: str, c: int) -> list[Array]:
+    """Residual of a channel by shot, without what was not measured."""
+    out = []
+    for shot, residual in zip(shots, getattr(outcome, which), strict=True):
+        name = outcome.fit.problem.nominal.outputs[c]
+        if name in shot.record.outputs:
+            measured = np.isfinite(shot.record.outputs[name])
+            out.append(np.where(np.isfinite(residual[measured, c]), residual[measured, c], np.inf))
+    return out
+
+
+def _rms(parts: Sequence[Array]) -> float:
+    total = sum(float(np.sum(p**2)) for p in parts)
+    return float(np.sqrt(total / max(sum(p.size for p in parts), 1)))
+
+
+def _speed(part: Array, shot: Shot) -> Array:
+    """Rate of a residual after a short running mean."""
+    width = max(3, int(shot.measured.shape[1] // 12) | 1)
+    if part.size < 3 * width:
+        return np.zeros(0)
+    smooth = np.convolve(part, np.ones(width) / width, mode="valid")
+    return np.asarray((smooth[width:] - smooth[:-width]) / (width * shot.record.interval))
+
+
+def how_far_rows(
+    accepted: Accepted,
+    shots: Sequence[Shot],
+    shares: Mapping[str, float],
+    primary: str,
+    seed: int,
+) -> HowFar:
+    """Gap on held-out data before and after, by metric and channel, with bands."""
+    before, after = accepted.before, accepted.after
+    outputs = before.fit.problem.nominal.outputs
+    rows = []
+    for metric, which in (("windowed", "windowed"), ("open loop", "open_loop")):
+        for c, name in enumerate(outputs):
+            units = [s.record.sensors[name].unit for s in shots if name in s.record.sensors]
+            if not units:
+                continue
+            old = _per_channel(before, shots, which, c)
+            new = _per_channel(after, shots, which, c)
+            sigma = float(
+                np.sqrt(np.mean([s.noise[c].sigma ** 2 for s in shots if name in s.record.outputs]))
+            )
+            rows.append(_gap_row(metric, name, units[0], old, new, sigma, seed))
+            if which == primary:
+                used = [s for s in shots if name in s.record.outputs]
+                fast_old = [_speed(p, s) for p, s in zip(old, used, strict=True)]
+                fast_new = [_speed(p, s) for p, s in zip(new, used, strict=True)]
+                if sum(p.size for p in fast_old):
+                    width = max(3, int(used[0].measured.shape[1] // 12) | 1)
+                    floor = sigma * np.sqrt(2.0 / width) / (width * used[0].record.interval)
+                    rows.append(
+                        _gap_row("speed", name, f"{units[0]}/s", fast_old, fast_new, floor, seed)
+                    )
+    start, end = before.gap(shots, primary), after.gap(shots, primary)
+    waterfall = [("nominal", start)]
+    waterfall += [(n, -v) for n, v in sorted(shares.items(), key=lambda kv: -kv[1])]
+    waterfall += [("unexplained", max(end - 1.0, 0.0)), ("floor", min(1.0, end))]
+    closed, low, high = _closed(before, after, shots, primary, seed)
+    per_record = {}
+    for i, s in enumerate(shots):
+        part = (s,)
+        per_record[s.record.name] = (
+            _one(before, i, part, primary),
+            _one(after, i, part, primary),
+        )
+    return HowFar(
+        rows=tuple(rows),
+        waterfall=tuple(waterfall),
+        waterfall_unit="noise standard deviations",
+        closed=closed,
+        low=low,
+        high=high,
+        records=tuple(s.record.name for s in shots),
+        per_record=per_record,
+    )
+
+
+def _one(outcome: Outcome, i: int, shots: tuple[Shot, ...], which: str) -> float:
+    from dataclasses import replace
+
+    part = replace(
+        outcome,
+        windowed=(outcome.windowed[i],),
+        open_loop=(outcome.open_loop[i],),
+    )
+    return part.gap(shots, which)
+
+
+def _fraction(old: float, new: float, floor: float) -> float:
+    if not (np.isfinite(old) and np.isfinite(new)) or old <= floor:
+        return 0.0
+    return float((old - new) / (old - floor))
+
+
+def _blocks(parts: Sequence[Array], size: int) -> Array:
+    """Sums of squares of blocks of samples, and their sizes, (blocks, 2)."""
+    out = []
+    for p in parts:
+        for at in range(0, p.size, size):
+            chunk = p[at : at + size]
+            out.append((float(np.sum(chunk**2)), float(chunk.size)))
+    return np.array(out)
+
+
+def _draws(old: Array, new: Array, floor: float, seed: int) -> tuple[float, float, float]:
+    """95 % band of the closed fraction and one-sided p by block bootstrap."""
+    generator = np.random.default_rng(seed)
+    index = generator.integers(0, len(old), size=(1000, len(old)))
+    size = np.sum(old[index, 1], axis=1)
+    a = np.sqrt(np.sum(old[index, 0], axis=1) / size)
+    b = np.sqrt(np.sum(new[index, 0], axis=1) / size)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        fractions = np.where(a > floor, (a - b) / (a - floor), 0.0)
+    low, high = np.quantile(np.nan_to_num(fractions), [0.025, 0.975])
+    return float(low), float(high), float((1 + np.sum(b >= a)) / 1001)
+
+
+def _gap_row(
+    metric: str,
+    channel: str,
+    unit: str,
+    old: list[Array],
+    new: list[Array],
+    floor: float,
+    seed: int,
+) -> GapRow:
+    a, b = _rms(old), _rms(new)
+    total = sum(p.size for p in old)
+    size = max(4, total // 40)
+    low = high = 0.0
+    p = 1.0
+    if np.isfinite(a) and np.isfinite(b):
+        low, high, p = _draws(_blocks(old, size), _blocks(new, size), floor, seed)
+    return GapRow(
+        metric=metric,
+        channel=channel,
+        unit=unit,
+        before=a,
+        after=b,
+        floor=float(floor),
+        closed=_fraction(a, b, float(floor)),
+        low=low,
+        high=high,
+        p=p,
+    )
+
+
+def _closed(
+    before: Outcome, after: Outcome, shots: Sequence[Shot], which: str, seed: int
+) -> tuple[float, float, float]:
+    """Closed fraction over all channels, in noise standard deviations, with its band."""
+    old: list[Array] = []
+    new: list[Array] = []
+    for outcome, out in ((before, old), (after, new)):
+        for c in range(len(before.fit.problem.nominal.outputs)):
+            parts = _per_channel(outcome, shots, which, c)
+            sigma = shots[0].noise[c].sigma
+            out.extend(p / sigma for p in parts)
+    a, b = _rms(old), _rms(new)
+    if not (np.isfinite(a) and np.isfinite(b)):
+        return 0.0, 0.0, 0.0
+    size = max(4, sum(p.size for p in old) // 40)
+    low, high, _ = _draws(_blocks(old, size), _blocks(new, size), 1.0, seed)
+    return _fraction(a, b, 1.0), low, high

@@ -1,0 +1,206 @@
+"""Which part of the machine: unknown forces at its ports, tested and recovered.
+
+At every port a force w(t) is thought of, a Gaussian process (Matern 3/2) given by a few knots in
+each window. With H its effect on the reduced rows of the window (feltmb.fit.filter), u = H'r and
+G = H'H, the variance-component score is
+
+    U = 1/2 sum over windows (u' C u - tr(C G)),   Var U = 1/2 sum tr((C G)^2),
+
+and the force is recovered as (C^-1 / s^2 + G)^-1 u with s^2 of the largest likelihood.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from feltmb.data import Array
+from feltmb.fit.filter import reduce_chain
+from feltmb.fit.linearize import Linear
+from feltmb.fit.nominal import Lanes, Port
+from feltmb.fit.observe import observe_lanes
+from feltmb.fit.shots import Shot
+from feltmb.fit.solve import Fit
+from feltmb.gap.report import ComponentRow
+
+__all__ = ["component_table"]
+
+KNOTS = 5
+TRACES = 3
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """Products of one port in one shot, by window."""
+
+    u: Array
+    """(W, m)"""
+    g: Array
+    """(W, m, m)"""
+
+
+def component_table(fit: Fit, level: float = 0.01) -> tuple[ComponentRow, ...]:
+    """Test every port of the nominal for an unknown force, the strongest first."""
+    ports = fit.problem.nominal.ports
+    if not ports or not fit.gap_sd.size:
+        return ()
+    knots = np.arange(KNOTS) / (KNOTS - 1)
+    near = np.abs(knots[:, None] - knots[None, :]) * np.sqrt(3.0) / 0.5
+    prior = (1.0 + near) * np.exp(-near)
+    seen: list[list[_Seen]] = [[] for _ in ports]
+    excess = 0.0
+    for i, shot in enumerate(fit.problem.shots):
+        linear, count = _with_forces(fit, i)
+        mean, sd = fit.problem.start_prior(shot)
+        chain = reduce_chain(linear, fit.gap_sd, mean - fit.point.places[i].starts[0], sd)
+        first = chain.grams.shape[1] - 1 - count
+        for j in range(len(ports)):
+            own = slice(first + j * KNOTS, first + (j + 1) * KNOTS)
+            seen[j].append(_Seen(chain.grams[:, own, -1], chain.grams[:, own, own]))
+        excess += float(np.sum(chain.grams[:, -1, -1] - shot.samples.sum(axis=1)))
+    rows = []
+    for port, parts in zip(ports, seen, strict=True):
+        u = np.vstack([p.u for p in parts])
+        g = np.concatenate([p.g for p in parts])
+        cg = prior @ g
+        score = 0.5 * (np.einsum("wi,ij,wj->", u, prior, u) - np.einsum("wii->", cg))
+        spread = np.sqrt(0.5 * np.einsum("wij,wji->", cg, cg))
+        z = float(score / spread) if spread > 0.0 else 0.0
+        variance, gain, fall = _best_variance(u, g, prior)
+        rows.append((port, parts, z, variance, gain, fall))
+    rows.sort(key=lambda r: (-r[4], -r[2], r[0].name))
+    out = []
+    for rank, (port, parts, z, variance, gain, fall) in enumerate(rows):
+        p = float(stats.chi2.sf(2.0 * gain, 1) / 2.0) if gain > 0.0 else 0.5
+        significant = p < level / len(ports)
+        trace: Mapping[str, Mapping[str, list[float]]] = {}
+        signature = ""
+        if rank < TRACES and significant and variance > 0.0:
+            trace, signature = _recover(fit, port, parts, variance, prior)
+        out.append(
+            ComponentRow(
+                component=port.component,
+                port=port.name,
+                unit=port.unit,
+                statistic=z,
+                p=p,
+                significant=significant,
+                explained=float(np.clip(fall / excess, 0.0, 1.0)) if excess > 0.0 else 0.0,
+                trace=trace,
+                signature=signature,
+            )
+        )
+    return tuple(out)
+
+
+def _with_forces(fit: Fit, i: int) -> tuple[Linear, int]:
+    """Linearization of a shot with the knots of all ports as further columns."""
+    problem, shot, place = fit.problem, fit.problem.shots[i], fit.point.places[i]
+    ports = problem.nominal.ports
+    versions = 1 + len(ports) * KNOTS
+    forces = np.zeros((versions, shot.count, len(ports), KNOTS))
+    for j, port in enumerate(ports):
+        for k in range(KNOTS):
+            forces[1 + j * KNOTS + k, :, j, k] = 1e-3 * port.scale
+    lanes = Lanes(
+        theta=np.tile(fit.point.theta, (versions * shot.count, 1)),
+        windows=np.tile(shot.windows, (versions, 1)),
+        starts=np.tile(place.starts, (versions, 1)),
+        terms=problem.terms,
+        sizes=np.tile(fit.point.sizes, (versions * shot.count, 1)),
+        forces=forces.reshape(versions * shot.count, len(ports), KNOTS),
+    )
+    run = observe_lanes(problem.nominal, shot.record, lanes)
+    outputs = run.outputs.reshape(versions, shot.count, -1, len(problem.nominal.outputs))
+    ends = run.ends.reshape(versions, shot.count, -1)
+    change = np.moveaxis(outputs[1:] - outputs[0], 0, -1) / 1e-3
+    change_ends = np.moveaxis(ends[1:] - ends[0], 0, -1) / 1e-3
+    white = shot.whiten(np.nan_to_num(change)).reshape(shot.count, -1, versions - 1)
+    linear = fit.linears[i]
+    return (
+        replace(
+            linear,
+            by_global=np.concatenate([linear.by_global, white], axis=2),
+            ends_by_global=np.concatenate(
+                [linear.ends_by_global, np.nan_to_num(change_ends)], axis=2
+            ),
+        ),
+        versions - 1,
+    )
+
+
+def _best_variance(u: Array, g: Array, prior: Array) -> tuple[float, float, float]:
+    """Variance with the largest likelihood, log likelihood gained, fall of the sum of squares."""
+    size = float(np.einsum("wii->", prior @ g)) / max(len(u), 1)
+    if not size > 0.0:
+        return 0.0, 0.0, 0.0
+    root = np.linalg.cholesky(prior + 1e-10 * np.eye(len(prior)))
+    v = u @ root
+    h = root.T @ g @ root
+    best = (0.0, 0.0, 0.0)
+    for variance in np.logspace(-3, 8, 45) / size:
+        inner = np.eye(len(prior)) + variance * h
+        _, log_det = np.linalg.slogdet(inner)
+        solved = np.linalg.solve(inner, v[..., None])[..., 0]
+        fall = variance * float(np.sum(v * solved))
+        gain = 0.5 * fall - 0.5 * float(np.sum(log_det))
+        if gain > best[1]:
+            best = (float(variance), gain, fall)
+    return best
+
+
+def _recover(
+    fit: Fit, port: Port, parts: list[_Seen], variance: float, prior: Array
+) -> tuple[dict[str, dict[str, list[float]]], str]:
+    """Force traces by record, and what they look like against position and speed."""
+    states = [s.name for s in fit.problem.nominal.states()]
+    inverse = np.linalg.inv(prior + 1e-8 * np.eye(len(prior))) / variance
+    traces: dict[str, dict[str, list[float]]] = {}
+    forces, positions, speeds = [], [], []
+    for shot, place, part in zip(fit.problem.shots, fit.point.places, parts, strict=True):
+        cover = np.linalg.inv(inverse + part.g)
+        value = np.einsum("wij,wj->wi", cover, part.u) * port.scale
+        sd = np.sqrt(np.maximum(np.einsum("wii->wi", cover), 0.0)) * port.scale
+        time = _knot_times(shot)
+        traces[shot.record.name] = {
+            "time": [float(t) for t in time.ravel()],
+            "force": [float(v) for v in value.ravel()],
+            "sd": [float(s) for s in sd.ravel()],
+        }
+        middle = value.mean(axis=1)
+        forces.append(middle)
+        if port.position in states:
+            positions.append(place.starts[:, states.index(port.position)])
+        if port.speed in states:
+            speeds.append(place.starts[:, states.index(port.speed)])
+    force = np.concatenate(forces)
+    shapes: dict[str, Array] = {"a constant": np.ones_like(force)}
+    if positions:
+        q = np.concatenate(positions)
+        shapes |= {"the position": q, "the cube of the position": q**3, "position squared": q**2}
+    if speeds:
+        v = np.concatenate(speeds)
+        shapes |= {
+            "the speed": v,
+            "the sign of the speed": np.sign(v),
+            "speed times its size": v * np.abs(v),
+        }
+    power = float(force @ force)
+    best, share = "", 0.0
+    for name, shape in shapes.items():
+        size = float(shape @ shape)
+        if size > 0.0 and power > 0.0:
+            explained = float(shape @ force) ** 2 / (size * power)
+            if explained > share:
+                best, share = name, explained
+    text = f"most like {best} ({share:.0%} of it)" if share > 0.3 else "no simple form"
+    return traces, text
+
+
+def _knot_times(shot: Shot) -> Array:
+    first = shot.record.time[shot.windows[:, 0]]
+    last = shot.record.time[shot.windows[:, 1]]
+    return np.asarray(first[:, None] + (last - first)[:, None] * np.linspace(0.0, 1.0, KNOTS))

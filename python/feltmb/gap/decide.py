@@ -1,0 +1,185 @@
+"""The verdict: what the facts allow to be said, and no more."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from feltmb.fit.solve import Fit
+from feltmb.gap.calibrate import Null
+from feltmb.gap.gates import Gates
+from feltmb.gap.refine import Search
+from feltmb.gap.report import HowFar, Verdict, Where
+from feltmb.gap.settle import Accepted, Posterior
+
+__all__ = ["Decision", "Facts", "decide", "misfit"]
+
+#: Standardized excess of the sum of squares that is a gap whatever causes it (p = 3e-5).
+EXCESS = 4.0
+#: Log evidence for unknown forces that is a gap whatever causes it.
+OTHER = 6.0
+
+
+@dataclass(frozen=True, eq=False)
+class Facts:
+    """All that the verdict may rest on."""
+
+    gates: Gates
+    search: Search
+    accepted: Accepted
+    belief: Posterior
+    null: Null
+    alpha: float
+    how_far: HowFar
+    where: Where
+    rest: Fit | None
+    """The accepted model fitted with the tightest gaps."""
+
+
+@dataclass(frozen=True)
+class Decision:
+    """The verdict with its words."""
+
+    verdict: Verdict
+    statement: str
+    named: tuple[str, ...]
+    one_of: tuple[str, ...]
+    confidence: float
+
+
+def misfit(fit: Fit, tight: Fit | None, *, estimated: bool) -> tuple[bool, float, float]:
+    """Is something left: (yes, standardized excess, log evidence for unknown forces).
+
+    Where the noise itself was estimated from the records, an excess within a third of it is not
+    held against the model.
+    """
+    reference = tight if tight is not None else fit
+    ratio = reference.chi2 / reference.dof
+    excess = (reference.chi2 - reference.dof) / math.sqrt(2.0 * reference.dof)
+    if estimated and ratio < 1.33**2:
+        excess = 0.0
+    other = 0.0
+    if tight is not None and tight is not fit:
+        other = fit.log_evidence - tight.log_evidence
+        if estimated and ratio < 1.33**2:
+            other = 0.0
+    return excess > EXCESS or other > OTHER, float(excess), float(other)
+
+
+def decide(facts: Facts) -> Decision:
+    """Weigh the facts; see docs/gap.md for the rules in words."""
+    search, accepted, belief = facts.search, facts.accepted, facts.belief
+    estimated = facts.gates.estimated
+    left, _, _ = misfit(search.nominal, search.tight_fit, estimated=estimated)
+    reference = search.tight if search.tight is not None else search.scores
+    largest = float(np.max(reference.singles())) if reference.terms else 0.0
+    p = facts.null.p(largest)
+    hint = p < facts.alpha
+    best = accepted.candidate
+    gap = left or (hint and best is not None)
+    if not gap:
+        if hint or (p < 5.0 * facts.alpha and search.best is not None):
+            reason = _refusals(accepted) or f"family-wise p = {p:.2g}"
+            return Decision(
+                Verdict.TOO_WEAK,
+                "There may be something, but these records cannot prove it "
+                f"({reason}). The nominal is not refuted.",
+                (),
+                (),
+                1.0 - belief.none,
+            )
+        return Decision(
+            Verdict.NO_GAP,
+            "The nominal explains the records: what is left is noise "
+            f"(sum of squares {search.nominal.chi2 / search.nominal.dof:.2f} of its expectation, "
+            f"largest score family-wise p = {p:.2g}).",
+            (),
+            (),
+            belief.none,
+        )
+    if best is None:
+        text = (
+            "There is a gap (sum of squares "
+            f"{_ratio(search):.3g} of its expectation), but no tested effect explains it"
+        )
+        refused = _refusals(accepted)
+        text += f"; held-out records refused {refused}." if refused else "."
+        return Decision(Verdict.UNKNOWN, text + _place(facts), (), (), belief.other)
+    return _name(facts)
+
+
+def _name(facts: Facts) -> Decision:
+    accepted, belief = facts.accepted, facts.belief
+    best = accepted.candidate
+    assert best is not None
+    kinds = {t.name: t.effect.kind for t in best.fit.terms}
+    sets = [set(best.names), *(set(r.names) for r in accepted.rivals)]
+    sure = tuple(n for n in best.names if all(n in s for s in sets))
+    unsure = sorted(set().union(*sets) - set(sure), key=lambda n: (n not in best.names, n))
+    weight = {c.key: w for c, w in zip(facts.search.candidates, belief.sets, strict=True)}
+    confidence = sum(
+        w
+        for c, w in zip(facts.search.candidates, belief.sets, strict=True)
+        if all(n in c.names for n in (sure or best.names))
+    )
+    if not sure:
+        confidence = sum(
+            w
+            for c, w in zip(facts.search.candidates, belief.sets, strict=True)
+            if set(c.names) & set(unsure)
+        )
+    del weight
+    left, _, _ = misfit(best.fit, facts.rest, estimated=facts.gates.estimated)
+    closed = f"It closes {facts.how_far.closed:.0%} of the held-out gap."
+    rest = (
+        " What is left is still more than noise"
+        f" (sum of squares {_of(best.fit, facts.rest):.3g} of its expectation); nothing tested"
+        " explains it."
+        if left
+        else " What is left is noise."
+    )
+    data_kinds = ("sensor", "input")
+    if sure and all(kinds.get(n) in data_kinds for n in sure):
+        return Decision(
+            Verdict.DATA_PROBLEM,
+            f"The records, not the machine: {_list(sure)} explains the gap. {closed}{rest}",
+            sure,
+            tuple(unsure),
+            confidence,
+        )
+    if not sure:
+        text = f"One of {_list(unsure)}; these records cannot tell which. {closed}{rest}"
+        return Decision(Verdict.ONE_OF, text, (), tuple(unsure), confidence)
+    text = f"{_list(sure)}. {closed}"
+    if unsure:
+        text += f" Besides, one of {_list(unsure)}, which these records cannot tell apart."
+    verdict = Verdict.NAMED_UNKNOWN_REST if left or unsure else Verdict.NAMED
+    return Decision(verdict, text + rest, sure, tuple(unsure), confidence)
+
+
+def _ratio(search: Search) -> float:
+    fit = search.tight_fit or search.nominal
+    return fit.chi2 / fit.dof
+
+
+def _of(fit: Fit, tight: Fit | None) -> float:
+    reference = tight if tight is not None else fit
+    return reference.chi2 / reference.dof
+
+
+def _refusals(accepted: Accepted) -> str:
+    return "; ".join(f"{name} ({why})" for name, why in accepted.rejected)
+
+
+def _place(facts: Facts) -> str:
+    strong = [c for c in facts.where.components if c.significant]
+    if not strong:
+        return ""
+    return f" An unknown force at {strong[0].component} would explain most of it."
+
+
+def _list(names: object) -> str:
+    items = [str(n) for n in names]  # type: ignore[attr-defined]
+    return items[0] if len(items) == 1 else ", ".join(items[:-1]) + " and " + items[-1]

@@ -1,0 +1,357 @@
+"""The diagnosis: gates, fit, where, which, proof, verdict."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from feltmb.data import Record, Role
+from feltmb.errors import InvalidParameter
+from feltmb.fit.cache import Cache
+from feltmb.fit.nominal import Effect, Nominal
+from feltmb.fit.problem import Problem
+from feltmb.fit.shots import Shot, make_shot
+from feltmb.fit.solve import Fit, FitSettings, fit_problem, polish
+from feltmb.gap.advise import advise
+from feltmb.gap.assemble import amended, how_far_rows, ranked
+from feltmb.gap.calibrate import calibrate
+from feltmb.gap.components import component_table
+from feltmb.gap.decide import Facts, decide
+from feltmb.gap.gates import Gates, check_records
+from feltmb.gap.proof import HeldOut
+from feltmb.gap.refine import search
+from feltmb.gap.report import NotTested, Report, Where
+from feltmb.gap.settle import accept, posterior, shapley
+from feltmb.gap.where import event_ledger, ledger, split_gap
+
+__all__ = ["Options", "diagnose", "prepare", "split_records"]
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """What may be tuned; the defaults are meant to be left alone."""
+
+    alpha: float = 0.01
+    """Family-wise rate of false alarms."""
+    window: float | None = None
+    """Length of shooting windows [s]; None: that of the model, else chosen from the data."""
+    max_effects: int = 4
+    width: int = 4
+    """Sets that survive each screen."""
+    bootstrap: int = 12
+    """Refits of simulated nominal records for the null law; 0: asymptotic only."""
+    restarts: int = 3
+    seed: int = 0
+    least_share: float = 0.05
+    """Share of the whole held-out gain below which an effect is small print, not a cause."""
+    windowed_level: float = 0.01
+    """Gap between windows of the windowed metric, as a share of the spread of the states."""
+    resume: Path | None = None
+    """Folder for finished fits: a cut-off run continues from them."""
+
+    def __post_init__(self) -> None:
+        faults = []
+        if not 0.0 < self.alpha < 0.5:
+            faults.append(f"alpha = {self.alpha!r}, expected in (0, 0.5)")
+        if not 1 <= self.max_effects <= 6:
+            faults.append(f"max_effects = {self.max_effects!r}, expected 1 to 6")
+        if self.bootstrap < 0:
+            faults.append(f"bootstrap = {self.bootstrap!r}, expected >= 0")
+        if faults:
+            raise InvalidParameter("options: " + "; ".join(faults))
+
+
+def split_records(
+    records: Sequence[Record], hold_out: Sequence[str] | str | None
+) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
+    """Records to fit and records to hold out.
+
+    Named ones; else those whose role says so; else, of four or more records, every third; else
+    every record is cut into five blocks of which the second and fourth are held out.
+    """
+    if isinstance(hold_out, str):
+        hold_out = [hold_out]
+    names = [r.name for r in records]
+    if hold_out is not None:
+        unknown = [h for h in hold_out if h not in names]
+        if unknown:
+            raise InvalidParameter(
+                f"hold_out: no record {', '.join(unknown)}; there are {', '.join(names)}"
+            )
+        held = [r for r in records if r.name in hold_out]
+        kept = [r for r in records if r.name not in hold_out]
+    else:
+        held = [r for r in records if r.role == "held_out"]
+        kept = [r for r in records if r.role != "held_out"]
+        if not held and len(kept) >= 4:
+            held = kept[2::3]
+            kept = [r for r in kept if r not in held]
+    if held and kept:
+        return tuple(kept), tuple(held)
+    if not kept:
+        raise InvalidParameter("hold_out: every record is held out, none is left to fit")
+    fit_parts: list[Record] = []
+    held_parts: list[Record] = []
+    for r in kept:
+        blocks = 5 if r.samples >= 100 else 2
+        edges = np.linspace(0, r.samples, blocks + 1).astype(int)
+        for b in range(blocks):
+            role: Role = "held_out" if b % 2 else "fit"
+            part = r.cut(int(edges[b]), int(edges[b + 1]), f"{r.name}[{b + 1}/{blocks}]", role)
+            (held_parts if b % 2 else fit_parts).append(part)
+    return tuple(fit_parts), tuple(held_parts)
+
+
+def prepare(
+    nominal: Nominal, records: Sequence[Record], gates: Gates, window: float | None
+) -> tuple[Shot, ...]:
+    """Cut records into windows with the noise that the gates found."""
+    return tuple(make_shot(nominal, r, gates.noise(r.name), window) for r in records)
+
+
+def _usable(
+    nominal: Nominal, effects: Sequence[Effect], fit: Fit
+) -> tuple[list[Effect], list[NotTested]]:
+    """Effects that the nominal can simulate, and why the others cannot be tested."""
+    names = [e.name for e in effects]
+    doubled = sorted({n for n in names if names.count(n) > 1})
+    if doubled:
+        raise InvalidParameter(f"effects: the name {', '.join(doubled)} is used twice")
+    good, bad = [], []
+    for e in effects:
+        if e.observe is None and e.excite is None and not nominal.accepts(e):
+            bad.append(NotTested(name=e.name, why=f"the model {nominal.name} cannot simulate it"))
+        else:
+            good.append(e)
+    del fit
+    return good, bad
+
+
+def diagnose(
+    nominal: Nominal,
+    effects: Sequence[Effect],
+    records: Sequence[Record] | Record,
+    hold_out: Sequence[str] | str | None = None,
+    options: Options | None = None,
+    progress: Progress | None = None,
+) -> Report:
+    """Where the gap between a model and measurements lies, what causes it, how far it shrinks.
+
+    Parameters
+    ----------
+    nominal
+        The model; see :class:`feltmb.fit.Nominal`.
+    effects
+        Causes that it lacks; each is exactly the nominal at size zero.
+    records
+        Measured runs.
+    hold_out
+        Names of records that prove what the others suggest. None: the records whose role is
+        "held_out"; without such, some are chosen (see :func:`split_records`).
+    options, progress
+        ``progress(stage, done, total)``, total 0 if unknown.
+
+    Raises
+    ------
+    DataError, InvalidParameter
+        Records or arguments cannot be used.
+    """
+    options = options or Options()
+    if isinstance(records, Record):
+        records = [records]
+    seconds: dict[str, float] = {}
+    tick = clock.perf_counter()
+
+    def lap(stage: str) -> None:
+        nonlocal tick
+        now = clock.perf_counter()
+        seconds[stage] = seconds.get(stage, 0.0) + now - tick
+        tick = now
+
+    def say(stage: str, done: int = 0, total: int = 0) -> None:
+        if progress is not None:
+            progress(stage, done, total)
+
+    say("gates")
+    whole = check_records(records, nominal.outputs)
+    fit_records, held_records = split_records(records, hold_out)
+    gates = _inherit(check_records([*fit_records, *held_records], nominal.outputs), whole, records)
+    if gates.problems:
+        from feltmb.errors import DataError
+
+        raise DataError("records: " + "; ".join(gates.problems))
+    shots = prepare(nominal, fit_records, gates, options.window)
+    held_shots = prepare(nominal, held_records, gates, options.window)
+    lap("gates")
+
+    settings = FitSettings(restarts=options.restarts, seed=options.seed)
+    cache = None if options.resume is None else Cache(options.resume)
+    fit = fit_problem(
+        Problem(nominal, shots, cache=cache), settings, progress=progress, label="nominal fit"
+    )
+    tight_fit = None
+    if fit.gap_sd.size and fit.level > settings.levels[-1]:
+        say("nominal fit, tight")
+        tight_fit = polish(
+            fit.problem, fit.point, settings.levels[-1], replace(settings, chain=True)
+        )
+        if not np.isfinite(tight_fit.cost):
+            tight_fit = None
+    lap("fit")
+
+    usable, not_tested = _usable(nominal, effects, fit)
+    say("score")
+    found = search(
+        fit,
+        usable,
+        replace(settings, restarts=0),
+        most=options.max_effects,
+        width=options.width,
+        tight_fit=tight_fit,
+        progress=progress,
+    )
+    for name, why in found.failed:
+        not_tested.append(NotTested(name=name, why=why))
+    blind = [t for t, ok in zip(found.scores.terms, found.scores.testable, strict=True) if not ok]
+    for e in usable:
+        if all(t in blind for t in found.scores.terms if t.effect is e):
+            not_tested.append(
+                NotTested(
+                    name=e.name,
+                    why="leaves no trace of its own in these records that parameters, start "
+                    "states and sensor errors could not leave as well",
+                )
+            )
+    lap("which")
+    say("where")
+    seen = tight_fit if tight_fit is not None and not nominal.chaotic else fit
+    cells, onset = ledger(seen)
+    events = event_ledger(seen)
+    components = component_table(fit)
+    where = Where(
+        ledger=cells, events=events, components=components, onset=onset, split=split_gap(seen)
+    )
+    lap("where")
+
+    belief = posterior(found)
+    held = HeldOut(
+        held_shots, fit.problem.state_scale if fit.problem.state_scale is not None else np.zeros(0)
+    )
+    accepted = accept(
+        found,
+        held,
+        settings,
+        belief.inflation,
+        windowed_level=options.windowed_level,
+        least_share=options.least_share,
+        seed=options.seed,
+        progress=progress,
+    )
+    which_gap = _primary(nominal, accepted, held_shots)
+    shares = shapley(
+        found,
+        accepted,
+        held,
+        settings,
+        which=which_gap,
+        windowed_level=options.windowed_level,
+        progress=progress,
+    )
+    lap("how far")
+    reference = found.tight if found.tight is not None else found.scores
+    reference_fit = found.tight_fit if found.tight_fit is not None else fit
+    alarm = float(np.max(reference.singles())) if reference.terms else 0.0
+    null = calibrate(
+        reference_fit,
+        reference,
+        usable,
+        options.alpha,
+        options.bootstrap if 4.0 < alarm < 60.0 else 0,
+        seed=options.seed,
+        progress=progress,
+    )
+    rest = None
+    if accepted.candidate is not None:
+        kept = accepted.candidate.fit
+        if kept.gap_sd.size and kept.level > settings.levels[-1]:
+            rest = polish(kept.problem, kept.point, settings.levels[-1], settings)
+            if not np.isfinite(rest.cost):
+                rest = None
+    lap("null")
+    model = amended(nominal, found, accepted)
+    how_far = how_far_rows(accepted, held_shots, shares, which_gap, options.seed)
+    advice = advise(found, accepted, nominal)
+    facts = Facts(
+        gates=gates,
+        search=found,
+        accepted=accepted,
+        belief=belief,
+        null=null,
+        alpha=options.alpha,
+        how_far=how_far,
+        where=where,
+        rest=rest,
+    )
+    decision = decide(facts)
+    which = ranked(found, accepted, belief, null, decision.named, decision.one_of)
+    lap("verdict")
+    return Report(
+        verdict=decision.verdict,
+        statement=decision.statement,
+        named=decision.named,
+        one_of=decision.one_of,
+        confidence=decision.confidence,
+        where=where,
+        which=which,
+        how_far=how_far,
+        next=advice,
+        model=model,
+        not_tested=tuple(not_tested),
+        refused=tuple(NotTested(name=n, why=w) for n, w in accepted.rejected),
+        fit=fit,
+        gates=gates,
+        seconds=seconds,
+    )
+
+
+def _inherit(gates: Gates, whole: Gates, records: Sequence[Record]) -> Gates:
+    """Blocks of a record take the noise that was found for all of it."""
+    by_name = {(c.record, c.channel): c for c in whole.channels}
+    channels = []
+    for c in gates.channels:
+        parent = by_name.get((c.record, c.channel))
+        if parent is None:
+            base = next(r.name for r in records if c.record.startswith(r.name + "["))
+            parent = by_name[base, c.channel]
+        channels.append(
+            replace(
+                c,
+                sigma=parent.sigma,
+                method=parent.method,
+                correlation_time=parent.correlation_time,
+                quantum=parent.quantum,
+            )
+        )
+    return replace(
+        gates,
+        channels=tuple(channels),
+        warnings=whole.warnings,
+        problems=(*whole.problems, *(p for p in gates.problems if p not in whole.problems)),
+        repeatability=whole.repeatability,
+        estimated=whole.estimated,
+    )
+
+
+def _primary(nominal: Nominal, accepted: object, shots: Sequence[Shot]) -> str:
+    """The metric that people read first: open loop, unless that is chaotic or fails."""
+    before, after = accepted.before, accepted.after  # type: ignore[attr-defined]
+    if nominal.chaotic:
+        return "windowed"
+    finite = all(np.isfinite(o.gap(shots, "open_loop")) for o in (before, after))
+    return "open_loop" if finite else "windowed"

@@ -1,0 +1,250 @@
+"""Gates: clocks, missing values, resolution and noise of records before anything is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from feltmb.data import Array, Record
+from feltmb.errors import DataError
+from feltmb.fit.shots import Noise
+
+__all__ = ["ChannelGate", "Gates", "check_records"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelGate:
+    """What is known of one channel of one record."""
+
+    record: str
+    channel: str
+    unit: str
+    samples: int
+    missing: float
+    """Share of samples without a value [1]."""
+    spread: float
+    """Standard deviation of the signal [unit]."""
+    sigma: float
+    """Noise in use, resolution included [unit]."""
+    method: str
+    """Where sigma comes from: "sensor", "repeats", "rest", "differences"."""
+    correlation_time: float
+    """[s]"""
+    quantum: float
+    """Smallest step seen [unit]; 0: none."""
+    clipped: float
+    """Share of samples that sit at the extremes of the channel [1]."""
+    drift: float
+    """Low-frequency wander of the rest segment, in sigma."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gates:
+    """Outcome of the gates."""
+
+    channels: tuple[ChannelGate, ...]
+    problems: tuple[str, ...]
+    """What makes records unusable as they are."""
+    warnings: tuple[str, ...]
+    repeatability: tuple[tuple[str, str, float], ...]
+    """(label, channel, standard deviation between repeats [unit])."""
+    estimated: bool
+    """Whether some sigma had to be estimated from the data."""
+
+    def noise(self, record: str) -> dict[str, Noise]:
+        """Noise by channel of a record."""
+        return {
+            c.channel: Noise(c.sigma, c.correlation_time)
+            for c in self.channels
+            if c.record == record
+        }
+
+
+def check_records(records: Sequence[Record], outputs: Sequence[str] | None = None) -> Gates:
+    """Look at records before a model is asked.
+
+    Parameters
+    ----------
+    records
+        All of them: repeats are found by their label.
+    outputs
+        Channels that matter; default: all.
+    """
+    if not records:
+        raise DataError("no records: expected at least one")
+    names = [r.name for r in records]
+    doubled = sorted({n for n in names if names.count(n) > 1})
+    if doubled:
+        raise DataError(f"records: the name {', '.join(doubled)} is used twice")
+    problems: list[str] = []
+    warnings: list[str] = []
+    repeats = _repeatability(records, warnings)
+    channels = []
+    estimated = False
+    for record in records:
+        _clock(record, problems, warnings)
+        for name, values in record.outputs.items():
+            if outputs is not None and name not in outputs:
+                continue
+            gate = _channel(record, name, values, repeats)
+            estimated |= gate.method != "sensor"
+            where = f"{record.name}.{name}"
+            if gate.samples < 8 and gate.method != "sensor":
+                problems.append(f"{where}: {gate.samples} values, expected at least 8")
+            elif gate.spread == 0.0:
+                warnings.append(f"{where}: never changes")
+            if gate.missing > 0.5:
+                warnings.append(f"{where}: {gate.missing:.0%} of the values are missing")
+            if gate.clipped > 0.02:
+                warnings.append(
+                    f"{where}: {gate.clipped:.0%} of the values sit at the end of the range; "
+                    "is the sensor saturated?"
+                )
+            channels.append(gate)
+        if outputs is not None and not set(outputs) & set(record.outputs):
+            problems.append(
+                f"{record.name}: none of its outputs ({', '.join(record.outputs)}) is one of the "
+                f"model ({', '.join(outputs)})"
+            )
+    channels = _pooled(channels)
+    flat = tuple((label, channel, sd) for (label, channel), sd in sorted(repeats.items()))
+    return Gates(
+        channels=tuple(channels),
+        problems=tuple(problems),
+        warnings=tuple(warnings),
+        repeatability=flat,
+        estimated=estimated,
+    )
+
+
+def _pooled(channels: list[ChannelGate]) -> list[ChannelGate]:
+    """One noise a sensor: where it was estimated, the quietest record speaks for all of them."""
+    out = []
+    for c in channels:
+        if c.method in ("rest", "differences"):
+            same = [
+                o
+                for o in channels
+                if o.channel == c.channel
+                and o.unit == c.unit
+                and o.method in ("rest", "differences")
+            ]
+            best = min(same, key=lambda o: o.sigma)
+            c = replace(c, sigma=best.sigma, method=best.method)
+        out.append(c)
+    return out
+
+
+def _clock(record: Record, problems: list[str], warnings: list[str]) -> None:
+    steps = np.diff(record.time)
+    middle = float(np.median(steps))
+    if steps.max() > 20.0 * middle:
+        at = int(np.argmax(steps))
+        problems.append(
+            f"{record.name}: the clock jumps by {steps[at]:g} s at {record.time[at]:g} s "
+            f"(median step {middle:g} s); split the record there"
+        )
+    elif steps.max() > 1.5 * middle or steps.min() < 0.5 * middle:
+        lost = int(np.sum(steps > 1.5 * middle))
+        warnings.append(f"{record.name}: uneven clock, {lost} steps are longer than 1.5 medians")
+
+
+def _repeatability(records: Sequence[Record], warnings: list[str]) -> dict[tuple[str, str], float]:
+    """Standard deviation between repeats of one run, by label and channel."""
+    groups: dict[str, list[Record]] = {}
+    for r in records:
+        if r.repeats:
+            groups.setdefault(r.repeats, []).append(r)
+    out = {}
+    for label, group in groups.items():
+        same = [
+            r
+            for r in group
+            if r.samples == group[0].samples
+            and np.allclose(np.diff(r.time), np.diff(group[0].time), rtol=1e-3)
+        ]
+        if len(same) < len(group):
+            warnings.append(f"repeats {label}: clocks differ; only {len(same)} are compared")
+        if len(same) < 2:
+            continue
+        for channel in same[0].outputs:
+            if all(channel in r.outputs for r in same):
+                stack = np.array([r.outputs[channel] for r in same])
+                variance = np.nanvar(stack, axis=0, ddof=1)
+                out[label, channel] = float(np.sqrt(np.nanmean(variance)))
+    return out
+
+
+def _channel(
+    record: Record, name: str, values: Array, repeats: dict[tuple[str, str], float]
+) -> ChannelGate:
+    sensor = record.sensors[name]
+    good = values[np.isfinite(values)]
+    n = good.size
+    spread = float(np.std(good)) if n else 0.0
+    steps = np.abs(np.diff(good)) if n > 1 else np.zeros(1)
+    moved = steps[steps > 0.0]
+    quantum = sensor.quantum
+    if quantum == 0.0 and moved.size > 8 and np.mean(steps == 0.0) > 0.1:
+        smallest = float(np.min(moved))
+        ratio = moved / smallest
+        if np.mean(np.abs(ratio - np.round(ratio)) < 0.02) > 0.95:
+            quantum = smallest
+    clipped = 0.0
+    if n > 50 and spread > 0.0:
+        for extreme in (good.max(), good.min()):
+            held = (good[1:] == extreme) & (good[:-1] == extreme)
+            rest = abs(extreme - np.median(good)) < 0.5 * spread
+            if not rest and quantum < 0.01 * spread:
+                clipped = max(clipped, float(np.mean(held)))
+    tau, drift = sensor.correlation_time, 0.0
+    if sensor.sigma is not None:
+        sigma, method = sensor.sigma, "sensor"
+    else:
+        repeat = repeats.get((record.repeats, name))
+        if repeat is not None and repeat > 0.0:
+            sigma, method = repeat, "repeats"
+        else:
+            sigma, method, drift = _estimate(good, spread)
+    variance = sigma**2 + quantum**2 / 12.0
+    return ChannelGate(
+        record=record.name,
+        channel=name,
+        unit=sensor.unit,
+        samples=int(n),
+        missing=1.0 - n / max(values.size, 1),
+        spread=spread,
+        sigma=float(max(np.sqrt(variance), 1e-9 * max(spread, 1e-12))),
+        method=method,
+        correlation_time=tau,
+        quantum=quantum,
+        clipped=clipped,
+        drift=drift,
+    )
+
+
+def _estimate(values: Array, spread: float) -> tuple[float, str, float]:
+    """Noise from the quietest stretches.
+
+    Third differences annul what is locally a parabola; white noise of variance s^2 leaves 20 s^2.
+    The lower tenth of blocks stands for rest, where the machine adds least.
+    """
+    n = values.size
+    if n < 12 or spread == 0.0:
+        return max(spread, 1e-12), "spread", 0.0
+    third = np.diff(values, 3)
+    block = int(np.clip(third.size // 12, 6, 48))
+    count = third.size // block
+    parts = np.sqrt(np.mean(third[: count * block].reshape(count, block) ** 2, axis=1) / 20.0)
+    everywhere = float(np.median(parts))
+    quiet = float(np.quantile(parts, 0.1))
+    if quiet < 0.5 * everywhere:  # noise is the same everywhere: what exceeds it is the machine
+        method, sigma = "rest", quiet * (1.0 + 1.0 / np.sqrt(block))
+    else:
+        method, sigma = "differences", everywhere
+    first = int(np.argmin(parts)) * block
+    segment = values[first : first + block]
+    drift = float(np.std(segment) / sigma) if sigma > 0.0 else 0.0
+    return float(max(sigma, 1e-6 * spread)), method, drift

@@ -1,0 +1,241 @@
+"""Held-out proof: what an effect does for records that it was not fitted to.
+
+Start states and the sensor nuisances of a record are estimated again. For the gaps in units of
+the channels, parameters and sizes are frozen. For the comparison of models they carry the
+uncertainty that the fit left them: the log predictive density of every window, given the windows
+before it, is a proper score; a model that trades noise for freedom cannot win, and one that is
+right is not refuted because a held-out record sees its parameters better than the fit did.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from feltmb.data import Array
+from feltmb.fit.linearize import Place, predict
+from feltmb.fit.observe import machine_terms
+from feltmb.fit.problem import Point, Problem, solve_scaled
+from feltmb.fit.shots import Shot
+from feltmb.fit.solve import Fit, FitSettings, polish
+
+__all__ = ["HeldOut", "Outcome", "Paired", "compare", "evaluate"]
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """One model on the held-out shots."""
+
+    fit: Fit
+    density: Array
+    """Log predictive density of the windows of all shots, (windows,)."""
+    windowed: tuple[Array, ...]
+    """Residual by shot, (n, ny) in units of the channels: states re-estimated a little."""
+    open_loop: tuple[Array, ...]
+    """The same, simulated in one go from the first state."""
+
+    def gap(self, shots: Sequence[Shot], which: str) -> float:
+        """Whitened root mean square over all channels [sigma]."""
+        total, count = 0.0, 0
+        for shot, residual in zip(shots, getattr(self, which), strict=True):
+            for c, noise in enumerate(shot.noise):
+                good = np.isfinite(residual[:, c])
+                measured = np.isfinite(shot.record.output_array(self.fit.problem.nominal.outputs))
+                if np.any(measured[:, c] & ~good):
+                    return float("inf")
+                total += float(np.sum((residual[good, c] / noise.sigma) ** 2))
+                count += int(good.sum())
+        return float(np.sqrt(total / max(count, 1)))
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Held-out shots with the scale of gaps that the fit settled."""
+
+    shots: tuple[Shot, ...]
+    state_scale: Array
+    input_knots: int = 6
+
+
+@dataclass(frozen=True)
+class Paired:
+    """Held-out comparison of two models."""
+
+    gain: float
+    """Sum of log predictive density gained, divided by the inflation."""
+    p: float
+    """One-sided p of the block bootstrap over windows: no gain."""
+    by_record: dict[str, float]
+
+
+def evaluate(held: HeldOut, model: Fit, settings: FitSettings, *, windowed_level: float) -> Outcome:
+    """A fitted model on held-out shots."""
+    base = replace(
+        model.problem,
+        shots=held.shots,
+        frozen=True,
+        state_scale=held.state_scale if held.state_scale.size else None,
+    )
+    point = _settle(base, model)
+    settings = replace(settings, chain=True)
+    fit = polish(base, point, model.level, settings)
+    density = _density(base, fit, model)
+    level = windowed_level
+    loose = fit
+    if fit.gap_sd.size and not np.isclose(level, model.level):
+        loose = polish(base, fit.point, level, settings)
+    tight = fit
+    if fit.gap_sd.size and model.level > settings.levels[-1]:
+        tight = polish(base, fit.point, settings.levels[-1], settings)
+        if not tight.cost < np.inf:
+            tight = fit
+    return Outcome(
+        fit=fit,
+        density=density,
+        windowed=tuple(_windowed(loose)),
+        open_loop=tuple(_open_loop(tight)),
+    )
+
+
+def _density(base: Problem, fit: Fit, model: Fit) -> Array:
+    """Log predictive density by window, parameters and sizes from the posterior of the fit."""
+    loose = replace(base, frozen=False)
+    normal = loose.normal(fit.point, loose.linear(fit.point), fit.gap_sd)
+    count = normal.shared
+    covariance = model.covariance
+    sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    known = np.isfinite(sd)
+    sd = np.where(known, sd, 1.0)
+    inner = covariance / np.outer(sd, sd)
+    inner[~known] = inner[:, ~known] = 0.0
+    inner[~known, ~known] = 1.0
+    values, vectors = np.linalg.eigh(inner)
+    root = (vectors * np.sqrt(np.maximum(values, 0.0))) * sd[:, None]
+    root[~known] = 0.0
+    total = normal.matrix.shape[0]
+    # Columns in units of the posterior: prior N(0, I) for all of them.
+    units = np.zeros((total, total))
+    units[:count, :count] = root
+    at = count
+    for shot in base.shots:
+        for _, _, s in shot.nuisances:
+            units[at, at] = s
+            at += 1
+    height = np.eye(total)
+    right = np.zeros(total)
+    at = count
+    for shot, place in zip(base.shots, fit.point.places, strict=True):
+        for j, (_, _, s) in enumerate(shot.nuisances):
+            right[at] -= place.nuisances[j] / s
+            at += 1
+    out = []
+    _, before = np.linalg.slogdet(height)
+    power = float(right @ solve_scaled(height, right))
+    for shot, chain, own in zip(base.shots, normal.chains, normal.columns, strict=True):
+        gaps = float(np.sum(np.log(fit.gap_sd))) if fit.gap_sd.size else 0.0
+        for w, gram in enumerate(chain.grams):
+            mine = units[own]
+            height = height + mine.T @ gram[:-1, :-1] @ mine
+            right = right + mine.T @ gram[:-1, -1]
+            if not np.all(np.isfinite(height)):
+                return np.full(sum(s.count for s in base.shots), -1e6)
+            _, after = np.linalg.slogdet(height)
+            now = float(right @ solve_scaled(height, right))
+            value = -0.5 * (gram[-1, -1] - (now - power)) - chain.log_dets[w]
+            value -= 0.5 * (after - before)
+            if w < shot.count - 1:
+                value -= gaps
+            out.append(value)
+            before, power = after, now
+    return np.array(out)
+
+
+def _settle(problem: Problem, model: Fit) -> Point:
+    """Start states of new records: from loose gaps to those of the model."""
+    point = problem.start(sizes=model.point.sizes, theta=model.point.theta)
+    extra = [t for t in machine_terms(problem.terms) if t.effect.hidden]
+    if extra:
+        bare = problem.with_terms(())
+        bare_point = Point(point.theta, np.zeros(0), point.places)
+        nx = len(problem.nominal.states())
+        cut = tuple(Place(p.starts[:, :nx], p.nuisances) for p in point.places)
+        point = bare.carry(
+            Point(bare_point.theta, np.zeros(0), cut), problem.terms, model.point.sizes
+        )
+    if not problem.nominal.states():
+        return point
+    quick = FitSettings(iterations=8)
+    level = 1.0
+    while level > model.level * 1.001:
+        point = polish(problem, point, level, quick).point
+        level /= 10.0
+    return point
+
+
+def _windowed(fit: Fit) -> list[Array]:
+    out = []
+    problem = fit.problem
+    for shot, place in zip(problem.shots, fit.point.places, strict=True):
+        outputs, _, _ = predict(
+            problem.nominal, shot, fit.point.theta, problem.terms, fit.point.sizes, place
+        )
+        residual = np.full((shot.record.samples, len(problem.nominal.outputs)), np.nan)
+        for w, (first, last) in enumerate(shot.windows):
+            stop = last + 1 if w == shot.count - 1 else last
+            residual[first:stop] = (shot.measured - outputs)[w, : stop - first]
+        out.append(residual)
+    return out
+
+
+def _open_loop(fit: Fit) -> list[Array]:
+    problem = fit.problem
+    out = []
+    for shot, place in zip(problem.shots, fit.point.places, strict=True):
+        whole = Shot(
+            record=shot.record,
+            windows=np.array([[0, shot.record.samples - 1]]),
+            measured=shot.record.output_array(problem.nominal.outputs)[None],
+            valid=np.isfinite(shot.record.output_array(problem.nominal.outputs))[None],
+            before=np.full((1, shot.record.samples, len(problem.nominal.outputs)), -1),
+            decay=np.zeros((1, shot.record.samples, len(problem.nominal.outputs))),
+            weight=np.ones((1, shot.record.samples, len(problem.nominal.outputs))),
+            noise=shot.noise,
+            nuisances=shot.nuisances,
+        )
+        outputs, _, _ = predict(
+            problem.nominal,
+            whole,
+            fit.point.theta,
+            problem.terms,
+            fit.point.sizes,
+            Place(place.starts[:1], place.nuisances),
+        )
+        out.append((whole.measured - outputs)[0])
+    return out
+
+
+def compare(
+    before: Outcome, after: Outcome, shots: Sequence[Shot], inflation: float, *, seed: int = 0
+) -> Paired:
+    """Does ``after`` predict held-out windows better than ``before``."""
+    gain = after.density - before.density
+    gain = np.where(np.isfinite(gain), gain, 0.0) / inflation
+    edges = np.cumsum([0, *(s.count for s in shots)])
+    by_record = {
+        s.record.name: float(np.sum(gain[a:b]))
+        for s, a, b in zip(shots, edges[:-1], edges[1:], strict=True)
+    }
+    generator = np.random.default_rng(seed)
+    draws = 2000
+    sums = np.zeros(draws)
+    for a, b in itertools.pairwise(edges):
+        n = int(b - a)
+        block = 2 if n >= 10 else 1  # neighbors are not quite independent
+        starts = generator.integers(0, n, size=(draws, -(-n // block)))
+        index = (starts[..., None] + np.arange(block)) % n
+        sums += np.sum(gain[a:b][index.reshape(draws, -1)[:, :n]], axis=1)
+    p = float((1 + np.sum(sums <= 0.0)) / (draws + 1))
+    return Paired(gain=float(np.sum(gain)), p=p, by_record=by_record)

@@ -1,0 +1,222 @@
+"""From searched sets to accepted effects: held-out proof, classes, posterior."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from feltmb.fit.solve import Fit, FitSettings
+from feltmb.gap.proof import HeldOut, Outcome, Paired, compare, evaluate
+from feltmb.gap.refine import Candidate, Search, full_evidence, refit
+
+__all__ = ["Accepted", "Posterior", "accept", "posterior", "shapley"]
+
+Progress = Callable[[str, int, int], None]
+
+#: Gain of log predictive density that held-out records must show: ten to one.
+LEAST_GAIN = math.log(10.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Probabilities of nothing, something unknown, and every refitted set."""
+
+    none: float
+    other: float
+    sets: tuple[float, ...]
+    """By candidate of the search, in its order."""
+    inflation: float
+
+
+def posterior(search: Search, *, none: float = 0.5, other: float = 0.1) -> Posterior:
+    """Weigh the nominal as it is, the nominal with unknown forces, and the refitted sets.
+
+    "Unknown" is the nominal with gaps between its windows; "none" the nominal without. Evidence is
+    divided by the residual sum of squares over its degrees of freedom of the best fit: a model
+    that is wrong in a way that no set repairs must not be sure about sets.
+    """
+    fits = [search.nominal, *(c.fit for c in search.candidates)]
+    inflation = max(1.0, min(f.chi2 / f.dof for f in fits))
+    floor = search.nominal_evidence if search.tight_fit is None else _tight_evidence(search)
+    values = [floor / inflation + math.log(none)]
+    values.append(
+        search.nominal_evidence / inflation + math.log(other)
+        if search.tight_fit is not None
+        else -math.inf
+    )
+    share = math.log(1.0 - none - other)
+    values += [c.evidence / inflation + share for c in search.candidates]
+    top = max(values)
+    weights = np.exp(np.array(values) - top)
+    weights /= weights.sum()
+    return Posterior(
+        float(weights[0]), float(weights[1]), tuple(float(w) for w in weights[2:]), inflation
+    )
+
+
+def _tight_evidence(search: Search) -> float:
+    assert search.tight_fit is not None
+    value = full_evidence(search.tight_fit, 1.0)
+    return value if math.isfinite(value) else -math.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Accepted:
+    """What stood the held-out proof."""
+
+    candidate: Candidate | None
+    """The set of effects that is kept; None: nothing."""
+    before: Outcome
+    after: Outcome
+    proof: dict[str, Paired]
+    """By effect of the best set: gain that it brings over the set without it."""
+    rivals: tuple[Candidate, ...]
+    """Other sets that these records cannot tell from it."""
+    rejected: tuple[tuple[str, str], ...]
+    """Effects that the fit wanted and held-out records refused, with the reason."""
+    outcomes: dict[tuple[str, ...], Outcome] = field(default_factory=dict)
+
+
+def accept(
+    search: Search,
+    held: HeldOut,
+    settings: FitSettings,
+    inflation: float,
+    *,
+    windowed_level: float,
+    least_share: float,
+    seed: int,
+    progress: Progress | None = None,
+) -> Accepted:
+    """Keep the effects of the best set that held-out records confirm, and find its rivals."""
+    total = sum(t.effect.weight for t in {t.effect.name: t for t in search.scores.terms}.values())
+    outcomes: dict[tuple[str, ...], Outcome] = {}
+    known = {c.key: c for c in search.candidates}
+
+    def outcome(fit: Fit) -> Outcome:
+        key = tuple(sorted(t.name for t in fit.terms))
+        if key not in outcomes:
+            if progress is not None:
+                progress("held out: " + (" + ".join(key) or "nominal"), len(outcomes), 0)
+            outcomes[key] = evaluate(held, fit, settings, windowed_level=windowed_level)
+        return outcomes[key]
+
+    def candidate_without(c: Candidate, name: str) -> Candidate | None:
+        terms = tuple(t for t in c.fit.terms if t.name != name)
+        if not terms:
+            return None
+        key = tuple(sorted(t.name for t in terms))
+        if key not in known:
+            sizes = np.array(
+                [s for t, s in zip(c.fit.terms, c.fit.point.sizes, strict=True) if t.name != name]
+            )
+            fit = refit(search.nominal, terms, sizes, settings)
+            known[key] = Candidate(fit, full_evidence(fit, total))
+        return known[key]
+
+    def closes(c: Candidate, name: str, after: Outcome) -> float:
+        rest = candidate_without(c, name)
+        without = before if rest is None else outcome(rest.fit)
+        shares = []
+        for which in ("open_loop", "windowed"):
+            old, new = without.gap(held.shots, which), after.gap(held.shots, which)
+            if np.isfinite(old) and np.isfinite(new) and old > 1.0:
+                shares.append((old - new) / (old - 1.0))
+        return max(shares, default=0.0)
+
+    before = outcome(search.nominal)
+    proof: dict[str, Paired] = {}
+    rejected: list[tuple[str, str]] = []
+    best = search.best
+    while best is not None:
+        after = outcome(best.fit)
+        trials = {}
+        for name in best.names:
+            rest = candidate_without(best, name)
+            base = before if rest is None else outcome(rest.fit)
+            trials[name] = compare(base, after, held.shots, inflation, seed=seed)
+        bad = {n: p for n, p in trials.items() if not _improves(p, inflation)}
+        if len(best.names) > 1 and not bad:
+            # Small print is not a cause: an effect must close some of what is left without it.
+            bad = {n: p for n, p in trials.items() if closes(best, n, after) < least_share}
+        if not bad:
+            proof = trials
+            break
+        worst = min(bad, key=lambda n: bad[n].gain)
+        rejected.append(
+            (worst, f"held-out gain {bad[worst].gain:.1f} nats, p = {bad[worst].p:.2g}")
+        )
+        best = candidate_without(best, worst)
+    after = before if best is None else outcome(best.fit)
+    rivals = []
+    if best is not None:
+        for c in search.candidates:
+            if c.key == best.key or len(c.names) > len(best.names):
+                continue
+            if c.evidence / inflation < best.evidence / inflation - math.log(20.0):
+                continue
+            if not _improves(compare(before, outcome(c.fit), held.shots, inflation), inflation):
+                continue
+            if _improves(compare(outcome(c.fit), after, held.shots, inflation), inflation):
+                continue  # the best one predicts better than it
+            rivals.append(c)
+    return Accepted(best, before, after, proof, tuple(rivals), tuple(rejected), outcomes)
+
+
+def _improves(paired: Paired, inflation: float) -> bool:
+    """Enough gain; and, where the noise model is doubtful, spread over the windows as well."""
+    return paired.gain > LEAST_GAIN and paired.p < (0.4 if inflation < 1.3 else 0.05)
+
+
+def shapley(
+    search: Search,
+    accepted: Accepted,
+    held: HeldOut,
+    settings: FitSettings,
+    *,
+    which: str,
+    windowed_level: float,
+    progress: Progress | None = None,
+) -> dict[str, float]:
+    """Order-free share of every accepted effect in the held-out gap (2^n fits, n <= 4) [sigma]."""
+    if accepted.candidate is None:
+        return {}
+    fit = accepted.candidate.fit
+    names = [t.name for t in fit.terms]
+    known = {c.key: c.fit for c in search.candidates}
+    value: dict[frozenset[str], float] = {}
+    subsets = [
+        frozenset(s) for r in range(len(names) + 1) for s in itertools.combinations(names, r)
+    ]
+    for subset in subsets:
+        key = tuple(sorted(subset))
+        found = accepted.outcomes.get(key)
+        if found is None:
+            if progress is not None:
+                progress("waterfall: " + " + ".join(key), len(value), len(subsets))
+            kept = [k for k, n in enumerate(names) if n in subset]
+            part = known.get(key) or refit(
+                search.nominal,
+                tuple(fit.terms[k] for k in kept),
+                fit.point.sizes[kept],
+                settings,
+            )
+            found = evaluate(held, part, settings, windowed_level=windowed_level)
+        value[subset] = found.gap(held.shots, which)
+    n = len(names)
+    out = {}
+    for name in names:
+        share = 0.0
+        for subset in subsets:
+            if name in subset:
+                continue
+            weight = (
+                math.factorial(len(subset)) * math.factorial(n - len(subset) - 1)
+            ) / math.factorial(n)
+            share += weight * (value[subset] - value[subset | {name}])
+        out[name] = share
+    return out

@@ -1,0 +1,271 @@
+"""Where the gap lies: ledger of channels and windows, events, time and amplitude."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy import stats
+
+from feltmb.data import Array
+from feltmb.fit.linearize import predict
+from feltmb.fit.shots import Shot
+from feltmb.fit.solve import Fit
+from feltmb.gap.report import EventRow, LedgerCell
+
+__all__ = ["event_ledger", "ledger", "onset_of", "split_gap"]
+
+
+def ledger(fit: Fit, level: float = 0.05) -> tuple[tuple[LedgerCell, ...], dict[str, float]]:
+    """Residual by channel and window against noise, and the onset by record [s].
+
+    Cells are tested by chi-square of the whitened residual, states re-estimated, with
+    Benjamini-Yekutieli control of the false discovery rate at ``level``. The degrees of freedom
+    that the states take are subtracted by their leverage.
+    """
+    problem = fit.problem
+    normal = problem.normal(fit.point, fit.linears, fit.gap_sd, keep_rows=True)
+    rows = []
+    for shot, chain in zip(problem.shots, normal.chains, strict=True):
+        assert chain.rows is not None
+        assert chain.leverage is not None
+        ny = len(problem.nominal.outputs)
+        for w in range(shot.count):
+            residual = chain.rows[w][:, -1].reshape(-1, ny)
+            taken = chain.leverage[w].reshape(-1, ny)
+            for c, channel in enumerate(problem.nominal.outputs):
+                valid = shot.valid[w, :, c]
+                n = int(valid.sum())
+                if n < 2:
+                    continue
+                values = residual[valid, c]
+                dof = max(n - float(taken[valid, c].sum()), 1.0)
+                chi2 = float(values @ values)
+                p = float(stats.chi2.sf(chi2, dof))
+                rms = float(np.sqrt(np.mean(values**2))) * shot.noise[c].sigma
+                rows.append((shot, w, channel, c, n, rms, chi2, dof, p, _lag1(values)))
+    ps = np.array([r[8] for r in rows])
+    flags = _benjamini_yekutieli(ps, level)
+    cells = []
+    onset: dict[str, float] = {}
+    for (shot, w, channel, c, n, rms, chi2, dof, p, lag), flag in zip(rows, flags, strict=True):
+        first, last = shot.windows[w]
+        cells.append(
+            LedgerCell(
+                record=shot.record.name,
+                channel=channel,
+                start=float(shot.record.time[first]),
+                end=float(shot.record.time[last]),
+                samples=n,
+                rms=rms,
+                sigma=shot.noise[c].sigma,
+                z=float((chi2 - dof) / np.sqrt(2.0 * dof)),
+                p=p,
+                significant=bool(flag),
+                lag1=lag,
+            )
+        )
+        if flag:
+            moment = onset_of(shot, normal.chains, w, c, len(problem.nominal.outputs), fit)
+            name = shot.record.name
+            onset[name] = min(onset.get(name, np.inf), moment)
+    return tuple(cells), onset
+
+
+def onset_of(shot: Shot, chains: Sequence[object], w: int, c: int, ny: int, fit: Fit) -> float:
+    """First moment in a significant cell at which the sum of squares stands out [s]."""
+    chain = chains[fit.problem.shots.index(shot)]
+    values = chain.rows[w][:, -1].reshape(-1, ny)[:, c]  # type: ignore[attr-defined]
+    excess = np.cumsum(values**2 - 1.0)
+    spread = np.sqrt(2.0 * np.arange(1, values.size + 1))
+    high = np.flatnonzero(excess > 4.0 * spread)
+    first = int(shot.windows[w, 0])
+    if high.size == 0:
+        return float(shot.record.time[first])
+    # From there back to where the sum began to rise.
+    at = int(high[0])
+    low = int(np.argmin(excess[: at + 1])) if at > 0 else 0
+    return float(shot.record.time[min(first + low, shot.record.samples - 1)])
+
+
+def _lag1(values: Array, bins: int = 12) -> float:
+    """Autocorrelation over one of about a dozen bins."""
+    size = max(1, values.size // bins)
+    count = values.size // size
+    if count < 3:
+        return 0.0
+    means = values[: count * size].reshape(count, size).mean(axis=1)
+    power = float(means @ means)
+    return float(means[1:] @ means[:-1] / power) if power > 0.0 else 0.0
+
+
+def _benjamini_yekutieli(p: Array, level: float) -> Array:
+    n = p.size
+    if n == 0:
+        return np.zeros(0, dtype=bool)
+    order = np.argsort(p, kind="stable")
+    harmonic = np.sum(1.0 / np.arange(1, n + 1))
+    passed = p[order] <= level * np.arange(1, n + 1) / (n * harmonic)
+    flags = np.zeros(n, dtype=bool)
+    if passed.any():
+        flags[order[: int(np.flatnonzero(passed)[-1]) + 1]] = True
+    return flags
+
+
+def _simulated(fit: Fit) -> list[Array]:
+    """Outputs along every record (n, ny), windows joined."""
+    problem = fit.problem
+    out = []
+    for shot, place in zip(problem.shots, fit.point.places, strict=True):
+        outputs, _, _ = predict(
+            problem.nominal, shot, fit.point.theta, problem.terms, fit.point.sizes, place
+        )
+        joined = np.full((shot.record.samples, len(problem.nominal.outputs)), np.nan)
+        for w, (first, last) in enumerate(shot.windows):
+            joined[first : last + 1] = outputs[w, : last - first + 1]
+        out.append(joined)
+    return out
+
+
+def split_gap(fit: Fit) -> Mapping[str, Mapping[str, float]]:
+    """Shares of the squared gap by channel that a shift in time or a factor would explain.
+
+    e(t) = -tau dy/dt + a y + rest, tau and a fitted by window.
+    """
+    problem = fit.problem
+    sums = {name: np.zeros(4) for name in problem.nominal.outputs}
+    for shot, joined in zip(problem.shots, _simulated(fit), strict=True):
+        measured = shot.record.output_array(problem.nominal.outputs)
+        for c, name in enumerate(problem.nominal.outputs):
+            y = joined[:, c]
+            slope = np.gradient(y, shot.record.time)
+            for first, last in shot.windows:
+                part = slice(first, last + 1)
+                e = measured[part, c] - y[part]
+                good = np.isfinite(e) & np.isfinite(slope[part])
+                if good.sum() < 4:
+                    continue
+                e, s, a = e[good], -slope[part][good], y[part][good]
+                total = float(e @ e)
+                noise = good.sum() * shot.noise[c].sigma ** 2
+                if total <= noise:
+                    continue
+                by_time = _explained(e, [s])
+                by_both = _explained(e, [s, a])
+                by_size = by_both - by_time
+                sums[name] += (total, by_time, by_size, total - by_both)
+    return {
+        name: {
+            "time": float(v[1] / v[0]),
+            "amplitude": float(v[2] / v[0]),
+            "rest": float(v[3] / v[0]),
+        }
+        for name, v in sums.items()
+        if v[0] > 0.0
+    }
+
+
+def _explained(e: Array, columns: list[Array]) -> float:
+    basis = np.column_stack(columns)
+    found = np.linalg.lstsq(basis, e, rcond=1e-10)[0]
+    left = e - basis @ found
+    return float(e @ e - left @ left)
+
+
+def event_ledger(fit: Fit, level: float = 0.01) -> tuple[EventRow, ...]:
+    """Events that the model knows, or else the steepest changes of each channel."""
+    problem = fit.problem
+    rows = []
+    for shot, joined in zip(problem.shots, _simulated(fit), strict=True):
+        record = shot.record
+        names = problem.nominal.outputs
+        measured = record.output_array(names)
+        known = dict(
+            problem.nominal.events(record, {n: measured[:, c] for c, n in enumerate(names)})
+        )
+        if known:
+            moments = [(e, t, c) for e, t in known.items() for c in range(len(names))]
+        else:
+            moments = _steepest(record.time, joined, shot)
+        for event, time, c in moments:
+            row = _local_shift(shot, joined[:, c], measured[:, c], time, c)
+            if row is None:
+                continue
+            delay, delay_se, speed, change, change_se = row
+            z = max(abs(delay) / delay_se, abs(change) / change_se)
+            rows.append(
+                (record.name, event, names[c], time, delay, delay_se, speed, change, change_se, z)
+            )
+    if not rows:
+        return ()
+    ps = 2.0 * 2.0 * stats.norm.sf(np.array([r[-1] for r in rows]))
+    flags = _benjamini_yekutieli(np.minimum(ps, 1.0), level)
+    return tuple(
+        EventRow(
+            record=r[0],
+            event=r[1],
+            channel=r[2],
+            time=float(r[3]),
+            delay=float(r[4]),
+            delay_se=float(r[5]),
+            speed=float(r[6]),
+            speed_error=float(r[7]),
+            speed_error_se=float(r[8]),
+            significant=bool(flag),
+        )
+        for r, flag in zip(rows, flags, strict=True)
+    )
+
+
+def _steepest(
+    time: Array, joined: Array, shot: Shot, most: int = 4
+) -> list[tuple[str, float, int]]:
+    """The largest bends of each channel of the simulation, apart by at least a window."""
+    out = []
+    apart = float(
+        np.median(shot.record.time[shot.windows[:, 1]] - shot.record.time[shot.windows[:, 0]])
+    )
+    for c in range(joined.shape[1]):
+        if not shot.valid[:, :, c].any():
+            continue
+        bend = np.abs(np.gradient(np.gradient(joined[:, c], time), time))
+        for first in shot.windows[1:, 0]:  # joints between windows are no events
+            bend[max(first - 2, 0) : first + 3] = 0.0
+        bend = np.nan_to_num(bend)
+        taken: list[float] = []
+        for i in np.argsort(-bend, kind="stable"):
+            if all(abs(time[i] - t) > apart for t in taken):
+                taken.append(float(time[i]))
+            if len(taken) == most:
+                break
+        out += [(f"bend {k + 1}", t, c) for k, t in enumerate(sorted(taken))]
+    return out
+
+
+def _local_shift(
+    shot: Shot, model: Array, measured: Array, time: float, c: int
+) -> tuple[float, float, float, float, float] | None:
+    """Shift and change of speed around a moment by local regression, with standard errors."""
+    clock = shot.record.time
+    reach = max(6, int(shot.measured.shape[1] // 4))
+    at = int(np.argmin(np.abs(clock - time)))
+    part = slice(max(0, at - reach), min(clock.size, at + reach + 1))
+    t, y, m = clock[part] - time, model[part], measured[part]
+    good = np.isfinite(y) & np.isfinite(m)
+    if good.sum() < 6:
+        return None
+    t, y, m = t[good], y[good], m[good]
+    slope = np.gradient(y, t)
+    e = m - y
+    sigma = shot.noise[c].sigma
+    power = float(slope @ slope)
+    if power <= 0.0:
+        return None
+    delay = -float(e @ slope) / power
+    delay_se = sigma / np.sqrt(power)
+    basis = np.column_stack([np.ones_like(t), t])
+    found = np.linalg.lstsq(basis, e, rcond=None)[0]
+    change = float(found[1])
+    change_se = sigma / float(np.sqrt(np.sum((t - t.mean()) ** 2)))
+    speed = float(np.linalg.lstsq(basis, m, rcond=None)[0][1])
+    return delay, delay_se, speed, change, change_se
