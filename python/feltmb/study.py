@@ -502,10 +502,10 @@ def _record(spec: StudyFile, stroke: Stroke, name: str, what: str, folder: Path)
         action = action.with_values(spec.base.values)
     run = simulate(action, stroke, rtol=1e-7, ledger=False, events=False)
     if what == "force":
-        made = table_stroke(run.time, run["finger.force"], name=name)
+        made = table_stroke(run.time.tolist(), run["finger.force"].tolist(), name=name)
     else:
         travel = run["finger.displacement"]
-        made = motion_stroke(run.time, travel - travel[0], of="key", name=name)
+        made = motion_stroke(run.time.tolist(), (travel - travel[0]).tolist(), of="key", name=name)
     return replace(made, duration=stroke.duration)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +82,7 @@ class ActuatorStudy:
         for path in targets + tables:
             check_writable(path, force=force)
         for path, figure in zip(targets, self.figures.values(), strict=True):
-            write_file(path, lambda p, f=figure: f.savefig(p, format="png", dpi=150), force=force)
+            write_file(path, partial(figure.savefig, format="png", dpi=150), force=force)
         text = io.StringIO()
         table = csv.writer(text, lineterminator="\n")
         table.writerow(["finding", "source", "here", "agrees", "note"])

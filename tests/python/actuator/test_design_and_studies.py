@@ -132,12 +132,3 @@ def test_stroke_command_with_an_actuator(tmp_path):
     none = runner.invoke(cli, ["stroke", "steinway45", "--torque", str(torque)])
     assert none.exit_code == 2
     assert "need --actuator" in none.output
-
-
-@pytest.mark.slow
-def test_study_of_inputs():
-    """Force, finger, key: equal in regulation, different where the capstan is wrong."""
-    result = feltmb.study("input")
-    verdicts = [f.verdict for f in result.findings]
-    assert len(verdicts) == 5
-    assert verdicts[:4] == ["agrees"] * 4
