@@ -773,7 +773,7 @@ _LAW_TABLE = {
 _LAW_CURVES = ("loading", "unloading", "alpha", "hysteresis")
 
 
-def _spread_laws(raw: dict[str, Any], faults: list[str]) -> dict[str, Any]:
+def spread_laws(raw: dict[str, Any], faults: list[str]) -> dict[str, Any]:
     """``law = { name = ..., ... }`` as ``law = name`` with the parameters where they belong."""
     contacts = {}
     for key, node in _table(raw, "contacts").items():
@@ -896,7 +896,7 @@ def _law_faults(raw: Mapping[str, Any]) -> list[str]:
 def _parse(raw: Mapping[str, Any]) -> tuple[list[str], MechanismFile | None]:
     """What is wrong with single entries and with the names between them; the checked tables."""
     faults: list[str] = []
-    raw_laws, raw = _table(raw, "contacts"), _spread_laws(dict(raw), faults)
+    raw_laws, raw = _table(raw, "contacts"), spread_laws(dict(raw), faults)
     parsed: MechanismFile | None = None
     try:
         parsed = MechanismFile.model_validate(raw)
@@ -1401,4 +1401,5 @@ __all__ += [
     "load_raw",
     "missing_law_faults",
     "plain_data",
+    "spread_laws",
 ]

@@ -73,7 +73,7 @@ MAY_USE = {
         "film": f"{BASE} config results plot",
         "animate": f"{BASE} files style config results plot film",
         "viewer": f"{BASE} files style config results plot film",
-        "actuator": f"{MODEL} fiber",
+        "actuator": f"{MODEL} fiber style",
         "sweep": MODEL,
         "study_expression": BASE,
         "study_plot": f"{BASE} study_expression",

@@ -27,7 +27,7 @@ KINDS = ("stiffness", "damping", "torque")
 #: Forces are compared as means over this time [s]: what a load cell on a key resolves.
 WINDOW = 1e-3
 _RATE = 10_000.0
-_STARTS = (0.3, 0.5, 2.0, 4.0)  # factors of the stiffness to start from besides 1
+_STARTS = (0.3, 0.5, 0.7, 1.4, 2.0, 4.0)  # factors of the stiffness to start from besides 1
 _FIRST_STEPS = 10
 _COARSE, _MIDDLE = 4.0, 1.5  # smoothing, standard deviation in windows
 _STIFFNESS = (1e-2, 1e2)  # bounds of the factor of E I
@@ -217,7 +217,9 @@ class _Fit:
             }
         torque = self.base_torque
         if "torque" in self.fit:
-            torque = torque_stroke(self.knots, values, interpolation="monotone", name="fitted")
+            torque = torque_stroke(
+                self.knots.tolist(), values, interpolation="monotone", name="fitted"
+            )
             changed["torque"] = {
                 "time": self.knots.tolist(),
                 "value": [float(v) for v in values],
@@ -342,5 +344,6 @@ def _means(time: Array, value: Array) -> tuple[Array, Array]:
     """Means over windows of 1 ms, at their middles."""
     per = round(WINDOW * _RATE)
     count = (time.size - 1) // per
-    mean = np.asarray(value)[: count * per].reshape(count, per).mean(axis=1)
-    return (np.arange(count) + 0.5) * WINDOW, mean
+    mean = np.asarray(value, dtype=float)[: count * per].reshape(count, per).mean(axis=1)
+    middle = np.asarray((np.arange(count) + 0.5) * WINDOW, dtype=np.float64)
+    return middle, np.asarray(mean, dtype=np.float64)

@@ -27,6 +27,7 @@ from feltmb.config import (
     load_raw,
     missing_law_faults,
     plain_data,
+    spread_laws,
 )
 from feltmb.errors import InvalidParameter
 from feltmb.files import is_file, write_file
@@ -198,6 +199,16 @@ def load_actuator(name_or_path: str | Path) -> Actuator:
     return Actuator(load_raw(path, _resolve), origin=path.name)
 
 
+def _spread(raw: dict[str, Any], faults: list[str]) -> dict[str, Any]:
+    """The stop with ``law = { name = ..., ... }`` in the form that the schema knows."""
+    if not isinstance(raw.get("stop"), Mapping):
+        return raw
+    found: list[str] = []
+    spread = spread_laws({"contacts": {"stop": raw["stop"]}}, found)
+    faults += [line.removeprefix("contacts.") for line in found]
+    return {**raw, "stop": spread["contacts"]["stop"]}
+
+
 def _faults(raw: Mapping[str, Any]) -> list[str]:
     faults = []
     arm = raw.get("arm")
@@ -239,11 +250,12 @@ class Actuator:
         self._raw: dict[str, Any] = plain_data(raw)
         self.origin = origin
         faults: list[str] = []
+        spread = _spread(self._raw, faults)
         try:
-            self.config = ActuatorFile.model_validate(self._raw)
+            self.config = ActuatorFile.model_validate(spread)
         except ValidationError as error:
             faults += fault_lines(error, ActuatorFile)
-        faults += _faults(self._raw)
+        faults += _faults(spread)
         if faults:
             raise InvalidParameter(fault_text(origin, list(dict.fromkeys(faults))))
         try:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from feltmb.actuator.model import ActuatorRun, degrees
-from feltmb.fiber.plot import new_figure, style_axes
+from feltmb.style import CYCLE, GRAY, NORMAL, new_figure, style_axes
 
 if TYPE_CHECKING:
     from feltmb.actuator.match import Match
@@ -27,7 +27,6 @@ PANELS: dict[str, tuple[str, Mapping[str, str]]] = {
         {"finger.force": "finger on the key", "stop.force": "stop", "action.force": "action"},
     ),
 }
-_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")
 
 
 def _shown(run: ActuatorRun, name: str) -> Any:
@@ -54,15 +53,15 @@ def compare_runs(
                 ax.plot(
                     1e3 * run.time,
                     _shown(run, output),
-                    color=_COLORS[(j if one else i) % len(_COLORS)],
+                    color=CYCLE[(j if one else i) % len(CYCLE)],
                     linewidth=1.1 if j or len(outputs) == 1 else 2.6,
                     alpha=1.0 if j or len(outputs) == 1 else 0.4,
                     label=text if one else name,
                 )
         style_axes(ax, "", label)
         if len(runs) > 1 or len(outputs) > 1:
-            ax.legend(loc="best", frameon=False, fontsize=8)
-    axes[-1].set_xlabel("time [ms]")
+            ax.legend(loc="best", frameon=False, fontsize=NORMAL - 0.5)
+    axes[-1].set_xlabel("time [ms]", fontsize=NORMAL)
     if end is not None:
         axes[-1].set_xlim(0.0, 1e3 * end)
     if title:
@@ -80,15 +79,15 @@ def plot_match(found: Match) -> Any:
     figure = new_figure(7.4, 4.8)
     axes = figure.subplots(2, 1, sharex=True)
     for values, label, color in (
-        (found.force_start, "before", "#999999"),
-        (found.force, "fitted", _COLORS[0]),
+        (found.force_start, "before", GRAY),
+        (found.force, "fitted", CYCLE[0]),
         (found.target, "target", "#000000"),
     ):
         axes[0].plot(1e3 * found.time, values, label=label, color=color, linewidth=1.3)
     axes[0].lines[-1].set_linestyle("--")
-    axes[0].legend(frameon=False, fontsize=8)
+    axes[0].legend(frameon=False, fontsize=NORMAL - 0.5)
     fine = np.linspace(0.0, found.time[-1], 500)
-    axes[1].plot(1e3 * fine, found.torque.at(fine), color=_COLORS[1], linewidth=1.3)
+    axes[1].plot(1e3 * fine, found.torque.at(fine), color=CYCLE[1], linewidth=1.3)
     style_axes(axes[0], "", "finger force [N]", f"rms deviation {found.rms:.3g} N, means over 1 ms")
     style_axes(axes[1], "time [ms]", "torque [N m]")
     return figure

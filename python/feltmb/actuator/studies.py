@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +82,7 @@ class ActuatorStudy:
         for path in targets + tables:
             check_writable(path, force=force)
         for path, figure in zip(targets, self.figures.values(), strict=True):
-            write_file(path, lambda p, f=figure: f.savefig(p, format="png", dpi=150), force=force)
+            write_file(path, partial(figure.savefig, format="png", dpi=150), force=force)
         text = io.StringIO()
         table = csv.writer(text, lineterminator="\n")
         table.writerow(["finding", "source", "here", "agrees", "note"])
@@ -133,7 +133,7 @@ def _lasts(run: ActuatorRun, output: str, share: float = 0.1) -> float:
 
 
 def _findings(runs: Mapping[str, ActuatorRun]) -> list[StudyFinding]:
-    wood, aluminum = runs["wood"], runs["aluminum"]
+    wood = runs["wood"]
     first = {name: run.summary["first_contact_time"] for name, run in runs.items()}
     after = {name: (t, t + 0.03) for name, t in first.items()}
     bend = {n: _swing(runs[n], "tip.deflection", *after[n]) for n in ("wood", "aluminum")}

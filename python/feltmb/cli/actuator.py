@@ -269,8 +269,8 @@ def match_command(
             )
         table.caption = (
             f"rms deviation {found.rms:.3g} N, {100 * found.relative:.2g} % of the target (before "
-            f"{found.rms_start:.3g} N); {found.evaluations} simulations; last column: rms, for 10 % "
-            "of a parameter or 0.1 N m of torque"
+            f"{found.rms_start:.3g} N); {found.evaluations} simulations; last column: rms, for "
+            "10 % of a parameter or 0.1 N m of torque"
         )
         console().print(table)
     if out is not None:

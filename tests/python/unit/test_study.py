@@ -29,9 +29,10 @@ OUTCOMES = {
     "shapes": "AAAAA",
     "axial": "AAAAAAAAA",
     "letoff": "AAAAA",
+    "input": "AAAAD",
     "contact-law": "AAAADDADDA",
 }
-SLOW = ("staccato", "shapes", "axial")
+SLOW = ("staccato", "shapes", "axial", "input")
 
 
 @cache
