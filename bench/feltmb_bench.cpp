@@ -12,6 +12,7 @@
 #include <sstream>
 #include <string>
 #include <thread>
+#include <tuple>
 #include <vector>
 
 #include "feltmb/core/error.hpp"
@@ -173,6 +174,80 @@ CaseResult law_evaluation(const std::string& name, const feltmb::LawParameters& 
     }
     out.milliseconds.push_back(
         std::chrono::duration<double, std::milli>(Clock::now() - begin).count() / count);
+  }
+  out.checksum = checksum(&sum, 1);
+  return out;
+}
+
+/// One stroke under several contact laws, taken in turn so that the load of the machine is shared.
+std::vector<CaseResult> law_strokes(const std::string& name, const feltmb::FingerInput& input,
+                                    double duration, int repeat) {
+  using feltmb::ExponentialPair;
+  const auto felts = feltmb::bench::felts();
+  const auto memory = [](std::shared_ptr<const feltmb::Envelope> envelope) {
+    feltmb::FeltMemory law;
+    law.envelope = std::move(envelope);
+    return law;
+  };
+  std::vector<CaseResult> out;
+  std::vector<std::shared_ptr<const feltmb::Mechanism>> mechanisms;
+  for (const char* kind : {"printed", "felt_memory", "micromechanical_hammer", "micromechanical"}) {
+    const std::string law = kind;
+    auto description = action(Members::kFlexible);
+    for (auto& contact : description.contacts) {
+      const auto& pair = std::get<ExponentialPair>(contact.law);
+      if (law == "felt_memory") {
+        // The printed row of contact 2 never closes; its loop ends at 2.6 mm.
+        contact.law = memory(feltmb::Envelope::from_curves(pair.loading, pair.unloading,
+                                                           contact.number == 2 ? 2.6e-3 : 0.0));
+      } else if (law == "micromechanical" || (law != "printed" && contact.number == 6)) {
+        contact.law = memory(feltmb::layer_envelope(felts.at(contact.number)));
+      } else {
+        contact.law = ExponentialPair{
+            pair.loading, pair.unloading, pair.alpha,
+            law == "printed" ? ExponentialPair::Form::kPrinted : ExponentialPair::Form::kGuarded};
+      }
+    }
+    mechanisms.push_back(feltmb::assemble(description));
+    out.emplace_back();
+    out.back().name = name + "_" + law;
+  }
+  feltmb::SimulationOptions options;
+  options.duration = duration;
+  options.ledger = false;
+  options.outputs = false;
+  options.diagnose = false;
+  for (int i = 0; i < repeat; ++i) {
+    for (std::size_t k = 0; k < out.size(); ++k) {
+      const auto begin = Clock::now();
+      const RunResult run = feltmb::simulate(mechanisms[k], input, options);
+      out[k].milliseconds.push_back(
+          std::chrono::duration<double, std::milli>(Clock::now() - begin).count());
+      take_counts(out[k], run);
+    }
+  }
+  return out;
+}
+
+/// Time to make the tables of one felt and of one contact; never the same felt twice.
+CaseResult table_build(const std::string& name, bool contact, feltmb::LayerCompression compression,
+                       int repeat) {
+  feltmb::FeltMaterial felt = {0.35, 2.5, 25e-6, 0.389, 0.60, 2.0, {2.0e6, 1.1}, {5.39e4, 2.536}};
+  CaseResult out;
+  out.name = "table_" + name;
+  double sum = 0.0;
+  for (int i = 0; i < repeat; ++i) {
+    felt.loading.K_p *=
+        1.0 + 1e-6 * (1 + static_cast<int>(contact) + 2 * static_cast<int>(compression));
+    const auto begin = Clock::now();
+    auto made = feltmb::pressure_envelope(felt);
+    if (contact) {
+      made = feltmb::layer_envelope(
+          {made, 6e-3, feltmb::CrossedCylinders{12.3e-3, 0.495e-3}, compression});
+    }
+    out.milliseconds.push_back(
+        std::chrono::duration<double, std::milli>(Clock::now() - begin).count());
+    sum += made->loading(0.2 * made->closing()).force;
   }
   out.checksum = checksum(&sum, 1);
   return out;
@@ -395,6 +470,21 @@ int main(int argc, char** argv) {
   feltmb::FeltMemory memory;
   memory.envelope = feltmb::Envelope::from_curves(loading, unloading);
   add_law("felt_memory", memory);
+  for (const bool columns : {false, true}) {
+    feltmb::FeltLayer hammer = feltmb::bench::felts().at(6);
+    if (columns) hammer.compression = feltmb::LayerCompression::kColumns;
+    memory.envelope = feltmb::layer_envelope(hammer);
+    add_law(columns ? "micromechanical_columns" : "micromechanical", memory);
+  }
+  cases.emplace_back("table_felt", [&] {
+    return table_build("felt", false, feltmb::LayerCompression::kEven, repeat);
+  });
+  cases.emplace_back("table_felt_contact", [&] {
+    return table_build("felt_contact", true, feltmb::LayerCompression::kEven, repeat);
+  });
+  cases.emplace_back("table_felt_columns", [&] {
+    return table_build("felt_columns", true, feltmb::LayerCompression::kColumns, repeat);
+  });
   for (const int modes : {40, 200}) {
     for (const double damping : {0.07, 7e-4}) {
       for (const double rtol : {3e-5, 1e-5, 1e-6}) {
@@ -409,6 +499,21 @@ int main(int argc, char** argv) {
       if (name.find(filter) == std::string::npos) continue;
       results.push_back(run());
       print(results.back());
+    }
+    for (const auto& [name, input, end] :
+         {std::tuple{"laws_piano", ramp(5.0, 0.083, 0.350), 0.5},
+          std::tuple{"laws_forte", ramp(25.0, 0.05, 0.0930), 0.4}}) {
+      if (std::string(name).find(filter) == std::string::npos) continue;
+      const auto of_laws = law_strokes(name, input, end, repeat);
+      const double printed = quantile(of_laws[0].milliseconds, 0.5);
+      for (const auto& r : of_laws) {
+        print(r);
+        results.push_back(r);
+      }
+      for (std::size_t k = 1; k < of_laws.size(); ++k) {
+        std::printf("%s takes %.2f times %s\n", of_laws[k].name.c_str(),
+                    quantile(of_laws[k].milliseconds, 0.5) / printed, of_laws[0].name.c_str());
+      }
     }
     const auto median = [&](const std::string& name) {
       for (const auto& r : results) {

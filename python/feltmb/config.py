@@ -11,7 +11,7 @@ import hashlib
 import json
 import math
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
@@ -220,7 +220,7 @@ class Contact(Schema):
     note: str = ""
     surfaces: tuple[str, str]
     enabled: bool = True
-    law: LawName = "guarded"
+    law: LawName = "felt_memory"
     alpha: Annotated[float, SI("s/m"), Field(gt=0)] = 100.0
     hysteresis: Annotated[float, SI("1"), Field(ge=0)] = 1.0
     loading: Annotated[Curve, BeforeValidator(_curve)] | None = None
@@ -715,8 +715,10 @@ _LAW_TABLE = {
     "stulov": "stulov",
     "felt_memory": "memory",
     "micromechanical": "micromechanical",
+    "guarded": "memory",
+    "printed": "memory",
 }
-_LAW_CURVES = ("loading", "unloading", "alpha")
+_LAW_CURVES = ("loading", "unloading", "alpha", "hysteresis")
 
 
 def _spread_laws(raw: dict[str, Any], faults: list[str]) -> dict[str, Any]:
@@ -734,7 +736,7 @@ def _spread_laws(raw: dict[str, Any], faults: list[str]) -> dict[str, Any]:
                 f"contacts.{key}.law: is missing its name, such as "
                 '{ name = "felt_memory", kappa = 0.2 }'
             )
-            name = "guarded"
+            name = "felt_memory"
         curves = {k: own.pop(k) for k in _LAW_CURVES if k in own}
         table = _LAW_TABLE.get(str(name))
         inner = {}
@@ -796,7 +798,7 @@ def _law_faults(raw: Mapping[str, Any]) -> list[str]:
     for name, node in _table(raw, "contacts").items():
         if not isinstance(node, Mapping):
             continue
-        law = node.get("law", "guarded")
+        law = node.get("law", "felt_memory")
         memory = node.get("memory")
         tabulated = isinstance(memory, Mapping) and "envelope" in memory
         needed = {
@@ -1045,85 +1047,117 @@ def _core_string(s: String) -> _core.StringDescription:
     return d
 
 
-def describe(config: MechanismFile) -> _core.MechanismDescription:
-    """Plain description of a validated file for the core."""
-    description, faults = _describe(config)
+def _core_surface(name: str, s: Surface) -> _core.SurfaceDescription:
+    d = _core.SurfaceDescription()
+    d.name = name
+    d.body = s.body
+    d.kind = getattr(_core.SurfaceKind, s.kind)
+    d.point = s.point
+    if s.normal is not None:
+        d.normal = s.normal
+    if s.radius is not None:
+        d.radius = s.radius
+    if s.arc is not None:
+        d.arc = s.arc
+    return d
+
+
+def _core_contact(key: str, c: Contact) -> _core.ContactDescription:
+    d = _core.ContactDescription()
+    d.number = int(key)
+    d.label = c.label
+    d.surface_a, d.surface_b = c.surfaces
+    d.law = core_law(c)
+    d.friction = _core_friction(c.friction)
+    d.enabled = c.enabled
+    return d
+
+
+def _core_spring(name: str, s: Spring) -> _core.TorsionSpringDescription:
+    d = _core.TorsionSpringDescription()
+    d.name = name
+    d.coordinate = s.coordinate
+    d.stiffness = s.stiffness
+    d.rest_angle = s.rest_angle
+    d.damping = s.damping
+    d.clearance = s.clearance
+    d.seating = s.seating
+    return d
+
+
+def _core_strap(name: str, s: Strap) -> _core.StrapDescription:
+    d = _core.StrapDescription()
+    d.name = name
+    d.body_a, d.point_a = s.body_a, s.point_a
+    d.body_b, d.point_b = s.body_b, s.point_b
+    d.free_length = s.free_length
+    d.coefficients = (s.k1, s.k2, s.k3)
+    return d
+
+
+def _core_point(name: str, p: Point) -> _core.TrackingPointDescription:
+    d = _core.TrackingPointDescription()
+    d.name = name
+    d.body = p.body
+    d.point = p.point
+    return d
+
+
+def describe(
+    config: MechanismFile, known: dict[int, tuple[Any, Any]] | None = None
+) -> _core.MechanismDescription:
+    """Plain description of a validated file for the core.
+
+    Parameters
+    ----------
+    known
+        Parts made before, by the identity of the part of the file that they came from; what is
+        missing is added. Files that share parts are then described in a fraction of the time.
+    """
+    description, faults = _describe(config, known)
     if faults:
         raise InvalidParameter("\n".join(faults))
     return description
 
 
-def _describe(config: MechanismFile) -> tuple[_core.MechanismDescription, list[str]]:
+def _describe(
+    config: MechanismFile, known: dict[int, tuple[Any, Any]] | None = None
+) -> tuple[_core.MechanismDescription, list[str]]:
     """Description without the contacts whose laws cannot be made, and why they cannot."""
+
+    def each(table: Mapping[str, Any], make: Callable[[str, Any], Any]) -> list[Any]:
+        if known is None:
+            return [make(name, node) for name, node in table.items()]
+        out = []
+        for name, node in table.items():
+            if id(node) not in known:
+                made = make(name, node)
+                if made is None:
+                    continue
+                known[id(node)] = (node, made)
+            out.append(known[id(node)][1])
+        return out
+
     d = _core.MechanismDescription()
     d.name = config.name
     d.gravity = config.gravity
-    d.bodies = [_core_body(name, b) for name, b in config.bodies.items()]
-    surfaces = []
-    for name, s in config.surfaces.items():
-        sd = _core.SurfaceDescription()
-        sd.name = name
-        sd.body = s.body
-        sd.kind = getattr(_core.SurfaceKind, s.kind)
-        sd.point = s.point
-        if s.normal is not None:
-            sd.normal = s.normal
-        if s.radius is not None:
-            sd.radius = s.radius
-        if s.arc is not None:
-            sd.arc = s.arc
-        surfaces.append(sd)
-    d.surfaces = surfaces
-    contacts = []
+    d.bodies = each(config.bodies, _core_body)
+    d.surfaces = each(config.surfaces, _core_surface)
     faults: list[str] = []
-    for key, c in config.contacts.items():
-        cd = _core.ContactDescription()
-        cd.number = int(key)
-        cd.label = c.label
-        cd.surface_a, cd.surface_b = c.surfaces
+
+    def contact(key: str, c: Contact) -> Any:
         try:
-            cd.law = core_law(c)
+            return _core_contact(key, c)
         except InvalidParameter as error:
             faults.append(f"contacts.{key}: {error}")
-            continue
-        cd.friction = _core_friction(c.friction)
-        cd.enabled = c.enabled
-        contacts.append(cd)
-    d.contacts = contacts
-    springs = []
-    for name, sp in config.springs.items():
-        spd = _core.TorsionSpringDescription()
-        spd.name = name
-        spd.coordinate = sp.coordinate
-        spd.stiffness = sp.stiffness
-        spd.rest_angle = sp.rest_angle
-        spd.damping = sp.damping
-        spd.clearance = sp.clearance
-        spd.seating = sp.seating
-        if sp.enabled:
-            springs.append(spd)
-    d.springs = springs
-    straps = []
-    for name, st in config.straps.items():
-        std = _core.StrapDescription()
-        std.name = name
-        std.body_a, std.point_a = st.body_a, st.point_a
-        std.body_b, std.point_b = st.body_b, st.point_b
-        std.free_length = st.free_length
-        std.coefficients = (st.k1, st.k2, st.k3)
-        if st.enabled:
-            straps.append(std)
-    d.straps = straps
+            return None
+
+    d.contacts = [c for c in each(config.contacts, contact) if c is not None]
+    d.springs = each({k: s for k, s in config.springs.items() if s.enabled}, _core_spring)
+    d.straps = each({k: s for k, s in config.straps.items() if s.enabled}, _core_strap)
     if config.string is not None:
         d.strings = [_core_string(config.string)]
-    points = []
-    for name, p in config.points.items():
-        pd = _core.TrackingPointDescription()
-        pd.name = name
-        pd.body = p.body
-        pd.point = p.point
-        points.append(pd)
-    d.points = points
+    d.points = each(config.points, _core_point)
     if config.finger is not None:
         fd = _core.FingerDescription()
         fd.body = config.finger.body

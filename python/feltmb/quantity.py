@@ -10,6 +10,7 @@ import difflib
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from types import NoneType, UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
@@ -35,6 +36,7 @@ __all__ = [
     "is_quantity",
     "parse_scalar",
     "shortened",
+    "unit_of",
 ]
 
 META_KEYS = frozenset({"value", "unit", "source", "status", "note", "printed", "sd"})
@@ -87,9 +89,9 @@ def _check_kind(annotation: Any, value: object) -> None:
         raise ValueError(f"got {shortened(repr(value))}, expected {what}")
 
 
-def shortened(text: str) -> str:
+def shortened(text: str, most: int = 80) -> str:
     """Text for a message, cut where it would fill the screen."""
-    return text if len(text) <= 80 else text[:77] + "..."
+    return text if len(text) <= most else text[: most - 3] + "..."
 
 
 def is_quantity(node: object) -> bool:
@@ -159,14 +161,28 @@ def _parse_vector(node: object, si_unit: str, length: int) -> tuple[float, ...]:
     )
 
 
+@dataclass(frozen=True)
+class _InUnit(BeforeValidator):
+    """Validator that remembers its unit."""
+
+    si_unit: str = ""
+
+
 def SI(si_unit: str) -> BeforeValidator:
     """Annotation of a float field: any accepted way to write it becomes ``si_unit``."""
-    return BeforeValidator(lambda node: parse_scalar(node, si_unit))
+    return _InUnit(lambda node: parse_scalar(node, si_unit), si_unit=si_unit)
 
 
 def SIVector(si_unit: str, length: int = 2) -> BeforeValidator:
     """Annotation of a field of ``length`` floats in ``si_unit``."""
-    return BeforeValidator(lambda node: _parse_vector(node, si_unit, length))
+    return _InUnit(lambda node: _parse_vector(node, si_unit, length), si_unit=si_unit)
+
+
+def unit_of(model: type[BaseModel], field: str) -> str | None:
+    """SI unit of a field that was annotated by :func:`SI` or :func:`SIVector`, else None."""
+    info = model.model_fields[field]
+    marks = [*info.metadata, *(m for arg in get_args(info.annotation) for m in get_args(arg))]
+    return next((mark.si_unit for mark in marks if isinstance(mark, _InUnit)), None)
 
 
 _LIMITS = {
@@ -208,7 +224,7 @@ def _plain_input(node: object) -> str:
 def fault_text(origin: str, faults: Sequence[str], most: int = 100) -> str:
     """Message that lists the faults of a file, at most ``most`` of them."""
     count = "1 fault" if len(faults) == 1 else f"{len(faults)} faults"
-    shown = list(faults[:most])
+    shown = [shortened(f, 1000) for f in faults[:most]]
     if len(faults) > most:
         shown.append(f"... and {len(faults) - most} more")
     return f"{origin}: {count}\n" + "\n".join(f"  {f}" for f in shown)
@@ -240,4 +256,4 @@ def fault_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
             lines.append(f"{where}: {item['ctx']['error']}")
         else:
             lines.append(f"{where}: got {got}: {item['msg'].lower()}")
-    return lines
+    return [shortened(line, 1000) for line in lines]

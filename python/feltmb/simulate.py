@@ -160,7 +160,7 @@ def simulate(
         action = load_action(action)
     if isinstance(stroke, str):
         stroke = load_stroke(stroke)
-    _check_input(action, stroke)
+    check_input(action, stroke)
     options = _core.SimulationOptions()
     options.duration = float(stroke.duration if duration is None else duration)
     options.rtol = float(rtol)
@@ -210,7 +210,7 @@ def simulate(
     return run
 
 
-def _check_input(action: Action, stroke: Stroke) -> None:
+def check_input(action: Action, stroke: Stroke) -> None:
     """What drives the mechanism must be there."""
     if not any(stroke.value):
         return
@@ -272,17 +272,8 @@ def _monitors(action: Action, y: Array) -> list[Any]:
 
 
 def _to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
-    numbers = action.mechanism.contact_numbers
     monitor_names = [name for name, rule in action.config.events.items() if rule.point is not None]
-    changes = [
-        Change(
-            time,
-            numbers[contact] if contact >= 0 else None,
-            monitor_names[monitor] if monitor >= 0 else None,
-            direction > 0,
-        )
-        for time, contact, monitor, direction in result.events
-    ]
+    changes = list_changes(action, result.events, monitor_names)
     named = name_events(changes, action.config.events)
     n = len(action.coordinates)
     modes = action.mechanism.total_modes
@@ -351,6 +342,20 @@ def _to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
         status=result.status,
         message=result.message,
     )
+
+
+def list_changes(action: Action, events: Any, monitors: list[str]) -> list[Change]:
+    """Events of the core, with contact numbers and names of monitored points."""
+    numbers = action.mechanism.contact_numbers
+    return [
+        Change(
+            time,
+            numbers[contact] if contact >= 0 else None,
+            monitors[monitor] if monitor >= 0 else None,
+            direction > 0,
+        )
+        for time, contact, monitor, direction in events
+    ]
 
 
 #: The core keeps no more events of one run.
@@ -489,7 +494,7 @@ def _summary(
     strike = roles.strike_contact
     if strike is not None:
         column = numbers.index(strike)
-        on, off = _strike(changes, strike)
+        on, off = find_strike(changes, strike)
         if on is not None:
             out["impact_time"] = changes[on].time
             out["impact_speed"] = float(result.event_approach[on, column])
@@ -511,7 +516,7 @@ def _summary(
 _ONE_BLOW = 6e-3
 
 
-def _strike(changes: list[Change], contact: int) -> tuple[int | None, int | None]:
+def find_strike(changes: list[Change], contact: int) -> tuple[int | None, int | None]:
     """First closing of the strike contact and its last opening within one blow."""
     on = next((i for i, c in enumerate(changes) if c.contact == contact and c.closes), None)
     if on is None:

@@ -15,7 +15,7 @@ ROOT = HERE.parents[2]
 BASE = "errors _optional units quantity"
 MODEL = f"{BASE} files _core params config smoothing stroke events results simulate"
 STUDY = "sweep study study_expression study_plot study_report"
-TOOLS = "quasistatic regulate touch felt subjects"
+TOOLS = "quasistatic regulate touch felt subjects parameters sensitivity"
 FRONT = f"{MODEL} {STUDY} contact fiber data fit gap plot report {TOOLS}"
 
 # part -> the parts that it may use. C++ parts are folders, Python parts are modules of the package.
@@ -32,9 +32,11 @@ MAY_USE = {
         "lumped": "core",
         "planar": "core numeric fiber contact beam modal",
         "model": "core numeric fiber contact beam modal ode planar",
-        "batch": "core numeric fiber contact beam modal ode planar model",
-        "bindings": "core numeric fiber contact beam modal ode planar model batch lumped",
-        "bench": "core numeric fiber contact beam modal ode planar model batch",
+        "sensitivity": "core numeric fiber contact beam modal ode planar model",
+        "batch": "core numeric fiber contact beam modal ode planar model sensitivity",
+        "bindings": "core numeric fiber contact beam modal ode planar model sensitivity batch "
+        "lumped",
+        "bench": "core numeric fiber contact beam modal ode planar model sensitivity batch",
     },
     # Configuration becomes a simulation, a simulation gives results; what works on results (fit,
     # gap, plot) has never heard of a configuration and serves any simulator.
@@ -60,6 +62,8 @@ MAY_USE = {
         "data": f"{BASE} files",
         "published": f"{BASE} files params results",
         "simulate": f"{BASE} _core params config stroke events results",
+        "parameters": f"{BASE} _core config",
+        "sensitivity": f"{MODEL} parameters",
         "fit": f"{BASE} results data files",
         "gap": f"{BASE} results data fit _core files",
         "style": "errors",

@@ -140,6 +140,7 @@ LawValue evaluate_relaxing(const ExponentialPair& pair, double e, double rate, c
 
 LawValue evaluate_stulov(const Stulov& law, double e, const double* state, LawStates& s) {
   LawValue v;
+  s = {};  // nothing stays of another branch
   const double g = state[0];
   const double power = e > 0.0 ? std::pow(e, law.exponent) : 0.0;
   const double power_slope = e > 0.0 ? law.exponent * power / e : 0.0;
@@ -195,6 +196,7 @@ FeltCore evaluate_core(const FeltMemory& law, double e, double rate, double z, d
 LawValue evaluate_memory(const FeltMemory& law, double e, double rate, const LawMemory& memory,
                          LawStates& states) {
   LawValue v;
+  states = {};
   const double* own = memory.state;
   std::size_t next = 1;
   const bool creeps = law.creep_stiffness > 0.0;
@@ -445,9 +447,10 @@ double ContactLaw::dissipated_power(double compression, double rate,
     const FeltCore c = evaluate_core(*felt, inner, inner_rate, z, memory.largest);
     double power = (v.force - c.force) * inner_rate;
     if (inner > 0.0) {
-      power += inner >= memory.largest ? (0.5 - 0.25 * felt->kappa * square) *
-                                             felt->envelope->loop_area(inner).slope * inner_rate
-                                       : 0.5 * c.band * square * std::fabs(inner_rate);
+      const bool virgin = inner > memory.largest || (inner == memory.largest && inner_rate > 0.0);
+      power += virgin ? (0.5 - 0.25 * felt->kappa * square) *
+                            felt->envelope->loop_area(inner).slope * inner_rate
+                      : 0.5 * c.band * square * std::fabs(inner_rate);
     }
     if (felt->creep_stiffness > 0.0) {
       power += felt->creep_damping * states.rate[1] * states.rate[1];

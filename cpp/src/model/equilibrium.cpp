@@ -94,15 +94,20 @@ double scaled_residual(const Mechanism& m, const Eigen::VectorXd& force) {
 
 }  // namespace
 
-Equilibrium find_equilibrium(const std::shared_ptr<const Mechanism>& mechanism,
-                             double finger_force) {
+Equilibrium find_equilibrium(const std::shared_ptr<const Mechanism>& mechanism, double finger_force,
+                             std::span<const double> near) {
   Rest rest(mechanism, finger_force);
   const Mechanism& m = *mechanism;
   const auto n = static_cast<Eigen::Index>(m.coordinates.size());
-  Eigen::VectorXd q = Eigen::Map<const Eigen::VectorXd>(m.start_pose.data(), n);
+  if (!near.empty() && near.size() != m.start_pose.size()) {
+    throw InvalidParameter(
+        format("pose near rest: got %zu values, expected %zu", near.size(), m.start_pose.size()));
+  }
+  Eigen::VectorXd q =
+      Eigen::Map<const Eigen::VectorXd>(near.empty() ? m.start_pose.data() : near.data(), n);
   const Eigen::VectorXd scale = Eigen::Map<const Eigen::VectorXd>(m.coordinate_scale.data(), n);
   // 1e-13 J: a force of 0.1 nN on felt that moves by 1 mm.
-  constexpr double enough = 1e-13;
+  const double enough = near.empty() ? 1e-13 : 1e-18;
   constexpr int most = 20000;
   double radius = 5.0;  // in coordinate scales, about 5 mm of felt travel
   double energy = rest.energy(q);

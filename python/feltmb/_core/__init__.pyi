@@ -40,8 +40,14 @@ __all__: list[str] = [
     "ModalString",
     "Monitor",
     "MotorDescription",
+    "Perturbed",
     "Profile",
     "RunResult",
+    "SensitivityEvent",
+    "SensitivityOptions",
+    "SensitivityParameter",
+    "SensitivityResult",
+    "SensitivityWindow",
     "ShapeSet",
     "SimulationOptions",
     "SphereOnLayer",
@@ -63,10 +69,13 @@ __all__: list[str] = [
     "jacobian_blocks",
     "jacobian_check",
     "layer_envelope",
+    "observables",
     "point_position",
     "pressure_envelope",
     "rhs",
+    "sensitivities",
     "simulate",
+    "state_names",
 ]
 
 class Friction:
@@ -1127,6 +1136,109 @@ class LumpedNetwork:
     def parameters(self) -> int: ...
     @property
     def states(self) -> int: ...
+class Perturbed:
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        profile: Profile,
+        motion: bool,
+        shift: typing.SupportsFloat | typing.SupportsIndex,
+        weight: typing.SupportsFloat | typing.SupportsIndex,
+        origin: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        prescribed: bool = False,
+        motor: bool = False,
+    ) -> None: ...
+
+class SensitivityParameter:
+    def __init__(
+        self,
+        name: str,
+        nodes: collections.abc.Sequence[Perturbed],
+        scale: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+
+class SensitivityWindow:
+    def __init__(
+        self,
+        begin: typing.SupportsFloat | typing.SupportsIndex,
+        end: typing.SupportsFloat | typing.SupportsIndex,
+        state: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] = [],
+        memory: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] = [],
+        directions: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
+    ) -> None: ...
+
+class SensitivityOptions:
+    simulation: SimulationOptions
+    def __init__(self) -> None: ...
+    def add_rule(
+        self,
+        name: str,
+        point: typing.SupportsInt | typing.SupportsIndex,
+        direction: tuple[
+            typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex
+        ],
+        travel: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    @property
+    def output_rate(self) -> float: ...
+    @output_rate.setter
+    def output_rate(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def outputs(self) -> list[int]: ...
+    @outputs.setter
+    def outputs(
+        self, arg0: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex]
+    ) -> None: ...
+    @property
+    def threads(self) -> int: ...
+    @threads.setter
+    def threads(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    @property
+    def tolerance(self) -> float: ...
+    @tolerance.setter
+    def tolerance(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+
+class SensitivityEvent:
+    @property
+    def approach(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def compression(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def contact(self) -> int: ...
+    @property
+    def direction(self) -> int: ...
+    @property
+    def monitor(self) -> int: ...
+    @property
+    def rate(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def time(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    @property
+    def when(self) -> float: ...
+
+class SensitivityResult:
+    @property
+    def counts(self) -> dict: ...
+    @property
+    def end_memory(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def end_state(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def events(self) -> list[SensitivityEvent]: ...
+    @property
+    def gradient(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def peaks(self) -> list[typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]]: ...
+    @property
+    def run(self) -> RunResult: ...
+    @property
+    def time(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    @property
+    def values(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def wall(self) -> float: ...
+    @property
+    def wall_stroke(self) -> float: ...
 
 def assemble(description: MechanismDescription) -> Mechanism:
     """
@@ -1197,6 +1309,11 @@ def layer_envelope(layer: FeltLayer) -> Envelope:
     Envelope of a contact through a felt layer; kept.
     """
 
+def observables(mechanism: Mechanism) -> list:
+    """
+    Tuples (name, unit, long name) of all outputs in their order.
+    """
+
 def point_position(
     mechanism: Mechanism,
     point: typing.SupportsInt | typing.SupportsIndex,
@@ -1224,6 +1341,16 @@ def rhs(
     y' of the full state [q, v, eta, deta/dt].
     """
 
+def sensitivities(
+    mechanism: Mechanism,
+    profile: Profile,
+    motion: bool,
+    parameters: collections.abc.Sequence[SensitivityParameter],
+    windows: collections.abc.Sequence[SensitivityWindow],
+    options: SensitivityOptions,
+    prescribed: bool = False,
+    motor: bool = False,
+) -> list[SensitivityResult]: ...
 def simulate(
     mechanism: Mechanism,
     profile: Profile,
@@ -1236,5 +1363,9 @@ def simulate(
     prescribed: bool = False,
     motor: bool = False,
 ) -> RunResult: ...
+def state_names(mechanism: Mechanism) -> list[str]:
+    """
+    Names of the full state in its order.
+    """
 
 __version__: str = "0.1.0"

@@ -8,8 +8,6 @@ from typing import Any
 
 import click
 
-from feltmb import __version__
-
 __all__ = ["main"]
 
 #: command -> (module below feltmb.cli, one line of help)
@@ -18,6 +16,7 @@ COMMANDS = {
     "demo": ("demo", "The main job: piano, forte, staccato; table, plots, animation."),
     "study": ("study", "Comparisons as data: the thesis's figures, sweeps, your own."),
     "regulate": ("regulate", "Regulate a mechanism as a technician does, steps A to F."),
+    "sensitivity": ("sensitivity", "Which parameters move what: derivatives of a stroke."),
     "touch": ("touch", "Static and dynamic touch: weights, let-off, timing."),
     "gap": ("gap", "The gap to measurements: where, which cause, how far it shrinks."),
     "fit": ("fit", "Fit a model to measured records: parameters, intervals."),
@@ -67,8 +66,24 @@ class _Lazy(click.Group):
         return super().resolve_command(ctx, args)
 
 
+def _show_version(ctx: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
+    if not wanted or ctx.resilient_parsing:
+        return
+    from feltmb import __version__
+
+    click.echo(f"feltmb, version {__version__}")
+    ctx.exit()
+
+
 @click.group(cls=_Lazy, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(__version__, prog_name="feltmb")
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_show_version,
+    help="Show the version and exit.",
+)
 def cli() -> None:
     """Simulate machines whose parts meet through felt.
 

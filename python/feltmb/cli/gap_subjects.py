@@ -24,8 +24,16 @@ class Subject:
     """Runs that could be made, for ``feltmb gap foresee``."""
 
 
+def _mechanism(name: str, settings: Mapping[str, str]) -> Subject | None:
+    """Packaged mechanism or mechanism file, see :mod:`feltmb.subjects.resolve`."""
+    from feltmb.subjects.resolve import resolve
+
+    found = resolve(name, settings)
+    return None if found is None else Subject(*found)
+
+
 #: Each is asked for a name with settings in turn; None: not mine.
-RESOLVERS: list[Callable[[str, Mapping[str, str]], Subject | None]] = []
+RESOLVERS: list[Callable[[str, Mapping[str, str]], Subject | None]] = [_mechanism]
 
 
 def load_subject(name: str, settings: Sequence[str] = ()) -> Subject:

@@ -29,6 +29,7 @@ OUTCOMES = {
     "shapes": "AAAAA",
     "axial": "AAAAAAAAA",
     "letoff": "AAAAA",
+    "contact-law": "AAAADDADDA",
 }
 SLOW = ("staccato", "shapes", "axial")
 

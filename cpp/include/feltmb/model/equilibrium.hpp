@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "feltmb/planar/dynamics.hpp"
@@ -21,9 +22,10 @@ struct Equilibrium {
 /// friction holds nothing at rest) by Newton's method with a trust region, from the mechanism's
 /// start pose. Strings take their static deflection.
 ///
-/// A constant finger force may act. Throws ModelError that names the coordinates which do not
-/// come to rest when no stable equilibrium is reached.
+/// A constant finger force may act. With `near`, a pose close to rest, the search starts there and
+/// goes on until rounding stops it: derivatives are taken from such poses. Throws ModelError that
+/// names the coordinates which do not come to rest when no stable equilibrium is reached.
 Equilibrium find_equilibrium(const std::shared_ptr<const Mechanism>& mechanism,
-                             double finger_force = 0.0);
+                             double finger_force = 0.0, std::span<const double> near = {});
 
 }  // namespace feltmb

@@ -1,0 +1,136 @@
+#include <pybind11/eigen.h>
+#include <pybind11/functional.h>
+#include <pybind11/numpy.h>
+#include <pybind11/stl.h>
+
+#include "bindings.hpp"
+#include "feltmb/model/observables.hpp"
+#include "feltmb/sensitivity/sensitivity.hpp"
+
+namespace py = pybind11;
+
+namespace feltmb::python {
+
+void bind_sensitivity(py::module_& m) {
+  py::class_<Perturbed>(m, "Perturbed")
+      .def(py::init([](const std::shared_ptr<Mechanism>& mechanism, const Profile& profile,
+                       bool motion, double shift, double weight, double origin, bool prescribed,
+                       bool motor) {
+             return Perturbed{mechanism, FingerInput{profile, motion, prescribed, motor, origin},
+                              shift, weight};
+           }),
+           py::arg("mechanism"), py::arg("profile"), py::arg("motion"), py::arg("shift"),
+           py::arg("weight"), py::arg("origin") = 0.0, py::arg("prescribed") = false,
+           py::arg("motor") = false);
+  py::class_<SensitivityParameter>(m, "SensitivityParameter")
+      .def(py::init([](std::string name, std::vector<Perturbed> nodes, double scale) {
+             return SensitivityParameter{std::move(name), std::move(nodes), scale};
+           }),
+           py::arg("name"), py::arg("nodes"), py::arg("scale"));
+  py::class_<SensitivityWindow>(m, "SensitivityWindow")
+      .def(py::init([](double begin, double end, std::vector<double> state,
+                       std::vector<double> memory, Eigen::MatrixXd directions) {
+             SensitivityWindow w;
+             w.begin = begin;
+             w.end = end;
+             w.start.y = std::move(state);
+             w.start.largest_compression = std::move(memory);
+             w.directions = std::move(directions);
+             return w;
+           }),
+           py::arg("begin"), py::arg("end"), py::arg("state") = std::vector<double>{},
+           py::arg("memory") = std::vector<double>{}, py::arg("directions") = Eigen::MatrixXd{});
+  py::class_<SensitivityOptions>(m, "SensitivityOptions")
+      .def(py::init<>())
+      .def_readwrite("simulation", &SensitivityOptions::simulation)
+      .def_readwrite("tolerance", &SensitivityOptions::tolerance)
+      .def_readwrite("output_rate", &SensitivityOptions::output_rate)
+      .def_readwrite("outputs", &SensitivityOptions::outputs)
+      .def_readwrite("threads", &SensitivityOptions::threads)
+      .def(
+          "add_rule",
+          [](SensitivityOptions& o, std::string name, int point,
+             std::pair<double, double> direction, double travel) {
+            o.rules.push_back(
+                {std::move(name), point, {direction.first, direction.second}, travel});
+          },
+          py::arg("name"), py::arg("point"), py::arg("direction"), py::arg("travel"));
+  py::class_<SensitivityEvent>(m, "SensitivityEvent")
+      .def_property_readonly("when", [](const SensitivityEvent& e) { return e.event.time; })
+      .def_property_readonly("contact", [](const SensitivityEvent& e) { return e.event.contact; })
+      .def_property_readonly("monitor", [](const SensitivityEvent& e) { return e.event.monitor; })
+      .def_property_readonly("direction",
+                             [](const SensitivityEvent& e) { return e.event.direction; })
+      .def_readonly("time", &SensitivityEvent::time)
+      .def_readonly("compression", &SensitivityEvent::compression)
+      .def_readonly("approach", &SensitivityEvent::approach)
+      .def_readonly("rate", &SensitivityEvent::rate);
+  py::class_<SensitivityResult>(m, "SensitivityResult")
+      .def_readonly("run", &SensitivityResult::run)
+      .def_readonly("time", &SensitivityResult::time)
+      .def_readonly("values", &SensitivityResult::values)
+      .def_property_readonly("gradient",
+                             [](py::object self) {
+                               const auto& r = self.cast<const SensitivityResult&>();
+                               const auto times = static_cast<py::ssize_t>(r.values.rows());
+                               const auto outputs = static_cast<py::ssize_t>(r.values.cols());
+                               const auto columns = static_cast<py::ssize_t>(r.end_state.cols());
+                               return py::array_t<double>({times, outputs, columns},
+                                                          r.gradient.data(), self);
+                             })
+      .def_readonly("end_state", &SensitivityResult::end_state)
+      .def_readonly("end_memory", &SensitivityResult::end_memory)
+      .def_readonly("events", &SensitivityResult::events)
+      .def_readonly("peaks", &SensitivityResult::peaks)
+      .def_readonly("wall_stroke", &SensitivityResult::wall_stroke)
+      .def_readonly("wall", &SensitivityResult::wall)
+      .def_property_readonly("counts", [](const SensitivityResult& r) {
+        py::dict out;
+        out["steps"] = r.counts.steps;
+        out["rejected"] = r.counts.rejected;
+        out["factorizations"] = r.counts.factorizations;
+        out["rhs"] = r.counts.rhs;
+        out["switches"] = r.counts.switches;
+        out["jumps"] = r.counts.jumps;
+        return out;
+      });
+  m.def(
+      "observables",
+      [](const std::shared_ptr<Mechanism>& mechanism) {
+        py::list out;
+        for (const auto& o : list_observables(*mechanism)) {
+          out.append(py::make_tuple(o.name, o.unit, o.long_name));
+        }
+        return out;
+      },
+      py::arg("mechanism"), "Tuples (name, unit, long name) of all outputs in their order.");
+  m.def(
+      "state_names",
+      [](const std::shared_ptr<Mechanism>& mechanism) {
+        const MechanismSystem system(mechanism, {}, false, {}, false);
+        std::vector<std::string> out;
+        for (std::size_t i = 0; i < system.size(); ++i) out.push_back(system.state_name(i));
+        return out;
+      },
+      py::arg("mechanism"), "Names of the full state in its order.");
+  m.def(
+      "sensitivities",
+      [](const std::shared_ptr<Mechanism>& mechanism, const Profile& profile, bool motion,
+         const std::vector<SensitivityParameter>& parameters,
+         const std::vector<SensitivityWindow>& windows, const SensitivityOptions& options,
+         bool prescribed, bool motor) {
+        const Progress watch = [](double) {
+          const py::gil_scoped_acquire acquire;
+          if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+          return true;
+        };
+        const py::gil_scoped_release release;
+        return sensitivities(mechanism, FingerInput{profile, motion, prescribed, motor}, parameters,
+                             windows, options, watch);
+      },
+      py::arg("mechanism"), py::arg("profile"), py::arg("motion"), py::arg("parameters"),
+      py::arg("windows"), py::arg("options"), py::arg("prescribed") = false,
+      py::arg("motor") = false);
+}
+
+}  // namespace feltmb::python

@@ -1,0 +1,105 @@
+/// Derivatives of a run by parameters of the mechanism, of the input, and by its start state.
+///
+/// Along the recorded steps of a run the variational equation S' = J(t) S + df/dp is integrated for
+/// all columns at once by the L-stable three-stage SDIRK method of order three (R. Alexander, SIAM
+/// J. Numer. Anal. 14 (1977) 1006) with its own error control. J is the exact Jacobian; a stage
+/// costs one factorisation of the structured Newton matrix, shared by all columns. df/dp comes from
+/// immutable mechanisms built with shifted parameters. Steps end where a contact closes, opens or
+/// turns from loading to unloading; where the right-hand side itself jumps there, S does too:
+/// S+ = S- + (f- - f+) dt*/dp (saltation).
+#pragma once
+
+#include <Eigen/Dense>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "feltmb/model/mechanism_system.hpp"
+#include "feltmb/model/simulation.hpp"
+
+namespace feltmb {
+
+/// The model with one parameter shifted, and its weight in the difference formula.
+struct Perturbed {
+  std::shared_ptr<const Mechanism> mechanism;
+  FingerInput input;
+  double shift = 0.0;   ///< of the parameter, its unit
+  double weight = 0.0;  ///< derivative ~ sum of weight x value [1 / unit of the parameter]
+};
+
+/// One column of the gradient: what to evaluate for a derivative by a parameter.
+struct SensitivityParameter {
+  std::string name;
+  std::vector<Perturbed> nodes;  ///< weights sum to zero, weight x shift to one
+  double scale = 1.0;            ///< size of the parameter, > 0, its unit: for the error control
+};
+
+/// One stretch of a stroke.
+struct SensitivityWindow {
+  double begin = 0.0;     ///< on the clock of the input [s]
+  double end = 0.4;       ///< [s], > begin
+  SimulationState start;  ///< y empty: the rest pose, which moves with the parameters
+  /// Directions of the start state, one a column after the parameters; rows as in
+  /// MechanismSystem, or none.
+  Eigen::MatrixXd directions;
+};
+
+struct SensitivityOptions {
+  SimulationOptions simulation;  ///< of each window; duration, ledger, outputs are set here
+  double tolerance = 1e-3;       ///< local relative error of a column, in (0, 0.1]
+  double output_rate = 1000.0;   ///< samples a second [Hz]
+  std::vector<int> outputs;      ///< indices in list_observables
+  std::size_t threads = 1;       ///< over windows; 0: all cores
+  /// Height above its place at rest at which a monitored point is an event.
+  struct Rule {
+    std::string name;
+    int point = -1;
+    Vec2 direction;
+    double travel = 0.0;  ///< [m]
+  };
+  std::vector<Rule> rules;
+};
+
+struct SensitivityEvent {
+  SimulationEvent event;
+  Eigen::VectorXd time;   ///< d time / d column [s]
+  RowMatrix compression;  ///< (n_contacts, n_columns): of the gap at the event, its time moving
+  RowMatrix approach;     ///< (n_contacts, n_columns) of the materials
+  RowMatrix rate;         ///< (n_coordinates, n_columns)
+  bool known = false;     ///< false: the crossing is too flat for a derivative
+};
+
+struct SensitivityCounts {
+  long steps = 0;  ///< of the variational equation
+  long rejected = 0;
+  long factorizations = 0;  ///< one a stage
+  long rhs = 0;             ///< evaluations with shifted parameters
+  long switches = 0;        ///< places where a step had to end
+  long jumps = 0;           ///< of them with a jump of the right-hand side
+};
+
+struct SensitivityResult {
+  RunResult run;                 ///< the stroke itself: events, peaks, counts, end
+  Eigen::VectorXd time;          ///< (n_times) on the clock of the input [s]
+  RowMatrix values;              ///< (n_times, n_outputs)
+  std::vector<double> gradient;  ///< (n_times, n_outputs, n_columns)
+  RowMatrix end_state;           ///< (n_states, n_columns)
+  RowMatrix end_memory;          ///< (n_contacts, n_columns)
+  std::vector<SensitivityEvent> events;
+  std::vector<Eigen::VectorXd> peaks;  ///< d largest force / d column, as run.peaks
+  SensitivityCounts counts;
+  double wall_stroke = 0.0;  ///< [s]
+  double wall = 0.0;         ///< of the variational part [s]
+};
+
+/// Integrates each window with its sensitivities. Windows run on `threads`; the results do not
+/// depend on their number. Throws InvalidParameter; a solver failure of a window is its
+/// run.status.
+std::vector<SensitivityResult> sensitivities(const std::shared_ptr<const Mechanism>& mechanism,
+                                             const FingerInput& input,
+                                             const std::vector<SensitivityParameter>& parameters,
+                                             const std::vector<SensitivityWindow>& windows,
+                                             const SensitivityOptions& options,
+                                             const Progress& progress = {});
+
+}  // namespace feltmb

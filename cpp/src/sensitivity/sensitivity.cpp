@@ -1,0 +1,451 @@
+#include "feltmb/sensitivity/sensitivity.hpp"
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <map>
+#include <mutex>
+#include <numeric>
+#include <thread>
+
+#include "feltmb/core/error.hpp"
+#include "feltmb/model/observables.hpp"
+#include "feltmb/numeric/parallel.hpp"
+#include "feltmb/sensitivity/trajectory.hpp"
+#include "shifted_models.hpp"
+#include "switches.hpp"
+#include "variational.hpp"
+
+namespace feltmb {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+using detail::Columns;
+using detail::ShiftedModels;
+using detail::Switch;
+using detail::SwitchKind;
+
+Eigen::Index index(std::size_t i) { return static_cast<Eigen::Index>(i); }
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+void check(const std::vector<SensitivityWindow>& windows, const SensitivityOptions& options) {
+  if (!(options.tolerance > 0.0 && options.tolerance <= 0.1)) {
+    throw InvalidParameter(format("tolerance = %.6g, must be in (0, 0.1]", options.tolerance));
+  }
+  if (!(std::isfinite(options.output_rate) && options.output_rate > 0.0)) {
+    throw InvalidParameter(format("output_rate = %.6g Hz, must be > 0", options.output_rate));
+  }
+  for (std::size_t i = 0; i < windows.size(); ++i) {
+    const SensitivityWindow& w = windows[i];
+    if (!(std::isfinite(w.begin) && std::isfinite(w.end) && w.end > w.begin)) {
+      throw InvalidParameter(
+          format("window %zu: from %.6g s to %.6g s, must end after it begins", i, w.begin, w.end));
+    }
+  }
+}
+
+/// One window: the stroke, then its derivatives.
+class WindowRun {
+ public:
+  WindowRun(ShiftedModels& models, const std::shared_ptr<const Mechanism>& mechanism,
+            const FingerInput& input, const SensitivityOptions& options,
+            const SensitivityWindow& window, const Progress& progress)
+      : models_(models),
+        mechanism_(mechanism),
+        input_(input),
+        options_(options),
+        window_(window),
+        progress_(progress) {}
+
+  SensitivityResult run() {
+    const auto begin = Clock::now();
+    const std::size_t states = models_.base().size();
+    const auto width = static_cast<std::size_t>(window_.directions.cols());
+    if (width > 0 && window_.directions.rows() != index(states)) {
+      throw InvalidParameter(format("directions of the start state: got %ld rows, expected %zu",
+                                    static_cast<long>(window_.directions.rows()), states));
+    }
+    const bool from_rest = window_.start.y.empty();
+    const SimulationState start = from_rest ? models_.rest() : window_.start;
+    if (start.y.size() != states) {
+      throw InvalidParameter(format("start state: got %zu values, expected %zu of this mechanism",
+                                    start.y.size(), states));
+    }
+    models_.begin(window_.begin, width, start.y);
+    input_.origin += window_.begin;
+    Trajectory trajectory(models_.probe());
+    simulate_stroke(trajectory, start);
+    const auto middle = Clock::now();
+    result_.wall_stroke = std::chrono::duration<double>(middle - begin).count();
+    if (result_.run.status != RunStatus::kDone) return std::move(result_);
+
+    detail::Variational variational(models_, trajectory, options_.tolerance);
+    Columns& columns = variational.columns();
+    const auto parameters = index(models_.parameters());
+    if (from_rest) {
+      columns.state.leftCols(parameters) = models_.rest_columns().state;
+      columns.memory.leftCols(parameters) = models_.rest_columns().memory;
+    }
+    if (width > 0) columns.state.rightCols(index(width)) = window_.directions;
+
+    prepare_samples();
+    std::size_t next = 0;
+    y_.resize(states);
+    const auto sample = [&](double t, const Columns& now) { take(trajectory, t, now); };
+    if (!marks_.empty() && marks_[0] == 0.0) {
+      sample(0.0, columns);
+      ++next;
+    }
+    const auto switches = detail::find_switches(trajectory, models_, options_, input_);
+    constexpr double together = 1e-13;  // s
+    for (const Switch& s : switches) {
+      if (s.time > variational.time() + together) {
+        variational.advance(s.time, marks_, next, sample);
+      }
+      if (s.kind != SwitchKind::kEnd) pass(trajectory, s, columns);
+    }
+    result_.end_state = columns.state;
+    result_.end_memory = columns.memory;
+    finish_peaks();
+    const long jumps = result_.counts.jumps;
+    result_.counts = variational.counts();
+    result_.counts.jumps = jumps;
+    result_.counts.switches = static_cast<long>(switches.size()) - 1;
+    result_.wall = std::chrono::duration<double>(Clock::now() - middle).count();
+    return std::move(result_);
+  }
+
+ private:
+  void simulate_stroke(Trajectory& trajectory, const SimulationState& start) {
+    SimulationOptions o = options_.simulation;
+    o.duration = window_.end - window_.begin;
+    o.ledger = o.states = o.diagnose = false;
+    o.outputs = false;
+    o.finger_reference = models_.base().finger_reference();
+    o.on_step = [&](double t, std::span<const double> y, std::span<const double> memory) {
+      trajectory.add(t, y, memory);
+    };
+    std::vector<Monitor> monitors;
+    for (std::size_t r = 0; r < options_.rules.size(); ++r) {
+      const auto& rule = options_.rules[r];
+      monitors.push_back({rule.name, rule.point, rule.direction, models_.level(r, -1, 0)});
+    }
+    result_.run = simulate(mechanism_, input_, o, start, monitors, progress_);
+  }
+
+  void prepare_samples() {
+    const double duration = window_.end - window_.begin;
+    const auto count =
+        static_cast<std::size_t>(std::floor(duration * options_.output_rate * (1.0 + 1e-12)));
+    std::vector<double> times;
+    for (std::size_t i = 0; i <= count; ++i) {
+      times.push_back(std::min(static_cast<double>(i) / options_.output_rate, duration));
+    }
+    if (times.back() < duration) times.push_back(duration);
+    marks_ = times;
+    for (std::size_t p = 0; p < result_.run.peaks.size(); ++p) {
+      const Peak& peak = result_.run.peaks[p];
+      if (peak.force <= 0.0) continue;
+      // At the peak itself the law may change its branch: two looks shortly before it.
+      for (const double ahead : {2e-6, 1e-6}) {
+        const double t = peak.time - ahead;
+        if (t <= 0.0) continue;
+        marks_.push_back(t);
+        peak_marks_.emplace_back(t, p);
+      }
+    }
+    std::sort(marks_.begin(), marks_.end());
+    std::sort(peak_marks_.begin(), peak_marks_.end());
+    peak_looks_.resize(result_.run.peaks.size());
+    const auto infos = list_observables(*mechanism_);
+    observed_ = infos.size();
+    for (const int output : options_.outputs) {
+      if (output < 0 || at(output) >= observed_) {
+        throw InvalidParameter(format("outputs: there is no output %d", output));
+      }
+    }
+    result_.time = Eigen::Map<const Eigen::VectorXd>(times.data(), index(times.size()));
+    result_.time.array() += window_.begin;
+    result_.values.resize(index(times.size()), index(options_.outputs.size()));
+    result_.gradient.resize(times.size() * options_.outputs.size() * models_.columns());
+  }
+
+  std::span<const double> place(Trajectory& trajectory, double t) {
+    const std::size_t node = trajectory.interpolate(t, y_);
+    return trajectory.memory(node);
+  }
+
+  void take(Trajectory& trajectory, double t, const Columns& columns) {
+    const auto memory = place(trajectory, t);
+    while (next_peak_ < peak_marks_.size() && peak_marks_[next_peak_].first == t) {
+      const std::size_t p = peak_marks_[next_peak_++].second;
+      look_at_peak(t, memory, columns, p);
+    }
+    if (row_ >= result_.time.size() || result_.time[row_] - window_.begin != local_time(t)) return;
+    const std::size_t outputs = options_.outputs.size();
+    if (outputs > 0) {
+      scratch_.resize(observed_);
+      const auto observe_all = [&](MechanismSystem& system, double time, std::span<const double> y,
+                                   std::span<double> out, int, std::size_t) {
+        observe(system, time, y, scratch_);
+        for (std::size_t i = 0; i < outputs; ++i) out[i] = scratch_[at(options_.outputs[i])];
+      };
+      models_.total(t, y_, memory, columns, outputs, observe_all, derivative_);
+      observe(models_.probe(), t, y_, scratch_);
+      const std::size_t count = models_.columns();
+      double* out = result_.gradient.data() + static_cast<std::size_t>(row_) * outputs * count;
+      for (std::size_t i = 0; i < outputs; ++i) {
+        result_.values(row_, index(i)) = scratch_[at(options_.outputs[i])];
+        for (std::size_t j = 0; j < count; ++j) *out++ = derivative_(index(i), index(j));
+      }
+    }
+    ++row_;
+  }
+
+  /// As it went through result_.time: adding and subtracting the begin rounds.
+  double local_time(double t) const { return (t + window_.begin) - window_.begin; }
+
+  void look_at_peak(double t, std::span<const double> memory, const Columns& columns,
+                    std::size_t p) {
+    const auto contact = at(result_.run.peaks[p].contact);
+    const auto force = [&](MechanismSystem& system, double time, std::span<const double> y,
+                           std::span<double> out, int, std::size_t) {
+      system.locate(time, y, Detail::kAllContacts);
+      const ContactState& s = system.dynamics().contacts()[contact];
+      out[0] = system.mechanism()
+                   .contacts[contact]
+                   .law.evaluate(s.compression, s.rate, system.dynamics().memory(contact))
+                   .force;
+    };
+    models_.total(t, y_, memory, columns, 1, force, derivative_);
+    peak_looks_[p].push_back(derivative_.row(0));
+  }
+
+  void finish_peaks() {
+    for (const auto& looks : peak_looks_) {
+      Eigen::VectorXd out = Eigen::VectorXd::Constant(index(models_.columns()), std::nan(""));
+      // Straight on from 2 and 1 microseconds before the peak.
+      if (looks.size() == 2) out = (2.0 * looks[1] - looks[0]).transpose();
+      result_.peaks.push_back(out);
+    }
+  }
+
+  /// Compressions, approaches, coordinate rates, monitors: what an event is described by.
+  void describe(MechanismSystem& system, double t, std::span<const double> y, std::span<double> out,
+                int parameter, std::size_t node) const {
+    system.locate(t, y, Detail::kAllContacts);
+    const auto contacts = system.dynamics().contacts();
+    std::size_t i = 0;
+    for (const ContactState& c : contacts) {
+      out[i++] = c.compression;
+      out[i++] = -dot(c.normal, c.relative_velocity);
+      out[i++] = c.rate;
+    }
+    const std::size_t n = system.mechanism().coordinates.size();
+    for (std::size_t k = 0; k < n; ++k) out[i++] = y[n + k];
+    for (std::size_t r = 0; r < options_.rules.size(); ++r) {
+      const auto& rule = options_.rules[r];
+      const auto& point = system.mechanism().points[at(rule.point)].point;
+      out[i++] = dot(rule.direction, system.dynamics().position(point)) -
+                 models_.level(r, parameter, node);
+    }
+  }
+
+  std::size_t described() const {
+    return 3 * mechanism_->contacts.size() + mechanism_->coordinates.size() + options_.rules.size();
+  }
+
+  /// Row of `describe` that is zero at the switch.
+  std::size_t row_of(const Switch& s) const {
+    if (s.kind == SwitchKind::kMonitor) {
+      return 3 * mechanism_->contacts.size() + mechanism_->coordinates.size() + at(s.index);
+    }
+    return 3 * at(s.index) + (s.kind == SwitchKind::kBranch ? 2 : 0);
+  }
+
+  /// Passes a switch: derivatives of its event, jumps of the columns.
+  void pass(Trajectory& trajectory, const Switch& s, Columns& columns) {
+    if (s.kind == SwitchKind::kZone) return;
+    if (s.kind == SwitchKind::kReversal) {
+      pass_reversal(trajectory, s, columns);
+      return;
+    }
+    const double t = s.time;
+    const double end = trajectory.time(trajectory.size() - 1);
+    if (s.kind == SwitchKind::kStop) {
+      if (find_jump(trajectory, t, end)) {
+        models_.stop_time(at(s.index), time_derivative_);
+        add_jump(columns);
+      }
+      return;
+    }
+    const bool event = s.kind != SwitchKind::kBranch;
+    if (!event && at(s.index) >= mechanism_->contacts.size()) return;  // a strap: never a jump
+    // A law that changes its piece where its contact closes jumps once.
+    const bool jump = t - last_jump_ > 1e-11 && find_jump(trajectory, t, end);
+    if (!event && !jump) return;
+
+    const auto describe_all = [&](MechanismSystem& system, double time, std::span<const double> y,
+                                  std::span<double> out, int parameter, std::size_t node) {
+      describe(system, time, y, out, parameter, node);
+    };
+    const std::size_t width = described();
+    const auto memory = place(trajectory, t);
+    models_.total(t, y_, memory, columns, width, describe_all, derivative_);
+    // Rates of what is described along the motion, on the side before the switch where it turns on.
+    const double delta = std::min(1e-8, 0.25 * t);
+    Eigen::VectorXd here(index(width)), before(index(width)), earlier(index(width));
+    const auto look = [&](double time, Eigen::VectorXd& out) {
+      place(trajectory, time);
+      describe(models_.probe(), time, y_, {out.data(), width}, -1, 0);
+    };
+    look(t, here);
+    look(t - delta, before);
+    look(t - 2.0 * delta, earlier);
+    const Eigen::VectorXd along = (1.5 * here - 2.0 * before + 0.5 * earlier) / delta;
+    const auto row = index(row_of(s));
+    const double speed = along[row];
+    const bool known = std::fabs(speed) > 1e-9;
+    if (known) {
+      time_derivative_ = -derivative_.row(row).transpose() / speed;
+    } else {
+      time_derivative_.setConstant(derivative_.cols(), std::nan(""));
+    }
+    if (event) record(s, along, known);
+    if (jump && known) {
+      add_jump(columns);
+      last_jump_ = t;
+    }
+  }
+
+  void pass_reversal(Trajectory& trajectory, const Switch& s, Columns& columns) {
+    // The top of a compression: its time moves, the compression itself does not by that.
+    const auto contact = at(s.index);
+    const std::size_t node = trajectory.interval(s.time - 1e-12);
+    const auto memory = trajectory.memory(node);
+    trajectory.interpolate(s.time, y_);
+    const auto felt = [&](MechanismSystem& system, double time, std::span<const double> y,
+                          std::span<double> out, int, std::size_t) {
+      system.locate(time, y, Detail::kAllContacts);
+      const ContactState& state = system.dynamics().contacts()[contact];
+      out[0] = system.mechanism().contacts[contact].law.felt_compression(
+          state.compression, system.dynamics().memory(contact));
+    };
+    models_.total(s.time, y_, memory, columns, 1, felt, derivative_);
+    columns.memory.row(index(contact)) = derivative_.row(0);
+  }
+
+  /// Jump of the right-hand side at t; true if there is one to speak of.
+  bool find_jump(Trajectory& trajectory, double t, double end) {
+    const double delta = std::min({1e-9, 0.1 * t, 0.1 * (end - t)});
+    if (!(delta > 0.0)) return false;
+    // Straight on to t from both sides: a kink cancels.
+    MechanismSystem& probe = models_.probe();
+    const auto n = index(y_.size());
+    jump_.setZero(n);
+    after_.resize(n);
+    double size = 0.0;
+    for (const auto& [place_at, weight] : {std::pair{t - delta, 2.0},
+                                           {t - 2.0 * delta, -1.0},
+                                           {t + delta, -2.0},
+                                           {t + 2.0 * delta, 1.0}}) {
+      place(trajectory, place_at);
+      probe.rhs(place_at, y_, {after_.data(), y_.size()});
+      jump_ += weight * after_;
+      size = std::max(size, models_.norm(after_));
+    }
+    // Of what a contact decelerates by: 1e-3 of 0.2 m/s in 1 ms is rounding and curvature.
+    return models_.norm(jump_) > 1e-4 * size + 1.0;
+  }
+
+  void add_jump(Columns& columns) {
+    columns.state += jump_ * time_derivative_.transpose();
+    ++result_.counts.jumps;
+  }
+
+  void record(const Switch& s, const Eigen::VectorXd& along, bool known) {
+    // The event of the stroke that this switch is.
+    const SimulationEvent* found = nullptr;
+    double nearest = 1e-6;  // s
+    for (const SimulationEvent& e : result_.run.events) {
+      const int own = s.kind == SwitchKind::kMonitor ? e.monitor : e.contact;
+      if (own != s.index || e.direction != s.direction) continue;
+      if (std::fabs(e.time - s.time) < nearest) {
+        nearest = std::fabs(e.time - s.time);
+        found = &e;
+      }
+    }
+    if (found == nullptr) return;
+    SensitivityEvent out;
+    out.event = *found;
+    out.known = known;
+    out.time = time_derivative_;
+    const auto count = index(models_.columns());
+    const auto contacts = index(mechanism_->contacts.size());
+    const auto n = index(mechanism_->coordinates.size());
+    out.compression.resize(contacts, count);
+    out.approach.resize(contacts, count);
+    out.rate.resize(n, count);
+    const auto moved = [&](Eigen::Index i) {
+      return derivative_.row(i) + along[i] * time_derivative_.transpose();
+    };
+    for (Eigen::Index c = 0; c < contacts; ++c) {
+      out.compression.row(c) = moved(3 * c);
+      out.approach.row(c) = moved(3 * c + 1);
+    }
+    for (Eigen::Index k = 0; k < n; ++k) out.rate.row(k) = moved(3 * contacts + k);
+    out.event.time += window_.begin;
+    result_.events.push_back(std::move(out));
+  }
+
+  ShiftedModels& models_;
+  std::shared_ptr<const Mechanism> mechanism_;
+  FingerInput input_;
+  const SensitivityOptions& options_;
+  const SensitivityWindow& window_;
+  Progress progress_;
+  SensitivityResult result_;
+  std::vector<double> y_;
+  std::vector<double> marks_;
+  std::vector<std::pair<double, std::size_t>> peak_marks_;
+  std::vector<std::vector<Eigen::RowVectorXd>> peak_looks_;
+  std::size_t next_peak_ = 0;
+  double last_jump_ = -1.0;
+  Eigen::Index row_ = 0;
+  std::size_t observed_ = 0;
+  std::vector<double> scratch_;
+  Eigen::MatrixXd derivative_;
+  Eigen::VectorXd jump_, after_, time_derivative_;
+};
+
+}  // namespace
+
+std::vector<SensitivityResult> sensitivities(const std::shared_ptr<const Mechanism>& mechanism,
+                                             const FingerInput& input,
+                                             const std::vector<SensitivityParameter>& parameters,
+                                             const std::vector<SensitivityWindow>& windows,
+                                             const SensitivityOptions& options,
+                                             const Progress& progress) {
+  check(windows, options);
+  std::vector<SensitivityResult> results(windows.size());
+  const std::size_t threads =
+      std::min(resolve_threads(options.threads), std::max<std::size_t>(1, windows.size()));
+  std::atomic<std::size_t> next{0};
+  std::mutex guard;
+  const Progress shared = progress ? Progress([&](double t) {
+    const std::lock_guard<std::mutex> lock(guard);
+    return progress(t);
+  })
+                                   : Progress{};
+  // Workers take the next window; each has its own workspaces.
+  parallel_for(threads, threads, [&](std::size_t, std::size_t) {
+    ShiftedModels models(mechanism, input, parameters, options);
+    for (std::size_t i = next++; i < windows.size(); i = next++) {
+      results[i] = WindowRun(models, mechanism, input, options, windows[i], shared).run();
+    }
+  });
+  return results;
+}
+
+}  // namespace feltmb

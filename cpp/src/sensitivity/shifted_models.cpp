@@ -1,0 +1,195 @@
+#include "shifted_models.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <exception>
+
+#include "feltmb/core/error.hpp"
+#include "feltmb/model/equilibrium.hpp"
+
+namespace feltmb::detail {
+
+ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
+                             const FingerInput& input,
+                             const std::vector<SensitivityParameter>& parameters,
+                             const SensitivityOptions& options)
+    : mechanism_(mechanism), input_(input), options_(options) {
+  const auto make = [](const std::shared_ptr<const Mechanism>& m, const FingerInput& i) {
+    return std::make_unique<MechanismSystem>(m, i, false, std::vector<Monitor>{}, false);
+  };
+  base_ = make(mechanism, input);
+  probe_ = make(mechanism, input);
+  const std::size_t states = base_->size();
+  const auto contacts = static_cast<Eigen::Index>(mechanism->contacts.size());
+  const std::vector<double> atol = base_->absolute_tolerances(1.0);
+  weight_.resize(static_cast<Eigen::Index>(states));
+  for (std::size_t i = 0; i < states; ++i) weight_[static_cast<Eigen::Index>(i)] = 1.0 / atol[i];
+  scratch_.resize(states);
+  try {
+    rest_ = find_rest(mechanism, {}, input);
+  } catch (const ModelError&) {
+    // Windows from a given state need none, unless the input or an event is counted from it.
+    if (input.motion || input.prescribed || !options.rules.empty()) throw;
+    no_rest_ = std::current_exception();
+  }
+  const auto count = static_cast<Eigen::Index>(parameters.size());
+  rest_columns_.state.setZero(static_cast<Eigen::Index>(states), count);
+  rest_columns_.memory.setZero(contacts, count);
+  std::vector<double> near;
+  if (!no_rest_) near.assign(rest_.state.data(), rest_.state.data() + mechanism->size());
+  // Polished like the shifted ones, so that their differences are of the parameter only.
+  if (!no_rest_) rest_ = find_rest(mechanism, near, input);
+  base_->set_finger_reference(rest_.finger);
+  probe_->set_finger_reference(rest_.finger);
+  parameters_.resize(parameters.size());
+  for (const auto& parameter : parameters) floor_.push_back(1e-2 / parameter.scale);
+  for (std::size_t j = 0; j < parameters.size(); ++j) {
+    for (const Perturbed& p : parameters[j].nodes) {
+      Node node;
+      node.system = make(p.mechanism, p.input);
+      const Mechanism& m = *p.mechanism;
+      if (node.system->size() != states || m.contacts.size() != mechanism->contacts.size() ||
+          m.coordinates != mechanism->coordinates) {
+        throw InvalidParameter("parameter \"" + parameters[j].name +
+                               "\" changes the number of states: it has no derivative");
+      }
+      node.shift = p.shift;
+      node.weight = p.weight;
+      node.input = p.input;
+      if (no_rest_) {
+        parameters_[j].push_back(std::move(node));
+        continue;
+      }
+      const Rest moved = p.mechanism == mechanism ? rest_ : find_rest(p.mechanism, near, p.input);
+      node.levels = moved.levels;
+      node.system->set_finger_reference(moved.finger);
+      rest_columns_.state.col(static_cast<Eigen::Index>(j)) += p.weight * moved.state;
+      rest_columns_.memory.col(static_cast<Eigen::Index>(j)) += p.weight * moved.memory;
+      parameters_[j].push_back(std::move(node));
+    }
+  }
+  begin(0.0, 0, {});
+}
+
+void ShiftedModels::begin(double begin, std::size_t directions, std::span<const double> start) {
+  directions_ = directions;
+  const auto set = [&](MechanismSystem& system, double origin) {
+    system.set_origin(origin + begin);
+    if (!start.empty()) system.set_prescribed_reference(0.0, start);
+  };
+  set(*base_, input_.origin);
+  set(*probe_, input_.origin);
+  for (auto& nodes : parameters_) {
+    for (auto& node : nodes) set(*node.system, node.input.origin);
+  }
+}
+
+ShiftedModels::Rest ShiftedModels::find_rest(const std::shared_ptr<const Mechanism>& mechanism,
+                                             std::span<const double> near,
+                                             const FingerInput& input) {
+  const Equilibrium found = find_equilibrium(mechanism, 0.0, near);
+  Rest rest;
+  MechanismSystem system(mechanism, input, false, {}, false);
+  rest.state.setZero(static_cast<Eigen::Index>(system.size()));
+  double* y = rest.state.data();
+  std::copy(found.q.begin(), found.q.end(), y);
+  double* laws = y + 2 * found.q.size();
+  std::copy(found.law.begin(), found.law.end(), laws);
+  std::copy(found.eta.begin(), found.eta.end(), laws + found.law.size());
+  rest.memory = Eigen::Map<const Eigen::VectorXd>(
+      found.largest_compression.data(),
+      static_cast<Eigen::Index>(found.largest_compression.size()));
+  system.locate(0.0, {y, system.size()});
+  if (mechanism->finger_contact >= 0) {
+    rest.finger =
+        dot(mechanism->finger_direction, system.dynamics().position(mechanism->finger_point));
+  }
+  for (const auto& rule : options_.rules) {
+    const auto& point = mechanism->points[static_cast<std::size_t>(rule.point)].point;
+    rest.levels.push_back(dot(rule.direction, system.dynamics().position(point)) + rule.travel);
+  }
+  return rest;
+}
+
+SimulationState ShiftedModels::rest() const {
+  if (no_rest_) std::rethrow_exception(no_rest_);
+  SimulationState out;
+  out.y.assign(rest_.state.begin(), rest_.state.end());
+  out.largest_compression.assign(rest_.memory.begin(), rest_.memory.end());
+  return out;
+}
+
+double ShiftedModels::level(std::size_t rule, int parameter, std::size_t node) const {
+  if (parameter < 0) return rest_.levels[rule];
+  return parameters_[static_cast<std::size_t>(parameter)][node].levels[rule];
+}
+
+void ShiftedModels::rates(double t, std::span<const double> y, std::span<const double> memory,
+                          const Eigen::MatrixXd& memory_columns, Eigen::MatrixXd& out) {
+  const auto n = static_cast<Eigen::Index>(y.size());
+  out.setZero(n, static_cast<Eigen::Index>(columns()));
+  one_.resize(n);
+  const std::span<double> rate{one_.data(), y.size()};
+  moved_memory_.assign(memory.begin(), memory.end());
+  const auto move = [&](Eigen::Index j, double shift) {
+    for (std::size_t c = 0; c < memory.size(); ++c) {
+      moved_memory_[c] = memory[c] + shift * memory_columns(static_cast<Eigen::Index>(c), j);
+    }
+  };
+  for (std::size_t j = 0; j < columns(); ++j) {
+    const auto column = static_cast<Eigen::Index>(j);
+    if (j < parameters_.size()) {
+      for (Node& node : parameters_[j]) {
+        move(column, node.shift);
+        remember(*node.system, moved_memory_);
+        node.system->rhs(t, y, rate);
+        out.col(column) += node.weight * one_;
+        ++evaluations_;
+      }
+      continue;
+    }
+    const double size = memory.empty() ? 0.0 : memory_columns.col(column).cwiseAbs().maxCoeff();
+    if (size == 0.0) continue;
+    const double shift = 1e-9 / size;  // m of remembered compression
+    for (const double sign : {1.0, -1.0}) {
+      move(column, sign * shift);
+      remember(*probe_, moved_memory_);
+      probe_->rhs(t, y, rate);
+      out.col(column) += (sign * 0.5 / shift) * one_;
+      ++evaluations_;
+    }
+  }
+  remember(*probe_, memory);
+}
+
+void ShiftedModels::add_recovery(std::size_t contact, double remembered, double open, double time,
+                                 Eigen::MatrixXd& memory_columns) const {
+  for (std::size_t j = 0; j < parameters_.size(); ++j) {
+    double sum = 0.0;
+    for (const Node& node : parameters_[j]) {
+      const auto& law =
+          std::get<FeltMemory>(node.system->mechanism().contacts[contact].law.parameters());
+      const double own = law.recovery_time > 0.0 ? 1.0 / law.recovery_time : 0.0;
+      sum += node.weight * std::exp(open * (1.0 / time - own));
+    }
+    memory_columns(static_cast<Eigen::Index>(contact), static_cast<Eigen::Index>(j)) +=
+        remembered * sum;
+  }
+}
+
+void ShiftedModels::stop_time(std::size_t index, Eigen::VectorXd& out) const {
+  out.setZero(static_cast<Eigen::Index>(columns()));
+  for (std::size_t j = 0; j < parameters_.size(); ++j) {
+    for (const Node& node : parameters_[j]) {
+      const auto& breakpoints = node.input.profile.breakpoints();
+      const auto& knots = node.input.profile.knots();
+      // A shift that removes or adds a breakpoint has no derivative; it then moves none.
+      const std::size_t count = input_.profile.breakpoints().size();
+      if (breakpoints.size() != count) continue;
+      const double t = index < count ? breakpoints[index] : knots[index - count];
+      out[static_cast<Eigen::Index>(j)] += node.weight * (t - node.input.origin);
+    }
+  }
+}
+
+}  // namespace feltmb::detail

@@ -1,0 +1,159 @@
+/// Workspaces of the model and of its copies with shifted parameters, one set a thread.
+#pragma once
+
+#include <exception>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "feltmb/sensitivity/sensitivity.hpp"
+
+namespace feltmb::detail {
+
+/// Columns of derivatives at one place: of the state and of the contacts' memory.
+struct Columns {
+  Eigen::MatrixXd state;   ///< (n_states, n_columns)
+  Eigen::MatrixXd memory;  ///< (n_contacts, n_columns)
+};
+
+/// The model, and its copies with shifted parameters, as workspaces.
+class ShiftedModels {
+ public:
+  ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism, const FingerInput& input,
+                const std::vector<SensitivityParameter>& parameters,
+                const SensitivityOptions& options);
+
+  /// From now on the clock of all starts at `begin` of the input's, with `directions` columns after
+  /// those of the parameters; `start` is the state there, empty if not known yet.
+  void begin(double begin, std::size_t directions, std::span<const double> start);
+
+  MechanismSystem& base() { return *base_; }
+  MechanismSystem& probe() { return *probe_; }
+  std::size_t columns() const { return parameters_.size() + directions_; }
+  std::size_t parameters() const { return parameters_.size(); }
+  long evaluations() const { return evaluations_; }
+
+  /// Rest pose as a start state, and its derivatives.
+  SimulationState rest() const;
+  const Columns& rest_columns() const { return rest_columns_; }
+
+  /// d f / d parameter at fixed state, memory moving: the inhomogeneous part of S'.
+  void rates(double t, std::span<const double> y, std::span<const double> memory,
+             const Eigen::MatrixXd& memory_columns, Eigen::MatrixXd& out);
+
+  /// Total derivative of any function of the model at a fixed time.
+  /// @param function  (MechanismSystem&, t, y, out span, index of the parameter's node or -1)
+  template <class Function>
+  void total(double t, std::span<const double> y, std::span<const double> memory,
+             const Columns& columns, std::size_t width, Function&& function, Eigen::MatrixXd& out);
+
+  /// Adds d exp(-open / recovery time) of each parameter times what is remembered.
+  void add_recovery(std::size_t contact, double remembered, double open, double time,
+                    Eigen::MatrixXd& memory_columns) const;
+
+  /// d time of a stop of the input by column; `index` in breakpoints() or, after them, knots().
+  void stop_time(std::size_t index, Eigen::VectorXd& out) const;
+
+  /// Largest weighted entry of a column of states.
+  double norm(Eigen::Ref<const Eigen::VectorXd> column) const {
+    return (column.array() * weight_.array()).abs().maxCoeff();
+  }
+  const Eigen::VectorXd& weight() const { return weight_; }
+
+  /// Norm of a column below which its relative error does not matter: the parameter changed by its
+  /// own size would move a felt contact by 1 % of 0.2 mm.
+  double floor(std::size_t column) const { return column < floor_.size() ? floor_[column] : 0.0; }
+
+  /// Level of a monitored point: its place at rest of that model plus the travel.
+  double level(std::size_t rule, int parameter, std::size_t node) const;
+
+ private:
+  struct Node {
+    std::unique_ptr<MechanismSystem> system;
+    FingerInput input;
+    double shift = 0.0;
+    double weight = 0.0;
+    std::vector<double> levels;
+  };
+  struct Rest {
+    Eigen::VectorXd state;
+    Eigen::VectorXd memory;
+    double finger = 0.0;
+    std::vector<double> levels;
+  };
+  Rest find_rest(const std::shared_ptr<const Mechanism>& mechanism, std::span<const double> near,
+                 const FingerInput& input);
+  static void remember(MechanismSystem& system, std::span<const double> memory) {
+    if (memory.empty()) return;
+    std::copy(memory.begin(), memory.end(), system.dynamics().largest_compression().begin());
+  }
+
+  std::shared_ptr<const Mechanism> mechanism_;
+  FingerInput input_;
+  const SensitivityOptions& options_;
+  std::unique_ptr<MechanismSystem> base_, probe_;
+  std::vector<std::vector<Node>> parameters_;
+  std::size_t directions_ = 0;
+  Rest rest_;
+  std::exception_ptr no_rest_;  ///< why the mechanism has no rest pose
+  Columns rest_columns_;
+  Eigen::VectorXd weight_;
+  std::vector<double> floor_;
+  std::vector<double> scratch_, shifted_, moved_memory_;
+  Eigen::VectorXd one_, two_;
+  long evaluations_ = 0;
+};
+
+template <class Function>
+void ShiftedModels::total(double t, std::span<const double> y, std::span<const double> memory,
+                          const Columns& columns, std::size_t width, Function&& function,
+                          Eigen::MatrixXd& out) {
+  // Largest move of a state, in tolerance weights (0.2 mm of felt): far below any curvature.
+  constexpr double small = 1e-5;
+  constexpr double most = 1e-4;
+  const auto rows = static_cast<Eigen::Index>(width);
+  out.setZero(rows, static_cast<Eigen::Index>(this->columns()));
+  one_.resize(rows);
+  const std::size_t n = y.size();
+  shifted_.resize(n);
+  moved_memory_.assign(memory.begin(), memory.end());
+  const std::span<double> value{one_.data(), width};
+  const auto move = [&](Eigen::Index j, double shift) {
+    for (std::size_t i = 0; i < n; ++i) {
+      shifted_[i] = y[i] + shift * columns.state(static_cast<Eigen::Index>(i), j);
+    }
+    for (std::size_t c = 0; c < memory.size(); ++c) {
+      moved_memory_[c] = memory[c] + shift * columns.memory(static_cast<Eigen::Index>(c), j);
+    }
+  };
+  for (std::size_t j = 0; j < this->columns(); ++j) {
+    const auto column = static_cast<Eigen::Index>(j);
+    const double size = norm(columns.state.col(column));
+    bool together = false;
+    if (j < parameters_.size()) {
+      double shift = 0.0;
+      for (const Node& node : parameters_[j]) shift = std::max(shift, std::fabs(node.shift));
+      together = shift * size <= most;
+      for (std::size_t k = 0; k < parameters_[j].size(); ++k) {
+        Node& node = parameters_[j][k];
+        move(column, together ? node.shift : 0.0);
+        remember(*node.system, moved_memory_);
+        function(*node.system, t, std::span<const double>(shifted_), value, static_cast<int>(j), k);
+        out.col(column) += node.weight * one_;
+        ++evaluations_;
+      }
+    }
+    if (together || size == 0.0) continue;
+    const double shift = small / size;
+    for (const double sign : {1.0, -1.0}) {
+      move(column, sign * shift);
+      remember(*probe_, moved_memory_);
+      function(*probe_, t, std::span<const double>(shifted_), value, -1, std::size_t{0});
+      out.col(column) += (sign * 0.5 / shift) * one_;
+      ++evaluations_;
+    }
+  }
+  remember(*probe_, memory);
+}
+
+}  // namespace feltmb::detail

@@ -1,0 +1,90 @@
+#include "feltmb/sensitivity/trajectory.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace feltmb {
+
+Trajectory::Trajectory(MechanismSystem& system) : system_(system), width_(system.size()) {
+  for (const auto& contact : system.mechanism().contacts) {
+    remembers_ = remembers_ || contact.law.has_memory();
+  }
+  for (auto& s : slopes_) s.value.resize(width_);
+}
+
+void Trajectory::add(double t, std::span<const double> y, std::span<const double> memory) {
+  if (!time_.empty() && t <= time_.back()) {
+    // A restart at the same time: the state is the same, the memory may be new.
+    if (remembers_) {
+      std::copy(memory.begin(), memory.end(),
+                memory_.end() - static_cast<std::ptrdiff_t>(memory.size()));
+    }
+    return;
+  }
+  time_.push_back(t);
+  states_.insert(states_.end(), y.begin(), y.end());
+  if (remembers_) memory_.insert(memory_.end(), memory.begin(), memory.end());
+}
+
+std::span<const double> Trajectory::memory(std::size_t node) const {
+  if (!remembers_) return {};
+  const std::size_t width = system_.mechanism().contacts.size();
+  return {memory_.data() + node * width, width};
+}
+
+std::size_t Trajectory::interval(double t) const {
+  if (time_.size() < 2) return 0;
+  const std::size_t last = time_.size() - 2;
+  std::size_t i = std::min(last_, last);
+  if (t >= time_[i] && t <= time_[i + 1]) return last_ = i;
+  if (i < last && t >= time_[i + 1] && t <= time_[i + 2]) return last_ = i + 1;
+  const auto it = std::upper_bound(time_.begin(), time_.end(), t);
+  const auto after = static_cast<std::size_t>(it - time_.begin());
+  i = after == 0 ? 0 : std::min(after - 1, last);
+  return last_ = i;
+}
+
+std::span<const double> Trajectory::slope(std::size_t node, bool left) {
+  for (const Slope& s : slopes_) {
+    if (s.node == node && s.left == left) return s.value;
+  }
+  Slope& s = slopes_[next_slope_];
+  next_slope_ = (next_slope_ + 1) % 4;
+  s.node = node;
+  s.left = left;
+  // The speed of a driven finger may jump at a node: each side has its own slope.
+  const double t = time_[node];
+  const double inside = 1e-12 * (1.0 + std::fabs(t));
+  system_.rhs(left ? t - inside : t + inside, state(node), s.value);
+  return s.value;
+}
+
+std::size_t Trajectory::interpolate(double t, std::span<double> y) {
+  const std::size_t i = interval(t);
+  if (remembers_) {
+    const auto row = memory(i);
+    std::copy(row.begin(), row.end(), system_.dynamics().largest_compression().begin());
+  }
+  const auto a = state(i);
+  if (time_.size() < 2) {
+    std::copy(a.begin(), a.end(), y.begin());
+    return i;
+  }
+  const auto b = state(i + 1);
+  const double h = time_[i + 1] - time_[i];
+  const double u = (t - time_[i]) / h;
+  const std::span<const double> fa = slope(i, false);
+  const std::span<const double> fb = slope(i + 1, true);
+  const double u2 = u * u;
+  const double u3 = u2 * u;
+  const double wb = 3.0 * u2 - 2.0 * u3;
+  const double wa = 1.0 - wb;
+  const double va = h * (u3 - 2.0 * u2 + u);
+  const double vb = h * (u3 - u2);
+  for (std::size_t k = 0; k < width_; ++k) {
+    y[k] = wa * a[k] + wb * b[k] + va * fa[k] + vb * fb[k];
+  }
+  return i;
+}
+
+}  // namespace feltmb

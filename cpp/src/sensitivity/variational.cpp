@@ -1,0 +1,147 @@
+#include "variational.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "feltmb/core/error.hpp"
+
+namespace feltmb::detail {
+namespace {
+
+// R. Alexander, SIAM J. Numer. Anal. 14 (1977) 1006: SDIRK of order three, L-stable, stiffly
+// accurate; gamma is the root of x^3 - 3 x^2 + 3 x / 2 - 1 / 6 in (1/6, 1/2).
+constexpr double kGamma = 0.43586652150845899942;
+constexpr double kC[3] = {kGamma, 0.5 * (1.0 + kGamma), 1.0};
+constexpr double kB1 = -0.25 * (6.0 * kGamma * kGamma - 16.0 * kGamma + 1.0);
+constexpr double kB2 = 0.25 * (6.0 * kGamma * kGamma - 20.0 * kGamma + 5.0);
+constexpr double kB[3] = {kB1, kB2, kGamma};
+constexpr double kA21 = 0.5 * (1.0 - kGamma);
+// Order two with the first two stages only, for the error.
+constexpr double kE2 = (0.5 - kC[0]) / (kC[1] - kC[0]);
+constexpr double kE1 = 1.0 - kE2;
+
+/// Weights of the three slopes at the fraction u of a step: the quadratic through them, integrated.
+void dense_weights(double u, double (&weight)[3]) {
+  const Eigen::Matrix3d vandermonde{
+      {1.0, 1.0, 1.0}, {kC[0], kC[1], kC[2]}, {kC[0] * kC[0], kC[1] * kC[1], kC[2] * kC[2]}};
+  const Eigen::Vector3d moments{u, u * u / 2.0, u * u * u / 3.0};
+  const Eigen::Vector3d w = vandermonde.inverse() * moments;
+  for (int i = 0; i < 3; ++i) weight[i] = w[i];
+}
+
+}  // namespace
+
+Variational::Variational(ShiftedModels& models, Trajectory& trajectory, double tolerance)
+    : models_(models), trajectory_(trajectory), tolerance_(tolerance) {
+  const auto states = static_cast<Eigen::Index>(models.base().size());
+  const auto count = static_cast<Eigen::Index>(models.columns());
+  const auto contacts = static_cast<Eigen::Index>(models.base().mechanism().contacts.size());
+  columns_.state.setZero(states, count);
+  columns_.memory.setZero(contacts, count);
+  dense_ = columns_;
+  for (auto& s : slope_) s.setZero(states, count);
+  largest_.setZero(count);
+  y_.resize(models.base().size());
+}
+
+void Variational::stage(int i, double t, double h) {
+  const std::size_t node = trajectory_.interpolate(t, y_);
+  MechanismSystem& base = models_.base();
+  const auto memory = trajectory_.memory(node);
+  if (!memory.empty()) {
+    std::copy(memory.begin(), memory.end(), base.dynamics().largest_compression().begin());
+  }
+  base.linearize(t, y_);
+  if (!base.factorize(kGamma * h)) {
+    throw Error(format("sensitivities: the Newton matrix is singular at t = %.9g s", t));
+  }
+  ++counts_.factorizations;
+  models_.rates(t, y_, memory, columns_.memory, rate_);
+  // (I - gamma h J) Z = U + gamma h B, k = (Z - U) / (gamma h).
+  const double g = kGamma * h;
+  stage_ = columns_.state;
+  if (i == 1) stage_ += (h * kA21) * slope_[0];
+  if (i == 2) stage_ += (h * kB1) * slope_[0] + (h * kB2) * slope_[1];
+  slope_[i] = stage_;
+  stage_ += g * rate_;
+  const auto rows = static_cast<std::size_t>(stage_.rows());
+  for (Eigen::Index j = 0; j < stage_.cols(); ++j) base.solve({stage_.col(j).data(), rows});
+  slope_[i] = (stage_ - slope_[i]) / g;
+}
+
+bool Variational::step(double h, double from, double to) {
+  for (int i = 0; i < 3; ++i) {
+    // Stages stay inside the stretch: at its ends a law may already be on the other branch.
+    stage(i, std::clamp(time_ + kC[i] * h, from, to), h);
+  }
+  difference_ = h * ((kB1 - kE1) * slope_[0] + (kB2 - kE2) * slope_[1] + kGamma * slope_[2]);
+  error_ = 0.0;
+  for (Eigen::Index j = 0; j < stage_.cols(); ++j) {
+    const double size = std::max({models_.norm(stage_.col(j)), models_.norm(columns_.state.col(j)),
+                                  1e-2 * largest_[j], models_.floor(static_cast<std::size_t>(j))});
+    if (size == 0.0) continue;
+    error_ = std::max(error_, models_.norm(difference_.col(j)) / size);
+  }
+  return error_ <= tolerance_;
+}
+
+void Variational::forget(double from, double to) {
+  if (columns_.memory.size() == 0) return;
+  // Open felts with a recovery time forget exponentially.
+  const auto& contacts = models_.base().mechanism().contacts;
+  const auto before = trajectory_.memory(trajectory_.interval(from));
+  const auto after = trajectory_.memory(trajectory_.interval(to));
+  for (std::size_t c = 0; c < before.size(); ++c) {
+    if (after[c] >= before[c] || before[c] <= 0.0) continue;
+    const auto* law = std::get_if<FeltMemory>(&contacts[c].law.parameters());
+    if (law == nullptr || law->recovery_time <= 0.0) continue;
+    const auto row = static_cast<Eigen::Index>(c);
+    const double ratio = after[c] / before[c];
+    columns_.memory.row(row) *= ratio;
+    models_.add_recovery(c, after[c], -std::log(ratio) * law->recovery_time, law->recovery_time,
+                         columns_.memory);
+  }
+}
+
+void Variational::advance(double end, const std::vector<double>& times, std::size_t& next,
+                          const Sample& sample) {
+  // Models with a shifted input pass its breakpoints up to 0.2 ns earlier or later.
+  const double inside = std::min(1e-9, 0.1 * (end - time_));
+  const double from = time_ + inside;
+  const double to = end - inside;
+  if (h_ <= 0.0) h_ = end - time_;
+  while (time_ < end) {
+    double h = std::min(h_, end - time_);
+    const bool last = end - time_ <= h * (1.0 + 1e-12);
+    constexpr double least = 1e-13;  // s
+    const bool good = step(h, from, to);
+    const double factor =
+        error_ > 0.0 ? std::clamp(0.9 * std::cbrt(tolerance_ / error_), 0.2, 4.0) : 4.0;
+    if (!good && h > least) {
+      ++counts_.rejected;
+      h_ = h * factor;
+      continue;
+    }
+    ++counts_.steps;
+    const double reached = last ? end : time_ + h;
+    while (next < times.size() && times[next] <= reached) {
+      double weight[3];
+      dense_weights(std::clamp((times[next] - time_) / h, 0.0, 1.0), weight);
+      dense_.state = columns_.state +
+                     h * (weight[0] * slope_[0] + weight[1] * slope_[1] + weight[2] * slope_[2]);
+      dense_.memory = columns_.memory;
+      sample(times[next], dense_);
+      ++next;
+    }
+    forget(time_, reached);
+    columns_.state.swap(stage_);
+    for (Eigen::Index j = 0; j < largest_.size(); ++j) {
+      largest_[j] = std::max(largest_[j], models_.norm(columns_.state.col(j)));
+    }
+    // A step cut short by the end says nothing about the next.
+    if (!last || factor < 1.0) h_ = h * factor;
+    time_ = reached;
+  }
+}
+
+}  // namespace feltmb::detail

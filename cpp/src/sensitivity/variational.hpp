@@ -1,0 +1,47 @@
+/// The variational equation along a trajectory.
+#pragma once
+
+#include <Eigen/Dense>
+#include <functional>
+
+#include "feltmb/sensitivity/trajectory.hpp"
+#include "shifted_models.hpp"
+
+namespace feltmb::detail {
+
+/// Integrates S' = J S + B for all columns, one smooth stretch at a time.
+class Variational {
+ public:
+  /// Called within a step for a time that was asked for.
+  using Sample = std::function<void(double, const Columns&)>;
+
+  Variational(ShiftedModels& models, Trajectory& trajectory, double tolerance);
+
+  Columns& columns() { return columns_; }
+  double time() const { return time_; }
+  const SensitivityCounts& counts() const { return counts_; }
+
+  /// Integrates to `end` within a stretch without switches; `sample` gets those of `times` (sorted)
+  /// that lie in (time(), end], beginning with the one at `next`.
+  void advance(double end, const std::vector<double>& times, std::size_t& next,
+               const Sample& sample);
+
+ private:
+  bool step(double h, double from, double to);
+  void stage(int i, double t, double h);
+  void forget(double from, double to);
+
+  ShiftedModels& models_;
+  Trajectory& trajectory_;
+  double tolerance_;
+  double time_ = 0.0;
+  double h_ = 0.0;
+  double error_ = 0.0;
+  Columns columns_, dense_;
+  Eigen::MatrixXd slope_[3], stage_, rate_, difference_;
+  Eigen::VectorXd largest_;
+  std::vector<double> y_;
+  SensitivityCounts counts_;
+};
+
+}  // namespace feltmb::detail

@@ -1,0 +1,275 @@
+"""Derivatives of a stroke: closed forms, exact identities, differences, a second way round."""
+
+import numpy as np
+import pytest
+from scipy.special import ellipj, ellipk
+
+import feltmb
+from feltmb import _core
+from feltmb.sensitivity import Window, gradient, state_at, state_names, windows
+
+STILL = feltmb.ramp_stroke(0.0, duration=0.02)
+MASS, STIFFNESS = 20e-3, 2e4  # kg, N/m: tests/data/mass_spring.toml
+G, M, ARM, INERTIA = 9.81, 20e-3, 0.1, 12e-6 + 20e-3 * 0.1**2  # of tests/data/pendulum.toml
+
+
+@pytest.fixture(scope="module")
+def sledge(data):
+    return feltmb.load_action(data / "mass_spring.toml")
+
+
+@pytest.fixture(scope="module")
+def swing(pendulum):
+    return pendulum.with_values({"contacts.01.enabled": False})
+
+
+def test_blow_on_a_linear_spring(sledge):
+    """Half a period of a mass on a spring; every number of the blow in closed form."""
+    speed, gap = 2.0, 1e-3
+    paths = ["contacts.01.hunt_crossley.stiffness", "sledge.mass"]
+    (g,) = windows(
+        sledge, STILL, [Window(0.0, 0.02, [-gap, speed])], paths, ["x"], rtol=1e-11, tolerance=1e-7
+    )
+    assert g.columns == (paths[0], "bodies.sledge.mass", "start.x", "start.x.rate")
+    assert g.column_units == ("N/m", "kg", "m", "m/s")
+    root = np.sqrt(MASS / STIFFNESS)
+    half = np.pi * root
+    exact = {
+        "impact_time": [0.0, 0.0, -1 / speed, -gap / speed**2],
+        "impact_speed": [0.0, 0.0, 0.0, 1.0],
+        "rebound_speed": [0.0, 0.0, 0.0, 1.0],
+        "string_contact_duration": [-half / (2 * STIFFNESS), half / (2 * MASS), 0.0, 0.0],
+        "max_string_force": [speed * root / 2, speed / (2 * root), 0.0, 1 / root * MASS],
+    }
+    scale = np.array([1 / STIFFNESS, 1 / MASS, 1 / gap, 1 / speed])  # of the columns
+    for name, derivative in exact.items():
+        # The weak return spring of the file, 1e-3 N/m, is left out of the closed form.
+        error = g.summary_gradient[name] - np.array(derivative)
+        assert np.all(np.abs(error) < 2e-5 * abs(g.summary[name]) * scale), name
+    # After the blow: x = -v (t - t_impact - T) from the wall.
+    after = g.time > 0.006
+    flight = g.time[after] - gap / speed - half
+    by_mass = speed * half / (2 * MASS)
+    assert g.of("x", "bodies.sledge.mass")[after] == pytest.approx(by_mass, rel=1e-4)
+    by_speed = -flight - gap / speed
+    assert g.of("x", "start.x.rate")[after] == pytest.approx(by_speed, rel=1e-3)
+
+
+@pytest.mark.parametrize("amplitude", [0.5, 2.5])
+def test_swing_of_a_pendulum(swing, amplitude):
+    """Jacobi's elliptic functions, differentiated numerically."""
+
+    def angle(start, gravity, t):
+        rate = np.sqrt(M * gravity * ARM / INERTIA)
+        k = np.sin(start / 2)
+        _, _, dn, _ = ellipj(rate * t, k**2)
+        _, cn, _, _ = ellipj(rate * t, k**2)
+        return 2 * np.arcsin(k * cn / dn)
+
+    (g,) = windows(
+        swing,
+        STILL,
+        [Window(0.0, 1.0, [amplitude, 0.0])],
+        ["gravity.y"],
+        ["arm.angle"],
+        directions=["arm.angle"],
+        rtol=1e-11,
+        tolerance=1e-7,
+    )
+    assert ellipk(np.sin(amplitude / 2) ** 2) > 0
+    h = 1e-5
+    assert g.of("arm.angle", "start.arm.angle") == pytest.approx(
+        (angle(amplitude + h, G, g.time) - angle(amplitude - h, G, g.time)) / (2 * h), abs=2e-5
+    )
+    by_gravity = (angle(amplitude, G + h, g.time) - angle(amplitude, G - h, g.time)) / (2 * h)
+    assert g.of("arm.angle", "gravity.y") == pytest.approx(-by_gravity, abs=2e-5)
+
+
+@pytest.fixture(scope="module")
+def forte(action):
+    paths = ["stroke.delay", "stroke.scale", "string.tension", "contacts.06.loading.a", "key.mass"]
+    outputs = ["hammer.angle", "hammer.angle.rate", "contact06.force"]
+    return gradient(action, "forte", paths, outputs, duration=0.1, rtol=1e-8, tolerance=2e-4)
+
+
+def test_a_delay_moves_every_event_and_nothing_else(forte):
+    """d time / d delay = 1 for all events; speeds and forces stay."""
+    times = [e["gradient"][0] for e in forte.events]
+    assert len(times) > 10
+    assert times == pytest.approx([1.0] * len(times), abs=1e-2)
+    assert forte.summary_gradient["impact_speed"][0] == pytest.approx(0.0, abs=0.1)
+    # Everything moves with the rate that it has.
+    assert forte.of("hammer.angle", "stroke.delay") == pytest.approx(
+        -forte.values[:, 1], abs=2e-3 * np.abs(forte.values[:, 1]).max()
+    )
+
+
+def richardson(action, path, value, step, number, **options):
+    """Differences of fourth order of tight runs."""
+
+    def at(shift):
+        changed = action.with_values({path: value + shift})
+        run = feltmb.simulate(changed, "forte", ledger=False, output_rate=1000.0, **options)
+        return number(run)
+
+    coarse = (at(step) - at(-step)) / (2 * step)
+    fine = (at(step / 2) - at(-step / 2)) / step
+    return (4 * fine - coarse) / 3
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "names"),
+    [
+        ("string.tension", 654.0, ["max_string_force", "rebound_speed"]),
+        ("contacts.06.loading.a", 23500.0, ["max_string_force", "string_contact_duration"]),
+    ],
+)
+def test_the_blow_against_differences(action, forte, path, value, names):
+    column = forte.columns.index(path)
+    for name in names:
+        by_runs = richardson(
+            action, path, value, 1e-3 * value, lambda r, n=name: r.summary[n],
+            duration=0.097, rtol=1e-9,
+        )  # fmt: skip
+        assert forte.summary_gradient[name][column] == pytest.approx(by_runs, rel=3e-3), name
+
+
+def test_the_right_hand_side_never_jumps(forte):
+    """The laws of the data set are continuous at every switch: no saltation was called for."""
+    assert forte.stats["switches"] > 50
+    assert forte.stats["jumps"] == 0
+
+
+def test_a_jump_of_the_right_hand_side(pendulum):
+    """A finger whose speed jumps meets a damped pad: the force jumps at a moving time.
+
+    The delay of the whole motion delays the answer, which the columns get only with their own jump.
+    """
+    stroke = feltmb.motion_stroke(
+        [0.01, 0.0135, 0.05], [0.0, 0.7e-3, 3e-3], interpolation="linear", duration=0.08
+    )
+    pendulum = pendulum.with_values({"finger.pad.damping": 2.0})
+    g = gradient(pendulum, stroke, ["stroke.delay"], ["arm.angle"], rtol=1e-10, tolerance=1e-6)
+    assert g.stats["jumps"] >= 1
+    h = 1e-5
+    early, late = (
+        feltmb.simulate(pendulum, stroke.shifted(s * h), duration=0.08, rtol=1e-11,
+                        output_rate=1000.0)["arm.angle"]
+        for s in (-1, 1)
+    )  # fmt: skip
+    by_runs = (late - early) / (2 * h)
+    assert g.of("arm.angle", "stroke.delay") == pytest.approx(
+        by_runs[: len(g.time)], abs=1e-3 * np.abs(by_runs).max()
+    )
+
+
+LAWS = {
+    "guarded": {},
+    "stulov": {
+        "contacts.01.law": "stulov",
+        "contacts.01.stulov": {"stiffness": 3e8, "exponent": 2.3, "amplitude": 0.4, "time": 1e-4},
+    },
+    "hunt_crossley": {
+        "contacts.01.law": "hunt_crossley",
+        "contacts.01.hunt_crossley": {"stiffness": 5e6, "exponent": 2.0, "damping": 0.2},
+    },
+    "felt_memory": {"contacts.01.law": "felt_memory"},
+}
+NUMBER = {
+    "guarded": "contacts.01.loading.b",
+    "stulov": "contacts.01.stulov.amplitude",
+    "hunt_crossley": "contacts.01.hunt_crossley.damping",
+    "felt_memory": "contacts.01.loading.b",
+}
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_laws_with_branches_and_memory(pendulum, law):
+    """Two blows of the pendulum on each law, against differences; the second meets the memory."""
+    felt = pendulum.with_values(LAWS[law])
+    path = NUMBER[law]
+    n = len(state_names(felt))
+    start = np.zeros(n)
+    start[0], start[1] = -0.05, 2.0
+    stroke = feltmb.ramp_stroke(0.0, duration=0.5)
+    contacts = np.zeros(len(felt.mechanism.contact_numbers))
+    window = Window(0.0, 0.5, start, contacts)
+
+    def run(action):
+        return windows(
+            action, stroke, [window], (), ["arm.angle"], directions=None, rtol=1e-12, jobs=1
+        )[0].values[:, 0]
+
+    from feltmb.parameters import find_parameters
+
+    (parameter,) = find_parameters(felt, path)
+    (g,) = windows(
+        felt, stroke, [window], [path], ["arm.angle"], directions=["arm.angle.rate"],
+        rtol=1e-10, tolerance=1e-5,
+    )  # fmt: skip
+    closings = [e for e in g.events if e["event"] in ("felt_on", "contact01_on")]
+    assert len(closings) >= 2
+    shifts = (1e-4, 5e-5)
+    values = []
+    for relative in shifts:
+        h = relative * parameter.value
+        up, down = (run(felt.with_values({path: parameter.value + s * h})) for s in (1, -1))
+        values.append((up - down) / (2 * h))
+    by_runs = (4 * values[1] - values[0]) / 3
+    assert g.of("arm.angle", path) == pytest.approx(by_runs, abs=3e-3 * np.abs(by_runs).max())
+
+
+def test_windows_chain(action):
+    """Derivatives over two windows multiply to those over both (the second way round)."""
+    first, second = state_at(action, "forte", [0.0, 0.085, 0.094])
+    options = {"rtol": 1e-9, "tolerance": 1e-4, "jobs": 1}
+    lead = windows(action, "forte", [first], ["key.mass"], (), directions=None, **options)[0]
+    last = windows(action, "forte", [second], ["key.mass"], (), directions="all", **options)[0]
+    whole = gradient(action, "forte", ["key.mass"], (), duration=0.094, rtol=1e-9, tolerance=1e-4)
+    chained = last.end_gradient[:, 0] + last.end_gradient[:, 1:] @ lead.end_gradient[:, 0]
+    assert last.end_state == pytest.approx(whole.end_state, rel=1e-3, abs=1e-3)
+    n = 2 * len(action.coordinates)
+    for i in range(n):
+        kind = slice(0, n // 2) if i < n // 2 else slice(n // 2, n)
+        room = 1e-2 * np.abs(whole.end_gradient[kind, 0]).max()
+        assert chained[i] == pytest.approx(whole.end_gradient[i, 0], abs=room)
+
+
+def test_threads_change_nothing(action):
+    cuts = state_at(action, "forte", [0.0, 0.03, 0.06, 0.08])
+    one, two = (
+        windows(action, "forte", cuts, ["key.mass"], ["hammer.angle"], jobs=j) for j in (1, 2)
+    )
+    for a, b in zip(one, two, strict=True):
+        assert a.array.tobytes() == b.array.tobytes()
+        assert a.end_gradient.tobytes() == b.end_gradient.tobytes()
+
+
+def test_work_does_not_grow_with_the_parameters(action):
+    """One factorisation a stage, whatever the number of columns."""
+    few = gradient(action, "forte", ["key.mass"], (), duration=0.06)
+    many = gradient(action, "forte", ["key.mass", "contacts.*.loading.a"], (), duration=0.06)
+    assert many.stats["factorizations"] < 3 * few.stats["factorizations"]
+
+
+def test_bad_input(action):
+    with pytest.raises(feltmb.InvalidParameter) as failure:
+        gradient(action, "forte", ["key.mss", "string.modes"])
+    assert "bodies.key.mass" in str(failure.value)
+    assert "string.modes" in str(failure.value)
+    with pytest.raises(feltmb.InvalidParameter, match=r"hammer\.angle"):
+        gradient(action, "forte", ["key.mass"], ["hammer.angel"])
+    with pytest.raises(feltmb.InvalidParameter, match="tolerance"):
+        gradient(action, "forte", ["key.mass"], tolerance=0.0)
+    with pytest.raises(feltmb.InvalidParameter, match="must end after it begins"):
+        windows(action, "forte", [Window(0.1, 0.1)])
+    with pytest.raises(feltmb.InvalidParameter, match="state holds 3 numbers"):
+        windows(action, "forte", [Window(0.0, 0.1, [0.0, 1.0, 2.0])])
+    with pytest.raises(feltmb.InvalidParameter, match="cannot be shifted"):
+        gradient(action, "forte", ["wire.mass"])
+
+
+def test_full_state_of_the_core(action):
+    names = state_names(action)
+    assert names[: len(action.coordinates)] == action.coordinates
+    assert len(names) == len(_core.state_names(action.mechanism))

@@ -1,0 +1,72 @@
+"""What is imported when: heavy libraries wait until they are used. Times are measured in bench/."""
+
+import subprocess
+import sys
+
+import pytest
+
+HEAVY = (
+    *(
+        "numpy",
+        "scipy",
+        "pandas",
+        "xarray",
+        "h5netcdf",
+        "h5py",
+        "matplotlib",
+        "pydantic",
+        "tomlkit",
+    ),
+    *("rich", "jinja2", "PIL"),
+)
+
+
+def loaded(code):
+    """Modules after running some code in a new interpreter."""
+    script = f"{code}\nimport sys\nprint('\\n'.join(sys.modules), file=sys.stderr)"
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    return set(done.stderr.split())
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import feltmb",
+        "import feltmb; dir(feltmb)",
+        "from feltmb.cli import main\ntry:\n    main(['--help'])\nexcept SystemExit: pass",
+    ],
+)
+def test_nothing_heavy(code):
+    modules = loaded(code)
+    assert not modules & set(HEAVY)
+    assert "feltmb._core" not in modules
+
+
+def test_a_mechanism_needs_no_tables_or_plots():
+    modules = loaded("import feltmb; feltmb.load_action('steinway45')")
+    assert not modules & {"pandas", "xarray", "matplotlib", "scipy", "h5netcdf", "rich"}
+
+
+def test_functions_that_bear_the_name_of_their_module():
+    """Whatever was imported first, feltmb.sweep is the function."""
+    code = (
+        "import feltmb.sweep, feltmb.study\n"
+        "from feltmb.touch import Touch\n"
+        "import feltmb\n"
+        "for f in (feltmb.sweep, feltmb.study, feltmb.touch, feltmb.simulate, feltmb.regulate):\n"
+        "    assert callable(f), f\n"
+        "from feltmb import sweep\n"
+        "assert callable(sweep)\n"
+    )
+    loaded(code)
+
+
+def test_all_names_are_there():
+    import feltmb
+
+    for name in feltmb.__all__:
+        assert getattr(feltmb, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = feltmb.nothing
