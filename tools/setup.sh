@@ -143,6 +143,14 @@ find_eigen() {
 
 find_doctest() { prefix_with include/doctest/doctest.h >/dev/null; }
 
+find_browser() {
+  local name
+  for name in chromium-headless-shell chromium chromium-browser google-chrome; do
+    command -v "$name" >/dev/null && return 0
+  done
+  return 1
+}
+
 # Python >= 3.11; with "headers" also its Python.h.
 python_suits() {
   "$1" - "${2:-}" >/dev/null 2>&1 <<'PYTHON'
@@ -220,6 +228,14 @@ get_system_ready() {
       install_packages || true  # what is still missing is said below
       look_around
     fi
+  fi
+  # By itself: a system without this package still gets all others.
+  if [ "$with_tests" = yes ] && ! find_browser; then
+    if may_install; then
+      step 'a browser for the tests of feltmb view (64 MB)' \
+        apt install -y --no-install-recommends chromium-headless-shell || true
+    fi
+    find_browser || say '  no browser: the tests of feltmb view in a browser will be skipped'
   fi
   if [ ${#need[@]} -gt 0 ]; then
     die 'missing:' "${need_text[@]/#/  }" 'On Debian 12 ask an administrator to run:' \

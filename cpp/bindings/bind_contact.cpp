@@ -12,21 +12,29 @@ namespace feltmb::python {
 
 void bind_contact(py::module_& m) {
   py::class_<Friction>(m, "Friction")
-      .def(py::init([](double amplitude, double b1, double b2, double threshold_speed) {
-             return Friction{amplitude, b1, b2, threshold_speed};
+      .def(py::init([](double amplitude, double b1, double b2, double threshold_speed,
+                       double viscous, double quadratic, double stribeck, double stribeck_speed) {
+             return Friction{amplitude, b1,        b2,       threshold_speed,
+                             viscous,   quadratic, stribeck, stribeck_speed};
            }),
            py::kw_only(), py::arg("amplitude") = 0.0, py::arg("b1") = 0.0, py::arg("b2") = 0.0,
-           py::arg("threshold_speed") = 1e-3)
+           py::arg("threshold_speed") = 1e-3, py::arg("viscous") = 0.0, py::arg("quadratic") = 0.0,
+           py::arg("stribeck") = 0.0, py::arg("stribeck_speed") = 0.1)
       .def_readonly("amplitude", &Friction::amplitude)
       .def_readonly("b1", &Friction::b1)
       .def_readonly("b2", &Friction::b2)
       .def_readonly("threshold_speed", &Friction::threshold_speed)
+      .def_readonly("viscous", &Friction::viscous)
+      .def_readonly("quadratic", &Friction::quadratic)
+      .def_readonly("stribeck", &Friction::stribeck)
+      .def_readonly("stribeck_speed", &Friction::stribeck_speed)
       .def(
           "coefficient",
           [](const Friction& f, py::array_t<double> v) {
             return py::vectorize([&f](double x) { return evaluate(f, x).value; })(v);
           },
-          py::arg("speed"), "mu(v) of thesis eq. A.1 at sliding speed [m/s or rad/s].");
+          py::arg("speed"),
+          "mu(v) of thesis eq. A.1 with the added terms, at sliding speed [m/s or rad/s].");
 
   py::class_<ExponentialCurve>(m, "ExponentialCurve")
       .def(py::init([](double a, double b, double c) { return ExponentialCurve{a, b, c}; }),
@@ -43,13 +51,19 @@ void bind_contact(py::module_& m) {
 
   py::class_<ExponentialPair>(m, "ExponentialPair")
       .def(py::init([](ExponentialCurve loading, ExponentialCurve unloading, double alpha,
-                       bool guarded) {
+                       bool guarded, double hysteresis, double rate_amplitude, double rate_time) {
              return ExponentialPair{
-                 loading, unloading, alpha,
-                 guarded ? ExponentialPair::Form::kGuarded : ExponentialPair::Form::kPrinted};
+                 loading,
+                 unloading,
+                 alpha,
+                 guarded ? ExponentialPair::Form::kGuarded : ExponentialPair::Form::kPrinted,
+                 hysteresis,
+                 rate_amplitude,
+                 rate_time};
            }),
            py::kw_only(), py::arg("loading"), py::arg("unloading"), py::arg("alpha") = 100.0,
-           py::arg("guarded") = true);
+           py::arg("guarded") = true, py::arg("hysteresis") = 1.0, py::arg("rate_amplitude") = 0.0,
+           py::arg("rate_time") = 0.0);
   py::class_<MeanCurve>(m, "MeanCurve")
       .def(py::init([](ExponentialCurve loading, ExponentialCurve unloading) {
              return MeanCurve{loading, unloading};
@@ -95,7 +109,7 @@ void bind_contact(py::module_& m) {
           "unloading",
           [](const Envelope& e, py::array_t<double> x, double largest) {
             return py::vectorize([&e, largest](double v) {
-              return v <= 0.0 ? 0.0 : e.loading(v).force * e.ratio(v / largest).force;
+              return v <= 0.0 ? 0.0 : e.loading(v).force * e.ratio(v / largest, largest).force;
             })(x);
           },
           py::arg("compression"), py::arg("largest"),
@@ -105,7 +119,29 @@ void bind_contact(py::module_& m) {
           [](const Envelope& e, py::array_t<double> x) {
             return py::vectorize([&e](double v) { return e.loop_area(v).force; })(x);
           },
-          py::arg("largest"), "Energy lost [J] in the cycle to `largest` [m].");
+          py::arg("largest"), "Energy lost [J] in the cycle to `largest` [m].")
+      .def(
+          "loading_energy",
+          [](const Envelope& e, py::array_t<double> x) {
+            return py::vectorize([&e](double v) { return e.loading_energy(v); })(x);
+          },
+          py::arg("compression"), "Work [J] of a virgin loading to compression [m].")
+      .def(
+          "unloading_energy",
+          [](const Envelope& e, py::array_t<double> x, double largest) {
+            return py::vectorize(
+                [&e, largest](double v) { return e.unloading_energy(v, largest); })(x);
+          },
+          py::arg("compression"), py::arg("largest"),
+          "Work [J] that the cycle to `largest` [m] gives back from compression [m].")
+      .def_property_readonly(
+          "repair",
+          [](const Envelope& e) {
+            return py::make_tuple(e.repair().force, e.repair().low, e.repair().high);
+          },
+          "Largest change [N] of the unloading force that made its shape monotone, from and to "
+          "[m]; "
+          "zeros if none.");
   py::class_<FeltMemory>(m, "FeltMemory")
       .def(py::init([](std::shared_ptr<Envelope> envelope, double kappa, double recovery_time,
                        double creep_stiffness, double creep_damping, double rate_amplitude,
@@ -116,7 +152,12 @@ void bind_contact(py::module_& m) {
            py::kw_only(), py::arg("envelope"), py::arg("kappa") = 0.2,
            py::arg("recovery_time") = 0.0, py::arg("creep_stiffness") = 0.0,
            py::arg("creep_damping") = 0.0, py::arg("rate_amplitude") = 0.0,
-           py::arg("rate_time") = 0.0);
+           py::arg("rate_time") = 0.0)
+      .def_property_readonly(
+          "envelope",
+          [](const FeltMemory& law) { return std::const_pointer_cast<Envelope>(law.envelope); },
+          "Envelope of the law.")
+      .def_readonly("kappa", &FeltMemory::kappa);
 
   py::class_<ContactLaw>(m, "ContactLaw")
       .def(py::init<const LawParameters&>(), py::arg("parameters"))

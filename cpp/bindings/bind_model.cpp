@@ -30,7 +30,8 @@ py::dict counts(const IntegratorCounts& c) {
 void bind_model(py::module_& m) {
   py::enum_<Profile::Interpolation>(m, "Interpolation")
       .value("linear", Profile::Interpolation::kLinear)
-      .value("monotone", Profile::Interpolation::kMonotone);
+      .value("monotone", Profile::Interpolation::kMonotone)
+      .value("spline", Profile::Interpolation::kSpline);
   py::class_<Profile>(m, "Profile")
       .def(py::init<std::vector<double>, std::vector<double>, Profile::Interpolation, double,
                     double>(),
@@ -48,7 +49,14 @@ void bind_model(py::module_& m) {
           [](const Profile& p, py::array_t<double> t) {
             return py::vectorize([&p](double x) { return p.rate(x); })(t);
           },
-          py::arg("time"));
+          py::arg("time"))
+      .def(
+          "acceleration",
+          [](const Profile& p, py::array_t<double> t) {
+            return py::vectorize([&p](double x) { return p.acceleration(x); })(t);
+          },
+          py::arg("time"))
+      .def_property_readonly("smooth", &Profile::smooth);
 
   py::class_<SimulationOptions>(m, "SimulationOptions")
       .def(py::init<>())
@@ -168,7 +176,7 @@ void bind_model(py::module_& m) {
       [](const std::shared_ptr<Mechanism>& mechanism, const Profile& profile, bool motion,
          const SimulationOptions& options, const std::vector<double>& start,
          const std::vector<Monitor>& monitors, const py::object& progress,
-         const std::vector<double>& start_memory) {
+         const std::vector<double>& start_memory, bool prescribed, bool motor) {
         Progress report;
         if (!progress.is_none()) {
           // Runs with the GIL released; takes it back for the call and for pending signals.
@@ -194,17 +202,21 @@ void bind_model(py::module_& m) {
         state.y = start;
         state.largest_compression = start_memory;
         const py::gil_scoped_release release;
-        return simulate(mechanism, FingerInput{profile, motion}, options, state, monitors, report);
+        return simulate(mechanism, FingerInput{profile, motion, prescribed, motor}, options, state,
+                        monitors, report);
       },
       py::arg("mechanism"), py::arg("profile"), py::arg("motion"), py::arg("options"),
       py::arg("start"), py::arg("monitors"), py::arg("progress") = py::none(),
-      py::arg("start_memory") = std::vector<double>{});
+      py::arg("start_memory") = std::vector<double>{}, py::arg("prescribed") = false,
+      py::arg("motor") = false);
 
   m.def(
       "jacobian_check",
       [](const std::shared_ptr<Mechanism>& mechanism, const std::vector<double>& y,
-         const Profile& profile, bool motion, double time, double gamma) {
-        MechanismSystem system(mechanism, FingerInput{profile, motion}, false, {}, false);
+         const Profile& profile, bool motion, double time, double gamma, bool prescribed,
+         bool motor) {
+        const FingerInput input{profile, motion, prescribed, motor};
+        MechanismSystem system(mechanism, input, false, {}, false);
         if (y.size() != system.size()) {
           throw std::invalid_argument("jacobian_check: wrong length of the state");
         }
@@ -221,19 +233,22 @@ void bind_model(py::module_& m) {
         return inverse;
       },
       py::arg("mechanism"), py::arg("y"), py::arg("profile"), py::arg("motion"), py::arg("time"),
-      py::arg("gamma"), "Inverse of I - gamma J as the structured solver applies it.");
+      py::arg("gamma"), py::arg("prescribed") = false, py::arg("motor") = false,
+      "Inverse of I - gamma J as the structured solver applies it.");
 
   m.def(
       "rhs",
       [](const std::shared_ptr<Mechanism>& mechanism, const std::vector<double>& y,
-         const Profile& profile, bool motion, double time) {
-        MechanismSystem system(mechanism, FingerInput{profile, motion}, false, {}, false);
+         const Profile& profile, bool motion, double time, bool prescribed, bool motor) {
+        const FingerInput input{profile, motion, prescribed, motor};
+        MechanismSystem system(mechanism, input, false, {}, false);
         if (y.size() != system.size()) throw std::invalid_argument("rhs: wrong length of y");
         Eigen::VectorXd rate(static_cast<Eigen::Index>(y.size()));
         system.rhs(time, y, {rate.data(), y.size()});
         return rate;
       },
       py::arg("mechanism"), py::arg("y"), py::arg("profile"), py::arg("motion"), py::arg("time"),
+      py::arg("prescribed") = false, py::arg("motor") = false,
       "y' of the full state [q, v, eta, deta/dt].");
 }
 

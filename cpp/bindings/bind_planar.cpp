@@ -88,7 +88,10 @@ void bind_description(py::module_& m) {
       .def_readwrite("name", &TorsionSpringDescription::name)
       .def_readwrite("coordinate", &TorsionSpringDescription::coordinate)
       .def_readwrite("stiffness", &TorsionSpringDescription::stiffness)
-      .def_readwrite("rest_angle", &TorsionSpringDescription::rest_angle);
+      .def_readwrite("rest_angle", &TorsionSpringDescription::rest_angle)
+      .def_readwrite("damping", &TorsionSpringDescription::damping)
+      .def_readwrite("clearance", &TorsionSpringDescription::clearance)
+      .def_readwrite("seating", &TorsionSpringDescription::seating);
 
   py::class_<StrapDescription> strap(m, "StrapDescription");
   strap.def(py::init<>())
@@ -124,6 +127,11 @@ void bind_description(py::module_& m) {
   vec2(finger, "point", &FingerDescription::point);
   vec2(finger, "direction", &FingerDescription::direction);
 
+  py::class_<MotorDescription>(m, "MotorDescription")
+      .def(py::init<>())
+      .def_readwrite("coordinate", &MotorDescription::coordinate)
+      .def_readwrite("contact", &MotorDescription::contact);
+
   py::class_<MechanismDescription> mechanism(m, "MechanismDescription");
   mechanism.def(py::init<>())
       .def_readwrite("name", &MechanismDescription::name)
@@ -135,6 +143,7 @@ void bind_description(py::module_& m) {
       .def_readwrite("strings", &MechanismDescription::strings)
       .def_readwrite("points", &MechanismDescription::points)
       .def_readwrite("finger", &MechanismDescription::finger)
+      .def_readwrite("motor", &MechanismDescription::motor)
       .def_readwrite("start_pose", &MechanismDescription::start_pose);
   vec2(mechanism, "gravity", &MechanismDescription::gravity);
 }
@@ -150,6 +159,16 @@ void bind_planar(py::module_& m) {
       .def_readonly("coordinate_scale", &Mechanism::coordinate_scale)
       .def_readonly("total_modes", &Mechanism::total_modes)
       .def_readonly("total_law_states", &Mechanism::total_law_states)
+      .def_property_readonly("law_state_names",
+                             [](const Mechanism& mech) {
+                               std::vector<std::string> names;
+                               for (const auto& c : mech.contacts) {
+                                 for (std::size_t i = 0; i < c.law.n_states(); ++i) {
+                                   names.push_back(c.name + "." + c.law.state_name(i));
+                                 }
+                               }
+                               return names;
+                             })
       .def_property_readonly("coordinate_units",
                              [](const Mechanism& self) {
                                std::vector<std::string> units;

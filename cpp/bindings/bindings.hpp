@@ -9,6 +9,7 @@ namespace feltmb::python {
 
 void bind_error(pybind11::module_& m);
 void bind_contact(pybind11::module_& m);
+void bind_felt(pybind11::module_& m);
 void bind_modal(pybind11::module_& m);
 void bind_planar(pybind11::module_& m);
 void bind_model(pybind11::module_& m);

@@ -5,6 +5,7 @@ PYBIND11_MODULE(_core, m) {
   m.attr("__version__") = FELTMB_VERSION;
   feltmb::python::bind_error(m);
   feltmb::python::bind_contact(m);
+  feltmb::python::bind_felt(m);
   feltmb::python::bind_modal(m);
   feltmb::python::bind_planar(m);
   feltmb::python::bind_model(m);

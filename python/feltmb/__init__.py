@@ -23,6 +23,7 @@ from feltmb.stroke import (
     read_stroke_csv,
     sequence,
     table_stroke,
+    torque_stroke,
 )
 from feltmb.study import StudyResult, packaged_studies, study
 from feltmb.sweep import sweep
@@ -61,6 +62,7 @@ __all__ = [
     "study",
     "sweep",
     "table_stroke",
+    "torque_stroke",
     "touch",
 ]
 
@@ -76,6 +78,7 @@ _MODULES = (
     "graph",
     "plot",
     "units",
+    "viewer",
 )
 
 
@@ -85,8 +88,12 @@ def __getattr__(name: str) -> object:
         import importlib
 
         return importlib.import_module(f"feltmb.{name}")
+    if name == "view":
+        from feltmb.viewer import view
+
+        return view
     raise AttributeError(f"module 'feltmb' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_MODULES])
+    return sorted([*globals(), *_MODULES, "view"])

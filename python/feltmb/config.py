@@ -14,13 +14,16 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from pydantic import BeforeValidator, Field, ValidationError
 
 from feltmb import _core, params
 from feltmb.errors import InvalidParameter
 from feltmb.files import is_file, read_toml
+from feltmb.layer import LayerParameters
+from feltmb.material import load_material
+from feltmb.mending import mended
 from feltmb.quantity import (
     META_KEYS,
     SI,
@@ -41,8 +44,10 @@ if TYPE_CHECKING:
 __all__ = ["Action", "load_action", "packaged_actions", "parse_setting"]
 
 SCHEMA_VERSION = 1
-LAWS = ("guarded", "printed", "mean", "hunt_crossley", "stulov", "felt_memory")
-LawName = Literal["guarded", "printed", "mean", "hunt_crossley", "stulov", "felt_memory"]
+LawName = Literal[
+    "guarded", "printed", "mean", "hunt_crossley", "stulov", "felt_memory", "micromechanical"
+]
+LAWS: tuple[str, ...] = get_args(LawName)
 
 
 def _curve(node: object) -> object:
@@ -126,7 +131,7 @@ def _power_stiffness(node: object) -> float:
 
 
 class FrictionParameters(Schema):
-    """Coulomb friction of thesis eq. A.1."""
+    """Coulomb friction of thesis eq. A.1, with viscous, quadratic and Stribeck terms."""
 
     amplitude: Annotated[
         float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("1", "N", "N m")))
@@ -136,6 +141,20 @@ class FrictionParameters(Schema):
     threshold_speed: Annotated[
         float, Field(gt=0), BeforeValidator(lambda n: _one_of(n, ("m/s", "rad/s")))
     ] = 1e-3
+    viscous: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m s/rad", "N s/m", "s/m")))
+    ] = 0.0
+    quadratic: Annotated[
+        float,
+        Field(ge=0),
+        BeforeValidator(lambda n: _one_of(n, ("N m s^2/rad^2", "N s^2/m^2", "s^2/m^2"))),
+    ] = 0.0
+    stribeck: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("1", "N", "N m")))
+    ] = 0.0
+    stribeck_speed: Annotated[
+        float, Field(gt=0), BeforeValidator(lambda n: _one_of(n, ("m/s", "rad/s")))
+    ] = 0.1
 
 
 def _one_of(node: object, units: tuple[str, ...]) -> float:
@@ -203,21 +222,34 @@ class Contact(Schema):
     enabled: bool = True
     law: LawName = "guarded"
     alpha: Annotated[float, SI("s/m"), Field(gt=0)] = 100.0
+    hysteresis: Annotated[float, SI("1"), Field(ge=0)] = 1.0
     loading: Annotated[Curve, BeforeValidator(_curve)] | None = None
     unloading: Annotated[Curve, BeforeValidator(_curve)] | None = None
     hunt_crossley: HuntCrossleyParameters | None = None
     stulov: StulovParameters | None = None
     memory: MemoryParameters = MemoryParameters()
+    micromechanical: LayerParameters | None = None
     friction: Friction = FrictionParameters()
 
 
 class Spring(Schema):
-    """Torsion spring on a coordinate."""
+    """Spring on the coordinate of a joint, with damping and play if wanted."""
 
     label: str = ""
     coordinate: str
-    stiffness: Annotated[float, SI("N m/rad"), Field(ge=0)]
-    rest_angle: Annotated[float, SI("rad")]
+    stiffness: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m/rad", "N/m")))
+    ]
+    rest_angle: Annotated[float, BeforeValidator(lambda n: _one_of(n, ("rad", "m")))]
+    damping: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m s/rad", "N s/m")))
+    ] = 0.0
+    clearance: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("rad", "m")))
+    ] = 0.0
+    seating: Annotated[float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m", "N")))] = (
+        0.0
+    )
     enabled: bool = True
 
 
@@ -271,6 +303,14 @@ class Finger(Schema):
     point: Annotated[tuple[float, float], SIVector("m")]
     direction: Annotated[tuple[float, float], SIVector("1")] = (0.0, -1.0)
     pad: Pad = Pad(stiffness=1.1e5, exponent=1.5, damping=1.0)
+
+
+class Motor(Schema):
+    """A motor on a revolute joint, which drives the mechanism instead of a finger."""
+
+    coordinate: str
+    contact: int | None = None
+    note: str = ""
 
 
 class Point(Schema):
@@ -327,6 +367,7 @@ class MechanismFile(Schema):
     straps: dict[str, Strap] = {}
     string: String | None = None
     finger: Finger | None = None
+    motor: Motor | None = None
     points: dict[str, Point] = {}
     start_pose: dict[str, float] = {}
     events: dict[str, NamedEvent] = {}
@@ -358,7 +399,7 @@ def _resolve(name_or_path: str | Path) -> Path:
 
 
 def _load_raw(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
-    raw = read_toml(path)
+    raw = _felts_in_place(read_toml(path), path.parent)
     if "extends" not in raw:
         return raw
     unknown = sorted(set(raw) - {"schema", "name", "about", "source", "extends", "values"})
@@ -387,6 +428,27 @@ def _load_raw(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
                 f'{path}: values.{key}: got a table; write paths in quotes, such as "{inner}" = ...'
             )
     return _apply_values(merged, values, str(path))
+
+
+def _felts_in_place(raw: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Felts that a file names by a path beside it become tables: the mechanism is then whole."""
+
+    def whole(node: Any) -> Any:
+        if not isinstance(node, Mapping):
+            return node
+        out = {key: whole(value) for key, value in node.items()}
+        felt = out.get("felt")
+        if isinstance(felt, str) and felt.endswith(".toml"):
+            out["felt"] = load_material(folder / felt).model_dump(
+                mode="json", by_alias=True, exclude_none=True
+            )
+        return out
+
+    out = dict(raw)
+    for key in ("contacts", "values"):
+        if isinstance(raw.get(key), Mapping):
+            out[key] = whole(raw[key])
+    return out
 
 
 def load_action(name_or_path: str | Path) -> Action:
@@ -579,6 +641,10 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
         need(name, coordinates, "start_pose", "coordinate")
     need(_table(raw, "string").get("surface"), surfaces, "string.surface", "surface")
     need(_table(raw, "finger").get("body"), bodies, "finger.body", "body")
+    motor = _table(raw, "motor")
+    need(motor.get("coordinate"), coordinates, "motor.coordinate", "coordinate")
+    if isinstance(motor.get("contact"), int) and motor["contact"] not in numbers:
+        faults.append(f"motor.contact: there is no contact {motor['contact']}")
     events = set(_table(raw, "events"))
     for name, node in _table(raw, "events").items():
         if not isinstance(node, Mapping):
@@ -612,7 +678,7 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
 
 
 _OWN_OUTPUTS = (
-    *("time", "end_state", "end_memory", "finger.force", "finger.displacement"),
+    *("time", "end_state", "end_memory", "finger.force", "finger.displacement", "motor.torque"),
     *("string.strike", "string.bridge_force", "string.eta"),
     *(f"energy.{part}" for part in ("kinetic", "gravity", "elastic", "contact", "string")),
 )
@@ -643,6 +709,88 @@ def _output_faults(raw: Mapping[str, Any]) -> list[str]:
     ]
 
 
+#: Where the parameters of a law stand in a contact; others stand in the contact itself.
+_LAW_TABLE = {
+    "hunt_crossley": "hunt_crossley",
+    "stulov": "stulov",
+    "felt_memory": "memory",
+    "micromechanical": "micromechanical",
+}
+_LAW_CURVES = ("loading", "unloading", "alpha")
+
+
+def _spread_laws(raw: dict[str, Any], faults: list[str]) -> dict[str, Any]:
+    """``law = { name = ..., ... }`` as ``law = name`` with the parameters where they belong."""
+    contacts = {}
+    for key, node in _table(raw, "contacts").items():
+        law = node.get("law") if isinstance(node, Mapping) else None
+        if not isinstance(law, Mapping):
+            contacts[key] = node
+            continue
+        own = {k: v for k, v in law.items() if k != "name"}
+        name = law.get("name")
+        if name is None:
+            faults.append(
+                f"contacts.{key}.law: is missing its name, such as "
+                '{ name = "felt_memory", kappa = 0.2 }'
+            )
+            name = "guarded"
+        curves = {k: own.pop(k) for k in _LAW_CURVES if k in own}
+        table = _LAW_TABLE.get(str(name))
+        inner = {}
+        if table is not None:
+            old = node.get(table)
+            inner = {table: {**(old if isinstance(old, Mapping) else {}), **own}}
+        elif own:
+            faults += [f"contacts.{key}.law.{k}: unknown key of law {name!r}" for k in own]
+        contacts[key] = {**node, **curves, **inner, "law": name}
+    return {**raw, "contacts": contacts} if contacts else raw
+
+
+def _as_written(line: str, contacts: Mapping[str, Any]) -> str:
+    """A fault in the parameters of ``law = { ... }``, at the place where they were written."""
+    where = line.split(":")[0].split(".")
+    if len(where) > 3 and where[2] in _LAW_TABLE.values():
+        node = contacts.get(where[1])
+        if isinstance(node, Mapping) and isinstance(node.get("law"), Mapping):
+            return line.replace(f".{where[1]}.{where[2]}.", f".{where[1]}.law.", 1)
+    return line
+
+
+def _pair_radii(config: MechanismFile, contact: Contact) -> tuple[float | None, float | None]:
+    """Relative radius of a pair of surfaces and, on a string, that of the string [m]."""
+    pair = [config.surfaces[name] for name in contact.surfaces if name in config.surfaces]
+    curvature = sum(
+        0.0 if s.kind == "line" else (-1.0 if s.kind == "concave" else 1.0) / (s.radius or math.inf)
+        for s in pair
+    )
+    on_string = config.string is not None and config.string.surface in contact.surfaces
+    wire = 0.5 * config.string.diameter if config.string is not None and on_string else None
+    return (1.0 / curvature if curvature > 0.0 else None), wire
+
+
+def _with_radii(config: MechanismFile) -> MechanismFile:
+    """Radii that the areas of layers leave out are those of the pair."""
+    contacts = {}
+    for key, contact in config.contacts.items():
+        layer = contact.micromechanical
+        contacts[key] = contact
+        if layer is None:
+            continue
+        radius, wire = _pair_radii(config, contact)
+        own = {
+            "crossed_cylinders": {"radius_a": radius, "radius_b": wire},
+            "circle_on_layer": {"radius": radius},
+            "sphere_on_layer": {"radius": radius},
+        }.get(layer.area.kind, {})
+        update = {k: v for k, v in own.items() if getattr(layer.area, k) is None}
+        area = layer.area.model_copy(update=update)
+        contacts[key] = contact.model_copy(
+            update={"micromechanical": layer.model_copy(update={"area": area})}
+        )
+    return config.model_copy(update={"contacts": contacts})
+
+
 def _law_faults(raw: Mapping[str, Any]) -> list[str]:
     faults = []
     for name, node in _table(raw, "contacts").items():
@@ -655,6 +803,7 @@ def _law_faults(raw: Mapping[str, Any]) -> list[str]:
             "hunt_crossley": ["hunt_crossley"],
             "stulov": ["stulov"],
             "felt_memory": [] if tabulated else ["loading", "unloading"],
+            "micromechanical": ["micromechanical"],
         }.get(str(law), ["loading", "unloading"])
         for key in needed:
             if law in LAWS and key not in node:
@@ -684,23 +833,70 @@ def _law_faults(raw: Mapping[str, Any]) -> list[str]:
     return faults
 
 
-def _validate(raw: Mapping[str, Any], origin: str) -> MechanismFile:
+def _parse(raw: Mapping[str, Any]) -> tuple[list[str], MechanismFile | None]:
+    """What is wrong with single entries and with the names between them; the checked tables."""
     faults: list[str] = []
+    raw_laws, raw = _table(raw, "contacts"), _spread_laws(dict(raw), faults)
     parsed: MechanismFile | None = None
     try:
         parsed = MechanismFile.model_validate(raw)
     except ValidationError as error:
-        faults += fault_lines(error, MechanismFile)
+        faults += [_as_written(line, raw_laws) for line in fault_lines(error, MechanismFile)]
     faults += _reference_faults(raw)
     faults += _law_faults(raw)
     faults += _output_faults(raw)
     for path in _paths_of_none(raw):
         if not any(f.startswith(f"{path}:") for f in faults):
             faults.append(f"{path}: got None, expected a value; leave the key out for its default")
-    if faults or parsed is None:
-        unique = list(dict.fromkeys(faults))
-        raise InvalidParameter(fault_text(origin, unique))
-    return parsed
+    # Radii come from the pair, which a fault may have left without any.
+    return list(dict.fromkeys(faults)), parsed if faults or parsed is None else _with_radii(parsed)
+
+
+def _assemble(config: MechanismFile) -> tuple[list[str], Any]:
+    """What is wrong with the whole, as the core tells it; the mechanism of the core."""
+    description, faults = _describe(config)
+    try:
+        mechanism = _core.assemble(description)
+    except InvalidParameter as error:
+        lines = str(error).splitlines()
+        found = [line.strip() for line in lines[1:]] or lines
+        if faults:  # contacts are left out of the description
+            found = [f for f in found if "no contact uses its surface" not in f]
+        return faults + found, None
+    return faults, mechanism
+
+
+def _hidden_faults(raw: Mapping[str, Any]) -> list[str]:
+    """Faults that the core finds in what the schema lets pass of a faulty file."""
+    found = mended(raw, lambda tables: _parse(tables)[0])
+    if found is None:
+        return []
+    rest, dropped = found
+    parsed = _parse(rest)[1]
+    if parsed is None:
+        return []
+    bodies = {path.split(".")[1] for path in dropped if path.startswith("bodies.")}
+    # A body that lost an entry may lack a mass only because of that.
+    return [
+        f
+        for f in _assemble(parsed)[0]
+        if not any(f'"{name}"' in f for name in bodies)
+        and not (bodies and ("moves no mass" in f or "no body has a joint" in f))
+        and "no contact uses its surface" not in f
+    ]
+
+
+def _validate(raw: Mapping[str, Any], origin: str) -> tuple[MechanismFile, Any]:
+    """The checked file and the mechanism of the core."""
+    faults, config = _parse(raw)
+    mechanism = None
+    if faults or config is None:
+        faults += _hidden_faults(raw)
+    else:
+        faults, mechanism = _assemble(config)
+    if faults or config is None:
+        raise InvalidParameter(fault_text(origin, list(dict.fromkeys(faults))))
+    return config, mechanism
 
 
 # --- from the file to the core -------------------------------------------------------------------
@@ -708,7 +904,14 @@ def _validate(raw: Mapping[str, Any], origin: str) -> MechanismFile:
 
 def _core_friction(f: FrictionParameters) -> _core.Friction:
     return _core.Friction(
-        amplitude=f.amplitude, b1=f.b1, b2=f.b2, threshold_speed=f.threshold_speed
+        amplitude=f.amplitude,
+        b1=f.b1,
+        b2=f.b2,
+        threshold_speed=f.threshold_speed,
+        viscous=f.viscous,
+        quadratic=f.quadratic,
+        stribeck=f.stribeck,
+        stribeck_speed=f.stribeck_speed,
     )
 
 
@@ -727,6 +930,9 @@ def core_law(contact: Contact) -> Any:
         return _core.Stulov(
             stiffness=st.stiffness, exponent=st.exponent, amplitude=st.amplitude, time=st.time
         )
+    if contact.law == "micromechanical":
+        assert contact.micromechanical is not None
+        return _core_memory(contact.micromechanical, contact.micromechanical.envelope)
     if contact.law == "felt_memory" and contact.memory.envelope is not None:
         return _core_memory(contact.memory, _table_envelope(contact.memory.envelope))
     assert contact.loading is not None
@@ -745,6 +951,9 @@ def core_law(contact: Contact) -> Any:
         unloading=unloading,
         alpha=contact.alpha,
         guarded=contact.law == "guarded",
+        hysteresis=contact.hysteresis,
+        rate_amplitude=contact.memory.rate_amplitude,
+        rate_time=contact.memory.rate_time,
     )
 
 
@@ -761,7 +970,9 @@ def _table_envelope(table: EnvelopeTable) -> _core.Envelope:
     )
 
 
-def _core_memory(p: MemoryParameters, envelope: _core.Envelope) -> _core.FeltMemory:
+def _core_memory(
+    p: MemoryParameters | LayerParameters, envelope: _core.Envelope
+) -> _core.FeltMemory:
     return _core.FeltMemory(
         envelope=envelope,
         kappa=p.kappa,
@@ -836,6 +1047,14 @@ def _core_string(s: String) -> _core.StringDescription:
 
 def describe(config: MechanismFile) -> _core.MechanismDescription:
     """Plain description of a validated file for the core."""
+    description, faults = _describe(config)
+    if faults:
+        raise InvalidParameter("\n".join(faults))
+    return description
+
+
+def _describe(config: MechanismFile) -> tuple[_core.MechanismDescription, list[str]]:
+    """Description without the contacts whose laws cannot be made, and why they cannot."""
     d = _core.MechanismDescription()
     d.name = config.name
     d.gravity = config.gravity
@@ -870,8 +1089,6 @@ def describe(config: MechanismFile) -> _core.MechanismDescription:
         cd.friction = _core_friction(c.friction)
         cd.enabled = c.enabled
         contacts.append(cd)
-    if faults:
-        raise InvalidParameter("\n".join(faults))
     d.contacts = contacts
     springs = []
     for name, sp in config.springs.items():
@@ -880,6 +1097,9 @@ def describe(config: MechanismFile) -> _core.MechanismDescription:
         spd.coordinate = sp.coordinate
         spd.stiffness = sp.stiffness
         spd.rest_angle = sp.rest_angle
+        spd.damping = sp.damping
+        spd.clearance = sp.clearance
+        spd.seating = sp.seating
         if sp.enabled:
             springs.append(spd)
     d.springs = springs
@@ -911,8 +1131,13 @@ def describe(config: MechanismFile) -> _core.MechanismDescription:
         fd.direction = config.finger.direction
         fd.pad = _core_hunt_crossley(config.finger.pad)
         d.finger = fd
+    if config.motor is not None:
+        md = _core.MotorDescription()
+        md.coordinate = config.motor.coordinate
+        md.contact = config.motor.contact or 0
+        d.motor = md
     d.start_pose = list(config.start_pose.items())
-    return d
+    return d, faults
 
 
 # --- the public object ---------------------------------------------------------------------------
@@ -935,8 +1160,7 @@ class Action:
         except InvalidParameter as error:
             raise InvalidParameter(f"{origin}: {error}") from None
         self.origin = origin
-        self.config = _validate(self._raw, origin)
-        self.mechanism = _core.assemble(describe(self.config))
+        self.config, self.mechanism = _validate(self._raw, origin)
 
     def __repr__(self) -> str:
         return f"Action({self.name!r}, {len(self.coordinates)} coordinates, hash {self.hash[:12]})"
@@ -963,6 +1187,8 @@ class Action:
     def hash(self) -> str:
         """SHA-256 of all parameters in SI units, without names for people, notes, sources."""
         tables = self.config.model_dump(mode="json", exclude={"name", "about", "source"})
+        if self.config.motor is None:
+            del tables["motor"]  # as before there were motors: results keep their hash
         text = json.dumps(_without_texts(tables), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 

@@ -29,8 +29,9 @@ class Law:
     positive pushing apart.
     """
 
-    def __init__(self, core: _core.ContactLaw):
+    def __init__(self, core: _core.ContactLaw, name: str | None = None):
         self.core = core
+        self._name = name or str(core.name)
         self._path = _core.LawPath(core)
 
     def __repr__(self) -> str:
@@ -39,7 +40,7 @@ class Law:
     @property
     def name(self) -> str:
         """Name as in a mechanism file."""
-        return str(self.core.name)
+        return self._name
 
     @property
     def state(self) -> tuple[float, tuple[float, ...]]:
@@ -104,6 +105,17 @@ def _curve(name: str, value: Sequence[float]) -> _core.ExponentialCurve:
     return _core.ExponentialCurve(*(float(v) for v in value))
 
 
+#: Numbers of the law with memory, whatever its envelope.
+_MEMORY = (
+    "kappa",
+    "recovery_time",
+    "creep_stiffness",
+    "creep_damping",
+    "rate_amplitude",
+    "rate_time",
+)
+
+
 def law(name: str, **parameters: Any) -> Law:
     """Make a contact law.
 
@@ -115,7 +127,10 @@ def law(name: str, **parameters: Any) -> Law:
         exponent, damping``; ``"stulov"``: ``stiffness, exponent, amplitude, time``;
         ``"felt_memory"``: curves as above, or ``envelope=(compression, loading, unloading)``
         arrays [m, N, N], with ``kappa`` and the options ``closing_compression, recovery_time,
-        creep_stiffness, creep_damping, rate_amplitude, rate_time``.
+        creep_stiffness, creep_damping, rate_amplitude, rate_time``; ``"micromechanical"``:
+        ``felt`` (name, file or :class:`feltmb.felt.FeltMaterial`), ``thickness`` [m], ``area``
+        (such as :class:`feltmb.felt.CrossedCylinders`, or a table as in a mechanism file),
+        ``compression`` (``"even"`` or ``"columns"``), and the same options.
 
     Raises
     ------
@@ -133,7 +148,7 @@ def law(name: str, **parameters: Any) -> Law:
 
     core: Any
     if name in ("guarded", "printed", "mean"):
-        curves = {key: _curve(key, take(key)) for key in ("loading", "unloading")}
+        curves: dict[str, Any] = {k: _curve(k, take(k)) for k in ("loading", "unloading")}
         if name == "mean":
             core = _core.MeanCurve(**curves)
         else:
@@ -167,24 +182,21 @@ def law(name: str, **parameters: Any) -> Law:
                 _curve("unloading", take("unloading")),
                 float(take("closing_compression", 0.0)),
             )
-        options = {
-            key: float(given.pop(key))
-            for key in (
-                "kappa",
-                "recovery_time",
-                "creep_stiffness",
-                "creep_damping",
-                "rate_amplitude",
-                "rate_time",
-            )
-            if key in given
-        }
+        options = {key: float(given.pop(key)) for key in _MEMORY if key in given}
         core = _core.FeltMemory(envelope=envelope, **options)
+    elif name == "micromechanical":
+        from feltmb.layer import layer_parameters
+
+        layer = layer_parameters(**given)
+        given.clear()
+        core = _core.FeltMemory(
+            envelope=layer.envelope, **{key: getattr(layer, key) for key in _MEMORY}
+        )
     else:
         raise InvalidParameter(
             f"law {name!r} is unknown; known are guarded, printed, mean, hunt_crossley, stulov, "
-            "felt_memory"
+            "felt_memory, micromechanical"
         )
     if given:
         raise InvalidParameter(f"law {name!r}: unknown parameter {', '.join(sorted(given))}")
-    return Law(_core.ContactLaw(core))
+    return Law(_core.ContactLaw(core), name)

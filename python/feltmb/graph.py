@@ -448,15 +448,15 @@ def draw_graph(action: Action) -> Figure:
     from matplotlib.lines import Line2D
     from matplotlib.patches import FancyArrowPatch
 
-    from feltmb import plot
+    from feltmb.style import LARGE, NORMAL, SMALL, new_figure, plain_text
 
     g = graph(action)
     place = _layout(g)
     inside = set(g.tree)
-    figure = plot._figure(12.0, 9.2)
+    figure = new_figure(12.0, 9.2)
     figure.suptitle(
-        plot._plain(f"Linear graph of {g.name}"),
-        fontsize=plot.LARGE,
+        plain_text(f"Linear graph of {g.name}"),
+        fontsize=LARGE,
         x=0.01,
         ha="left",
         fontweight="bold",
@@ -497,7 +497,7 @@ def draw_graph(action: Action) -> Figure:
             ax.text(
                 *_along(a, b, share),
                 edge.name.removeprefix("contact "),
-                fontsize=plot.SMALL,
+                fontsize=SMALL,
                 color=color,
                 ha="center",
                 va="center",
@@ -533,8 +533,8 @@ def draw_graph(action: Action) -> Figure:
             ax.text(
                 x + out * x / away,
                 y + out * y / away - (0.0 if out else 0.75),
-                plot._plain(label or node.body.replace("_", " ")),
-                fontsize=plot.NORMAL,
+                plain_text(label or node.body.replace("_", " ")),
+                fontsize=NORMAL,
                 ha="center" if abs(x) < 0.4 * away else "left" if x > 0 else "right",
                 va="center",
                 zorder=4.5,
@@ -542,7 +542,7 @@ def draw_graph(action: Action) -> Figure:
             )
         elif node.kind == "string" and node.body == "string":
             x, y = place[node.name]
-            ax.text(1.06 * x, 1.06 * y, "string", fontsize=plot.NORMAL, ha="center", va="center")
+            ax.text(1.06 * x, 1.06 * y, "string", fontsize=NORMAL, ha="center", va="center")
     kinds = [k for k in EDGE_KINDS if g.of_kind(k)]
     handles = []
     for kind in kinds:
@@ -557,9 +557,9 @@ def draw_graph(action: Action) -> Figure:
         loc="upper left",
         bbox_to_anchor=(1.0, 1.0),
         frameon=False,
-        fontsize=plot.NORMAL - 0.5,
+        fontsize=NORMAL - 0.5,
         title=f"{len(g.nodes)} nodes, {len(g.edges)} edges,\n{len(g.tree)} in the tree",
-        title_fontsize=plot.NORMAL - 0.5,
+        title_fontsize=NORMAL - 0.5,
         alignment="left",
     )
     return figure

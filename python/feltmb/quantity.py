@@ -10,9 +10,17 @@ import difflib
 import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any
+from types import NoneType, UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+)
 
 from feltmb.errors import InvalidParameter
 from feltmb.units import conversion_factor
@@ -38,6 +46,45 @@ class Schema(BaseModel):
     """Base of all file schemas: unknown keys and non-finite numbers are faults, values frozen."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _no_disguise(cls, value: object, info: ValidationInfo) -> object:
+        """Refuse what pydantic would turn into another kind: true is no 1, "80" is no 80."""
+        field = cls.model_fields[str(info.field_name)]
+        if not any(isinstance(m, BeforeValidator) for m in field.metadata):
+            _check_kind(field.annotation, value)
+        return value
+
+
+def _check_kind(annotation: Any, value: object) -> None:
+    """Raise ValueError where a flag, a number or a text stands for another of them."""
+    origin, inner = get_origin(annotation), get_args(annotation)
+    if origin in (Union, UnionType):
+        kinds = [a for a in inner if a is not NoneType]
+        if isinstance(value, list):
+            kinds = [a for a in kinds if get_origin(a) is list] or kinds
+        else:
+            kinds = [a for a in kinds if get_origin(a) is not list] or kinds
+        if len(kinds) == 1 and value is not None:
+            _check_kind(kinds[0], value)
+    elif origin is Annotated:
+        if not any(isinstance(a, BeforeValidator) for a in inner[1:]):
+            _check_kind(inner[0], value)
+    elif origin is list and isinstance(value, (list, tuple)):
+        for item in value:
+            _check_kind(inner[0], item)
+    elif origin is dict and isinstance(value, Mapping):
+        for key, item in value.items():
+            try:
+                _check_kind(inner[1], item)
+            except ValueError as error:
+                raise ValueError(f"{key}: {error}") from None
+    elif annotation is bool and not isinstance(value, bool):
+        raise ValueError(f"got {shortened(repr(value))}, expected true or false")
+    elif annotation in (int, float) and isinstance(value, (bool, str)):
+        what = "a whole number" if annotation is int else "a number"
+        raise ValueError(f"got {shortened(repr(value))}, expected {what}")
 
 
 def shortened(text: str) -> str:

@@ -159,16 +159,28 @@ class Run:
         """
         import numpy as np
 
+        out: Array = self.eta @ self.string_shapes(position).T
+        return out[:, 0] if np.ndim(position) == 0 else out
+
+    def string_shapes(self, position: npt.ArrayLike) -> Array:
+        """Mode shapes of the string [kg^-1/2] at distances [m] from its end y = 0.
+
+        Returns
+        -------
+        ndarray (n_positions, n_modes)
+            phi_j(y) of thesis eq. 4.12; times ``eta`` they give the displacement [m].
+        """
+        import numpy as np
+
         string = self._string()
         y = np.atleast_1d(np.asarray(position, dtype=float))
         length = string.parameters.length
         if not np.all((y >= 0) & (y <= length)):
+            bad = y[~((y >= 0) & (y <= length))][0]
             raise InvalidParameter(
-                f"string_displacement: positions must lie in [0, {length:g}] m, got {position!r}"
+                f"string_displacement: positions must lie in [0, {length:g}] m, got {bad:g}"
             )
-        shapes = np.array([string.shapes(float(v))[0] for v in y])
-        out: Array = self.eta @ shapes.T
-        return out[:, 0] if np.ndim(position) == 0 else out
+        return np.array([string.shapes(float(v))[0] for v in y])
 
     def _string(self) -> Any:
         from feltmb import _core

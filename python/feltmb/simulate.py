@@ -15,7 +15,7 @@ from feltmb.config import Action, load_action
 from feltmb.errors import IntegrationError, InvalidParameter
 from feltmb.events import Change, name_events
 from feltmb.results import Run
-from feltmb.stroke import Stroke, load_stroke
+from feltmb.stroke import MOTORS, PRESCRIBED, Stroke, load_stroke
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -160,10 +160,7 @@ def simulate(
         action = load_action(action)
     if isinstance(stroke, str):
         stroke = load_stroke(stroke)
-    if action.config.finger is None and any(stroke.value):
-        raise InvalidParameter(
-            f"stroke {stroke.name!r} presses, but mechanism {action.name!r} describes no finger"
-        )
+    _check_input(action, stroke)
     options = _core.SimulationOptions()
     options.duration = float(stroke.duration if duration is None else duration)
     options.rtol = float(rtol)
@@ -192,6 +189,8 @@ def simulate(
         _monitors(action, y),
         progress,
         list(memory),
+        stroke.kind in PRESCRIBED,
+        stroke.kind in MOTORS,
     )
     run = _to_run(action, stroke, options, result)
     if start is not None and start.provenance.get("hash") != action.hash:
@@ -209,6 +208,27 @@ def simulate(
             contact=result.failed_contact,
         )
     return run
+
+
+def _check_input(action: Action, stroke: Stroke) -> None:
+    """What drives the mechanism must be there."""
+    if not any(stroke.value):
+        return
+    if stroke.kind in MOTORS:
+        if action.config.motor is None:
+            raise InvalidParameter(
+                f"stroke {stroke.name!r} is a {stroke.kind}, but mechanism {action.name!r} "
+                "describes no motor; compose it with an actuator (--actuator)"
+            )
+    elif action.config.finger is None:
+        raise InvalidParameter(
+            f"stroke {stroke.name!r} presses, but mechanism {action.name!r} describes no finger"
+        )
+    elif action.config.motor is not None and action.config.motor.contact is not None:
+        raise InvalidParameter(
+            f"stroke {stroke.name!r} is a {stroke.kind} of a finger, but a motor presses mechanism "
+            f"{action.name!r}; give its torque or motor angle"
+        )
 
 
 def _start_state(action: Action, start: Run | None) -> tuple[Array, Array]:
@@ -307,7 +327,7 @@ def _to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
     laws = action.mechanism.total_law_states
     # Names of the first public interface, kept beside ours.
     stats.update(factorisations=stats["factorizations"], time=stats["wall"])
-    stats["warnings"] = _warnings(energy, options)
+    stats["warnings"] = _warnings(energy, options) + _input_warnings(stroke, result)
     if len(changes) >= _MOST_EVENTS:
         stats["warnings"].append(
             f"only the first {_MOST_EVENTS} events were kept: named events and the summary may be "
@@ -346,6 +366,34 @@ def _warnings(energy: Mapping[str, Any], options: Any) -> list[str]:
             f"energy not accounted for is {100 * residual:.2g} % of the work at rtol "
             f"{options.rtol:g}: use a smaller rtol"
         )
+    return out
+
+
+def _input_warnings(stroke: Stroke, result: Any) -> list[str]:
+    """Whether the forces of a prescribed motion can be those of a finger."""
+    if stroke.kind not in PRESCRIBED:
+        return []
+    out = []
+    noise = stroke.noise
+    if noise > 0.0:
+        step = (stroke.time[-1] - stroke.time[0]) / (len(stroke.time) - 1)
+        jitter = np.sqrt(6.0) * noise / step**2
+        largest = float(np.max(np.abs(stroke.smoothed(noise).profile.acceleration(stroke.time))))
+        if jitter > 0.2 * largest:
+            out.append(
+                f"the record's noise, about {noise:.2g} {stroke.unit}, gives accelerations of "
+                f"{jitter:.2g} {stroke.unit}/s^2 from row to row, the motion itself {largest:.2g}: "
+                "the reaction is mostly noise; smooth the record (--noise, Stroke.smoothed)"
+            )
+    names = list(result.names)
+    if stroke.kind == "key_motion" and "finger.force" in names and result.time.size:
+        force = result.data[:, names.index("finger.force")]
+        lowest = int(np.argmin(force))
+        if force[lowest] < -0.02 * max(1.0, float(np.max(force))):
+            out.append(
+                f"the key's motion takes a finger that pulls, {-force[lowest]:.3g} N at "
+                f"{result.time[lowest]:.4f} s: a finger would leave the key there"
+            )
     return out
 
 

@@ -1,7 +1,8 @@
-"""Strokes: what the finger does, as force or as motion, against time.
+"""Strokes: what the finger or the motor does, as force or as motion, against time.
 
 ``load_stroke`` reads a packaged stroke, a TOML file or a CSV table; ``ramp_stroke``,
-``pulse_stroke``, ``table_stroke`` and ``sequence`` make them in Python.
+``pulse_stroke``, ``table_stroke``, ``motion_stroke``, ``torque_stroke`` and ``sequence`` make them
+in Python.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from feltmb import _core, params
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import is_file, read_toml
 from feltmb.quantity import SI, Schema, fault_lines, fault_text, shortened
+from feltmb.smoothing import noise_of_record, smooth_record
 from feltmb.units import conversion_factor
 
 if TYPE_CHECKING:
@@ -37,19 +39,33 @@ __all__ = [
     "read_stroke_csv",
     "sequence",
     "table_stroke",
+    "torque_stroke",
 ]
 
-Kind = Literal["force", "motion"]
-Interpolation = Literal["linear", "monotone"]
-UNITS = {"force": "N", "motion": "m"}
+Kind = Literal["force", "motion", "key_motion", "torque", "motor_motion"]
+Interpolation = Literal["linear", "monotone", "spline"]
+UNITS = {"force": "N", "motion": "m", "key_motion": "m", "torque": "N m", "motor_motion": "rad"}
+
+#: Kinds whose motion a point or a coordinate keeps to exactly; the reaction is an output.
+PRESCRIBED = ("key_motion", "motor_motion")
+
+#: Kinds that act on the mechanism's motor instead of the finger.
+MOTORS = ("torque", "motor_motion")
 
 
 @dataclass(frozen=True)
 class Stroke:
-    """Finger force [N] or finger displacement [m] through knots, positive pressing.
+    """What drives a mechanism, through knots, positive pressing.
 
     Constant before the first and after the last knot. ``linear`` is straight between knots;
-    ``monotone`` is a cubic without overshoot (PCHIP), continuous in slope.
+    ``monotone`` is a cubic without overshoot (PCHIP), continuous in slope; ``spline`` is a cubic
+    spline, continuous in curvature, at rest at both ends.
+
+    Kinds: ``force`` [N] of the finger on the key; ``motion`` [m] of a finger that meets the key
+    through its pad; ``key_motion`` [m] of the point under the finger itself, counted from where it
+    starts; ``torque`` [N m] of the mechanism's motor; ``motor_motion`` [rad] of its hub. With the
+    two motions that are prescribed exactly, the force that they take is an output
+    (``finger.force``, ``motor.torque``).
     """
 
     name: str
@@ -66,12 +82,12 @@ class Stroke:
     def __post_init__(self) -> None:
         if self.kind not in UNITS:
             raise InvalidParameter(
-                f"stroke {self.name!r}: kind {self.kind!r} is none of force, motion"
+                f"stroke {self.name!r}: kind {self.kind!r} is none of {', '.join(UNITS)}"
             )
-        if self.interpolation not in ("linear", "monotone"):
+        if self.interpolation not in ("linear", "monotone", "spline"):
             raise InvalidParameter(
                 f"stroke {self.name!r}: interpolation {self.interpolation!r} is none of linear, "
-                "monotone"
+                "monotone, spline"
             )
         if not (math.isfinite(self.duration) and self.duration > 0):
             raise InvalidParameter(
@@ -92,6 +108,11 @@ class Stroke:
             )
         except InvalidParameter as error:
             raise InvalidParameter(f"stroke {self.name!r}: {error}") from None
+        if self.kind in PRESCRIBED and not profile.smooth:
+            raise InvalidParameter(
+                f"stroke {self.name!r}: {self.kind} with linear interpolation would need infinite "
+                "forces at its knots; use spline or monotone"
+            )
         object.__setattr__(self, "profile", profile)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -112,11 +133,11 @@ class Stroke:
 
     @property
     def unit(self) -> str:
-        """Unit of the values: N for a force, m for a motion."""
+        """Unit of the values: N, m, N m or rad."""
         return UNITS[self.kind]
 
     def at(self, time: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Force [N] or displacement [m] at times [s]."""
+        """Values at times [s], in :attr:`unit`."""
         import numpy as np
 
         return np.asarray(self.profile.value(np.asarray(time, dtype=float)))
@@ -140,6 +161,22 @@ class Stroke:
     def scaled(self, factor: float) -> Stroke:
         """The same stroke with its values times ``factor``."""
         return replace(self, value=tuple(v * factor for v in self.value))
+
+    @property
+    def noise(self) -> float:
+        """Estimated standard deviation of the noise of a sampled record, in :attr:`unit`."""
+        return noise_of_record(self.value)
+
+    def smoothed(self, noise: float | None = None) -> Stroke:
+        """The same record within its noise, as a spline; see :func:`smooth_record`.
+
+        Parameters
+        ----------
+        noise
+            Standard deviation of the noise, in :attr:`unit`; default: :attr:`noise`.
+        """
+        value = smooth_record(self.time, self.value, self.noise if noise is None else noise)
+        return replace(self, value=tuple(value.tolist()), interpolation="spline")
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data, for files."""
@@ -247,16 +284,49 @@ def motion_stroke(
     time: Sequence[float],
     displacement: Sequence[float],
     *,
-    interpolation: Interpolation = "monotone",
+    of: Literal["finger", "key", "motor"] = "finger",
+    interpolation: Interpolation | None = None,
     duration: float | None = None,
     name: str = "motion",
 ) -> Stroke:
-    """Prescribed finger displacement [m], positive down, zero where the pad just touches the key.
+    """Prescribed motion, positive down; the force that it takes is an output.
 
-    The finger acts through the one-sided pad of the mechanism's ``[finger]``; the force on the key
-    is an output.
+    Parameters
+    ----------
+    time
+        [s], growing.
+    displacement
+        [m], of a motor [rad].
+    of
+        ``finger``: a finger that acts through the one-sided pad of the mechanism's ``[finger]``,
+        zero where the pad just touches the key. ``key``: the point under the finger itself, counted
+        from where it starts; the key keeps to it exactly and is free to lift or turn about that
+        point. ``motor``: the angle of the motor's hub.
+    interpolation
+        Default: ``monotone`` for the finger, ``spline`` otherwise.
     """
-    return _table("motion", time, displacement, interpolation, duration, name)
+    kinds: dict[str, Kind] = {"finger": "motion", "key": "key_motion", "motor": "motor_motion"}
+    if of not in kinds:
+        raise InvalidParameter(f"motion_stroke: of = {of!r} is none of {', '.join(kinds)}")
+    kind = kinds[of]
+    return _table(kind, time, displacement, interpolation or _usual(kind), duration, name)
+
+
+def torque_stroke(
+    time: Sequence[float],
+    torque: Sequence[float],
+    *,
+    interpolation: Interpolation = "linear",
+    duration: float | None = None,
+    name: str = "torque",
+) -> Stroke:
+    """Torque [N m] of the mechanism's motor through a table of times [s], positive pressing."""
+    return _table("torque", time, torque, interpolation, duration, name)
+
+
+def _usual(kind: Kind) -> Interpolation:
+    """Interpolation of a record that does not say how."""
+    return "spline" if kind in PRESCRIBED else "monotone"
 
 
 def _table(
@@ -338,10 +408,10 @@ class _Pulse(Schema):
 
 
 class _Knots(Schema):
-    unit: Annotated[list[str], Field(min_length=2, max_length=2)] = ["s", "N"]
+    unit: Annotated[list[str], Field(min_length=2, max_length=2)] | None = None
     time: list[float]
     value: list[float]
-    interpolation: Literal["linear", "monotone"] = "linear"
+    interpolation: Interpolation | None = None
 
 
 class _Oscillation(Schema):
@@ -354,7 +424,7 @@ class _StrokeFile(Schema):
     name: str
     about: str = ""
     source: str = ""
-    kind: Literal["force", "motion"] = "force"
+    kind: Kind = "force"
     duration: Annotated[float, SI("s"), Field(gt=0)] | None = None
     ramp: _Ramp | None = None
     pulse: _Pulse | None = None
@@ -395,6 +465,8 @@ def load_stroke(name_or_path: str | Path) -> Stroke:
 def _from_toml(path: Path) -> Stroke:
     raw = read_toml(path)
     faults: list[str] = []
+    if raw.get("kind") in UNITS and raw["kind"] != "force" and "knots" not in raw:
+        faults.append(f"kind {raw['kind']!r} needs knots; ramp and pulse are forces")
     given = [key for key in ("ramp", "pulse", "knots") if key in raw]
     if len(given) != 1:
         faults.append(
@@ -432,30 +504,40 @@ def _one_stroke(parsed: _StrokeFile, path: Path) -> Stroke:
     knots = parsed.knots
     assert knots is not None
     try:
-        time_factor = conversion_factor(knots.unit[0], "s")
-        value_factor = conversion_factor(knots.unit[-1], UNITS[parsed.kind])
+        unit = knots.unit or ["s", UNITS[parsed.kind]]
+        time_factor = conversion_factor(unit[0], "s")
+        value_factor = conversion_factor(unit[-1], UNITS[parsed.kind])
     except InvalidParameter as error:
         raise InvalidParameter(f"{path.name}: knots.unit: {error}") from None
     return _table(
         parsed.kind,
         [t * time_factor for t in knots.time],
         [v * value_factor for v in knots.value],
-        knots.interpolation,
+        knots.interpolation or (_usual(parsed.kind) if parsed.kind in PRESCRIBED else "linear"),
         None,
         parsed.name,
     )
 
 
 _HEADER = re.compile(r"^\s*([A-Za-z_ .]+?)\s*(?:\[([^\]]*)\])?\s*$")
-_COLUMNS = {"force": ("force", "N"), "displacement": ("motion", "m"), "motion": ("motion", "m")}
+_COLUMNS: dict[str, Kind] = {
+    "force": "force",
+    "displacement": "motion",
+    "motion": "motion",
+    "key displacement": "key_motion",
+    "torque": "torque",
+    "motor angle": "motor_motion",
+}
 
 
-def read_stroke_csv(path: str | Path, *, interpolation: Interpolation = "monotone") -> Stroke:
-    """Read a stroke from CSV with the header ``time [s],force [N]`` or ``...,displacement [m]``.
+def read_stroke_csv(path: str | Path, *, interpolation: Interpolation | None = None) -> Stroke:
+    """Read a stroke from CSV with the header ``time [s],force [N]``.
 
-    Units in the header are converted (``time [ms],displacement [mm]``). Faults are collected:
-    missing or wrong header, cells that are no finite number, times that do not grow, gaps of more
-    than five sample intervals.
+    The second column is ``force``, ``displacement`` (of the finger), ``key displacement``,
+    ``torque`` or ``motor angle``. Between rows: a monotone cubic, or a spline for the two that are
+    prescribed exactly. Units in the header are converted (``time [ms],displacement [mm]``). Faults
+    are collected: missing or wrong header, cells that are no finite number, times that do not grow,
+    gaps of more than five sample intervals.
 
     Raises
     ------
@@ -476,11 +558,15 @@ def read_stroke_csv(path: str | Path, *, interpolation: Interpolation = "monoton
     faults = header_faults + faults + _time_faults([row for row in time if math.isfinite(row[1])])
     if faults:
         raise DataError(fault_text(path.name, faults, most=20))
-    return _table(kind, [t for _, t in time], value, interpolation, None, path.stem)
+    usual = interpolation or _usual(kind)
+    return _table(kind, [t for _, t in time], value, usual, None, path.stem)
 
 
 def _parse_header(text: str) -> tuple[Kind, tuple[float, float], list[str]]:
-    wanted = "'time [s],force [N]' or 'time [s],displacement [m]'"
+    wanted = (
+        "'time [s],force [N]', or instead of force: displacement [m], key displacement [m], "
+        "torque [N m], motor angle [rad]"
+    )
     line = next((x for x in text.splitlines() if x.strip() and not x.startswith("#")), "")
     cells = line.split(",")
     kind: Kind = "force"
@@ -495,7 +581,8 @@ def _parse_header(text: str) -> tuple[Kind, tuple[float, float], list[str]]:
         if i == 0 and name == "time":
             si = "s"
         elif i == 1 and name in _COLUMNS:
-            kind, si = _COLUMNS[name]  # type: ignore[assignment]
+            kind = _COLUMNS[name]
+            si = UNITS[kind]
         else:
             faults.append(f"header: got column {cell.strip()[:80]!r}, expected {wanted}")
             continue

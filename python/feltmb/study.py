@@ -687,7 +687,8 @@ def extract_run(
         ``numbers``: name -> entry of ``[numbers]``; ``series``: key -> output and window.
     """
     scalars: dict[str, float] = {k: float(v) for k, v in run.summary.items()}
-    scalars.update({k: float(run.stats[k]) for k in ("steps", "rhs") if k in run.stats})
+    counts = ("steps", "rhs", "jacobians", "reversals", "wall")
+    scalars.update({k: float(run.stats[k]) for k in counts if k in run.stats})
     if run.energy:
         scalars.update({k: float(v) for k, v in run.energy.items() if isinstance(v, float)})
 

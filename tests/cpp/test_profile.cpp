@@ -15,6 +15,7 @@ namespace {
 
 constexpr auto kLinear = Profile::Interpolation::kLinear;
 constexpr auto kMonotone = Profile::Interpolation::kMonotone;
+constexpr auto kSpline = Profile::Interpolation::kSpline;
 
 std::string message_of(const std::vector<double>& time, const std::vector<double>& value) {
   try {
@@ -73,8 +74,51 @@ TEST_CASE("monotone profile has no corners, but every knot is a stop") {
   CHECK(p.knots() == time);
 }
 
+TEST_CASE("spline is the only cubic spline at rest at its ends") {
+  // A cubic with zero slope at both ends is its own spline, on any knots.
+  const auto cubic = [](double t) { return t * t * (3.0 - 2.0 * t); };
+  const std::vector<double> time{0.0, 0.1, 0.25, 0.5, 0.55, 0.9, 1.0};
+  std::vector<double> value;
+  for (const double t : time) value.push_back(cubic(t));
+  const Profile p(time, value, kSpline);
+  for (int i = 0; i <= 100; ++i) {
+    const double t = 0.01 * i;
+    CHECK(p.value(t) == doctest::Approx(cubic(t)).epsilon(1e-12));
+    CHECK(p.rate(t) == doctest::Approx(6.0 * t * (1.0 - t)).epsilon(1e-11).scale(1.0));
+    if (i < 100) {
+      CHECK(p.acceleration(t) == doctest::Approx(6.0 - 12.0 * t).epsilon(1e-10).scale(1.0));
+    }
+  }
+  CHECK(p.smooth());
+  CHECK_FALSE(Profile({0.0, 1.0}, {0.0, 1.0}, kLinear).smooth());
+}
+
+TEST_CASE("spline is continuous in curvature and stops the integrator at its ends only") {
+  const std::vector<double> time{0.0, 0.1, 0.15, 0.4, 0.41, 0.6};
+  const Profile p(time, {0.0, 2.0, 2.0, 7.0, 7.5, 1.0}, kSpline);
+  for (std::size_t i = 1; i + 1 < time.size(); ++i) {
+    CHECK(p.acceleration(time[i] - 1e-9) ==
+          doctest::Approx(p.acceleration(time[i] + 1e-9)).epsilon(1e-5));
+  }
+  CHECK(p.breakpoints() == std::vector<double>{0.0, 0.6});
+  CHECK(p.rate(1e-9) == doctest::Approx(0.0).scale(1.0).epsilon(1e-5));
+  CHECK(p.acceleration(-0.1) == 0.0);
+  CHECK(p.acceleration(0.7) == 0.0);
+}
+
+TEST_CASE("acceleration is the difference quotient of the rate, with oscillation too") {
+  for (const auto kind : {kMonotone, kSpline}) {
+    const Profile p({0.05, 0.2, 0.3, 0.5}, {0.0, 4.0, 5.0, 2.0}, kind, 0.1, 40.0);
+    for (const double t : {0.01, 0.07, 0.13, 0.22, 0.29, 0.42, 0.7}) {
+      const double h = 1e-6;
+      const double slope = (p.rate(t + h) - p.rate(t - h)) / (2.0 * h);
+      CHECK(p.acceleration(t) == doctest::Approx(slope).epsilon(1e-6).scale(1e4));
+    }
+  }
+}
+
 TEST_CASE("rate is the difference quotient of the value, with oscillation too") {
-  for (const auto kind : {kLinear, kMonotone}) {
+  for (const auto kind : {kLinear, kMonotone, kSpline}) {
     const Profile p({0.05, 0.2, 0.3, 0.5}, {0.0, 4.0, 5.0, 2.0}, kind, 0.1, 40.0);
     for (const double t : {0.01, 0.07, 0.13, 0.22, 0.29, 0.42, 0.7}) {
       const double h = 1e-6;

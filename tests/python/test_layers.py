@@ -13,9 +13,10 @@ HERE = Path(__file__).resolve()
 ROOT = HERE.parents[2]
 
 BASE = "errors _optional units quantity"
-MODEL = f"{BASE} files _core params config stroke events results simulate"
+MODEL = f"{BASE} files _core params config smoothing stroke events results simulate"
 STUDY = "sweep study study_expression study_plot study_report"
-FRONT = f"{MODEL} {STUDY} contact fiber data fit gap plot report quasistatic regulate touch felt"
+TOOLS = "quasistatic regulate touch felt subjects"
+FRONT = f"{MODEL} {STUDY} contact fiber data fit gap plot report {TOOLS}"
 
 # part -> the parts that it may use. C++ parts are folders, Python parts are modules of the package.
 # A new folder or module gets a line here; what points back is refused.
@@ -39,27 +40,34 @@ MAY_USE = {
     # gap, plot) has never heard of a configuration and serves any simulator.
     "Python": {
         "_core": "",
-        "contact": f"{BASE} _core",
+        "material": f"{BASE} _core files params",
+        "layer": f"{BASE} _core material",
+        "contact": f"{BASE} _core layer",
         "errors": "",
         "_optional": "errors",
         "units": "errors",
         "quantity": "errors units",
         "files": "errors",
         "params": BASE,
+        "mending": "",
         "fiber": f"{BASE} _core files",
-        "config": f"{BASE} _core files params",
-        "felt": f"{BASE} _core files params config contact fiber",
-        "stroke": f"{BASE} _core files params",
+        "config": f"{BASE} _core files params mending material layer",
+        "felt": f"{BASE} _core files params material layer config contact fiber",
+        "stroke": f"{BASE} _core files params smoothing",
+        "smoothing": "errors",
         "events": BASE,
         "results": f"{BASE} _core files",
         "data": f"{BASE} files",
         "published": f"{BASE} files params results",
         "simulate": f"{BASE} _core params config stroke events results",
-        "fit": f"{BASE} files results data",
-        "gap": f"{BASE} _core files results data fit",
-        "plot": f"{BASE} _core files config results data",
-        "graph": f"{BASE} config plot",
-        "animate": f"{BASE} files config results plot",
+        "fit": f"{BASE} results data files",
+        "gap": f"{BASE} results data fit _core files",
+        "style": "errors",
+        "plot": f"{BASE} _core files style config results data",
+        "graph": f"{BASE} style config plot",
+        "film": f"{BASE} config results plot",
+        "animate": f"{BASE} files style config results plot film",
+        "viewer": f"{BASE} files style config results plot film",
         "sweep": MODEL,
         "study_expression": BASE,
         "study_plot": f"{BASE} study_expression",
@@ -70,9 +78,10 @@ MAY_USE = {
         "touch": f"{MODEL} quasistatic plot",
         "lumped": f"{BASE} _core",
         "blind": f"{BASE} _core files data fit gap lumped __init__",
-        "report": f"{BASE} results data fit gap plot",
-        "__init__": FRONT,
-        "cli": f"{FRONT} __init__ graph animate published blind",
+        "report": f"{BASE} results data fit gap plot viewer",
+        "__init__": f"{FRONT} viewer",
+        "cli": f"{FRONT} __init__ graph animate published blind viewer",
+        "subjects": f"{MODEL} data fit gap",
         "__main__": "cli",
     },
 }

@@ -6,122 +6,170 @@
 #include "feltmb/core/error.hpp"
 #include "feltmb/numeric/bracketing.hpp"
 #include "feltmb/numeric/quadrature.hpp"
+#include "monotone_table.hpp"
 
 namespace feltmb {
 namespace {
 
-constexpr std::size_t kKnots = 256;  // intervals of a table
-constexpr double kLargest = 0.02;    // m, no felt of a machine is pressed further
-constexpr double kAreaReach = 4.0;   // the table of loop areas goes to this times e_M
+using tables::kKnots;
+using tables::knot_positions;
+using tables::look_up;
 
-/// Fritsch-Butland slopes of a monotone cubic through (t, v).
-std::vector<double> monotone_slopes(const std::vector<double>& t, const std::vector<double>& v) {
-  const std::size_t n = t.size();
-  std::vector<double> slope(n, 0.0);
-  const auto secant = [&](std::size_t i) { return (v[i + 1] - v[i]) / (t[i + 1] - t[i]); };
-  for (std::size_t i = 1; i + 1 < n; ++i) {
-    const double a = secant(i - 1);
-    const double b = secant(i);
-    if (a * b <= 0.0) continue;
-    const double h0 = t[i] - t[i - 1];
-    const double h1 = t[i + 1] - t[i];
-    const double w0 = 2.0 * h1 + h0;
-    const double w1 = h1 + 2.0 * h0;
-    slope[i] = (w0 + w1) / (w0 / a + w1 / b);
-  }
-  if (n > 1) {
-    // One-sided ends, held monotone.
-    const auto end = [&](double near, double far, double h0, double h1) {
-      double s = ((2.0 * h0 + h1) * near - h0 * far) / (h0 + h1);
-      if (s * near <= 0.0)
-        s = 0.0;
-      else if (near * far <= 0.0 && std::fabs(s) > 3.0 * std::fabs(near))
-        s = 3.0 * near;
-      return s;
-    };
-    if (n == 2) {
-      slope[0] = slope[1] = secant(0);
-    } else {
-      slope[0] = end(secant(0), secant(1), t[1] - t[0], t[2] - t[1]);
-      slope[n - 1] = end(secant(n - 2), secant(n - 3), t[n - 1] - t[n - 2], t[n - 2] - t[n - 3]);
-    }
-  }
-  return slope;
+constexpr double kLargest = 0.02;        // m, no felt of a machine is pressed further
+constexpr double kAreaReach = 4.0;       // the tables over e_m go to this times e_M
+constexpr std::size_t kShareRows = 40;   // of the energy share, over e_m
+constexpr std::size_t kShareKnots = 64;  // over x
+constexpr double kSmallest = 1e-12;      // of x, for roots
+
+/// Three nodes are exact for a cubic of s times s.
+const QuadratureRule& cell_rule() {
+  static const QuadratureRule rule = make_gauss_legendre(3);
+  return rule;
 }
 
-CurveValue hermite(double v0, double v1, double m0, double m1, double h, double u) {
-  const double d = (v1 - v0) / h;
-  const double c2 = 3.0 * d - 2.0 * m0 - m1;
-  const double c3 = m0 + m1 - 2.0 * d;
-  return {v0 + u * h * (m0 + u * (c2 + u * c3)), m0 + u * (2.0 * c2 + 3.0 * u * c3)};
-}
-
-/// Value and slope by s of an equally spaced table over s in [0, 1].
-CurveValue look_up(const std::vector<double>& value, const std::vector<double>& slope, double s) {
-  const double position = s * static_cast<double>(kKnots);
-  auto i = static_cast<std::size_t>(position);
-  if (i >= kKnots) i = kKnots - 1;
-  const double u = position - static_cast<double>(i);
-  return hermite(value[i], value[i + 1], slope[i], slope[i + 1], 1.0 / static_cast<double>(kKnots),
-                 u);
-}
-
-std::vector<double> knot_positions() {
-  std::vector<double> s(kKnots + 1);
-  for (std::size_t i = 0; i <= kKnots; ++i) {
-    s[i] = static_cast<double>(i) / static_cast<double>(kKnots);
-  }
-  return s;
-}
-
-/// Monotone cubic through a user's table.
-struct Spline {
-  std::vector<double> t, v, m;
-  Spline(const std::vector<double>& time, const std::vector<double>& value)
-      : t(time), v(value), m(monotone_slopes(time, value)) {}
-  double operator()(double x) const {
-    const auto it = std::upper_bound(t.begin(), t.end(), x);
-    std::size_t i = it == t.begin() ? 0 : static_cast<std::size_t>(it - t.begin()) - 1;
-    if (i + 1 >= t.size()) i = t.size() - 2;
-    const double h = t[i + 1] - t[i];
-    return hermite(v[i], v[i + 1], m[i], m[i + 1], h, (x - t[i]) / h).force;
+/// Weights of a quadratic B-spline over rows 0 ... count - 1 at p in [0, count - 1]: smooth,
+/// positive, of sum 1.
+struct RowBlend {
+  std::size_t row[3];
+  double weight[3];
+  RowBlend(double p, std::size_t count) {
+    const auto middle = std::min(static_cast<std::size_t>(p + 0.5), count - 1);
+    const double f = p - static_cast<double>(middle);
+    row[0] = middle > 0 ? middle - 1 : 0;
+    row[1] = middle;
+    row[2] = std::min(middle + 1, count - 1);
+    weight[0] = 0.5 * (0.5 - f) * (0.5 - f);
+    weight[1] = 0.75 - f * f;
+    weight[2] = 0.5 * (0.5 + f) * (0.5 + f);
   }
 };
 
 }  // namespace
 
-void Envelope::tabulate_ratio(const std::vector<double>& s, std::vector<double> rho) {
+/// Loops meet at their end: rho raised by (1 - rho(1)) x^8, held in [0, 1].
+std::vector<double> Envelope::close(std::vector<double> rho) const {
   const double rest = 1.0 - rho.back();
+  const auto n = static_cast<double>(rho.size() - 1);
   for (std::size_t i = 0; i < rho.size(); ++i) {
-    const double x = s[i] * s[i];
-    rho[i] = std::clamp(rho[i] + rest * std::pow(x, 8), 0.0, 1.0);
+    const double s = static_cast<double>(i) / n;
+    rho[i] = std::clamp(rho[i] + rest * std::pow(s, 16), 0.0, 1.0);
   }
-  rho_ = std::move(rho);
-  rho_slope_ = monotone_slopes(s, rho_);
+  return rho;
+}
+
+void Envelope::tabulate_ratio(std::vector<double> rho) {
+  const std::vector<double> s = knot_positions();
+  rho = close(std::move(rho));
+  std::vector<double> weight(s.size());
+  double most = 0.0;
+  for (std::size_t i = 0; i < s.size(); ++i) {
+    weight[i] = loading(s[i] * s[i] * closing_).force * s[i];
+    most = std::max(most, weight[i]);
+  }
+  for (double& w : weight) w += 1e-9 * most;
+  rho_ = tables::never_falling(rho, weight);
+  rho_.back() = 1.0;
+  for (std::size_t i = 0; i < s.size(); ++i) {
+    const double e = s[i] * s[i] * closing_;
+    const double change = std::fabs(rho_[i] - rho[i]) * loading(e).force;
+    if (change <= 1e-12 * loading(closing_).force) continue;
+    if (repair_.high == 0.0) repair_.low = e;
+    repair_.high = e;
+    repair_.force = std::max(repair_.force, change);
+  }
+  rho_slope_ = tables::monotone_slopes(s, rho_);
+}
+
+void Envelope::tabulate_loading(const std::function<double(double)>& force, double reach,
+                                bool smooth) {
+  exponential_ = false;
+  reach_ = reach;
+  const std::vector<double> s = knot_positions();
+  load_.resize(s.size());
+  double before = 0.0;
+  for (std::size_t i = 0; i < s.size(); ++i) {
+    load_[i] = before = std::max(before, force(s[i] * s[i] * reach));
+  }
+  load_slope_ = smooth ? tables::smooth_slopes(load_) : tables::monotone_slopes(s, load_);
+  load_energy_.assign(s.size(), 0.0);
+  for (std::size_t i = 1; i < s.size(); ++i) {
+    load_energy_[i] =
+        load_energy_[i - 1] +
+        integrate_rule(
+            cell_rule(),
+            [&](double t) {
+              return look_up(load_.data(), load_slope_.data(), t).force * 2.0 * t * reach_;
+            },
+            s[i - 1], s[i]);
+  }
 }
 
 void Envelope::tabulate_area() {
   const std::vector<double> s = knot_positions();
   area_.assign(s.size(), 0.0);
   area_slope_.assign(s.size(), 0.0);
-  const double reach = kAreaReach * closing_;
   for (std::size_t i = 1; i < s.size(); ++i) {
-    const double e_m = s[i] * s[i] * reach;
+    const double e_m = s[i] * s[i] * area_reach_;
     // sqrt-spaced panels meet the kink of a curve that is held at zero near e = 0.
     area_[i] = integrate_composite(
         [&](double t) {
           const double x = t * t;
-          return loading(x * e_m).force * (1.0 - ratio(x).force) * 2.0 * t * e_m;
+          return loading(x * e_m).force * (1.0 - ratio(x, e_m).force) * 2.0 * t * e_m;
         },
         0.0, 1.0, 16);
+    if (rows_ > 1) continue;
     // dW/de_m = integral of F_L(x e_m) rho'(x) x dx, from the stretch of the cycle's shape.
     const double slope = integrate_composite(
         [&](double t) {
           const double x = t * t;
-          return loading(x * e_m).force * ratio(x).slope * x * 2.0 * t;
+          return loading(x * e_m).force * ratio(x, e_m).slope * x * 2.0 * t;
         },
         0.0, 1.0, 16);
-    area_slope_[i] = slope * 2.0 * s[i] * reach;
+    area_slope_[i] = slope * 2.0 * s[i] * area_reach_;
+  }
+  if (rows_ > 1) area_slope_ = tables::smooth_slopes(area_);
+}
+
+/// Share of the loading energy that the unloading branch gives back up to x e_m: smooth, so that
+/// a coarse table does for every cycle.
+void Envelope::tabulate_energy() {
+  const std::size_t width = kShareKnots + 1;
+  share_.assign(kShareRows * width, 1.0);
+  share_slope_.assign(kShareRows * width, 0.0);
+  const std::vector<double> s = knot_positions(kShareKnots);
+  for (std::size_t j = 0; j < kShareRows; ++j) {
+    const double sigma =
+        std::max(static_cast<double>(j), 0.1) / static_cast<double>(kShareRows - 1);
+    const double e_m = sigma * sigma * area_reach_;
+    double given = 0.0;
+    for (std::size_t i = 0; i < width; ++i) {
+      if (i > 0) {
+        given += integrate_rule(
+            gauss16(),
+            [&](double t) {
+              const double x = t * t;
+              return loading(x * e_m).force * ratio(x, e_m).force * 2.0 * t * e_m;
+            },
+            s[i - 1], s[i]);
+      }
+      const double x = s[i] * s[i];
+      const CurveValue load = loading(x * e_m);
+      const double energy = loading_energy(x * e_m);
+      const double rho = ratio(x, e_m).force;
+      double& share = share_[j * width + i];
+      if (i == 0 || !(energy > 0.0) || given <= 0.0) {
+        share = rho;
+        continue;
+      }
+      share = given / energy;
+      share_slope_[j * width + i] = (rho - share) * load.force / energy * 2.0 * s[i] * e_m;
+    }
+    // Where nothing is stored yet the share is that of the first compression that does.
+    for (std::size_t i = width - 1; i-- > 0;) {
+      if (!(loading_energy(s[i] * s[i] * e_m) > 0.0)) {
+        share_[j * width + i] = share_[j * width + i + 1];
+      }
+    }
   }
 }
 
@@ -163,6 +211,7 @@ std::shared_ptr<const Envelope> Envelope::from_curves(const ExponentialCurve& lo
                closing));
   }
   out->closing_ = closing;
+  out->area_reach_ = kAreaReach * closing;
   const std::vector<double> s = knot_positions();
   std::vector<double> rho(s.size());
   for (std::size_t i = 0; i < s.size(); ++i) {
@@ -172,8 +221,9 @@ std::shared_ptr<const Envelope> Envelope::from_curves(const ExponentialCurve& lo
     const double f_unload = evaluate(unload, e).force;
     rho[i] = f_load > 0.0 ? std::clamp(f_unload / f_load, 0.0, 1.0) : 1.0;
   }
-  out->tabulate_ratio(s, std::move(rho));
+  out->tabulate_ratio(std::move(rho));
   out->tabulate_area();
+  out->tabulate_energy();
   return out;
 }
 
@@ -208,98 +258,155 @@ std::shared_ptr<const Envelope> Envelope::from_table(const std::vector<double>& 
     throw InvalidParameter("felt_memory: envelope must begin at compression 0 with force 0");
   }
   std::shared_ptr<Envelope> out(new Envelope());
-  out->exponential_ = false;
   out->closing_ = compression.back();
-  const Spline loading_spline(compression, load);
-  const Spline unloading_spline(compression, unload);
+  out->area_reach_ = kAreaReach * out->closing_;
+  const tables::Spline loading_spline(compression, load);
+  const tables::Spline unloading_spline(compression, unload);
+  out->tabulate_loading(loading_spline, out->closing_, false);
   const std::vector<double> s = knot_positions();
   std::vector<double> rho(s.size(), 1.0);
-  out->load_.resize(s.size());
   for (std::size_t i = 0; i < s.size(); ++i) {
     const double e = s[i] * s[i] * out->closing_;
-    out->load_[i] = std::max(0.0, loading_spline(e));
     if (out->load_[i] > 0.0) {
       rho[i] = std::clamp(std::max(0.0, unloading_spline(e)) / out->load_[i], 0.0, 1.0);
     }
   }
   rho[0] = rho[1];
-  out->load_slope_ = monotone_slopes(s, out->load_);
-  out->load_energy_.assign(s.size(), 0.0);
-  for (std::size_t i = 1; i < s.size(); ++i) {
-    out->load_energy_[i] =
-        out->load_energy_[i - 1] +
-        integrate_rule(
-            gauss16(),
-            [&](double t) {
-              return out->loading(t * t * out->closing_).force * 2.0 * t * out->closing_;
-            },
-            s[i - 1], s[i]);
-  }
-  out->tabulate_ratio(s, std::move(rho));
+  out->tabulate_ratio(std::move(rho));
   out->tabulate_area();
+  out->tabulate_energy();
+  return out;
+}
+
+std::shared_ptr<const Envelope> Envelope::from_shape(const EnvelopeShape& shape) {
+  if (!(std::isfinite(shape.closing) && shape.closing > 0.0 && std::isfinite(shape.reach) &&
+        shape.reach >= shape.closing && (shape.rows == 1 || shape.rows >= 4))) {
+    throw InvalidParameter(
+        format("envelope: closing = %.6g m, reach = %.6g m, rows = %d; must be 0 < closing <= "
+               "reach, 1 row or >= 4",
+               shape.closing, shape.reach, shape.rows));
+  }
+  std::shared_ptr<Envelope> out(new Envelope());
+  out->closing_ = shape.closing;
+  out->area_reach_ = std::max(kAreaReach * shape.closing, shape.reach);
+  out->tabulate_loading(shape.loading, shape.reach, true);
+  if (!(out->load_.back() > 0.0) || !std::isfinite(out->load_.back())) {
+    throw InvalidParameter(
+        format("envelope: loading force %.6g N at %.6g m, must be finite and > 0",
+               out->load_.back(), shape.reach));
+  }
+  const std::vector<double> s = knot_positions();
+  out->rows_ = static_cast<std::size_t>(shape.rows);
+  if (shape.rows == 1) {
+    std::vector<double> rho(s.size());
+    for (std::size_t i = 0; i < s.size(); ++i) {
+      rho[i] = shape.ratio(std::max(s[i] * s[i], kSmallest), shape.closing);
+    }
+    out->tabulate_ratio(std::move(rho));
+  } else {
+    for (std::size_t j = 0; j < out->rows_; ++j) {
+      const double sigma = std::max(static_cast<double>(j), 0.1) / (shape.rows - 1.0);
+      std::vector<double> row(s.size());
+      for (std::size_t i = 0; i < s.size(); ++i) {
+        row[i] = shape.ratio(std::max(s[i] * s[i], 1e-6), sigma * sigma * shape.reach);
+      }
+      row = out->close(std::move(row));
+      const std::vector<double> slope = tables::monotone_slopes(s, row);
+      out->rho_.insert(out->rho_.end(), row.begin(), row.end());
+      out->rho_slope_.insert(out->rho_slope_.end(), slope.begin(), slope.end());
+    }
+  }
+  out->tabulate_area();
+  out->tabulate_energy();
   return out;
 }
 
 CurveValue Envelope::loading(double e) const {
   if (e <= first_positive_) return {0.0, 0.0};
   if (exponential_) return evaluate(curve_, e);
-  if (e >= closing_) {
-    const double slope = load_slope_.back() / (2.0 * closing_);
-    return {load_.back() + slope * (e - closing_), slope};
+  if (e >= reach_) {
+    const double slope = load_slope_.back() / (2.0 * reach_);
+    return {load_.back() + slope * (e - reach_), slope};
   }
-  const double s = std::sqrt(e / closing_);
-  const CurveValue v = look_up(load_, load_slope_, s);
-  return {v.force, v.slope / (2.0 * s * closing_)};
+  const double s = std::sqrt(e / reach_);
+  const CurveValue v = look_up(load_.data(), load_slope_.data(), s);
+  return {v.force, v.slope / (2.0 * s * reach_)};
 }
 
-CurveValue Envelope::ratio(double x) const {
+CurveValue Envelope::ratio(double x, double e_m) const {
   if (x >= 1.0) return {1.0, 0.0};
-  const double s = std::sqrt(std::max(x, 1e-12));
-  const CurveValue v = look_up(rho_, rho_slope_, s);
-  return {v.force, v.slope / (2.0 * s)};
+  const double s = std::sqrt(std::max(x, kSmallest));
+  if (rows_ == 1) {
+    const CurveValue v = look_up(rho_.data(), rho_slope_.data(), s);
+    return {v.force, v.slope / (2.0 * s)};
+  }
+  const double p = std::sqrt(std::min(e_m / reach_, 1.0)) * static_cast<double>(rows_ - 1);
+  const RowBlend blend(p, rows_);
+  CurveValue sum{0.0, 0.0};
+  for (std::size_t k = 0; k < 3; ++k) {
+    const std::size_t first = blend.row[k] * (kKnots + 1);
+    const CurveValue v = look_up(rho_.data() + first, rho_slope_.data() + first, s);
+    sum.force += blend.weight[k] * v.force;
+    sum.slope += blend.weight[k] * v.slope;
+  }
+  return {sum.force, sum.slope / (2.0 * s)};
 }
 
 double Envelope::loading_energy(double e) const {
   if (e <= first_positive_) return 0.0;
   if (exponential_) return integral(curve_, e) - energy_offset_;
-  if (e >= closing_) {
-    const double slope = load_slope_.back() / (2.0 * closing_);
-    const double beyond = e - closing_;
+  if (e >= reach_) {
+    const double slope = load_slope_.back() / (2.0 * reach_);
+    const double beyond = e - reach_;
     return load_energy_.back() + beyond * (load_.back() + 0.5 * slope * beyond);
   }
-  const double s = std::sqrt(e / closing_) * static_cast<double>(kKnots);
-  const auto i = std::min(static_cast<std::size_t>(s), kKnots - 1);
+  const double s = std::sqrt(e / reach_);
+  const auto i = std::min(static_cast<std::size_t>(s * static_cast<double>(kKnots)), kKnots - 1);
   const double from = static_cast<double>(i) / static_cast<double>(kKnots);
   return load_energy_[i] +
          integrate_rule(
-             gauss16(),
-             [&](double t) { return loading(t * t * closing_).force * 2.0 * t * closing_; }, from,
-             std::sqrt(e / closing_));
+             cell_rule(),
+             [&](double t) {
+               return look_up(load_.data(), load_slope_.data(), t).force * 2.0 * t * reach_;
+             },
+             from, s);
 }
 
 CurveValue Envelope::loop_area(double e_m) const {
   if (e_m <= 0.0) return {0.0, 0.0};
-  const double reach = kAreaReach * closing_;
-  if (e_m > reach) {
-    const double slope = area_slope_.back() / (2.0 * reach);
-    return {area_.back() + slope * (e_m - reach), slope};
+  if (e_m > area_reach_) {
+    const double slope = area_slope_.back() / (2.0 * area_reach_);
+    return {area_.back() + slope * (e_m - area_reach_), slope};
   }
-  const double s = std::sqrt(e_m / reach);
-  const CurveValue v = look_up(area_, area_slope_, s);
-  return {v.force, v.slope / (2.0 * s * reach)};
+  const double s = std::sqrt(e_m / area_reach_);
+  const CurveValue v = look_up(area_.data(), area_slope_.data(), s);
+  return {v.force, v.slope / (2.0 * s * area_reach_)};
 }
 
 double Envelope::unloading_energy(double e, double e_m) const {
   if (e <= 0.0 || e_m <= 0.0) return 0.0;
-  const double end = std::min(e, e_m);
-  double sum = integrate_composite(
-      [&](double t) {
-        const double x = t * t * end;
-        return loading(x).force * ratio(x / e_m).force * 2.0 * t * end;
-      },
-      0.0, 1.0, 8);
-  if (e > e_m) sum += loading_energy(e) - loading_energy(e_m);
-  return sum;
+  const double whole = loading_energy(e);
+  // At the top the loop's own area, so that energy and loss are of one table.
+  if (e >= e_m) return whole - loop_area(e_m).force;
+  constexpr std::size_t width = kShareKnots + 1;
+  const double s = std::sqrt(e / e_m) * static_cast<double>(kShareKnots);
+  const auto i = std::min(static_cast<std::size_t>(s), kShareKnots - 1);
+  const double u = s - static_cast<double>(i);
+  const auto at_row = [&](std::size_t row) {
+    const double* v = share_.data() + row * width + i;
+    const double* m = share_slope_.data() + row * width + i;
+    return tables::hermite(v[0], v[1], m[0], m[1], 1.0 / static_cast<double>(kShareKnots), u).force;
+  };
+  // Four rows around e_m, interpolated by the cubic through them.
+  const double p = std::sqrt(std::min(e_m / area_reach_, 1.0)) * (kShareRows - 1.0);
+  const auto first = static_cast<std::size_t>(
+      std::clamp(std::floor(p) - 1.0, 0.0, static_cast<double>(kShareRows - 4)));
+  const double t = p - static_cast<double>(first);
+  const double share = -at_row(first) * (t - 1.0) * (t - 2.0) * (t - 3.0) / 6.0 +
+                       at_row(first + 1) * t * (t - 2.0) * (t - 3.0) / 2.0 -
+                       at_row(first + 2) * t * (t - 1.0) * (t - 3.0) / 2.0 +
+                       at_row(first + 3) * t * (t - 1.0) * (t - 2.0) / 6.0;
+  return whole * share;
 }
 
 }  // namespace feltmb

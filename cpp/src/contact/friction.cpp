@@ -3,8 +3,34 @@
 #include <cmath>
 
 namespace feltmb {
+namespace {
+
+/// Viscous, quadratic and Stribeck terms.
+FrictionValue extra_terms(const Friction& f, double v) {
+  FrictionValue out{(f.viscous + f.quadratic * std::fabs(v)) * v,
+                    f.viscous + 2.0 * f.quadratic * std::fabs(v)};
+  if (f.stribeck != 0.0) {
+    const double y = v / f.stribeck_speed;
+    const double bell = f.stribeck * std::exp(-y * y);
+    const double t = std::tanh(v / f.threshold_speed);
+    out.value += bell * t;
+    out.slope += bell * ((1.0 - t * t) / f.threshold_speed - 2.0 * y / f.stribeck_speed * t);
+  }
+  return out;
+}
+
+}  // namespace
 
 FrictionValue evaluate(const Friction& friction, double v) {
+  const bool plain =
+      friction.viscous == 0.0 && friction.quadratic == 0.0 && friction.stribeck == 0.0;
+  if (!plain) {
+    Friction own = friction;
+    own.viscous = own.quadratic = own.stribeck = 0.0;
+    const FrictionValue base = evaluate(own, v);
+    const FrictionValue more = extra_terms(friction, v);
+    return {base.value + more.value, base.slope + more.slope};
+  }
   if (friction.amplitude == 0.0) return {0.0, 0.0};
   const double x = v / friction.threshold_speed;
   const double t = std::tanh(x);

@@ -29,6 +29,13 @@ void check(const LawParameters& parameters) {
     check(pair->loading, "loading");
     check(pair->unloading, "unloading");
     require(std::isfinite(pair->alpha) && pair->alpha > 0.0, "alpha [s/m]", pair->alpha, "> 0");
+    require(std::isfinite(pair->hysteresis) && pair->hysteresis >= 0.0, "hysteresis",
+            pair->hysteresis, ">= 0");
+    require(std::isfinite(pair->rate_amplitude) && pair->rate_amplitude >= 0.0, "rate_amplitude",
+            pair->rate_amplitude, ">= 0");
+    require(
+        pair->rate_amplitude == 0.0 || (std::isfinite(pair->rate_time) && pair->rate_time > 0.0),
+        "rate_time [s]", pair->rate_time, "> 0 with a rate term");
   } else if (const auto* mean = std::get_if<MeanCurve>(&parameters)) {
     check(mean->loading, "loading");
     check(mean->unloading, "unloading");
@@ -95,10 +102,40 @@ LawValue evaluate_pair(const ExponentialPair& pair, double e, double rate) {
     if (unload.force < 0.0) unload = {0.0, 0.0};
     if (unload.force > load.force) unload = load;
   }
+  if (pair.hysteresis != 1.0) {
+    unload.force = load.force - pair.hysteresis * (load.force - unload.force);
+    unload.slope = load.slope - pair.hysteresis * (load.slope - unload.slope);
+    if (guarded && unload.force < 0.0) unload = {0.0, 0.0};
+  }
   const double t = std::tanh(pair.alpha * rate);
   const double band = load.force - unload.force;
   return {load.force + band * t, load.slope + (load.slope - unload.slope) * t,
           band * pair.alpha * (1.0 - t * t)};
+}
+
+/// Loading curve that a pair uses, zero where it is open or held at zero.
+CurveValue pair_loading(const ExponentialPair& pair, double e) {
+  if (e <= 0.0) return {};
+  const CurveValue load = evaluate(pair.loading, e);
+  const bool guarded = pair.form == ExponentialPair::Form::kGuarded;
+  return guarded && load.force <= 0.0 ? CurveValue{} : load;
+}
+
+/// A pair with its rate term, one state r.
+LawValue evaluate_relaxing(const ExponentialPair& pair, double e, double rate, const double* state,
+                           LawStates& s) {
+  const CurveValue load = pair_loading(pair, e);
+  s.rate[0] = (load.force - state[0]) / pair.rate_time;
+  s.rate_by_compression[0] = load.slope / pair.rate_time;
+  s.rate_by_state[0][0] = -1.0 / pair.rate_time;
+  if (e <= 0.0) return {};
+  LawValue v = evaluate_pair(pair, e, rate);
+  const double extra = pair.rate_amplitude * (load.force - state[0]);
+  if (pair.form == ExponentialPair::Form::kGuarded && v.force + extra <= 0.0) return {};
+  v.force += extra;
+  v.d_compression += pair.rate_amplitude * load.slope;
+  s.force[0] = -pair.rate_amplitude;
+  return v;
 }
 
 LawValue evaluate_stulov(const Stulov& law, double e, const double* state, LawStates& s) {
@@ -137,7 +174,7 @@ FeltCore evaluate_core(const FeltMemory& law, double e, double rate, double z, d
     c.by_compression = load.slope;
     return c;
   }
-  const CurveValue rho = law.envelope->ratio(e / largest);
+  const CurveValue rho = law.envelope->ratio(e / largest, largest);
   const double mix = rho.force + z * (1.0 - rho.force);
   const double rho_slope = rho.slope / largest;
   c.force = load.force * mix;
@@ -231,6 +268,7 @@ ContactLaw::ContactLaw(const LawParameters& parameters) : parameters_(parameters
       first_positive_ = first_positive_compression(pair->loading);
       energy_offset_ = integral(pair->loading, first_positive_);
     }
+    if (pair->rate_amplitude > 0.0) n_states_ = 1;
   } else if (const auto* mean = std::get_if<MeanCurve>(&parameters)) {
     first_positive_ = first_positive_compression(*mean);
     energy_offset_ = mean_integral(*mean, first_positive_);
@@ -244,6 +282,7 @@ ContactLaw::ContactLaw(const LawParameters& parameters) : parameters_(parameters
 
 const char* ContactLaw::state_name(std::size_t i) const {
   if (std::holds_alternative<Stulov>(parameters_)) return "g";
+  if (std::holds_alternative<ExponentialPair>(parameters_)) return "overstress";
   if (i == 0) return "z";
   const auto& memory = std::get<FeltMemory>(parameters_);
   return i == 1 && memory.creep_stiffness > 0.0 ? "creep" : "overstress";
@@ -271,10 +310,14 @@ LawValue ContactLaw::evaluate(double compression, double rate, const LawMemory& 
     LawStates unwanted;
     return evaluate_stulov(*st, compression, memory.state, states != nullptr ? *states : unwanted);
   }
-  if (compression <= 0.0) return {};
-  if (const auto* pair = std::get_if<ExponentialPair>(&parameters_)) {
-    return evaluate_pair(*pair, compression, rate);
+  const auto* pair = std::get_if<ExponentialPair>(&parameters_);
+  if (pair != nullptr && n_states_ > 0) {
+    LawStates unwanted;
+    return evaluate_relaxing(*pair, compression, rate, memory.state,
+                             states != nullptr ? *states : unwanted);
   }
+  if (compression <= 0.0) return {};
+  if (pair != nullptr) return evaluate_pair(*pair, compression, rate);
   if (const auto* mean = std::get_if<MeanCurve>(&parameters_)) {
     const CurveValue load = feltmb::evaluate(mean->loading, compression);
     const CurveValue unload = feltmb::evaluate(mean->unloading, compression);
@@ -320,6 +363,10 @@ void ContactLaw::relax(double compression, double* state) const {
     state[0] = compression > 0.0 ? std::pow(compression, st->exponent) : 0.0;
     return;
   }
+  if (const auto* pair = std::get_if<ExponentialPair>(&parameters_)) {
+    if (n_states_ > 0) state[0] = pair_loading(*pair, compression).force;
+    return;
+  }
   const auto* felt = std::get_if<FeltMemory>(&parameters_);
   if (felt == nullptr) return;
   state[0] = 0.0;
@@ -353,6 +400,9 @@ CurveValue ContactLaw::static_force(double compression) const {
     const CurveValue v = felt->envelope->loading(creeps ? compression - state[1] : compression);
     if (!creeps) return v;
     return {v.force, v.slope * felt->creep_stiffness / (v.slope + felt->creep_stiffness)};
+  }
+  if (const auto* pair = std::get_if<ExponentialPair>(&parameters_)) {
+    return pair_loading(*pair, compression);
   }
   const LawValue v = evaluate(compression, 0.0);
   return {v.force, v.d_compression};
@@ -411,6 +461,8 @@ double ContactLaw::dissipated_power(double compression, double rate,
     elastic = hc->stiffness * std::pow(compression, hc->exponent);
   } else if (const auto* st = std::get_if<Stulov>(&parameters_)) {
     elastic = st->stiffness * (1.0 - st->amplitude) * std::pow(compression, st->exponent);
+  } else if (const auto* pair = std::get_if<ExponentialPair>(&parameters_)) {
+    elastic = pair_loading(*pair, compression).force;
   } else {
     elastic = evaluate(compression, 0.0).force;
   }

@@ -32,7 +32,8 @@ void LawPath::move_within(double to) {
   if (length <= 0.0) return;
   const double area = std::fabs(integrate_composite(
       [&](double e) {
-        return felt.envelope->loading(e).force * (1.0 - felt.envelope->ratio(e / largest_).force);
+        return felt.envelope->loading(e).force *
+               (1.0 - felt.envelope->ratio(e / largest_, largest_).force);
       },
       std::min(from, to), std::max(from, to), 1));
   const double decay = std::exp(-area / length);

@@ -1,5 +1,7 @@
 #include "feltmb/modal/kernels.hpp"
 
+#include <cmath>
+
 #include "feltmb/core/multiversion.hpp"
 
 namespace feltmb::modal {
@@ -115,6 +117,70 @@ FELTMB_CLONES void add_force(std::size_t n, double g, double a, double b,
 FELTMB_CLONES void advance(std::size_t n, double g, const double* __restrict rate,
                            double* __restrict eta) {
   for (std::size_t i = 0; i < n; ++i) eta[i] += g * rate[i];
+}
+
+FELTMB_CLONES void rotate(std::size_t n, const double* __restrict xx, const double* __restrict xv,
+                          const double* __restrict vx, const double* __restrict vv,
+                          double* __restrict x, double* __restrict v) {
+  for (std::size_t i = 0; i < n; ++i) {
+    const double p = x[i];
+    const double q = v[i];
+    x[i] = xx[i] * p + xv[i] * q;
+    v[i] = vx[i] * p + vv[i] * q;
+  }
+}
+
+FELTMB_CLONES void push(std::size_t n, const ForceWeights& w, const double* __restrict shape,
+                        double f0, double fm, double f1, double* __restrict x,
+                        double* __restrict v) {
+  const double* __restrict x0 = w.x0;
+  const double* __restrict xm = w.xm;
+  const double* __restrict x1 = w.x1;
+  const double* __restrict v0 = w.v0;
+  const double* __restrict vm = w.vm;
+  const double* __restrict v1 = w.v1;
+  for (std::size_t i = 0; i < n; ++i) {
+    x[i] += shape[i] * (x0[i] * f0 + xm[i] * fm + x1[i] * f1);
+    v[i] += shape[i] * (v0[i] * f0 + vm[i] * fm + v1[i] * f1);
+  }
+}
+
+FELTMB_CLONES FourSums sense(std::size_t n, const double* __restrict rows,
+                             const double* __restrict x, const double* __restrict v) {
+  double part[4][kLanes] = {};
+  std::size_t i = 0;
+  for (; i + kLanes <= n; i += kLanes) {
+    for (std::size_t s = 0; s < 4; ++s) {
+      const double* __restrict by_x = rows + 2 * s * n + i;
+      const double* __restrict by_v = by_x + n;
+      for (std::size_t j = 0; j < kLanes; ++j) {
+        part[s][j] += by_x[j] * x[i + j] + by_v[j] * v[i + j];
+      }
+    }
+  }
+  for (std::size_t j = 0; i < n; ++i, ++j) {
+    for (std::size_t s = 0; s < 4; ++s) {
+      part[s][j] += rows[2 * s * n + i] * x[i] + rows[(2 * s + 1) * n + i] * v[i];
+    }
+  }
+  return {{total(part[0]), total(part[1]), total(part[2]), total(part[3])}};
+}
+
+FELTMB_CLONES double reach(std::size_t n, const double* __restrict shape,
+                           const double* __restrict stiffness, const double* __restrict x,
+                           const double* __restrict v) {
+  double part[kLanes] = {};
+  std::size_t i = 0;
+  const auto term = [&](std::size_t m) {
+    const double k = stiffness[m];
+    const double flexible = k > 0.0 ? 1.0 : 0.0;
+    return flexible * std::fabs(shape[m]) * std::sqrt(x[m] * x[m] + v[m] * v[m] / (k + 1e-300));
+  };
+  for (; i + kLanes <= n; i += kLanes) {
+    for (std::size_t j = 0; j < kLanes; ++j) part[j] += term(i + j);
+  }
+  for (std::size_t j = 0; i < n; ++i, ++j) part[j] += term(i);
+  return total(part);
 }
 
 }  // namespace feltmb::modal

@@ -16,9 +16,11 @@ std::size_t at(int i) { return static_cast<std::size_t>(i); }
 Drive FingerInput::at(double t) const {
   Drive drive;
   drive.motion = motion;
-  if (motion) {
+  drive.prescribed = prescribed;
+  if (motion || prescribed) {
     drive.displacement = profile.value(t);
     drive.speed = profile.rate(t);
+    if (prescribed) drive.acceleration = profile.acceleration(t);
   } else {
     drive.force = profile.value(t);
   }
@@ -37,6 +39,7 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Fin
     throw InvalidParameter("finger motion was given but mechanism \"" + m.name +
                            "\" describes no finger");
   }
+  check_input(m);
   for (const auto& s : m.strings) {
     modal_stiffness_.insert(modal_stiffness_.end(), s.string.stiffness().begin(),
                             s.string.stiffness().end());
@@ -83,6 +86,47 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Fin
   tie_.assign(at(n_), 0.0);
 }
 
+void MechanismSystem::check_input(const Mechanism& m) const {
+  if (input_.motor && m.motor_coordinate < 0) {
+    throw InvalidParameter("a motor input was given but mechanism \"" + m.name +
+                           "\" describes no motor");
+  }
+  if (!input_.prescribed) return;
+  if (!input_.motor && m.finger_contact < 0) {
+    throw InvalidParameter("a key motion was given but mechanism \"" + m.name +
+                           "\" describes no finger");
+  }
+  if (!input_.profile.smooth()) {
+    throw InvalidParameter(
+        "a prescribed motion with linear interpolation would need infinite forces at its knots: "
+        "use spline or monotone");
+  }
+}
+
+void MechanismSystem::set_prescribed_reference(double t, std::span<const double> y) {
+  if (!input_.prescribed) return;
+  locate(t, y);
+  const Mechanism& m = mechanism();
+  double place = 0.0;
+  double speed = 0.0;
+  double slow = 1e-3;  // m/s at the key
+  if (input_.motor) {
+    place = y[at(m.motor_coordinate)];
+    speed = y[at(n_ + m.motor_coordinate)];
+    slow *= m.coordinate_scale[at(m.motor_coordinate)] / kFeltTravel;
+  } else {
+    place = dot(m.finger_direction, dynamics_.position(m.finger_point));
+    speed = dot(m.finger_direction, dynamics_.velocity(m.finger_point));
+  }
+  prescribed_reference_ = place - input_.profile.value(t);
+  if (std::fabs(input_.profile.rate(t) - speed) > slow) {
+    throw InvalidParameter(
+        format("prescribed motion: starts with %.4g %s, the mechanism with %.4g; let both agree, "
+               "such as by a record that begins at rest",
+               input_.profile.rate(t), input_.motor ? "rad/s" : "m/s", speed));
+  }
+}
+
 MechanicalState MechanismSystem::parts(std::span<const double> y) const {
   const std::size_t n = at(n_);
   const std::size_t laws = at(law_states_);
@@ -94,6 +138,8 @@ MechanicalState MechanismSystem::parts(std::span<const double> y) const {
 Drive MechanismSystem::drive(double t) const {
   Drive drive = input_.at(t);
   if (drive.motion) drive.displacement += finger_reference_;
+  if (drive.prescribed) drive.displacement += prescribed_reference_;
+  if (input_.motor) drive.coordinate = mechanism().motor_coordinate;
   return drive;
 }
 
@@ -194,6 +240,7 @@ void MechanismSystem::linearize(double t, std::span<const double> y) {
   evaluate(t, y);
   dynamics_.differentiate();
   const Mechanism& m = mechanism();
+  constraint_ = dynamics_.prescription().active ? 1 : 0;
   mass_ = dynamics_.mass_matrix();
   base_stiffness_ = dynamics_.stiffness();
   base_damping_ = dynamics_.damping();
@@ -287,7 +334,7 @@ bool MechanismSystem::factorize(double gamma) {
   stiffness_ = base_stiffness_;
   damping_ = base_damping_;
   reduce_law_states(gamma);
-  const int total = n_ + coupling_count_;
+  const int total = n_ + coupling_count_ + constraint_;
   newton_.resize(total, total);
   newton_.topLeftCorner(n_, n_) = mass_ - gamma * damping_ - (gamma * gamma) * stiffness_;
   for (int i = 0; i < coupling_count_; ++i) {
@@ -326,6 +373,16 @@ bool MechanismSystem::factorize(double gamma) {
                                        .transpose();
     newton_(n_ + i, n_ + i) = 1.0 + own_f;
   }
+  if (constraint_ > 0) {
+    // Unknown reaction dR: M dv - gamma (... + J^T dR) = M r_v, and the motion's own equation
+    // J da + by_speed dv + by_position dq = 0 with gamma da = dv - r_v.
+    const Prescription& p = dynamics_.prescription();
+    newton_.row(total - 1).setZero();
+    newton_.col(total - 1).setZero();
+    newton_.col(total - 1).head(n_) = -gamma * p.row;
+    newton_.row(total - 1).head(n_) =
+        (p.row + gamma * p.by_speed + (gamma * gamma) * p.by_position).transpose();
+  }
   if (!newton_.allFinite()) return false;
   lu_.compute(newton_);
   const auto diagonal = lu_.matrixLU().diagonal();
@@ -345,7 +402,11 @@ void MechanismSystem::solve(std::span<double> b) {
   // Modes without the contact force: their part of the right-hand side.
   modal::reduce_residual(modes, g, modal_stiffness_.data(), modal_rate_factor_.data(), r_eta,
                          r_rate);
-  right_.resize(n_ + coupling_count_);
+  right_.resize(n_ + coupling_count_ + constraint_);
+  if (constraint_ > 0) {
+    const Prescription& p = dynamics_.prescription();
+    right_[n_ + coupling_count_] = p.row.dot(r_v) - g * p.by_position.dot(r_q);
+  }
   right_.head(n_).noalias() = mass_ * r_v;
   right_.head(n_).noalias() += g * (stiffness_ * r_q);
   for (int i = 0; i < coupling_count_; ++i) {
@@ -440,7 +501,12 @@ void MechanismSystem::quadratures(double t, std::span<const double> y, std::span
   const MechanicalState p = parts(y);
   const Drive now = drive(t);
   double power = 0.0;
-  if (now.motion) {
+  if (now.prescribed) {
+    power = dynamics_.prescription().reaction *
+            dynamics_.prescription().row.dot(Eigen::Map<const Eigen::VectorXd>(p.v.data(), n_));
+  } else if (now.coordinate >= 0) {
+    power = now.force * p.v[at(now.coordinate)];
+  } else if (now.motion) {
     power = dynamics_.contacts()[at(m.finger_contact)].law.force * now.speed;
   } else if (now.force != 0.0) {
     power = now.force * dot(m.finger_direction, dynamics_.velocity(m.finger_point));
@@ -491,9 +557,10 @@ std::vector<double> MechanismSystem::absolute_tolerances(double rtol) const {
   }
   for (const auto& c : m.contacts) {
     for (std::size_t j = 0; j < c.law.n_states(); ++j) {
-      // z is a fraction, creep a length, overstress a force of some N, Stulov's g a power of e.
-      double scale = 1.0;
+      // z is a fraction of a band that is a tenth of the force or less where the felts are soft;
+      // creep a length, overstress a force of some N, Stulov's g a power of e.
       const std::string name = c.law.state_name(j);
+      double scale = name == "z" ? 10.0 : 1.0;
       if (name == "creep") scale = felt;
       if (const auto* st = std::get_if<Stulov>(&c.law.parameters())) {
         scale = std::pow(felt, st->exponent);

@@ -43,6 +43,10 @@ std::vector<ObservableInfo> list_observables(const Mechanism& m) {
     add("finger.displacement", "m",
         "travel of the point under the finger from its rest, positive pressing");
   }
+  if (m.motor_coordinate >= 0) {
+    add("motor.torque", "N m",
+        "torque of the motor along its coordinate; of a prescribed motion its reaction");
+  }
   for (const auto& s : m.strings) {
     add(s.name + ".strike", "m", "string displacement at the strike point, away from the striker");
     add(s.name + ".bridge_force", "N", "transverse force on the end far from the strike point");
@@ -90,9 +94,23 @@ void observe(MechanismSystem& system, double t, std::span<const double> y, std::
   }
   if (m.finger_contact >= 0) {
     const Drive drive = system.drive(t);
-    out[i++] = drive.motion ? dynamics.contacts()[at(m.finger_contact)].law.force : drive.force;
+    double force = drive.force;
+    if (drive.coordinate >= 0 || m.motor_contact >= 0) {
+      force = m.motor_contact >= 0 ? dynamics.contacts()[at(m.motor_contact)].law.force : 0.0;
+    } else if (drive.prescribed) {
+      force = dynamics.prescription().reaction;
+    } else if (drive.motion) {
+      force = dynamics.contacts()[at(m.finger_contact)].law.force;
+    }
+    out[i++] = force;
     out[i++] =
         dot(m.finger_direction, dynamics.position(m.finger_point)) - system.finger_reference();
+  }
+  if (m.motor_coordinate >= 0) {
+    const Drive drive = system.drive(t);
+    out[i++] = drive.coordinate < 0 ? 0.0
+               : drive.prescribed   ? dynamics.prescription().reaction
+                                    : drive.force;
   }
   for (std::size_t b = 0; b < m.beams.size(); ++b) {
     elastic += dynamics.beam_energy(static_cast<int>(b), y.subspan(0, n));

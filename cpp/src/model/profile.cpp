@@ -42,6 +42,10 @@ Profile::Profile(std::vector<double> time, std::vector<double> value, Interpolat
     }
     return;
   }
+  if (interpolation_ == Interpolation::kSpline) {
+    fit_spline();
+    return;
+  }
   // Fritsch-Carlson slopes with the weighted harmonic mean of Fritsch and Butland.
   for (std::size_t i = 1; i + 1 < n; ++i) {
     const double h0 = time_[i] - time_[i - 1];
@@ -56,6 +60,30 @@ Profile::Profile(std::vector<double> time, std::vector<double> value, Interpolat
   // Flat ends join the constant continuation. Knots are stops: at rest a step could pass over a
   // whole pulse.
   knots_ = time_;
+}
+
+/// Slopes of the spline from continuity of curvature at the inner knots (Thomas algorithm).
+void Profile::fit_spline() {
+  const std::size_t n = time_.size();
+  if (n > 2) {
+    std::vector<double> factor(n, 0.0);
+    for (std::size_t i = 1; i + 1 < n; ++i) {
+      const double left = 1.0 / (time_[i] - time_[i - 1]);
+      const double right = 1.0 / (time_[i + 1] - time_[i]);
+      const double target = 3.0 * ((value_[i] - value_[i - 1]) * left * left +
+                                   (value_[i + 1] - value_[i]) * right * right);
+      const double pivot = 2.0 * (left + right) - left * factor[i - 1];
+      factor[i] = right / pivot;
+      slope_[i] = (target - left * slope_[i - 1]) / pivot;
+    }
+    for (std::size_t i = n - 2; i > 0; --i) slope_[i] -= factor[i] * slope_[i + 1];
+  }
+  // Curvature jumps at the two ends only. Stops keep a step at rest from passing over a pulse.
+  breakpoints_ = n > 1 ? std::vector<double>{time_.front(), time_.back()} : time_;
+  constexpr double spacing = 5e-4;  // s
+  for (std::size_t i = 1; i + 1 < n; ++i) {
+    if (knots_.empty() || time_[i] - knots_.back() >= spacing) knots_.push_back(time_[i]);
+  }
 }
 
 std::size_t Profile::interval(double t) const {
@@ -89,6 +117,19 @@ double Profile::base_rate(double t) const {
          (3.0 * u * u - 2.0 * u) * slope_[i + 1];
 }
 
+double Profile::base_acceleration(double t) const {
+  if (interpolation_ == Interpolation::kLinear || t < time_.front() || t >= time_.back()) {
+    return 0.0;
+  }
+  const std::size_t i = interval(t);
+  const double h = time_[i + 1] - time_[i];
+  const double secant = (value_[i + 1] - value_[i]) / h;
+  const double u = (t - time_[i]) / h;
+  return (6.0 * (1.0 - 2.0 * u) * secant + (6.0 * u - 4.0) * slope_[i] +
+          (6.0 * u - 2.0) * slope_[i + 1]) /
+         h;
+}
+
 double Profile::value(double t) const {
   return amplitude_ == 0.0 ? base(t) : base(t) * (1.0 + amplitude_ * std::sin(omega_ * t));
 }
@@ -97,6 +138,14 @@ double Profile::rate(double t) const {
   if (amplitude_ == 0.0) return base_rate(t);
   return base_rate(t) * (1.0 + amplitude_ * std::sin(omega_ * t)) +
          base(t) * amplitude_ * omega_ * std::cos(omega_ * t);
+}
+
+double Profile::acceleration(double t) const {
+  if (amplitude_ == 0.0) return base_acceleration(t);
+  const double sine = amplitude_ * std::sin(omega_ * t);
+  const double cosine = amplitude_ * omega_ * std::cos(omega_ * t);
+  return base_acceleration(t) * (1.0 + sine) + 2.0 * base_rate(t) * cosine -
+         base(t) * omega_ * omega_ * sine;
 }
 
 }  // namespace feltmb

@@ -165,6 +165,7 @@ class Run {
     felt_rate_.assign(remembering_.size(), 0.0);
     recovered_.assign(mechanism->contacts.size(), 0.0);
     set_finger_reference();
+    system_.set_prescribed_reference(0.0, y_);
     scratch_.resize(y_.size());
     const auto add_stops = [&](const std::vector<double>& times, bool restart) {
       for (const double t : times) {

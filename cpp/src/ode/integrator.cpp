@@ -10,28 +10,12 @@
 #include <exception>
 
 #include "feltmb/core/error.hpp"
+#include "feltmb/core/flush_to_zero.hpp"
 #include "feltmb/core/sums.hpp"
 #include "vector_kernels.hpp"
 
-#if defined(__SSE2__)
-#include <immintrin.h>
-#endif
-
 namespace feltmb {
 namespace {
-
-/// Flush-to-zero while the integrator runs: decaying string modes would turn denormal and slow
-/// every operation down a hundredfold. Restored on leaving.
-class FlushToZero {
- public:
-#if defined(__SSE2__)
-  FlushToZero() : saved_(_mm_getcsr()) { _mm_setcsr(saved_ | 0x8040U); }
-  ~FlushToZero() { _mm_setcsr(saved_); }
-
- private:
-  unsigned saved_;
-#endif
-};
 
 const char* flag_text(int flag) {
   switch (flag) {

@@ -19,6 +19,7 @@ class Assembler {
     m_->name = d_.name;
     m_->gravity = d_.gravity;
     add_bodies();
+    const bool bodies_are_sound = faults_.empty();
     add_surfaces();
     add_contacts();
     add_strings();
@@ -30,10 +31,8 @@ class Assembler {
       contact.first_state = m_->total_law_states;
       m_->total_law_states += static_cast<int>(contact.law.n_states());
     }
-    if (faults_.empty()) {
-      check_inertia();
-      set_scales();
-    }
+    if (bodies_are_sound) check_inertia();
+    if (faults_.empty()) set_scales();
     if (!faults_.empty()) {
       std::string text = "mechanism \"" + d_.name + "\": " + std::to_string(faults_.size()) +
                          (faults_.size() == 1 ? " fault" : " faults");
@@ -374,6 +373,15 @@ class Assembler {
     if (!(std::isfinite(f.threshold_speed) && f.threshold_speed > 0.0)) {
       fault(where + format(": friction threshold_speed = %.6g, must be > 0", f.threshold_speed));
     }
+    if (!(std::isfinite(f.viscous) && f.viscous >= 0.0 && std::isfinite(f.quadratic) &&
+          f.quadratic >= 0.0 && std::isfinite(f.stribeck) && f.stribeck >= 0.0)) {
+      fault(where + format(": friction viscous = %.6g, quadratic = %.6g, stribeck = %.6g, must be "
+                           ">= 0",
+                           f.viscous, f.quadratic, f.stribeck));
+    }
+    if (!(std::isfinite(f.stribeck_speed) && f.stribeck_speed > 0.0)) {
+      fault(where + format(": friction stribeck_speed = %.6g, must be > 0", f.stribeck_speed));
+    }
   }
 
   void add_surfaces() {
@@ -468,6 +476,7 @@ class Assembler {
       m_->contacts.push_back(contact);
     }
     if (d_.finger) add_finger();
+    if (d_.motor) add_motor();
   }
 
   void set_geometry(Contact& contact, const SurfaceDescription& sa, const SurfaceDescription& sb,
@@ -548,6 +557,18 @@ class Assembler {
     m_->contacts.push_back(contact);
   }
 
+  void add_motor() {
+    m_->motor_coordinate = m_->coordinate_index(d_.motor->coordinate);
+    if (m_->motor_coordinate < 0) {
+      fault("motor: there is no coordinate \"" + d_.motor->coordinate + "\"");
+    } else if (!m_->coordinate_is_angle[at(m_->motor_coordinate)]) {
+      fault("motor: coordinate \"" + d_.motor->coordinate + "\" is no angle");
+    }
+    if (d_.motor->contact == 0) return;
+    m_->motor_contact = m_->contact_index(d_.motor->contact);
+    if (m_->motor_contact < 0) fault(format("motor: there is no contact %d", d_.motor->contact));
+  }
+
   void add_strings() {
     for (const auto& s : d_.strings) {
       const std::string where = "string \"" + s.name + "\"";
@@ -620,7 +641,17 @@ class Assembler {
         fault(where + format(": stiffness = %.6g N m/rad, must be >= 0", s.stiffness));
       }
       if (!std::isfinite(s.rest_angle)) fault(where + ": rest_angle is not a finite number");
-      if (index >= 0) m_->springs.push_back({s.name, index, s.stiffness, s.rest_angle});
+      if (!(std::isfinite(s.damping) && s.damping >= 0.0)) {
+        fault(where + format(": damping = %.6g N m s/rad, must be >= 0", s.damping));
+      }
+      if (!(std::isfinite(s.clearance) && s.clearance >= 0.0)) {
+        fault(where + format(": clearance = %.6g, must be >= 0", s.clearance));
+      } else if (s.clearance > 0.0 && !(std::isfinite(s.seating) && s.seating > 0.0)) {
+        fault(where + format(": seating = %.6g, must be > 0 with a clearance", s.seating));
+      }
+      if (index < 0) continue;
+      m_->springs.push_back({s.name, index, s.stiffness, s.rest_angle, {s.clearance, s.seating}});
+      m_->joint_friction[at(index)].viscous += s.damping;
     }
   }
 

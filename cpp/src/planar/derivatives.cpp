@@ -94,7 +94,8 @@ void Dynamics::differentiate() {
         beam.damping_time * beam.stiffness;
   }
   for (const auto& spring : m_->springs) {
-    stiffness_(spring.coordinate, spring.coordinate) -= spring.stiffness;
+    const double x = q_[at(spring.coordinate)] - spring.rest_angle;
+    stiffness_(spring.coordinate, spring.coordinate) -= spring.stiffness + spring.play.at(x).slope;
   }
   for (int k = 0; k < n_; ++k) {
     damping_(k, k) -= feltmb::evaluate(m_->joint_friction[at(k)], v_[at(k)]).slope;
@@ -105,6 +106,7 @@ void Dynamics::differentiate() {
   for (std::size_t i = 0; i < contacts_.size(); ++i) {
     if (contacts_[i].closed) differentiate_contact(i);
   }
+  if (prescription_.active) differentiate_prescription();
   // Held coordinates have no equation; others still depend on where they are held.
   for (const int k : condensed_) {
     stiffness_.row(k).setZero();

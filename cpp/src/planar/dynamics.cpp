@@ -48,6 +48,9 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
       vector->setZero(n_);
     }
   }
+  for (auto* vector : {&prescription_.row, &prescription_.by_position, &prescription_.by_speed}) {
+    vector->setZero(n_);
+  }
   for (auto* vector : {&column_a_, &column_b_, &dn_, &dp_, &du_, &columns_}) vector->assign(n, {});
 }
 
@@ -204,7 +207,7 @@ void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail
   std::fill(applied_.begin(), applied_.end(), Wrench{});
   apply_contacts();
   apply_straps();
-  if (!drive.motion && drive.force != 0.0) {
+  if (!drive.motion && !drive.prescribed && drive.coordinate < 0 && drive.force != 0.0) {
     apply(m_->finger_point.link, position(m_->finger_point), drive.force * m_->finger_direction);
   }
 
@@ -222,17 +225,21 @@ void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail
   }
   for (const FlexibleBeam& beam : m_->beams) add_beam(beam);
   for (const auto& spring : m_->springs) {
-    force_[spring.coordinate] -= spring.stiffness * (q_[at(spring.coordinate)] - spring.rest_angle);
+    const double x = q_[at(spring.coordinate)] - spring.rest_angle;
+    force_[spring.coordinate] -= spring.stiffness * x + spring.play.at(x).force;
   }
   for (int k = 0; k < n_; ++k) {
     for (int j = m_->coordinate_parent[at(k)]; j >= 0; j = m_->coordinate_parent[at(j)]) {
       mass_(j, k) = mass_(k, j);
     }
   }
+  if (drive.coordinate >= 0 && !drive.prescribed) force_[drive.coordinate] += drive.force;
   if (!condensed_.empty()) hold_condensed();
   factor_mass();
   acceleration_ = force_;
   solve_mass(acceleration_);
+  prescription_.active = drive.prescribed;
+  if (drive.prescribed) prescribe(drive);
 }
 
 void Dynamics::condense_axial() {
@@ -356,7 +363,7 @@ double Dynamics::spring_energy(std::span<const double> q) const {
   double energy = 0.0;
   for (const auto& s : m_->springs) {
     const double angle = q[at(s.coordinate)] - s.rest_angle;
-    energy += 0.5 * s.stiffness * angle * angle;
+    energy += 0.5 * s.stiffness * angle * angle + s.play.at(angle).energy;
   }
   return energy;
 }

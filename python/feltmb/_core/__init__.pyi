@@ -15,11 +15,16 @@ from . import fiber
 __all__: list[str] = [
     "BeamDescription",
     "BodyDescription",
+    "CircleOnLayer",
+    "ConstantArea",
     "ContactDescription",
     "ContactLaw",
+    "CrossedCylinders",
     "Envelope",
     "ExponentialCurve",
     "ExponentialPair",
+    "FeltLayer",
+    "FeltMaterial",
     "FeltMemory",
     "FingerDescription",
     "Friction",
@@ -27,16 +32,19 @@ __all__: list[str] = [
     "Interpolation",
     "JointKind",
     "LawPath",
+    "LayerColumns",
     "LumpedNetwork",
     "MeanCurve",
     "Mechanism",
     "MechanismDescription",
     "ModalString",
     "Monitor",
+    "MotorDescription",
     "Profile",
     "RunResult",
     "ShapeSet",
     "SimulationOptions",
+    "SphereOnLayer",
     "StrapDescription",
     "StringDescription",
     "StringParameters",
@@ -54,7 +62,9 @@ __all__: list[str] = [
     "force_along",
     "jacobian_blocks",
     "jacobian_check",
+    "layer_envelope",
     "point_position",
+    "pressure_envelope",
     "rhs",
     "simulate",
 ]
@@ -67,12 +77,16 @@ class Friction:
         b1: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         b2: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         threshold_speed: typing.SupportsFloat | typing.SupportsIndex = 0.001,
+        viscous: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        quadratic: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        stribeck: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        stribeck_speed: typing.SupportsFloat | typing.SupportsIndex = 0.1,
     ) -> None: ...
     def coefficient(
         self, speed: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
     ) -> typing.Any:
         """
-        mu(v) of thesis eq. A.1 at sliding speed [m/s or rad/s].
+        mu(v) of thesis eq. A.1 with the added terms, at sliding speed [m/s or rad/s].
         """
     @property
     def amplitude(self) -> float: ...
@@ -81,7 +95,15 @@ class Friction:
     @property
     def b2(self) -> float: ...
     @property
+    def quadratic(self) -> float: ...
+    @property
+    def stribeck(self) -> float: ...
+    @property
+    def stribeck_speed(self) -> float: ...
+    @property
     def threshold_speed(self) -> float: ...
+    @property
+    def viscous(self) -> float: ...
 
 class ExponentialCurve:
     def __init__(
@@ -111,6 +133,9 @@ class ExponentialPair:
         unloading: ExponentialCurve,
         alpha: typing.SupportsFloat | typing.SupportsIndex = 100.0,
         guarded: bool = True,
+        hysteresis: typing.SupportsFloat | typing.SupportsIndex = 1.0,
+        rate_amplitude: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        rate_time: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> None: ...
 
 class MeanCurve:
@@ -154,6 +179,12 @@ class Envelope:
         """
         Virgin loading force [N].
         """
+    def loading_energy(
+        self, compression: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
+    ) -> typing.Any:
+        """
+        Work [J] of a virgin loading to compression [m].
+        """
     def loop_area(
         self, largest: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
     ) -> typing.Any:
@@ -168,10 +199,23 @@ class Envelope:
         """
         Unloading force [N] of the cycle to the compression `largest` [m].
         """
+    def unloading_energy(
+        self,
+        compression: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        largest: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> typing.Any:
+        """
+        Work [J] that the cycle to `largest` [m] gives back from compression [m].
+        """
     @property
     def closing(self) -> float:
         """
         Compression e_M [m].
+        """
+    @property
+    def repair(self) -> tuple[float, float, float]:
+        """
+        Largest change [N] of the unloading force that made its shape monotone, from and to [m]; zeros if none.
         """
 
 class FeltMemory:
@@ -186,6 +230,13 @@ class FeltMemory:
         rate_amplitude: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         rate_time: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> None: ...
+    @property
+    def envelope(self) -> Envelope:
+        """
+        Envelope of the law.
+        """
+    @property
+    def kappa(self) -> float: ...
 
 class ContactLaw:
     def __init__(
@@ -257,6 +308,114 @@ class LawPath:
     def largest(self) -> float: ...
     @property
     def state(self) -> typing.Annotated[list[float], "FixedSize(3)"]: ...
+
+class ConstantArea:
+    def __init__(self, size: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    def area(
+        self, compression: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
+    ) -> typing.Any:
+        """
+        Area [m^2] at compression [m]; 0 for compression <= 0.
+        """
+    @property
+    def size(self) -> float: ...
+
+class CrossedCylinders:
+    def __init__(
+        self,
+        radius_a: typing.SupportsFloat | typing.SupportsIndex,
+        radius_b: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    def area(
+        self, compression: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
+    ) -> typing.Any:
+        """
+        Area [m^2] at compression [m]; 0 for compression <= 0.
+        """
+    @property
+    def radius_a(self) -> float: ...
+    @property
+    def radius_b(self) -> float: ...
+
+class CircleOnLayer:
+    def __init__(
+        self,
+        radius: typing.SupportsFloat | typing.SupportsIndex,
+        width: typing.SupportsFloat | typing.SupportsIndex,
+        length: typing.SupportsFloat | typing.SupportsIndex = ...,
+    ) -> None: ...
+    def area(
+        self, compression: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
+    ) -> typing.Any:
+        """
+        Area [m^2] at compression [m]; 0 for compression <= 0.
+        """
+    @property
+    def length(self) -> float: ...
+    @property
+    def radius(self) -> float: ...
+    @property
+    def width(self) -> float: ...
+
+class SphereOnLayer:
+    def __init__(self, radius: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    def area(
+        self, compression: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
+    ) -> typing.Any:
+        """
+        Area [m^2] at compression [m]; 0 for compression <= 0.
+        """
+    @property
+    def radius(self) -> float: ...
+
+class FeltMaterial:
+    def __init__(
+        self,
+        *,
+        mu: typing.SupportsFloat | typing.SupportsIndex,
+        Wf0: typing.SupportsFloat | typing.SupportsIndex,
+        d_f: typing.SupportsFloat | typing.SupportsIndex,
+        v_f0: typing.SupportsFloat | typing.SupportsIndex,
+        v_f_max: typing.SupportsFloat | typing.SupportsIndex,
+        loading: tuple[
+            typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex
+        ],
+        unloading: tuple[
+            typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex
+        ],
+        Q: typing.SupportsFloat | typing.SupportsIndex = 2.0,
+    ) -> None: ...
+    @property
+    def v_f0(self) -> float: ...
+    @property
+    def v_f_max(self) -> float: ...
+
+class FeltLayer:
+    def __init__(
+        self,
+        pressure: Envelope,
+        thickness: typing.SupportsFloat | typing.SupportsIndex,
+        area: ConstantArea | CrossedCylinders | CircleOnLayer | SphereOnLayer,
+        columns: bool = False,
+    ) -> None: ...
+
+class LayerColumns:
+    def __init__(
+        self,
+        layer: FeltLayer,
+        columns: typing.SupportsInt | typing.SupportsIndex,
+        kappa: typing.SupportsFloat | typing.SupportsIndex = 0.2,
+    ) -> None: ...
+    def path(
+        self, compression: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]
+    ) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Forces [N] along compressions [m], from virgin felt.
+        """
+    def step(self, compression: typing.SupportsFloat | typing.SupportsIndex) -> float:
+        """
+        Force [N] at compression [m].
+        """
 
 class StringParameters:
     def __init__(
@@ -556,9 +715,21 @@ class TorsionSpringDescription:
     name: str
     def __init__(self) -> None: ...
     @property
+    def clearance(self) -> float: ...
+    @clearance.setter
+    def clearance(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def damping(self) -> float: ...
+    @damping.setter
+    def damping(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
     def rest_angle(self) -> float: ...
     @rest_angle.setter
     def rest_angle(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def seating(self) -> float: ...
+    @seating.setter
+    def seating(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def stiffness(self) -> float: ...
     @stiffness.setter
@@ -663,8 +834,17 @@ class FingerDescription:
         ],
     ) -> None: ...
 
+class MotorDescription:
+    coordinate: str
+    def __init__(self) -> None: ...
+    @property
+    def contact(self) -> int: ...
+    @contact.setter
+    def contact(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+
 class MechanismDescription:
     finger: FingerDescription | None
+    motor: MotorDescription | None
     name: str
     def __init__(self) -> None: ...
     @property
@@ -735,6 +915,8 @@ class Mechanism:
     @property
     def coordinates(self) -> list[str]: ...
     @property
+    def law_state_names(self) -> list[str]: ...
+    @property
     def name(self) -> str: ...
     @property
     def point_names(self) -> list[str]: ...
@@ -750,11 +932,14 @@ class Interpolation:
       linear
 
       monotone
+
+      spline
     """
 
     __members__: typing.ClassVar[dict[str, Interpolation]]
     linear: typing.ClassVar[Interpolation]
     monotone: typing.ClassVar[Interpolation]
+    spline: typing.ClassVar[Interpolation]
     @typing.overload
     def __eq__(self, other: Interpolation) -> bool: ...
     @typing.overload
@@ -785,12 +970,17 @@ class Profile:
         oscillation_amplitude: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         oscillation_frequency: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> None: ...
+    def acceleration(
+        self, time: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
+    ) -> typing.Any: ...
     def rate(self, time: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]) -> typing.Any: ...
     def value(
         self, time: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
     ) -> typing.Any: ...
     @property
     def breakpoints(self) -> list[float]: ...
+    @property
+    def smooth(self) -> bool: ...
 
 class SimulationOptions:
     diagnose: bool
@@ -995,9 +1185,16 @@ def jacobian_check(
     motion: bool,
     time: typing.SupportsFloat | typing.SupportsIndex,
     gamma: typing.SupportsFloat | typing.SupportsIndex,
+    prescribed: bool = False,
+    motor: bool = False,
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
     """
     Inverse of I - gamma J as the structured solver applies it.
+    """
+
+def layer_envelope(layer: FeltLayer) -> Envelope:
+    """
+    Envelope of a contact through a felt layer; kept.
     """
 
 def point_position(
@@ -1009,12 +1206,19 @@ def point_position(
     Position [m] of a tracking point in the ground frame.
     """
 
+def pressure_envelope(material: FeltMaterial) -> Envelope:
+    """
+    Pressure [Pa] against strain [-] as a table; kept.
+    """
+
 def rhs(
     mechanism: Mechanism,
     y: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
     profile: Profile,
     motion: bool,
     time: typing.SupportsFloat | typing.SupportsIndex,
+    prescribed: bool = False,
+    motor: bool = False,
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]:
     """
     y' of the full state [q, v, eta, deta/dt].
@@ -1029,6 +1233,8 @@ def simulate(
     monitors: collections.abc.Sequence[Monitor],
     progress: typing.Any = None,
     start_memory: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] = [],
+    prescribed: bool = False,
+    motor: bool = False,
 ) -> RunResult: ...
 
 __version__: str = "0.1.0"

@@ -11,7 +11,7 @@ from feltmb.cli.common import force_option, say_written
 
 @click.command("animate")
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="GIF or HTML file; default: RUN.gif.")
+@click.option("--out", type=click.Path(path_type=Path), help="GIF file; default: RUN.gif.")
 @click.option(
     "--slowness",
     type=float,
@@ -21,10 +21,10 @@ from feltmb.cli.common import force_option, say_written
 )
 @click.option(
     "--fps",
-    type=click.IntRange(1, 100),
+    type=click.IntRange(1, 50),
     default=30,
     show_default=True,
-    help="Frames a second of a GIF.",
+    help="Frames a second.",
 )
 @click.option("--window", type=(float, float), metavar="FROM TO", help="Only this time [s].")
 @force_option

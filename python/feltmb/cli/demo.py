@@ -39,6 +39,7 @@ def command(out: Path, no_animation: bool, settings: tuple[str, ...]) -> None:
     from feltmb.plot import mechanism as draw
     from feltmb.plot import save_all
     from feltmb.simulate import simulate
+    from feltmb.viewer import view
 
     action = load_with_settings("steinway45", settings)
     screen = console()
@@ -76,7 +77,7 @@ def command(out: Path, no_animation: bool, settings: tuple[str, ...]) -> None:
         if not no_animation:
             step(task, "animating forte")
             written.append(animate(runs["forte"], out / "forte.gif", force=True))
-            written.append(animate(runs["forte"], out / "forte.html", force=True))
+            written.append(view(list(runs.values()), out / "strokes.html", force=True))
             bar.advance(task, 5)
 
     for name, run in runs.items():

@@ -18,6 +18,7 @@ from feltmb.cli.common import (
     complain,
     console,
     force_option,
+    new_table,
     save_figure,
     say_written,
 )
@@ -43,24 +44,14 @@ def _guard(command: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
-def _console() -> Any:
-    from rich.console import Console
-
-    return Console(width=80, highlight=False, soft_wrap=False)
-
-
 def _table(
     title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], *, words: int = 1
 ) -> None:
-    from rich import box
-    from rich.table import Table
-
-    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
-    for number, column in enumerate(columns):
-        table.add_column(column, justify="left" if number < words else "right", overflow="fold")
+    """Print rows; the first ``words`` columns hold words, the others numbers."""
+    table = new_table(title, *columns, right=tuple(range(words, len(columns))))
     for row in rows:
         table.add_row(*row)
-    _console().print(table)
+    console().print(table)
 
 
 def _write_text(path: Path, text: str, force: bool) -> None:

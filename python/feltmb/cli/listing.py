@@ -46,8 +46,8 @@ def command(as_json: bool) -> None:
     screen.print(table)
     table = new_table("strokes", "name", "input", "largest", "length", right=(2, 3))
     for name, stroke in strokes.items():
-        unit = "N" if stroke.kind == "force" else "mm"
-        top = max(stroke.value) * (1.0 if unit == "N" else 1e3)
+        factor, unit = (1e3, "mm") if stroke.unit == "m" else (1.0, stroke.unit)
+        top = max(stroke.value) * factor
         table.add_row(name, stroke.kind, f"{top:g} {unit}", f"{stroke.duration:g} s")
     screen.print(table)
     table = new_table("contact laws (contacts.NN.law)", "name", "about")

@@ -54,6 +54,11 @@ if TYPE_CHECKING:
     help="Go on from the end of this saved run.",
 )
 @click.option(
+    "--noise",
+    metavar="LENGTH",
+    help='Standard deviation of measured strokes, such as "2 um": smooths them within it.',
+)
+@click.option(
     "--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Strokes at a time."
 )
 @click.option("--no-ledger", is_flag=True, help="Leave out the energy ledger (faster).")
@@ -71,6 +76,7 @@ def command(
     output_rate: float,
     max_wall: float | None,
     start: Path | None,
+    noise: str | None,
     jobs: int,
     no_ledger: bool,
     force: bool,
@@ -79,7 +85,8 @@ def command(
     """Simulate ACTION under one or more STROKES.
 
     ACTION is a packaged mechanism or a TOML file. A STROKE is a packaged name, a TOML file or a
-    CSV with the header "time [s],force [N]" or "time [s],displacement [m]". See: feltmb list.
+    CSV with the header "time [s],force [N]"; instead of force: displacement (of the finger), key
+    displacement, torque, motor angle. See: feltmb list.
     """
     from concurrent.futures import ThreadPoolExecutor
 
@@ -91,6 +98,8 @@ def command(
 
     mechanism = load_with_settings(action, settings)
     loaded = [load_stroke(s) for s in strokes]
+    if noise is not None:
+        loaded = [s.smoothed(_noise(noise, s.unit)) for s in loaded]
     stems = _stems([s.name for s in loaded])
     targets = _targets(out, stems)
     for target, stem in zip(targets, stems, strict=True):
@@ -159,6 +168,17 @@ def command(
         for failure in failures[:-1]:
             complain(failure)
         raise FeltmbError(failures[-1])
+
+
+def _noise(text: str, unit: str) -> float:
+    """Value of --noise in the unit of a stroke."""
+    from feltmb.errors import InvalidParameter
+    from feltmb.quantity import parse_scalar
+
+    try:
+        return parse_scalar(text, unit)
+    except ValueError as error:
+        raise InvalidParameter(f"--noise: {error}") from None
 
 
 def _targets(out: Path | None, stems: list[str]) -> list[Path | None]:

@@ -9,12 +9,14 @@ from feltmb.felt.envelopes import (
     ConstantArea,
     CrossedCylinders,
     FeltEnvelope,
+    SphereOnLayer,
     envelope,
     load_envelope,
     parse_area,
 )
+from feltmb.felt.fitting import ContactFit, fit_contact
 from feltmb.felt.identification import BranchFit, Identification, identify
-from feltmb.felt.material import (
+from feltmb.material import (
     Branch,
     BranchCurve,
     FeltMaterial,
@@ -30,6 +32,7 @@ __all__ = [
     "BranchFit",
     "CircleOnLayer",
     "ConstantArea",
+    "ContactFit",
     "CrossedCylinders",
     "Cycle",
     "FeltEnvelope",
@@ -37,9 +40,11 @@ __all__ = [
     "Fiber",
     "Finding",
     "Identification",
+    "SphereOnLayer",
     "audit",
     "audit_targets",
     "envelope",
+    "fit_contact",
     "identify",
     "load_envelope",
     "load_material",

@@ -21,8 +21,8 @@ from feltmb.config import Contact, core_law, load_action
 from feltmb.contact import Law
 from feltmb.errors import InvalidParameter
 from feltmb.felt.envelopes import ConstantArea, FeltEnvelope, envelope, load_envelope
-from feltmb.felt.material import FeltMaterial, load_material
 from feltmb.files import read_toml
+from feltmb.material import FeltMaterial, load_material
 from feltmb.units import conversion_factor
 
 __all__ = ["Audit", "Cycle", "Finding", "audit", "audit_targets"]
@@ -582,7 +582,7 @@ def audit_targets(
         A name that does not exist, with those that do.
     """
     from feltmb.config import packaged_actions, parse_setting
-    from feltmb.felt.material import packaged_materials
+    from feltmb.material import packaged_materials
 
     action_name, colon, contact = text.rpartition(":")
     if not colon:

@@ -1,26 +1,34 @@
 """From a felt to the force of a contact: thickness, contact area, table of the loop.
 
 Force = pressure of the felt times the area that both surfaces share (thesis 4.1.5), the felt being
-compressed evenly: v_f = v_f0 / (1 - e / thickness) at compression e (eq. 2.2).
+compressed evenly, v_f = v_f0 / (1 - e / thickness) at compression e (eq. 2.2), or by columns.
 """
 
 from __future__ import annotations
 
 import math
-import threading
-from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from feltmb import _core
 from feltmb.errors import InvalidParameter
-from feltmb.felt.material import FeltMaterial
 from feltmb.files import read_toml
+from feltmb.layer import (
+    AREAS,
+    Area,
+    CircleOnLayer,
+    Compression,
+    ConstantArea,
+    CrossedCylinders,
+    SphereOnLayer,
+    core_layer,
+)
+from feltmb.material import FeltMaterial
 from feltmb.quantity import parse_scalar
 from feltmb.units import conversion_factor
 
@@ -31,119 +39,13 @@ __all__ = [
     "ConstantArea",
     "CrossedCylinders",
     "FeltEnvelope",
+    "SphereOnLayer",
     "envelope",
     "load_envelope",
     "parse_area",
 ]
 
 Array = NDArray[np.float64]
-
-
-def _positive(where: str, **values: float) -> None:
-    faults = [
-        f"{where}: {name} = {value:.6g}, must be finite and > 0"
-        for name, value in values.items()
-        if not (value > 0 and math.isfinite(value))
-    ]
-    if faults:
-        raise InvalidParameter("\n".join(faults))
-
-
-class Area(Protocol):
-    """Area that two surfaces share, by compression."""
-
-    def area(self, compression: ArrayLike) -> Array:
-        """Area [m^2] at compression [m]; 0 for compression <= 0."""
-        ...
-
-
-@dataclass(frozen=True)
-class ConstantArea:
-    """Flat faces: the same area at every compression."""
-
-    size: float
-    """[m^2]."""
-
-    def __post_init__(self) -> None:
-        _positive("constant area", size=self.size)
-
-    def area(self, compression: ArrayLike) -> Array:
-        """Area [m^2] at compression [m]."""
-        e = np.asarray(compression, dtype=float)
-        return np.where(e > 0, self.size, 0.0)
-
-    def __str__(self) -> str:
-        return f"constant, {self.size * 1e6:.6g} mm^2"
-
-
-@dataclass(frozen=True)
-class CrossedCylinders:
-    """Cylinder on cylinder at a right angle, such as a hammer's nose on a string.
-
-    The projection of the overlap: points (x, y) where the sagittas of both cylinders sum to less
-    than the compression. Small compression e: an ellipse of area 2 pi e sqrt(R_a R_b). No wider
-    than either cylinder.
-    """
-
-    radius_a: float
-    """[m]."""
-    radius_b: float
-    """[m]."""
-
-    def __post_init__(self) -> None:
-        _positive("crossed cylinders", radius_a=self.radius_a, radius_b=self.radius_b)
-
-    def area(self, compression: ArrayLike) -> Array:
-        """Area [m^2] at compression [m]."""
-        e = np.atleast_1d(np.asarray(compression, dtype=float))
-        small, large = sorted((self.radius_a, self.radius_b))
-        node, weight = np.polynomial.legendre.leggauss(64)
-        # y = small sin(phi), phi = end sin(psi): the root at the rim becomes smooth.
-        psi = 0.25 * np.pi * (node + 1.0)
-        end = np.arccos(np.clip(1.0 - np.maximum(e, 0.0) / small, 0.0, 1.0))[:, None]
-        phi = end * np.sin(psi)
-        gap = np.clip(e[:, None] - 2.0 * small * np.sin(0.5 * phi) ** 2, 0.0, large)
-        half = np.sqrt(gap * (2.0 * large - gap))
-        step = small * np.cos(phi) * end * np.cos(psi)
-        out = 4.0 * 0.25 * np.pi * (half * step) @ weight
-        return np.where(e > 0, out, 0.0).reshape(np.shape(compression))
-
-    def __str__(self) -> str:
-        return f"crossed cylinders, {self.radius_a * 1e3:.6g} mm and {self.radius_b * 1e3:.6g} mm"
-
-
-@dataclass(frozen=True)
-class CircleOnLayer:
-    """Cylinder pressed into a flat layer: chord of the circle times the width.
-
-    Area 2 sqrt(2 r e - e^2) b, no wider than the cylinder.
-    """
-
-    radius: float
-    """[m]."""
-    width: float
-    """Length of the contact across the plane of motion [m]."""
-
-    def __post_init__(self) -> None:
-        _positive("circle on layer", radius=self.radius, width=self.width)
-
-    def area(self, compression: ArrayLike) -> Array:
-        """Area [m^2] at compression [m]."""
-        e = np.clip(np.asarray(compression, dtype=float), 0.0, self.radius)
-        return np.asarray(2.0 * self.width * np.sqrt(e * (2.0 * self.radius - e)))
-
-    def __str__(self) -> str:
-        return (
-            f"circle on layer, radius {self.radius * 1e3:.6g} mm, width {self.width * 1e3:.6g} mm"
-        )
-
-
-#: name in a command -> (class, names and SI units of its numbers)
-AREAS: dict[str, tuple[type[Any], tuple[tuple[str, str], ...]]] = {
-    "constant": (ConstantArea, (("size", "m^2"),)),
-    "crossed_cylinders": (CrossedCylinders, (("radius_a", "m"), ("radius_b", "m"))),
-    "circle_on_layer": (CircleOnLayer, (("radius", "m"), ("width", "m"))),
-}
 
 
 def parse_area(text: str) -> Area:
@@ -155,22 +57,28 @@ def parse_area(text: str) -> Area:
         Naming every fault and the way to write it.
     """
     name, _, rest = text.partition(":")
-    usage = "; ".join(f"{k}:{','.join(n.upper() for n, _ in v[1])}" for k, v in AREAS.items())
+
+    def usage_of(kind: str) -> str:
+        _, fields, needed = AREAS[kind]
+        words = [n.upper() for n, _ in fields]
+        more = "".join(f"[,{w}]" for w in words[needed:])
+        return f"{kind}:{','.join(words[:needed])}{more}"
+
+    usage = "; ".join(usage_of(kind) for kind in AREAS)
     if name.strip() not in AREAS:
         raise InvalidParameter(f"area {text!r}: expected {usage} (lengths such as 9mm)")
-    kind, fields = AREAS[name.strip()]
+    kind, fields, needed = AREAS[name.strip()]
     parts = [p.strip() for p in rest.split(",")] if rest.strip() else []
-    if len(parts) != len(fields):
+    if not needed <= len(parts) <= len(fields):
         raise InvalidParameter(
-            f"area {text!r}: {len(parts)} numbers, expected {len(fields)}: "
-            f"{name}:{','.join(n.upper() for n, _ in fields)}"
+            f"area {text!r}: {len(parts)} numbers, expected {needed}: {usage_of(name.strip())}"
         )
     values, faults = [], []
-    for part, (field, unit) in zip(parts, fields, strict=True):
+    for part, (number, unit) in zip(parts, fields, strict=False):
         try:
             values.append(parse_scalar(part, unit))
         except ValueError as error:
-            faults.append(f"area {text!r}: {field}: {error}")
+            faults.append(f"area {text!r}: {number}: {error}")
     if faults:
         raise InvalidParameter("\n".join(faults))
     made: Area = kind(*values)
@@ -189,6 +97,8 @@ class FeltEnvelope:
     """[N]; 0 <= unloading <= loading, equal at the end."""
     name: str
     about: str = ""
+    made: _core.Envelope | None = field(default=None, repr=False, compare=False)
+    """The envelope that the table was sampled from, if there is one."""
 
     @property
     def closing(self) -> float:
@@ -207,6 +117,8 @@ class FeltEnvelope:
     @cached_property
     def core(self) -> _core.Envelope:
         """The envelope as the integrator uses it."""
+        if self.made is not None:
+            return self.made
         return _core.Envelope.from_table(
             self.compression.tolist(), self.loading.tolist(), self.unloading.tolist()
         )
@@ -256,21 +168,17 @@ class FeltEnvelope:
         return tomlkit.dumps(doc)
 
 
-_CACHE: OrderedDict[tuple[Any, ...], FeltEnvelope] = OrderedDict()
-_CACHE_SIZE = 256
-_LOCK = threading.Lock()
-
-
 def envelope(
     material: FeltMaterial,
     thickness: float,
     area: Area,
     *,
+    compression: Compression = "even",
     largest: float | None = None,
     points: int = 193,
     name: str | None = None,
 ) -> FeltEnvelope:
-    """Loop of a contact from its felt; made once for the same arguments.
+    """Loop of a contact from its felt; its tables are made once for the same arguments.
 
     Parameters
     ----------
@@ -279,7 +187,11 @@ def envelope(
     thickness
         Thickness of the felt without load [m].
     area
-        Area law: :class:`ConstantArea`, :class:`CrossedCylinders`, :class:`CircleOnLayer`.
+        Area law: :class:`ConstantArea`, :class:`CrossedCylinders`, :class:`CircleOnLayer`,
+        :class:`SphereOnLayer`.
+    compression
+        ``"even"``: the whole area is compressed by e, as in the thesis; ``"columns"``: each column
+        of the felt by what the indenter leaves it, with its own memory.
     largest
         End of the loop [m]; default where the felt reaches its ``v_f_max``. A smaller one cuts the
         measured loop, whose unloading is then lower than that of a loop to this end: prefer the
@@ -292,8 +204,8 @@ def envelope(
     Returns
     -------
     FeltEnvelope
-        Unloading is held between 0 and loading and raised to meet it at the end, by the gap there
-        times (e / e_end)^8.
+        Unloading is held between 0 and loading, raised to meet it at the end, by the gap there
+        times (e / e_end)^8, and made such that its share of loading never falls.
 
     Raises
     ------
@@ -314,32 +226,20 @@ def envelope(
             f"envelope: largest = {end:.6g} m, must be > 0 and <= {natural:.6g} m, where "
             f'felt "{material.name}" of {thickness:.6g} m reaches its v_f_max = {material.end:.6g}'
         )
-    key = (material.hash, thickness, area, end, points, name)
-    with _LOCK:
-        if key in _CACHE:
-            _CACHE.move_to_end(key)
-            return _CACHE[key]
-    x = np.linspace(0.0, 1.0, points) ** 2
-    e = end * x
-    v = material.v_f0 / (1.0 - e / thickness)
-    surface = area.area(e)
-    load = surface * material.pressure("loading", v)
-    load = np.maximum.accumulate(load)
-    back = np.clip(surface * material.pressure("unloading", v), 0.0, load)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = np.where(load > 0, back / load, 1.0)
-    back = load * np.minimum(ratio + (1.0 - ratio[-1]) * x**8, 1.0)
+    if largest is not None:
+        material = material.model_copy(update={"v_f_max": material.v_f0 / (1.0 - end / thickness)})
+    core = _core.layer_envelope(core_layer(material, thickness, area, compression))
+    e = core.closing * np.linspace(0.0, 1.0, points) ** 2
+    load = np.asarray(core.loading(e), dtype=float)
+    back = np.minimum(np.asarray(core.unloading(e, core.closing), dtype=float), load)
     for column in (e, load, back):
         column.setflags(write=False)
     about = f"{material.name}, {thickness * 1e3:.6g} mm thick, area: {area}"
+    if compression == "columns":
+        about += ", by columns"
     if material.synthetic:
         about += "; SYNTHETIC felt"
-    made = FeltEnvelope(e, load, back, name or material.name, about)
-    with _LOCK:
-        _CACHE[key] = made
-        while len(_CACHE) > _CACHE_SIZE:
-            _CACHE.popitem(last=False)
-    return made
+    return FeltEnvelope(e, load, back, name or material.name, about, core)
 
 
 def load_envelope(path: str | Path) -> FeltEnvelope:

@@ -18,14 +18,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from feltmb._core import fiber as _core
 from feltmb.errors import DataError, InvalidParameter, ModelError
-from feltmb.felt.material import (
+from feltmb.fiber import CompressionData
+from feltmb.material import (
     Branch,
     BranchCurve,
     CriticalAngles,
     FeltMaterial,
     sliding_at_pressure,
 )
-from feltmb.fiber import CompressionData
 
 __all__ = ["BranchFit", "Identification", "identify"]
 

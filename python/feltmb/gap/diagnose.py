@@ -26,6 +26,7 @@ from feltmb.gap.proof import HeldOut
 from feltmb.gap.refine import Search, search
 from feltmb.gap.report import NotTested, Report, Where
 from feltmb.gap.rest import rest_of, settled, with_noise
+from feltmb.gap.score import all_terms, family_threshold, score_fit
 from feltmb.gap.settle import accept, posterior, shapley
 from feltmb.gap.where import event_ledger, ledger, split_gap
 
@@ -287,12 +288,14 @@ def diagnose(
     reference = found.tight if found.tight is not None else found.scores
     reference_fit = found.tight_fit if found.tight_fit is not None else fit
     alarm = float(np.max(reference.singles())) if reference.terms else 0.0
+    bar, _ = family_threshold(reference, options.alpha, seed=options.seed)
     null = calibrate(
         reference_fit,
         reference,
         usable,
         options.alpha,
-        options.bootstrap if 4.0 < alarm < 60.0 else 0,
+        # A correction can only raise the bar: it matters for what passed it by little.
+        options.bootstrap if bar < alarm < 6.0 * bar else 0,
         seed=options.seed,
         progress=progress,
     )
@@ -303,6 +306,15 @@ def diagnose(
             rest = polish(kept.problem, kept.point, settings.levels[-1], settings)
             if not np.isfinite(rest.cost):
                 rest = None
+    leftover = 0.0
+    if accepted.candidate is not None:
+        others = all_terms(usable, accepted.candidate.names)
+        if others:
+            after = score_fit(rest or accepted.candidate.fit, others)
+            limit, _ = family_threshold(after, options.alpha, seed=options.seed)
+            # Robust as well: what one window alone asks for is not a trend.
+            both = np.minimum(after.singles(), after.robust())
+            leftover = float(np.max(both) / limit) if np.isfinite(limit) else 0.0
     lap("null")
     model = amended(nominal, found, accepted)
     how_far = how_far_rows(accepted, sensed, shares, which_gap, options.seed)
@@ -319,6 +331,7 @@ def diagnose(
         rest=rest,
         first=first,
         unexplained=rest_noise is not None,
+        leftover=leftover,
     )
     decision = decide(facts)
     which = ranked(found, accepted, belief, null, decision.named, decision.one_of)

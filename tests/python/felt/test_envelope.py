@@ -9,6 +9,7 @@ from feltmb.felt import (
     CircleOnLayer,
     ConstantArea,
     CrossedCylinders,
+    SphereOnLayer,
     envelope,
     load_envelope,
     load_material,
@@ -16,7 +17,13 @@ from feltmb.felt import (
     parse_area,
 )
 
-AREAS = (ConstantArea(1e-4), CrossedCylinders(9e-3, 0.55e-3), CircleOnLayer(5e-3, 10e-3))
+SYNTHETIC = [name for name in packaged_materials() if name.startswith("synthetic")]
+AREAS = (
+    ConstantArea(1e-4),
+    CrossedCylinders(9e-3, 0.55e-3),
+    CircleOnLayer(5e-3, 10e-3),
+    SphereOnLayer(5e-3),
+)
 
 
 def test_crossed_cylinders_against_brute_force():
@@ -42,7 +49,7 @@ def test_areas_are_zero_out_of_contact_and_grow():
 
 
 @pytest.mark.parametrize("area", AREAS, ids=str)
-@pytest.mark.parametrize("name", packaged_materials())
+@pytest.mark.parametrize("name", SYNTHETIC)
 def test_table_is_a_loop(name, area):
     m = load_material(name)
     made = envelope(m, 6e-3, area)
@@ -55,18 +62,18 @@ def test_table_is_a_loop(name, area):
     i = 120
     v = m.v_f0 / (1 - made.compression[i] / 6e-3)
     p = m.pressure("loading", [v])[0]
-    assert made.loading[i] == pytest.approx(p * float(area.area(made.compression[i])), rel=1e-12)
+    assert made.loading[i] == pytest.approx(p * float(area.area(made.compression[i])), rel=1e-6)
     # The table that the integrator uses is as fine as the felt itself.
     e = np.linspace(0.02, 0.98, 97) * made.closing
     exact = m.pressure("loading", m.v_f0 / (1 - e / 6e-3)) * area.area(e)
     np.testing.assert_allclose(made.core.loading(e), exact, atol=2e-4 * made.loading[-1])
 
 
-def test_same_arguments_same_object():
+def test_same_arguments_same_tables():
     m = load_material("synthetic_hammer")
     a = envelope(m, 6e-3, ConstantArea(1e-4))
-    assert envelope(load_material("synthetic_hammer"), 6e-3, ConstantArea(1e-4)) is a
-    assert envelope(m, 6.1e-3, ConstantArea(1e-4)) is not a
+    assert envelope(load_material("synthetic_hammer"), 6e-3, ConstantArea(1e-4)).core is a.core
+    assert envelope(m, 6.1e-3, ConstantArea(1e-4)).core is not a.core
     with pytest.raises(ValueError, match="read-only"):
         a.loading[0] = 1.0
 

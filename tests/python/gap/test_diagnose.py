@@ -176,3 +176,43 @@ def test_known_sensors_are_applied_to_the_model():
     assert report.named == ()
     for row, truth in zip(report.fit.intervals(), models.TRUTH, strict=True):
         assert abs(row.value - truth) < 0.02 * truth
+
+
+@pytest.mark.slow
+def test_silverbox_names_the_cubic_stiffness():
+    """Measured: a linear nominal; withheld is the cubic stiffness of the oscillator."""
+    subject = load(EXAMPLES / "silverbox.py")
+    data = read_records(sorted((EXAMPLES / "data").glob("silverbox_*.nc")))
+    report = diagnose(subject.nominal, subject.effects, data)
+    assert "cubic stiffness mass" in report.named
+    row = next(r for r in report.how_far.rows if r.metric == "open loop")
+    assert row.after < 0.3 * row.before
+
+
+@pytest.mark.slow
+def test_tanks_name_the_overflow():
+    """Measured: square-root outflow; withheld is the overflow of the upper tank."""
+    subject = load(EXAMPLES / "tanks.py")
+    data = read_records(sorted((EXAMPLES / "data").glob("tanks_*.csv")))
+    report = diagnose(subject.nominal, subject.effects, data)
+    assert report.named[0] == "overflow upper"
+    row = next(r for r in report.how_far.rows if r.metric == "open loop")
+    assert row.before > 0.6
+    assert row.after < 0.574  # what a plain trial reached
+
+
+@pytest.mark.slow
+def test_false_alarms_are_rare():
+    """Thirty records without an effect, a library of twenty: not one alarm is expected."""
+    from feltmb.gap import library
+
+    alarms = []
+    for seed in range(100, 130):
+        data = models.records(seed)
+        effects = library.standard_effects(
+            ["q"], ["f"], [models.MASS], data[0], force=1.0, travel=0.02, speed=0.2
+        )
+        report = diagnose(models.NOMINAL, effects, data, options=Options(seed=seed))
+        if report.verdict not in (Verdict.NO_GAP, Verdict.TOO_WEAK):
+            alarms.append((seed, report.verdict, report.named))
+    assert len(alarms) <= 2, alarms

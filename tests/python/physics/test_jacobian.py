@@ -22,9 +22,21 @@ def scales(action):
     mechanism = action.mechanism
     q = np.array(mechanism.coordinate_scale)
     modes = mechanism.total_modes
+    laws = np.ones(mechanism.total_law_states)
     string = action.config.string
     shape = np.sqrt(2.0 / (string.linear_density * string.length)) if string else 1.0
-    return np.concatenate([q, 10.0 * q, np.full(modes, 1e-3 / shape), np.full(modes, 1.0 / shape)])
+    return np.concatenate(
+        [q, 10.0 * q, laws, np.full(modes, 1e-3 / shape), np.full(modes, 1.0 / shape)]
+    )
+
+
+def how(stroke):
+    """What a stroke drives, as the core wants it."""
+    return {
+        "motion": stroke.kind == "motion",
+        "prescribed": stroke.kind in ("key_motion", "motor_motion"),
+        "motor": stroke.kind in ("torque", "motor_motion"),
+    }
 
 
 def sampled_states(action, stroke, rate, duration=None):
@@ -36,22 +48,27 @@ def sampled_states(action, stroke, rate, duration=None):
     options.finger_reference = 0.0  # as in rhs and jacobian_check: motion counts from y = 0
     n, modes = len(action.coordinates), action.mechanism.total_modes
     rest = action._equilibrium
-    start = np.concatenate([rest["q"], np.zeros(n), rest["eta"], np.zeros(modes)])
-    motion = stroke.kind == "motion"
-    return _core.simulate(action.mechanism, stroke.profile, motion, options, list(start), [], None)
+    start = np.concatenate([rest["q"], np.zeros(n), rest["law"], rest["eta"], np.zeros(modes)])
+    return _core.simulate(
+        action.mechanism,
+        stroke.profile,
+        start=list(start),
+        monitors=[],
+        options=options,
+        **how(stroke),
+    )
 
 
 def exact(action, stroke, t, y, gamma=1e-4):
-    motion = stroke.kind == "motion"
-    inverse = _core.jacobian_check(action.mechanism, list(y), stroke.profile, motion, t, gamma)
+    inverse = _core.jacobian_check(
+        action.mechanism, list(y), stroke.profile, time=t, gamma=gamma, **how(stroke)
+    )
     return (np.eye(len(y)) - np.linalg.inv(inverse)) / gamma
 
 
 def differences(action, stroke, t, y, scale):
-    motion = stroke.kind == "motion"
-
     def rate(z):
-        return _core.rhs(action.mechanism, list(z), stroke.profile, motion, t)
+        return _core.rhs(action.mechanism, list(z), stroke.profile, time=t, **how(stroke))
 
     for step in STEPS:
         jacobian = np.empty((len(y), len(y)))
@@ -152,6 +169,29 @@ def test_with_a_prescribed_finger_motion(rigid):
     origin = -_core.point_position(rigid.mechanism, point, rigid.rest_pose)[1]
     stroke = feltmb.motion_stroke([0.0, 0.1, 0.2], [origin, origin + 0.01, origin + 0.01])
     check_along(rigid.with_values({"string.modes": 4}), stroke, count=12, duration=0.15)
+
+
+@pytest.mark.parametrize("members", ["rigid", "flexible"])
+def test_with_a_prescribed_key(action, rigid, members):
+    """The reaction is one more unknown; the motion of the point couples turning and lift."""
+    other = (rigid if members == "rigid" else action).with_values({"string.modes": 4})
+    place = _core.finger_place(other.mechanism, other.rest_pose)  # rhs counts from zero
+    t = np.linspace(0.0, 0.12, 25)
+    way = place + 0.0102 * np.sin(0.5 * np.pi * np.clip(t / 0.1, 0, 1)) ** 2
+    stroke = feltmb.motion_stroke(t, way, of="key")
+    check_along(other, stroke, count=10, every=10)
+
+
+def test_with_a_motor(rigid):
+    """Torque on a coordinate, and the coordinate itself by prescription."""
+    other = rigid.with_values({"string.modes": 4, "motor": {"coordinate": "key.angle"}})
+    angle = other.rest_pose[other.coordinates.index("key.angle")]
+    t = np.linspace(0.0, 0.12, 25)
+    way = angle - 0.045 * np.sin(0.5 * np.pi * np.clip(t / 0.1, 0, 1)) ** 2
+    check_along(other, feltmb.motion_stroke(t, way, of="motor"), count=8, every=12)
+    check_along(
+        other, feltmb.torque_stroke([0.0, 0.08, 0.12], [0.0, -5.0, -5.0]), count=8, every=12
+    )
 
 
 def test_gamma_does_not_matter(rigid):

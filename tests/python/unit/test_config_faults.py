@@ -51,6 +51,55 @@ def test_all_faults_of_a_file_at_once(raw):
         assert part in text, part
 
 
+def test_faults_of_the_core_join_those_of_the_schema(raw):
+    """What only the whole shows is told in the same round as a wrong entry."""
+    raw["string"]["modes"] = True  # no number, though Python would take it for one
+    raw["bodies"]["key"]["rigid"] = "yes"
+    raw["start_pose"]["key.angle"] = "high"
+    raw["contacts"]["03"]["typo"] = 1
+    raw["surfaces"]["Gp6"]["normal"] = [0.5, 0.5]  # seen by the core only
+    raw["contacts"]["05"]["surfaces"] = ["Gp6", "Gp9"]  # seen by the core only
+    raw["contacts"]["07"]["law"] = "felt_memory"
+    raw["contacts"]["07"]["memory"] = {"creep_stiffness": 1.0}  # seen by the core only
+    raw["contacts"]["09"]["law"] = "felt_memory"
+    raw["contacts"]["09"]["memory"] = {
+        "envelope": {"compression": [0, 1], "loading": [0], "unloading": [0, 1]}  # core only
+    }
+    text = message_of(raw)
+    assert text.startswith("mine.toml: 8 faults\n")
+    for part in (
+        "string.modes: got True, expected a whole number",
+        "bodies.key.rigid: got 'yes', expected true or false",
+        "start_pose: key.angle: got 'high', expected a number",
+        "contacts.03.typo: unknown key",
+        "normal has length 0.7071",
+        "one of the pair must be a circle",
+        "creep_damping [N s/m] = 0, must be > 0 with creep",
+        "contacts.09: felt_memory: envelope",
+    ):
+        assert part in text, part
+
+
+def test_faults_that_a_wrong_entry_would_cause_are_not_told(raw):
+    mass = raw["bodies"]["key"]["mass"]
+    raw["bodies"]["key"]["mass"] = "heavy"
+    text = message_of(raw)
+    assert text.startswith("mine.toml: 1 fault\n")
+    raw["bodies"]["key"]["mass"] = mass
+    raw["contacts"]["06"]["alpha"] = 0.0  # the string's only contact
+    assert message_of(raw).startswith("mine.toml: 1 fault\n")
+
+
+def test_a_body_that_moves_no_mass_is_told_beside_other_faults(raw):
+    for name in ("jack",):
+        for key in ("mass", "inertia"):
+            raw["bodies"][name].pop(key, None)
+    raw["surfaces"]["Gp6"]["normal"] = [0.5, 0.5]
+    text = message_of(raw)
+    assert 'coordinate "jack.angle" moves no mass' in text
+    assert "normal has length" in text
+
+
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [

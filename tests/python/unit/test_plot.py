@@ -12,6 +12,7 @@ import pytest
 
 import feltmb
 from feltmb import Action, InvalidParameter, _core, plot
+from feltmb.plot.poses import bent_beams, point_at
 
 NUMERIC = ("forte", "piano")
 
@@ -318,7 +319,7 @@ def test_drawn_points_are_where_the_core_has_them(action, runs):
         for i, name in enumerate(mechanism.point_names):
             point = action.config.points[name]
             want = _core.point_position(mechanism, i, q)
-            got = plot._point_at(action, found, plot.bent_beams(action, q), point.body, point.point)
+            got = point_at(action, found, bent_beams(action, q), point.body, point.point)
             np.testing.assert_allclose(got, want, atol=1e-12)
 
 
@@ -444,7 +445,7 @@ def test_save_all_writes_pictures_and_never_over_others(runs, tmp_path, monkeypa
     from PIL import Image
 
     few = {name: plot.PICTURES[name] for name in ("hammer_speed", "string")}
-    monkeypatch.setattr(plot, "PICTURES", few)
+    monkeypatch.setattr("feltmb.plot.files.PICTURES", few)
     kept = tmp_path / "a_string.png"
     kept.write_bytes(b"mine")
     with pytest.raises(feltmb.FileExists):

@@ -22,6 +22,46 @@ def test_ramp_with_oscillation():
     assert stroke.at(t) == pytest.approx(11.0)
 
 
+def test_kinds_and_their_units():
+    angle = feltmb.motion_stroke([0.0, 0.1, 0.2], [0.0, 0.1, 0.2], of="motor")
+    assert (angle.kind, angle.unit, angle.interpolation) == ("motor_motion", "rad", "spline")
+    key = feltmb.motion_stroke([0.0, 0.1, 0.2], [0.0, 0.01, 0.01], of="key")
+    assert (key.kind, key.unit, key.interpolation) == ("key_motion", "m", "spline")
+    torque = feltmb.torque_stroke([0.0, 0.06], [0.0, 3.0])
+    assert (torque.kind, torque.unit, torque.at(0.03)) == ("torque", "N m", 1.5)
+    assert pickle.loads(pickle.dumps(key)) == key
+    with pytest.raises(feltmb.InvalidParameter, match="is none of finger, key, motor"):
+        feltmb.motion_stroke([0.0, 0.1], [0.0, 0.01], of="hand")
+    with pytest.raises(feltmb.InvalidParameter, match="infinite forces at its knots"):
+        feltmb.motion_stroke([0.0, 0.1], [0.0, 0.01], of="key", interpolation="linear")
+
+
+def test_a_motion_in_toml(tmp_path):
+    path = tmp_path / "down.toml"
+    path.write_text(
+        'schema = 1\nname = "down"\nkind = "key_motion"\n[knots]\nunit = ["ms", "mm"]\n'
+        "time = [0, 50, 100]\nvalue = [0, 5, 10]\n"
+    )
+    stroke = feltmb.load_stroke(path)
+    assert (stroke.kind, stroke.interpolation) == ("key_motion", "spline")
+    assert stroke.at(0.1) == pytest.approx(0.010)
+    path.write_text(
+        'schema = 1\nname = "x"\nkind = "torque"\n'
+        '[ramp]\nforce = "1 N"\nstart = "0 s"\nramp = "1 s"'
+    )
+    with pytest.raises(feltmb.InvalidParameter, match="kind 'torque' needs knots"):
+        feltmb.load_stroke(path)
+
+
+def test_smoothing_needs_noise_and_samples():
+    short = feltmb.motion_stroke([0.0, 0.1, 0.2], [0.0, 0.1, 0.2], of="key")
+    assert short.noise == 0.0
+    with pytest.raises(feltmb.InvalidParameter, match="got 3 samples, expected at least 12"):
+        short.smoothed(1e-6)
+    with pytest.raises(feltmb.InvalidParameter, match=r"noise = 0\.0, must be > 0"):
+        short.smoothed()
+
+
 def test_pulse_and_hold():
     stroke = feltmb.pulse_stroke(16.0, 0.02, 0.01, 0.02, hold=0.1)
     assert stroke.at([0.02, 0.025, 0.03, 0.13, 0.14, 0.15]) == pytest.approx([0, 8, 16, 16, 8, 0])

@@ -42,6 +42,20 @@ def test_units_of_the_header_are_converted(csv):
 
 
 @pytest.mark.parametrize(
+    ("column", "kind", "value"),
+    [
+        ("key displacement [mm]", "key_motion", 1e-3),
+        ("torque [N mm]", "torque", 1e-3),
+        ("motor angle [deg]", "motor_motion", 0.017453292519943295),
+    ],
+)
+def test_other_inputs(csv, column, kind, value):
+    stroke = feltmb.load_stroke(csv(f"time [s],{column}\n0,0\n1,1\n"))
+    assert stroke.kind == kind
+    assert stroke.at(1.0) == pytest.approx(value)
+
+
+@pytest.mark.parametrize(
     "text",
     [
         "# a comment\ntime [s],force [N]\n\n0,0\n# more\n1,2\n",

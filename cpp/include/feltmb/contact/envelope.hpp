@@ -1,6 +1,7 @@
 /// Envelopes of a compression loop: virgin loading curve and the shape of its unloading.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <vector>
 
@@ -8,11 +9,35 @@
 
 namespace feltmb {
 
-/// Loading force F_L(e) and unloading ratio rho(x) = F_U(x e_M) / F_L(x e_M), 0 <= x <= 1, of one
-/// felt. Repaired on the way in: F_L >= 0, 0 <= rho <= 1, rho(1) = 1. Immutable, shared.
+/// A loop as functions, for envelopes that are computed.
+struct EnvelopeShape {
+  std::function<double(double)> loading;  ///< F_L(e) [N], growing from F_L(0) = 0
+  /// rho(x, e_m) [-], the unloading force over the loading force at e = x e_m of the cycle to e_m:
+  /// never falling in x, in [0, 1], rho(1, e_m) = 1.
+  std::function<double(double, double)> ratio;
+  double closing = 0.0;  ///< end of the loop e_M [m]
+  double reach = 0.0;    ///< F_L is tabulated up to here [m], >= closing; its tangent beyond
+  int rows = 1;          ///< 1: rho does not depend on e_m; else rows of a table over e_m, >= 4
+};
+
+/// What was changed to make the unloading shape of a loop monotone.
+struct ShapeRepair {
+  double force = 0.0;  ///< largest change of the unloading force of the whole loop [N]
+  double low = 0.0;    ///< from this compression [m]
+  double high = 0.0;   ///< to this one [m]
+};
+
+/// Loading force F_L(e) and unloading ratio rho(x, e_m) = F_U(x e_m; e_m) / F_L(x e_m), 0 <= x <=
+/// 1, of one felt. Immutable, shared.
 ///
 /// The unloading branch of a cycle to the compression e_m is F_L(e) rho(e / e_m): the measured
 /// shape scaled to the cycle. W(e_m) is the area of that loop.
+///
+/// Repaired on the way in: F_L >= 0, 0 <= rho <= 1, rho(1) = 1, and rho never falls. Where it does
+/// (every printed pair of curves but 09 and 15 of Table A.12), a deeper cycle would unload along a
+/// higher force at the same compression. The values nearest to it that never fall, weighted by the
+/// loading force, take its place: the work of the loop is kept, and by how much the force
+/// changes is kept in `repair`.
 class Envelope {
  public:
   /// From the curve fits of thesis eq. 4.21. They meet at e_M, found beyond the compressions at
@@ -30,33 +55,56 @@ class Envelope {
                                                     const std::vector<double>& loading,
                                                     const std::vector<double>& unloading);
 
+  /// From functions, as from a table; only a loop with one row is repaired. Throws
+  /// InvalidParameter.
+  static std::shared_ptr<const Envelope> from_shape(const EnvelopeShape& shape);
+
   /// e_M [m].
   double closing() const { return closing_; }
 
-  CurveValue loading(double e) const;     ///< F_L [N] and slope [N/m]
-  CurveValue ratio(double x) const;       ///< rho [-] and d rho / dx
+  /// Largest compression of the table of F_L [m]; that of curves has no end, there e_M.
+  double reach() const { return exponential_ ? closing_ : reach_; }
+
+  /// What made rho monotone; force 0 if nothing did.
+  const ShapeRepair& repair() const { return repair_; }
+
+  CurveValue loading(double e) const;  ///< F_L [N] and slope [N/m]
+
+  /// rho [-] and d rho / dx at x = e / e_m of the cycle to e_m [m].
+  CurveValue ratio(double x, double e_m) const;
+
   double loading_energy(double e) const;  ///< integral of F_L [J]
 
   /// W(e_m) = integral over 0..e_m of F_L(e) (1 - rho(e / e_m)) [J], and its slope [N].
   CurveValue loop_area(double e_m) const;
 
-  /// Integral over 0..e of F_L(e') rho(e' / e_m) [J]; by quadrature, not for inner loops.
+  /// Integral over 0..e of F_L(e') rho(e' / e_m) [J], from a table of its share of the loading
+  /// energy.
   double unloading_energy(double e, double e_m) const;
 
  private:
   Envelope() = default;
-  void tabulate_ratio(const std::vector<double>& x, std::vector<double> rho);
+  void tabulate_loading(const std::function<double(double)>& loading, double reach, bool smooth);
+  std::vector<double> close(std::vector<double> rho) const;
+  void tabulate_ratio(std::vector<double> rho);
   void tabulate_area();
+  void tabulate_energy();
 
   bool exponential_ = true;
   ExponentialCurve curve_;
   double first_positive_ = 0.0;
   double energy_offset_ = 0.0;
   double closing_ = 0.0;
-  // Hermite tables over s = sqrt(x) or sqrt(e / e_M), equally spaced: fine where e is small.
+  double reach_ = 0.0;       ///< end of the table of F_L
+  double area_reach_ = 0.0;  ///< end of the tables over e_m
+  ShapeRepair repair_;
+  // Hermite tables over s = sqrt(x), sqrt(e / reach) or sqrt(e_m / area_reach), equally spaced:
+  // fine where e is small. Rows of rho and of the energy share one after the other.
+  std::size_t rows_ = 1;
   std::vector<double> rho_, rho_slope_;
   std::vector<double> load_, load_slope_, load_energy_;
   std::vector<double> area_, area_slope_;
+  std::vector<double> share_, share_slope_;
 };
 
 }  // namespace feltmb

@@ -23,13 +23,18 @@ namespace feltmb {
 /// leaves its own bounds and creates energy, and F may be negative. `guarded`: F_L held at >= 0 and
 /// F_U at 0 <= F_U <= F_L, hence 0 <= F_U <= F <= F_L. Rate dependent: the hysteresis shrinks as
 /// alpha |de/dt| falls below 1; no memory of the largest compression.
-/// Stored energy: the integral of the loading curve used.
+/// Stored energy: the integral of the loading curve used. Two options: `hysteresis` h widens or
+/// narrows the loop, F_U -> F_L - h (F_L - F_U); a rate term as in FeltMemory, F += rate_amplitude
+/// (F_L - r), rate_time dr/dt = F_L - r, the sum held at >= 0 (printed: not held).
 struct ExponentialPair {
   enum class Form { kPrinted, kGuarded };
   ExponentialCurve loading;
   ExponentialCurve unloading;
   double alpha = 100.0;  ///< transition constant [s/m], > 0; 100 is assumed, the thesis gives none
   Form form = Form::kGuarded;
+  double hysteresis = 1.0;      ///< h [-], >= 0; 0: loading curve both ways
+  double rate_amplitude = 0.0;  ///< [-], >= 0
+  double rate_time = 0.0;       ///< [s], > 0 with a rate term
 };
 
 /// Hysteresis-free mean of the two curves, F = max(0, (F_L + F_U)/2), the lower-fidelity contact

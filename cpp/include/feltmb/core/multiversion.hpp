@@ -6,7 +6,7 @@
 
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && \
     !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-#define FELTMB_CLONES __attribute__((target_clones("arch=haswell", "default"), optimize("O3")))
+#define FELTMB_CLONES __attribute__((target_clones("avx2", "default"), optimize("O3")))
 #else
 #define FELTMB_CLONES
 #endif

@@ -44,4 +44,28 @@ void add_force(std::size_t n, double g, double a, double b, const double* phi, c
 /// eta += g rate.
 void advance(std::size_t n, double g, const double* rate, double* eta);
 
+/// (x, v) = (xx x + xv v, vx x + vv v): a step without force.
+void rotate(std::size_t n, const double* xx, const double* xv, const double* vx, const double* vv,
+            double* x, double* v);
+
+/// Weights of a parabola of force in a step, see StepWeights.
+struct ForceWeights {
+  const double *x0, *xm, *x1, *v0, *vm, *v1;
+};
+
+/// x += shape (x0 f0 + xm fm + x1 f1), v likewise.
+void push(std::size_t n, const ForceWeights& w, const double* shape, double f0, double fm,
+          double f1, double* x, double* v);
+
+/// Four sums of row x + row v, the rows one after the other in memory: x, v, x, v, ...
+struct FourSums {
+  double sum[4];
+};
+FourSums sense(std::size_t n, const double* rows, const double* x, const double* v);
+
+/// Sum of |shape| sqrt(x^2 + v^2 / stiffness) over the modes with stiffness > 0: a bound on
+/// |shape . x| from now on.
+double reach(std::size_t n, const double* shape, const double* stiffness, const double* x,
+             const double* v);
+
 }  // namespace feltmb::modal

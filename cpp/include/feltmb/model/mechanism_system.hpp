@@ -12,10 +12,13 @@
 
 namespace feltmb {
 
-/// Finger input of a run: a force, or the motion of a finger that meets the key through its pad.
+/// Input of a run: a finger force, the motion of a finger that meets the key through its pad, the
+/// motion of the point under the finger itself, or the same two for a motor.
 struct FingerInput {
   Profile profile;
-  bool motion = false;  ///< false: profile is force [N]; true: displacement [m], pad in between
+  bool motion = false;      ///< false: profile is force [N]; true: displacement [m], pad in between
+  bool prescribed = false;  ///< the driven point or coordinate itself moves by the profile [m, rad]
+  bool motor = false;       ///< drives the motor's coordinate: torque [N m], or its motion [rad]
 
   Drive at(double t) const;
 };
@@ -76,6 +79,10 @@ class MechanismSystem : public OdeSystem {
   void locate(double t, std::span<const double> y, Detail detail = Detail::kClosedContacts);
   Drive drive(double t) const;
 
+  /// Lets a prescribed motion count from the state of the start. Throws InvalidParameter if the
+  /// profile starts with another speed than the state.
+  void set_prescribed_reference(double t, std::span<const double> y);
+
   /// See SimulationOptions::finger_reference.
   void set_finger_reference(double place) { finger_reference_ = place; }
   double finger_reference() const { return finger_reference_; }
@@ -88,9 +95,12 @@ class MechanismSystem : public OdeSystem {
   int stiffest_contact(std::size_t state) const;
 
  private:
+  void check_input(const Mechanism& m) const;
+
   Dynamics dynamics_;
   FingerInput input_;
   double finger_reference_ = 0.0;
+  double prescribed_reference_ = 0.0;
   int n_ = 0;
   int modes_ = 0;
   int law_states_ = 0;
@@ -144,6 +154,7 @@ class MechanismSystem : public OdeSystem {
   int stateful_count_ = 0;
   std::vector<StringCoupling> couplings_;
   int coupling_count_ = 0;
+  int constraint_ = 0;  ///< 1 with a prescribed motion: its reaction is one more unknown
   std::vector<double> phi_, dphi_;
   std::vector<int> stiffest_;
   std::vector<double> tie_;

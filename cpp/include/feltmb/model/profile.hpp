@@ -9,10 +9,12 @@ namespace feltmb {
 ///
 /// value(t) = interpolant(t) [1 + amplitude sin(2 pi frequency t)].
 /// `linear`: straight between knots, every knot is a breakpoint at which an integrator should
-/// restart. Otherwise monotone cubic Hermite (PCHIP), continuous in slope.
+/// restart. `monotone`: cubic Hermite without overshoot (PCHIP), continuous in slope. `spline`:
+/// cubic spline, continuous in curvature, at rest (slope 0) at both ends, for motion that a body
+/// has to follow.
 class Profile {
  public:
-  enum class Interpolation { kLinear, kMonotone };
+  enum class Interpolation { kLinear, kMonotone, kSpline };
 
   Profile() : Profile({0.0}, {0.0}, Interpolation::kLinear) {}
 
@@ -24,7 +26,11 @@ class Profile {
           double oscillation_amplitude = 0.0, double oscillation_frequency = 0.0);
 
   double value(double t) const;
-  double rate(double t) const;                                             ///< d value / dt [1/s]
+  double rate(double t) const;          ///< d value / dt [1/s]
+  double acceleration(double t) const;  ///< d^2 value / dt^2 [1/s^2]
+
+  /// Whether the slope is continuous, so that a body can follow with finite forces.
+  bool smooth() const { return interpolation_ != Interpolation::kLinear || time_.size() < 2; }
   const std::vector<double>& breakpoints() const { return breakpoints_; }  ///< slope jumps [s]
   const std::vector<double>& knots() const { return knots_; }  ///< to stop at without restart [s]
 
@@ -32,6 +38,8 @@ class Profile {
   std::size_t interval(double t) const;
   double base(double t) const;
   double base_rate(double t) const;
+  double base_acceleration(double t) const;
+  void fit_spline();
 
   std::vector<double> time_;
   std::vector<double> value_;

@@ -86,12 +86,19 @@ struct ContactDescription {
   bool enabled = true;
 };
 
-/// Torsion spring on a joint coordinate: torque -K (theta - theta_0) [N m].
+/// Spring on a joint coordinate: torque [N m] or force [N]
+///   -K (q - q_0) - C dq/dt - R x / (w - |x|),  x = q - q_0.
+/// The last term is play: a pin in a hole of radial clearance w that a load of about R seats
+/// against the wall. Its stiffness is R / w in the middle and grows without bound toward the wall
+/// (continued linearly beyond 0.99 w, so that trial steps stay finite).
 struct TorsionSpringDescription {
   std::string name;
   std::string coordinate;
   double stiffness = 0.0;   ///< K [N m/rad], >= 0
-  double rest_angle = 0.0;  ///< theta_0 [rad]
+  double rest_angle = 0.0;  ///< q_0 [rad or m]
+  double damping = 0.0;     ///< C [N m s/rad or N s/m], >= 0
+  double clearance = 0.0;   ///< w [rad or m], >= 0; 0: no play
+  double seating = 0.0;     ///< R [N m or N], > 0 with play
 };
 
 /// One-sided strap, thesis eq. 4.5: pull f(D) = k3 D^3 + k2 D^2 + k1 D of elongation
@@ -133,6 +140,12 @@ struct FingerDescription {
   LawParameters pad = HuntCrossley{1.0, 1.0, 0.0};
 };
 
+/// A motor on a joint coordinate that drives the mechanism instead of a finger.
+struct MotorDescription {
+  std::string coordinate;
+  int contact = 0;  ///< number of the contact that is its finger on the key; 0: none
+};
+
 struct MechanismDescription {
   std::string name;
   Vec2 gravity{0.0, -9.81};  ///< [m/s^2]
@@ -144,6 +157,7 @@ struct MechanismDescription {
   std::vector<StringDescription> strings;
   std::vector<TrackingPointDescription> points;
   std::optional<FingerDescription> finger;
+  std::optional<MotorDescription> motor;
   /// Start of the equilibrium solve by coordinate name; missing ones are zero. Not a rest pose.
   std::vector<std::pair<std::string, double>> start_pose;
 };

@@ -12,10 +12,27 @@ namespace feltmb {
 
 /// What acts on the mechanism from outside at one instant.
 struct Drive {
-  double force = 0.0;         ///< finger force along the finger direction [N]
-  bool motion = false;        ///< true: the finger pad is driven by `displacement`
+  double force = 0.0;   ///< finger force along the finger direction [N], or motor torque [N m]
+  bool motion = false;  ///< true: the finger pad is driven by `displacement`
   double displacement = 0.0;  ///< travel of the finger along its direction [m]
   double speed = 0.0;         ///< its rate [m/s]
+  /// true: no pad; the point under the finger, or the coordinate, keeps to `displacement` [m, rad]
+  /// whatever force that takes.
+  bool prescribed = false;
+  double acceleration = 0.0;  ///< rate of the speed [m/s^2], for `prescribed`
+  int coordinate = -1;        ///< >= 0: a motor acts on this coordinate instead of the finger
+};
+
+/// Prescribed motion g(q) = displacement(t) as one equation for the reaction R along it:
+/// M a = Q + J^T R, J = dg/dq, and d2/dt2 + 2 c d/dt + c^2 of (g - displacement) = 0 with the
+/// stabilization rate c (J. Baumgarte 1972), which keeps rounding and step errors from growing.
+struct Prescription {
+  static constexpr double rate = 300.0;  ///< c [1/s]
+  bool active = false;
+  double reaction = 0.0;        ///< R [N, N m]
+  Eigen::VectorXd row;          ///< J; zero for condensed coordinates
+  Eigen::VectorXd by_position;  ///< derivative of the equation by q at fixed a, after differentiate
+  Eigen::VectorXd by_speed;     ///< by v
 };
 
 /// Motion of a link frame.
@@ -153,6 +170,9 @@ class Dynamics {
     return link.velocity + link.omega * perp(link.rotation * p.local);
   }
 
+  /// The prescribed motion at the last evaluation.
+  const Prescription& prescription() const { return prescription_; }
+
   double strap_force(int strap) const;        ///< pull [N]
   double joint_friction(int k) const;         ///< torque or force against the motion, unit of Q_k
   double beam_damping_power(int beam) const;  ///< dissipated by the structural damping, >= 0 [W]
@@ -187,6 +207,8 @@ class Dynamics {
   void add_mass(double mass, double inertia, Vec2 center, const std::vector<int>& path);
   void add_beam(const FlexibleBeam& beam);
   void hold_condensed();
+  void prescribe(const Drive& drive);
+  void differentiate_prescription();
   void factor_mass();
   void move_lumps();
   /// Lumps, and accelerations of all links, for what needs each mass on its own.
@@ -224,6 +246,9 @@ class Dynamics {
   std::vector<double> strap_pull_;
   std::vector<double> strap_slope_;
   std::vector<int> condensed_;  ///< kept coordinates, ascending
+  Prescription prescription_;
+  int driven_coordinate_ = -1;
+  Eigen::VectorXd response_;  ///< M^-1 J^T
   bool static_laws_ = false;
   std::vector<double> largest_;
   std::vector<double> law_;

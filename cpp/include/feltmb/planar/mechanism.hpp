@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "feltmb/planar/description.hpp"
+#include "feltmb/planar/play.hpp"
 
 namespace feltmb {
 
@@ -119,6 +120,7 @@ struct TorsionSpring {
   int coordinate = 0;
   double stiffness = 0.0;
   double rest_angle = 0.0;
+  Play play;  ///< its damping is part of the friction of the coordinate
 };
 
 struct Strap {
@@ -170,6 +172,8 @@ class Mechanism {
   int finger_contact = -1;               ///< index in contacts, -1 without a finger
   LinkPoint finger_point;
   Vec2 finger_direction{0.0, -1.0};
+  int motor_coordinate = -1;  ///< index of the coordinate a motor drives, -1 without a motor
+  int motor_contact = -1;     ///< index of the contact that is the motor's finger, -1 if none
   int total_modes = 0;
   int total_law_states = 0;
 

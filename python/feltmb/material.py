@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
+from feltmb import _core as _all
 from feltmb import params
 from feltmb._core import fiber as _core
 from feltmb.errors import InvalidParameter
@@ -198,6 +199,26 @@ class FeltMaterial(Schema):
         load = self.pressure("loading", v) / v**2
         back = np.minimum(self.pressure("unloading", v) / v**2, load)
         return 1.0 - float(np.sum(back[1:] + back[:-1]) / np.sum(load[1:] + load[:-1]))
+
+    def core(self) -> _all.FeltMaterial:
+        """The felt as the integrator knows it.
+
+        Raises
+        ------
+        InvalidParameter
+            A branch or the end of the loop is missing, or a number out of range.
+        """
+        loading, unloading = self._branch("loading"), self._branch("unloading")
+        return _all.FeltMaterial(
+            mu=self.fiber.friction,
+            Wf0=self.fiber.withdrawal_force,
+            d_f=self.fiber.diameter,
+            v_f0=self.v_f0,
+            v_f_max=self.end,
+            loading=(loading.K_p, loading.gamma),
+            unloading=(unloading.K_p, unloading.gamma),
+            Q=self.fiber.Q,
+        )
 
     @property
     def end(self) -> float:

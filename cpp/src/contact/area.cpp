@@ -1,0 +1,97 @@
+#include "feltmb/contact/area.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "feltmb/core/error.hpp"
+#include "feltmb/fiber/faults.hpp"
+#include "feltmb/numeric/quadrature.hpp"
+
+namespace feltmb {
+namespace {
+
+constexpr double kPi = std::numbers::pi;
+
+double shared(const ConstantArea& a, double) { return a.size; }
+
+double shared(const CrossedCylinders& a, double e) {
+  const double small = std::min(a.radius_a, a.radius_b);
+  const double large = std::max(a.radius_a, a.radius_b);
+  static const QuadratureRule rule = make_gauss_legendre(64);
+  // y = small sin(phi), phi = end sin(psi): the root at the rim becomes smooth.
+  const double end = std::acos(std::clamp(1.0 - e / small, 0.0, 1.0));
+  return 4.0 * integrate_rule(
+                   rule,
+                   [&](double psi) {
+                     const double phi = end * std::sin(psi);
+                     const double sine = std::sin(0.5 * phi);
+                     const double gap = std::clamp(e - 2.0 * small * sine * sine, 0.0, large);
+                     return std::sqrt(gap * (2.0 * large - gap)) * small * std::cos(phi) * end *
+                            std::cos(psi);
+                   },
+                   0.0, 0.5 * kPi);
+}
+
+double shared(const CircleOnLayer& a, double e) {
+  const double depth = std::min(e, a.radius);
+  return a.width * std::min(a.length, 2.0 * std::sqrt(depth * (2.0 * a.radius - depth)));
+}
+
+double shared(const SphereOnLayer& a, double e) {
+  const double depth = std::min(e, a.radius);
+  return kPi * depth * (2.0 * a.radius - depth);
+}
+
+}  // namespace
+
+void validate(const ContactArea& area) {
+  struct Check {
+    void operator()(const ConstantArea& a) const {
+      Faults faults("constant area");
+      faults.positive("size", a.size, "m^2");
+      faults.raise_if_any();
+    }
+    void operator()(const CrossedCylinders& a) const {
+      Faults faults("crossed cylinders");
+      faults.positive("radius_a", a.radius_a, "m");
+      faults.positive("radius_b", a.radius_b, "m");
+      faults.raise_if_any();
+    }
+    void operator()(const CircleOnLayer& a) const {
+      Faults faults("circle on layer");
+      faults.positive("radius", a.radius, "m");
+      faults.positive("width", a.width, "m");
+      if (!(a.length > 0.0)) faults.add("length", a.length, "m", "> 0");
+      faults.raise_if_any();
+    }
+    void operator()(const SphereOnLayer& a) const {
+      Faults faults("sphere on layer");
+      faults.positive("radius", a.radius, "m");
+      faults.raise_if_any();
+    }
+  };
+  std::visit(Check{}, area);
+}
+
+double shared_area(const ContactArea& area, double e) {
+  if (!(e > 0.0)) return 0.0;
+  return std::visit([e](const auto& a) { return shared(a, e); }, area);
+}
+
+FullArea full_area(const ContactArea& area) {
+  if (const auto* flat = std::get_if<ConstantArea>(&area)) return {flat->size, 0.0};
+  double depth = 0.0;
+  if (const auto* pair = std::get_if<CrossedCylinders>(&area)) {
+    depth = pair->radius_a + pair->radius_b;
+  } else if (const auto* circle = std::get_if<CircleOnLayer>(&area)) {
+    const double half = 0.5 * std::min(circle->length, 2.0 * circle->radius);
+    depth = circle->radius -
+            std::sqrt(std::max(0.0, (circle->radius - half) * (circle->radius + half)));
+  } else {
+    depth = std::get<SphereOnLayer>(area).radius;
+  }
+  return {shared_area(area, depth), depth};
+}
+
+}  // namespace feltmb

@@ -1,0 +1,80 @@
+#include "feltmb/planar/dynamics.hpp"
+
+namespace feltmb {
+namespace {
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+}  // namespace
+
+/// Finds the reaction and corrects the accelerations; see Prescription.
+void Dynamics::prescribe(const Drive& drive) {
+  Prescription& p = prescription_;
+  driven_coordinate_ = drive.coordinate;
+  double error = -drive.displacement;
+  double speed_error = -drive.speed;
+  double bias = 0.0;
+  p.row.setZero();
+  if (drive.coordinate >= 0) {
+    p.row[drive.coordinate] = 1.0;
+    error += q_[at(drive.coordinate)];
+    speed_error += v_[at(drive.coordinate)];
+  } else {
+    const int link = m_->finger_point.link;
+    const Vec2 direction = m_->finger_direction;
+    const Vec2 point = position(m_->finger_point);
+    for (const int motion : m_->links[at(link)].path) {
+      p.row[m_->motions[at(motion)].coordinate] = dot(direction, column(motion, point));
+    }
+    const LinkState& state = links_[at(link)];
+    error += dot(direction, point);
+    speed_error += dot(direction, velocity(m_->finger_point));
+    bias = dot(direction, state.bias - (state.omega * state.omega) * (point - state.origin));
+  }
+  for (const int k : condensed_) p.row[k] = 0.0;
+  response_ = p.row;
+  solve_mass(response_);
+  constexpr double c = Prescription::rate;
+  const double wanted = drive.acceleration - bias - 2.0 * c * speed_error - c * c * error;
+  p.reaction = (wanted - p.row.dot(acceleration_)) / p.row.dot(response_);
+  acceleration_ += p.reaction * response_;
+  force_ += p.reaction * p.row;
+  if (drive.coordinate < 0) {
+    // Not projected any more; differentiate() turns the force with its link.
+    apply(m_->finger_point.link, position(m_->finger_point), p.reaction * m_->finger_direction);
+  }
+}
+
+/// After complete_links: d(J a + bias)/dq = d2J/dt2 and d(J a + bias)/dv = 2 dJ/dt.
+void Dynamics::differentiate_prescription() {
+  Prescription& p = prescription_;
+  p.by_position.setZero();
+  p.by_speed.setZero();
+  constexpr double c = Prescription::rate;
+  if (driven_coordinate_ >= 0) {
+    p.by_position[driven_coordinate_] = c * c;
+    p.by_speed[driven_coordinate_] = 2.0 * c;
+    return;
+  }
+  const int link = m_->finger_point.link;
+  const LinkState& state = links_[at(link)];
+  const Vec2 direction = m_->finger_direction;
+  const Vec2 point = position(m_->finger_point);
+  const Vec2 arm = point - state.origin;
+  const Vec2 speed = velocity(m_->finger_point);
+  const Vec2 acceleration =
+      state.acceleration + state.alpha * perp(arm) - (state.omega * state.omega) * arm;
+  for (const int motion : m_->links[at(link)].path) {
+    const Motion& m = m_->motions[at(motion)];
+    const LinkState& base = links_[at(m_->links[at(m.link)].parent)];
+    const Vec2 t = translation_[at(motion)];
+    const Vec2 second = base.alpha * perp(t) - (base.omega * base.omega) * t +
+                        m.rho * perp(acceleration - links_[at(m.link)].acceleration);
+    const double first = dot(direction, column_rate(motion, speed));
+    const double own = dot(direction, column(motion, point));
+    p.by_position[m.coordinate] = dot(direction, second) + 2.0 * c * first + c * c * own;
+    p.by_speed[m.coordinate] = 2.0 * first + 2.0 * c * own;
+  }
+}
+
+}  // namespace feltmb

@@ -1,0 +1,52 @@
+"""``feltmb view``: saved runs as one moving page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from feltmb.cli.common import force_option, say_written
+
+
+@click.command("view")
+@click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="HTML file; default: RUN.html.")
+@click.option(
+    "--slowness",
+    type=float,
+    default=20.0,
+    show_default=True,
+    help="How many times slower than life; can be changed in the page.",
+)
+@click.option("--window", type=(float, float), metavar="FROM TO", help="Only this time [s].")
+@click.option(
+    "--align",
+    metavar="EVENT",
+    help="Let this event, such as string_contact_on, happen at the same time in all runs.",
+)
+@click.option("--at", type=float, metavar="TIME", help="Begin at this time [s].")
+@force_option
+def command(
+    runs: tuple[Path, ...],
+    out: Path | None,
+    slowness: float,
+    window: tuple[float, float] | None,
+    align: str | None,
+    at: float | None,
+    force: bool,
+) -> None:
+    """Show saved RUNS in a browser: motion, forces, curves, string.
+
+    Writes one HTML file that needs no network. The first of up to six RUNS is drawn full, the
+    others as outlines over it: simulated and measured, before and after. A run may also be a CSV
+    file of measured curves with a header such as "time [s],hammer_tip.vx [m/s]".
+    """
+    from feltmb.results import load_run
+    from feltmb.viewer import read_curves, view
+
+    loaded = [read_curves(p) if p.suffix.lower() == ".csv" else load_run(p) for p in runs]
+    target = out or runs[0].with_suffix(".html")
+    say_written(
+        view(loaded, target, slowness=slowness, window=window, align=align, at=at, force=force)
+    )

@@ -1,0 +1,84 @@
+"""Greedy placement of labels, clear of each other and of what is drawn."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    pass
+
+Array = npt.NDArray[np.float64]
+
+__all__ = ["Labels"]
+
+
+def _label_candidates() -> list[tuple[float, float]]:
+    """Offsets of a label in multiples of its height, near ones first."""
+    out = []
+    for radius in (1.3, 1.9, 2.6, 3.5, 4.6, 6.0):
+        for k in range(16):
+            angle = math.pi * (0.25 + k / 8.0)
+            out.append((radius * math.cos(angle), radius * math.sin(angle)))
+    return out
+
+
+class Labels:
+    """Greedy placement of labels in pixels: clear of each other, of obstacles where possible."""
+
+    def __init__(self, obstacles: Array, bounds: tuple[float, float, float, float]):
+        self.obstacles = obstacles
+        self.bounds = bounds
+        self.boxes: list[tuple[float, float, float, float]] = []
+        self.leaders: list[tuple[Array, Array]] = []
+
+    def place(
+        self, anchors: Array, width: float, height: float, unit: float
+    ) -> tuple[Array, Array]:
+        """Anchor and center of a label; the anchors are equally good."""
+        best, best_cost = (anchors[0], anchors[0]), math.inf
+        for at in anchors:
+            for dx, dy in _label_candidates():
+                # Wide labels move sideways by half of their width.
+                stretch = 0.5 * (width - height) * np.sign(dx) * min(1.0, abs(dx / (dy or 1e-9)))
+                center = at + np.array([dx * unit + stretch, dy * unit])
+                cost = self._cost(at, center, width, height, math.hypot(dx, dy))
+                if cost < best_cost:
+                    best, best_cost = (at, center), cost
+        self.boxes.append((best[1][0], best[1][1], width, height))
+        self.leaders.append(best)
+        return best
+
+    def _cost(self, at: Array, center: Array, width: float, height: float, away: float) -> float:
+        x0, y0, x1, y1 = self.bounds
+        w, h = 0.5 * width + 2.0, 0.5 * height + 2.0
+        cost = 1.2 * away
+        if not (x0 + w < center[0] < x1 - w and y0 + h < center[1] < y1 - h):
+            cost += 500.0
+        for bx, by, bw, bh in self.boxes:
+            over_x = w + 0.5 * bw - abs(center[0] - bx)
+            over_y = h + 0.5 * bh - abs(center[1] - by)
+            if over_x > 0 and over_y > 0:
+                cost += 200.0 + min(over_x, over_y)
+        for t in np.linspace(0.15, 1.0, 7):
+            p = at + t * (center - at)
+            for bx, by, bw, bh in self.boxes:
+                if abs(p[0] - bx) < 0.5 * bw + 1 and abs(p[1] - by) < 0.5 * bh + 1:
+                    cost += 30.0
+        for a, b in self.leaders:
+            if _cross(at, center, a, b):
+                cost += 25.0
+        inside = (np.abs(self.obstacles[:, 0] - center[0]) < w) & (
+            np.abs(self.obstacles[:, 1] - center[1]) < h
+        )
+        return cost + 1.5 * min(float(np.count_nonzero(inside)), 14.0)
+
+
+def _cross(a: Array, b: Array, c: Array, d: Array) -> bool:
+    def side(p: Array, q: Array, r: Array) -> float:
+        return float((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]))
+
+    return side(a, b, c) * side(a, b, d) < 0 and side(c, d, a) * side(c, d, b) < 0

@@ -1,0 +1,106 @@
+"""Curves and outlines of plane figures as points."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    pass
+
+Array = npt.NDArray[np.float64]
+
+__all__ = [
+    "arc_points",
+    "capsule",
+    "dense_outline",
+    "round_box",
+    "shortest_tree",
+    "spiral",
+    "wrap_angle",
+]
+
+
+def arc_points(center: Array, radius: float, low: float, high: float) -> Array:
+    """Points of an arc; the polygon leaves it by less than 1 um."""
+    step = 2.0 * math.acos(max(0.0, 1.0 - 1e-6 / max(radius, 2e-6)))
+    count = max(9, math.ceil(abs(high - low) / step) + 1)
+    angle = np.linspace(low, high, count)
+    return center + radius * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def wrap_angle(angle: float, about: float) -> float:
+    """The same angle [rad], within half a turn of ``about``."""
+    return about + math.remainder(angle - about, 2.0 * math.pi)
+
+
+def capsule(a: Array, ra: float, b: Array, rb: float) -> Array:
+    """Outline of the convex hull of two discs."""
+    d = b - a
+    length = float(np.hypot(*d))
+    if length <= abs(ra - rb) + 1e-12:
+        center, radius = (a, ra) if ra >= rb else (b, rb)
+        angle = np.linspace(0.0, 2.0 * math.pi, 40, endpoint=False)
+        return center + radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    along = math.atan2(d[1], d[0])
+    half = math.acos((ra - rb) / length)
+    first = np.linspace(along + half, along + 2.0 * math.pi - half, 24)
+    second = np.linspace(along - half, along + half, 24)
+    return np.vstack(
+        [
+            a + ra * np.column_stack([np.cos(first), np.sin(first)]),
+            b + rb * np.column_stack([np.cos(second), np.sin(second)]),
+        ]
+    )
+
+
+def dense_outline(outline: Array, step: float) -> Array:
+    """Closed outline with points no further apart than ``step``, so that it can bend."""
+    parts = []
+    for a, b in itertools.pairwise(np.vstack([outline, outline[:1]])):
+        count = max(1, math.ceil(float(np.hypot(*(b - a))) / step))
+        parts.append(a + np.linspace(0.0, 1.0, count, endpoint=False)[:, None] * (b - a))
+    return np.vstack(parts)
+
+
+def round_box(low: Array, high: Array, radius: float) -> Array:
+    """Rectangle with round corners."""
+    corners = []
+    for x, y, start in (
+        (high[0], high[1], 0.0),
+        (low[0], high[1], 0.5),
+        (low[0], low[1], 1.0),
+        (high[0], low[1], 1.5),
+    ):
+        angle = np.linspace(start, start + 0.5, 7) * math.pi
+        sx, sy = (1.0 if x == high[0] else -1.0), (1.0 if y == high[1] else -1.0)
+        center = np.array([x - sx * radius, y - sy * radius])
+        corners.append(center + radius * np.column_stack([np.cos(angle), np.sin(angle)]))
+    return np.vstack(corners)
+
+
+def shortest_tree(points: Sequence[Array], first: int) -> list[tuple[int, int]]:
+    """Edges of the shortest tree that joins the points and holds the edge from 0 to ``first``."""
+    if len(points) < 2:
+        return []
+    inside, edges = {0, first}, [(0, first)]
+    while len(inside) < len(points):
+        a, b = min(
+            ((i, j) for i in inside for j in range(len(points)) if j not in inside),
+            key=lambda e: float(np.hypot(*(points[e[0]] - points[e[1]]))),
+        )
+        edges.append((a, b))
+        inside.add(b)
+    return edges
+
+
+def spiral(radius: float) -> Array:
+    """Points of the sign of a torsion spring around the origin [m]."""
+    angle = np.linspace(0.0, 5.0 * math.pi, 90)
+    r = radius * (0.45 + 0.55 * angle / angle[-1])
+    return np.column_stack([r * np.cos(angle), r * np.sin(angle)])

@@ -1,0 +1,57 @@
+"""Events that tracked points show by themselves: key start, key landing, turn of the hammer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from feltmb.data import Array
+
+__all__ = ["landmarks"]
+
+#: Travel at which a part counts as moving [m].
+START = 1e-4
+
+
+def landmarks(time: Array, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:
+    """Names and times [s] of what the channels show, in order of time.
+
+    Parameters
+    ----------
+    time
+        (n,) [s]
+    outputs
+        Displacements from rest [m] by output name; NaN is missing.
+    """
+    found: list[tuple[str, float]] = []
+    key = outputs.get("key_front.y")
+    if key is not None and np.isfinite(key).sum() > 10:
+        start = _crossing(time, -key, START)
+        if start is not None:
+            found.append(("key_start", start))
+        lowest = np.nanmin(key)
+        landing = _crossing(time, -key, -0.97 * lowest) if lowest < -10 * START else None
+        if landing is not None:
+            found.append(("key_landing", landing))
+    hammer = outputs.get("hammer_tip.x")
+    if hammer is not None and np.isfinite(hammer).sum() > 10:
+        start = _crossing(time, np.abs(hammer), START)
+        if start is not None:
+            found.append(("hammer_start", start))
+        if np.nanmax(np.abs(hammer)) > 10 * START:
+            turn = int(np.nanargmax(np.abs(hammer)))
+            found.append(("hammer_turn", float(time[turn])))
+    return sorted(found, key=lambda item: item[1])
+
+
+def _crossing(time: Array, values: Array, level: float) -> float | None:
+    """First time at which values rise through a level, by straight lines between samples."""
+    above = np.flatnonzero(values > level)
+    if above.size == 0 or above[0] == 0:
+        return None
+    i = int(above[0])
+    low, high = values[i - 1], values[i]
+    if not np.isfinite(low):
+        return float(time[i])
+    return float(time[i - 1] + (time[i] - time[i - 1]) * (level - low) / (high - low))

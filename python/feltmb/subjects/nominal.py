@@ -1,0 +1,549 @@
+"""A mechanism as a nominal: what :mod:`feltmb.fit` fits and :mod:`feltmb.gap` diagnoses.
+
+Outputs are displacements of tracking points from rest [m] and, under motion input, the force of the
+finger [N]. States are the departures of the mechanical coordinates from the rest pose of the same
+parameters, and their rates, so that a record that starts at rest starts at zero whatever the
+parameters are. The string starts every window at rest: its vibrations die within 20 ms and reach
+nothing that a camera sees.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feltmb import _core
+from feltmb.config import Action
+from feltmb.data import Array, Record
+from feltmb.errors import DataError, FeltmbError, InvalidParameter
+from feltmb.fit import (
+    Effect,
+    Lanes,
+    Nominal,
+    Parameter,
+    Sensitivity,
+    Simulated,
+    State,
+    Term,
+)
+from feltmb.subjects.effects import effect_of
+from feltmb.subjects.library import Entry, Library, load_library
+from feltmb.subjects.reuse import Reuse
+from feltmb.subjects.signals import columns_of
+from feltmb.subjects.variants import Variant, Workshop
+
+__all__ = ["MechanismNominal", "mechanism_nominal"]
+
+#: Natural size of a departure from the nominal motion, as a share of 1 mm of felt travel.
+DEPARTURE = 0.05
+#: The same of the rate: departures last for some milliseconds [1/s].
+DEPARTURE_RATE = 50.0
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What a record puts in: force of the finger [N], or displacement of the key's front [m]."""
+
+    time: Array
+    value: Array
+    motion: bool
+
+    def profile(self, begin: float, duration: float) -> _core.Profile:
+        """Input on the clock of a window that begins at ``begin`` [s].
+
+        A force goes through its samples without overshoot; a motion, whose acceleration counts,
+        as a spline through the whole record.
+        """
+        low, high = 0, self.time.size
+        if not self.motion:
+            low = max(0, int(np.searchsorted(self.time, begin - 1e-12)) - 2)
+            high = min(high, int(np.searchsorted(self.time, begin + duration + 1e-12)) + 3)
+        kind = _core.Interpolation.spline if self.motion else _core.Interpolation.monotone
+        return _core.Profile(list(self.time[low:high] - begin), list(self.value[low:high]), kind)
+
+
+@dataclass(frozen=True)
+class _Job:
+    """A run of one lane."""
+
+    lane: int
+    variant: Variant
+    first: int
+    last: int
+    start: Array
+
+
+class MechanismNominal(Nominal):
+    """A mechanism that :mod:`feltmb.fit` and :mod:`feltmb.gap` can work on.
+
+    Parameters
+    ----------
+    action
+        The mechanism.
+    library
+        Effects and tolerances, see :func:`load_library`.
+    outputs
+        Names such as ``hammer_tip.x`` (displacement from rest [m]) or ``finger.force`` [N].
+    tolerances
+        Parameters to be estimated; default: all of the library.
+    rtol
+        Relative tolerance of the integrator.
+    window
+        Length of shooting windows [s].
+    workers
+        Threads; default: one a core.
+
+    Raises
+    ------
+    InvalidParameter
+        An output that the mechanism does not have.
+    """
+
+    chaotic = True
+
+    def __init__(
+        self,
+        action: Action,
+        library: Library,
+        outputs: Sequence[str],
+        *,
+        tolerances: Sequence[Entry] | None = None,
+        rtol: float = 1e-7,
+        window: float | None = None,
+        workers: int | None = None,
+    ):
+        self.action = action
+        self.library = library
+        self.name = action.name
+        self.outputs = tuple(outputs)
+        self.tolerances = tuple(library.tolerances if tolerances is None else tolerances)
+        self.parameters = tuple(
+            Parameter(
+                name=e.name,
+                value=0.0,
+                sd=e.size,
+                unit=e.unit,
+                lower=max(e.lower, -0.9 if e.unit == "1" else -math.inf),
+                upper=e.upper,
+                component=e.component,
+            )
+            for e in self.tolerances
+        )
+        self.window = library.window if window is None else window
+        self.rtol = rtol
+        self.workers = workers or min(8, os.cpu_count() or 1)
+        self.reuse = Reuse()
+        self._workshop = Workshop(action)
+        base = self._base()
+        condensed = {
+            f"{name}.u{k + 1}"
+            for name, body in action.config.bodies.items()
+            if body.kind == "beam" and not body.rigid and body.condense_axial
+            for k in range(body.axial_shapes)
+        }
+        scales = dict(zip(action.coordinates, base.mechanism.coordinate_scale, strict=True))
+        moving = [c for c in action.coordinates if c not in condensed]
+        bodies = action.config.bodies.values()
+        turning = {b.coordinate for b in bodies if b.joint == "revolute" and b.coordinate}
+        self._states = tuple(
+            State(
+                name=name,
+                unit="rad" if name in turning else "m",
+                scale=DEPARTURE * scales[name],
+                start_sd=0.0,
+            )
+            for name in moving
+        ) + tuple(
+            State(
+                name=f"{name}.rate",
+                unit="rad/s" if name in turning else "m/s",
+                scale=DEPARTURE * DEPARTURE_RATE * scales[name],
+                start_sd=0.0,
+            )
+            for name in moving
+        )
+        self._column: dict[str, int] = {}
+        self._check_outputs(base)
+
+    def _base(self) -> Variant:
+        variant = self._workshop.variant(b"", [], {})
+        if variant is None:
+            raise InvalidParameter(f"mechanism {self.action.name!r} has no rest pose")
+        return variant
+
+    def _check_outputs(self, base: Variant) -> None:
+        known = [f"{p}.{axis}" for p in base.points for axis in "xy"]
+        if self.action.config.finger is not None:
+            known.append("finger.force")
+        unknown = [o for o in self.outputs if o not in known]
+        if unknown:
+            raise InvalidParameter(
+                f"outputs {', '.join(unknown)}: mechanism {self.name!r} has "
+                f"{', '.join(known) or 'no tracking points'}"
+            )
+
+    # --- the interface of Nominal ---------------------------------------------------------------
+
+    def states(self, terms: Sequence[Term] = ()) -> tuple[State, ...]:
+        """Departures of the coordinates and rates, then what the terms bring."""
+        extra = []
+        for term in terms:
+            extra += list(term.effect.hidden)
+        return (*self._states, *extra)
+
+    def accepts(self, effect: Effect) -> bool:
+        """Effects that carry an :class:`Entry`, and all sensor and input effects."""
+        return isinstance(effect.data, Entry) or super().accepts(effect)
+
+    def simulate(self, record: Record, lanes: Lanes) -> Simulated:
+        """Every lane from its start; lanes that fail are NaN."""
+        outputs = np.full((lanes.count, lanes.longest, len(self.outputs)), np.nan)
+        ends = np.full((lanes.count, lanes.starts.shape[1]), np.nan)
+        names = [s.name for s in self.states(lanes.terms)]
+        jobs = []
+        last_key: bytes | None = None
+        variant: Variant | None = None
+        for b in range(lanes.count):
+            sizes = lanes.sizes[b] if lanes.terms else np.zeros(0)
+            key = self._key(record, lanes.theta[b], lanes.terms, sizes)
+            if key != last_key:
+                variant = self._variant(record, key, lanes.theta[b], lanes.terms, sizes)
+                last_key = key
+            if variant is None or not np.all(np.isfinite(lanes.starts[b])):
+                continue
+            first, last = (int(i) for i in lanes.windows[b])
+            jobs.append(_Job(b, variant, first, last, lanes.starts[b]))
+        drive = self._drive(record)
+
+        def work(job: _Job) -> None:
+            out = self._run(record, drive, job, names)
+            if out is not None:
+                length = job.last - job.first + 1
+                outputs[job.lane, :length], ends[job.lane] = out
+
+        self.in_parallel(work, jobs)
+        return Simulated(outputs=outputs, ends=ends)
+
+    def sensitivities(
+        self,
+        record: Record,
+        theta: Array,
+        windows: NDArray[np.intp],
+        starts: Array,
+        terms: tuple[Term, ...] = (),
+        sizes: Array | None = None,
+        *,
+        by_theta: Sequence[int] | None = None,
+        by_starts: bool = True,
+        candidates: tuple[Term, ...] = (),
+    ) -> Sensitivity:
+        """Derivatives by differences, kept while the point moves little.
+
+        See :mod:`feltmb.subjects.derivatives` and :mod:`feltmb.subjects.reuse`.
+        """
+        from feltmb.subjects.derivatives import difference_sensitivities
+
+        theta, starts = np.asarray(theta, dtype=float), np.asarray(starts, dtype=float)
+        sizes = np.zeros(len(terms)) if sizes is None else np.asarray(sizes, dtype=float)
+        wanted = tuple(range(len(self.parameters)) if by_theta is None else by_theta)
+
+        def compute() -> Sensitivity:
+            return difference_sensitivities(
+                self,
+                record,
+                theta,
+                windows,
+                starts,
+                terms,
+                sizes,
+                by_theta=wanted,
+                by_starts=by_starts,
+                candidates=candidates,
+            )
+
+        def base() -> tuple[Array, Array]:
+            count = len(windows)
+            run = self.simulate(
+                record,
+                Lanes(
+                    theta=np.tile(theta, (count, 1)),
+                    windows=windows,
+                    starts=starts,
+                    terms=terms,
+                    sizes=np.tile(sizes, (count, 1)),
+                ),
+            )
+            return run.outputs, run.ends
+
+        key = (
+            record.name,
+            hash(tuple(v.tobytes() for v in record.inputs.values())),
+            windows.tobytes(),
+            tuple((t.name, t.shape) for t in terms),
+            wanted,
+            by_starts,
+            tuple((t.name, t.shape) for t in candidates),
+        )
+        units = (
+            np.array([p.size for p in self.parameters]),
+            np.array([t.effect.scale for t in terms]),
+            np.array([s.scale for s in self.states(terms)]),
+        )
+        return self.reuse.ask(key, theta, sizes, starts, units, base, compute)
+
+    def guess(self, record: Record, windows: NDArray[np.intp]) -> Array:
+        """Start states on the nominal's own way through the record."""
+        last = int(np.max(windows[:, 1]))
+        names = [s.name for s in self.states()]
+        job = _Job(0, self._base(), 0, last, np.zeros(len(names)))
+        run = self._integrate(record, self._drive(record), job, names)
+        starts = np.zeros((len(windows), len(names)))
+        if run is None:
+            return starts
+        states, _, _ = run
+        for w, (first, _) in enumerate(windows):
+            starts[w] = states[int(first)]
+        return starts
+
+    def events(self, record: Record, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:
+        """Key start, key landing and turn of the hammer, as far as channels show them."""
+        from feltmb.subjects.landmarks import landmarks
+
+        return landmarks(record.time, outputs)
+
+    # --- what it rests on -------------------------------------------------------------------------
+
+    def variant(
+        self,
+        theta: Array,
+        terms: tuple[Term, ...] = (),
+        sizes: Array | None = None,
+        conditions: Mapping[str, float | str] | None = None,
+    ) -> Variant:
+        """The assembled mechanism of parameters and sizes.
+
+        Raises
+        ------
+        InvalidParameter
+            These numbers make no mechanism, or it has no rest.
+        """
+        entries = self._chosen(theta, terms, np.zeros(0) if sizes is None else sizes)
+        from feltmb.subjects.variants import changed_config
+
+        return self._workshop.build(changed_config(self.action.config, entries, conditions or {}))
+
+    def _chosen(
+        self, theta: Array, terms: tuple[Term, ...], sizes: Array
+    ) -> list[tuple[Entry, float, float | None]]:
+        out: list[tuple[Entry, float, float | None]] = [
+            (e, float(v), None) for e, v in zip(self.tolerances, theta, strict=True)
+        ]
+        for term, size in zip(terms, sizes, strict=True):
+            if isinstance(term.effect.data, Entry):
+                out.append((term.effect.data, float(size), term.shape))
+        return out
+
+    def _key(self, record: Record, theta: Array, terms: tuple[Term, ...], sizes: Array) -> bytes:
+        drifting = [
+            (t.effect.data.condition.factor(record.conditions) if t.effect.data.condition else 1.0)
+            if isinstance(t.effect.data, Entry)
+            else 1.0
+            for t in terms
+        ]
+        parts = [theta.tobytes()]
+        parts += [
+            f"{t.name}|{t.shape}|{float(size * drift)!r}".encode()
+            for t, size, drift in zip(terms, sizes, drifting, strict=True)
+            if size * drift != 0.0
+        ]
+        return b";".join(parts)
+
+    def _variant(
+        self, record: Record, key: bytes, theta: Array, terms: tuple[Term, ...], sizes: Array
+    ) -> Variant | None:
+        if not any(theta) and not any(sizes):
+            return self._base()
+        return self._workshop.variant(key, self._chosen(theta, terms, sizes), record.conditions)
+
+    def _drive(self, record: Record) -> Drive:
+        motion = record.input_mode == "motion"
+        wanted = "displacement" if motion else "force"
+        if wanted not in record.inputs:
+            raise DataError(
+                f"record {record.name}: input {wanted!r} is missing "
+                f"(inputs are {', '.join(record.inputs) or 'none'}); "
+                f"input_mode {record.input_mode!r} needs it"
+            )
+        value = record.inputs[wanted]
+        if motion and record.input_sigma.get(wanted, 0.0) > 0.0:
+            value = _smoothed(value)
+        return Drive(record.time, value, motion)
+
+    def in_parallel(self, work: Callable[[Any], None], jobs: Sequence[Any]) -> None:
+        """Do the jobs on the threads of the nominal; the results do not depend on their number."""
+        if self.workers <= 1 or len(jobs) < 2:
+            for job in jobs:
+                work(job)
+            return
+        with ThreadPoolExecutor(self.workers) as pool:
+            list(pool.map(work, jobs))
+
+    def _run(
+        self, record: Record, drive: Drive, job: _Job, names: Sequence[str]
+    ) -> tuple[Array, Array] | None:
+        run = self._integrate(record, drive, job, names)
+        if run is None:
+            return None
+        states, columns, _ = run
+        return columns, states[-1]
+
+    def _integrate(
+        self, record: Record, drive: Drive, job: _Job, names: Sequence[str]
+    ) -> tuple[Array, Array, Any] | None:
+        """States (n, nx) and outputs (n, ny) at the samples of one window; None if it failed."""
+        v = job.variant
+        full = v.rest.copy()
+        index = np.array([v.place.get(name, -1) for name in names])
+        full[index[index >= 0]] += job.start[index >= 0]
+        time = record.time[job.first : job.last + 1] - record.time[job.first]
+        count = time.size
+        options = _core.SimulationOptions()
+        options.duration = float(time[-1])
+        options.rtol = self.rtol
+        even = np.ptp(np.diff(time)) < 1e-6 * time[1] if count > 2 else True
+        options.output_rate = (count - 1) / time[-1] if even else 8.0 * (count - 1) / time[-1]
+        options.ledger = options.events = options.diagnose = False
+        options.finger_reference = v.finger_reference
+        profile = drive.profile(float(record.time[job.first]), float(time[-1]))
+        if drive.motion:
+            self._follow(v, full, profile)
+        try:
+            result = _core.simulate(
+                v.mechanism,
+                profile,
+                False,
+                options,
+                list(full),
+                [],
+                None,
+                list(v.memory),
+                prescribed=drive.motion,
+            )
+        except (RuntimeError, ValueError, FeltmbError):
+            return None
+        if result.time.size < 2 or result.reached < time[-1] * (1.0 - 1e-9):
+            return None
+        states, data = result.states, result.data
+        if not even or result.time.size != count:
+            states = _resample(result.time, states, time)
+            data = _resample(result.time, data, time)
+        x = np.zeros((count, len(names)))
+        known = index >= 0
+        x[:, known] = states[:, index[known]] - v.rest[index[known]]
+        return x, self._columns(result, data, v), result
+
+    def _follow(self, v: Variant, full: Array, profile: _core.Profile) -> None:
+        """Put the joint of the finger's body where the prescribed motion wants it, and its rate.
+
+        The start state of that joint has no say under motion input.
+        """
+        finger = self.action.config.finger
+        assert finger is not None
+        name = self.action.config.bodies[finger.body].coordinate
+        k, n = v.place[name], len(v.mechanism.coordinates)
+        wanted = v.finger_reference + float(profile.value(0.0))
+
+        def place(q: Array) -> float:
+            return float(_core.finger_place(v.mechanism, q))
+
+        step = 1e-6
+        for _ in range(4):
+            here = place(full[:n])
+            ahead = full[:n].copy()
+            ahead[k] += step
+            full[k] -= (here - wanted) * step / (place(ahead) - here)
+        full[n + k] = 0.0
+        here = place(full[:n])
+        ahead = full[:n].copy()
+        ahead[k] += step
+        lever = (place(ahead) - here) / step
+        drift = (place(full[:n] + step * full[n : 2 * n]) - here) / step
+        full[n + k] = (float(profile.rate(0.0)) - drift) / lever
+
+    def _columns(self, result: Any, data: Array, v: Variant) -> Array:
+        where = {name: i for i, name in enumerate(result.names)}
+        out = np.empty((data.shape[0], len(self.outputs)))
+        for o, name in enumerate(self.outputs):
+            column = data[:, where[name]] if name in where else np.full(data.shape[0], np.nan)
+            point, _, axis = name.rpartition(".")
+            if point in v.points:
+                column = column - v.points[point]["xy".index(axis)]
+            out[:, o] = column
+        return out
+
+
+def _smoothed(value: Array) -> Array:
+    """Cubic fits over 11 samples: linear in the record, 250 Hz at 2 kHz."""
+    from scipy.signal import savgol_filter
+
+    if value.size < 11:
+        return value
+    out: Array = savgol_filter(value, 11, 3)
+    return out
+
+
+def _resample(old: Array, values: Array, new: Array) -> Array:
+    from scipy.interpolate import CubicHermiteSpline
+
+    slope = np.gradient(values, old, axis=0)
+    out: Array = CubicHermiteSpline(old, values, slope, axis=0)(new)
+    return out
+
+
+def mechanism_nominal(
+    action: Action,
+    *,
+    channels: Sequence[str] = (),
+    library: Library | str | None = None,
+    effects: Sequence[str] = (),
+    **options: Any,
+) -> tuple[MechanismNominal, tuple[Effect, ...]]:
+    """A mechanism with its tolerances and its library of effects, ready for a fit or a diagnosis.
+
+    Parameters
+    ----------
+    channels
+        Names of the library (``key``, ``hammer_tip``) or outputs (``hammer_tip.x``); default:
+        those of the library.
+    library
+        A library, its name or path; default: that of the mechanism.
+    effects
+        Names or patterns (``felt_*``, ``all``); default: the default set of the library.
+    options
+        Of :class:`MechanismNominal`.
+
+    Raises
+    ------
+    InvalidParameter
+        Unknown names, with the nearest known ones.
+    """
+    if not isinstance(library, Library):
+        library = load_library(action, library)
+    nominal = MechanismNominal(action, library, library.outputs(channels), **options)
+    chosen = [e for e in library.select(effects) if _can_show(nominal, e)]
+    return nominal, tuple(effect_of(e, nominal.outputs, library.channels) for e in chosen)
+
+
+def _can_show(nominal: MechanismNominal, entry: Entry) -> bool:
+    """Whether a sensor effect has a channel to act on."""
+    if entry.sensor is None:
+        moved = {c.path.split(".")[1] for c in entry.changes if c.path.startswith("points.")}
+        return not moved or any(o.rpartition(".")[0] in moved for o in nominal.outputs)
+    return bool(columns_of(entry.sensor, nominal.outputs, nominal.library.channels))

@@ -1,0 +1,119 @@
+"""Derivatives kept while the point moves little: a chord method for expensive nominals.
+
+Outputs and end states are always computed anew at the point that is asked for; only their
+derivatives may come from a point nearby. A Gauss-Newton iteration converges with them as well, to
+the same point, in a few more cheap steps.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from feltmb.data import Array
+from feltmb.fit import Sensitivity
+
+__all__ = ["Kept", "Reuse"]
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Derivatives and where they were taken."""
+
+    theta: Array
+    sizes: Array
+    starts: Array
+    value: Sensitivity
+
+
+class Reuse:
+    """Store of derivatives by question.
+
+    Parameters
+    ----------
+    theta_sd
+        Distance of the parameters over which derivatives are kept, in their natural sizes.
+    start_scale
+        The same of the start states, in theirs.
+    size_scale
+        The same of the sizes of effects, in their scales.
+    """
+
+    def __init__(
+        self,
+        theta_sd: float = 0.25,
+        start_scale: float = 1.0,
+        size_scale: float = 0.25,
+        keep: int = 64,
+    ):
+        self.theta_sd = theta_sd
+        self.start_scale = start_scale
+        self.size_scale = size_scale
+        self._keep = keep
+        self._kept: OrderedDict[tuple[object, ...], Kept] = OrderedDict()
+        self._lock = threading.Lock()
+        self.hits = 0
+        self.misses = 0
+
+    def ask(
+        self,
+        key: tuple[object, ...],
+        theta: Array,
+        sizes: Array,
+        starts: Array,
+        units: tuple[Array, Array, Array],
+        base: Callable[[], tuple[Array, Array]],
+        compute: Callable[[], Sensitivity],
+    ) -> Sensitivity:
+        """Derivatives at or near a point, values at it."""
+        with self._lock:
+            kept = self._kept.get(key)
+        if kept is not None and self._near(kept, theta, sizes, starts, units):
+            self.hits += 1
+            outputs, ends = base()
+            return Sensitivity(
+                outputs=outputs,
+                ends=ends,
+                d_theta=kept.value.d_theta,
+                d_theta_ends=kept.value.d_theta_ends,
+                d_sizes=kept.value.d_sizes,
+                d_sizes_ends=kept.value.d_sizes_ends,
+                d_starts=kept.value.d_starts,
+                d_starts_ends=kept.value.d_starts_ends,
+                d_candidates=kept.value.d_candidates,
+                d_candidates_ends=kept.value.d_candidates_ends,
+            )
+        self.misses += 1
+        value = compute()
+        with self._lock:
+            self._kept[key] = Kept(theta.copy(), sizes.copy(), starts.copy(), value)
+            self._kept.move_to_end(key)
+            while len(self._kept) > self._keep:
+                self._kept.popitem(last=False)
+        return value
+
+    def _near(
+        self,
+        kept: Kept,
+        theta: Array,
+        sizes: Array,
+        starts: Array,
+        units: tuple[Array, Array, Array],
+    ) -> bool:
+        limits = (self.theta_sd, self.size_scale, self.start_scale)
+        for old, new, unit, limit in zip(
+            (kept.theta, kept.sizes, kept.starts),
+            (theta, sizes, starts),
+            units,
+            limits,
+            strict=True,
+        ):
+            if old.shape != new.shape:
+                return False
+            if old.size and np.max(np.abs(new - old) / unit) > limit:
+                return False
+        return True

@@ -1,0 +1,45 @@
+// Numbers of the page: base64 of little-endian integers and floats, as packing.py writes them.
+
+function bytes(text) {
+  const raw = atob(text), out = new Uint8Array(raw.length);
+  for (let i = 0; i < raw.length; i++) out[i] = raw.charCodeAt(i);
+  return new DataView(out.buffer);
+}
+
+// Columns (m arrays of n); -32768 is missing.
+function columns(packed) {
+  const view = bytes(packed.data), out = [];
+  let at = 0;
+  for (let k = 0; k < packed.m; k++) {
+    const column = new Float64Array(packed.n);
+    if (packed.fixed[k]) column.fill(packed.low[k]);
+    else for (let i = 0; i < packed.n; i++, at += 2) {
+      const whole = view.getInt16(at, true);
+      column[i] = whole === -32768 ? NaN : packed.low[k] + packed.step[k] * (whole + 32767);
+    }
+    out.push(column);
+  }
+  return out;
+}
+
+function times(packed) {
+  const view = bytes(packed.data), out = new Float64Array(view.byteLength / 4);
+  for (let i = 0; i < out.length; i++) out[i] = packed.first + view.getFloat32(4 * i, true);
+  return out;
+}
+
+// Last index whose time is not after t, and the share of the way to the next.
+function locate(time, t) {
+  let low = 0, high = time.length - 1;
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (time[middle] <= t) low = middle; else high = middle;
+  }
+  const span = time[high] - time[low];
+  const share = span > 0 ? (t - time[low]) / span : 0;
+  return [low, high, Math.max(0, Math.min(1, share))];
+}
+
+function mix(column, f) {
+  return column[f[0]] + (column[f[1]] - column[f[0]]) * f[2];
+}

@@ -1,0 +1,408 @@
+// The viewer: state, controls, tables. Texts of files become text nodes only, never markup.
+
+function element(kind, options = {}, ...children) {
+  const e = document.createElement(kind);
+  for (const [key, value] of Object.entries(options)) {
+    if (key === "class") e.className = value;
+    else if (key.startsWith("on")) e.addEventListener(key.slice(2), value);
+    else e.setAttribute(key, value);
+  }
+  e.append(...children);
+  return e;
+}
+
+function choice(label, pairs, onchange) {
+  const select = element("select", {"aria-label": label, onchange});
+  for (const [value, text] of pairs) select.append(element("option", {value}, text));
+  return select;
+}
+
+class Viewer {
+  constructor(root) {
+    this.root = root;
+    const data = this.data = JSON.parse(root.querySelector("script").textContent);
+    this.runs = data.runs.map((r, i) => {
+      const run = {
+        name: r.name, note: r.note, events: r.events, first: r.first, last: r.last, busy: r.busy,
+        color: RUN_COLORS[i % RUN_COLORS.length], shown: true, shift: 0,
+        stage: r.stage && unpackStage(r.stage),
+        curves: new Map(r.outputs.map(o => [o.name, new Curve(o)])),
+      };
+      run.time = now => now + run.shift;  // from the clock of the first run to its own
+      return run;
+    });
+    this.playing = false;
+    this.build();
+    this.align(data.align);
+    this.window = this.wide("busy");
+    this.now = Math.max(this.window[0], Math.min(this.window[1], data.at ?? this.window[0]));
+    this.layout();
+  }
+
+  // ---------------------------------------------------------------- structure
+
+  build() {
+    const {root, data, runs} = this;
+    this.clock = element("span", {class: "fv-clock"});
+    this.chips = runs.map(run => {
+      const box = element("input", {type: "checkbox", onchange: () => {
+        run.shown = box.checked;
+        this.render();
+      }});
+      box.checked = true;
+      const swatch = element("i", {class: "fv-swatch"});
+      swatch.style.background = run.color;
+      return element("label", {class: "fv-chip", title: run.note}, box, swatch, run.name);
+    });
+    const head = element("div", {class: "fv-head"}, ...this.chips, this.clock);
+    for (const run of runs) if (run.note && run.note !== "curves only")
+      head.append(element("span", {class: "fv-hint"}, `${run.name}: ${run.note}`));
+
+    const left = element("div", {class: "fv-left"});
+    if (runs.some(r => r.stage)) {
+      const canvas = element("canvas", {class: "fv-stage", role: "img",
+        "aria-label": "the mechanism at the time of the cursor"});
+      const zoom = (text, title, f) => element("button", {type: "button", title, onclick: f}, text);
+      left.append(element("div", {class: "fv-frame"}, canvas,
+        element("div", {class: "fv-zoom"},
+          zoom("+", "nearer (or Ctrl and wheel)", () => this.stage.magnify(1.5)),
+          zoom("−", "farther", () => this.stage.magnify(1 / 1.5)),
+          zoom("⤢", "all (or double click)", () => { this.stage.reset(); this.render(); }))));
+      this.stage = new Stage(canvas, runs);
+      this.stage.changed = () => this.render();
+      const strip = element("canvas", {class: "fv-string", role: "img",
+        "aria-label": "the string from end to end at the time of the cursor"});
+      this.strip = new StringStrip(strip, runs);
+      if (this.strip.runs.length) left.append(strip); else this.strip = null;
+      left.append(this.forceTable());
+    }
+    this.right = element("div", {class: "fv-right"});
+    this.panels = [];
+    this.panelBox = element("div");
+    this.right.append(this.panelBox, this.adder(), this.eventTable());
+    const main = element("div", {class: this.stage ? "fv-main" : "fv-main fv-alone"});
+    if (this.stage) main.append(left);
+    main.append(this.right);
+    root.append(head, this.controls(), main, element("p", {class: "fv-hint"},
+      (this.stage ? "Arrows: forces on the bodies that move, length by the root of the force. " : "") +
+      "Drag in a curve to move the time, with Shift to enlarge a stretch of it. Keys: space plays, arrows step, " +
+      "Home and End."));
+    for (const given of data.panels) this.addPanel(given);
+    root.addEventListener("keydown", e => this.key(e));
+    addEventListener("resize", () => this.layout());
+  }
+
+  controls() {
+    const {data, runs} = this;
+    this.button = element("button", {type: "button", class: "fv-play",
+      onclick: () => this.toggle(!this.playing)}, "Play");
+    this.slider = element("input", {type: "range", min: "0", max: "10000", step: "1",
+      class: "fv-slider", "aria-label": "time", oninput: () => {
+        this.toggle(false);
+        const [a, b] = this.window;
+        this.seek(a + (b - a) * this.slider.value / 10000);
+      }});
+    this.slow = element("input", {type: "number", min: "0.01", max: "1000000", step: "any",
+      class: "fv-number", value: String(data.slowness)});
+    const line = element("div", {class: "fv-controls"}, this.button, this.slider,
+      element("label", {}, this.slow, " times slower"));
+    const spans = [["busy", "all that moves"], ["all", "whole run"], ["20", "20 ms here"],
+                   ["5", "5 ms here"], ["1", "1 ms here"]];
+    this.span = choice("stretch of time", spans, () => this.look(this.span.value));
+    line.append(element("label", {}, "show ", this.span));
+    if (this.runs.some(r => r.stage)) {
+      this.arrows = element("input", {type: "checkbox", onchange: () => this.render()});
+      this.arrows.checked = true;
+      line.append(element("label", {}, this.arrows, " forces"));
+    }
+    if (runs.some(r => r.stage && r.stage.string && r.stage.string.modes)) {
+      this.magnified = choice("string displacement", [["1", "as it is"], ["5", "5 times"],
+        ["20", "20 times"]], () => this.render());
+      line.append(element("label", {}, "string ", this.magnified));
+    }
+    const common = runs[0].events.map(e => e[1])
+      .filter(name => runs.every(r => r.events.some(e => e[1] === name)));
+    if (runs.length > 1 && common.length) {
+      this.aligner = choice("align runs", [["", "by their clocks"],
+        ...common.map(n => [n, "at " + n])], () => { this.align(this.aligner.value); });
+      line.append(element("label", {}, "runs ", this.aligner));
+    }
+    return line;
+  }
+
+  forceTable() {
+    const rows = new Map(), table = element("table", {class: "fv-table"});
+    this.runs.forEach((run, r) => {
+      if (!run.stage) return;
+      run.stage.contacts.forEach((c, k) => {
+        if (!rows.has(c.number)) rows.set(c.number, {label: c.label, of: []});
+        rows.get(c.number).of.push({run, k, r});
+      });
+    });
+    this.forceRows = [...rows].sort((a, b) => a[0] - b[0]).map(([number, {label, of}]) => {
+      const row = table.insertRow();
+      row.append(element("td", {class: "fv-n"}, String(number)), element("td", {}, label));
+      const cells = of.map(({run, k}) => {
+        const value = element("td", {class: "fv-v"}), bar = element("i", {class: "fv-bar"});
+        bar.style.background = run.color;
+        row.append(value, element("td", {class: "fv-b"}, bar));
+        return {run, k, value, bar};
+      });
+      return cells;
+    }).flat();
+    return table;
+  }
+
+  eventTable() {
+    const names = [];
+    for (const run of this.runs) for (const [, name] of run.events)
+      if (!names.includes(name)) names.push(name);
+    const table = element("table", {class: "fv-table fv-events"});
+    this.eventRows = names.map(name => {
+      const row = table.insertRow();
+      const go = element("button", {type: "button", class: "fv-link", onclick: () => {
+        const run = this.runs.find(r => r.events.some(e => e[1] === name));
+        this.toggle(false);
+        this.seek(run.events.find(e => e[1] === name)[0] - run.shift, true);
+      }}, name);
+      row.append(element("td", {}, go));
+      for (const run of this.runs) {
+        const found = run.events.find(e => e[1] === name);
+        const cell = element("td", {class: "fv-v"}, found ? found[0].toFixed(2) + " ms" : "–");
+        cell.style.color = this.runs.length > 1 ? run.color : "";
+        row.append(cell);
+      }
+      return row;
+    });
+    return table;
+  }
+
+  adder() {
+    const all = new Map();
+    for (const run of this.runs) for (const [name, curve] of run.curves)
+      if (!all.has(name)) all.set(name, `${name}, ${curve.output.unit}`);
+    const select = choice("add a curve", [["", "add a curve …"], ...all], () => {
+      if (select.value)
+        this.addPanel({title: "", outputs: [select.value], change: false});
+      select.value = "";
+      this.layout();
+    });
+    return element("div", {class: "fv-adder"}, select);
+  }
+
+  addPanel(given) {
+    const panel = new Panel(given, this.runs), unit = panel.unit();
+    const same = new Map();
+    for (const run of this.runs) for (const [name, curve] of run.curves)
+      if (curve.output.unit === unit) same.set(name, name);
+    panel.legend = element("span", {class: "fv-legend"});
+    const more = choice("add a curve to this panel", [["", "+"], ...same], () => {
+      if (more.value && !panel.outputs.includes(more.value)) panel.outputs.push(more.value);
+      more.value = "";
+      this.fillLegend(panel);
+      this.render();
+    });
+    more.className = "fv-more";
+    const change = element("input", {type: "checkbox", onchange: () => {
+      panel.change = change.checked;
+      this.render();
+    }});
+    change.checked = panel.change;
+    const close = element("button", {type: "button", title: "remove", class: "fv-close",
+      onclick: () => {
+        this.panels = this.panels.filter(p => p !== panel);
+        panel.box.remove();
+      }}, "×");
+    panel.box = element("div", {class: "fv-panel"},
+      element("div", {class: "fv-panel-head"},
+        element("b", {}, (panel.title ? panel.title + ", " : "") + unit), panel.legend,
+        element("span", {class: "fv-tools"}, more,
+          element("label", {class: "fv-hint", title: "change since the start"}, change, "change"),
+          close)),
+      panel.canvas);
+    this.fillLegend(panel);
+    this.panelBox.append(panel.box);
+    this.panels.push(panel);
+    this.scrub(panel);
+    return panel;
+  }
+
+  fillLegend(panel) {
+    panel.legend.replaceChildren();
+    panel.readings = [];
+    panel.outputs.forEach((name, o) => {
+      const item = element("span", {class: "fv-item"});
+      if (panel.outputs.length > 1) {
+        const swatch = element("i", {class: "fv-swatch"});
+        swatch.style.background = panel.color(o, 0);
+        item.append(swatch);
+      }
+      const curve = this.runs.map(r => r.curves.get(name)).find(c => c);
+      item.append(curve ? curve.output.label : name);
+      item.title = curve ? `${name}: ${curve.output.text}` : name;
+      this.runs.forEach((run, r) => {
+        if (!run.curves.has(name)) return;
+        const value = element("span", {class: "fv-v"});
+        if (this.runs.length > 1) value.style.color = run.color;
+        item.append(" ", value);
+        panel.readings.push({run, name, value});
+      });
+      panel.legend.append(item);
+    });
+  }
+
+  // A drag moves the time; with Shift it enlarges a stretch; a double click shows all.
+  scrub(panel) {
+    const canvas = panel.canvas;
+    let from = null, stretch = false;
+    const at = e => panel.timeAt(e.clientX - canvas.getBoundingClientRect().left, this.window);
+    canvas.addEventListener("pointerdown", e => {
+      canvas.setPointerCapture(e.pointerId);
+      this.root.focus({preventScroll: true});
+      from = at(e);
+      stretch = e.shiftKey;
+      this.toggle(false);
+      if (!stretch) this.seek(from);
+    });
+    canvas.addEventListener("pointermove", e => {
+      if (from !== null && !stretch) this.seek(at(e));
+    });
+    canvas.addEventListener("pointerup", e => {
+      const to = at(e);
+      if (stretch && Math.abs(to - from) > 1e-3 * (this.window[1] - this.window[0]))
+        this.zoomTo(Math.min(from, to), Math.max(from, to));
+      from = null;
+    });
+    canvas.addEventListener("pointercancel", () => { from = null; });
+    canvas.addEventListener("dblclick", () => { this.span.value = "busy"; this.look("busy"); });
+  }
+
+  // ---------------------------------------------------------------- time
+
+  // What is shown at most: the whole of all runs, or all that moves, on the first run's clock.
+  wide(which) {
+    const ends = this.runs.map(r => which === "all" ? [r.first, r.last] : r.busy);
+    return [Math.min(...ends.map((e, i) => e[0] - this.runs[i].shift)),
+            Math.max(...ends.map((e, i) => e[1] - this.runs[i].shift))];
+  }
+
+  look(which) {
+    if (which === "busy" || which === "all") return this.zoomTo(...this.wide(which));
+    const half = 0.5 * Number(which);
+    this.zoomTo(this.now - half, this.now + half);
+  }
+
+  zoomTo(a, b) {
+    this.window = [a, Math.max(b, a + 1e-6)];
+    this.now = Math.max(a, Math.min(b, this.now));
+    this.render();
+  }
+
+  align(event) {
+    const of = run => (run.events.find(e => e[1] === event) || [NaN])[0];
+    const here = of(this.runs[0]);
+    for (const run of this.runs) {
+      const there = of(run);
+      run.shift = event && Number.isFinite(here + there) ? there - here : 0;
+    }
+    if (this.aligner) this.aligner.value = event || "";
+    if (this.window) this.look("busy");
+  }
+
+  seek(t, reveal = false) {
+    const [a, b] = this.window;
+    if (reveal && (t < a || t > b)) {
+      const [low, high] = this.wide("all");
+      this.window = [Math.min(low, t), Math.max(high, t)];
+      this.span.value = "all";
+    }
+    this.now = Math.max(this.window[0], Math.min(this.window[1], t));
+    this.render();
+  }
+
+  toggle(on) {
+    if (this.playing === on) return;
+    this.playing = on;
+    this.stamp = null;
+    this.button.textContent = on ? "Pause" : "Play";
+    if (on) requestAnimationFrame(t => this.tick(t));
+  }
+
+  tick(stamp) {
+    if (!this.playing) return;
+    const slowness = Number(this.slow.value) > 0 ? Number(this.slow.value) : this.data.slowness;
+    if (this.stamp !== null) this.now += Math.max(0, stamp - this.stamp) / slowness;
+    this.stamp = stamp;
+    if (!(this.now < this.window[1])) this.now = this.window[0];
+    this.render();
+    requestAnimationFrame(t => this.tick(t));
+  }
+
+  key(e) {
+    if (/^(INPUT|SELECT|TEXTAREA)$/.test(e.target.tagName) && e.target.type !== "range" &&
+        e.target.type !== "checkbox") return;
+    const step = (this.window[1] - this.window[0]) / (e.shiftKey ? 50 : 500);
+    const to = {ArrowRight: this.now + step, ArrowLeft: this.now - step,
+                Home: this.window[0], End: this.window[1]}[e.key];
+    if (e.key === " " && e.target.tagName !== "BUTTON") this.toggle(!this.playing);
+    else if (to !== undefined) { this.toggle(false); this.seek(to); } else return;
+    e.preventDefault();
+  }
+
+  // Place [mm] and angle [rad] of a body of a run at the cursor, for scripts around the viewer.
+  pose(run, body) {
+    const s = this.runs[run].stage;
+    return poseOf(s, body, locate(s.time, this.runs[run].time(this.now)));
+  }
+
+  // ---------------------------------------------------------------- drawing
+
+  layout() {
+    const dpr = devicePixelRatio || 1;
+    if (this.stage) this.stage.fit(dpr);
+    if (this.strip) this.strip.fit(dpr);
+    for (const panel of this.panels) panel.fit(dpr, 128);
+    this.render();
+  }
+
+  marks() {
+    const out = [];
+    for (const run of this.runs) if (run.shown)
+      for (const [t] of run.events) out.push([t - run.shift, run.color]);
+    return out;
+  }
+
+  render() {
+    const {now, window} = this;
+    if (now === undefined) return;
+    if (this.stage) this.stage.draw(now, {arrows: this.arrows.checked,
+      magnified: this.magnified ? Number(this.magnified.value) : 1});
+    if (this.strip) this.strip.draw(now);
+    const marks = this.marks();
+    for (const panel of this.panels) {
+      if (!panel.width) panel.fit(devicePixelRatio || 1, 128);
+      panel.draw(now, window, marks);
+      for (const {run, name, value} of panel.readings)
+        value.textContent = valueText(panel.value(run, name, now), panel.limits[1] - panel.limits[0]);
+    }
+    const digits = Math.max(1, Math.min(6, 3 - Math.floor(Math.log10(window[1] - window[0]))));
+    this.clock.textContent = now.toFixed(digits) + " ms";
+    this.slider.value = Math.round(10000 * (now - window[0]) / (window[1] - window[0]));
+    const largest = Math.max(...this.runs.map(r => r.stage ? r.stage.largest : 0), 1e-30);
+    for (const {run, k, value, bar} of this.forceRows || []) {
+      const s = run.stage, force = mix(s.forces[k], locate(s.time, run.time(now)));
+      value.textContent = run.shown && force > 0 ? force.toFixed(2) + " N" : "";
+      bar.style.width = (run.shown && force > 0 ? 60 * Math.sqrt(force / largest) : 0) + "px";
+    }
+  }
+}
+
+function start() {
+  for (const root of document.querySelectorAll(".feltmb-view")) {
+    if (root.viewer) continue;
+    root.viewer = new Viewer(root);
+  }
+}
+
+if (document.readyState === "loading") addEventListener("DOMContentLoaded", start);
+else start();

@@ -1,0 +1,114 @@
+"""The contract of every effect of the action: the nominal at size zero, and a slope there."""
+
+import numpy as np
+import pytest
+
+import feltmb
+from feltmb.data import Record
+from feltmb.fit import Lanes, Term
+from feltmb.fit.observe import observe_lanes
+from feltmb.subjects import load_library, mechanism_nominal
+from feltmb.subjects.variants import changed_config
+
+CONDITIONS = {"relative_humidity": 70.0, "cycle": 100.0}
+
+
+def record_of(nominal, stroke, duration):
+    stroke = feltmb.load_stroke(stroke)
+    time = np.arange(0.0, duration, 5e-4)
+    return Record(
+        name=stroke.name,
+        time=time,
+        inputs={"force": stroke.at(time)},
+        outputs={o: np.zeros(time.size) for o in nominal.outputs},
+        conditions=CONDITIONS,
+    )
+
+
+@pytest.fixture(scope="module")
+def subject():
+    action = feltmb.load_action("steinway45")
+    channels = ["key", "key_lift", "whippen", "hammer_tip", "backcheck", "jack", "damper"]
+    nominal, effects = mechanism_nominal(action, channels=channels, effects=["all"], rtol=1e-6)
+    records = [record_of(nominal, "forte", 0.14), record_of(nominal, "staccato", 0.18)]
+    return nominal, {e.name: e for e in effects}, records
+
+
+def outputs(nominal, record, term=None, size=0.0):
+    terms = () if term is None else (term,)
+    lanes = Lanes(
+        theta=np.zeros((1, len(nominal.parameters))),
+        windows=np.array([[0, record.samples - 1]]),
+        starts=np.zeros((1, len(nominal.states(terms)))),
+        terms=terms,
+        sizes=np.array([[size]]) if terms else np.zeros((0, 0)),
+    )
+    return observe_lanes(nominal, record, lanes).outputs[0]
+
+
+@pytest.fixture(scope="module")
+def plain(subject):
+    nominal, _, records = subject
+    return [outputs(nominal, r) for r in records]
+
+
+def names(which):
+    library = load_library(feltmb.load_action("steinway45"))
+    if which == "default":
+        return [e.name for e in library.select()]
+    default = {e.name for e in library.select()}
+    return [e.name for e in library.effects if e.name not in default]
+
+
+def check(subject, plain, name):
+    nominal, effects, records = subject
+    if name not in effects:  # a channel that no output of this nominal belongs to
+        assert name.startswith(("channel_gain", "point_offset"))
+        return
+    effect = effects[name]
+    # A force of the felt that is not used in these strokes, or a strap that stays slack in forte.
+    for shape in effect.shapes:
+        term = Term(effect, shape)
+        moved = 0.0
+        for record, base in zip(records, plain, strict=True):
+            assert np.array_equal(outputs(nominal, record, term, 0.0), base)
+            low, high = effect.bounds
+            step = effect.step * effect.scale * (1.0 if high > 0.0 else -1.0)
+            assert low <= step <= high
+            slope = (outputs(nominal, record, term, step) - base) / effect.step
+            assert np.all(np.isfinite(slope))
+            moved = max(moved, float(np.max(np.abs(slope))))
+            if moved > 1e-7:
+                break
+        # 0.1 um of some point for the size that one would expect to meet (most: 0.1 to 10 mm).
+        assert moved > 1e-7, f"{name} moves nothing"
+
+
+@pytest.mark.parametrize("name", names("default"))
+def test_an_effect_is_the_nominal_at_zero_and_moves_it(subject, plain, name):
+    check(subject, plain, name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", names("rest"))
+def test_the_other_effects_too(subject, plain, name):
+    check(subject, plain, name)
+
+
+def test_zero_gives_back_the_very_same_configuration():
+    action = feltmb.load_action("steinway45")
+    library = load_library(action)
+    entries = [(e, 0.0, s) for e in (*library.effects, *library.tolerances) for s in e.shapes]
+    assert changed_config(action.config, entries, CONDITIONS) is action.config
+
+
+def test_every_effect_says_what_it_is():
+    for library in (load_library(feltmb.load_action("steinway45")),):
+        for e in library.effects:
+            assert e.component
+            assert e.mechanism.endswith(".")
+            assert e.remedy.endswith(".")
+            assert e.size > 0.0
+            assert "{" not in e.name + e.component + e.mechanism + e.remedy
+        assert len(library.select()) >= 40
+        assert len({e.name for e in library.effects}) == len(library.effects)

@@ -1,0 +1,422 @@
+"""The page of feltmb view holds the run, and no text of a file gets out of its place."""
+
+import base64
+import dataclasses
+import hashlib
+import html.parser
+import json
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import feltmb
+from feltmb import Action, DataError, FileExists, InvalidParameter
+from feltmb.cli import main
+from feltmb.film import Film
+from feltmb.plot.poses import body_poses, to_ground
+from feltmb.plot.readings import run_action
+from feltmb.viewer import Curves, assets, fragment, page, read_curves, view
+from feltmb.viewer.packing import MISSING, pack_columns, pack_times
+from feltmb.viewer.thinning import extremes, knots
+
+EVIL = "</script><script>alert('1')</script>&<b>\u2028"
+
+
+class Parsed(html.parser.HTMLParser):
+    """Tags, and the text of each script and of the title."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.scripts, self.title = [], [], ""
+        self._in = None
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        self._in = tag
+        if tag == "script":
+            self.scripts.append("")
+
+    def handle_endtag(self, _tag):
+        self._in = None
+
+    def handle_data(self, data):
+        if self._in == "script":
+            self.scripts[-1] += data
+        elif self._in == "title":
+            self.title += data
+
+
+def unpack(packed):
+    """What the page reads of packed columns: (n, m)."""
+    whole = np.frombuffer(base64.b64decode(packed["data"]), "<i2").reshape(-1, packed["n"])
+    out, k = np.empty((packed["n"], packed["m"])), 0
+    for j in range(packed["m"]):
+        if packed["fixed"][j]:
+            out[:, j] = packed["low"][j]
+            continue
+        column = packed["low"][j] + packed["step"][j] * (whole[k].astype(float) + 32767)
+        out[:, j] = np.where(whole[k] == MISSING, np.nan, column)
+        k += 1
+    assert k == len(whole)
+    return out
+
+
+def unpack_times(packed):
+    return packed["first"] + np.frombuffer(base64.b64decode(packed["data"]), "<f4").astype(float)
+
+
+def data_of(text):
+    return json.loads(Parsed(text).scripts[0])
+
+
+@pytest.fixture(scope="module")
+def shown(forte):
+    return page(forte)
+
+
+@pytest.fixture(scope="module")
+def data(shown):
+    return data_of(shown)
+
+
+# ---------------------------------------------------------------- numbers
+
+
+@given(
+    st.lists(
+        st.one_of(st.floats(-1e300, 1e300), st.just(np.nan), st.just(np.inf), st.just(0.25)),
+        min_size=1,
+        max_size=60,
+    )
+)
+def test_packed_columns_come_back(values):
+    column = np.array(values)
+    packed = pack_columns(np.column_stack([column, np.full(len(column), 3.5)]))
+    back = unpack(json.loads(json.dumps(packed, allow_nan=False)))
+    good = np.isfinite(column)
+    np.testing.assert_array_equal(np.isfinite(back[:, 0]), good)
+    if good.any():
+        span = column[good].max() / 65534 - column[good].min() / 65534
+        scale = np.abs(column[good]).max()
+        assert np.abs(back[good, 0] - column[good]).max() <= 0.51 * span + 2e-8 * scale
+    np.testing.assert_array_equal(back[:, 1], 3.5)
+    assert len(base64.b64decode(packed["data"])) <= 2 * len(column)  # constants cost nothing
+
+
+def test_packed_times_come_back():
+    time = 1e6 + np.cumsum(np.random.default_rng(0).uniform(1e-3, 1.0, 5000))
+    np.testing.assert_allclose(unpack_times(pack_times(time)) - 1e6, time - 1e6, rtol=1e-6)
+
+
+@settings(max_examples=60)
+@given(
+    st.lists(st.floats(-1, 1), min_size=2, max_size=120),
+    st.floats(1e-4, 0.5),
+    st.integers(0, 2**32 - 1),
+)
+def test_what_is_left_out_of_a_curve_lies_near_the_line(values, tolerance, seed):
+    y = np.column_stack([values, np.roll(values, 1)])
+    time = np.cumsum(np.random.default_rng(seed).uniform(0.1, 1.0, len(values)))
+    kept = knots(time, y, tolerance, 10_000)
+    assert kept[0] == 0
+    assert kept[-1] == len(values) - 1
+    for k in range(2):
+        line = np.interp(time, time[kept], y[kept, k])
+        assert np.abs(line - y[:, k]).max() <= tolerance * (1 + 1e-9)
+    assert len(knots(time, y, 0.0, 10)) <= 10
+
+
+def test_the_worst_place_is_mended_first_when_samples_run_out():
+    time = np.linspace(0, 1, 1001)
+    y = 0.01 * np.sin(200 * time) + np.where(np.abs(time - 0.5) < 0.002, 1.0, 0.0)
+    kept = knots(time, y[:, None], 0.0, 12)
+    assert np.interp(0.5, time[kept], y[kept]) == pytest.approx(1.0, abs=0.02)
+
+
+def test_extremes_are_kept():
+    y = np.random.default_rng(3).normal(size=100_000)
+    kept = extremes(y, 500)
+    assert len(kept) <= 502
+    assert y[kept].min() == y.min()
+    assert y[kept].max() == y.max()
+
+
+# ---------------------------------------------------------------- what the page holds
+
+
+def test_every_curve_is_that_of_the_run(data, forte):
+    from feltmb.style import reader_unit
+
+    (run,) = data["runs"]
+    assert [o["name"] for o in run["outputs"]] == list(forte.names)
+    for output in run["outputs"]:
+        factor, unit = reader_unit(forte.unit(output["name"]))
+        assert output["unit"] == unit
+        want = factor * forte[output["name"]]
+        got = np.interp(
+            1e3 * forte.time, unpack_times(output["time"]), unpack(output["value"])[:, 0]
+        )
+        assert np.abs(got - want).max() <= 4e-4 * np.ptp(want) + 1e-12, output["name"]
+
+
+def test_poses_between_the_pictures_are_those_of_the_run(data, forte, action):
+    stage = data["runs"][0]["stage"]
+    time, poses = unpack_times(stage["time"]), unpack(stage["poses"])
+    bodies = ["ground", *action.config.bodies]
+    worst_place = worst_turn = 0.0
+    for i in np.unique(np.linspace(0, len(forte.time) - 1, 301).astype(int)):
+        want = body_poses(action, [forte[name][i] for name in action.coordinates])
+        here = [np.interp(1e3 * forte.time[i], time, column) for column in poses.T]
+        for k, body in enumerate(bodies):
+            x, y, angle = here[3 * k : 3 * k + 3]
+            worst_place = max(worst_place, abs(1e-3 * x - want[body][0]))
+            worst_place = max(worst_place, abs(1e-3 * y - want[body][1]))
+            worst_turn = max(worst_turn, abs(angle - want[body][2]))
+    assert worst_place < 1e-4  # m: a third of a line's width
+    assert worst_turn < 1e-3
+    assert len(time) < 0.5 * len(forte.time)
+
+
+def test_forces_of_the_arrows_are_those_of_the_run(data, forte):
+    stage = data["runs"][0]["stage"]
+    time, forces = 1e-3 * unpack_times(stage["time"]), unpack(stage["forces"])
+    assert {c["number"] for c in stage["contacts"]} == set(range(1, 16))
+    for k, contact in enumerate(stage["contacts"]):
+        want = np.maximum(
+            np.interp(time, forte.time, forte[f"contact{contact['number']:02d}.force"]), 0
+        )
+        np.testing.assert_allclose(forces[:, k], want, atol=1e-4 * stage["largest"])
+        # Between the pictures an arrow is not off by more than a twentieth of the longest.
+        at_all = np.interp(forte.time, time, forces[:, k])
+        full = np.maximum(forte[f"contact{contact['number']:02d}.force"], 0)
+        off = np.abs(np.sqrt(at_all) - np.sqrt(full)) / np.sqrt(stage["largest"])
+        assert off.max() < 0.2, contact
+    np.testing.assert_allclose(
+        unpack(stage["finger"]["force"])[:, 0],
+        np.interp(time, forte.time, forte["finger.force"]),
+        atol=1e-3,
+    )
+
+
+def test_the_string_vibrates_as_in_the_run(data, forte):
+    string = data["runs"][0]["stage"]["string"]
+    modes = string["modes"]
+    time, eta, shapes = unpack_times(modes["time"]), unpack(modes["eta"]), unpack(modes["shapes"])
+    y = np.linspace(0, forte.provenance["string"]["length"], modes["shapes"]["n"])
+    w = 1e3 * forte.string_displacement(y)
+    after = forte.time > 1e-3 * time[1]
+    assert np.all(np.abs(w[~after]) < 1e-4)
+    assert time[1:-1] == pytest.approx(1e3 * forte.time[after][:-1], abs=1e-3) or len(time) > 3000
+    some = np.searchsorted(1e3 * forte.time, time[1:-1] - 1e-3)
+    assert np.abs(eta[1:-1] @ shapes.T - w[some]).max() < 2e-3 * np.abs(w).max()
+    assert modes["largest"] == pytest.approx(np.abs(w).max(), rel=1e-3)
+
+
+def test_shapes_are_those_of_the_drawing(data, forte):
+    stage = data["runs"][0]["stage"]
+    drawn = Film(forte, run_action(forte), 1e-3 * unpack_times(stage["time"])).scene
+    assert len(stage["shapes"]) == len(drawn.shapes)
+    by_role = [s.role for s in drawn.shapes]
+    assert [s["role"] for s in stage["shapes"]] == by_role
+    for given_, shape in zip(stage["shapes"], drawn.shapes, strict=True):
+        if shape.role == "wood":
+            points = np.array(given_["points"])
+            np.testing.assert_allclose(
+                points.min(axis=0), 1e3 * shape.points.min(axis=0), atol=0.03
+            )
+
+
+def test_beams_end_where_the_next_body_begins(data, action):
+    stage = data["runs"][0]["stage"]
+    poses = unpack(stage["poses"])
+    bodies = ["ground", *action.config.bodies]
+    child = {b.parent: n for n, b in action.config.bodies.items()}
+    assert {bodies[b["body"]] for b in stage["beams"]} == {"shank", "wire"}
+    for beam in stage["beams"]:
+        line, k = unpack(beam["line"]), beam["body"]
+        for i in (0, len(line) // 3, len(line) - 1):
+            here = to_ground(tuple(poses[i, 3 * k : 3 * k + 3]), line[i, -2:][None, :])[0]
+            n = bodies.index(child[bodies[k]])
+            np.testing.assert_allclose(here, poses[i, 3 * n : 3 * n + 2], atol=0.02)
+
+
+def test_events_and_panels(data, forte):
+    (run,) = data["runs"]
+    times = dict((name, t) for t, name in run["events"])
+    assert times["string contact on"] == pytest.approx(
+        1e3 * forte.event_time("string_contact_on"), abs=1e-3
+    )
+    names = [n for p in data["panels"] for n in p["outputs"]]
+    assert {"hammer_tip.vx", "contact06.force", "finger.force", "string.strike"} <= set(names)
+    labels = {o["name"]: o["label"] for o in run["outputs"]}
+    assert labels["contact06.force"] == "6 hammer - string"
+
+
+def test_a_stroke_is_small_and_two_are_too(shown, forte, piano):
+    assert len(shown.encode()) < 1.5e6
+    assert len(page([forte, piano]).encode()) < 3e6
+
+
+# ---------------------------------------------------------------- one file, safe
+
+
+def test_it_is_one_file_that_loads_nothing(shown):
+    parsed = Parsed(shown)
+    assert not re.search(r"https?:|url\(|@import", shown)
+    reach = r"fetch|import\(|XMLHttp|WebSocket|eval\(|innerHTML|Function\(|document\.write"
+    assert not re.search(reach, parsed.scripts[1])
+    for _, attributes in parsed.tags:
+        assert not {"src", "href", "action", "data", "onload"} & set(attributes)
+    (policy,) = [a["content"] for t, a in parsed.tags if t == "meta" and "http-equiv" in a]
+    assert policy.startswith("default-src 'none'; script-src 'sha256-")
+    digest = base64.b64encode(hashlib.sha256(parsed.scripts[1].encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}';" in policy  # only our script runs, whatever else is in
+
+
+def test_texts_of_files_stay_texts(action):
+    raw = action.raw
+    raw["name"] = EVIL
+    raw["contacts"]["06"]["label"] = EVIL
+    stroke = feltmb.ramp_stroke(25.0, 0.001, 0.02, duration=0.05, name=EVIL)
+    run = feltmb.simulate(Action(raw), stroke, 0.05)
+    measured = Curves(EVIL, [0.0, 1.0], {EVIL: [0.0, 1.0]}, {EVIL: EVIL})
+    text = page([run, measured])
+    parsed = Parsed(text)
+    assert len(parsed.scripts) == 2
+    assert "b" not in {tag for tag, _ in parsed.tags}
+    assert EVIL in parsed.title
+    assert "alert('1')</script>" not in text
+    data = json.loads(parsed.scripts[0])
+    assert data["runs"][1]["name"] == EVIL
+    assert data["runs"][1]["outputs"][0]["unit"] == EVIL
+
+
+def test_the_same_run_gives_the_same_bytes(forte, shown):
+    assert page(forte) == shown
+
+
+def test_several_viewers_share_one_script(forte, piano):
+    parts = fragment(forte, window=(0.08, 0.1)), fragment([forte, piano], window=(0.08, 0.1))
+    assert all(p.count("<script") == 1 and p.startswith('<div class="feltmb-view"') for p in parts)
+    assert assets().count("<script>") == 1
+    assert data_of(parts[1])["runs"][1]["name"] == "steinway45 · piano"
+
+
+# ---------------------------------------------------------------- several runs, curves, faults
+
+
+def test_names_are_told_apart(forte):
+    names = [r["name"] for r in data_of(fragment([forte, forte], window=(0.08, 0.1)))["runs"]]
+    assert names == ["steinway45 · forte (1)", "steinway45 · forte (2)"]
+
+
+def test_a_run_without_its_mechanism_still_shows_its_curves(forte):
+    bare = dataclasses.replace(forte, provenance={"action": "x"})
+    (run,) = data_of(fragment(bare))["runs"]
+    assert run["stage"] is None
+    assert "does not hold the parameters" in run["note"]
+    assert len(run["outputs"]) == len(forte.names)
+
+
+def test_a_run_with_holes_still_shows_its_curves(forte):
+    values = forte.values.copy()
+    values[100:200, 0] = np.nan
+    (run,) = data_of(fragment(dataclasses.replace(forte, values=values)))["runs"]
+    assert "no finite numbers" in run["note"]
+    output = run["outputs"][0]
+    time, column = unpack_times(output["time"]), unpack(output["value"])[:, 0]
+    hole = (time >= 1e3 * forte.time[100] - 1e-6) & (time <= 1e3 * forte.time[199] + 1e-6)
+    assert np.all(np.isnan(column) == hole)
+
+
+def test_measured_curves_are_shown_in_the_units_of_the_run(tmp_path, forte):
+    path = tmp_path / "rig.csv"
+    path.write_text(
+        "# of the rig\ntime [ms],hammer_tip.vx [mm/s],voltage [V]\n80,-1500,2\n90,,2.5\n95,200,1\n"
+    )
+    measured = read_curves(path)
+    np.testing.assert_allclose(measured.time, [0.08, 0.09, 0.095])
+    np.testing.assert_allclose(measured.values["hammer_tip.vx"], [-1.5, np.nan, 0.2])
+    data = data_of(fragment([forte, measured]))
+    second = data["runs"][1]
+    assert second["name"] == "rig"
+    assert [(o["name"], o["unit"]) for o in second["outputs"]] == [
+        ("hammer_tip.vx", "m/s"),
+        ("voltage", "V"),
+    ]
+    assert any(p["outputs"] == ["hammer_tip.vx"] for p in data["panels"])
+
+
+@pytest.mark.parametrize(
+    ("text", "faults"),
+    [
+        ("", ["expected a header"]),
+        ("a,b\n1,2\n2,3\n", ["the first column is 'a'"]),
+        ("time [ms],b,b\n1,2,3\n2,3,4\n", ["'b' comes twice"]),
+        (
+            "time [s],b [mm]\n1,x\n2,inf\n3\n",
+            ["line 2: b is 'x'", "line 3: b is 'inf'", "line 4: 1 cells"],
+        ),
+        ("time [s],b\n1,2\n", ["1 rows of numbers"]),
+        (
+            "time [s],b\n1,2\n1,3\n0,3\n",
+            ["line 3: time does not grow", "line 4: time does not grow"],
+        ),
+        ("time [mm],b\n1,2\n2,3\n", ["the first column is 'time [mm]'"]),
+    ],
+)
+def test_all_faults_of_a_table_are_told_at_once(tmp_path, text, faults):
+    path = tmp_path / "a.csv"
+    path.write_text(text)
+    with pytest.raises(DataError) as caught:
+        read_curves(path)
+    for fault in faults:
+        assert fault in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"slowness": 0}, "slowness = 0"),
+        ({"slowness": float("nan")}, "slowness = nan"),
+        ({"window": (1.0, 2.0)}, "holds nothing"),
+        ({"align": "nope"}, "no event 'nope'.*string_contact_on"),
+        ({"names": ["a", "b"]}, "2 names of 1 runs"),
+        ({"at": float("inf")}, "at = inf"),
+    ],
+)
+def test_wrong_arguments_are_refused(forte, tmp_path, options, message):
+    with pytest.raises(InvalidParameter, match=message):
+        view(forte, tmp_path / "a.html", **options)
+    with pytest.raises(InvalidParameter, match=r"expected a name in \.html"):
+        view(forte, tmp_path / "a.pdf")
+    with pytest.raises(InvalidParameter, match="got 7 runs"):
+        view([forte] * 7, tmp_path / "a.html")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_command_writes_the_page_and_keeps_what_is_there(root, tmp_path):
+    small = feltmb.load_action(root / "tests" / "data" / "pendulum.toml")
+    for name in ("piano", "forte"):
+        feltmb.simulate(small, name, 0.2).save(tmp_path / f"{name}.nc")
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as end:
+            main(["view", *map(str, arguments)])
+        return end.value.code
+
+    files = tmp_path / "forte.nc", tmp_path / "piano.nc"
+    assert call(*files, "--align", "head_away") == 0
+    path = tmp_path / "forte.html"
+    data = data_of(path.read_text(encoding="utf-8"))
+    assert [r["name"] for r in data["runs"]] == ["pendulum · forte", "pendulum · piano"]
+    assert data["align"] == "head away"
+    path.write_text("mine")
+    with pytest.raises(FileExists):
+        view(feltmb.load_run(files[0]), path)
+    assert call(*files) == 2
+    assert path.read_text() == "mine"
