@@ -110,7 +110,8 @@ void bind_lumped(py::module_& m) {
           "simulate",
           [](const Network& net, const Doubles& parameters, const std::vector<Doubles>& inputs,
              const py::array_t<int, py::array::c_style | py::array::forcecast>& segments,
-             const Doubles& starts, const std::vector<int>& wanted, bool initial, bool forces,
+             const Doubles& starts, const std::vector<int>& wanted,
+             const std::vector<int>& wanted_states, bool forces,
              const std::optional<Doubles>& unknown) {
             if (segments.ndim() != 2 || segments.shape(1) != 4) {
               throw InvalidParameter("lumped network: segments must have the shape (n, 4)");
@@ -124,7 +125,7 @@ void bind_lumped(py::module_& m) {
             for (const Doubles& u : inputs) {
               signals.push_back(view(u));
             }
-            Request request{view(parameters), signals, pieces, view(starts), wanted, initial,
+            Request request{view(parameters), signals, pieces, view(starts), wanted, wanted_states,
                             forces,           0,       {}};
             if (unknown && unknown->ndim() == 3) {
               request.knots = static_cast<int>(unknown->shape(2));
@@ -145,7 +146,7 @@ void bind_lumped(py::module_& m) {
                                   array(b.forces, {forces ? rows : 0, n_e}));
           },
           py::arg("parameters"), py::arg("inputs"), py::arg("segments"), py::arg("starts"),
-          py::arg("wanted") = std::vector<int>{}, py::arg("initial") = false,
+          py::arg("wanted") = std::vector<int>{}, py::arg("wanted_states") = std::vector<int>{},
           py::arg("forces") = false, py::arg("unknown") = py::none(),
           "(outputs, ends, d_outputs, d_ends, forces) of segments (input, first, steps, row).");
 }

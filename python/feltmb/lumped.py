@@ -154,7 +154,7 @@ class Network:
         starts: Array,
         *,
         wanted: Sequence[int] = (),
-        by_starts: bool = False,
+        wanted_states: Sequence[int] = (),
         forces: bool = False,
         unknown: Array | None = None,
     ) -> tuple[Array, Array, Array, Array, Array]:
@@ -170,8 +170,8 @@ class Network:
             (S, 4): input, first sample, number of sample steps, row of the parameters.
         starts
             (S, states), in the order of ``states``.
-        wanted, by_starts
-            Parameters (indices) to differentiate by; whether by the start states too.
+        wanted, wanted_states
+            Parameters and start states (indices) to differentiate by.
         forces
             Whether the forces of the elements are wanted.
         unknown
@@ -180,11 +180,18 @@ class Network:
         Returns
         -------
         outputs (sum of steps + 1, outputs); ends (S, states); d_outputs and d_ends with a last
-        axis of columns: parameters wanted, then start states; forces (samples, elements).
+        axis of columns: parameters wanted, then start states wanted; forces (samples, elements).
         """
         rows = np.atleast_2d(parameters)
         full = np.hstack([rows, np.tile(self._constants, (rows.shape[0], 1))])
         result: tuple[Array, Array, Array, Array, Array] = self._core.simulate(
-            full, list(inputs), segments, starts, list(wanted), by_starts, forces, unknown
+            full,
+            list(inputs),
+            segments,
+            starts,
+            list(wanted),
+            list(wanted_states),
+            forces,
+            unknown,
         )
         return result

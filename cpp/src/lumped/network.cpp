@@ -78,6 +78,12 @@ void Network::check() const {
 
 namespace {
 
+bool dead(double a) { return a == 0.0; }
+template <int W>
+bool dead(const Dual<W>& a) {
+  return a.v == 0.0 && std::all_of(a.d.begin(), a.d.end(), [](double x) { return x == 0.0; });
+}
+
 template <class S>
 struct Moved {
   S d, rate;
@@ -98,7 +104,12 @@ class Pass {
       inverse_mass_.push_back(S(1.0) / sum(m));
     }
     for (const Element& e : net_.elements) {
-      Values x{sum(e.travel.offset), sum(e.a), sum(e.b), sum(e.c), sum(e.d), {}, {}};
+      Values x;
+      x.offset = sum(e.travel.offset);
+      x.a = sum(e.a);
+      x.b = sum(e.b);
+      x.c = sum(e.c);
+      x.d = sum(e.d);
       if (e.kind == Kind::friction && !e.b.empty()) {
         x.c = S(1.0) / x.c;
       }
@@ -106,12 +117,20 @@ class Pass {
         x.gate_offset.push_back(sum(g.travel.offset));
         x.gate_slope.push_back(S(1.0) / sum(g.width));
       }
+      // What is zero and not differentiated by takes no part: an absent effect costs nothing.
+      x.gone = e.kind == Kind::spring     ? dead(x.a) && dead(x.b) && dead(x.c)
+               : e.kind == Kind::friction ? dead(x.a) && dead(x.b) && dead(x.d)
+               : e.kind == Kind::contact  ? dead(x.a)
+                                          : e.travel.input == 0.0 && dead(x.a);
+      x.cubic = !dead(x.c);
+      x.damped = !dead(x.b);
+      x.quadratic = !dead(x.d);
       elements_.push_back(x);
     }
     for (const Hidden& h : net_.hidden) {
       hidden_.push_back({sum(h.gain), h.mode ? sum(h.time) : S(1.0) / sum(h.time), sum(h.damping)});
     }
-    force_.resize(net_.elements.size());
+    force_.assign(net_.elements.size(), S(0.0));
     gain_ = S(1.0) + sum(net_.input.gain);
     offset_ = sum(net_.input.offset);
     delay_ = sum(net_.input.delay);
@@ -229,6 +248,10 @@ class Pass {
   struct Values {
     S offset, a, b, c, d;
     std::vector<S> gate_offset, gate_slope;
+    bool gone = false;
+    bool cubic = true;
+    bool damped = true;  ///< spring: damping; friction: the dry part
+    bool quadratic = true;
   };
 
   /// Displacement without its derivatives, to see early whether there is contact.
@@ -245,6 +268,9 @@ class Pass {
 
   /// Force of an element; false: there is none.
   bool force(const Element& e, const Values& p, const S* x, S& f) const {
+    if (p.gone) {
+      return false;
+    }
     if (e.kind == Kind::drive) {
       f = S(0.0);
       add(f, -1.0, p.a);
@@ -266,20 +292,20 @@ class Pass {
     const Moved<S> m = moved(e.travel, p.offset, x, nullptr);
     if (e.kind == Kind::spring) {
       f = m.d * p.a;
-      if (!e.c.empty()) {
+      if (p.cubic) {
         f += p.c * (m.d * m.d * m.d);
       }
-      if (!e.b.empty()) {
+      if (p.damped) {
         f += p.b * m.rate;
       }
       return true;
     }
     if (e.kind == Kind::friction) {
       f = p.a * m.rate;
-      if (!e.b.empty()) {
+      if (p.damped) {
         f += p.b * tanh_of(m.rate * p.c);
       }
-      if (!e.d.empty()) {
+      if (p.quadratic) {
         f += p.d * (m.rate * abs_of(m.rate));
       }
       return true;
@@ -469,8 +495,9 @@ void run_duals(const Network& net, const Request& request, const Columns& column
         row[at(request.wanted[at(column)])].d[at(c)] = 1.0;
       }
     } else {
+      const int state = request.wanted_states[at(column - n_p)];
       for (std::size_t g = 0; g < request.segments.size(); ++g) {
-        x[g * n + at(column - n_p)].d[at(c)] = 1.0;
+        x[g * n + at(state)].d[at(c)] = 1.0;
       }
     }
   }
@@ -485,14 +512,8 @@ void run_duals(const Network& net, const Request& request, const Columns& column
 #define FELTMB_FLAT
 #endif
 
-FELTMB_FLAT void run_8(const Network& n, const Request& q, const Columns& c, Batch& out) {
-  run_duals<8>(n, q, c, out);
-}
-FELTMB_FLAT void run_16(const Network& n, const Request& q, const Columns& c, Batch& out) {
-  run_duals<16>(n, q, c, out);
-}
-FELTMB_FLAT void run_24(const Network& n, const Request& q, const Columns& c, Batch& out) {
-  run_duals<24>(n, q, c, out);
+FELTMB_FLAT void run_20(const Network& n, const Request& q, const Columns& c, Batch& out) {
+  run_duals<20>(n, q, c, out);
 }
 FELTMB_FLAT void run_48(const Network& n, const Request& q, const Columns& c, Batch& out) {
   run_duals<48>(n, q, c, out);
@@ -525,6 +546,11 @@ void check(const Network& net, const Request& q) {
       throw InvalidParameter(format("lumped network: no parameter %d of %d", w, net.parameters));
     }
   }
+  for (const int w : q.wanted_states) {
+    if (w < 0 || w >= net.states()) {
+      throw InvalidParameter(format("lumped network: no state %d of %d", w, net.states()));
+    }
+  }
 }
 
 }  // namespace
@@ -537,7 +563,7 @@ Batch simulate(const Network& net, const Request& request) {
     samples += at(s.steps) + 1;
   }
   Batch out;
-  out.columns = static_cast<int>(request.wanted.size()) + (request.initial ? net.states() : 0);
+  out.columns = static_cast<int>(request.wanted.size() + request.wanted_states.size());
   out.outputs.resize(samples * net.sensors.size());
   out.ends.resize(request.segments.size() * n);
   out.d_outputs.resize(out.outputs.size() * at(out.columns));
@@ -559,10 +585,7 @@ Batch simulate(const Network& net, const Request& request) {
     const int left = out.columns - first;
     const Columns columns{first, std::min(left, 48)};
     part.with_forces = request.with_forces && first == 0;
-    (left <= 8    ? run_8
-     : left <= 16 ? run_16
-     : left <= 24 ? run_24
-                  : run_48)(net, part, columns, out);
+    (left <= 20 ? run_20 : run_48)(net, part, columns, out);
     first += columns.count;
   }
   return out;

@@ -1270,7 +1270,7 @@ class LumpedNetwork:
         segments: typing.Annotated[numpy.typing.ArrayLike, numpy.int32],
         starts: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
         wanted: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] = [],
-        initial: bool = False,
+        wanted_states: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] = [],
         forces: bool = False,
         unknown: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None,
     ) -> tuple[

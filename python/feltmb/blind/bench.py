@@ -410,6 +410,20 @@ def summarize(report: Any) -> dict[str, Any]:
 
 
 def _oracle(folder: Path, number: int, records: Any, library: Any) -> dict[str, Any] | None:
-    """Held-out gap with the true structure known; None where the library does not hold it."""
-    del folder, number, records, library
-    return None
+    """Diagnosis with a library of nothing but the true effects: the structure is known.
+
+    Reads the truth, so it runs when the blind result is complete. None where there is no effect or
+    one from outside the library.
+    """
+    from feltmb import gap
+    from feltmb.blind.nominal import KeyHammer
+
+    answer = json.loads((folder / "answers" / f"{number}.json").read_text("utf-8"))
+    names = {p["name"] for p in answer["parts"]}
+    if not names or any(p["form"] == "outside" for p in answer["parts"]):
+        return None
+    try:
+        report = gap.diagnose(KeyHammer(), [e for e in library if e.name in names], records)
+    except Exception as error:
+        return {"error": f"{type(error).__name__}: {error}", "closed": math.nan, "named": []}
+    return {"closed": float(report.how_far.closed), "named": list(report.named)}

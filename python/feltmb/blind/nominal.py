@@ -388,8 +388,13 @@ class KeyHammer(Nominal):
         of_terms = self._known(terms)
         of_candidates = self._known(candidates)
         wanted = [*wanted_theta, *(p for _, p in of_terms), *(p for _, p in of_candidates)]
-        need_starts = by_starts or any(t.effect.hidden for t in candidates)
         places = self._places(terms)
+        memories = [
+            [self._states.index(s.name) for s in candidates[k].effect.hidden]
+            for k, _ in of_candidates
+        ]
+        states = [*places] if by_starts else []
+        states += [m for memory in memories for m in memory if m not in states]
         full = np.zeros((len(windows), len(self._states)))
         full[:, places] = starts
         rows = self._rows(record, theta[None, :], terms, sizes[None, :])
@@ -399,7 +404,7 @@ class KeyHammer(Nominal):
             _segments(windows, np.zeros(len(windows), dtype=np.intc)),
             full,
             wanted=wanted,
-            by_starts=need_starts,
+            wanted_states=states,
         )
         for column, place in enumerate(wanted):
             unit = self._unit(record, place) if place >= len(self.parameters) else 1.0
@@ -413,13 +418,12 @@ class KeyHammer(Nominal):
         first = n_t + n_k + n_c
         d_cand = dy[..., n_t + n_k : first].copy()
         d_cand_ends = d_ends[..., n_t + n_k : first].copy()
-        for c, (k, _) in enumerate(of_candidates):
-            memory = [self._states.index(s.name) for s in candidates[k].effect.hidden]
+        for c, memory in enumerate(memories):
             if not memory:
                 continue
             # Its memory runs on from window to window: carry d(memory)/d(size) along.
             carried = np.zeros(len(memory))
-            columns = [first + m for m in memory]
+            columns = [first + states.index(m) for m in memory]
             for w in range(len(windows)):
                 if w > 0 and windows[w, 0] != windows[w - 1, 1]:
                     carried[:] = 0.0
@@ -433,9 +437,9 @@ class KeyHammer(Nominal):
             d_theta_ends=d_ends[:, places, :n_t],
             d_sizes=_scatter(dy[..., n_t : n_t + n_k], of_terms, len(terms)),
             d_sizes_ends=_scatter(d_ends[:, places, n_t : n_t + n_k], of_terms, len(terms)),
-            d_starts=dy[..., [first + p for p in places]] if by_starts else dy[..., :0],
+            d_starts=dy[..., first : first + len(places)] if by_starts else dy[..., :0],
             d_starts_ends=(
-                d_ends[:, places][..., [first + p for p in places]]
+                d_ends[:, places, first : first + len(places)]
                 if by_starts
                 else d_ends[:, places, :0]
             ),

@@ -10,7 +10,8 @@ import time
 import numpy as np
 import pytest
 
-from feltmb.blind.bench import Bench, load_kinds, read_records
+from feltmb.blind.bench import Bench, _diagnose, _make_records, load_kinds, read_records
+from feltmb.blind.score import read
 from feltmb.cli import main
 from feltmb.errors import FileExists, InvalidParameter
 
@@ -115,6 +116,39 @@ def test_bad_folder_is_told(tmp_path, capsys):
         main(["gap", "blind", "-o", str(tmp_path), "--score-only"])
     assert error.value.code == 2
     assert "is no bench" in capsys.readouterr().err
+
+
+def test_two_cases_are_diagnosed(tmp_path):
+    """A null and a single effect of the development half of a sealed bench, end to end."""
+    bench = Bench(tmp_path / "b")
+    bench.seal(40, 7)
+    _make_records(bench.folder, None, [2, 20])
+    for n in (2, 20):
+        _diagnose(bench.folder, n, False)
+    null, drag = read(bench.folder, [2, 20])
+    assert null.kind == 0
+    assert not null.claims
+    assert drag.truth == {"hammer_drag"}
+    assert drag.top(1)
+    assert not drag.wrong()
+
+
+@pytest.mark.slow
+def test_twenty_cases_by_the_command(tmp_path):
+    folder = tmp_path / "b"
+    main_arguments = ["gap", "blind", "--cases", "40", "--seed", "7", "-o", str(folder)]
+    with pytest.raises(SystemExit) as end:
+        main([*main_arguments, "--half", "development", "--workers", "1"])
+    assert end.value.code in (None, 0)
+    score = json.loads((folder / "score_development.json").read_text())
+    assert score["cases"] == 20
+    figures = {f["name"]: f for f in score["figures"]}
+    assert figures["diagnosis failed with an error"]["value"] == 0.0
+    assert figures["false alarm, no effect"]["n"] >= 5
+    # Twenty cases say little: a mark that only a broken engine misses.
+    assert figures["false alarm, no effect"]["value"] <= 25.0
+    assert figures["top-1, one effect, nc >= 5"]["value"] >= 50.0
+    assert "| false alarm" in (folder / "score_development.md").read_text()
 
 
 @pytest.mark.slow

@@ -104,7 +104,7 @@ struct Batch {
   std::vector<double> forces;     ///< (samples, elements) [N], if asked for
   std::vector<double> d_outputs;  ///< (samples, sensors, columns)
   std::vector<double> d_ends;     ///< (segments, states, columns)
-  int columns = 0;                ///< parameters in `wanted`, then states if `initial`
+  int columns = 0;                ///< parameters in `wanted`, then `wanted_states`
 };
 
 /// What is simulated. All arrays are rows after rows.
@@ -112,9 +112,9 @@ struct Request {
   std::span<const double> parameters;               ///< (rows, parameters)
   std::span<const std::span<const double>> inputs;  ///< recorded inputs
   std::span<const Segment> segments;
-  std::span<const double> starts;  ///< (segments, states)
-  std::span<const int> wanted;     ///< parameters to differentiate by
-  bool initial = false;            ///< differentiate by the start states too
+  std::span<const double> starts;      ///< (segments, states)
+  std::span<const int> wanted;         ///< parameters to differentiate by
+  std::span<const int> wanted_states;  ///< start states to differentiate by
   bool with_forces = false;
   int knots = 0;                    ///< of the unknown forces; 0: none
   std::span<const double> unknown;  ///< (segments, coordinates, knots) [N], linear between knots
