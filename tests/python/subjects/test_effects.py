@@ -126,7 +126,7 @@ def test_forward_derivatives_are_those_of_differences():
         theta = np.zeros(len(nominal.parameters))
         windows = np.array([[0, 100], [100, record.samples - 1]])
         starts = nominal.guess(record, windows)
-        wanted = {"coulomb_friction.butt", "felt_thickness.04", "let_off_button", "wire_compliance"}
+        wanted = {"coulomb_friction.butt", "felt_thickness.04", "load_cell_mass", "damper_spoon"}
         terms = tuple(Term(e, e.shapes[0]) for e in effects if e.name in wanted)
         given = {"by_theta": range(len(theta)), "by_starts": True, "candidates": terms}
         none = np.zeros(0)
