@@ -99,6 +99,7 @@ _HOME = {name: module for module, names in _LAZY.items() for name in names.split
 #: Modules that are loaded when they are first asked for.
 _MODULES = (
     "animate",
+    "batch",
     "contact",
     "data",
     "felt",

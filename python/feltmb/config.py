@@ -556,6 +556,34 @@ def _apply_values(raw: Mapping[str, Any], values: Mapping[str, Any], where: str)
     return out
 
 
+#: Tables of parts whose numbers refer to nothing else in the file.
+_TABLES_OF_NUMBERS = ("bodies", "surfaces", "contacts", "springs", "straps", "points")
+
+
+def _apply_numbers(
+    raw: Mapping[str, Any], values: Mapping[str, Any]
+) -> tuple[dict[str, Any], list[tuple[str, str]]]:
+    """Tables with other numbers, sharing the rest, and the parts touched.
+
+    ValueError if one of the values is more than a number of a part.
+    """
+    out = dict(raw)
+    touched: list[tuple[str, str]] = []
+    for path, value in values.items():
+        number = value.item() if hasattr(value, "item") else value
+        if isinstance(number, bool) or not isinstance(number, (int, float)):
+            raise ValueError(path)
+        for parts in _expand(out, path):
+            if len(parts) < 3 or parts[0] not in _TABLES_OF_NUMBERS:
+                raise ValueError(path)
+            table, key = parts[:2]
+            if (table, key) not in touched:
+                touched.append((table, key))
+                out[table] = {**out[table], key: copy.deepcopy(out[table][key])}
+            _set_one(out, parts, number, "with_values")
+    return out, touched
+
+
 # --- checking ------------------------------------------------------------------------------------
 
 
@@ -1242,8 +1270,33 @@ class Action:
         InvalidParameter
             A path that does not exist, or a value out of range.
         """
-        raw = _apply_values(self._raw, values, "with_values")
-        return Action(raw, self.origin)
+        return self._with_numbers(values) or Action(
+            _apply_values(self._raw, values, "with_values"), self.origin
+        )
+
+    def _with_numbers(self, values: Mapping[str, Any]) -> Action | None:
+        """Copy that shares all that did not change; None where a whole check is called for."""
+        try:
+            raw, touched = _apply_numbers(self._raw, values)
+            config = self.config
+            for table, key in touched:
+                model = type(getattr(config, table)[key])
+                parts = {**getattr(config, table), key: model.model_validate(raw[table][key])}
+                config = config.model_copy(update={table: parts})
+            mechanism = _core.assemble(describe(config, dict(self._described)))
+        except (ValidationError, InvalidParameter, ValueError, TypeError, KeyError):
+            return None  # the way through the file says what is wrong
+        changed = Action.__new__(Action)
+        changed._raw, changed.origin = raw, self.origin
+        changed.config, changed.mechanism = config, mechanism
+        return changed
+
+    @cached_property
+    def _described(self) -> dict[int, tuple[Any, Any]]:
+        """Parts of the description by the part of the file that they came from."""
+        known: dict[int, tuple[Any, Any]] = {}
+        describe(self.config, known)
+        return known
 
     def to_toml(self) -> str:
         """Text of a file that loads as this mechanism."""

@@ -14,6 +14,16 @@ void Dynamics::move_link(std::size_t i) {
   const Link& link = m_->links[i];
   const LinkState& parent = links_[at(link.parent)];
   LinkState& state = links_[i];
+  if (link.kind == LinkKind::kRevolute) {
+    const std::size_t k = at(m_->motions[at(link.motions[0])].coordinate);
+    const Vec2 arm = parent.rotation * link.position;
+    state.origin = parent.origin + arm;
+    state.rotation = parent.rotation * Rotation::of(link.angle + q_[k]);
+    state.omega = parent.omega + v_[k];
+    state.velocity = parent.velocity + parent.omega * perp(arm);
+    state.bias = parent.bias - (parent.omega * parent.omega) * arm;
+    return;
+  }
   Vec2 arm = parent.rotation * link.position;
   Rotation frame = parent.rotation;
   if (link.angle != 0.0) frame = frame * link.base;
@@ -26,7 +36,6 @@ void Dynamics::move_link(std::size_t i) {
     const std::size_t k = at(motion.coordinate);
     turn += motion.rho * q_[k];
     turn_rate += motion.rho * v_[k];
-    if (link.kind == LinkKind::kRevolute) continue;
     const Vec2 t = frame * motion.translation;
     translation_[at(index)] = t;
     translation_rate_[at(index)] = parent.omega * perp(t);
@@ -64,6 +73,22 @@ void Dynamics::locate_contact(std::size_t i, const MechanicalState& at_state, co
   const Vec2 center = b.origin + b.rotation * contact.b.local;
   const Vec2 base = a.origin + a.rotation * contact.a.local;
   const Vec2 d = center - base;
+  if (detail == Detail::kClosedContacts && contact.string < 0 && !contact.finger) {
+    // Most contacts are open, and then nothing but the gap is wanted.
+    double gap = -1.0;
+    if (contact.kind == PairKind::kLineCircle) {
+      gap = dot(a.rotation * contact.normal_a, d) - contact.radius_b;
+    } else if (contact.kind == PairKind::kCircleCircle) {
+      gap = norm(d) - contact.radius_a - contact.radius_b;
+    } else if (contact.kind == PairKind::kConcaveCircle) {
+      gap = contact.radius_a - contact.radius_b - norm(d);
+    }
+    if (gap >= 0.0) {
+      state.compression = -gap;
+      state.closed = false;
+      return;
+    }
+  }
   state.center = center;
   state.turning_normal = false;
   state.curvature = 0.0;
@@ -112,6 +137,11 @@ void Dynamics::locate_contact(std::size_t i, const MechanicalState& at_state, co
   double extra_rate = 0.0;
   if (contact.string >= 0) {
     const AttachedString& attached = m_->strings[at(contact.string)];
+    if (strings_apart_) {
+      state.compression = compression;
+      state.closed = false;
+      return;
+    }
     const auto own = at_state.eta.subspan(at(attached.offset), at(attached.string.modes()));
     // No string reaches further than the sum of its modes: far from it the shapes are not needed.
     if (detail == Detail::kClosedContacts &&

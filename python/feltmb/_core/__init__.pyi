@@ -13,6 +13,7 @@ import numpy.typing
 from . import fiber
 
 __all__: list[str] = [
+    "BatchStroke",
     "BeamDescription",
     "BodyDescription",
     "CircleOnLayer",
@@ -33,6 +34,7 @@ __all__: list[str] = [
     "JointKind",
     "LawPath",
     "LayerColumns",
+    "LumpedNetwork",
     "MeanCurve",
     "Mechanism",
     "MechanismDescription",
@@ -74,6 +76,7 @@ __all__: list[str] = [
     "rhs",
     "sensitivities",
     "simulate",
+    "simulate_many",
     "state_names",
 ]
 
@@ -1125,6 +1128,7 @@ class SensitivityParameter:
         name: str,
         nodes: collections.abc.Sequence[Perturbed],
         scale: typing.SupportsFloat | typing.SupportsIndex,
+        law: typing.SupportsInt | typing.SupportsIndex = -1,
     ) -> None: ...
 
 class SensitivityWindow:
@@ -1209,6 +1213,49 @@ class SensitivityResult:
     def wall(self) -> float: ...
     @property
     def wall_stroke(self) -> float: ...
+
+class BatchStroke:
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        profile: Profile,
+        motion: bool,
+        options: SimulationOptions,
+        start: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+        monitors: collections.abc.Sequence[Monitor],
+        memory: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+        prescribed: bool = False,
+        motor: bool = False,
+    ) -> None: ...
+class LumpedNetwork:
+    """
+    Network of lumped masses; see feltmb.lumped.
+    """
+    def __init__(self, description: dict) -> None: ...
+    def simulate(
+        self,
+        parameters: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        inputs: collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float64]],
+        segments: typing.Annotated[numpy.typing.ArrayLike, numpy.int32],
+        starts: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        wanted: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] = [],
+        initial: bool = False,
+        forces: bool = False,
+        unknown: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None,
+    ) -> tuple[
+        numpy.typing.NDArray[numpy.float64],
+        numpy.typing.NDArray[numpy.float64],
+        numpy.typing.NDArray[numpy.float64],
+        numpy.typing.NDArray[numpy.float64],
+        numpy.typing.NDArray[numpy.float64],
+    ]:
+        """
+        (outputs, ends, d_outputs, d_ends, forces) of segments (input, first, steps, row).
+        """
+    @property
+    def parameters(self) -> int: ...
+    @property
+    def states(self) -> int: ...
 
 def assemble(description: MechanismDescription) -> Mechanism:
     """
@@ -1333,6 +1380,15 @@ def simulate(
     prescribed: bool = False,
     motor: bool = False,
 ) -> RunResult: ...
+def simulate_many(
+    strokes: collections.abc.Iterator,
+    sink: collections.abc.Callable,
+    threads: typing.SupportsInt | typing.SupportsIndex = 0,
+) -> int:
+    """
+    Simulates the strokes of an iterator on threads; sink(index, result, failure) gets the outcomes in order and returns whether to go on. Returns their number.
+    """
+
 def state_names(mechanism: Mechanism) -> list[str]:
     """
     Names of the full state in its order.

@@ -19,6 +19,7 @@ COMMANDS = {
     "sensitivity": ("sensitivity", "Which parameters move what: derivatives of a stroke."),
     "touch": ("touch", "Static and dynamic touch: weights, let-off, timing."),
     "gap": ("gap", "The gap to measurements: where, which cause, how far it shrinks."),
+    "fit": ("fit", "Fit a model to measured records: parameters, intervals."),
     "show": ("show", "Bodies, contacts, springs of a mechanism, with units and sources."),
     "plot": ("plot", "Plots of saved runs."),
     "view": ("view", "Saved runs in a browser: motion, forces, curves, string."),

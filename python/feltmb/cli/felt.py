@@ -17,6 +17,7 @@ from feltmb.cli.common import (
     print_json,
     save_figure,
     say_written,
+    tables_as_json,
 )
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ def felt() -> None:
 
 
 @felt.command(name="list")
+@tables_as_json
 def list_command() -> None:
     """List the felts that come with feltmb. All of them are synthetic."""
     from feltmb.felt import load_material, packaged_materials
@@ -59,8 +61,11 @@ def list_command() -> None:
 @felt.command(name="show")
 @click.argument("material")
 @click.option("--points", type=click.IntRange(2), default=9, show_default=True)
-@click.option("--output", "-o", type=click.Path(dir_okay=False, path_type=Path), help="Picture.")
+@click.option(
+    "--out", "-o", "output", type=click.Path(dir_okay=False, path_type=Path), help="Picture."
+)
 @force_option
+@tables_as_json
 def show_command(material: str, points: int, output: Path | None, force: bool) -> None:
     """Pressures, parts and critical angles of felt MATERIAL (name or TOML file)."""
     import numpy as np
@@ -106,16 +111,30 @@ def show_command(material: str, points: int, output: Path | None, force: bool) -
 )  # fmt: skip
 @click.option("--e-modulus", type=float, default=2.5e9, show_default=True, help="Fiber [Pa].")
 @click.option("--d-f", type=float, default=25e-6, show_default=True, help="Fiber diameter [m].")
-@click.option("--gamma", type=float, default=1.3, show_default=True, help="[-]")
+@click.option(
+    "--gamma",
+    type=float,
+    default=1.3,
+    show_default=True,
+    help="Blocked length per contact over the fiber diameter [-].",
+)
 @click.option("--k-bend", type=float, default=24.0, show_default=True, help="Beam constant [-].")
-@click.option("--Q", "q", type=float, default=2.0, show_default=True, help="[-]")
+@click.option(
+    "--Q",
+    "q",
+    type=float,
+    default=2.0,
+    show_default=True,
+    help="Constant of thesis eq. 3.15 [-], 2 for random fibers.",
+)
 @click.option("--form", type=click.Choice(["repaired", "printed"]), default="repaired")
 @click.option("--points", type=click.IntRange(2), default=201, show_default=True)
 @click.option(
-    "--output", "-o", type=click.Path(dir_okay=False, path_type=Path),
+    "--out", "-o", "output", type=click.Path(dir_okay=False, path_type=Path),
     help="CSV, or .png/.pdf/.svg for a picture.",
 )  # fmt: skip
 @force_option
+@tables_as_json
 def loop_command(
     v_f0: float,
     top: float,
@@ -187,7 +206,11 @@ def loop_command(
 @click.argument("test", type=click.Path(dir_okay=False, path_type=Path))
 @click.option("--material", required=True, help="Felt (name or TOML) that gives the fibers.")
 @click.option(
-    "--output", "-o", type=click.Path(dir_okay=False, path_type=Path), help="Identified felt, TOML."
+    "--out",
+    "-o",
+    "output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Identified felt, TOML.",
 )
 @click.option(
     "--plot", "folder", type=click.Path(file_okay=False, path_type=Path),
@@ -311,9 +334,12 @@ def identify_command(
 @click.option("--points", type=click.IntRange(5), default=193, show_default=True)
 @click.option("--action", default="steinway45", show_default=True, help="Mechanism to extend.")
 @click.option("--contact", help="Write a mechanism whose contact (such as 06) has this envelope.")
-@click.option("--output", "-o", type=click.Path(dir_okay=False, path_type=Path), help="TOML file.")
+@click.option(
+    "--out", "-o", "output", type=click.Path(dir_okay=False, path_type=Path), help="TOML file."
+)
 @click.option("--plot", "picture", type=click.Path(dir_okay=False, path_type=Path))
 @force_option
+@tables_as_json
 def envelope_command(
     material: str,
     thickness: str,

@@ -99,6 +99,63 @@ def check(data: tuple[Path, ...], as_json: bool) -> None:
         raise DataError("records: " + "; ".join(gates.problems))
 
 
+@command.command("foresee")
+@click.argument("model")
+@click.argument("data", nargs=-1, type=click.Path(path_type=Path))
+@click.option("--channels", help="Outputs that will be measured, comma-separated.")
+@set_option
+@json_option
+def foresee_command(
+    model: str,
+    data: tuple[Path, ...],
+    channels: str | None,
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Before any measurement: which effects of MODEL could be told apart.
+
+    DATA are files whose inputs are planned; without them the model's own planned runs are taken.
+    Further runs of the model and outputs that are not measured are ranked as next experiments.
+    """
+    from feltmb.cli.gap_subjects import load_subject
+    from feltmb.data import read_records
+    from feltmb.errors import InvalidParameter
+    from feltmb.gap import foresee
+    from feltmb.gap.files import plain
+
+    subject = load_subject(model, settings)
+    planned = subject.planned
+    records = read_records(data) if data else planned
+    if not records:
+        raise InvalidParameter(f"{model}: has no planned runs; give measured or planned files")
+    chosen = None if channels is None else [c.strip() for c in channels.split(",")]
+    found = foresee(
+        subject.nominal,
+        subject.effects,
+        records if data else records[:1],
+        channels=chosen,
+        candidates=planned if data else records[1:],
+    )
+    if as_json:
+        print_json(plain(found))
+        return
+    table = new_table(
+        "what would show", "effect", "smallest", "own trace", "taken for", "chance", right=(1, 2, 4)
+    )
+    for r in found.effects:
+        size = f"{r.smallest:.3g} {'' if r.unit == '1' else r.unit}".strip()
+        rival = (r.rival, f"{r.confusion:.0%}") if r.rival and r.confusion >= 0.01 else ("", "")
+        table.add_row(r.effect, size, f"{r.surviving:.0%}", *rival)
+    console().print(table)
+    for group in found.classes:
+        click.echo("cannot be told apart: " + ", ".join(group))
+    if found.unseen:
+        click.echo("cannot be seen: " + ", ".join(found.unseen))
+    for e in found.experiments[:5]:
+        text = "; ".join(f"{a} | {b} {x:.0%} -> {y:.0%}" for a, b, x, y in e.gains[:3])
+        click.echo(f"add {e.kind} {e.name}: {text or 'separates nothing new'}")
+
+
 @command.command("diagnose")
 @click.argument("model")
 @click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path))

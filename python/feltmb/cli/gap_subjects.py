@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from feltmb.data import Record
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Effect, Nominal
 
@@ -19,6 +20,8 @@ class Subject:
 
     nominal: Nominal
     effects: tuple[Effect, ...]
+    planned: tuple[Record, ...] = ()
+    """Runs that could be made, for ``feltmb gap foresee``."""
 
 
 def _mechanism(name: str, settings: Mapping[str, str]) -> Subject | None:
@@ -37,7 +40,8 @@ def load_subject(name: str, settings: Sequence[str] = ()) -> Subject:
     """Subject by name of a packaged mechanism or path of a Python file.
 
     The file defines ``nominal`` (a :class:`feltmb.fit.Nominal`) and ``effects`` (a sequence of
-    :class:`feltmb.fit.Effect`). It is run: use files that you trust.
+    :class:`feltmb.fit.Effect`), and may define ``planned`` (records that could be made). It is
+    run: use files that you trust.
     """
     values = {}
     for text in settings:
@@ -84,4 +88,4 @@ def _from_file(path: Path) -> Subject:
         raise InvalidParameter(f"{path}: " + "; ".join(faults))
     assert isinstance(nominal, Nominal)
     assert effects is not None
-    return Subject(nominal, tuple(effects))
+    return Subject(nominal, tuple(effects), tuple(getattr(module, "planned", ())))

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 @set_option
 @click.option(
     "--out",
+    "-o",
     type=click.Path(path_type=Path),
     help="NetCDF file to write; with several strokes the folder for STROKE.nc.",
 )

@@ -18,6 +18,8 @@ __all__ = ["Decision", "Facts", "decide", "misfit"]
 
 #: Standardized excess of the sum of squares that is a gap whatever causes it (p = 3e-5).
 EXCESS = 4.0
+#: The same for what is left after effects were named.
+REST = 3.0
 #: Log evidence for unknown forces that is a gap whatever causes it.
 OTHER = 6.0
 
@@ -38,6 +40,8 @@ class Facts:
     """The accepted model fitted with the tightest gaps."""
     first: Search
     """The search with the noise of the sensors alone."""
+    leftover: float
+    """Largest score of the other effects after the accepted ones, over its family-wise bar."""
     unexplained: bool
     """Whether effects were judged against an unknown rest as well as noise."""
 
@@ -53,7 +57,9 @@ class Decision:
     confidence: float
 
 
-def misfit(fit: Fit, tight: Fit | None, *, estimated: bool) -> tuple[bool, float, float]:
+def misfit(
+    fit: Fit, tight: Fit | None, *, estimated: bool, bar: float = EXCESS
+) -> tuple[bool, float, float]:
     """Is something left: (yes, standardized excess, log evidence for unknown forces).
 
     Where the noise itself was estimated from the records, an excess within a third of it is not
@@ -69,7 +75,7 @@ def misfit(fit: Fit, tight: Fit | None, *, estimated: bool) -> tuple[bool, float
         other = fit.log_evidence - tight.log_evidence
         if estimated and ratio < 1.33**2:
             other = 0.0
-    return excess > EXCESS or other > OTHER, float(excess), float(other)
+    return excess > bar or other > OTHER, float(excess), float(other)
 
 
 def decide(facts: Facts) -> Decision:
@@ -99,6 +105,15 @@ def decide(facts: Facts) -> Decision:
             "The nominal explains the records: what is left is noise "
             f"(sum of squares {search.nominal.chi2 / search.nominal.dof:.2f} of its expectation, "
             f"largest score family-wise p = {p:.2g}).",
+            (),
+            (),
+            belief.none,
+        )
+    if best is None and not facts.first.nominal.converged and not hint:
+        return Decision(
+            Verdict.TOO_WEAK,
+            "The fit of the nominal did not converge, also from other starts; a stuck fit is not "
+            "taken for a gap. Give closer priors, or shorter windows.",
             (),
             (),
             belief.none,
@@ -135,8 +150,8 @@ def _name(facts: Facts) -> Decision:
             if set(c.names) & set(unsure)
         )
     del weight
-    left, _, _ = misfit(best.fit, facts.rest, estimated=facts.gates.estimated)
-    left = left or facts.unexplained
+    left, _, _ = misfit(best.fit, facts.rest, estimated=facts.gates.estimated, bar=REST)
+    left = left or facts.unexplained or facts.leftover > 1.0
     closed = f"It closes {facts.how_far.closed:.0%} of the held-out gap."
     rest = (
         f" What is left is {_floor(facts)}; nothing tested explains it."
@@ -147,7 +162,7 @@ def _name(facts: Facts) -> Decision:
     if sure and all(kinds.get(n) in data_kinds for n in sure):
         return Decision(
             Verdict.DATA_PROBLEM,
-            f"The records, not the machine: {_list(sure)} explains the gap. {closed}{rest}",
+            f"The records, not the machine: {_list(sure)}. {closed}{rest}",
             sure,
             tuple(unsure),
             confidence,
@@ -155,7 +170,7 @@ def _name(facts: Facts) -> Decision:
     if not sure:
         text = f"One of {_list(unsure)}; these records cannot tell which. {closed}{rest}"
         return Decision(Verdict.ONE_OF, text, (), tuple(unsure), confidence)
-    text = f"{_list(sure)}. {closed}"
+    text = f"The model lacks: {_list(sure)}. {closed}"
     if unsure:
         text += f" Besides, one of {_list(unsure)}, which these records cannot tell apart."
     verdict = Verdict.NAMED_UNKNOWN_REST if left or unsure else Verdict.NAMED

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from feltmb.data import Record, Role
-from feltmb.errors import InvalidParameter
+from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.cache import Cache
 from feltmb.fit.nominal import Effect, Nominal
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Shot, make_shot
-from feltmb.fit.solve import FitSettings, fit_problem, polish
+from feltmb.fit.solve import Fit, FitSettings, fit_problem, polish
 from feltmb.gap.advise import advise
 from feltmb.gap.assemble import amended, how_far_rows, ranked
 from feltmb.gap.calibrate import calibrate
@@ -25,13 +25,16 @@ from feltmb.gap.gates import Gates, check_records
 from feltmb.gap.proof import HeldOut
 from feltmb.gap.refine import Search, search
 from feltmb.gap.report import NotTested, Report, Where
-from feltmb.gap.rest import rest_of, with_noise
+from feltmb.gap.rest import rest_of, settled, with_noise
+from feltmb.gap.score import all_terms, family_threshold, score_fit
 from feltmb.gap.settle import accept, posterior, shapley
 from feltmb.gap.where import event_ledger, ledger, split_gap
 
-__all__ = ["Options", "diagnose", "prepare", "split_records"]
+__all__ = ["Options", "diagnose", "fit_nominal", "prepare", "split_records"]
 
 Progress = Callable[[str, int, int], None]
+#: Rounds in which the unknown rest is estimated again.
+ROUNDS = 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,8 +215,6 @@ def diagnose(
     fit_records, held_records = split_records(records, hold_out)
     gates = _inherit(check_records([*fit_records, *held_records], nominal.outputs), whole, records)
     if gates.problems:
-        from feltmb.errors import DataError
-
         raise DataError("records: " + "; ".join(gates.problems))
     shots = prepare(nominal, fit_records, gates, options.window)
     held_shots = prepare(nominal, held_records, gates, options.window)
@@ -225,12 +226,16 @@ def diagnose(
     sensed = held_shots
     first = _investigate(nominal, shots, usable, options, settings, cache, progress)
     found, rest_noise = first, None
-    if first.best is not None or first.nominal.chi2 > 4.0 * first.nominal.dof:
-        rest_noise = rest_of(first, settings)
-    if rest_noise is not None:
-        # Nothing in the library explains all of it: effects must now beat the unknown rest.
-        shots = tuple(with_noise(nominal, s, rest_noise) for s in shots)
-        held_shots = tuple(with_noise(nominal, s, rest_noise) for s in held_shots)
+    plain = shots
+    for _ in range(ROUNDS):
+        new = rest_of(found, plain, settings)
+        if new is None or (rest_noise is not None and settled(rest_noise, new)):
+            break
+        # Nothing in the library explains all of it: effects must now beat the unknown rest, which
+        # shrinks with every effect that is found.
+        rest_noise = new
+        shots = tuple(with_noise(nominal, s, new) for s in plain)
+        held_shots = tuple(with_noise(nominal, s, new) for s in sensed)
         found = _investigate(nominal, shots, usable, options, settings, cache, progress)
     fit, tight_fit = found.nominal, found.tight_fit
     for name, why in found.failed:
@@ -283,12 +288,14 @@ def diagnose(
     reference = found.tight if found.tight is not None else found.scores
     reference_fit = found.tight_fit if found.tight_fit is not None else fit
     alarm = float(np.max(reference.singles())) if reference.terms else 0.0
+    bar, _ = family_threshold(reference, options.alpha, seed=options.seed)
     null = calibrate(
         reference_fit,
         reference,
         usable,
         options.alpha,
-        options.bootstrap if 4.0 < alarm < 60.0 else 0,
+        # A correction can only raise the bar: it matters for what passed it by little.
+        options.bootstrap if bar < alarm < 6.0 * bar else 0,
         seed=options.seed,
         progress=progress,
     )
@@ -299,6 +306,15 @@ def diagnose(
             rest = polish(kept.problem, kept.point, settings.levels[-1], settings)
             if not np.isfinite(rest.cost):
                 rest = None
+    leftover = 0.0
+    if accepted.candidate is not None:
+        others = all_terms(usable, accepted.candidate.names)
+        if others:
+            after = score_fit(rest or accepted.candidate.fit, others)
+            limit, _ = family_threshold(after, options.alpha, seed=options.seed)
+            # Robust as well: what one window alone asks for is not a trend.
+            both = np.minimum(after.singles(), after.robust())
+            leftover = float(np.max(both) / limit) if np.isfinite(limit) else 0.0
     lap("null")
     model = amended(nominal, found, accepted)
     how_far = how_far_rows(accepted, sensed, shares, which_gap, options.seed)
@@ -315,6 +331,7 @@ def diagnose(
         rest=rest,
         first=first,
         unexplained=rest_noise is not None,
+        leftover=leftover,
     )
     decision = decide(facts)
     which = ranked(found, accepted, belief, null, decision.named, decision.one_of)
@@ -373,3 +390,19 @@ def _primary(nominal: Nominal, accepted: object, shots: Sequence[Shot]) -> str:
         return "windowed"
     finite = all(np.isfinite(o.gap(shots, "open_loop")) for o in (before, after))
     return "open_loop" if finite else "windowed"
+
+
+def fit_nominal(
+    nominal: Nominal,
+    records: Sequence[Record],
+    *,
+    window: float | None = None,
+    settings: FitSettings | None = None,
+    progress: Progress | None = None,
+) -> Fit:
+    """Fit the nominal alone to all records: parameters, intervals, what the data said."""
+    gates = check_records(records, nominal.outputs)
+    if gates.problems:
+        raise DataError("records: " + "; ".join(gates.problems))
+    shots = prepare(nominal, records, gates, window)
+    return fit_problem(Problem(nominal, shots), settings, progress=progress)

@@ -41,13 +41,13 @@ def ledger_map(cells: Sequence[LedgerCell], onset: dict[str, float]) -> str:
     rows = list(dict.fromkeys((c.record, c.channel) for c in cells))
     if not rows:
         return ""
-    left, width, height = 230.0, 860.0, 26.0
+    left, width = 230.0, 860.0
     parts = []
+    y = 4.0
     for i, (record, channel) in enumerate(rows):
         own = [c for c in cells if (c.record, c.channel) == (record, channel)]
         start, end = min(c.start for c in own), max(c.end for c in own)
         scale = (width - left - 10) / max(end - start, 1e-12)
-        y = i * height + 4
         parts.append(_text(0, y + 14, f"{record}: {channel}"[:36]))
         for c in own:
             x, w = left + (c.start - start) * scale, max((c.end - c.start) * scale, 1.0)
@@ -66,20 +66,17 @@ def ledger_map(cells: Sequence[LedgerCell], onset: dict[str, float]) -> str:
                 f'<path d="M{x:.1f} {y - 3:.1f} v24" stroke="{BLUE}" stroke-width="2">'
                 f"<title>onset {onset[record]:.4g} s</title></path>"
             )
+        y += 24.0
         if i == len(rows) - 1 or rows[i + 1][0] != record:
-            parts.append(_text(left, y + 31, f"{start:.4g} s", color=SOFT))
-            parts.append(_text(width - 10, y + 31, f"{end:.4g} s", anchor="end", color=SOFT))
-            height_now = 16.0
-        else:
-            height_now = 0.0
-        # Space for the axis under the last channel of a record.
-        rows_shift = height_now
-        if rows_shift:
-            parts.append(f'<g transform="translate(0 {rows_shift:.0f})"></g>')
-    return _svg(width, len(rows) * height + 24, "map of the gap in time", parts)
+            parts.append(_text(left, y + 8, f"{start:.4g} s", color=SOFT))
+            parts.append(_text(width - 10, y + 8, f"{end:.4g} s", anchor="end", color=SOFT))
+            y += 20.0
+    return _svg(width, y + 4, "map of the gap in time", parts)
 
 
-def bars(effects: Sequence[Ranked], one_of: Sequence[str], most: int = 10) -> str:
+def bars(
+    effects: Sequence[Ranked], one_of: Sequence[str], refused: Sequence[str], most: int = 10
+) -> str:
     """Belief in each effect, with the root of its statistic beside it."""
     shown = list(effects[:most])
     if not shown:
@@ -89,6 +86,9 @@ def bars(effects: Sequence[Ranked], one_of: Sequence[str], most: int = 10) -> st
     for i, r in enumerate(shown):
         y = i * step + 4
         color = BLUE if r.named else (ORANGE if r.effect in one_of else GREY)
+        note = "; refused by held-out records" if r.effect in refused else ""
+        if note:
+            color = LINE
         w = max(r.posterior * 330.0, 1.0)
         parts.append(_text(left - 8, y + 13, r.effect[:38], anchor="end"))
         parts.append(
@@ -101,7 +101,7 @@ def bars(effects: Sequence[Ranked], one_of: Sequence[str], most: int = 10) -> st
                 left + w + 8,
                 y + 13,
                 f"{r.posterior:.0%}; size {r.size:.4g}{unit} ± {1.96 * r.sd:.2g}; "
-                f"T = {r.statistic:.4g}",
+                f"T = {r.statistic:.4g}{note}",
                 color=SOFT,
             )
         )

@@ -63,7 +63,7 @@ def page(report: Report) -> str:
         )[:12],
         "components": where.components,
         "traces": [(c, Markup(force_traces(c))) for c in where.components if c.trace],
-        "bars": Markup(bars(report.which.effects, report.one_of)),
+        "bars": Markup(bars(report.which.effects, report.one_of, [n.name for n in report.refused])),
         "waterfall": Markup(waterfall(report.how_far)),
         "intervals": report.fit.intervals(),
         "sources": sorted({s for s in _sources(report) if s}),

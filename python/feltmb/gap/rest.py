@@ -13,17 +13,24 @@ from feltmb.fit.shots import Noise, Shot, make_shot
 from feltmb.fit.solve import Fit, FitSettings, polish
 from feltmb.gap.refine import Search
 
-__all__ = ["rest_of", "with_noise"]
+__all__ = ["rest_of", "settled", "with_noise"]
 
 #: Ratio of the sum of squares to its expectation beyond which there is an unknown rest.
 MISFIT = 1.33**2
 
 
-def rest_of(search: Search, settings: FitSettings) -> dict[str, Noise] | None:
+def rest_of(
+    search: Search, sensed: tuple[Shot, ...], settings: FitSettings
+) -> dict[str, Noise] | None:
     """Residual of the best set by channel, as noise with a correlation time; None: only noise.
 
     A library that explains the records needs nothing of this. Where it does not, sensor noise
     alone would make every effect significant that correlates with the rest.
+
+    Parameters
+    ----------
+    sensed
+        The shots with the noise of the sensors.
     """
     best = search.nominal if search.best is None else search.best.fit
     tight = best
@@ -31,20 +38,28 @@ def rest_of(search: Search, settings: FitSettings) -> dict[str, Noise] | None:
         tight = polish(best.problem, best.point, settings.levels[-1], replace(settings, chain=True))
         if not np.isfinite(tight.cost):
             tight = best
-    if best.chi2 <= MISFIT * best.dof and tight.chi2 <= MISFIT * tight.dof:
-        return None
     out = {}
+    more = False
     parts = _residuals(tight)
     for c, name in enumerate(best.problem.nominal.outputs):
         values = [p[:, c] for p in parts if np.isfinite(p[:, c]).any()]
         if not values:
             continue
         total = np.concatenate([v[np.isfinite(v)] for v in values])
+        given = float(np.sqrt(np.mean([s.noise[c].sigma ** 2 for s in sensed])))
         sigma = float(np.sqrt(np.mean(total**2)))
-        given = max(s.noise[c].sigma for s in best.problem.shots)
-        interval = best.problem.shots[0].record.interval
-        out[name] = Noise(max(sigma, given), _memory(values) * interval)
-    return out
+        more = more or sigma**2 > MISFIT * given**2
+        interval = sensed[0].record.interval
+        memory = sensed[0].noise[c].correlation_time
+        if sigma**2 > MISFIT * given**2:
+            memory = _memory(values) * interval
+        out[name] = Noise(max(sigma, given), memory)
+    return out if more else None
+
+
+def settled(old: dict[str, Noise], new: dict[str, Noise]) -> bool:
+    """Whether the rest has stopped to shrink."""
+    return all(abs(new[n].sigma / old[n].sigma - 1.0) < 0.15 for n in old)
 
 
 def with_noise(nominal: Nominal, shot: Shot, noise: dict[str, Noise]) -> Shot:

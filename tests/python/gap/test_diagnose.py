@@ -142,3 +142,77 @@ def test_emps_names_dry_friction():
     assert row.before / spread > 0.17
     assert row.after / spread < 0.095  # what a plain trial reached
     assert report.model.parameters["mass"] == pytest.approx(95.3, rel=0.02)
+
+
+def test_a_late_input_is_a_data_problem():
+    from dataclasses import replace
+
+    from feltmb.gap import library
+
+    late = []
+    for r in models.records(4):
+        force = np.interp(r.time + 0.004, r.time, r.inputs["f"])
+        late.append(replace(r, inputs={"f": force}))  # the record shows the force too early
+    effects = (*models.EFFECTS, library.delay_input("f", scale=0.002))
+    report = diagnose(models.NOMINAL, effects, late)
+    assert report.verdict is Verdict.DATA_PROBLEM
+    assert report.named == ("delay of input f",)
+    assert report.which["delay of input f"].size == pytest.approx(0.004, rel=0.05)
+
+
+def test_known_sensors_are_applied_to_the_model():
+    from dataclasses import replace
+
+    from feltmb.gap import Sensor
+
+    seen = []
+    for r in models.records(4):
+        q = np.interp(r.time - 0.008, r.time, r.outputs["q"], left=r.outputs["q"][0])
+        sensor = Sensor(name="q", unit="m", sigma=1.1e-4, gain=2.0, offset=0.01, delay=0.008)
+        seen.append(
+            replace(r, outputs={"q": 2.0 * q + 0.01}, sensors={"q": replace(sensor, sigma=2.2e-4)})
+        )
+    report = diagnose(models.NOMINAL, models.EFFECTS, seen)
+    assert report.named == ()
+    for row, truth in zip(report.fit.intervals(), models.TRUTH, strict=True):
+        assert abs(row.value - truth) < 0.02 * truth
+
+
+@pytest.mark.slow
+def test_silverbox_names_the_cubic_stiffness():
+    """Measured: a linear nominal; withheld is the cubic stiffness of the oscillator."""
+    subject = load(EXAMPLES / "silverbox.py")
+    data = read_records(sorted((EXAMPLES / "data").glob("silverbox_*.nc")))
+    report = diagnose(subject.nominal, subject.effects, data)
+    assert "cubic stiffness mass" in report.named
+    row = next(r for r in report.how_far.rows if r.metric == "open loop")
+    assert row.after < 0.3 * row.before
+
+
+@pytest.mark.slow
+def test_tanks_name_the_overflow():
+    """Measured: square-root outflow; withheld is the overflow of the upper tank."""
+    subject = load(EXAMPLES / "tanks.py")
+    data = read_records(sorted((EXAMPLES / "data").glob("tanks_*.csv")))
+    report = diagnose(subject.nominal, subject.effects, data)
+    assert report.named[0] == "overflow upper"
+    row = next(r for r in report.how_far.rows if r.metric == "open loop")
+    assert row.before > 0.6
+    assert row.after < 0.574  # what a plain trial reached
+
+
+@pytest.mark.slow
+def test_false_alarms_are_rare():
+    """Thirty records without an effect, a library of twenty: not one alarm is expected."""
+    from feltmb.gap import library
+
+    alarms = []
+    for seed in range(100, 130):
+        data = models.records(seed)
+        effects = library.standard_effects(
+            ["q"], ["f"], [models.MASS], data[0], force=1.0, travel=0.02, speed=0.2
+        )
+        report = diagnose(models.NOMINAL, effects, data, options=Options(seed=seed))
+        if report.verdict not in (Verdict.NO_GAP, Verdict.TOO_WEAK):
+            alarms.append((seed, report.verdict, report.named))
+    assert len(alarms) <= 2, alarms

@@ -173,3 +173,42 @@ def test_windows_cover_the_record_once(length):
     assert windows[-1, 1] == 299
     np.testing.assert_array_equal(windows[1:, 0], windows[:-1, 1])
     assert np.all(windows[:, 1] > windows[:, 0])
+
+
+def test_a_window_in_a_wrong_valley_is_not_taken_for_a_gap():
+    """A pendulum seen by the sine of its angle: half a turn more is another valley."""
+    from dataclasses import replace as changed
+
+    from feltmb.fit.linearize import Place
+    from feltmb.fit.problem import Point
+    from feltmb.gap import OdeNominal, Parameter, State
+
+    pendulum = OdeNominal(
+        states=[State(name="a", scale=1.0, start_sd=0.3), State(name="w", scale=3.0, start_sd=1.0)],
+        parameters=[
+            Parameter(name="g", value=20.0, sd=2.0),
+            Parameter(name="d", value=0.3, sd=0.2),
+        ],
+        inputs=["f"],
+        rates=lambda t, x, u, p: (x.w, u.f - p.g * np.sin(x.a) - p.d * x.w),
+        outputs={"s": lambda t, x, u, p: np.sin(x.a)},
+    )
+    generator = np.random.default_rng(2)
+    time = np.arange(600) * 0.01
+    empty = Record(
+        name="r", time=time, inputs={"f": 4.0 * np.sin(2.1 * time)}, outputs={"s": 0.0 * time}
+    )
+    lanes = Lanes(
+        theta=np.array([[21.0, 0.25]]), windows=np.array([[0, 599]]), starts=np.array([[0.4, 0.0]])
+    )
+    clean = pendulum.simulate(empty, lanes).outputs[0, :, 0]
+    one = changed(empty, outputs={"s": clean + 0.01 * generator.standard_normal(600)})
+    shot = make_shot(pendulum, one, {"s": Noise(0.01)}, 0.4)
+    problem = Problem(pendulum, (shot,))
+    good = problem.start()
+    starts = good.places[0].starts.copy()
+    starts[6] = np.pi - starts[6]  # the same sine, the other branch
+    starts[9] += [2.5, -4.0]
+    bad = Point(good.theta, good.sizes, (Place(starts, good.places[0].nuisances),))
+    fit = fit_problem(problem, point=bad)
+    assert fit.chi2 < fit.dof + 4.0 * np.sqrt(2.0 * fit.dof)
