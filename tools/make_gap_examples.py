@@ -11,7 +11,7 @@ from pathlib import Path
 
 import feltmb
 from feltmb.data import write_record
-from feltmb.subjects.synthetic import Sensors, make_case
+from feltmb.subjects.synthetic import Case, Sensors, make_case
 
 FOLDER = Path(__file__).resolve().parents[1] / "examples" / "gap_action"
 STROKES = (("piano", "fit"), ("staccato", "fit"), ("forte", "held_out"))
@@ -34,9 +34,48 @@ CASES: dict[str, tuple[dict[str, float], bool]] = {
 }
 
 
+# Small enough for a diagnosis in seconds: up to the blow only, and few numbers depart.
+SMALL_STROKES = (("staccato", "fit"), ("slow", "fit"), ("fast", "held_out"))
+SMALL_TOLERANCES = [
+    "let_off_button",
+    "capstan_height",
+    "felt.03",
+    "felt.06",
+    "joint_friction.butt",
+    "mass.head",
+]
+
+
+def write_case(case: Case) -> None:
+    """Write the records of a case and what is behind them."""
+    folder = FOLDER / case.name
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    for record in case.records:
+        write_record(record, folder / f"{record.name}.csv")
+    truth = asdict(case.truth)
+    (folder / "truth.json").write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
+    print(case.name, case.truth.effects, case.truth.forms)
+
+
 def main() -> None:
     """Write all cases anew."""
     action = feltmb.load_action("steinway45")
+    write_case(
+        make_case(
+            action,
+            {"shank_compliance": 2.0},
+            seed=5,
+            name="small",
+            channels=["key", "whippen", "hammer"],
+            strokes=SMALL_STROKES,
+            sensors=Sensors(force_noise=0.002, force_step=0.0),
+            tolerances=SMALL_TOLERANCES,
+            other_forms=False,
+            refined=False,
+            after_impact=0.006,
+        )
+    )
     for seed, (name, (effects, motion)) in enumerate(CASES.items(), start=1):
         case = make_case(
             action,
@@ -48,14 +87,7 @@ def main() -> None:
             sensors=Sensors(rate=1000.0),
             motion=motion,
         )
-        folder = FOLDER / name
-        shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir(parents=True)
-        for record in case.records:
-            write_record(record, folder / f"{record.name}.csv")
-        truth = asdict(case.truth)
-        (folder / "truth.json").write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
-        print(name, effects, case.truth.forms)
+        write_case(case)
 
 
 if __name__ == "__main__":

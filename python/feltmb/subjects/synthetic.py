@@ -80,6 +80,10 @@ STROKES: tuple[tuple[str, Role], ...] = (
 
 def _stroke(name: str) -> tuple[Stroke, float]:
     """Stroke and how long it is recorded [s]."""
+    if name == "fast":
+        return load_stroke("forte").scaled(0.9), 0.13
+    if name == "slow":
+        return ramp_stroke(10.0, 0.02, 0.15, name="slow"), 0.2
     if name == "mezzo":
         return ramp_stroke(12.0, 0.05, 0.18, name="mezzo"), 0.24
     if name == "soft_staccato":
@@ -244,6 +248,9 @@ def make_case(
     sensors: Sensors | None = None,
     motion: bool = False,
     spread: float = 1.0,
+    tolerances: Sequence[str] = ("all",),
+    refined: bool = True,
+    after_impact: float | None = None,
     other_forms: bool | None = None,
     rtol: float = 1e-8,
 ) -> Case:
@@ -257,6 +264,13 @@ def make_case(
         Of all that is drawn: tolerances, forms, noise.
     spread
         Departures of the tolerances, in their standard deviations.
+    tolerances
+        Those that depart; names or patterns.
+    after_impact
+        Records end this long after the hammer met the string [s]; None: as long as the stroke. Up
+        to there single shooting is nearly linear.
+    refined
+        Whether the machine has finer shapes and modes and sharper friction than the nominal.
     other_forms
         Whether effects act in another form than the library's, where there is one; None: drawn.
     motion
@@ -272,10 +286,13 @@ def make_case(
     sensors = sensors or Sensors()
     outputs = library.outputs(channels)
     entries: list[tuple[Entry, float, float | None]] = []
-    tolerances = {}
+    departures = {}
+    moved = {e.name for e in library.choose_tolerances(tolerances)}
     for entry in library.tolerances:
         value = float(spread * entry.size * rng.standard_normal())
-        tolerances[entry.name] = value
+        if entry.name not in moved:
+            continue
+        departures[entry.name] = value
         entries.append((entry, value, None))
     forms, sizes, signals = {}, {}, {}
     for effect, share in effects.items():
@@ -293,10 +310,14 @@ def make_case(
             signals[effect] = size
         else:
             entries.append((entry, size, entry.shapes[0]))
-    machine = amended_action(_refined(action), entries)
+    machine = amended_action(_refined(action) if refined else action, entries)
     records = []
     for stroke_name, role in strokes:
         stroke, duration = _stroke(stroke_name)
+        if after_impact is not None:
+            found = simulate(machine, stroke, ledger=False, output_rate=100.0).summary
+            if "impact_time" in found:
+                duration = found["impact_time"] + after_impact
         records.append(
             make_record(
                 machine,
@@ -312,5 +333,5 @@ def make_case(
                 signals=signals,
             )
         )
-    truth = Truth(seed=seed, effects=sizes, forms=forms, tolerances=tolerances)
+    truth = Truth(seed=seed, effects=sizes, forms=forms, tolerances=departures)
     return Case(name=name, records=tuple(records), truth=truth)
