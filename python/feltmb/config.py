@@ -591,6 +591,8 @@ def _apply_numbers(
     """
     out = dict(raw)
     touched: list[tuple[str, str]] = []
+    if not isinstance(values, Mapping) or not all(isinstance(path, str) for path in values):
+        raise ValueError("paths and values")
     for path, value in values.items():
         number = value.item() if hasattr(value, "item") else value
         if isinstance(number, bool) or not isinstance(number, (int, float)):

@@ -68,7 +68,7 @@ _set = click.option(
 @click.option("--duration", type=float, default=0.2, show_default=True, help="[s]")
 @click.option("--output-rate", type=float, default=10000.0, show_default=True, help="[1/s]")
 @click.option("--tolerance", type=float, default=3e-5, show_default=True, help="Of a force.")
-@click.option("--out", type=click.Path(path_type=Path), help="File to write, .nc or .csv.")
+@click.option("--out", "-o", type=click.Path(path_type=Path), help="File to write, .nc or .csv.")
 @click.option("--plot", is_flag=True, help="Also draw actuator_ARM.png beside --out (or here).")
 @force_option
 @json_option
@@ -159,7 +159,7 @@ def _show(actuator: Actuator, run: ActuatorRun) -> None:
 
 @command.command("study")
 @click.option(
-    "--out", type=click.Path(path_type=Path), help="Folder for the figures and the tables."
+    "--out", "-o", type=click.Path(path_type=Path), help="Folder for the figures and the tables."
 )
 @force_option
 @json_option
@@ -202,7 +202,7 @@ def study_command(out: Path | None, force: bool, as_json: bool) -> None:
 )
 @click.option("--knots", type=int, default=8, show_default=True, help="Of the torque.")
 @click.option("--steps", type=click.IntRange(1), default=60, show_default=True, help="At most.")
-@click.option("--out", type=click.Path(path_type=Path), help="Actuator file to write (TOML).")
+@click.option("--out", "-o", type=click.Path(path_type=Path), help="Actuator file to write (TOML).")
 @click.option("--plot", type=click.Path(path_type=Path), help="Picture to write.")
 @force_option
 @json_option

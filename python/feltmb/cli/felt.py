@@ -335,7 +335,13 @@ def identify_command(
     "--set", "settings", multiple=True, metavar="PATH=VALUE",
     help="Change the mechanism first, such as contacts.02.unloading.b=3600. Repeatable.",
 )  # fmt: skip
-@click.option("--output", "-o", type=click.Path(dir_okay=False, path_type=Path), help="TOML file.")
+@click.option(
+    "--out",
+    "-o",
+    "output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="TOML file.",
+)
 @json_option
 @force_option
 def fit_command(
@@ -427,7 +433,11 @@ def fit_command(
 @click.option("--action", default="steinway45", show_default=True, help="Mechanism to extend.")
 @click.option("--contact", help="Write a mechanism whose contact (such as 06) has this envelope.")
 @click.option(
-    "--out", "-o", "output", type=click.Path(dir_okay=False, path_type=Path), help="TOML file."
+    "--out",
+    "-o",
+    "output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="TOML file.",
 )
 @click.option("--plot", "picture", type=click.Path(dir_okay=False, path_type=Path))
 @force_option

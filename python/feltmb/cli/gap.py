@@ -168,7 +168,11 @@ def foresee_command(
     "records whose TOML says so, else some are chosen.",
 )
 @click.option(
-    "-o", "--output", type=click.Path(path_type=Path), help="Folder of report.html, report.json."
+    "--out",
+    "-o",
+    "output",
+    type=click.Path(path_type=Path),
+    help="Folder of report.html, report.json.",
 )
 @click.option("--alpha", default=0.01, show_default=True, help="Family-wise false alarm rate.")
 @click.option("--window", type=float, help="Length of shooting windows [s].")

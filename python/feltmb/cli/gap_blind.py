@@ -54,7 +54,12 @@ class _Told:
     help="All that is random in the cases comes from it.",
 )
 @click.option(
-    "-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder of the bench."
+    "--out",
+    "-o",
+    "output",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="Folder of the bench.",
 )
 @click.option(
     "--outside",

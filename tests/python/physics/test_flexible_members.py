@@ -748,7 +748,7 @@ def test_structural_damping(lateral):
         assert np.all(np.abs(eta[k] - expected) < 1e-6 * largest)
     energy = stored(run)
     lost = run.energy["work_in"] - (energy[-1] - energy[0])
-    assert run.energy["dissipated"]["beam"] == pytest.approx(lost, rel=1e-7)
+    assert run.energy["dissipated"]["beam"] == pytest.approx(lost, rel=2e-7)
     assert lost > 0.05 * run.energy["work_in"]
 
 
