@@ -17,11 +17,4 @@ say 'feltmb gap diagnose examples/gap/emps.py'
 "$venv/bin/feltmb" gap diagnose "$root/examples/gap/emps.py" "$root"/examples/gap/data/emps_*.csv \
   -o out/gap --force
 
-# A small diagnosis: records of an action whose shank bends more than the nominal's.
-say "feltmb gap diagnose steinway45 examples/gap_action/small/*.csv -o out/gap_action"
-"$venv/bin/feltmb" gap diagnose steinway45 "$root"/examples/gap_action/small/*.csv \
-  -o out/gap_action --force --bootstrap 0 --max-effects 1 \
-  --set shooting=single --set rtol=1e-6 --set channels=key,whippen,hammer \
-  --set tolerances=let_off_button,capstan_height,felt.03,felt.06,joint_friction.butt,mass.head \
-  --set "effects=coulomb_friction.butt,coulomb_friction.key,felt_relaxation.02,felt_thickness.06,shank_compliance,wire_compliance,spring_preload.butt_spring,string_impedance,backcheck_wire_angle,camera_skew,load_cell_mass"
 say "more: $(short "$venv")/bin/feltmb --help"

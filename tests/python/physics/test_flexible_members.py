@@ -640,6 +640,7 @@ def axial_option(condense, area=1.0):
     "name",
     [
         "forte",
+        pytest.param("forte_finger", marks=pytest.mark.slow),
         pytest.param("piano", marks=pytest.mark.slow),
         pytest.param("press_release", marks=pytest.mark.slow),
         pytest.param("repeated", marks=pytest.mark.slow),
@@ -655,6 +656,7 @@ def test_energy_ledger_closes(name, condense):
     """
     assert set(feltmb.packaged_strokes()) == {
         "forte",
+        "forte_finger",
         "piano",
         "press_release",
         "repeated",
