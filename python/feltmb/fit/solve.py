@@ -235,6 +235,10 @@ def _evidence(problem: Problem, normal: Normal, cost: float, gap_sd: Array) -> f
     value = -0.5 * cost
     for shot, chain in zip(problem.shots, normal.chains, strict=True):
         value -= float(np.sum(chain.log_dets))
+        # Norm of the prior of the first state: without it every hidden state that starts known
+        # would cost an effect -log(1e-12) = 28 nats a record.
+        _, sd = problem.start_prior(shot)
+        value -= float(np.sum(np.log(np.maximum(sd[np.isfinite(sd)], 1e-12))))
         if gap_sd.size:
             value -= (shot.count - 1) * float(np.sum(np.log(gap_sd)))
     return value
