@@ -134,7 +134,7 @@ class Run {
     for (Eigen::Index row = 1; row <= samples; ++row) {
       const double from = spacing * static_cast<double>(row - 1);
       for (int part = 0; part < parts; ++part) {
-        go_on(from + interval_ * part, from + interval_ * (part + 1));
+        go_by_corners(from + interval_ * part, from + interval_ * (part + 1));
       }
       record(row, spacing * static_cast<double>(row));
     }
@@ -241,6 +241,37 @@ class Run {
     r.tip_speed = tip_.dot(v());
     if (d_.action_force) r.force = d_.action_force->value(t);
     return r;
+  }
+
+  /// One interval, in pieces over which what drives has no corner.
+  void go_by_corners(double from, double to) {
+    const double least = 1e-6 * interval_;
+    std::vector<double> cuts;
+    for (const Profile* drive : {&torque_, d_.action_force ? &*d_.action_force : nullptr}) {
+      if (drive == nullptr) continue;
+      for (const double t : drive->breakpoints()) {
+        if (t > from + least && t < to - least) cuts.push_back(t);
+      }
+    }
+    if (cuts.empty()) {
+      go_on(from, to);
+      return;
+    }
+    std::sort(cuts.begin(), cuts.end());
+    cuts.push_back(to);
+    const auto begin_anew = [this](double t, double interval) {
+      const Eigen::VectorXd q = modes_->shapes * x();
+      const Eigen::VectorXd rate = modes_->shapes * v();
+      start(loaded_, t, interval, q, rate);
+    };
+    double begin = from;
+    for (const double end : cuts) {
+      if (end - begin <= least) continue;
+      begin_anew(begin, end - begin);
+      go_on(begin, end);
+      begin = end;
+    }
+    begin_anew(to, interval_);
   }
 
   /// One interval of the stepper; the action lets go within the one in which the stop is met.

@@ -148,6 +148,10 @@ def match(
         faults.append(f"target {target.name!r} is zero throughout")
     if not 2 <= knots <= 100:
         faults.append(f"knots = {knots}, must be 2 to 100")
+    if start_torque is not None and start_torque.kind != "torque":
+        faults.append(f"start torque {start_torque.name!r} is a {start_torque.kind}, not a torque")
+    if max_evaluations < 1:
+        faults.append(f"max_evaluations = {max_evaluations}, must be at least 1")
     if "damping" in fit and actuator.config.damper.kind == "none":
         faults.append("fit: a damping needs a damper, dashpot or one_sided; the actuator has none")
     if faults:
@@ -226,6 +230,13 @@ class _Fit:
                 "unit": ["s", "N m"],
                 "interpolation": "monotone",
             }
+        elif torque is not self.actuator.torque:
+            changed["torque"] = {
+                "time": [float(t) for t in torque.time],
+                "value": [float(v) for v in torque.value],
+                "unit": ["s", "N m"],
+                "interpolation": torque.interpolation,
+            }
         return self.actuator.with_values(changed), torque
 
     def force(self, x: Array) -> Array:
@@ -280,7 +291,7 @@ class _Fit:
                 other = coarse.x.copy()
                 other[0] = math.log(factor)
                 starts.append(other)
-        middle = [solve(x, _MIDDLE, _FIRST_STEPS) for x in starts]
+        middle = [solve(x, _MIDDLE, min(_FIRST_STEPS, most)) for x in starts]
         best = sorted(middle, key=lambda f: float(f.cost))[:2]
         found = min((solve(f.x, 0.0, most) for f in best), key=lambda f: float(f.cost))
         jacobian = self.jacobian(residual, found.x)

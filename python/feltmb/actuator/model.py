@@ -551,7 +551,7 @@ def _energy(columns: Mapping[str, Array]) -> dict[str, float]:
     work_in = columns["work.motor"] + columns["work.gravity"]
     lost = columns["dissipated.stop"] + columns["dissipated.damper"] + columns["work.action"]
     residual = work_in - lost - (sum(stored.values()) - sum(s[0] for s in stored.values()))
-    most = float(np.max(np.abs(work_in)))
+    most = float(max(np.max(np.abs(work_in)), np.max(sum(stored.values()))))
     return {
         "work_motor": float(columns["work.motor"][-1]),
         "work_gravity": float(columns["work.gravity"][-1]),

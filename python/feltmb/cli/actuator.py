@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -104,7 +105,9 @@ def command(
         settings = (*settings, f"arm.elements={elements}")
     actuator = _load(arm, damper, settings)
     folder = out.parent if out is not None else Path()
-    picture = folder / f"actuator_{actuator.name}.png"
+    # The name comes from a file: it must not lead to another folder.
+    name = re.sub(r"[^\w.-]+", "_", actuator.name)
+    picture = folder / f"actuator_{name}.png"
     for path in [out] * (out is not None) + [picture] * plot:
         assert path is not None
         check_writable(path, force=force)

@@ -122,6 +122,8 @@ def read_record(
         With every fault of the file.
     """
     path = Path(path)
+    if not path.is_file():
+        raise DataError(f"{path}: no such file")
     beside = path.with_suffix(".toml")
     if beside.is_file():
         raw = read_toml(beside)
@@ -157,7 +159,8 @@ def _build(
         unit = spec.unit or units.get(key, "")
         factor, si = _to_si(unit, spec.si)
         if factor is None:
-            faults.append(f"column {key}: unit {unit!r} is not one of {spec.si}")
+            expected = f"expected one of {spec.si}" if spec.si else "give its si and factor"
+            faults.append(f"column {key}: unit {unit!r} is unknown; {expected}")
             return np.zeros(0), ""
         return columns[key] * factor * spec.factor + spec.shift, si
 
@@ -234,10 +237,12 @@ def _clock(
 
 #: Units whose SI form keeps its name in reports.
 _SI = ("m", "kg", "s", "rad", "Hz", "N", "Pa", "J", "m/s", "m/s^2", "rad/s", "N m", "1")
+#: Units of other fields, taken as they stand.
+_OTHERS = ("V", "A", "ohm", "W", "K", "degC", "T", "Pa s", "%", "dB", "counts")
 
 
 def _to_si(unit: str, si: str) -> tuple[float | None, str]:
-    """Factor to SI and its unit; units that are no mechanics (V, degC) stay as they are."""
+    """Factor to SI and its unit; units of other fields (V, degC) stay as they are."""
     if not unit:
         return 1.0, si or "1"
     for target in (si,) if si else _SI:
@@ -245,7 +250,7 @@ def _to_si(unit: str, si: str) -> tuple[float | None, str]:
             return conversion_factor(unit, target), target
         except (InvalidParameter, ValueError):
             continue
-    if si and si != unit:
+    if (si and si != unit) or (not si and unit not in _OTHERS):
         return None, si
     return 1.0, unit
 

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import feltmb
 from feltmb.actuator import load_actuator, match, simulate_actuator, study_actuator
@@ -132,3 +133,21 @@ def test_stroke_command_with_an_actuator(tmp_path):
     none = runner.invoke(cli, ["stroke", "steinway45", "--torque", str(torque)])
     assert none.exit_code == 2
     assert "need --actuator" in none.output
+
+
+def test_a_name_does_not_lead_out_of_the_folder(tmp_path, monkeypatch):
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    monkeypatch.chdir(inner)
+    arguments = ["actuator", "--set", "name=../../evil/x", "--duration", "0.01", "--plot"]
+    result = CliRunner().invoke(cli, arguments)
+    assert result.exit_code == 0, result.output
+    assert [f.name for f in tmp_path.rglob("*.png")] == ["actuator_.._.._evil_x.png"]
+    assert [f.name for f in inner.iterdir()] == ["actuator_.._.._evil_x.png"]
+
+
+def test_match_refuses_a_force_for_a_torque():
+    target = target_of(load_actuator("wood"), feltmb.torque_stroke([0, 0.04], [0, 0.4]), 0.03)
+    force = feltmb.table_stroke([0, 0.04], [0, 5.0])
+    with pytest.raises(InvalidParameter, match=r"is a force, not a torque; max_evaluations = 0"):
+        match("wood", target, fit=("torque",), start_torque=force, max_evaluations=0)

@@ -215,3 +215,18 @@ def test_outputs_and_files(tmp_path):
     assert data["stop.force"].attrs["units"] == "N"
     table = np.genfromtxt(run.save(tmp_path / "run.csv"), delimiter=",", skip_header=1)
     assert table[:, 3] == pytest.approx(run["tip.travel"], rel=1e-8)
+
+
+@pytest.mark.parametrize("first", [0.035, 0.03507])
+def test_corners_of_the_torque_inside_an_interval(first):
+    """A pulse of 40 us, shorter than an interval: its work is in the ledger."""
+    torque = feltmb.torque_stroke([0, first, first + 2e-5, first + 4e-5, 1], [0, 0, 50, 0, 0])
+    run = simulate_actuator(load_actuator("wood"), torque, 0.05)
+    assert abs(run.energy["work_motor"]) > 1e-3
+    assert run.energy["residual_relative"] < 1e-3
+
+
+def test_a_step_of_torque():
+    torque = feltmb.torque_stroke([0, 0.01, 0.010000001, 1], [0, 0, 3, 3])
+    run = simulate_actuator(load_actuator("wood"), torque, 0.05)
+    assert run.energy["residual_relative"] < 1e-3

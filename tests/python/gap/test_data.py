@@ -132,3 +132,16 @@ def test_gates_see_clocks_and_saturation():
     gates = check_records([Record(name="a", time=jumped, inputs={}, outputs={"q": signal})])
     assert "the clock jumps" in gates.problems[0]
     assert any("saturated" in w for w in gates.warnings)
+
+
+def test_a_unit_that_does_not_exist_is_refused(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("time [s],f [N],q [furlong]\n0,1,2\n0.1,1,2\n0.2,1,2\n")
+    path.with_suffix(".toml").write_text("[inputs.f]\n[outputs.q]\n")
+    with pytest.raises(DataError, match=r"unit 'furlong' is unknown; give its si and factor"):
+        read_record(path)
+
+
+def test_a_file_that_is_not_there_is_told_before_its_sheet(tmp_path):
+    with pytest.raises(DataError, match="no such file"):
+        read_record(tmp_path / "nothing.csv")
