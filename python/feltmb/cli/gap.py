@@ -261,6 +261,8 @@ def _print(report: Report) -> None:
             f"{r.posterior:.0%}",
         )
     out.print(table)
+    for n in report.refused:
+        click.echo(f"refused by held-out records: {n.name} ({n.why})")
     gap = new_table(
         "how far (held out)",
         "metric",

@@ -86,10 +86,10 @@ def bars(
     for i, r in enumerate(shown):
         y = i * step + 4
         color = BLUE if r.named else (ORANGE if r.effect in one_of else GREY)
-        note = "; refused by held-out records" if r.effect in refused else ""
+        note = "refused; " if r.effect in refused else ""
         if note:
             color = LINE
-        w = max(r.posterior * 330.0, 1.0)
+        w = max(r.posterior * 280.0, 1.0)
         parts.append(_text(left - 8, y + 13, r.effect[:38], anchor="end"))
         parts.append(
             f'<rect x="{left}" y="{y:.1f}" width="{w:.1f}" height="17" fill="{color}">'
@@ -100,8 +100,8 @@ def bars(
             _text(
                 left + w + 8,
                 y + 13,
-                f"{r.posterior:.0%}; size {r.size:.4g}{unit} ± {1.96 * r.sd:.2g}; "
-                f"T = {r.statistic:.4g}{note}",
+                f"{note}{r.posterior:.0%}; size {r.size:.4g}{unit} ± {1.96 * r.sd:.2g}; "
+                f"T = {r.statistic:.4g}",
                 color=SOFT,
             )
         )
