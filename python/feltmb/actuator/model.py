@@ -497,11 +497,16 @@ def simulate_actuator(
         raise InvalidParameter(
             f"stroke {stroke.name!r} is a {stroke.kind}; the actuator takes a torque"
         )
+    if 0.0 < duration * output_rate < 1.0:
+        raise InvalidParameter(
+            f"duration {duration:g} s at output_rate {output_rate:g} 1/s: less than one sample"
+        )
     out = actuator._core.simulate(
         stroke.profile, float(duration), float(output_rate), float(tolerance)
     )
     columns = dict(zip(out["names"], out["data"].T, strict=True))
     events = tuple((t, direction > 0, rate) for t, direction, rate in out["events"])
+    energy = _energy(columns)
     return ActuatorRun(
         time=out["time"],
         names=tuple(out["names"]),
@@ -510,8 +515,12 @@ def simulate_actuator(
         values=out["data"],
         events=events,
         summary=_summary(out, columns, events),
-        energy=_energy(columns),
-        stats={**out["counts"], "wall": out["wall"]},
+        energy=energy,
+        stats={
+            **out["counts"],
+            "wall": out["wall"],
+            "warnings": _warnings(actuator, columns, energy),
+        },
         provenance={
             "feltmb": "actuator run",
             "version": _core.__version__,
@@ -544,6 +553,32 @@ def _summary(
         summary["peak_stop_force"] = out["peak_force"]
         summary["peak_stop_force_time"] = out["peak_time"]
     return summary
+
+
+def _warnings(
+    actuator: Actuator, columns: Mapping[str, Array], energy: Mapping[str, float]
+) -> list[str]:
+    """Where a run leaves what its equations hold for."""
+    found = []
+    force = columns["finger.force"]
+    if force.min() < -0.02 * max(force.max(), 1e-3):
+        found.append(
+            f"the finger pulls with {-force.min():.3g} N: the reaction of the action is two-sided "
+            "(a positive torque turns the arm toward the stop)"
+        )
+    turned = float(np.max(np.abs(columns["hub.angle"])))
+    if turned > math.pi / 4:
+        found.append(f"the hub turns by {degrees(np.array(turned)):.0f} degrees")
+    length = sum(s.length for s in actuator.config.arm.stretches())
+    bent = float(np.max(np.abs(columns["tip.deflection"])))
+    if bent > 0.25 * length:
+        found.append(
+            f"the arm bends by {1e3 * bent:.3g} mm of its {1e3 * length:.3g} mm: "
+            "deflections are taken as small"
+        )
+    if energy["residual_relative"] > 1e-3:
+        found.append(f"energy not accounted for is {energy['residual_relative']:.1%}")
+    return found
 
 
 def _energy(columns: Mapping[str, Array]) -> dict[str, float]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from feltmb.cli.common import (
+    complain,
     console,
     force_option,
     json_option,
@@ -126,6 +127,8 @@ def command(
         )
     else:
         _show(actuator, run)
+    for warning in run.stats["warnings"]:
+        complain(f"warning: {warning}")
     if out is not None:
         say_written(run.save(out, force=force))
     if plot:

@@ -230,3 +230,15 @@ def test_a_step_of_torque():
     torque = feltmb.torque_stroke([0, 0.01, 0.010000001, 1], [0, 0, 3, 3])
     run = simulate_actuator(load_actuator("wood"), torque, 0.05)
     assert run.energy["residual_relative"] < 1e-3
+
+
+def test_what_leaves_the_equations_is_said():
+    assert simulate_actuator("wood").stats["warnings"] == []
+    pulled = simulate_actuator("wood", feltmb.torque_stroke([0.0, 0.06], [0.0, -3.0]))
+    said = "\n".join(pulled.stats["warnings"])
+    assert "the finger pulls" in said
+    assert "the hub turns by" in said
+    bent = load_actuator("wood").with_values({"hub.radius": 0.0})
+    assert any("the arm bends by" in w for w in simulate_actuator(bent).stats["warnings"])
+    with pytest.raises(InvalidParameter, match="less than one sample"):
+        simulate_actuator("wood", duration=1e-5)
