@@ -345,6 +345,8 @@ class Actuator:
         kind = kind.replace("-", "_")
         if kind not in DAMPING:
             raise InvalidParameter(f"damper {kind!r} is none of {', '.join(DAMPING)}")
+        if kind == "none" and coefficient:
+            raise InvalidParameter(f"damper none takes no coefficient; got {coefficient:g}")
         value = DAMPING[kind] if coefficient is None else coefficient
         return self.with_values(
             {"damper": {"kind": kind, "coefficient": {"value": value, "unit": "N m s/rad"}}}

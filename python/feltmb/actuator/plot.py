@@ -58,6 +58,20 @@ def compare_runs(
                     alpha=1.0 if j or len(outputs) == 1 else 0.4,
                     label=text if one else name,
                 )
+                if output in ("finger.force", "stop.force") and "peak_stop_force" in run.summary:
+                    # The largest force stands between two samples.
+                    peak = (
+                        run.summary["peak_stop_force"]
+                        if output == "stop.force"
+                        else run.summary["peak_finger_force"]
+                    )
+                    ax.plot(
+                        1e3 * run.summary["peak_stop_force_time"],
+                        peak,
+                        marker="_",
+                        markersize=7,
+                        color=CYCLE[(j if one else i) % len(CYCLE)],
+                    )
         style_axes(ax, "", label)
         if len(runs) > 1 or len(outputs) > 1:
             ax.legend(loc="best", frameon=False, fontsize=NORMAL - 0.5)

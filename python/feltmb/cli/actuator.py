@@ -109,6 +109,8 @@ def command(
     # The name comes from a file: it must not lead to another folder.
     name = re.sub(r"[^\w.-]+", "_", actuator.name)
     picture = folder / f"actuator_{name}.png"
+    if out is not None and out.suffix not in (".nc", ".csv"):
+        raise click.UsageError(f"--out {out}: expected the name of a .nc or .csv file")
     for path in [out] * (out is not None) + [picture] * plot:
         assert path is not None
         check_writable(path, force=force)
