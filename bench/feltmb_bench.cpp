@@ -267,7 +267,7 @@ CaseResult law_evaluation(const std::string& name, const feltmb::LawParameters& 
 
 /// One stroke under several contact laws, taken in turn so that the load of the machine is shared.
 std::vector<CaseResult> law_strokes(const std::string& name, const feltmb::FingerInput& input,
-                                    double duration, int repeat) {
+                                    double duration, int repeat, const std::string& filter) {
   using feltmb::ExponentialPair;
   const auto felts = feltmb::bench::felts();
   const auto memory = [](std::shared_ptr<const feltmb::Envelope> envelope) {
@@ -279,6 +279,7 @@ std::vector<CaseResult> law_strokes(const std::string& name, const feltmb::Finge
   std::vector<std::shared_ptr<const feltmb::Mechanism>> mechanisms;
   for (const char* kind : {"printed", "felt_memory", "micromechanical_hammer", "micromechanical"}) {
     const std::string law = kind;
+    if ((name + "_" + law).find(filter) == std::string::npos) continue;
     auto description = action(Members::kFlexible);
     for (auto& contact : description.contacts) {
       const auto& pair = std::get<ExponentialPair>(contact.law);
@@ -688,8 +689,8 @@ int main(int argc, char** argv) {
     for (const auto& [name, input, end] :
          {std::tuple{"laws_piano", ramp(5.0, 0.083, 0.350), 0.5},
           std::tuple{"laws_forte", ramp(25.0, 0.05, 0.0930), 0.4}}) {
-      if (std::string(name).find(filter) == std::string::npos) continue;
-      const auto of_laws = law_strokes(name, input, end, repeat);
+      const auto of_laws = law_strokes(name, input, end, repeat, filter);
+      if (of_laws.empty()) continue;
       const double printed = quantile(of_laws[0].milliseconds, 0.5);
       for (const auto& r : of_laws) {
         print(r);

@@ -1,5 +1,5 @@
 // Made by tools/make_bench_model.py from params/steinway45.toml. Do not edit.
-// Hash of the parameters: f346ce3e151d053a
+// Hash of the parameters: 5e46ed3abda83a3c
 // clang-format off
 #pragma once
 
@@ -271,7 +271,8 @@ inline std::map<int, FeltLayer> felts() {
   std::map<int, FeltLayer> out;
   const auto add = [&](int number, const FeltMaterial& felt, double thickness,
                        const ContactArea& area) {
-    out[number] = {pressure_envelope(felt), thickness, area, LayerCompression::kEven};
+    out[number] = {pressure_envelope(felt), thickness, area,
+                   LayerCompression::kEven};
   };
   add(1, {0.35, 0.171216779292, 2.4999999999999998e-05, 0.132, 0.21970179771712192, 2.0,
           {2869671.011724972, 1.5707963267948966}, {212024.62422923863, 4.615603871031102}},

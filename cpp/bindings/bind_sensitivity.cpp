@@ -23,10 +23,10 @@ void bind_sensitivity(py::module_& m) {
            py::arg("weight"), py::arg("origin") = 0.0, py::arg("prescribed") = false,
            py::arg("motor") = false);
   py::class_<SensitivityParameter>(m, "SensitivityParameter")
-      .def(py::init([](std::string name, std::vector<Perturbed> nodes, double scale) {
-             return SensitivityParameter{std::move(name), std::move(nodes), scale};
+      .def(py::init([](std::string name, std::vector<Perturbed> nodes, double scale, int law) {
+             return SensitivityParameter{std::move(name), std::move(nodes), scale, law};
            }),
-           py::arg("name"), py::arg("nodes"), py::arg("scale"));
+           py::arg("name"), py::arg("nodes"), py::arg("scale"), py::arg("law") = -1);
   py::class_<SensitivityWindow>(m, "SensitivityWindow")
       .def(py::init([](double begin, double end, std::vector<double> state,
                        std::vector<double> memory, Eigen::MatrixXd directions) {

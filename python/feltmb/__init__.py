@@ -98,7 +98,20 @@ _HOME = {name: module for module, names in _LAZY.items() for name in names.split
 
 #: Modules that are loaded when they are first asked for.
 _MODULES = (
-    *("animate", "contact", "felt", "fiber", "graph", "parameters", "plot", "sensitivity", "units"),
+    "animate",
+    "batch",
+    "contact",
+    "data",
+    "felt",
+    "fiber",
+    "fit",
+    "gap",
+    "graph",
+    "parameters",
+    "plot",
+    "sensitivity",
+    "subjects",
+    "units",
     "viewer",
 )
 

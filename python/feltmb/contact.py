@@ -153,13 +153,13 @@ def law(name: str, **parameters: Any) -> Law:
         if name == "mean":
             core = _core.MeanCurve(**curves)
         else:
-            options = {
+            width: dict[str, Any] = {
                 key: float(given.pop(key))
                 for key in ("hysteresis", "rate_amplitude", "rate_time")
                 if key in given
             }
             core = _core.ExponentialPair(
-                **curves, alpha=float(take("alpha", 100.0)), guarded=name == "guarded", **options
+                **curves, alpha=float(take("alpha", 100.0)), guarded=name == "guarded", **width
             )
     elif name == "hunt_crossley":
         core = _core.HuntCrossley(

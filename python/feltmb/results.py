@@ -7,6 +7,7 @@ are asked for.
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -24,10 +25,40 @@ if TYPE_CHECKING:
 
     Array = npt.NDArray[np.float64]
 
-__all__ = ["FILE_FORMAT", "Run", "load_run"]
+__all__ = ["FILE_FORMAT", "Provenance", "Run", "load_run"]
 
 FILE_FORMAT = 1
 MOST_NUMBERS = 500_000_000  # of a file: 4 GB
+
+
+class Provenance(dict[str, Any]):
+    """Provenance whose costly entries are made when they are first read.
+
+    To write all parameters as TOML takes as long as several strokes; most runs of a sweep are
+    never asked for it.
+    """
+
+    def __init__(self, entries: Mapping[str, Any], late: Mapping[str, Callable[[], Any]]):
+        super().__init__(entries)
+        self._late = dict(late)
+
+    def __missing__(self, key: str) -> Any:
+        self[key] = self._late[key]()
+        return self[key]
+
+    def __contains__(self, key: object) -> bool:
+        return key in self._late or super().__contains__(key)
+
+    def get(self, key: str, default: Any = None) -> Any:
+        """Entry, or ``default``."""
+        return self[key] if key in self else default  # noqa: SIM401
+
+    def whole(self) -> dict[str, Any]:
+        """Plain table with all entries."""
+        return {**self, **{key: self[key] for key in self._late}}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (dict, (self.whole(),))
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,7 +302,11 @@ class Run:
             summary=json.dumps(self.summary),
             energy=json.dumps(self.energy),
             stats=json.dumps(self.stats),
-            provenance=json.dumps(self.provenance),
+            provenance=json.dumps(
+                self.provenance.whole()
+                if isinstance(self.provenance, Provenance)
+                else self.provenance
+            ),
             events=json.dumps(self.event_table),
         )
         data["string.eta"] = (

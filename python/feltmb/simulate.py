@@ -14,7 +14,7 @@ from feltmb import _core
 from feltmb.config import Action, load_action
 from feltmb.errors import IntegrationError, InvalidParameter
 from feltmb.events import Change, name_events
-from feltmb.results import Run
+from feltmb.results import Provenance, Run
 from feltmb.stroke import MOTORS, PRESCRIBED, Stroke, load_stroke
 
 if TYPE_CHECKING:
@@ -166,6 +166,60 @@ def simulate(
         action = load_action(action)
     if isinstance(stroke, str):
         stroke = load_stroke(stroke)
+    options, arguments = prepare(
+        action,
+        stroke,
+        duration,
+        rtol,
+        output_rate=output_rate,
+        ledger=ledger,
+        events=events,
+        start=start,
+        max_wall=max_wall,
+        max_step=max_step,
+        max_order=max_order,
+    )
+    mechanism, profile, motion, y, monitors, memory, *drives = arguments
+    result = _core.simulate(
+        mechanism, profile, motion, options, y, monitors, progress, memory, *drives
+    )
+    run = to_run(action, stroke, options, result)
+    if start is not None and start.provenance.get("hash") != action.hash:
+        run.stats["warnings"].append(
+            f"started from a run of {start.provenance.get('action')!r} with other parameters"
+        )
+    if run.status == "interrupted":
+        raise KeyboardInterrupt(run.message)
+    if run.status != "done":
+        raise IntegrationError(
+            run.message,
+            partial=run,
+            time=run.reached,
+            state=result.failed_state,
+            contact=result.failed_contact,
+        )
+    return run
+
+
+def prepare(
+    action: Action,
+    stroke: Stroke,
+    duration: float | None = None,
+    rtol: float = 1e-6,
+    *,
+    output_rate: float = 10_000.0,
+    ledger: bool = True,
+    events: bool = True,
+    start: Run | None = None,
+    max_wall: float | None = None,
+    max_step: float | None = None,
+    max_order: int | None = None,
+) -> tuple[_core.SimulationOptions, tuple[Any, ...]]:
+    """Options of the core, and its other arguments; parameters as in :func:`simulate`.
+
+    The arguments are the mechanism, the profile, whether it is a motion, the start state, monitors,
+    memory, whether the motion is prescribed, whether a motor drives.
+    """
     check_input(action, stroke)
     options = _core.SimulationOptions()
     options.duration = float(stroke.duration if duration is None else duration)
@@ -187,34 +241,16 @@ def simulate(
     y, memory = _start_state(action, start)
     if action.config.finger is not None:
         options.finger_reference = _core.finger_place(action.mechanism, action.rest_pose)
-    result = _core.simulate(
+    return options, (
         action.mechanism,
         stroke.profile,
         stroke.kind == "motion",
-        options,
         list(y),
         _monitors(action, y),
-        progress,
         list(memory),
         stroke.kind in PRESCRIBED,
         stroke.kind in MOTORS,
     )
-    run = _to_run(action, stroke, options, result)
-    if start is not None and start.provenance.get("hash") != action.hash:
-        run.stats["warnings"].append(
-            f"started from a run of {start.provenance.get('action')!r} with other parameters"
-        )
-    if run.status == "interrupted":
-        raise KeyboardInterrupt(run.message)
-    if run.status != "done":
-        raise IntegrationError(
-            run.message,
-            partial=run,
-            time=run.reached,
-            state=result.failed_state,
-            contact=result.failed_contact,
-        )
-    return run
 
 
 def check_input(action: Action, stroke: Stroke) -> None:
@@ -278,7 +314,8 @@ def _monitors(action: Action, y: Array) -> list[Any]:
     return monitors
 
 
-def _to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
+def to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
+    """The run that the core's result is."""
     monitor_names = [name for name, rule in action.config.events.items() if rule.point is not None]
     changes = list_changes(action, result.events, monitor_names)
     named = name_events(changes, action.config.events)
@@ -286,12 +323,10 @@ def _to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
     modes = action.mechanism.total_modes
     energy = _energy(result)
     string = action.config.string
-    provenance: dict[str, Any] = {
+    entries: dict[str, Any] = {
         "feltmb": "run",
         "version": _core.__version__,
         "action": action.name,
-        "hash": action.hash,
-        "toml": action.to_toml(),
         "stroke": stroke.as_dict(),
         "options": {
             "duration": options.duration,
@@ -299,6 +334,8 @@ def _to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
             "output_rate": options.output_rate,
         },
     }
+    late = {"toml": action.to_toml, "hash": lambda: action.hash}
+    provenance = Provenance(entries, late)
     if string is not None and string.kind == "modal":
         provenance["string"] = {
             key: getattr(string, key)

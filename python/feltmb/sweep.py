@@ -195,7 +195,10 @@ def run_member(member: Member, stop: threading.Event | None = None) -> Outcome:
             more, series = member.extract.function(run, action, member.extract.spec)
             numbers.update(more)
         if member.save_run:
-            run.save(member.save_run, force=True)
+            try:
+                run.save(member.save_run, force=True)
+            except FeltmbError as failure:  # of the disk, not of the member: to be tried again
+                return Outcome("error", _one_line(failure))
     except FeltmbError as failure:
         return Outcome("failed", _one_line(failure))
     except Exception as failure:  # a member must never take the others with it

@@ -314,7 +314,11 @@ void Dynamics::add_condensed_deflection(std::span<double> q) {
 }
 
 double Dynamics::joint_friction(int k) const {
-  return feltmb::evaluate(m_->joint_friction[at(k)], v_[at(k)]).value;
+  double value = feltmb::evaluate(m_->joint_friction[at(k)], v_[at(k)]).value;
+  for (const Dashpot& d : m_->dashpots) {
+    if (d.coordinate == k) value += d.against(v_[at(k)]).value;
+  }
+  return value;
 }
 
 double Dynamics::strap_force(int strap) const { return strap_pull_[at(strap)]; }

@@ -89,6 +89,7 @@ class WindowRun {
     }
     if (width > 0) columns.state.rightCols(index(width)) = window_.directions;
 
+    const long before = models_.evaluations();
     prepare_samples();
     std::size_t next = 0;
     y_.resize(states);
@@ -111,6 +112,7 @@ class WindowRun {
     const long jumps = result_.counts.jumps;
     result_.counts = variational.counts();
     result_.counts.jumps = jumps;
+    result_.counts.rhs = models_.evaluations() - before;
     result_.counts.switches = static_cast<long>(switches.size()) - 1;
     result_.wall = std::chrono::duration<double>(Clock::now() - middle).count();
     return std::move(result_);

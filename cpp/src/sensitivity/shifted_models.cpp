@@ -42,7 +42,13 @@ ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
   base_->set_finger_reference(rest_.finger);
   probe_->set_finger_reference(rest_.finger);
   parameters_.resize(parameters.size());
-  for (const auto& parameter : parameters) floor_.push_back(1e-2 / parameter.scale);
+  if (!no_rest_) base_->locate(0.0, {rest_.state.data(), states});
+  for (const auto& parameter : parameters) {
+    floor_.push_back(1e-2 / parameter.scale);
+    law_.push_back(input.prescribed ? -1 : parameter.law);
+  }
+  by_force_.resize(mechanism->contacts.size());
+  has_by_force_.resize(mechanism->contacts.size());
   for (std::size_t j = 0; j < parameters.size(); ++j) {
     for (const Perturbed& p : parameters[j].nodes) {
       Node node;
@@ -60,7 +66,12 @@ ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
         parameters_[j].push_back(std::move(node));
         continue;
       }
-      const Rest moved = p.mechanism == mechanism ? rest_ : find_rest(p.mechanism, near, p.input);
+      // The law of a contact that is open at rest does not move the rest pose.
+      const int law = parameters[j].law;
+      const bool same =
+          p.mechanism == mechanism ||
+          (law >= 0 && !base_->dynamics().contacts()[static_cast<std::size_t>(law)].closed);
+      const Rest moved = same ? rest_ : find_rest(p.mechanism, near, p.input);
       node.levels = moved.levels;
       node.system->set_finger_reference(moved.finger);
       rest_columns_.state.col(static_cast<Eigen::Index>(j)) += p.weight * moved.state;
@@ -125,8 +136,9 @@ double ShiftedModels::level(std::size_t rule, int parameter, std::size_t node) c
 }
 
 void ShiftedModels::rates(double t, std::span<const double> y, std::span<const double> memory,
-                          const Eigen::MatrixXd& memory_columns, Eigen::MatrixXd& out) {
+                          const Eigen::MatrixXd& memory_columns, RowMatrix& out) {
   const auto n = static_cast<Eigen::Index>(y.size());
+  std::fill(has_by_force_.begin(), has_by_force_.end(), 0);
   out.setZero(n, static_cast<Eigen::Index>(columns()));
   one_.resize(n);
   const std::span<double> rate{one_.data(), y.size()};
@@ -136,16 +148,37 @@ void ShiftedModels::rates(double t, std::span<const double> y, std::span<const d
       moved_memory_[c] = memory[c] + shift * memory_columns(static_cast<Eigen::Index>(c), j);
     }
   };
+  bool has_base = false;
+  const auto nearest = [](std::vector<Node>& nodes) -> Node& {
+    std::size_t best = 0;
+    for (std::size_t k = 1; k < nodes.size(); ++k) {
+      const double shift = std::fabs(nodes[k].shift);
+      const double least = std::fabs(nodes[best].shift);
+      if (shift > 0.0 && (least == 0.0 || shift < least)) best = k;
+    }
+    return nodes[best];
+  };
   for (std::size_t j = 0; j < columns(); ++j) {
     const auto column = static_cast<Eigen::Index>(j);
+    // Where laws remember, what a parameter of one does to the memory of another counts too.
+    if (j < parameters_.size() && law_[j] >= 0 && memory.empty()) {
+      law_rates(j, out);
+      continue;
+    }
     if (j < parameters_.size()) {
-      for (Node& node : parameters_[j]) {
-        move(column, node.shift);
-        remember(*node.system, moved_memory_);
-        node.system->rhs(t, y, rate);
-        out.col(column) += node.weight * one_;
-        ++evaluations_;
+      // One side is enough: the shift is a millionth of the parameter, its curvature is not seen.
+      Node& node = nearest(parameters_[j]);
+      if (!has_base) {
+        remember(*probe_, memory);
+        two_.resize(n);
+        probe_->rhs(t, y, {two_.data(), y.size()});
+        has_base = true;
       }
+      move(column, node.shift);
+      remember(*node.system, moved_memory_);
+      node.system->rhs(t, y, rate);
+      out.col(column) = (one_ - two_) / node.shift;
+      ++evaluations_;
       continue;
     }
     const double size = memory.empty() ? 0.0 : memory_columns.col(column).cwiseAbs().maxCoeff();
@@ -160,6 +193,50 @@ void ShiftedModels::rates(double t, std::span<const double> y, std::span<const d
     }
   }
   remember(*probe_, memory);
+}
+
+void ShiftedModels::law_rates(std::size_t j, RowMatrix& out) {
+  const Dynamics& dynamics = base_->dynamics();
+  const auto c = static_cast<std::size_t>(law_[j]);
+  const Contact& contact = mechanism_->contacts[c];
+  const ContactState& s = dynamics.contacts()[c];
+  const auto column = static_cast<Eigen::Index>(j);
+  if (!s.closed && contact.law.n_states() == 0) return;
+  double force = 0.0;
+  std::array<double, kMaxLawStates> rates{};
+  const LawMemory own = dynamics.memory(c);
+  for (const Node& node : parameters_[j]) {
+    LawStates states;
+    const ContactLaw& law = node.system->mechanism().contacts[c].law;
+    const LawValue v = s.closed ? law.evaluate(s.compression, s.rate, own, &states)
+                                : law.evaluate(std::min(0.0, s.compression), 0.0, own, &states);
+    if (s.closed) force += node.weight * v.force;
+    for (std::size_t i = 0; i < contact.law.n_states(); ++i) {
+      rates[i] += node.weight * states.rate[i];
+    }
+    ++evaluations_;
+  }
+  const int n = base_->coordinates();
+  for (std::size_t i = 0; i < contact.law.n_states(); ++i) {
+    out(2 * n + contact.first_state + static_cast<int>(i), column) += rates[i];
+  }
+  if (!s.closed || force == 0.0) return;
+  if (has_by_force_[c] == 0) {
+    for (const ContactGradient& g : dynamics.gradients()) {
+      if (g.contact != law_[j]) continue;
+      by_force_[c] = g.by_force;
+      dynamics.solve_mass(by_force_[c]);
+      has_by_force_[c] = 1;
+    }
+  }
+  out.col(column).segment(n, n) += force * by_force_[c];
+  if (contact.string < 0) return;
+  const auto phi = dynamics.phi(contact.string);
+  const auto& string = mechanism_->strings[static_cast<std::size_t>(contact.string)];
+  const int first = 2 * n + base_->law_states() + base_->modes() + string.offset;
+  for (std::size_t k = 0; k < phi.size(); ++k) {
+    out(first + static_cast<int>(k), column) += force * phi[k];
+  }
 }
 
 void ShiftedModels::add_recovery(std::size_t contact, double remembered, double open, double time,

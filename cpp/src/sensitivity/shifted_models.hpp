@@ -12,7 +12,7 @@ namespace feltmb::detail {
 
 /// Columns of derivatives at one place: of the state and of the contacts' memory.
 struct Columns {
-  Eigen::MatrixXd state;   ///< (n_states, n_columns)
+  RowMatrix state;         ///< (n_states, n_columns)
   Eigen::MatrixXd memory;  ///< (n_contacts, n_columns)
 };
 
@@ -37,9 +37,10 @@ class ShiftedModels {
   SimulationState rest() const;
   const Columns& rest_columns() const { return rest_columns_; }
 
-  /// d f / d parameter at fixed state, memory moving: the inhomogeneous part of S'.
+  /// d f / d parameter at fixed state, memory moving: the inhomogeneous part of S'. The base must
+  /// have been linearised there.
   void rates(double t, std::span<const double> y, std::span<const double> memory,
-             const Eigen::MatrixXd& memory_columns, Eigen::MatrixXd& out);
+             const Eigen::MatrixXd& memory_columns, RowMatrix& out);
 
   /// Total derivative of any function of the model at a fixed time.
   /// @param function  (MechanismSystem&, t, y, out span, index of the parameter's node or -1)
@@ -55,7 +56,8 @@ class ShiftedModels {
   void stop_time(std::size_t index, Eigen::VectorXd& out) const;
 
   /// Largest weighted entry of a column of states.
-  double norm(Eigen::Ref<const Eigen::VectorXd> column) const {
+  template <class Column>
+  double norm(const Eigen::MatrixBase<Column>& column) const {
     return (column.array() * weight_.array()).abs().maxCoeff();
   }
   const Eigen::VectorXd& weight() const { return weight_; }
@@ -92,7 +94,11 @@ class ShiftedModels {
   FingerInput input_;
   const SensitivityOptions& options_;
   std::unique_ptr<MechanismSystem> base_, probe_;
+  void law_rates(std::size_t j, RowMatrix& out);
   std::vector<std::vector<Node>> parameters_;
+  std::vector<int> law_;  ///< contact whose law alone a parameter changes, -1: anything
+  std::vector<Eigen::VectorXd> by_force_;  ///< M^-1 dQ/dF by contact, of the stage at hand
+  std::vector<char> has_by_force_;
   std::size_t directions_ = 0;
   Rest rest_;
   std::exception_ptr no_rest_;  ///< why the mechanism has no rest pose

@@ -16,7 +16,7 @@ constexpr double kAtRest = 1e-7;  // m/s: below it a contact is at rest, its rat
 /// the error control of a step that looks at three places. Steps end where the zone changes.
 int zone(double speed, double threshold) {
   const double x = std::fabs(speed) / threshold;
-  const int z = x < 0.4 ? 0 : x < 1.2 ? 1 : x < 3.0 ? 2 : x < 8.0 ? 3 : 4;
+  const int z = x < 0.6 ? 0 : x < 2.5 ? 1 : 2;
   return speed < 0.0 ? -z : z;
 }
 

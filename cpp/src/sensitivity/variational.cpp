@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "feltmb/core/error.hpp"
+#include "feltmb/core/flush_to_zero.hpp"
 
 namespace feltmb::detail {
 namespace {
@@ -41,6 +42,8 @@ Variational::Variational(ShiftedModels& models, Trajectory& trajectory, double t
   dense_ = columns_;
   for (auto& s : slope_) s.setZero(states, count);
   largest_.setZero(count);
+  floor_.setZero(count);
+  for (Eigen::Index j = 0; j < count; ++j) floor_[j] = models.floor(static_cast<std::size_t>(j));
   y_.resize(models.base().size());
 }
 
@@ -64,9 +67,15 @@ void Variational::stage(int i, double t, double h) {
   if (i == 2) stage_ += (h * kB1) * slope_[0] + (h * kB2) * slope_[1];
   slope_[i] = stage_;
   stage_ += g * rate_;
-  const auto rows = static_cast<std::size_t>(stage_.rows());
-  for (Eigen::Index j = 0; j < stage_.cols(); ++j) base.solve({stage_.col(j).data(), rows});
+  base.solve_many(stage_);
   slope_[i] = (stage_ - slope_[i]) / g;
+}
+
+void Variational::measure(const RowMatrix& columns, Eigen::RowVectorXd& size) const {
+  size.setZero(columns.cols());
+  for (Eigen::Index i = 0; i < columns.rows(); ++i) {
+    size = size.cwiseMax(models_.weight()[i] * columns.row(i).cwiseAbs());
+  }
 }
 
 bool Variational::step(double h, double from, double to) {
@@ -76,11 +85,11 @@ bool Variational::step(double h, double from, double to) {
   }
   difference_ = h * ((kB1 - kE1) * slope_[0] + (kB2 - kE2) * slope_[1] + kGamma * slope_[2]);
   error_ = 0.0;
-  for (Eigen::Index j = 0; j < stage_.cols(); ++j) {
-    const double size = std::max({models_.norm(stage_.col(j)), models_.norm(columns_.state.col(j)),
-                                  1e-2 * largest_[j], models_.floor(static_cast<std::size_t>(j))});
-    if (size == 0.0) continue;
-    error_ = std::max(error_, models_.norm(difference_.col(j)) / size);
+  measure(stage_, size_);
+  measure(difference_, error_size_);
+  for (Eigen::Index j = 0; j < size_.size(); ++j) {
+    const double size = std::max({size_[j], present_[j], 1e-2 * largest_[j], floor_[j]});
+    if (size > 0.0) error_ = std::max(error_, error_size_[j] / size);
   }
   return error_ <= tolerance_;
 }
@@ -110,6 +119,8 @@ void Variational::advance(double end, const std::vector<double>& times, std::siz
   const double from = time_ + inside;
   const double to = end - inside;
   if (h_ <= 0.0) h_ = end - time_;
+  measure(columns_.state, present_);  // a switch may have changed them
+  const FlushToZero flush;
   while (time_ < end) {
     double h = std::min(h_, end - time_);
     const bool last = end - time_ <= h * (1.0 + 1e-12);
@@ -135,9 +146,8 @@ void Variational::advance(double end, const std::vector<double>& times, std::siz
     }
     forget(time_, reached);
     columns_.state.swap(stage_);
-    for (Eigen::Index j = 0; j < largest_.size(); ++j) {
-      largest_[j] = std::max(largest_[j], models_.norm(columns_.state.col(j)));
-    }
+    present_ = size_;
+    largest_ = largest_.cwiseMax(size_);
     // A step cut short by the end says nothing about the next.
     if (!last || factor < 1.0) h_ = h * factor;
     time_ = reached;

@@ -27,6 +27,7 @@ class Variational {
                const Sample& sample);
 
  private:
+  void measure(const RowMatrix& columns, Eigen::RowVectorXd& size) const;
   bool step(double h, double from, double to);
   void stage(int i, double t, double h);
   void forget(double from, double to);
@@ -38,8 +39,8 @@ class Variational {
   double h_ = 0.0;
   double error_ = 0.0;
   Columns columns_, dense_;
-  Eigen::MatrixXd slope_[3], stage_, rate_, difference_;
-  Eigen::VectorXd largest_;
+  RowMatrix slope_[3], stage_, rate_, difference_;
+  Eigen::RowVectorXd largest_, size_, present_, error_size_, floor_;
   std::vector<double> y_;
   SensitivityCounts counts_;
 };

@@ -21,6 +21,7 @@ from feltmb.cli.common import (
     new_table,
     save_figure,
     say_written,
+    tables_as_json,
 )
 
 _EXIT_FAILED = 1
@@ -29,13 +30,14 @@ _EXIT_BAD_INPUT = 2
 
 def _guard(command: Callable[..., None]) -> Callable[..., None]:
     """Turn our errors into one message and the exit code that belongs to it."""
+    with_json = tables_as_json(command)
 
-    @functools.wraps(command)
+    @functools.wraps(with_json)
     def run(*args: Any, **kwargs: Any) -> None:
         from feltmb.errors import FeltmbError, FileExists, InvalidParameter
 
         try:
-            command(*args, **kwargs)
+            with_json(*args, **kwargs)
         except FeltmbError as error:
             complain(str(error))
             bad_input = isinstance(error, InvalidParameter | FileExists)
@@ -254,8 +256,9 @@ def contacts_command(
 )
 @click.option("--points", type=int, default=11, show_default=True)
 @click.option(
-    "--output",
+    "--out",
     "-o",
+    "output",
     type=click.Path(dir_okay=False, path_type=Path),
     help="CSV, or .png/.pdf/.svg for a picture.",
 )
@@ -530,8 +533,9 @@ def arcs_command(
     help="Compression law of the springs (dunlop, stamm_kelvin).",
 )
 @click.option(
-    "--output",
+    "--out",
     "-o",
+    "output",
     type=click.Path(dir_okay=False, path_type=Path),
     help="CSV with time, compression and result.",
 )
@@ -662,7 +666,11 @@ def _fit_dictionary(f: Any) -> dict[str, Any]:
     "--plot", type=click.Path(dir_okay=False, path_type=Path), help="Picture of fit and residuals."
 )
 @click.option(
-    "--output", "-o", type=click.Path(dir_okay=False, path_type=Path), help="Results as JSON."
+    "--out",
+    "-o",
+    "output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Results as JSON.",
 )
 @force_option
 @_guard

@@ -333,21 +333,33 @@ def _read_mat(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
 
 
 def _read_netcdf(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
-    import xarray
+    import h5py
 
+    out: dict[str, Array] = {}
+    units: dict[str, str] = {}
     try:
-        data = xarray.load_dataset(path, engine="h5netcdf", decode_times=False)
-    except (OSError, ValueError) as error:
-        raise DataError(f"{path}: cannot be read as NetCDF: {error}") from None
-    out, units = {}, {}
-    for name, variable in data.variables.items():
-        if variable.ndim == 1 and variable.dtype.kind in "fiu":
-            out[str(name)] = np.asarray(variable.values, dtype=np.float64)
-            if "units" in variable.attrs:
-                units[str(name)] = str(variable.attrs["units"])
-    if not out:
+        with h5py.File(path, "r") as file:
+            for name, item in file.items():
+                if not isinstance(item, h5py.Dataset) or item.ndim != 1:
+                    continue
+                if item.dtype.kind not in "fiu":
+                    continue
+                values = np.array(item, dtype=np.float64)
+                fill = item.attrs.get("_FillValue")
+                if fill is not None and item.dtype.kind in "iu":
+                    values[values == float(np.ravel(fill)[0])] = np.nan
+                gain = float(np.ravel(item.attrs.get("scale_factor", 1.0))[0])
+                shift = float(np.ravel(item.attrs.get("add_offset", 0.0))[0])
+                out[name] = values * gain + shift
+                unit = item.attrs.get("units")
+                if unit is not None:
+                    units[name] = unit.decode() if isinstance(unit, bytes) else str(unit)
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read as NetCDF 4: {error}") from None
+    longest = max((v.size for v in out.values()), default=0)
+    if longest < 2:
         raise DataError(f"{path}: holds no series")
-    return out, units
+    return {n: v for n, v in out.items() if v.size == longest}, units
 
 
 def write_record(record: Record, path: str | Path, *, force: bool = False) -> Path:

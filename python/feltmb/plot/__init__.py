@@ -6,6 +6,7 @@ no global state of matplotlib is touched. Axes carry the units of a reader: ms, 
 a run does not have is left out; a picture of which nothing would be left is refused.
 """
 
+from feltmb.plot.effects import effects
 from feltmb.plot.energies import energy, loops
 from feltmb.plot.files import PICTURES, save_all
 from feltmb.plot.pages import compare, overview
@@ -22,6 +23,7 @@ __all__ = [
     "body_poses",
     "compare",
     "contact_forces",
+    "effects",
     "energy",
     "finger_force",
     "hammer_speed",

@@ -82,6 +82,12 @@ class MechanismSystem : public OdeSystem {
   void linearize(double t, std::span<const double> y) override;
   bool factorize(double gamma) override;
   void solve(std::span<double> b) override;
+
+  /// States by rows, right-hand sides side by side.
+  using RowBlock = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+  /// `solve` for every column of b at once, in place; vectorised over the columns.
+  void solve_many(RowBlock& b);
   std::size_t n_events() const override;
   void events(double t, std::span<const double> y, std::span<double> g) override;
   bool events_nearby(double t, std::span<double> g) override;

@@ -178,7 +178,7 @@ class Dynamics {
   const Prescription& prescription() const { return prescription_; }
 
   double strap_force(int strap) const;        ///< pull [N]
-  double joint_friction(int k) const;         ///< torque or force against the motion, unit of Q_k
+  double joint_friction(int k) const;         ///< with dashpots, against the motion, unit of Q_k
   double beam_damping_power(int beam) const;  ///< dissipated by the structural damping, >= 0 [W]
 
   double kinetic_energy(std::span<const double> v) const;  ///< of the links [J], after evaluate

@@ -32,6 +32,7 @@ struct SensitivityParameter {
   std::string name;
   std::vector<Perturbed> nodes;  ///< weights sum to zero, weight x shift to one
   double scale = 1.0;            ///< size of the parameter, > 0, its unit: for the error control
+  int law = -1;  ///< index of the contact whose law is all that it changes, -1: anything
 };
 
 /// One stretch of a stroke.

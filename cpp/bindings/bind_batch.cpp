@@ -1,0 +1,60 @@
+#include <pybind11/eigen.h>
+#include <pybind11/functional.h>
+#include <pybind11/stl.h>
+
+#include "bindings.hpp"
+#include "feltmb/batch/batch.hpp"
+
+namespace py = pybind11;
+
+namespace feltmb::python {
+
+void bind_batch(py::module_& m) {
+  py::class_<BatchStroke>(m, "BatchStroke")
+      .def(py::init([](const std::shared_ptr<Mechanism>& mechanism, const Profile& profile,
+                       bool motion, const SimulationOptions& options,
+                       const std::vector<double>& start, const std::vector<Monitor>& monitors,
+                       const std::vector<double>& memory, bool prescribed, bool motor) {
+             BatchStroke s;
+             s.mechanism = mechanism;
+             s.input = FingerInput{profile, motion, prescribed, motor};
+             s.options = options;
+             s.start.y = start;
+             s.start.largest_compression = memory;
+             s.monitors = monitors;
+             return s;
+           }),
+           py::arg("mechanism"), py::arg("profile"), py::arg("motion"), py::arg("options"),
+           py::arg("start"), py::arg("monitors"), py::arg("memory"), py::arg("prescribed") = false,
+           py::arg("motor") = false);
+  m.def(
+      "simulate_many",
+      [](const py::iterator& strokes, const py::function& sink, std::size_t threads) {
+        // The workers run with the GIL released and take it back for the next stroke and for each
+        // outcome.
+        const BatchSource source = [&strokes](BatchStroke& stroke) {
+          const py::gil_scoped_acquire acquire;
+          if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+          const py::handle next = PyIter_Next(strokes.ptr());
+          if (!next) {
+            if (PyErr_Occurred() != nullptr) throw py::error_already_set();
+            return false;
+          }
+          stroke = py::reinterpret_steal<py::object>(next).cast<BatchStroke>();
+          return true;
+        };
+        const BatchSink take = [&sink](std::size_t index, RunResult&& result,
+                                       const std::string& failure) {
+          const py::gil_scoped_acquire acquire;
+          if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+          return sink(index, std::move(result), failure).cast<bool>();
+        };
+        const py::gil_scoped_release release;
+        return simulate_many(source, take, threads);
+      },
+      py::arg("strokes"), py::arg("sink"), py::arg("threads") = 0,
+      "Simulates the strokes of an iterator on threads; sink(index, result, failure) gets the "
+      "outcomes in order and returns whether to go on. Returns their number.");
+}
+
+}  // namespace feltmb::python

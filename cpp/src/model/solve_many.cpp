@@ -1,0 +1,104 @@
+// MechanismSystem::solve for many right-hand sides at once: rows of states, columns side by side.
+
+#include "feltmb/modal/kernels.hpp"
+#include "feltmb/model/mechanism_system.hpp"
+
+namespace feltmb {
+namespace {
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+}  // namespace
+
+void MechanismSystem::solve_many(RowBlock& b) {
+  using Row = Eigen::RowVectorXd;
+  const Eigen::Index columns = b.cols();
+  const double g = gamma_;
+  auto r_q = b.topRows(n_);
+  auto r_v = b.middleRows(n_, n_);
+  const Eigen::Index law = 2 * n_;
+  const Eigen::Index eta = law + law_states_;
+  const Eigen::Index rate = eta + modes_;
+
+  for (int j = 0; j < modes_; ++j) {
+    const double factor = modal_rate_factor_[at(j)];
+    b.row(rate + j) =
+        factor * b.row(rate + j) - (factor * g * modal_stiffness_[at(j)]) * b.row(eta + j);
+  }
+  RowBlock right(n_ + coupling_count_, columns);
+  right.topRows(n_).noalias() = mass_ * r_v;
+  right.topRows(n_).noalias() += (g * stiffness_) * r_q;
+  for (int i = 0; i < coupling_count_; ++i) {
+    const StringCoupling& c = couplings_[at(i)];
+    const int count = mechanism().strings[at(c.string)].string.modes();
+    Row velocity = Row::Zero(columns);
+    Row displacement = Row::Zero(columns);
+    Row slope = Row::Zero(columns);
+    for (int j = c.offset; j < c.offset + count; ++j) {
+      velocity += phi_[at(j)] * b.row(rate + j);
+      displacement += phi_[at(j)] * b.row(eta + j);
+      slope += dphi_[at(j)] * (b.row(eta + j) + g * b.row(rate + j));
+    }
+    displacement += g * velocity;
+    const Row shift = c.force * (c.strike.transpose() * r_q);
+    velocity += (g * c.a01) * shift;
+    displacement += (g * g * c.a01) * shift;
+    slope += (g * g * c.a11) * shift;
+    const Row speed = velocity + c.strike_speed * slope;
+    right.topRows(n_) += g * (c.displacement_column * displacement) -
+                         (g * c.by_rate) * (c.force_column * speed) +
+                         (g * c.force) * (c.slope_force * slope);
+    right.row(n_ + i) = c.by_compression * (c.gradient.transpose() * r_q - displacement) +
+                        c.by_rate * (c.rate_gradient.transpose() * r_q - speed);
+  }
+  for (int i = 0; i < stateful_count_; ++i) {
+    const StatefulContact& c = stateful_[at(i)];
+    const Contact& contact = mechanism().contacts[at(c.contact)];
+    const auto count = static_cast<Eigen::Index>(contact.law.n_states());
+    auto own = b.middleRows(law + contact.first_state, count);
+    own = (c.inverse.topLeftCorner(count, count) * own).eval();
+    if (!c.closed) continue;
+    Row force = Row::Zero(columns);
+    for (Eigen::Index j = 0; j < count; ++j)
+      force += c.states.force[static_cast<std::size_t>(j)] * own.row(j);
+    right.topRows(n_) += g * (c.force_column * force);
+    if (c.coupling >= 0) right.row(n_ + c.coupling) += force;
+  }
+  const RowBlock solution = lu_.solve(right);
+  r_q += g * solution.topRows(n_);
+  r_v = solution.topRows(n_);
+  for (int i = 0; i < coupling_count_; ++i) {
+    const StringCoupling& c = couplings_[at(i)];
+    const int count = mechanism().strings[at(c.string)].string.modes();
+    const Row dforce = g * solution.row(n_ + i);
+    const Row shift = (g * c.force) * (c.strike.transpose() * r_q);  // r_q now holds dq
+    for (int j = c.offset; j < c.offset + count; ++j) {
+      const double factor = modal_rate_factor_[at(j)];
+      b.row(rate + j) += (factor * phi_[at(j)]) * dforce + (factor * dphi_[at(j)]) * shift;
+    }
+  }
+  b.middleRows(eta, modes_) += g * b.middleRows(rate, modes_);
+
+  for (int i = 0; i < stateful_count_; ++i) {
+    const StatefulContact& c = stateful_[at(i)];
+    if (!c.closed) continue;
+    Row compression = c.gradient.transpose() * r_q;
+    Row speed = c.rate_gradient.transpose() * r_q;
+    speed += c.gradient.transpose() * r_v;
+    if (c.coupling >= 0) {
+      const StringCoupling& string = couplings_[at(c.coupling)];
+      const int count = mechanism().strings[at(string.string)].string.modes();
+      for (int j = string.offset; j < string.offset + count; ++j) {
+        compression -= phi_[at(j)] * b.row(eta + j);
+        speed -=
+            phi_[at(j)] * b.row(rate + j) + (string.strike_speed * dphi_[at(j)]) * b.row(eta + j);
+      }
+    }
+    const Contact& contact = mechanism().contacts[at(c.contact)];
+    const auto count = static_cast<Eigen::Index>(contact.law.n_states());
+    auto own = b.middleRows(law + contact.first_state, count);
+    own += c.by_compression.head(count) * compression + c.by_rate.head(count) * speed;
+  }
+}
+
+}  // namespace feltmb

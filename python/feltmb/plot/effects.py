@@ -1,0 +1,37 @@
+"""Picture of what small changes of parameters do."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from feltmb.style import BLUE, ORANGE, new_figure, reader_unit, style_axes
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+__all__ = ["effects"]
+
+
+def effects(change: pd.Series, unit: str) -> Figure:
+    """Bars of what one percent more of each parameter does, the largest on top.
+
+    Parameters
+    ----------
+    change
+        By parameter, SI; its name is that of the number.
+    unit
+        SI unit of the number.
+    """
+    factor, shown = reader_unit(unit)
+    figure = new_figure(6.4, 1.2 + 0.2 * len(change))
+    ax = figure.add_subplot()
+    values = [factor * float(v) for v in change]
+    colors = [BLUE if v >= 0 else ORANGE for v in values]
+    ax.barh(range(len(values)), values, color=colors, height=0.7)
+    ax.axvline(0.0, color="black", linewidth=0.8)
+    ax.set_yticks(range(len(values)), [str(name) for name in change.index])
+    ax.invert_yaxis()
+    title = f"{str(change.name).replace('_', ' ')}: change for 1 % more of each parameter"
+    style_axes(ax, f"change [{shown}]", "", title)
+    return figure
