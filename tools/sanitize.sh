@@ -12,9 +12,10 @@ case $kind in
   thread) flags=-fsanitize=thread ;;
   *) printf 'sanitize.sh: got %s, expected address or thread\n' "$kind" >&2; exit 2 ;;
 esac
+pybind11=$(python -m pybind11 --cmakedir 2>/dev/null || true)
 cmake -S "$root" -B "$build" -DCMAKE_BUILD_TYPE=RelWithDebInfo -DFELTMB_TESTS=ON -DFELTMB_BENCH=OFF \
   -DFELTMB_PYTHON="$([ "$kind" = address ] && echo ON || echo OFF)" \
-  -DCMAKE_CXX_FLAGS="$flags -fno-omit-frame-pointer -O1 -g1 -D_GLIBCXX_ASSERTIONS" >"$build.log" 2>&1 ||
+  ${pybind11:+-Dpybind11_DIR="$pybind11"} -DCMAKE_CXX_FLAGS="$flags -fno-omit-frame-pointer -O1 -g1 -D_GLIBCXX_ASSERTIONS" >"$build.log" 2>&1 ||
   { tail -n 20 "$build.log" >&2; exit 1; }
 cmake --build "$build" -j "${CMAKE_BUILD_PARALLEL_LEVEL:-1}" >>"$build.log" 2>&1 || { tail -n 20 "$build.log" >&2; exit 1; }
 export ASAN_OPTIONS=detect_leaks=1:strict_string_checks=1 UBSAN_OPTIONS=print_stacktrace=1

@@ -178,6 +178,7 @@ def simulate(
         max_wall=max_wall,
         max_step=max_step,
         max_order=max_order,
+        method=method,
     )
     mechanism, profile, motion, y, monitors, memory, *drives = arguments
     result = _core.simulate(
@@ -214,6 +215,7 @@ def prepare(
     max_wall: float | None = None,
     max_step: float | None = None,
     max_order: int | None = None,
+    method: str = "auto",
 ) -> tuple[_core.SimulationOptions, tuple[Any, ...]]:
     """Options of the core, and its other arguments; parameters as in :func:`simulate`.
 

@@ -538,6 +538,9 @@ def axis_values(given: Any, where: str) -> tuple[tuple[Any, ...], How]:
     return values, how
 
 
+MOST_POINTS = 1_000_000  # of a sweep, and of one of its axes
+
+
 def _range(given: Mapping[str, Any], where: str) -> tuple[float, ...]:
     import numpy as np
 
@@ -547,10 +550,10 @@ def _range(given: Mapping[str, Any], where: str) -> tuple[float, ...]:
         isinstance(v, (int, float)) and not isinstance(v, bool) and math.isfinite(v)
         for v in (start, end)
     )
-    if not numeric or not isinstance(count, int) or not 1 <= count <= 1_000_000:
+    if not numeric or not isinstance(count, int) or not 1 <= count <= MOST_POINTS:
         raise InvalidParameter(
             f"{where}: from = {start!r}, to = {end!r}, count = {count!r}; expected two numbers and "
-            "a count of at least 1"
+            f"a count of 1 to {MOST_POINTS}"
         )
     if spacing == "linear":
         return tuple(float(v) for v in np.linspace(start, end, count))
@@ -564,6 +567,9 @@ def _range(given: Mapping[str, Any], where: str) -> tuple[float, ...]:
 def grid_points(axes: Sequence[Axis], mode: Literal["grid", "list"]) -> Iterator[tuple[Any, ...]]:
     """Combinations of the values of the axes, the last varying fastest; ``list``: side by side."""
     if mode == "grid":
+        size = math.prod(len(axis.values) for axis in axes)
+        if size > MOST_POINTS:
+            raise InvalidParameter(f"sweep: a grid of {size} points; the limit is {MOST_POINTS}")
         return itertools.product(*(axis.values for axis in axes))
     if len({len(axis.values) for axis in axes}) > 1:
         lengths = ", ".join(f"{axis.name}: {len(axis.values)}" for axis in axes)

@@ -60,7 +60,7 @@ def list_command() -> None:
 
 @felt.command(name="show")
 @click.argument("material")
-@click.option("--points", type=click.IntRange(2), default=9, show_default=True)
+@click.option("--points", type=click.IntRange(2, 100_000), default=9, show_default=True)
 @click.option(
     "--out", "-o", "output", type=click.Path(dir_okay=False, path_type=Path), help="Picture."
 )
@@ -128,7 +128,7 @@ def show_command(material: str, points: int, output: Path | None, force: bool) -
     help="Constant of thesis eq. 3.15 [-], 2 for random fibers.",
 )
 @click.option("--form", type=click.Choice(["repaired", "printed"]), default="repaired")
-@click.option("--points", type=click.IntRange(2), default=201, show_default=True)
+@click.option("--points", type=click.IntRange(2, 100_000), default=201, show_default=True)
 @click.option(
     "--out", "-o", "output", type=click.Path(dir_okay=False, path_type=Path),
     help="CSV, or .png/.pdf/.svg for a picture.",
@@ -423,7 +423,7 @@ def fit_command(
     "--columns", is_flag=True, help="Compress each column of the felt by what the indenter leaves."
 )
 @click.option("--largest", help="End of the loop, such as 2mm; default where v_f_max is reached.")
-@click.option("--points", type=click.IntRange(5), default=193, show_default=True)
+@click.option("--points", type=click.IntRange(5, 100_000), default=193, show_default=True)
 @click.option("--action", default="steinway45", show_default=True, help="Mechanism to extend.")
 @click.option("--contact", help="Write a mechanism whose contact (such as 06) has this envelope.")
 @click.option(

@@ -7,6 +7,7 @@ import sys
 import click
 import pytest
 
+import feltmb
 from feltmb.cli import cli, main
 
 
@@ -118,3 +119,32 @@ def test_piped_tables_are_plain_and_fit_80_columns(arguments):
     )
     assert "\x1b" not in done.stdout + done.stderr
     assert max(len(line) for line in done.stdout.splitlines()) <= 80
+
+
+@pytest.mark.parametrize(
+    ("arguments", "limit"),
+    [
+        (["felt", "show", "synthetic_soft_red", "--points", "1000000000000"], "100000"),
+        (["felt", "loop", "--points", "1000000000000"], "100000"),
+        (["fiber", "structure", "2", "--network", "1000000000000"], "10000000"),
+        (["fiber", "simulate", "x", "--fibers", "1000000000000"], "100000"),
+        (["stroke", "steinway45", "forte", "--output-rate", "1e15"], "the limit is"),
+    ],
+)
+def test_sizes_beyond_reason_are_refused_with_the_limit(capsys, arguments, limit):
+    # taken until the memory ended: "not enough memory"
+    code, out, err = called(capsys, *arguments)
+    assert code == 2
+    assert limit in err
+    assert out == ""
+
+
+def test_a_sweep_beyond_reason_is_refused_with_the_limit(data):
+    # walked through 1e9 points before the first simulation
+    mass = {"from": 0.01, "to": 0.02, "count": 10_000}
+    with pytest.raises(
+        feltmb.InvalidParameter, match="grid of 100000000 points; the limit is 1000"
+    ):
+        feltmb.sweep(data / "pendulum.toml", "forte", {"arm.mass": mass, "arm.inertia": mass})
+    with pytest.raises(feltmb.InvalidParameter, match="a count of 1 to 1000000"):
+        feltmb.sweep(data / "pendulum.toml", "forte", {"arm.mass": mass | {"count": 10**12}})
