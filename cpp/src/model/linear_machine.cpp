@@ -32,8 +32,8 @@ bool is_frictionless(const Friction& f) {
 }
 
 bool is_linear(const Mechanism& m) {
-  if (!m.beams.empty() || !m.springs.empty() || !m.straps.empty() || m.finger_contact >= 0 ||
-      m.motor_contact >= 0 || m.motor_coordinate >= 0) {
+  if (!m.beams.empty() || !m.springs.empty() || !m.straps.empty() || !m.dashpots.empty() ||
+      m.finger_contact >= 0 || m.motor_contact >= 0 || m.motor_coordinate >= 0) {
     return false;
   }
   for (std::size_t i = 1; i < m.links.size(); ++i) {
