@@ -12,9 +12,11 @@
 #include <sstream>
 #include <string>
 #include <thread>
+#include <tuple>
 #include <vector>
 
 #include "feltmb/core/error.hpp"
+#include "feltmb/modal/contact_stepper.hpp"
 #include "feltmb/model/equilibrium.hpp"
 #include "feltmb/model/simulation.hpp"
 #include "steinway45.hpp"
@@ -90,13 +92,15 @@ feltmb::MechanismDescription action(Members members) {
 }
 
 CaseResult stroke(const std::string& name, Members members, const feltmb::FingerInput& input,
-                  double duration, bool outputs, int repeat) {
+                  double duration, bool outputs, int repeat,
+                  feltmb::Method method = feltmb::Method::kAuto) {
   const auto mechanism = feltmb::assemble(action(members));
   const int contact = mechanism->contact_index(6);
   feltmb::SimulationOptions options;
   options.duration = duration;
   options.ledger = outputs;
   options.outputs = outputs;
+  options.method = method;
   options.diagnose = false;
   options.peak_contacts = {6};
   CaseResult out;
@@ -111,6 +115,7 @@ CaseResult stroke(const std::string& name, Members members, const feltmb::Finger
   take_counts(out, run);
   feltmb::SimulationOptions fine = options;
   fine.rtol = 1e-10;
+  fine.method = feltmb::Method::kCvode;
   fine.outputs = false;
   fine.ledger = false;
   const RunResult reference = feltmb::simulate(mechanism, input, fine);
@@ -118,6 +123,88 @@ CaseResult stroke(const std::string& name, Members members, const feltmb::Finger
   out.errors = {
       {"impact_speed_rel", std::fabs(impact_speed(run, contact) / speed - 1.0)},
       {"string_force_rel", std::fabs(run.peaks[0].force / reference.peaks[0].force - 1.0)}};
+  return out;
+}
+
+/// A stroke of 0.4 s, timed without a reference.
+CaseResult timed_stroke(const std::string& name, const feltmb::MechanismDescription& description,
+                        const feltmb::FingerInput& input, feltmb::Method method, int repeat) {
+  const auto mechanism = feltmb::assemble(description);
+  feltmb::SimulationOptions options;
+  options.ledger = options.outputs = options.diagnose = false;
+  options.method = method;
+  CaseResult out;
+  out.name = name;
+  RunResult run;
+  for (int i = 0; i < repeat; ++i) {
+    const auto begin = Clock::now();
+    run = feltmb::simulate(mechanism, input, options);
+    out.milliseconds.push_back(
+        std::chrono::duration<double, std::milli>(Clock::now() - begin).count());
+  }
+  take_counts(out, run);
+  return out;
+}
+
+/// Levers side by side, each with a spring, and `contacts` closed felts between them and the
+/// ground: one right-hand side.
+CaseResult sized_evaluation(const std::string& name, int bodies, int contacts, int repeat) {
+  using namespace feltmb;
+  MechanismDescription d;
+  d.name = name;
+  for (int b = 0; b < bodies; ++b) {
+    BodyDescription body;
+    body.name = "lever" + std::to_string(b);
+    body.position = {0.2 * b, 0.0};
+    body.coordinate = body.name + ".angle";
+    body.mass = 0.01;
+    body.center_of_mass = {0.05, 0.0};
+    body.inertia = 1e-5;
+    d.bodies.push_back(body);
+    d.springs.push_back({"spring" + std::to_string(b), body.coordinate, 0.5, 0.0});
+  }
+  SurfaceDescription floor;
+  floor.name = "floor";
+  floor.body = "ground";
+  floor.kind = SurfaceKind::kLine;
+  d.surfaces.push_back(floor);
+  for (int c = 0; c < contacts; ++c) {
+    SurfaceDescription foot;
+    foot.name = "foot" + std::to_string(c);
+    foot.body = "lever" + std::to_string(c % bodies);
+    foot.point = {0.02 + 0.001 * c, 0.0};
+    foot.radius = 5e-4;
+    d.surfaces.push_back(foot);
+    ContactDescription contact;
+    contact.number = c + 1;
+    contact.surface_a = "floor";
+    contact.surface_b = foot.name;
+    contact.law = ExponentialPair{{5.52e3, 1.58e3, -0.60e3}, {0.19e3, 5.04e3, 3.04e3}};
+    contact.friction = {0.3, 0.7, 0.5, 1e-3};
+    d.contacts.push_back(contact);
+  }
+  const auto mechanism = assemble(d);
+  MechanismSystem system(mechanism, {Profile(), false}, false, {}, false);
+  std::vector<double> y(system.size(), 0.0), rate(system.size());
+  for (int b = 0; b < bodies; ++b) {
+    y[static_cast<std::size_t>(b)] = 1e-3 * b;
+    y[static_cast<std::size_t>(bodies + b)] = -0.1 - 0.01 * b;
+  }
+  CaseResult out;
+  out.name = name;
+  double sum = 0.0;
+  constexpr int count = 2000;
+  for (int i = 0; i < repeat; ++i) {
+    const auto begin = Clock::now();
+    for (int j = 0; j < count; ++j) {
+      y[0] = 1e-6 * j;
+      system.rhs(0.0, y, rate);
+      sum += rate[static_cast<std::size_t>(bodies)];
+    }
+    out.milliseconds.push_back(
+        std::chrono::duration<double, std::milli>(Clock::now() - begin).count() / count);
+  }
+  out.checksum = checksum(&sum, 1);
   return out;
 }
 
@@ -173,6 +260,81 @@ CaseResult law_evaluation(const std::string& name, const feltmb::LawParameters& 
     }
     out.milliseconds.push_back(
         std::chrono::duration<double, std::milli>(Clock::now() - begin).count() / count);
+  }
+  out.checksum = checksum(&sum, 1);
+  return out;
+}
+
+/// One stroke under several contact laws, taken in turn so that the load of the machine is shared.
+std::vector<CaseResult> law_strokes(const std::string& name, const feltmb::FingerInput& input,
+                                    double duration, int repeat, const std::string& filter) {
+  using feltmb::ExponentialPair;
+  const auto felts = feltmb::bench::felts();
+  const auto memory = [](std::shared_ptr<const feltmb::Envelope> envelope) {
+    feltmb::FeltMemory law;
+    law.envelope = std::move(envelope);
+    return law;
+  };
+  std::vector<CaseResult> out;
+  std::vector<std::shared_ptr<const feltmb::Mechanism>> mechanisms;
+  for (const char* kind : {"printed", "felt_memory", "micromechanical_hammer", "micromechanical"}) {
+    const std::string law = kind;
+    if ((name + "_" + law).find(filter) == std::string::npos) continue;
+    auto description = action(Members::kFlexible);
+    for (auto& contact : description.contacts) {
+      const auto& pair = std::get<ExponentialPair>(contact.law);
+      if (law == "felt_memory") {
+        // The printed row of contact 2 never closes; its loop ends at 2.6 mm.
+        contact.law = memory(feltmb::Envelope::from_curves(pair.loading, pair.unloading,
+                                                           contact.number == 2 ? 2.6e-3 : 0.0));
+      } else if (law == "micromechanical" || (law != "printed" && contact.number == 6)) {
+        contact.law = memory(feltmb::layer_envelope(felts.at(contact.number)));
+      } else {
+        contact.law = ExponentialPair{
+            pair.loading, pair.unloading, pair.alpha,
+            law == "printed" ? ExponentialPair::Form::kPrinted : ExponentialPair::Form::kGuarded};
+      }
+    }
+    mechanisms.push_back(feltmb::assemble(description));
+    out.emplace_back();
+    out.back().name = name + "_" + law;
+  }
+  feltmb::SimulationOptions options;
+  options.duration = duration;
+  options.ledger = false;
+  options.outputs = false;
+  options.diagnose = false;
+  for (int i = 0; i < repeat; ++i) {
+    for (std::size_t k = 0; k < out.size(); ++k) {
+      const auto begin = Clock::now();
+      const RunResult run = feltmb::simulate(mechanisms[k], input, options);
+      out[k].milliseconds.push_back(
+          std::chrono::duration<double, std::milli>(Clock::now() - begin).count());
+      take_counts(out[k], run);
+    }
+  }
+  return out;
+}
+
+/// Time to make the tables of one felt and of one contact; never the same felt twice.
+CaseResult table_build(const std::string& name, bool contact, feltmb::LayerCompression compression,
+                       int repeat) {
+  feltmb::FeltMaterial felt = {0.35, 2.5, 25e-6, 0.389, 0.60, 2.0, {2.0e6, 1.1}, {5.39e4, 2.536}};
+  CaseResult out;
+  out.name = "table_" + name;
+  double sum = 0.0;
+  for (int i = 0; i < repeat; ++i) {
+    felt.loading.K_p *=
+        1.0 + 1e-6 * (1 + static_cast<int>(contact) + 2 * static_cast<int>(compression));
+    const auto begin = Clock::now();
+    auto made = feltmb::pressure_envelope(felt);
+    if (contact) {
+      made = feltmb::layer_envelope(
+          {made, 6e-3, feltmb::CrossedCylinders{12.3e-3, 0.495e-3}, compression});
+    }
+    out.milliseconds.push_back(
+        std::chrono::duration<double, std::milli>(Clock::now() - begin).count());
+    sum += made->loading(0.2 * made->closing()).force;
   }
   out.checksum = checksum(&sum, 1);
   return out;
@@ -236,8 +398,75 @@ feltmb::MechanismDescription hammer_on_string(int modes, double damping) {
   return d;
 }
 
-CaseResult problem_h(int modes, double damping, double rtol, const std::string& folder,
-                     int repeat) {
+/// Largest errors of x and F against the reference, and over what they are counted.
+void compare(CaseResult& out, const Reference& reference, const std::vector<double>& x,
+             const std::vector<double>& force) {
+  double error_x = 0.0, error_f = 0.0, top = 0.0;
+  for (std::size_t i = 0; i < reference.x.size(); ++i) {
+    error_x = std::max(error_x, std::fabs(x[i] - reference.x[i]));
+    error_f = std::max(error_f, std::fabs(force[i] - reference.force[i]));
+    top = std::max(top, reference.force[i]);
+  }
+  out.errors = {{"position_m", error_x}, {"force_rel", error_f / top}};
+}
+
+struct LawForce : feltmb::modal::ScalarForce {
+  feltmb::ContactLaw law;
+  explicit LawForce(const feltmb::LawParameters& p) : law(p) {}
+  Value trial(int, double, double compression, double rate) override {
+    const feltmb::LawValue v = law.evaluate(compression, rate);
+    return {v.force, v.d_compression, v.d_rate};
+  }
+};
+
+/// Problem H by the exact modal stepper: shapes, tables, 50 ms and 1001 samples, all timed.
+CaseResult exact_h(int modes, double damping, double tolerance, const std::string& folder,
+                   int repeat) {
+  const auto d = hammer_on_string(modes, damping);
+  const double root_mass = std::sqrt(d.bodies[0].mass);
+  CaseResult out;
+  out.name = feltmb::format("H_exact_N%d_xi%g_tol%g", modes, damping, tolerance);
+  std::vector<double> x(1001), v(1001), force(1001), string(1001);
+  for (int i = 0; i < repeat; ++i) {
+    const auto begin = Clock::now();
+    const feltmb::ModalString s(d.strings[0].parameters);
+    std::vector<double> stiffness(s.stiffness().begin(), s.stiffness().end());
+    std::vector<double> losses(s.damping().begin(), s.damping().end());
+    std::vector<double> gradient(stiffness.size()), slope(stiffness.size());
+    s.shapes(d.strings[0].strike_position, gradient, slope);
+    for (double& g : gradient) g = -g;
+    stiffness.push_back(0.0);
+    losses.push_back(0.0);
+    gradient.push_back(1.0 / root_mass);
+    LawForce law(d.contacts[0].law);
+    feltmb::modal::ModalStepperOptions options;
+    options.tolerance = tolerance;
+    feltmb::modal::ModalContactStepper stepper(stiffness, losses, {{gradient, 0.0, &law}}, {},
+                                               options);
+    const std::vector<double> rest(stiffness.size(), 0.0);
+    std::vector<double> speed(stiffness.size(), 0.0);
+    speed.back() = 3.0 * root_mass;
+    stepper.start(0.0, rest, speed);
+    for (std::size_t k = 0; k < x.size(); ++k) {
+      if (k > 0) stepper.advance();
+      x[k] = stepper.position().back() / root_mass;
+      v[k] = stepper.velocity().back() / root_mass;
+      force[k] = stepper.force(0);
+      string[k] = x[k] - stepper.compression(0);
+    }
+    out.milliseconds.push_back(
+        std::chrono::duration<double, std::milli>(Clock::now() - begin).count());
+    out.steps = stepper.counts().steps;
+    out.rhs = stepper.counts().forces;
+  }
+  out.checksum = checksum(string.data(), string.size());
+  compare(out, read_reference(folder + feltmb::format("/ref_N%d_xi%g.csv", modes, damping)), x,
+          force);
+  return out;
+}
+
+CaseResult problem_h(int modes, double damping, double rtol, const std::string& folder, int repeat,
+                     feltmb::Method method) {
   const auto mechanism = feltmb::assemble(hammer_on_string(modes, damping));
   feltmb::SimulationOptions options;
   options.duration = 0.05;
@@ -251,7 +480,9 @@ CaseResult problem_h(int modes, double damping, double rtol, const std::string& 
   start.y.assign(2 + 2 * static_cast<std::size_t>(modes), 0.0);
   start.y[1] = 3.0;
   CaseResult out;
-  out.name = feltmb::format("H_N%d_xi%g_rtol%g", modes, damping, rtol);
+  out.name =
+      feltmb::format("H_%s_N%d_xi%g_rtol%g", feltmb::method_name(method), modes, damping, rtol);
+  options.method = method;
   RunResult run;
   for (int i = 0; i < repeat; ++i) {
     const auto begin = Clock::now();
@@ -268,14 +499,12 @@ CaseResult problem_h(int modes, double damping, double rtol, const std::string& 
   };
   const Eigen::Index x = column("hammer.x");
   const Eigen::Index f = column("contact06.force");
-  double error_x = 0.0, error_f = 0.0, top = 0.0;
+  std::vector<double> position(reference.x.size()), force(reference.x.size());
   for (std::size_t i = 0; i < reference.x.size(); ++i) {
-    const auto row = static_cast<Eigen::Index>(i);
-    error_x = std::max(error_x, std::fabs(run.data(row, x) - reference.x[i]));
-    error_f = std::max(error_f, std::fabs(run.data(row, f) - reference.force[i]));
-    top = std::max(top, reference.force[i]);
+    position[i] = run.data(static_cast<Eigen::Index>(i), x);
+    force[i] = run.data(static_cast<Eigen::Index>(i), f);
   }
-  out.errors = {{"position_m", error_x}, {"force_rel", error_f / top}};
+  compare(out, reference, position, force);
   return out;
 }
 
@@ -373,6 +602,10 @@ int main(int argc, char** argv) {
     add("forte", forte, 0.4, false);
     add("staccato", pulse(16.0, 0.02, 0.0125), 0.5, false);
     add("forte_outputs", forte, 0.4, true);
+    cases.emplace_back(kind + "forte_cvode", [=] {
+      return stroke(kind + "forte_cvode", flexible ? Members::kFlexible : Members::kRigid, forte,
+                    0.4, false, repeat, feltmb::Method::kCvode);
+    });
     for (const bool jacobian : {false, true}) {
       cases.emplace_back(kind + (jacobian ? "jacobian" : "rhs"),
                          [=] { return evaluation(flexible, jacobian, repeat); });
@@ -395,13 +628,56 @@ int main(int argc, char** argv) {
   feltmb::FeltMemory memory;
   memory.envelope = feltmb::Envelope::from_curves(loading, unloading);
   add_law("felt_memory", memory);
+  for (const bool columns : {false, true}) {
+    feltmb::FeltLayer hammer = feltmb::bench::felts().at(6);
+    if (columns) hammer.compression = feltmb::LayerCompression::kColumns;
+    memory.envelope = feltmb::layer_envelope(hammer);
+    add_law(columns ? "micromechanical_columns" : "micromechanical", memory);
+  }
+  cases.emplace_back("table_felt", [&] {
+    return table_build("felt", false, feltmb::LayerCompression::kEven, repeat);
+  });
+  cases.emplace_back("table_felt_contact", [&] {
+    return table_build("felt_contact", true, feltmb::LayerCompression::kEven, repeat);
+  });
+  cases.emplace_back("table_felt_columns", [&] {
+    return table_build("felt_columns", true, feltmb::LayerCompression::kColumns, repeat);
+  });
   for (const int modes : {40, 200}) {
     for (const double damping : {0.07, 7e-4}) {
-      for (const double rtol : {3e-5, 1e-5, 1e-6}) {
-        cases.emplace_back(feltmb::format("H_N%d_xi%g_rtol%g", modes, damping, rtol),
-                           [=] { return problem_h(modes, damping, rtol, folder, repeat); });
+      for (const double tolerance : {1e-4, 3e-5, 1e-6}) {
+        cases.emplace_back(feltmb::format("H_exact_N%d_xi%g_tol%g", modes, damping, tolerance),
+                           [=] { return exact_h(modes, damping, tolerance, folder, repeat); });
+      }
+      for (const auto method : {feltmb::Method::kModal, feltmb::Method::kCvode}) {
+        for (const double rtol : {1e-5, 1e-6}) {
+          const std::string name = feltmb::format(
+              "H_%s_N%d_xi%g_rtol%g", feltmb::method_name(method), modes, damping, rtol);
+          cases.emplace_back(
+              name, [=] { return problem_h(modes, damping, rtol, folder, repeat, method); });
+        }
       }
     }
+  }
+  // Cost against size: modes of the string, contacts of one body, bodies of a chain.
+  for (const int modes : {10, 20, 40, 80, 160, 320}) {
+    for (const auto method : {feltmb::Method::kModal, feltmb::Method::kCvode}) {
+      const std::string name =
+          feltmb::format("size_modes_%s_%d", feltmb::method_name(method), modes);
+      cases.emplace_back(name, [=] {
+        auto description = action(Members::kRigid);
+        description.strings[0].parameters.modes = modes;
+        return timed_stroke(name, description, ramp(25.0, 0.05, 0.0905), method, repeat);
+      });
+    }
+  }
+  for (const int bodies : {2, 4, 8, 16, 32}) {
+    const std::string name = feltmb::format("size_bodies_%d", bodies);
+    cases.emplace_back(name, [=] { return sized_evaluation(name, bodies, 0, repeat); });
+  }
+  for (const int contacts : {4, 8, 16, 32, 64}) {
+    const std::string name = feltmb::format("size_contacts_%d", contacts);
+    cases.emplace_back(name, [=] { return sized_evaluation(name, 8, contacts, repeat); });
   }
   std::vector<CaseResult> results;
   try {
@@ -409,6 +685,21 @@ int main(int argc, char** argv) {
       if (name.find(filter) == std::string::npos) continue;
       results.push_back(run());
       print(results.back());
+    }
+    for (const auto& [name, input, end] :
+         {std::tuple{"laws_piano", ramp(5.0, 0.083, 0.350), 0.5},
+          std::tuple{"laws_forte", ramp(25.0, 0.05, 0.0930), 0.4}}) {
+      const auto of_laws = law_strokes(name, input, end, repeat, filter);
+      if (of_laws.empty()) continue;
+      const double printed = quantile(of_laws[0].milliseconds, 0.5);
+      for (const auto& r : of_laws) {
+        print(r);
+        results.push_back(r);
+      }
+      for (std::size_t k = 1; k < of_laws.size(); ++k) {
+        std::printf("%s takes %.2f times %s\n", of_laws[k].name.c_str(),
+                    quantile(of_laws[k].milliseconds, 0.5) / printed, of_laws[0].name.c_str());
+      }
     }
     const auto median = [&](const std::string& name) {
       for (const auto& r : results) {

@@ -16,6 +16,9 @@ HEAD = """// Made by tools/make_bench_model.py from params/steinway45.toml. Do n
 // clang-format off
 #pragma once
 
+#include <map>
+
+#include "feltmb/contact/felt_layer.hpp"
 #include "feltmb/planar/description.hpp"
 
 namespace feltmb::bench {{
@@ -128,14 +131,63 @@ def make(config: MechanismFile, digest: str) -> str:
     )
     pairs = ", ".join(f'{{"{k}", {number(v)}}}' for k, v in config.start_pose.items())
     out.append(f"  d.start_pose = {{{pairs}}};")
-    out += ["  return d;", "}", "", "}  // namespace feltmb::bench", ""]
+    out += ["  return d;", "}", ""]
     return "\n".join(out)
 
 
-def main() -> None:
+def layer(key: str, c: object) -> str:
+    p = c.micromechanical
+    felt, fiber = p.felt, p.felt.fiber
+    kinds = {
+        "constant": ("ConstantArea", ("size",)),
+        "crossed_cylinders": ("CrossedCylinders", ("radius_a", "radius_b")),
+        "circle_on_layer": ("CircleOnLayer", ("radius", "width", "length")),
+    }
+    kind, names = kinds[p.area.kind]
+    numbers = [getattr(p.area, n) for n in names if getattr(p.area, n) is not None]
+    area = f"{kind}{{{', '.join(number(x) for x in numbers)}}}"
+    return (
+        f"  add({int(key)}, {{{number(fiber.friction)}, {number(fiber.withdrawal_force)}, "
+        f"{number(fiber.diameter)}, {number(felt.v_f0)}, {number(felt.end)}, {number(fiber.Q)},\n"
+        f"          {{{number(felt.loading.K_p)}, {number(felt.loading.gamma)}}}, "
+        f"{{{number(felt.unloading.K_p)}, {number(felt.unloading.gamma)}}}}},\n"
+        f"      {number(p.thickness)}, {area});"
+    )
+
+
+def make_layers(config: MechanismFile) -> str:
+    """The felts of steinway45_felt."""
+    rows = [layer(key, c) for key, c in config.contacts.items()]
+    return "\n".join(
+        [
+            "/// Felt of every contact of steinway45_felt, by the number of the contact.",
+            "inline std::map<int, FeltLayer> felts() {",
+            "  std::map<int, FeltLayer> out;",
+            "  const auto add = [&](int number, const FeltMaterial& felt, double thickness,",
+            "                       const ContactArea& area) {",
+            "    out[number] = {pressure_envelope(felt), thickness, area,",
+            "                   LayerCompression::kEven};",
+            "  };",
+            *rows,
+            "  return out;",
+            "}",
+            "",
+            "}  // namespace feltmb::bench",
+            "",
+        ]
+    )
+
+
+def text() -> str:
+    """The whole header."""
     action = feltmb.load_action("steinway45")
+    felts = feltmb.load_action("steinway45_felt")
+    return make(action.config, action.hash) + "\n" + make_layers(felts.config)
+
+
+def main() -> None:
     target = Path(__file__).parent.parent / "bench" / "steinway45.hpp"
-    target.write_text(make(action.config, action.hash))
+    target.write_text(text())
     print(f"wrote {target.name}")
 
 

@@ -11,12 +11,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import tomlkit
 
 import feltmb
-from feltmb import _core, felt
-from feltmb.config import core_law
+from feltmb import felt
+from feltmb.config import Curve
 
 HERE = Path(__file__).resolve().parent.parent / "python" / "feltmb" / "params"
 
@@ -45,19 +44,7 @@ CHOICES = {
 }  # fmt: skip
 SAME = {"16": "10"}  # felt of another contact
 #: Unloading as it must have been: the printed row of contact 02 never meets its loading.
-REPAIRED = {"02": (7.8, 3600.0, 2100.0)}
-
-
-def loop(
-    contact: object, repaired: tuple[float, float, float] | None = None, points: int = 80
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Loop of a contact: the envelope of its law with memory, without the repair of its shape."""
-    envelope = core_law(contact.model_copy(update={"law": "felt_memory"})).envelope
-    e = envelope.closing * np.linspace(0.0, 1.0, points + 1)[1:]
-    curve = contact.unloading
-    unload = np.asarray(_core.ExponentialCurve(*(repaired or (curve.a, curve.b, curve.c))).force(e))
-    load = np.asarray(envelope.loading(e))
-    return e, load, np.clip(unload, 0.0, load)
+REPAIRED = {"02": {"unloading": Curve(a=7.8, b=3600.0, c=2100.0)}}
 
 
 def make() -> dict[str, str]:
@@ -78,7 +65,9 @@ def make() -> dict[str, str]:
         shape = probe.config.contacts[source].micromechanical.area.make()
         if source == key:
             fibers = felt.load_material(base)
-            e, load, unload = loop(contact, REPAIRED.get(key))
+            e, load, unload = felt.contact_loop(
+                contact.model_copy(update=REPAIRED.get(key, {})), name=key
+            )
             fit = felt.fit_contact(
                 e, load, unload, shape, fibers=fibers, name=f"a12_{key}",
                 about=f"Felt of contact {key} ({contact.label}) of {action.name}, fitted to the "

@@ -11,4 +11,10 @@ setup_feltmb
 cd "$start_dir"
 say "feltmb demo --out out${*:+ $*}"
 "$venv/bin/feltmb" demo --out out "$@"
+
+# A small diagnosis on measured data: the model lacks the friction of the guide.
+say 'feltmb gap diagnose examples/gap/emps.py'
+"$venv/bin/feltmb" gap diagnose "$root/examples/gap/emps.py" "$root"/examples/gap/data/emps_*.csv \
+  -o out/gap --force
+
 say "more: $(short "$venv")/bin/feltmb --help"

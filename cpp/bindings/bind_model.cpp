@@ -68,6 +68,9 @@ void bind_model(py::module_& m) {
       .def_readwrite("outputs", &SimulationOptions::outputs)
       .def_readwrite("diagnose", &SimulationOptions::diagnose)
       .def_readwrite("max_order", &SimulationOptions::max_order)
+      .def_property(
+          "method", [](const SimulationOptions& o) { return method_name(o.method); },
+          [](SimulationOptions& o, const std::string& name) { o.method = method_from_name(name); })
       .def_readwrite("max_step", &SimulationOptions::max_step)
       .def_readwrite("max_steps", &SimulationOptions::max_steps)
       .def_readwrite("max_wall", &SimulationOptions::max_wall)
@@ -119,6 +122,8 @@ void bind_model(py::module_& m) {
                                return "?";
                              })
       .def_readonly("message", &RunResult::message)
+      .def_property_readonly("method", [](const RunResult& r) { return method_name(r.method); })
+      .def_readonly("strikes", &RunResult::strikes)
       .def_readonly("reached", &RunResult::reached)
       .def_readonly("failed_state", &RunResult::failed_state)
       .def_readonly("failed_contact", &RunResult::failed_contact)

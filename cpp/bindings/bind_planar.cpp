@@ -93,6 +93,13 @@ void bind_description(py::module_& m) {
       .def_readwrite("clearance", &TorsionSpringDescription::clearance)
       .def_readwrite("seating", &TorsionSpringDescription::seating);
 
+  py::class_<DashpotDescription>(m, "DashpotDescription")
+      .def(py::init<>())
+      .def_readwrite("name", &DashpotDescription::name)
+      .def_readwrite("coordinate", &DashpotDescription::coordinate)
+      .def_readwrite("coefficient", &DashpotDescription::coefficient)
+      .def_readwrite("side", &DashpotDescription::side);
+
   py::class_<StrapDescription> strap(m, "StrapDescription");
   strap.def(py::init<>())
       .def_readwrite("name", &StrapDescription::name)
@@ -139,6 +146,7 @@ void bind_description(py::module_& m) {
       .def_readwrite("surfaces", &MechanismDescription::surfaces)
       .def_readwrite("contacts", &MechanismDescription::contacts)
       .def_readwrite("springs", &MechanismDescription::springs)
+      .def_readwrite("dashpots", &MechanismDescription::dashpots)
       .def_readwrite("straps", &MechanismDescription::straps)
       .def_readwrite("strings", &MechanismDescription::strings)
       .def_readwrite("points", &MechanismDescription::points)

@@ -25,11 +25,10 @@ nominal = OdeNominal(
     coordinates=[mass],
     substeps=2,
 )
-effects = library.for_coordinate(
-    mass, force=0.1 * FREQUENCY**2, travel=0.1, speed=40.0, time=0.02
-) + (
-    library.sensor_offset(["y"], "y", unit="V", scale=1e-3),
+effects = (
+    *library.for_coordinate(mass, force=0.1 * FREQUENCY**2, travel=0.1, speed=40.0, time=0.02),
+    library.sensor_offset(["y"], "y", unit="V", scale=0.001),
     library.sensor_gain(["y"], "y"),
-    library.delay_input("u", scale=1e-3),
-    library.offset_input("u", unit="V", scale=1e-3),
+    library.delay_input("u", scale=0.001),
+    library.offset_input("u", unit="V", scale=0.001),
 )

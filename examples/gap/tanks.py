@@ -20,14 +20,13 @@ nominal = OdeNominal(
         State(name="lower", unit="V", scale=3.0, start=5.0, start_sd=3.0),
     ],
     parameters=[
-        Parameter(name="outflow", value=0.05, sd=0.03, unit="V^0.5/s", lower=0.0),
         Parameter(name="transfer", value=0.05, sd=0.03, unit="V^0.5/s", lower=0.0),
         Parameter(name="drain", value=0.05, sd=0.03, unit="V^0.5/s", lower=0.0),
         Parameter(name="pump", value=0.04, sd=0.03, unit="1/s", lower=0.0),
     ],
     inputs=["u"],
     rates=lambda t, x, u, p: (
-        p.pump * u.u - p.outflow * root(x.upper),
+        p.pump * u.u - p.transfer * root(x.upper),
         p.transfer * root(x.upper) - p.drain * root(x.lower),
     ),
     outputs={"y": "lower"},

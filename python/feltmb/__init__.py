@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from feltmb.study import StudyResult, packaged_studies, study
     from feltmb.sweep import sweep
     from feltmb.touch import Touch, touch
+    from feltmb.viewer import view
 
 __all__ = [
     "Action",
@@ -77,6 +78,7 @@ __all__ = [
     "table_stroke",
     "torque_stroke",
     "touch",
+    "view",
 ]
 
 #: module -> what the package takes from it, on first use
@@ -93,13 +95,27 @@ _LAZY = {
     "study": "StudyResult packaged_studies study",
     "sweep": "sweep",
     "touch": "Touch touch",
+    "viewer": "view",
 }
 _HOME = {name: module for module, names in _LAZY.items() for name in names.split()}
 
 #: Modules that are loaded when they are first asked for.
 _MODULES = (
-    *("animate", "batch", "contact", "felt", "fiber", "graph", "parameters", "plot"),
-    *("sensitivity", "units", "viewer"),
+    "animate",
+    "batch",
+    "contact",
+    "data",
+    "felt",
+    "fiber",
+    "fit",
+    "gap",
+    "graph",
+    "parameters",
+    "plot",
+    "sensitivity",
+    "subjects",
+    "units",
+    "viewer",
 )
 
 

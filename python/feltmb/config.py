@@ -213,14 +213,10 @@ class Surface(Schema):
     note: str = ""
 
 
-class Contact(Schema):
-    """Two surfaces, a law and friction."""
+class LawChoice(Schema):
+    """A contact law with the parameters of all that may be chosen."""
 
-    label: str = ""
-    note: str = ""
-    surfaces: tuple[str, str]
-    enabled: bool = True
-    law: LawName = "guarded"
+    law: LawName = "felt_memory"
     alpha: Annotated[float, SI("s/m"), Field(gt=0)] = 100.0
     hysteresis: Annotated[float, SI("1"), Field(ge=0)] = 1.0
     loading: Annotated[Curve, BeforeValidator(_curve)] | None = None
@@ -229,6 +225,15 @@ class Contact(Schema):
     stulov: StulovParameters | None = None
     memory: MemoryParameters = MemoryParameters()
     micromechanical: LayerParameters | None = None
+
+
+class Contact(LawChoice):
+    """Two surfaces, a law and friction."""
+
+    label: str = ""
+    note: str = ""
+    surfaces: tuple[str, str]
+    enabled: bool = True
     friction: Friction = FrictionParameters()
 
 
@@ -250,6 +255,18 @@ class Spring(Schema):
     seating: Annotated[float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m", "N")))] = (
         0.0
     )
+    enabled: bool = True
+
+
+class Dashpot(Schema):
+    """Dashpot on a joint's coordinate, on one side of its motion only if so wanted."""
+
+    label: str = ""
+    coordinate: str
+    coefficient: Annotated[
+        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m s/rad", "N s/m")))
+    ]
+    side: Literal["both", "positive", "negative"] = "both"
     enabled: bool = True
 
 
@@ -364,6 +381,7 @@ class MechanismFile(Schema):
     surfaces: dict[str, Surface] = {}
     contacts: dict[str, Contact] = {}
     springs: dict[str, Spring] = {}
+    dashpots: dict[str, Dashpot] = {}
     straps: dict[str, Strap] = {}
     string: String | None = None
     finger: Finger | None = None
@@ -398,7 +416,10 @@ def _resolve(name_or_path: str | Path) -> Path:
     )
 
 
-def _load_raw(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
+def load_raw(
+    path: Path, resolve: Callable[[str], Path], seen: tuple[Path, ...] = ()
+) -> dict[str, Any]:
+    """Tables of a file, on top of those that it extends; ``resolve`` finds a base by its name."""
     raw = _felts_in_place(read_toml(path), path.parent)
     if "extends" not in raw:
         return raw
@@ -411,10 +432,10 @@ def _load_raw(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     base = raw["extends"]
     if not isinstance(base, str):
         raise InvalidParameter(f"{path}: extends: got {base!r}, expected a name or a path")
-    base_path = path.parent / base if base.endswith(".toml") else _resolve(base)
+    base_path = path.parent / base if base.endswith(".toml") else resolve(base)
     if base_path.resolve() in [p.resolve() for p in (*seen, path)]:
         raise InvalidParameter(f"{path}: extends {base!r}, which leads back to itself")
-    merged = _load_raw(base_path, (*seen, path))
+    merged = load_raw(base_path, resolve, (*seen, path))
     for key in ("name", "about", "source"):
         if key in raw:
             merged[key] = raw[key]
@@ -427,7 +448,7 @@ def _load_raw(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
             raise InvalidParameter(
                 f'{path}: values.{key}: got a table; write paths in quotes, such as "{inner}" = ...'
             )
-    return _apply_values(merged, values, str(path))
+    return apply_values(merged, values, str(path))
 
 
 def _felts_in_place(raw: dict[str, Any], folder: Path) -> dict[str, Any]:
@@ -460,7 +481,7 @@ def load_action(name_or_path: str | Path) -> Action:
         Listing all faults of the file at once.
     """
     path = _resolve(name_or_path)
-    return Action(_load_raw(path), origin=path.name)
+    return Action(load_raw(path, _resolve), origin=path.name)
 
 
 # --- changing values -----------------------------------------------------------------------------
@@ -538,7 +559,8 @@ def _set_component(old: Any, key: str, value: Any, where: str, parts: list[str])
     return new
 
 
-def _apply_values(raw: Mapping[str, Any], values: Mapping[str, Any], where: str) -> dict[str, Any]:
+def apply_values(raw: Mapping[str, Any], values: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Tables with other values by dotted path; ``where`` names the caller in messages."""
     if not isinstance(values, Mapping):
         raise InvalidParameter(f"{where}: got {shortened(repr(values))}, expected paths and values")
     out = copy.deepcopy(dict(raw))
@@ -569,6 +591,8 @@ def _apply_numbers(
     """
     out = dict(raw)
     touched: list[tuple[str, str]] = []
+    if not isinstance(values, Mapping) or not all(isinstance(path, str) for path in values):
+        raise ValueError("paths and values")
     for path, value in values.items():
         number = value.item() if hasattr(value, "item") else value
         if isinstance(number, bool) or not isinstance(number, (int, float)):
@@ -590,14 +614,14 @@ def _apply_numbers(
 _DEEPEST = 50  # tables and lists within one another
 
 
-def _plain_data(node: Any, depth: int = 0) -> Any:
+def plain_data(node: Any, depth: int = 0) -> Any:
     """Copy of a file's tables that holds nothing of NumPy."""
     if depth > _DEEPEST:
         raise InvalidParameter("tables are nested too deeply")
     if isinstance(node, Mapping):
-        return {key: _plain_data(value, depth + 1) for key, value in node.items()}
+        return {key: plain_data(value, depth + 1) for key, value in node.items()}
     if isinstance(node, (list, tuple)):
-        return [_plain_data(value, depth + 1) for value in node]
+        return [plain_data(value, depth + 1) for value in node]
     return node.tolist() if hasattr(node, "tolist") else node
 
 
@@ -662,9 +686,11 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
         listed = node.get("surfaces") if isinstance(node, Mapping) else None
         for surface in listed if isinstance(listed, list) else []:
             need(surface, surfaces, f"contacts.{name}.surfaces", "surface")
-    for name, node in _table(raw, "springs").items():
-        if isinstance(node, Mapping):
-            need(node.get("coordinate"), coordinates, f"springs.{name}.coordinate", "coordinate")
+    for table in ("springs", "dashpots"):
+        for name, node in _table(raw, table).items():
+            if isinstance(node, Mapping):
+                where = f"{table}.{name}.coordinate"
+                need(node.get("coordinate"), coordinates, where, "coordinate")
     for name in _table(raw, "start_pose"):
         need(name, coordinates, "start_pose", "coordinate")
     need(_table(raw, "string").get("surface"), surfaces, "string.surface", "surface")
@@ -743,11 +769,13 @@ _LAW_TABLE = {
     "stulov": "stulov",
     "felt_memory": "memory",
     "micromechanical": "micromechanical",
+    "guarded": "memory",
+    "printed": "memory",
 }
-_LAW_CURVES = ("loading", "unloading", "alpha")
+_LAW_CURVES = ("loading", "unloading", "alpha", "hysteresis")
 
 
-def _spread_laws(raw: dict[str, Any], faults: list[str]) -> dict[str, Any]:
+def spread_laws(raw: dict[str, Any], faults: list[str]) -> dict[str, Any]:
     """``law = { name = ..., ... }`` as ``law = name`` with the parameters where they belong."""
     contacts = {}
     for key, node in _table(raw, "contacts").items():
@@ -762,7 +790,7 @@ def _spread_laws(raw: dict[str, Any], faults: list[str]) -> dict[str, Any]:
                 f"contacts.{key}.law: is missing its name, such as "
                 '{ name = "felt_memory", kappa = 0.2 }'
             )
-            name = "guarded"
+            name = "felt_memory"
         curves = {k: own.pop(k) for k in _LAW_CURVES if k in own}
         table = _LAW_TABLE.get(str(name))
         inner = {}
@@ -819,23 +847,29 @@ def _with_radii(config: MechanismFile) -> MechanismFile:
     return config.model_copy(update={"contacts": contacts})
 
 
+def missing_law_faults(node: Mapping[str, Any], where: str) -> list[str]:
+    """What the law chosen in a raw table needs and does not find there."""
+    law = node.get("law", "felt_memory")
+    memory = node.get("memory")
+    tabulated = isinstance(memory, Mapping) and "envelope" in memory
+    needed = {
+        "hunt_crossley": ["hunt_crossley"],
+        "stulov": ["stulov"],
+        "felt_memory": [] if tabulated else ["loading", "unloading"],
+        "micromechanical": ["micromechanical"],
+    }.get(str(law), ["loading", "unloading"])
+    return [
+        f"{where}.{key}: is missing; law {law!r} needs it"
+        for key in needed
+        if law in LAWS and key not in node
+    ]
+
+
 def _law_faults(raw: Mapping[str, Any]) -> list[str]:
     faults = []
     for name, node in _table(raw, "contacts").items():
-        if not isinstance(node, Mapping):
-            continue
-        law = node.get("law", "guarded")
-        memory = node.get("memory")
-        tabulated = isinstance(memory, Mapping) and "envelope" in memory
-        needed = {
-            "hunt_crossley": ["hunt_crossley"],
-            "stulov": ["stulov"],
-            "felt_memory": [] if tabulated else ["loading", "unloading"],
-            "micromechanical": ["micromechanical"],
-        }.get(str(law), ["loading", "unloading"])
-        for key in needed:
-            if law in LAWS and key not in node:
-                faults.append(f"contacts.{name}.{key}: is missing; law {law!r} needs it")
+        if isinstance(node, Mapping):
+            faults += missing_law_faults(node, f"contacts.{name}")
     for name, node in _table(raw, "surfaces").items():
         if not isinstance(node, Mapping):
             continue
@@ -864,7 +898,7 @@ def _law_faults(raw: Mapping[str, Any]) -> list[str]:
 def _parse(raw: Mapping[str, Any]) -> tuple[list[str], MechanismFile | None]:
     """What is wrong with single entries and with the names between them; the checked tables."""
     faults: list[str] = []
-    raw_laws, raw = _table(raw, "contacts"), _spread_laws(dict(raw), faults)
+    raw_laws, raw = _table(raw, "contacts"), spread_laws(dict(raw), faults)
     parsed: MechanismFile | None = None
     try:
         parsed = MechanismFile.model_validate(raw)
@@ -947,7 +981,7 @@ def _core_hunt_crossley(p: HuntCrossleyParameters) -> _core.HuntCrossley:
     return _core.HuntCrossley(stiffness=p.stiffness, exponent=p.exponent, damping=p.damping)
 
 
-def core_law(contact: Contact) -> Any:
+def core_law(contact: LawChoice) -> Any:
     """Law parameters of a contact for the core."""
     if contact.law == "hunt_crossley":
         assert contact.hunt_crossley is not None
@@ -1111,6 +1145,15 @@ def _core_spring(name: str, s: Spring) -> _core.TorsionSpringDescription:
     return d
 
 
+def _core_dashpot(name: str, d: Dashpot) -> Any:
+    out = _core.DashpotDescription()
+    out.name = name
+    out.coordinate = d.coordinate
+    out.coefficient = d.coefficient
+    out.side = {"both": 0, "positive": 1, "negative": -1}[d.side]
+    return out
+
+
 def _core_strap(name: str, s: Strap) -> _core.StrapDescription:
     d = _core.StrapDescription()
     d.name = name
@@ -1180,6 +1223,7 @@ def _describe(
 
     d.contacts = [c for c in each(config.contacts, contact) if c is not None]
     d.springs = each({k: s for k, s in config.springs.items() if s.enabled}, _core_spring)
+    d.dashpots = each({k: s for k, s in config.dashpots.items() if s.enabled}, _core_dashpot)
     d.straps = each({k: s for k, s in config.straps.items() if s.enabled}, _core_strap)
     if config.string is not None:
         d.strings = [_core_string(config.string)]
@@ -1216,7 +1260,7 @@ class Action:
 
     def __init__(self, raw: Mapping[str, Any], origin: str = "mechanism"):
         try:
-            self._raw = _plain_data(raw)
+            self._raw = plain_data(raw)
         except InvalidParameter as error:
             raise InvalidParameter(f"{origin}: {error}") from None
         self.origin = origin
@@ -1247,8 +1291,9 @@ class Action:
     def hash(self) -> str:
         """SHA-256 of all parameters in SI units, without names for people, notes, sources."""
         tables = self.config.model_dump(mode="json", exclude={"name", "about", "source"})
-        if self.config.motor is None:
-            del tables["motor"]  # as before there were motors: results keep their hash
+        for table in ("motor", "dashpots"):
+            if not tables[table]:
+                del tables[table]  # as before there were any: results keep their hash
         text = json.dumps(_without_texts(tables), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
@@ -1269,7 +1314,7 @@ class Action:
             A path that does not exist, or a value out of range.
         """
         return self._with_numbers(values) or Action(
-            _apply_values(self._raw, values, "with_values"), self.origin
+            apply_values(self._raw, values, "with_values"), self.origin
         )
 
     def _with_numbers(self, values: Mapping[str, Any]) -> Action | None:
@@ -1350,4 +1395,13 @@ def _walk(node: Any, path: str) -> Iterator[tuple[str, Any, str, str]]:
         yield path, node, "", ""
 
 
-__all__ += ["core_law", "describe"]
+__all__ += [
+    "LawChoice",
+    "apply_values",
+    "core_law",
+    "describe",
+    "load_raw",
+    "missing_law_faults",
+    "plain_data",
+    "spread_laws",
+]

@@ -123,7 +123,8 @@ def law(name: str, **parameters: Any) -> Law:
     ----------
     name
         ``"guarded"``, ``"printed"``, ``"mean"``: ``loading=(a, b, c), unloading=(a, b, c)`` of
-        thesis eq. 4.21, the first two with ``alpha`` [s/m]; ``"hunt_crossley"``: ``stiffness,
+        thesis eq. 4.21, the first two with ``alpha`` [s/m], ``hysteresis`` (width of the loop),
+        ``rate_amplitude`` and ``rate_time`` [s]; ``"hunt_crossley"``: ``stiffness,
         exponent, damping``; ``"stulov"``: ``stiffness, exponent, amplitude, time``;
         ``"felt_memory"``: curves as above, or ``envelope=(compression, loading, unloading)``
         arrays [m, N, N], with ``kappa`` and the options ``closing_compression, recovery_time,
@@ -152,8 +153,13 @@ def law(name: str, **parameters: Any) -> Law:
         if name == "mean":
             core = _core.MeanCurve(**curves)
         else:
+            width: dict[str, Any] = {
+                key: float(given.pop(key))
+                for key in ("hysteresis", "rate_amplitude", "rate_time")
+                if key in given
+            }
             core = _core.ExponentialPair(
-                **curves, alpha=float(take("alpha", 100.0)), guarded=name == "guarded"
+                **curves, alpha=float(take("alpha", 100.0)), guarded=name == "guarded", **width
             )
     elif name == "hunt_crossley":
         core = _core.HuntCrossley(

@@ -18,7 +18,7 @@ from feltmb import params
 from feltmb._core import fiber as _core
 from feltmb.errors import InvalidParameter
 from feltmb.files import read_toml
-from feltmb.quantity import SI, Schema, fault_lines, is_quantity
+from feltmb.quantity import SI, Schema, fault_lines, fault_text, is_quantity
 
 __all__ = [
     "Branch",
@@ -325,8 +325,7 @@ def load_material(name_or_path: str | Path) -> FeltMaterial:
     try:
         material = FeltMaterial.model_validate(raw)
     except ValidationError as error:
-        lines = fault_lines(error, FeltMaterial)
-        raise InvalidParameter("\n".join(f"{path.name}: {line}" for line in lines)) from None
+        raise InvalidParameter(fault_text(path.name, fault_lines(error, FeltMaterial))) from None
     if material.fiber.friction == 0.0 and material.loading is not None:
         raise InvalidParameter(
             f"{path.name}: fiber.friction: got 0, must be > 0 (without friction between the "

@@ -89,9 +89,9 @@ def _check_kind(annotation: Any, value: object) -> None:
         raise ValueError(f"got {shortened(repr(value))}, expected {what}")
 
 
-def shortened(text: str) -> str:
+def shortened(text: str, most: int = 80) -> str:
     """Text for a message, cut where it would fill the screen."""
-    return text if len(text) <= 80 else text[:77] + "..."
+    return text if len(text) <= most else text[: most - 3] + "..."
 
 
 def is_quantity(node: object) -> bool:
@@ -224,7 +224,7 @@ def _plain_input(node: object) -> str:
 def fault_text(origin: str, faults: Sequence[str], most: int = 100) -> str:
     """Message that lists the faults of a file, at most ``most`` of them."""
     count = "1 fault" if len(faults) == 1 else f"{len(faults)} faults"
-    shown = list(faults[:most])
+    shown = [shortened(f, 1000) for f in faults[:most]]
     if len(faults) > most:
         shown.append(f"... and {len(faults) - most} more")
     return f"{origin}: {count}\n" + "\n".join(f"  {f}" for f in shown)
@@ -256,4 +256,4 @@ def fault_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
             lines.append(f"{where}: {item['ctx']['error']}")
         else:
             lines.append(f"{where}: got {got}: {item['msg'].lower()}")
-    return lines
+    return [shortened(line, 1000) for line in lines]

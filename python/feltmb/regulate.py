@@ -20,7 +20,7 @@ from feltmb import _core, params
 from feltmb.config import Action, load_action
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.files import is_file, read_toml
-from feltmb.quantity import SI, Schema, fault_lines, parse_scalar, shortened
+from feltmb.quantity import SI, Schema, fault_lines, fault_text, parse_scalar, shortened
 from feltmb.units import conversion_factor
 
 if TYPE_CHECKING:
@@ -124,9 +124,10 @@ class Step(Schema):
     @classmethod
     def _quantities(cls, node: Any) -> Any:
         """Targets have the unit of their measure."""
-        if not isinstance(node, Mapping) or node.get("measure") not in MEASURES:
+        measure = node.get("measure") if isinstance(node, Mapping) else None
+        if not isinstance(measure, str) or measure not in MEASURES:
             return node
-        unit = MEASURES[node["measure"]][0]
+        unit = MEASURES[measure][0]
         out = dict(node)
         for key in ("target", "tolerance", "low", "high"):
             if key in out:
@@ -219,10 +220,7 @@ def load_targets(name_or_path: str | Path) -> Targets:
     try:
         return Targets.model_validate(read_toml(path))
     except ValidationError as error:
-        faults = fault_lines(error, Targets)
-        raise InvalidParameter(
-            f"{path.name}:\n" + "\n".join(f"  {fault}" for fault in faults)
-        ) from None
+        raise InvalidParameter(fault_text(path.name, fault_lines(error, Targets))) from None
 
 
 def _default_targets(action: Action) -> Targets:

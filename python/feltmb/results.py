@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import is_file, write_file
+from feltmb.quantity import shortened
 
 if TYPE_CHECKING:
     import numpy as np
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["FILE_FORMAT", "Provenance", "Run", "load_run"]
 
 FILE_FORMAT = 1
+MOST_NUMBERS = 500_000_000  # of a file: 4 GB
 
 
 class Provenance(dict[str, Any]):
@@ -219,7 +221,15 @@ class Run:
         parameters = self.provenance.get("string")
         if not parameters or self.eta.shape[1] == 0:
             raise InvalidParameter("the run has no modal string (string.kind = 'rigid_stop'?)")
-        return _core.ModalString(_core.StringParameters(**parameters))
+        try:
+            string = _core.ModalString(_core.StringParameters(**parameters))
+        except TypeError:
+            raise DataError("the run does not hold the parameters of its string") from None
+        if string.parameters.modes != self.eta.shape[1]:
+            raise DataError(
+                f"the run holds {self.eta.shape[1]} modes of a string of {string.parameters.modes}"
+            )
+        return string
 
     def write_wav(
         self,
@@ -324,57 +334,139 @@ class Run:
 
 
 #: What the libraries below raise for a damaged file.
-_HDF5_FAULTS = (OSError, ValueError, KeyError, TypeError, AttributeError, RuntimeError)
+_HDF5_FAULTS = (OSError, ValueError, LookupError, TypeError, AttributeError, RuntimeError)
+
+
+def _run_faults(arrays: dict[str, Any], meta: dict[str, Any]) -> list[str]:
+    """What a file holds that no run can: read from outside, so nothing is taken on trust."""
+    import numpy as np
+
+    faults = []
+    time = arrays["time"]
+    for name, array in arrays.items():
+        dimensions = 2 if name in ("values", "string.eta") else 1
+        if array.ndim != dimensions or not np.issubdtype(array.dtype, np.floating):
+            faults.append(f"{name} is {array.dtype} of shape {array.shape}, expected numbers")
+        elif dimensions == 2 and array.shape[0] != len(time):
+            faults.append(f"{name} has {array.shape[0]} samples, time has {len(time)}")
+    if not faults and not (np.all(np.isfinite(time)) and np.all(np.diff(time) > 0)):
+        faults.append("time does not grow")
+    for key in ("summary", "energy", "stats", "provenance", "events"):
+        if not isinstance(meta[key], dict):
+            faults.append(f"{key} is no table")
+    if faults:
+        return faults
+    if not _is_number(meta["stats"].get("reached")):
+        faults.append("stats.reached is no number")
+    faults += [f"summary.{k} is no number" for k, v in meta["summary"].items() if not _is_number(v)]
+    columns = meta["events"]
+    if not all(isinstance(c, list) for c in columns.values()):
+        return [*faults, "a column of the events is no list"]
+    if len({len(column) for column in columns.values()}) > 1:
+        faults.append("the columns of the events differ in length")
+    if not all(_is_number(t) for t in columns.get("time", [])):
+        faults.append("a time of the events is no number")
+    if not all(isinstance(name, str) for name in columns.get("event", [])):
+        faults.append("a name of the events is no text")
+    if not isinstance(meta["coordinate_names"], list):
+        faults.append("coordinate_names is no list")
+    for key, kind in (("stroke", dict), ("options", dict), ("string", dict), ("toml", str)):
+        if not isinstance(meta["provenance"].get(key), kind | None):
+            faults.append(f"provenance.{key} is {type(meta['provenance'][key]).__name__}")
+    return faults
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _read_file(path: Path) -> tuple[dict[str, Any], dict[str, Any], dict[str, dict[str, str]]]:
+    """Attributes, arrays in the order of the file, and attributes of the arrays."""
+    import h5py
+    import numpy as np
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.ndarray) and value.size == 1:
+            value = value.ravel()[0]
+        if isinstance(value, bytes):
+            value = value.decode("utf-8", "replace")
+        # What is no text at all cannot be printed, nor written again.
+        return value.encode("utf-8", "replace").decode() if isinstance(value, str) else value
+
+    arrays: dict[str, Any] = {}
+    texts: dict[str, dict[str, str]] = {}
+    with h5py.File(path, "r", track_order=True) as file:
+        attributes = {str(k): plain(file.attrs[k]) for k in file.attrs if not k.startswith("_")}
+        variables = {
+            str(name): node
+            for name, node in file.items()
+            if isinstance(node, h5py.Dataset)
+            and b"not a netCDF variable" not in bytes(node.attrs.get("NAME", b""))
+        }
+        size = sum(int(node.size or 0) for node in variables.values())
+        if size > MOST_NUMBERS:
+            raise ValueError(f"{size} numbers; the limit of a run is {MOST_NUMBERS}")
+        for name, node in variables.items():
+            arrays[name] = np.asarray(node)
+            texts[name] = {k: str(plain(node.attrs.get(k, ""))) for k in ("units", "long_name")}
+    return attributes, arrays, texts
 
 
 def load_run(path: str | Path) -> Run:
-    """Read a run that ``Run.save`` wrote."""
+    """Read a run that ``Run.save`` wrote.
+
+    Raises
+    ------
+    DataError
+        There is no such file, it is no NetCDF file, or it is no complete run.
+    """
     import numpy as np
-    import xarray as xr
 
     path = Path(path)
     if not is_file(path):
         raise DataError(f"{path}: there is no such file")
     try:
-        with xr.open_dataset(path, engine="h5netcdf", phony_dims="sort") as opened:
-            data = opened.load()
+        attributes, arrays, texts = _read_file(path)
     except _HDF5_FAULTS as error:
-        raise DataError(f"{path}: is no NetCDF file of a run: {error}") from None
-    if data.attrs.get("feltmb_format") != FILE_FORMAT:
+        reason = shortened(str(error), 200)
+        raise DataError(f"{path}: is no NetCDF file of a run: {reason}") from None
+    form = attributes.get("feltmb_format")
+    if not isinstance(form, (int, float, np.number)) or form != FILE_FORMAT:
         raise DataError(
-            f"{path}: feltmb_format is {data.attrs.get('feltmb_format')!r}, "
-            f"expected {FILE_FORMAT}; was it written by feltmb stroke?"
+            f"{path}: feltmb_format is {shortened(repr(form))}, expected {FILE_FORMAT}; "
+            "was it written by feltmb stroke?"
         )
     try:
         meta = {
-            key: json.loads(data.attrs[key])
+            key: json.loads(attributes[key])
             for key in ("coordinate_names", "summary", "energy", "stats", "provenance", "events")
         }
-        for key, value in meta.items():
-            if key != "coordinate_names" and not isinstance(value, dict):
-                raise ValueError(f"{key} is no table")
-        float(meta["stats"]["reached"])
-        if len({len(column) for column in meta["events"].values()}) > 1:
-            raise ValueError("the columns of the events differ in length")
-        special = {"string.eta", "end_state", "end_memory"}
-        names = tuple(str(n) for n in data.data_vars if n not in special)
+        special = {n: arrays.pop(n) for n in ("time", "string.eta", "end_state", "end_memory")}
+        names = tuple(arrays)
+        special["values"] = np.stack([arrays[n] for n in names], axis=1)
+        faults = _run_faults(special, meta)
+        if faults:
+            raise ValueError("; ".join(faults[:20]))
         return Run(
-            time=data["time"].to_numpy(),
+            time=special["time"],
             names=names,
-            units=tuple(data[n].attrs["units"] for n in names),
-            long_names=tuple(data[n].attrs["long_name"] for n in names),
-            values=np.stack([data[n].to_numpy() for n in names], axis=1),
-            eta=data["string.eta"].to_numpy(),
+            units=tuple(texts[n]["units"] for n in names),
+            long_names=tuple(texts[n]["long_name"] for n in names),
+            values=special["values"],
+            eta=special["string.eta"],
             event_table=meta["events"],
             summary=meta["summary"],
             energy=meta["energy"],
             stats=meta["stats"],
             provenance=meta["provenance"],
-            end_state=data["end_state"].to_numpy(),
-            end_memory=data["end_memory"].to_numpy(),
-            coordinates=tuple(meta["coordinate_names"]),
-            status=str(data.attrs["status"]),
-            message=str(data.attrs["message"]),
+            end_state=special["end_state"],
+            end_memory=special["end_memory"],
+            coordinates=tuple(map(str, meta["coordinate_names"])),
+            status=str(attributes["status"]),
+            message=str(attributes["message"]),
         )
-    except _HDF5_FAULTS as error:
-        raise DataError(f"{path}: is no complete run: {error}") from None
+    except KeyError as error:
+        raise DataError(f"{path}: is no complete run: {error} is missing") from None
+    except (*_HDF5_FAULTS, RecursionError) as error:
+        reason = shortened(str(error), 300)
+        raise DataError(f"{path}: is no complete run: {reason}") from None

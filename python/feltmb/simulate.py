@@ -107,6 +107,7 @@ def simulate(
     duration: float | None = None,
     rtol: float = 1e-6,
     *,
+    method: str = "auto",
     output_rate: float = 10_000.0,
     ledger: bool = True,
     events: bool = True,
@@ -127,6 +128,11 @@ def simulate(
     rtol
         Relative tolerance of the integrator, 1e-13 to 1e-2. Absolute tolerances follow from it,
         state by state: rtol times 0.2 mm and 0.2 m/s at the contacts.
+    method
+        ``"cvode"``: all states by CVODES (BDF), the modes of the string among them. ``"modal"``:
+        a string that nothing touches leaves the integrator and vibrates exactly, whatever its
+        frequencies and damping; needs a string with modes. ``"auto"``: modal where there is one.
+        Both agree within their errors (``run.stats["method"]`` names the one used).
     output_rate
         Samples a second. Events and the largest string force are found on the dense output and do
         not depend on it.
@@ -172,6 +178,7 @@ def simulate(
         max_wall=max_wall,
         max_step=max_step,
         max_order=max_order,
+        method=method,
     )
     mechanism, profile, motion, y, monitors, memory, *drives = arguments
     result = _core.simulate(
@@ -208,6 +215,7 @@ def prepare(
     max_wall: float | None = None,
     max_step: float | None = None,
     max_order: int | None = None,
+    method: str = "auto",
 ) -> tuple[_core.SimulationOptions, tuple[Any, ...]]:
     """Options of the core, and its other arguments; parameters as in :func:`simulate`.
 
@@ -221,6 +229,7 @@ def prepare(
     options.output_rate = float(output_rate)
     options.ledger = ledger
     options.events = events
+    options.method = method
     if max_wall is not None:
         options.max_wall = float(max_wall)
     if max_step is not None:
@@ -345,6 +354,8 @@ def to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
     stats: dict[str, Any] = dict(result.counts)
     stats.update(
         restarts=result.restarts,
+        method=result.method,
+        strikes=result.strikes,
         wall=result.wall,
         reached=result.reached,
         limiting_states=dict(result.limiting_states[:10]),

@@ -326,7 +326,7 @@ def torque_stroke(
 
 def _usual(kind: Kind) -> Interpolation:
     """Interpolation of a record that does not say how."""
-    return "spline" if kind in PRESCRIBED else "monotone"
+    return "spline" if kind in PRESCRIBED else "linear" if kind == "torque" else "monotone"
 
 
 def _table(
@@ -534,10 +534,10 @@ def read_stroke_csv(path: str | Path, *, interpolation: Interpolation | None = N
     """Read a stroke from CSV with the header ``time [s],force [N]``.
 
     The second column is ``force``, ``displacement`` (of the finger), ``key displacement``,
-    ``torque`` or ``motor angle``. Between rows: a monotone cubic, or a spline for the two that are
-    prescribed exactly. Units in the header are converted (``time [ms],displacement [mm]``). Faults
-    are collected: missing or wrong header, cells that are no finite number, times that do not grow,
-    gaps of more than five sample intervals.
+    ``torque`` or ``motor angle``. Between rows: a monotone cubic, a spline for the two that are
+    prescribed exactly, a straight line for a torque. Units in the header are converted
+    (``time [ms],displacement [mm]``). Faults are collected: missing or wrong header, cells that are
+    no finite number, times that do not grow, gaps of more than five sample intervals.
 
     Raises
     ------

@@ -26,7 +26,8 @@ from feltmb.config import Action, load_action
 from feltmb.errors import InvalidParameter
 from feltmb.files import check_writable, is_file, read_toml, write_file, write_text
 from feltmb.quantity import Schema, fault_lines, shortened
-from feltmb.stroke import Stroke, load_stroke
+from feltmb.simulate import simulate
+from feltmb.stroke import Stroke, load_stroke, motion_stroke, table_stroke
 from feltmb.study_expression import Formula, NotThere, to_unit
 from feltmb.sweep import (
     Axis,
@@ -119,7 +120,10 @@ class _Thesis(Schema):
 
 
 class _StrokeSpec(Schema):
+    """A stroke made from another: scaled, later, or what was recorded at the key under it."""
+
     base: str
+    record: Literal["force", "key_motion"] | None = None
     scale: float = 1.0
     delay: float = 0.0
     duration: Annotated[float, Field(gt=0)] | None = None
@@ -469,8 +473,44 @@ def _name_faults(spec: StudyFile) -> Iterator[str]:
         yield f"name: got {spec.name!r}, expected letters, digits, '_', '-' and '.'"
 
 
-def _strokes(spec: StudyFile, folder: Path, faults: list[str]) -> dict[str, Stroke]:
-    out: dict[str, Stroke] = {}
+class _Strokes(Mapping[str, Stroke]):
+    """Strokes by name; those recorded from a run are made when first asked for."""
+
+    def __init__(self) -> None:
+        self._made: dict[str, Stroke | Callable[[], Stroke]] = {}
+
+    def add(self, name: str, stroke: Stroke | Callable[[], Stroke]) -> None:
+        self._made[name] = stroke
+
+    def __getitem__(self, name: str) -> Stroke:
+        made = self._made[name]
+        if not isinstance(made, Stroke):
+            made = self._made[name] = made()
+        return made
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._made)
+
+    def __len__(self) -> int:
+        return len(self._made)
+
+
+def _record(spec: StudyFile, stroke: Stroke, name: str, what: str, folder: Path) -> Stroke:
+    """What a sensor at the key would record while the base mechanism plays a stroke."""
+    action: Action = _load_beside(load_action, spec.base.action, folder)
+    if spec.base.values:
+        action = action.with_values(spec.base.values)
+    run = simulate(action, stroke, rtol=1e-7, ledger=False, events=False)
+    if what == "force":
+        made = table_stroke(run.time.tolist(), run["finger.force"].tolist(), name=name)
+    else:
+        travel = run["finger.displacement"]
+        made = motion_stroke(run.time.tolist(), (travel - travel[0]).tolist(), of="key", name=name)
+    return replace(made, duration=stroke.duration)
+
+
+def _strokes(spec: StudyFile, folder: Path, faults: list[str]) -> _Strokes:
+    out = _Strokes()
     wanted = list(spec.base.strokes)
     for variant in spec.variants.values():
         wanted += variant.strokes or []
@@ -478,13 +518,16 @@ def _strokes(spec: StudyFile, folder: Path, faults: list[str]) -> dict[str, Stro
         try:
             made = spec.strokes.get(name)
             if made is None:
-                out[name] = _load_beside(load_stroke, name, folder)
+                out.add(name, _load_beside(load_stroke, name, folder))
                 continue
             stroke = _load_beside(load_stroke, made.base, folder)
             stroke = stroke.scaled(made.scale).shifted(made.delay)
             if made.duration is not None:
                 stroke = replace(stroke, duration=made.duration)
-            out[name] = replace(stroke, name=name)
+            if made.record is None:
+                out.add(name, replace(stroke, name=name))
+            else:
+                out.add(name, partial(_record, spec, stroke, name, made.record, folder))
         except InvalidParameter as error:
             faults.append(f"stroke {name}: {error}")
     return out

@@ -195,7 +195,10 @@ def run_member(member: Member, stop: threading.Event | None = None) -> Outcome:
             more, series = member.extract.function(run, action, member.extract.spec)
             numbers.update(more)
         if member.save_run:
-            run.save(member.save_run, force=True)
+            try:
+                run.save(member.save_run, force=True)
+            except FeltmbError as failure:  # of the disk, not of the member: to be tried again
+                return Outcome("error", _one_line(failure))
     except FeltmbError as failure:
         return Outcome("failed", _one_line(failure))
     except Exception as failure:  # a member must never take the others with it
@@ -535,6 +538,9 @@ def axis_values(given: Any, where: str) -> tuple[tuple[Any, ...], How]:
     return values, how
 
 
+MOST_POINTS = 1_000_000  # of a sweep, and of one of its axes
+
+
 def _range(given: Mapping[str, Any], where: str) -> tuple[float, ...]:
     import numpy as np
 
@@ -544,10 +550,10 @@ def _range(given: Mapping[str, Any], where: str) -> tuple[float, ...]:
         isinstance(v, (int, float)) and not isinstance(v, bool) and math.isfinite(v)
         for v in (start, end)
     )
-    if not numeric or not isinstance(count, int) or not 1 <= count <= 1_000_000:
+    if not numeric or not isinstance(count, int) or not 1 <= count <= MOST_POINTS:
         raise InvalidParameter(
             f"{where}: from = {start!r}, to = {end!r}, count = {count!r}; expected two numbers and "
-            "a count of at least 1"
+            f"a count of 1 to {MOST_POINTS}"
         )
     if spacing == "linear":
         return tuple(float(v) for v in np.linspace(start, end, count))
@@ -561,6 +567,9 @@ def _range(given: Mapping[str, Any], where: str) -> tuple[float, ...]:
 def grid_points(axes: Sequence[Axis], mode: Literal["grid", "list"]) -> Iterator[tuple[Any, ...]]:
     """Combinations of the values of the axes, the last varying fastest; ``list``: side by side."""
     if mode == "grid":
+        size = math.prod(len(axis.values) for axis in axes)
+        if size > MOST_POINTS:
+            raise InvalidParameter(f"sweep: a grid of {size} points; the limit is {MOST_POINTS}")
         return itertools.product(*(axis.values for axis in axes))
     if len({len(axis.values) for axis in axes}) > 1:
         lengths = ", ".join(f"{axis.name}: {len(axis.values)}" for axis in axes)

@@ -6,6 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from feltmb.contact import law
+from feltmb.felt import SphereOnLayer
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -35,4 +38,22 @@ def test_find_package_after_install(tmp_path):
     run("cmake", "--build", consumer)
 
     version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
-    assert run(consumer / "consumer").splitlines() == [version, "stiffness = -4e+08 N/m"]
+    printed = run(consumer / "consumer").splitlines()
+    assert printed[:2] == [version, "stiffness = -4e+08 N/m"]
+    laws = {
+        "felt_memory": law(
+            "felt_memory", loading=(5.52e3, 1.58e3, -0.60e3), unloading=(0.19e3, 5.04e3, 3.04e3)
+        ),
+        "micromechanical": law(
+            "micromechanical",
+            felt="synthetic_soft_red",
+            thickness=6e-3,
+            area=SphereOnLayer(9e-3),
+            compression="columns",
+        ),
+    }
+    for line, (name, felt) in zip(printed[2:], laws.items(), strict=True):
+        word, *forces = line.split()
+        assert word == name
+        expected = [felt.step(e, 1e-3) for e in (2e-4, 4e-4, 2e-4, 4e-4)]
+        assert [float(f) for f in forces] == pytest.approx(expected, rel=1e-8)

@@ -15,7 +15,7 @@ ROOT = HERE.parents[2]
 BASE = "errors _optional units quantity"
 MODEL = f"{BASE} files _core params config smoothing stroke events results simulate"
 STUDY = "sweep study study_expression study_plot study_report"
-TOOLS = "quasistatic regulate touch felt subjects parameters sensitivity batch"
+TOOLS = "actuator quasistatic regulate touch felt subjects parameters sensitivity batch"
 FRONT = f"{MODEL} {STUDY} contact fiber data fit gap plot report {TOOLS}"
 
 # part -> the parts that it may use. C++ parts are folders, Python parts are modules of the package.
@@ -29,11 +29,13 @@ MAY_USE = {
         "beam": "core numeric",
         "modal": "core numeric",
         "ode": "core numeric",
+        "lumped": "core",
         "planar": "core numeric fiber contact beam modal",
         "model": "core numeric fiber contact beam modal ode planar",
         "sensitivity": "core numeric fiber contact beam modal ode planar model",
         "batch": "core numeric fiber contact beam modal ode planar model sensitivity",
-        "bindings": "core numeric fiber contact beam modal ode planar model sensitivity batch",
+        "bindings": "core numeric fiber contact beam modal ode planar model sensitivity batch "
+        "lumped",
         "bench": "core numeric fiber contact beam modal ode planar model sensitivity batch",
     },
     # Configuration becomes a simulation, a simulation gives results; what works on results (fit,
@@ -71,6 +73,7 @@ MAY_USE = {
         "film": f"{BASE} config results plot",
         "animate": f"{BASE} files style config results plot film",
         "viewer": f"{BASE} files style config results plot film",
+        "actuator": f"{MODEL} fiber style",
         "sweep": MODEL,
         "study_expression": BASE,
         "study_plot": f"{BASE} study_expression",
@@ -79,9 +82,11 @@ MAY_USE = {
         "quasistatic": MODEL,
         "regulate": f"{MODEL} quasistatic",
         "touch": f"{MODEL} quasistatic plot",
+        "lumped": f"{BASE} _core",
+        "blind": f"{BASE} _core files data fit gap lumped __init__",
         "report": f"{BASE} results data fit gap plot viewer",
         "__init__": f"{FRONT} viewer",
-        "cli": f"{FRONT} __init__ graph animate published viewer",
+        "cli": f"{FRONT} __init__ graph animate published blind viewer",
         "subjects": f"{MODEL} data fit gap",
         "__main__": "cli",
     },

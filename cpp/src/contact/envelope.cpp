@@ -15,11 +15,11 @@ using tables::kKnots;
 using tables::knot_positions;
 using tables::look_up;
 
-constexpr double kLargest = 0.02;        // m, no felt of a machine is pressed further
-constexpr double kAreaReach = 4.0;       // the tables over e_m go to this times e_M
-constexpr std::size_t kShareRows = 40;   // of the energy share, over e_m
-constexpr std::size_t kShareKnots = 64;  // over x
-constexpr double kSmallest = 1e-12;      // of x, for roots
+constexpr double kLargest = 0.02;         // m, no felt of a machine is pressed further
+constexpr double kAreaReach = 4.0;        // the tables over e_m go to this times e_M
+constexpr std::size_t kShareRows = 128;   // of the energy share, over e_m
+constexpr std::size_t kShareKnots = 128;  // over x
+constexpr double kSmallest = 1e-12;       // of x, for roots
 
 /// Three nodes are exact for a cubic of s times s.
 const QuadratureRule& cell_rule() {
@@ -104,28 +104,26 @@ void Envelope::tabulate_loading(const std::function<double(double)>& force, doub
   }
 }
 
+/// W(e_m) and its slope by quadrature; sqrt-spaced panels meet the kink of a curve that is held at
+/// zero near e = 0. The slope is that of one shape of the cycle, stretched:
+/// dW/de_m = integral of F_L(x e_m) rho'(x) x dx.
+CurveValue Envelope::area_by_quadrature(double e_m) const {
+  const auto integrate = [&](auto&& of) {
+    return integrate_composite([&](double t) { return of(t * t) * 2.0 * t; }, 0.0, 1.0, 16);
+  };
+  return {integrate(
+              [&](double x) { return loading(x * e_m).force * (1.0 - ratio(x, e_m).force) * e_m; }),
+          integrate([&](double x) { return loading(x * e_m).force * ratio(x, e_m).slope * x; })};
+}
+
 void Envelope::tabulate_area() {
   const std::vector<double> s = knot_positions();
   area_.assign(s.size(), 0.0);
   area_slope_.assign(s.size(), 0.0);
   for (std::size_t i = 1; i < s.size(); ++i) {
-    const double e_m = s[i] * s[i] * area_reach_;
-    // sqrt-spaced panels meet the kink of a curve that is held at zero near e = 0.
-    area_[i] = integrate_composite(
-        [&](double t) {
-          const double x = t * t;
-          return loading(x * e_m).force * (1.0 - ratio(x, e_m).force) * 2.0 * t * e_m;
-        },
-        0.0, 1.0, 16);
-    if (rows_ > 1) continue;
-    // dW/de_m = integral of F_L(x e_m) rho'(x) x dx, from the stretch of the cycle's shape.
-    const double slope = integrate_composite(
-        [&](double t) {
-          const double x = t * t;
-          return loading(x * e_m).force * ratio(x, e_m).slope * x * 2.0 * t;
-        },
-        0.0, 1.0, 16);
-    area_slope_[i] = slope * 2.0 * s[i] * area_reach_;
+    const CurveValue area = area_by_quadrature(s[i] * s[i] * area_reach_);
+    area_[i] = area.force;
+    area_slope_[i] = area.slope * 2.0 * s[i] * area_reach_;
   }
   if (rows_ > 1) area_slope_ = tables::smooth_slopes(area_);
 }
@@ -134,6 +132,7 @@ void Envelope::tabulate_area() {
 /// a coarse table does for every cycle.
 void Envelope::tabulate_energy() {
   const std::size_t width = kShareKnots + 1;
+  const QuadratureRule narrow = make_gauss_legendre(5);
   share_.assign(kShareRows * width, 1.0);
   share_slope_.assign(kShareRows * width, 0.0);
   const std::vector<double> s = knot_positions(kShareKnots);
@@ -145,7 +144,7 @@ void Envelope::tabulate_energy() {
     for (std::size_t i = 0; i < width; ++i) {
       if (i > 0) {
         given += integrate_rule(
-            gauss16(),
+            narrow,
             [&](double t) {
               const double x = t * t;
               return loading(x * e_m).force * ratio(x, e_m).force * 2.0 * t * e_m;
@@ -374,10 +373,7 @@ double Envelope::loading_energy(double e) const {
 
 CurveValue Envelope::loop_area(double e_m) const {
   if (e_m <= 0.0) return {0.0, 0.0};
-  if (e_m > area_reach_) {
-    const double slope = area_slope_.back() / (2.0 * area_reach_);
-    return {area_.back() + slope * (e_m - area_reach_), slope};
-  }
+  if (e_m > area_reach_) return area_by_quadrature(e_m);  // rare: no felt is pressed that far
   const double s = std::sqrt(e_m / area_reach_);
   const CurveValue v = look_up(area_.data(), area_slope_.data(), s);
   return {v.force, v.slope / (2.0 * s * area_reach_)};
@@ -388,6 +384,14 @@ double Envelope::unloading_energy(double e, double e_m) const {
   const double whole = loading_energy(e);
   // At the top the loop's own area, so that energy and loss are of one table.
   if (e >= e_m) return whole - loop_area(e_m).force;
+  if (e_m > area_reach_) {
+    return integrate_composite(
+        [&](double u) {
+          const double x = u * u * e / e_m;
+          return loading(x * e_m).force * ratio(x, e_m).force * 2.0 * u * e;
+        },
+        0.0, 1.0, 16);
+  }
   constexpr std::size_t width = kShareKnots + 1;
   const double s = std::sqrt(e / e_m) * static_cast<double>(kShareKnots);
   const auto i = std::min(static_cast<std::size_t>(s), kShareKnots - 1);

@@ -33,7 +33,8 @@ FrictionValue evaluate(const Friction& friction, double v) {
   }
   if (friction.amplitude == 0.0) return {0.0, 0.0};
   const double x = v / friction.threshold_speed;
-  const double t = std::tanh(x);
+  // Beyond 20 the hyperbolic tangent is +-1 to all digits; joints slide there nearly always.
+  const double t = std::fabs(x) < 20.0 ? std::tanh(x) : std::copysign(1.0, x);
   double value = t;
   double slope = 1.0 - t * t;
   if (friction.b1 != 0.0) {

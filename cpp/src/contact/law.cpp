@@ -447,9 +447,10 @@ double ContactLaw::dissipated_power(double compression, double rate,
     const FeltCore c = evaluate_core(*felt, inner, inner_rate, z, memory.largest);
     double power = (v.force - c.force) * inner_rate;
     if (inner > 0.0) {
-      power += inner >= memory.largest ? (0.5 - 0.25 * felt->kappa * square) *
-                                             felt->envelope->loop_area(inner).slope * inner_rate
-                                       : 0.5 * c.band * square * std::fabs(inner_rate);
+      const bool virgin = inner > memory.largest || (inner == memory.largest && inner_rate > 0.0);
+      power += virgin ? (0.5 - 0.25 * felt->kappa * square) *
+                            felt->envelope->loop_area(inner).slope * inner_rate
+                      : 0.5 * c.band * square * std::fabs(inner_rate);
     }
     if (felt->creep_stiffness > 0.0) {
       power += felt->creep_damping * states.rate[1] * states.rate[1];

@@ -147,23 +147,31 @@ FELTMB_CLONES void push(std::size_t n, const ForceWeights& w, const double* __re
 
 FELTMB_CLONES FourSums sense(std::size_t n, const double* __restrict rows,
                              const double* __restrict x, const double* __restrict v) {
-  double part[4][kLanes] = {};
+  const double* __restrict ax = rows;
+  const double* __restrict av = rows + n;
+  const double* __restrict bx = rows + 2 * n;
+  const double* __restrict bv = rows + 3 * n;
+  const double* __restrict cx = rows + 4 * n;
+  const double* __restrict cv = rows + 5 * n;
+  const double* __restrict dx = rows + 6 * n;
+  const double* __restrict dv = rows + 7 * n;
+  double a[kLanes] = {}, b[kLanes] = {}, c[kLanes] = {}, d[kLanes] = {};
   std::size_t i = 0;
   for (; i + kLanes <= n; i += kLanes) {
-    for (std::size_t s = 0; s < 4; ++s) {
-      const double* __restrict by_x = rows + 2 * s * n + i;
-      const double* __restrict by_v = by_x + n;
-      for (std::size_t j = 0; j < kLanes; ++j) {
-        part[s][j] += by_x[j] * x[i + j] + by_v[j] * v[i + j];
-      }
+    for (std::size_t j = 0; j < kLanes; ++j) {
+      a[j] += ax[i + j] * x[i + j] + av[i + j] * v[i + j];
+      b[j] += bx[i + j] * x[i + j] + bv[i + j] * v[i + j];
+      c[j] += cx[i + j] * x[i + j] + cv[i + j] * v[i + j];
+      d[j] += dx[i + j] * x[i + j] + dv[i + j] * v[i + j];
     }
   }
   for (std::size_t j = 0; i < n; ++i, ++j) {
-    for (std::size_t s = 0; s < 4; ++s) {
-      part[s][j] += rows[2 * s * n + i] * x[i] + rows[(2 * s + 1) * n + i] * v[i];
-    }
+    a[j] += ax[i] * x[i] + av[i] * v[i];
+    b[j] += bx[i] * x[i] + bv[i] * v[i];
+    c[j] += cx[i] * x[i] + cv[i] * v[i];
+    d[j] += dx[i] * x[i] + dv[i] * v[i];
   }
-  return {{total(part[0]), total(part[1]), total(part[2]), total(part[3])}};
+  return {{total(a), total(b), total(c), total(d)}};
 }
 
 FELTMB_CLONES double reach(std::size_t n, const double* __restrict shape,

@@ -132,6 +132,9 @@ MechanicalState MechanismSystem::parts(std::span<const double> y) const {
   const std::size_t n = at(n_);
   const std::size_t laws = at(law_states_);
   const std::size_t modes = at(modes_);
+  if (apart_) {
+    return {y.subspan(0, n), y.subspan(n, n), y.subspan(2 * n, laws), free_->eta(), free_->rate()};
+  }
   return {y.subspan(0, n), y.subspan(n, n), y.subspan(2 * n, laws), y.subspan(2 * n + laws, modes),
           y.subspan(2 * n + laws + modes, modes)};
 }
@@ -168,18 +171,39 @@ std::string MechanismSystem::state_name(std::size_t i) const {
 }
 
 void MechanismSystem::evaluate(double t, std::span<const double> y, Detail detail) {
+  rhs_time_ = std::numeric_limits<double>::quiet_NaN();
+  if (apart_) free_->move(t);
   dynamics_.evaluate(parts(y), drive(t), detail);
 }
 
+void MechanismSystem::evaluate_apart(double t, std::span<const double> y) {
+  dynamics_.set_strings_apart(apart_);
+  rhs_time_ = std::numeric_limits<double>::quiet_NaN();
+  dynamics_.evaluate(parts(y), drive(t));
+  dynamics_.set_strings_apart(false);
+}
+
 void MechanismSystem::locate(double t, std::span<const double> y, Detail detail) {
+  rhs_time_ = std::numeric_limits<double>::quiet_NaN();
+  if (apart_) {
+    // The strings are not moved for a look at contacts that cannot touch them.
+    if (detail == Detail::kClosedContacts) {
+      dynamics_.set_strings_apart(true);
+      dynamics_.locate(parts(y), drive(t), detail);
+      dynamics_.set_strings_apart(false);
+      if (!within_reach()) return;
+    }
+    free_->move(t);
+  }
   dynamics_.locate(parts(y), drive(t), detail);
 }
 
 void MechanismSystem::rhs(double t, std::span<const double> y, std::span<double> rate) {
-  evaluate(t, y);
+  evaluate_apart(t, y);
+  rhs_time_ = t;
   const MechanicalState p = parts(y);
   const std::size_t n = at(n_);
-  const std::size_t modes = at(modes_);
+  const std::size_t modes = at(active_modes());
   const auto& a = dynamics_.acceleration();
   for (std::size_t k = 0; k < n; ++k) {
     rate[k] = p.v[k];
@@ -194,6 +218,7 @@ void MechanismSystem::rhs(double t, std::span<const double> y, std::span<double>
       }
     }
   }
+  if (modes == 0) return;
   double* eta_rate = rate.data() + 2 * n + at(law_states_);
   double* eta_acceleration = eta_rate + modes;
   std::copy(p.eta_rate.begin(), p.eta_rate.end(), eta_rate);
@@ -238,7 +263,7 @@ void MechanismSystem::add_stateful(const ContactGradient* gradient, int contact,
 }
 
 void MechanismSystem::linearize(double t, std::span<const double> y) {
-  evaluate(t, y);
+  evaluate_apart(t, y);
   dynamics_.differentiate();
   const Mechanism& m = mechanism();
   constraint_ = dynamics_.prescription().active ? 1 : 0;
@@ -330,7 +355,7 @@ void MechanismSystem::reduce_law_states(double gamma) {
 
 bool MechanismSystem::factorize(double gamma) {
   gamma_ = gamma;
-  modal::newton_factors(at(modes_), gamma, modal_stiffness_.data(), modal_damping_.data(),
+  modal::newton_factors(at(active_modes()), gamma, modal_stiffness_.data(), modal_damping_.data(),
                         modal_rate_factor_.data());
   stiffness_ = base_stiffness_;
   damping_ = base_damping_;
@@ -392,7 +417,7 @@ bool MechanismSystem::factorize(double gamma) {
 
 void MechanismSystem::solve(std::span<double> b) {
   const std::size_t n = at(n_);
-  const std::size_t modes = at(modes_);
+  const std::size_t modes = at(active_modes());
   const double g = gamma_;
   const Eigen::Map<Eigen::VectorXd> r_q(b.data(), n_);
   const Eigen::Map<Eigen::VectorXd> r_v(b.data() + n, n_);
@@ -488,6 +513,78 @@ std::size_t MechanismSystem::n_events() const { return event_contacts_.size() + 
 
 void MechanismSystem::events(double t, std::span<const double> y, std::span<double> g) {
   locate(t, y);
+  read_events(g);
+}
+
+bool MechanismSystem::events_nearby(double t, std::span<double> g) {
+  if (!(t == rhs_time_)) return false;
+  if (apart_ && within_reach()) return false;
+  read_events(g);
+  return true;
+}
+
+bool MechanismSystem::surely_open(double t, int contact) const {
+  if (!(t == rhs_time_)) return false;
+  const int string = mechanism().contacts[at(contact)].string;
+  const double reach = apart_ && string >= 0 ? free_->reach(at(string)) : 0.0;
+  return dynamics_.contacts()[at(contact)].compression + reach < -margin_;
+}
+
+void MechanismSystem::allow_free_strings(double interval) {
+  free_ = std::make_unique<FreeStrings>(mechanism(), interval);
+}
+
+void MechanismSystem::part_strings(double t, std::span<const double> y) {
+  const MechanicalState p = parts(y);
+  free_->start(t, p.eta, p.eta_rate);
+  apart_ = true;
+}
+
+void MechanismSystem::fill_strings(double t, std::span<double> y) {
+  free_->move(t);
+  const std::size_t first = at(2 * n_ + law_states_);
+  std::copy(free_->eta().begin(), free_->eta().end(), y.subspan(first).begin());
+  std::copy(free_->rate().begin(), free_->rate().end(), y.subspan(first + at(modes_)).begin());
+}
+
+void MechanismSystem::join_strings(double t, std::span<double> y) {
+  fill_strings(t, y);
+  apart_ = false;
+}
+
+bool MechanismSystem::strings_clear(double t, double gap) const {
+  if (!(t == rhs_time_)) return false;
+  for (const auto& s : mechanism().strings) {
+    const ContactState& c = dynamics_.contacts()[at(s.contact)];
+    if (c.closed || !(c.compression < -gap)) return false;
+  }
+  return true;
+}
+
+/// At the compressions against strings at rest that were located last.
+bool MechanismSystem::within_reach() const {
+  const auto& strings = mechanism().strings;
+  for (std::size_t s = 0; s < strings.size(); ++s) {
+    const ContactState& c = dynamics_.contacts()[at(strings[s].contact)];
+    if (!(c.compression + free_->reach(s) < -margin_)) return true;
+  }
+  return false;
+}
+
+double MechanismSystem::string_approach(double t, std::span<const double> y) {
+  constexpr double never = -std::numeric_limits<double>::infinity();
+  if (t == rhs_time_ && !within_reach()) return never;
+  locate(t, y);
+  double largest = never;
+  for (const auto& s : mechanism().strings) {
+    const Contact& contact = mechanism().contacts[at(s.contact)];
+    if (!contact.enabled) continue;
+    largest = std::max(largest, dynamics_.contacts()[at(s.contact)].compression);
+  }
+  return largest;
+}
+
+void MechanismSystem::read_events(std::span<double> g) const {
   std::size_t i = 0;
   for (const int contact : event_contacts_) g[i++] = dynamics_.contacts()[at(contact)].compression;
   for (const Monitor& monitor : monitors_) {
@@ -497,7 +594,7 @@ void MechanismSystem::events(double t, std::span<const double> y, std::span<doub
 }
 
 void MechanismSystem::quadratures(double t, std::span<const double> y, std::span<double> h) {
-  evaluate(t, y);
+  evaluate_apart(t, y);
   const Mechanism& m = mechanism();
   const MechanicalState p = parts(y);
   const Drive now = drive(t);
@@ -528,7 +625,10 @@ void MechanismSystem::quadratures(double t, std::span<const double> y, std::span
   }
   for (int k = 0; k < n_; ++k) h[i++] = dynamics_.joint_friction(k) * p.v[at(k)];
   for (const auto& s : m.strings) {
-    h[i++] = s.string.dissipated_power(p.eta_rate.subspan(at(s.offset), at(s.string.modes())));
+    // What a free string loses is counted from its energy.
+    h[i++] =
+        apart_ ? 0.0
+               : s.string.dissipated_power(p.eta_rate.subspan(at(s.offset), at(s.string.modes())));
   }
   for (std::size_t b = 0; b < m.beams.size(); ++b) {
     h[i++] = dynamics_.beam_damping_power(static_cast<int>(b));
@@ -570,6 +670,7 @@ std::vector<double> MechanismSystem::absolute_tolerances(double rtol) const {
     }
   }
   const std::size_t modal = 2 * n + at(law_states_);
+  if (apart_) return atol;
   for (const auto& s : m.strings) {
     const auto& p = s.string.parameters();
     const double shape = std::sqrt(2.0 / (p.linear_density * p.length));

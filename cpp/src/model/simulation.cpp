@@ -7,6 +7,7 @@
 
 #include "feltmb/core/error.hpp"
 #include "feltmb/model/equilibrium.hpp"
+#include "feltmb/model/linear_machine.hpp"
 #include "feltmb/model/observables.hpp"
 #include "feltmb/numeric/bracketing.hpp"
 #include "feltmb/ode/events.hpp"
@@ -60,6 +61,7 @@ class PeakWatch {
   /// Looks at the last step up to `end`.
   void look(MechanismSystem& system, const Integrator& integrator, double end,
             std::vector<double>& y) {
+    if (last_ <= 0.0 && end == integrator.time() && system.surely_open(end, position_)) return;
     const double begin = integrator.time() - integrator.last_step();
     const double force = force_at(system, integrator, end, y);
     const double before = last_;
@@ -115,8 +117,10 @@ class PeakWatch {
 /// orders 1 to 5, holds all string modes: a mode of damping ratio xi lies at the angle acos(xi).
 /// Beyond it the step is held down by stability, not by accuracy; at tight tolerances accuracy
 /// holds it further down anyway, and the high orders pay.
-int choose_order(const Mechanism& m, double rtol) {
+int choose_order(const Mechanism& m, double rtol, bool with_strings) {
   if (rtol < 1e-7) return 5;
+  // Without the strings: members bend undamped, and three took the fewest steps.
+  if (!with_strings) return 3;
   double smallest = 1.0;
   for (const auto& s : m.strings) {
     smallest = std::min(smallest, s.string.parameters().damping_ratio);
@@ -125,6 +129,21 @@ int choose_order(const Mechanism& m, double rtol) {
   if (smallest >= 0.287) return 4;
   return smallest >= 0.0692 ? 3 : 2;
 }
+
+}  // namespace
+
+Method method_from_name(const std::string& name) {
+  for (const Method m : {Method::kAuto, Method::kCvode, Method::kModal}) {
+    if (name == method_name(m)) return m;
+  }
+  throw InvalidParameter("method = \"" + name + "\", must be \"auto\", \"cvode\" or \"modal\"");
+}
+
+const char* method_name(Method method) {
+  return method == Method::kAuto ? "auto" : method == Method::kCvode ? "cvode" : "modal";
+}
+
+namespace {
 
 class Run {
  public:
@@ -135,7 +154,11 @@ class Run {
         progress_(progress),
         system_(mechanism, input, options.ledger, monitors, options.events),
         locator_(system_),
+        modal_(options.method != Method::kCvode && !options.on_step && !mechanism->strings.empty()),
+        whole_size_(system_.size()),
+        string_heat_(mechanism->strings.size(), 0.0),
         begin_(Clock::now()) {
+    system_.set_tolerance(options.rtol);
     y_.assign(system_.size(), 0.0);
     if (start.y.empty()) {
       const Equilibrium rest = find_equilibrium(mechanism);
@@ -162,7 +185,7 @@ class Run {
     for (std::size_t i = 0; i < mechanism->contacts.size(); ++i) {
       if (mechanism->contacts[i].law.has_memory()) remembering_.push_back(i);
     }
-    felt_rate_.assign(remembering_.size(), 0.0);
+    felt_rate_.assign(remembering_.size(), 0.0);  // at rest
     recovered_.assign(mechanism->contacts.size(), 0.0);
     set_finger_reference();
     system_.set_prescribed_reference(0.0, y_);
@@ -189,16 +212,29 @@ class Run {
   }
 
   RunResult run() {
+    result_.method = modal_ ? Method::kModal : Method::kCvode;
+    if (modal_) system_.allow_free_strings(1.0 / options_.output_rate);
     IntegratorOptions o;
-    o.rtol = options_.rtol;
-    o.atol = system_.absolute_tolerances(options_.rtol);
     o.quadrature_atol.assign(system_.n_quadratures(), options_.rtol * 1e-3);
-    o.max_order = options_.max_order > 0 ? options_.max_order
-                                         : choose_order(system_.mechanism(), options_.rtol);
     o.max_step = options_.max_step;
-    Integrator integrator(system_, o);
-    integrator.start(0.0, y_, true);
+    const auto make = [&](bool with_strings) {
+      // The integrator weighs the mean square of all errors. Strings at rest have none: without
+      // them the same tolerance would ask for more of the rest.
+      const double fewer =
+          std::sqrt(static_cast<double>(whole_size_) / static_cast<double>(system_.size()));
+      o.rtol = options_.rtol * std::min(2.0, fewer);
+      o.atol = system_.absolute_tolerances(o.rtol);
+      o.max_order = options_.max_order > 0
+                        ? options_.max_order
+                        : choose_order(system_.mechanism(), options_.rtol, with_strings);
+      return std::make_unique<Integrator>(system_, o);
+    };
     locator_.start(0.0, y_);
+    system_.rhs(0.0, y_, scratch_);
+    if (modal_ && system_.strings_clear(0.0, kClear)) system_.part_strings(0.0, y_);
+    (system_.strings_apart() ? apart_ : whole_) = make(!system_.strings_apart());
+    Integrator* integrator = current();
+    integrator->start(0.0, state_of(y_), true);
     sample(0.0, y_, nullptr);
     if (options_.on_step) options_.on_step(0.0, y_, largest());
 
@@ -209,27 +245,35 @@ class Run {
       StepStatus status = StepStatus::kFailed;
       std::string thrown;
       try {
-        status = integrator.step(stops_[next_stop].time);
+        status = integrator->step(stops_[next_stop].time);
       } catch (const Error& error) {
         thrown = error.what();
       }
       if (status == StepStatus::kFailed) {
-        fail(integrator, thrown.empty() ? integrator.message() : thrown);
+        fail(*integrator, thrown.empty() ? integrator->message() : thrown);
         break;
       }
       ++steps;
-      const Reversal reversal = find_reversal(integrator);
-      const double now = reversal.contact >= 0 ? reversal.time : integrator.time();
-      for (auto& watch : watches_) watch.look(system_, integrator, now, scratch_);
-      sample_until(integrator, now);
-      for (const Crossing& crossing : locator_.scan(integrator, now)) {
-        record_event(integrator, crossing);
+      // First, since it reads the contacts of the last right-hand side.
+      Reversal reversal = find_reversal(*integrator);
+      const double strike = find_strike(*integrator);
+      if (strike < reversal.time) reversal.contact = -1;
+      const bool struck = strike < integrator->time() && reversal.contact < 0;
+      const double now = reversal.contact >= 0 ? reversal.time
+                         : struck              ? strike
+                                               : integrator->time();
+      for (auto& watch : watches_) watch.look(system_, *integrator, now, scratch_);
+      sample_until(*integrator, now);
+      for (const Crossing& crossing : locator_.scan(*integrator, now)) {
+        record_event(*integrator, crossing);
       }
-      if (options_.diagnose && steps % 4 == 0) diagnose(integrator);
-      if (reversal.contact >= 0) restart_at(integrator, reversal);
-      if (options_.on_step) options_.on_step(now, integrator.state(), largest());
+      if (options_.diagnose && steps % 4 == 0) diagnose(*integrator);
+      if (reversal.contact >= 0) restart_at(*integrator, reversal);
+      if (options_.on_step) options_.on_step(now, integrator->state(), largest());
       if (reversal.contact >= 0) {
         // has been started anew
+      } else if (struck) {
+        integrator = meet_strings(*integrator, strike, make);
       } else if (status == StepStatus::kStop) {
         const bool restart = stops_[next_stop].restart;
         ++next_stop;
@@ -237,14 +281,16 @@ class Run {
           going = false;
         } else if (restart) {
           // The slope of the input jumps here: the multistep history is void.
-          std::copy(integrator.state().begin(), integrator.state().end(), y_.begin());
-          integrator.start(now, y_, false);
+          std::copy(integrator->state().begin(), integrator->state().end(), y_.begin());
+          integrator->start(now, state_of(y_), false);
           ++result_.restarts;
         }
+      } else if (leaving_) {
+        integrator = leave_strings(*integrator, make);
       }
       if (going && !may_go_on(now, steps)) going = false;
     }
-    finish(integrator);
+    finish(*integrator);
     return std::move(result_);
   }
 
@@ -256,9 +302,64 @@ class Run {
 
   struct Reversal {
     int contact = -1;
-    double time = 0.0;
+    double time = std::numeric_limits<double>::infinity();
     double compression = 0.0;
   };
+
+  /// Gap beyond which a string is left to itself [m]: more than an opening contact bounces over.
+  static constexpr double kClear = 1e-4;
+
+  Integrator* current() { return system_.strings_apart() ? apart_.get() : whole_.get(); }
+
+  /// The part of a whole state that is integrated now.
+  std::span<const double> state_of(const std::vector<double>& y) const {
+    return std::span<const double>(y).first(system_.size());
+  }
+
+  /// Moment of the last step at which a contact meets a free string; infinity if there is none.
+  double find_strike(const Integrator& integrator) {
+    constexpr double none = std::numeric_limits<double>::infinity();
+    const double end = integrator.time();
+    leaving_ = modal_ && !system_.strings_apart() && system_.strings_clear(end, kClear);
+    if (!system_.strings_apart()) return none;
+    const double after = system_.string_approach(end, integrator.state());
+    if (!(after > 0.0)) return none;
+    const double begin = end - integrator.last_step();
+    const auto approach = [&](double t) {
+      integrator.interpolate(t, scratch_);
+      return system_.string_approach(t, scratch_);
+    };
+    const double before = approach(begin);
+    if (before >= 0.0) return begin;
+    return find_root_bracketed(approach, begin, before, end, after, 1e-12);
+  }
+
+  template <class Make>
+  Integrator* meet_strings(const Integrator& integrator, double t, Make&& make) {
+    integrator.interpolate(t, y_);
+    system_.join_strings(t, y_);
+    for (std::size_t s = 0; s < string_heat_.size(); ++s) string_heat_[s] += system_.string_heat(s);
+    if (!whole_) whole_ = make(true);
+    ++result_.strikes;
+    return hand_over(integrator, *whole_, t);
+  }
+
+  template <class Make>
+  Integrator* leave_strings(const Integrator& integrator, Make&& make) {
+    std::copy(integrator.state().begin(), integrator.state().end(), y_.begin());
+    system_.part_strings(integrator.time(), y_);
+    if (!apart_) apart_ = make(false);
+    return hand_over(integrator, *apart_, integrator.time());
+  }
+
+  Integrator* hand_over(const Integrator& from, Integrator& to, double t) {
+    if (!ledger_scratch_.empty()) {
+      from.interpolate_quadratures(t, ledger_scratch_);
+      to.set_quadratures(ledger_scratch_);
+    }
+    to.start(t, state_of(y_), false);
+    return &to;
+  }
 
   std::vector<double>& largest() { return system_.dynamics().largest_compression(); }
 
@@ -296,21 +397,41 @@ class Run {
     if (remembering_.empty()) return first;
     const double end = integrator.time();
     const double h = integrator.last_step();
-    system_.locate(end, integrator.state(), Detail::kAllContacts);
-    std::vector<std::size_t> turned;
-    for (std::size_t i = 0; i < remembering_.size(); ++i) {
+    // The last right-hand side was taken within a Newton correction of the end of the step: where
+    // it leaves no doubt about the turn of a felt, the contacts need not be located again.
+    const double sure_rate = 1e-4 + 20.0 * options_.rtol;         // m/s
+    const double sure_compression = 1e-7 + 0.02 * options_.rtol;  // m
+    const auto may_turn = [&](std::size_t i, double room_rate, double room) {
       const std::size_t contact = remembering_[i];
       const CurveValue after = felt(contact);
+      const bool closed = system_.dynamics().contacts()[contact].closed;
       const double before = felt_rate_[i];
-      felt_rate_[i] = after.slope;
+      const bool was_open = std::isnan(before);
+      if (!closed && was_open) return false;
+      // A felt that closed within the step may have turned in it, too; one that opened has.
+      if (!was_open && before <= -room_rate) return false;
+      if (closed && after.slope > room_rate) return false;
       // A reversal below the remembered compression is smooth: z takes care of it.
-      const double reach = after.force + (std::fabs(after.slope) + std::fabs(before)) * h;
-      if (before > 0.0 && after.slope <= 0.0 && reach > largest()[contact] && reach > 0.0) {
-        turned.push_back(contact);
-      }
+      const double reach =
+          after.force + (std::fabs(after.slope) + (was_open ? 0.0 : std::fabs(before))) * h;
+      return reach > largest()[contact] - room && reach > -room;
+    };
+    bool doubt = false;
+    for (std::size_t i = 0; i < remembering_.size() && !doubt; ++i) {
+      doubt = may_turn(i, sure_rate, sure_compression);
+    }
+    if (doubt) system_.locate(end, integrator.state(), Detail::kAllContacts);
+    turned_.clear();
+    for (std::size_t i = 0; i < remembering_.size(); ++i) {
+      const std::size_t contact = remembering_[i];
+      if (doubt && may_turn(i, sure_rate, 0.0)) turned_.push_back(contact);
+      const CurveValue after = felt(contact);
+      felt_rate_[i] = system_.dynamics().contacts()[contact].closed
+                          ? after.slope
+                          : std::numeric_limits<double>::quiet_NaN();
       recover(contact, after.force, h);
     }
-    for (const std::size_t contact : turned) {
+    for (const std::size_t contact : turned_) {
       const auto falling = [&](double t) { return -felt_at(integrator, contact, t).slope; };
       const double before = falling(end - h);
       const double after = falling(end);
@@ -339,7 +460,7 @@ class Run {
   void restart_at(Integrator& integrator, const Reversal& reversal) {
     integrator.interpolate(reversal.time, y_);
     largest()[at(reversal.contact)] = reversal.compression;
-    integrator.start(reversal.time, y_, false);
+    integrator.start(reversal.time, state_of(y_), false);
     system_.locate(reversal.time, y_, Detail::kAllContacts);
     for (std::size_t i = 0; i < remembering_.size(); ++i) {
       felt_rate_[i] = remembering_[i] == at(reversal.contact) ? 0.0 : felt(remembering_[i]).slope;
@@ -391,7 +512,11 @@ class Run {
     if (!options_.outputs) return;
     const auto row = static_cast<Eigen::Index>(rows_);
     result_.time[row] = t;
-    if (options_.states) std::copy(y.begin(), y.end(), result_.states.row(row).data());
+    if (options_.states) {
+      double* to = result_.states.row(row).data();
+      std::copy(y.begin(), y.end(), to);
+      if (system_.strings_apart()) system_.fill_strings(t, {to, whole_size_});
+    }
     observe(system_, t, y,
             {result_.data.row(row).data(), static_cast<std::size_t>(result_.data.cols())});
     if (!ledger_scratch_.empty()) {
@@ -403,6 +528,11 @@ class Run {
       // work_in and work_throughput come first, then two columns a contact.
       for (std::size_t i = 0; i < recovered_.size(); ++i) {
         ledger_scratch_[2 + 2 * i] += recovered_[i];
+      }
+      const std::size_t strings = 2 + 2 * recovered_.size() + at(system_.coordinates());
+      for (std::size_t s = 0; s < string_heat_.size(); ++s) {
+        ledger_scratch_[strings + s] += string_heat_[s];
+        if (system_.strings_apart()) ledger_scratch_[strings + s] += system_.string_heat(s);
       }
       std::copy(ledger_scratch_.begin(), ledger_scratch_.end(), result_.ledger.row(row).data());
     }
@@ -442,7 +572,7 @@ class Run {
   void diagnose(Integrator& integrator) {
     const std::size_t state = integrator.limiting_state();
     if (state_counts_.empty()) {
-      state_counts_.assign(system_.size(), 0);
+      state_counts_.assign(whole_size_, 0);
       contact_counts_.assign(system_.mechanism().contacts.size(), 0);
     }
     ++state_counts_[state];
@@ -515,9 +645,13 @@ class Run {
     const auto y = integrator.state();
     result_.reached = integrator.time();
     result_.end.time = integrator.time();
-    result_.end.y.assign(y.begin(), y.end());
+    result_.end.y.assign(whole_size_, 0.0);
+    std::copy(y.begin(), y.end(), result_.end.y.begin());
+    if (system_.strings_apart()) system_.fill_strings(result_.reached, result_.end.y);
     result_.end.largest_compression = largest();
-    result_.counts = integrator.counts();
+    for (const auto* each : {whole_.get(), apart_.get()}) {
+      if (each != nullptr) result_.counts += each->counts();
+    }
     result_.event_evaluations = locator_.evaluations();
     for (const auto& watch : watches_) result_.peaks.push_back(watch.peak());
     const auto rows = static_cast<Eigen::Index>(rows_);
@@ -555,6 +689,11 @@ class Run {
   Progress progress_;
   MechanismSystem system_;
   EventLocator locator_;
+  const bool modal_;              ///< strings that are free are advanced exactly
+  const std::size_t whole_size_;  ///< of the state with all strings
+  std::unique_ptr<Integrator> whole_, apart_;
+  bool leaving_ = false;             ///< the strings can be left to themselves
+  std::vector<double> string_heat_;  ///< of the times apart that are over [J]
   Clock::time_point begin_;
   std::vector<double> y_;
   std::vector<double> scratch_;
@@ -562,7 +701,8 @@ class Run {
   std::vector<Stop> stops_;
   std::vector<PeakWatch> watches_;
   std::vector<std::size_t> remembering_;  ///< contacts whose laws have memory
-  std::vector<double> felt_rate_;         ///< of these, at the end of the last step
+  std::vector<double> felt_rate_;         ///< of these, near the end of the last step
+  std::vector<std::size_t> turned_;       ///< of these, in the last step; kept for its memory
   std::vector<double> recovered_;         ///< heat of recovery by contact [J]
   RunResult result_;
   long rows_ = 0;
@@ -582,6 +722,16 @@ RunResult simulate(const std::shared_ptr<const Mechanism>& mechanism, const Fing
                    const SimulationOptions& options, const SimulationState& start,
                    const std::vector<Monitor>& monitors, const Progress& progress) {
   check(options);
+  if (options.method == Method::kModal && mechanism->strings.empty()) {
+    throw InvalidParameter("method = \"modal\": mechanism \"" + mechanism->name +
+                           "\" has no string with modes; use \"auto\" or \"cvode\"");
+  }
+  const bool samples_only = !options.ledger && !options.events && monitors.empty();
+  if (options.method != Method::kCvode && !mechanism->strings.empty() && samples_only) {
+    if (auto machine = LinearMachine::of(*mechanism)) {
+      return simulate_linear(mechanism, std::move(*machine), options, start, progress);
+    }
+  }
   return Run(mechanism, input, options, start, monitors, progress).run();
 }
 

@@ -24,6 +24,7 @@ class Assembler {
     add_contacts();
     add_strings();
     add_springs();
+    add_dashpots();
     add_straps();
     add_points();
     add_start_pose();
@@ -652,6 +653,17 @@ class Assembler {
       if (index < 0) continue;
       m_->springs.push_back({s.name, index, s.stiffness, s.rest_angle, {s.clearance, s.seating}});
       m_->joint_friction[at(index)].viscous += s.damping;
+    }
+  }
+
+  void add_dashpots() {
+    for (const auto& s : d_.dashpots) {
+      const std::string where = "dashpot \"" + s.name + "\"";
+      const int index = find_coordinate(s.coordinate, where);
+      if (!(std::isfinite(s.coefficient) && s.coefficient >= 0.0)) {
+        fault(where + format(": coefficient = %.6g, must be >= 0", s.coefficient));
+      }
+      if (index >= 0) m_->dashpots.push_back({index, s.coefficient, s.side});
     }
   }
 

@@ -100,6 +100,9 @@ void Dynamics::differentiate() {
   for (int k = 0; k < n_; ++k) {
     damping_(k, k) -= feltmb::evaluate(m_->joint_friction[at(k)], v_[at(k)]).slope;
   }
+  for (const Dashpot& d : m_->dashpots) {
+    damping_(d.coordinate, d.coordinate) -= d.against(v_[at(d.coordinate)]).slope;
+  }
   for (std::size_t i = 0; i < m_->straps.size(); ++i) {
     if (strap_pull_[i] > 0.0) differentiate_strap(i);
   }

@@ -16,6 +16,9 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   const std::size_t n = at(n_);
   links_.resize(m_->links.size());
   applied_.resize(m_->links.size());
+  load_.resize(m_->links.size());
+  carried_.resize(m_->links.size());
+  held_.assign(n, char{0});
   contacts_.resize(m_->contacts.size());
   motion_of_.assign(m_->links.size() * n, -1);
   for (std::size_t i = 0; i < m_->links.size(); ++i) {
@@ -25,6 +28,9 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   }
   translation_.assign(m_->motions.size(), {});
   translation_rate_.assign(m_->motions.size(), {});
+  for (const Motion& motion : m_->motions) {
+    twist_.push_back({{}, motion.rho, motion.coordinate, 0});
+  }
   largest_.assign(m_->contacts.size(), 0.0);
   law_.assign(at(m_->total_law_states), 0.0);
   law_states_.resize(m_->contacts.size());
@@ -51,14 +57,7 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   for (auto* vector : {&prescription_.row, &prescription_.by_position, &prescription_.by_speed}) {
     vector->setZero(n_);
   }
-  for (auto* vector : {&column_a_, &column_b_, &dn_, &dp_, &du_, &columns_}) vector->assign(n, {});
-}
-
-void Dynamics::apply(int link, Vec2 point, Vec2 force) {
-  Wrench& w = applied_[at(link)];
-  w.force += force;
-  w.moment += cross(point, force);
-  w.virial += dot(point, force);
+  for (auto* vector : {&column_a_, &column_b_, &dn_, &dp_, &du_}) vector->assign(n, {});
 }
 
 void Dynamics::apply_contacts() {
@@ -125,28 +124,33 @@ void Dynamics::apply_inertia(std::size_t i) {
   apply(static_cast<int>(i), state.origin + arm, link.mass * (m_->gravity - bias));
 }
 
-void Dynamics::project(const Wrench& w, const std::vector<int>& path) {
-  for (const int index : path) {
-    const Motion& motion = m_->motions[at(index)];
-    double q = dot(translation_[at(index)], w.force);
-    if (motion.rho != 0.0) {
-      q += motion.rho * (w.moment - cross(links_[at(motion.link)].origin, w.force));
-    }
-    force_[motion.coordinate] += q;
-  }
-}
-
-void Dynamics::add_mass(double mass, double inertia, Vec2 center, const std::vector<int>& path) {
-  for (std::size_t x = 0; x < path.size(); ++x) {
-    const Motion& mk = m_->motions[at(path[x])];
-    const Vec2 jk = column(path[x], center);
-    columns_[x] = jk;
+/// Generalized forces and inertia of the motions of link i, which carries load_ and carried_.
+void Dynamics::project(std::size_t i) {
+  const Link& link = m_->links[i];
+  const Wrench& w = load_[i];
+  const Inertia& c = carried_[i];
+  const int* path = link.path.data();
+  const std::size_t size = link.path.size();
+  double* mass = mass_.data();
+  for (std::size_t x = size - link.motions.size(); x < size; ++x) {
+    const Twist& own = twist_[at(path[x])];
+    if (own.held != 0) continue;
+    // Momentum and angular momentum about the ground's origin for a unit rate.
+    const Vec2 p = c.mass * own.base + own.rho * perp(c.first);
+    const double l = cross(c.first, own.base) + own.rho * c.second;
+    force_[own.coordinate] += dot(own.base, w.force) + own.rho * w.moment;
+    double* row = mass + own.coordinate;
     for (std::size_t y = 0; y <= x; ++y) {
-      const Motion& mj = m_->motions[at(path[y])];
-      mass_(mk.coordinate, mj.coordinate) +=
-          mass * dot(jk, columns_[y]) + inertia * mk.rho * mj.rho;
+      const Twist& other = twist_[at(path[y])];
+      if (other.held == 0) row[other.coordinate * n_] += dot(other.base, p) + other.rho * l;
     }
   }
+  load_[at(link.parent)].force += w.force;
+  load_[at(link.parent)].moment += w.moment;
+  Inertia& up = carried_[at(link.parent)];
+  up.mass += c.mass;
+  up.first += c.first;
+  up.second += c.second;
 }
 
 void Dynamics::add_beam(const FlexibleBeam& beam) {
@@ -181,25 +185,30 @@ void Dynamics::add_beam(const FlexibleBeam& beam) {
     }
     second += e[k] * (product + beam.radial[at(k)]);
     stretch += product * rate[k];
+    if (held_[at(beam.first + k)] != 0) continue;
     const Vec2 moment = frame * beam.shape_moment[at(k)];
     const int row = beam.first + k;
     force_[row] +=
         dot(moment, m_->gravity - bias) + omega2 * product - 2.0 * omega * turned_rate - elastic;
     for (const int index : path) {
       const Motion& motion = m_->motions[at(index)];
+      if (held_[at(motion.coordinate)] != 0) continue;
       mass_(row, motion.coordinate) += dot(moment, column(index, origin)) + motion.rho * turned;
     }
-    for (int l = 0; l <= k; ++l) mass_(row, beam.first + l) += beam.shape_product(k, l);
+    for (int l = 0; l <= k; ++l) {
+      if (held_[at(beam.first + l)] == 0) mass_(row, beam.first + l) += beam.shape_product(k, l);
+    }
   }
   const Vec2 first_world = frame * first;
-  Wrench w;
-  w.force = beam.mass * (m_->gravity - bias) + omega2 * first_world -
-            (2.0 * omega) * perp(frame * first_rate);
-  w.moment =
-      cross(origin, w.force) + cross(first_world, m_->gravity - bias) - 2.0 * omega * stretch;
-  project(w, path);
-  const Vec2 center = (1.0 / beam.mass) * first_world;
-  add_mass(beam.mass, second - beam.mass * dot(center, center), origin + center, path);
+  Wrench& w = load_[at(beam.base.link)];
+  const Vec2 force = beam.mass * (m_->gravity - bias) + omega2 * first_world -
+                     (2.0 * omega) * perp(frame * first_rate);
+  w.force += force;
+  w.moment += cross(origin, force) + cross(first_world, m_->gravity - bias) - 2.0 * omega * stretch;
+  Inertia& carried = carried_[at(beam.base.link)];
+  carried.mass += beam.mass;
+  carried.first += first_world + beam.mass * origin;
+  carried.second += second + 2.0 * dot(first_world, origin) + beam.mass * dot(origin, origin);
 }
 
 void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail detail) {
@@ -213,17 +222,33 @@ void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail
 
   mass_.setZero();
   for (int k = 0; k < n_; ++k) force_[k] = -joint_friction(k);
-  for (std::size_t i = 1; i < links_.size(); ++i) {
-    const Link& link = m_->links[i];
-    if (link.lump) continue;
-    apply_inertia(i);
-    project(applied_[i], link.path);
-    if (link.mass != 0.0 || link.inertia != 0.0) {
-      add_mass(link.mass, link.inertia, links_[i].origin + links_[i].rotation * link.center_of_mass,
-               link.path);
-    }
+  for (std::size_t i = 0; i < links_.size(); ++i) {
+    if (m_->links[i].lump) continue;
+    load_[i] = applied_[i];
+    carried_[i] = {};
   }
   for (const FlexibleBeam& beam : m_->beams) add_beam(beam);
+  // Children come after their parents: what a link carries is complete when it is reached.
+  for (std::size_t i = links_.size() - 1; i > 0; --i) {
+    const Link& link = m_->links[i];
+    if (link.lump) continue;
+    if (link.mass != 0.0) {
+      const LinkState& moving = links_[i];
+      const Vec2 arm = moving.rotation * link.center_of_mass;
+      const Vec2 center = moving.origin + arm;
+      const Vec2 bias = moving.bias - (moving.omega * moving.omega) * arm;
+      const Vec2 force = link.mass * (m_->gravity - bias);
+      load_[i].force += force;
+      load_[i].moment += cross(center, force);
+      apply(static_cast<int>(i), center, force);
+      Inertia& own = carried_[i];
+      own.mass += link.mass;
+      own.first += link.mass * center;
+      own.second += link.mass * dot(center, center);
+    }
+    carried_[i].second += link.inertia;
+    project(i);
+  }
   for (const auto& spring : m_->springs) {
     const double x = q_[at(spring.coordinate)] - spring.rest_angle;
     force_[spring.coordinate] -= spring.stiffness * x + spring.play.at(x).force;
@@ -244,16 +269,19 @@ void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail
 
 void Dynamics::condense_axial() {
   condensed_.clear();
+  std::fill(held_.begin(), held_.end(), char{0});
   for (const FlexibleBeam& beam : m_->beams) {
     if (!beam.condense_axial) continue;
-    for (int k = 0; k < beam.shapes.axial(); ++k) condensed_.push_back(beam.first + k);
+    for (int k = 0; k < beam.shapes.axial(); ++k) {
+      condensed_.push_back(beam.first + k);
+      held_[at(beam.first + k)] = 1;
+    }
   }
+  for (Twist& twist : twist_) twist.held = held_[at(twist.coordinate)];
 }
 
 void Dynamics::hold_condensed() {
   for (const int k : condensed_) {
-    mass_.row(k).setZero();
-    mass_.col(k).setZero();
     mass_(k, k) = 1.0;
     force_[k] = 0.0;
   }
@@ -286,7 +314,11 @@ void Dynamics::add_condensed_deflection(std::span<double> q) {
 }
 
 double Dynamics::joint_friction(int k) const {
-  return feltmb::evaluate(m_->joint_friction[at(k)], v_[at(k)]).value;
+  double value = feltmb::evaluate(m_->joint_friction[at(k)], v_[at(k)]).value;
+  for (const Dashpot& d : m_->dashpots) {
+    if (d.coordinate == k) value += d.against(v_[at(k)]).value;
+  }
+  return value;
 }
 
 double Dynamics::strap_force(int strap) const { return strap_pull_[at(strap)]; }

@@ -14,6 +14,19 @@ void Dynamics::move_link(std::size_t i) {
   const Link& link = m_->links[i];
   const LinkState& parent = links_[at(link.parent)];
   LinkState& state = links_[i];
+  if (link.kind == LinkKind::kRevolute) {
+    const std::size_t index = at(link.motions[0]);
+    Twist& twist = twist_[index];
+    const std::size_t k = at(twist.coordinate);
+    const Vec2 arm = parent.rotation * link.position;
+    state.origin = parent.origin + arm;
+    state.rotation = parent.rotation * Rotation::of(link.angle + q_[k]);
+    state.omega = parent.omega + v_[k];
+    state.velocity = parent.velocity + parent.omega * perp(arm);
+    state.bias = parent.bias - (parent.omega * parent.omega) * arm;
+    twist.base = -perp(state.origin);
+    return;
+  }
   Vec2 arm = parent.rotation * link.position;
   Rotation frame = parent.rotation;
   if (link.angle != 0.0) frame = frame * link.base;
@@ -26,7 +39,6 @@ void Dynamics::move_link(std::size_t i) {
     const std::size_t k = at(motion.coordinate);
     turn += motion.rho * q_[k];
     turn_rate += motion.rho * v_[k];
-    if (link.kind == LinkKind::kRevolute) continue;
     const Vec2 t = frame * motion.translation;
     translation_[at(index)] = t;
     translation_rate_[at(index)] = parent.omega * perp(t);
@@ -39,6 +51,10 @@ void Dynamics::move_link(std::size_t i) {
   state.velocity = parent.velocity + parent.omega * perp(arm) + relative_velocity;
   state.bias = parent.bias - (parent.omega * parent.omega) * arm +
                (2.0 * parent.omega) * perp(relative_velocity);
+  for (const int index : link.motions) {
+    Twist& twist = twist_[at(index)];
+    twist.base = translation_[at(index)] - twist.rho * perp(state.origin);
+  }
 }
 
 void Dynamics::move_links(std::span<const double> q, std::span<const double> v) {
@@ -61,9 +77,27 @@ void Dynamics::locate_contact(std::size_t i, const MechanicalState& at_state, co
   ContactState& state = contacts_[i];
   const LinkState& a = links_[at(contact.a.link)];
   const LinkState& b = links_[at(contact.b.link)];
+  const bool grounded = contact.a.link == 0;
   const Vec2 center = b.origin + b.rotation * contact.b.local;
-  const Vec2 base = a.origin + a.rotation * contact.a.local;
+  const Vec2 base = grounded ? contact.a.local : a.origin + a.rotation * contact.a.local;
   const Vec2 d = center - base;
+  if (detail == Detail::kClosedContacts && contact.string < 0 && !contact.finger) {
+    // Most contacts are open, and then nothing but the gap is wanted.
+    double gap = -1.0;
+    if (contact.kind == PairKind::kLineCircle) {
+      const Vec2 normal = grounded ? contact.normal_a : a.rotation * contact.normal_a;
+      gap = dot(normal, d) - contact.radius_b;
+    } else if (contact.kind == PairKind::kCircleCircle) {
+      gap = norm(d) - contact.radius_a - contact.radius_b;
+    } else if (contact.kind == PairKind::kConcaveCircle) {
+      gap = contact.radius_a - contact.radius_b - norm(d);
+    }
+    if (gap >= 0.0) {
+      state.compression = -gap;
+      state.closed = false;
+      return;
+    }
+  }
   state.center = center;
   state.turning_normal = false;
   state.curvature = 0.0;
@@ -112,6 +146,11 @@ void Dynamics::locate_contact(std::size_t i, const MechanicalState& at_state, co
   double extra_rate = 0.0;
   if (contact.string >= 0) {
     const AttachedString& attached = m_->strings[at(contact.string)];
+    if (strings_apart_) {
+      state.compression = compression;
+      state.closed = false;
+      return;
+    }
     const auto own = at_state.eta.subspan(at(attached.offset), at(attached.string.modes()));
     // No string reaches further than the sum of its modes: far from it the shapes are not needed.
     if (detail == Detail::kClosedContacts &&
@@ -133,9 +172,10 @@ void Dynamics::locate_contact(std::size_t i, const MechanicalState& at_state, co
   state.closed = active && compression > 0.0;
   if (!state.closed && detail == Detail::kClosedContacts) return;
   state.point = center - (contact.radius_b - 0.5 * compression) * state.normal;
-  const Vec2 velocity_a = a.velocity + a.omega * perp(state.point - a.origin);
-  const Vec2 velocity_b = b.velocity + b.omega * perp(state.point - b.origin);
-  state.relative_velocity = velocity_b - velocity_a;
+  state.relative_velocity = b.velocity + b.omega * perp(state.point - b.origin);
+  if (!grounded) {
+    state.relative_velocity -= a.velocity + a.omega * perp(state.point - a.origin);
+  }
   state.rate = extra_rate - dot(state.normal, state.relative_velocity);
   state.slip = dot(perp(state.normal), state.relative_velocity);
 }

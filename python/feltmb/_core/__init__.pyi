@@ -13,6 +13,9 @@ import numpy.typing
 from . import fiber
 
 __all__: list[str] = [
+    "Actuator",
+    "ActuatorDescription",
+    "ArmSection",
     "BatchStroke",
     "BeamDescription",
     "BodyDescription",
@@ -21,6 +24,8 @@ __all__: list[str] = [
     "ContactDescription",
     "ContactLaw",
     "CrossedCylinders",
+    "DamperKind",
+    "DashpotDescription",
     "Envelope",
     "ExponentialCurve",
     "ExponentialPair",
@@ -29,11 +34,14 @@ __all__: list[str] = [
     "FeltMemory",
     "FingerDescription",
     "Friction",
+    "HubBeam",
+    "HubBeamDescription",
     "HuntCrossley",
     "Interpolation",
     "JointKind",
     "LawPath",
     "LayerColumns",
+    "LumpedNetwork",
     "MeanCurve",
     "Mechanism",
     "MechanismDescription",
@@ -57,6 +65,7 @@ __all__: list[str] = [
     "Stulov",
     "SurfaceDescription",
     "SurfaceKind",
+    "TipPlacement",
     "TorsionSpringDescription",
     "TrackingPointDescription",
     "assemble",
@@ -745,6 +754,19 @@ class TorsionSpringDescription:
     @stiffness.setter
     def stiffness(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
 
+class DashpotDescription:
+    coordinate: str
+    name: str
+    def __init__(self) -> None: ...
+    @property
+    def coefficient(self) -> float: ...
+    @coefficient.setter
+    def coefficient(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def side(self) -> int: ...
+    @side.setter
+    def side(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+
 class StrapDescription:
     body_a: str
     body_b: str
@@ -865,6 +887,10 @@ class MechanismDescription:
     def contacts(self) -> list[ContactDescription]: ...
     @contacts.setter
     def contacts(self, arg0: collections.abc.Sequence[ContactDescription]) -> None: ...
+    @property
+    def dashpots(self) -> list[DashpotDescription]: ...
+    @dashpots.setter
+    def dashpots(self, arg0: collections.abc.Sequence[DashpotDescription]) -> None: ...
     @property
     def gravity(self) -> tuple[float, float]: ...
     @gravity.setter
@@ -996,6 +1022,7 @@ class SimulationOptions:
     diagnose: bool
     events: bool
     ledger: bool
+    method: str
     outputs: bool
     def __init__(self) -> None: ...
     @property
@@ -1090,6 +1117,8 @@ class RunResult:
     @property
     def message(self) -> str: ...
     @property
+    def method(self) -> str: ...
+    @property
     def names(self) -> list[str]: ...
     @property
     def peaks(self) -> list: ...
@@ -1101,6 +1130,8 @@ class RunResult:
     def states(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
     @property
     def status(self) -> str: ...
+    @property
+    def strikes(self) -> int: ...
     @property
     def time(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     @property
@@ -1227,6 +1258,209 @@ class BatchStroke:
         prescribed: bool = False,
         motor: bool = False,
     ) -> None: ...
+
+class LumpedNetwork:
+    """
+    Network of lumped masses; see feltmb.lumped.
+    """
+    def __init__(self, description: dict) -> None: ...
+    def simulate(
+        self,
+        parameters: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        inputs: collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float64]],
+        segments: typing.Annotated[numpy.typing.ArrayLike, numpy.int32],
+        starts: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
+        wanted: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] = [],
+        wanted_states: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] = [],
+        forces: bool = False,
+        unknown: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None,
+    ) -> tuple[
+        numpy.typing.NDArray[numpy.float64],
+        numpy.typing.NDArray[numpy.float64],
+        numpy.typing.NDArray[numpy.float64],
+        numpy.typing.NDArray[numpy.float64],
+        numpy.typing.NDArray[numpy.float64],
+    ]:
+        """
+        (outputs, ends, d_outputs, d_ends, forces) of segments (input, first, steps, row).
+        """
+    @property
+    def parameters(self) -> int: ...
+    @property
+    def states(self) -> int: ...
+
+class ArmSection:
+    def __init__(
+        self,
+        *,
+        length: typing.SupportsFloat | typing.SupportsIndex,
+        density: typing.SupportsFloat | typing.SupportsIndex,
+        area: typing.SupportsFloat | typing.SupportsIndex,
+        young_modulus: typing.SupportsFloat | typing.SupportsIndex,
+        second_moment: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+
+class TipPlacement:
+    """
+    Members:
+
+      across
+
+      along
+    """
+
+    __members__: typing.ClassVar[dict[str, TipPlacement]]
+    across: typing.ClassVar[TipPlacement]
+    along: typing.ClassVar[TipPlacement]
+    @typing.overload
+    def __eq__(self, other: TipPlacement) -> bool: ...
+    @typing.overload
+    def __eq__(self, other: typing.Any) -> bool: ...
+    def __getstate__(self) -> int: ...
+    def __hash__(self) -> int: ...
+    def __index__(self) -> int: ...
+    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __int__(self) -> int: ...
+    @typing.overload
+    def __ne__(self, other: TipPlacement) -> bool: ...
+    @typing.overload
+    def __ne__(self, other: typing.Any) -> bool: ...
+    def __repr__(self) -> str: ...
+    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __str__(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def value(self) -> int: ...
+
+class HubBeamDescription:
+    printed_shapes: bool
+    tip: TipPlacement
+    def __init__(self) -> None: ...
+    @property
+    def eccentricity(self) -> float: ...
+    @eccentricity.setter
+    def eccentricity(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def elements(self) -> int: ...
+    @elements.setter
+    def elements(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    @property
+    def hub_inertia(self) -> float: ...
+    @hub_inertia.setter
+    def hub_inertia(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def hub_radius(self) -> float: ...
+    @hub_radius.setter
+    def hub_radius(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def sections(self) -> list[ArmSection]: ...
+    @sections.setter
+    def sections(self, arg0: collections.abc.Sequence[ArmSection]) -> None: ...
+    @property
+    def tip_mass(self) -> float: ...
+    @tip_mass.setter
+    def tip_mass(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+
+class HubBeam:
+    def __init__(self, description: HubBeamDescription) -> None: ...
+    def frequencies(
+        self, count: typing.SupportsInt | typing.SupportsIndex, clamped: bool = False
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]:
+        """
+        The lowest frequencies [Hz] of the elastic arm, hub free or held.
+        """
+    @property
+    def length(self) -> float: ...
+    @property
+    def mass(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def reach(self) -> float: ...
+    @property
+    def rigid_inertia(self) -> float: ...
+    @property
+    def stations(self) -> list[float]: ...
+    @property
+    def stiffness(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]: ...
+    @property
+    def tip(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    @property
+    def weight(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+
+class DamperKind:
+    """
+    Members:
+
+      none
+
+      dashpot
+
+      one_sided
+    """
+
+    __members__: typing.ClassVar[dict[str, DamperKind]]
+    dashpot: typing.ClassVar[DamperKind]
+    none: typing.ClassVar[DamperKind]
+    one_sided: typing.ClassVar[DamperKind]
+    @typing.overload
+    def __eq__(self, other: DamperKind) -> bool: ...
+    @typing.overload
+    def __eq__(self, other: typing.Any) -> bool: ...
+    def __getstate__(self) -> int: ...
+    def __hash__(self) -> int: ...
+    def __index__(self) -> int: ...
+    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __int__(self) -> int: ...
+    @typing.overload
+    def __ne__(self, other: DamperKind) -> bool: ...
+    @typing.overload
+    def __ne__(self, other: typing.Any) -> bool: ...
+    def __repr__(self) -> str: ...
+    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __str__(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def value(self) -> int: ...
+
+class ActuatorDescription:
+    action_force: Profile | None
+    arm: HubBeamDescription
+    damper: DamperKind
+    linear_gravity: bool
+    stop: ExponentialPair | MeanCurve | HuntCrossley | Stulov | FeltMemory | None
+    def __init__(self) -> None: ...
+    @property
+    def action_mass(self) -> float: ...
+    @action_mass.setter
+    def action_mass(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def damping(self) -> float: ...
+    @damping.setter
+    def damping(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def gap(self) -> float: ...
+    @gap.setter
+    def gap(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def gravity(self) -> float: ...
+    @gravity.setter
+    def gravity(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+
+class Actuator:
+    def __init__(self, description: ActuatorDescription) -> None: ...
+    def mode_frequencies_squared(
+        self, with_action: bool = False
+    ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
+    def simulate(
+        self,
+        torque: Profile,
+        duration: typing.SupportsFloat | typing.SupportsIndex = 0.2,
+        output_rate: typing.SupportsFloat | typing.SupportsIndex = 10000.0,
+        tolerance: typing.SupportsFloat | typing.SupportsIndex = 1e-05,
+    ) -> dict: ...
+    @property
+    def beam(self) -> HubBeam: ...
 
 def assemble(description: MechanismDescription) -> Mechanism:
     """

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import click
 
-from feltmb.cli.common import force_option, say_written
+from feltmb.cli.common import force_option, say_written, tables_as_json
 
 
 @click.command("animate")
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="GIF file; default: RUN.gif.")
+@click.option("--out", "-o", type=click.Path(path_type=Path), help="GIF file; default: RUN.gif.")
 @click.option(
     "--slowness",
     type=float,
@@ -28,6 +28,7 @@ from feltmb.cli.common import force_option, say_written
 )
 @click.option("--window", type=(float, float), metavar="FROM TO", help="Only this time [s].")
 @force_option
+@tables_as_json
 def command(
     run: Path,
     out: Path | None,

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import json
+import math
 import sys
 from collections.abc import Callable
+from contextvars import ContextVar
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
@@ -24,21 +28,81 @@ __all__ = [
     "json_option",
     "load_with_settings",
     "new_table",
+    "parse_damper",
     "pretty",
     "print_json",
     "save_figure",
     "say_written",
     "set_option",
+    "tables_as_json",
 ]
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+
+#: What a command with --json showed and wrote; None while it prints for people.
+_collected: ContextVar[dict[str, list[Any]] | None] = ContextVar("collected", default=None)
 
 
 def console(*, stderr: bool = False) -> Console:
     """Console for tables (stdout) or for progress and messages (stderr); plain when piped."""
     from rich.console import Console
 
-    return Console(stderr=stderr, highlight=False, markup=False, emoji=False)
+    if stderr or _collected.get() is None:
+        return Console(stderr=stderr, highlight=False, markup=False, emoji=False)
+
+    class Collector(Console):
+        def print(self, *objects: Any, **_options: Any) -> None:
+            found = _collected.get()
+            assert found is not None
+            found["tables"] += [_table_data(o) for o in objects if hasattr(o, "columns")]
+
+    return Collector(highlight=False, markup=False, emoji=False)
+
+
+def _table_data(table: Table) -> dict[str, Any]:
+    """Title and rows of a table; cells that are numbers as numbers."""
+    heads = [str(column.header) for column in table.columns]
+    heads = [h or f"column{i + 1}" for i, h in enumerate(heads)]
+    cells = [[str(cell) for cell in column.cells] for column in table.columns]
+    rows = [
+        {head: _cell_value(text) for head, text in zip(heads, row, strict=True)}
+        for row in zip(*cells, strict=True)
+    ]
+    return {"title": str(table.title or ""), "rows": rows}
+
+
+def _cell_value(text: str) -> Any:
+    try:
+        number = float(text)
+    except ValueError:
+        return text
+    return number if math.isfinite(number) else text
+
+
+def tables_as_json(command: F) -> F:
+    """Option ``--json`` of a command that prints tables or writes files.
+
+    With it the tables that the command prints and the names of the files that it writes go to
+    stdout as one object; numbers have the digits that the tables show. All other words go to
+    stderr.
+    """
+
+    @functools.wraps(command)
+    def run(*args: Any, as_json: bool, **kwargs: Any) -> None:
+        if not as_json:
+            command(*args, **kwargs)
+            return
+        found: dict[str, list[Any]] = {"tables": [], "written": []}
+        token = _collected.set(found)
+        try:
+            with contextlib.redirect_stdout(sys.stderr):
+                command(*args, **kwargs)
+        finally:
+            _collected.reset(token)
+        print_json({key: value for key, value in found.items() if value})
+
+    return json_option(cast(F, run))
 
 
 def complain(text: str) -> None:
@@ -48,6 +112,9 @@ def complain(text: str) -> None:
 
 def say_written(path: Path) -> None:
     """Name a file that was written."""
+    found = _collected.get()
+    if found is not None:
+        found["written"].append(str(path))
     click.echo(f"wrote {path}", err=True)
 
 
@@ -125,6 +192,20 @@ def load_with_settings(name: str, settings: tuple[str, ...]) -> Action:
     if settings:
         action = action.with_values(dict(parse_setting(text) for text in settings))
     return action
+
+
+def parse_damper(text: str) -> tuple[str, float | None]:
+    """Kind and coefficient [N m s/rad] of ``--damper one-sided=0.05``."""
+    from feltmb.errors import InvalidParameter
+    from feltmb.quantity import parse_scalar
+
+    kind, sign, value = text.partition("=")
+    if not sign:
+        return kind.strip(), None
+    try:
+        return kind.strip(), parse_scalar(value, "N m s/rad")
+    except ValueError as error:
+        raise InvalidParameter(f"--damper {text!r}: {error}") from None
 
 
 def is_terminal() -> bool:

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from feltmb.cli.common import console, is_terminal, new_table, pretty, say_written, set_option
+from feltmb.cli.common import (
+    console,
+    is_terminal,
+    new_table,
+    pretty,
+    say_written,
+    set_option,
+    tables_as_json,
+)
 
 if TYPE_CHECKING:
     from feltmb.results import Run
@@ -18,6 +26,7 @@ STROKES = ("piano", "forte", "staccato")
 @click.command("demo")
 @click.option(
     "--out",
+    "-o",
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("out"),
     show_default=True,
@@ -25,6 +34,7 @@ STROKES = ("piano", "forte", "staccato")
 )
 @click.option("--no-animation", is_flag=True, help="Leave out the animation (the slowest part).")
 @set_option
+@tables_as_json
 def command(out: Path, no_animation: bool, settings: tuple[str, ...]) -> None:
     """Strike steinway45 piano, forte and staccato.
 

@@ -17,6 +17,7 @@ from feltmb.cli.common import (
     print_json,
     save_figure,
     say_written,
+    tables_as_json,
 )
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ def felt() -> None:
 
 
 @felt.command(name="list")
+@tables_as_json
 def list_command() -> None:
     """List the felts that come with feltmb. All of them are synthetic."""
     from feltmb.felt import load_material, packaged_materials
@@ -58,9 +60,12 @@ def list_command() -> None:
 
 @felt.command(name="show")
 @click.argument("material")
-@click.option("--points", type=click.IntRange(2), default=9, show_default=True)
-@click.option("--output", "-o", type=click.Path(dir_okay=False, path_type=Path), help="Picture.")
+@click.option("--points", type=click.IntRange(2, 100_000), default=9, show_default=True)
+@click.option(
+    "--out", "-o", "output", type=click.Path(dir_okay=False, path_type=Path), help="Picture."
+)
 @force_option
+@tables_as_json
 def show_command(material: str, points: int, output: Path | None, force: bool) -> None:
     """Pressures, parts and critical angles of felt MATERIAL (name or TOML file)."""
     import numpy as np
@@ -106,16 +111,30 @@ def show_command(material: str, points: int, output: Path | None, force: bool) -
 )  # fmt: skip
 @click.option("--e-modulus", type=float, default=2.5e9, show_default=True, help="Fiber [Pa].")
 @click.option("--d-f", type=float, default=25e-6, show_default=True, help="Fiber diameter [m].")
-@click.option("--gamma", type=float, default=1.3, show_default=True, help="[-]")
-@click.option("--k-bend", type=float, default=24.0, show_default=True, help="Beam constant [-].")
-@click.option("--Q", "q", type=float, default=2.0, show_default=True, help="[-]")
-@click.option("--form", type=click.Choice(["repaired", "printed"]), default="repaired")
-@click.option("--points", type=click.IntRange(2), default=201, show_default=True)
 @click.option(
-    "--output", "-o", type=click.Path(dir_okay=False, path_type=Path),
+    "--gamma",
+    type=float,
+    default=1.3,
+    show_default=True,
+    help="Blocked length per contact over the fiber diameter [-].",
+)
+@click.option("--k-bend", type=float, default=24.0, show_default=True, help="Beam constant [-].")
+@click.option(
+    "--Q",
+    "q",
+    type=float,
+    default=2.0,
+    show_default=True,
+    help="Constant of thesis eq. 3.15 [-], 2 for random fibers.",
+)
+@click.option("--form", type=click.Choice(["repaired", "printed"]), default="repaired")
+@click.option("--points", type=click.IntRange(2, 100_000), default=201, show_default=True)
+@click.option(
+    "--out", "-o", "output", type=click.Path(dir_okay=False, path_type=Path),
     help="CSV, or .png/.pdf/.svg for a picture.",
 )  # fmt: skip
 @force_option
+@tables_as_json
 def loop_command(
     v_f0: float,
     top: float,
@@ -187,7 +206,11 @@ def loop_command(
 @click.argument("test", type=click.Path(dir_okay=False, path_type=Path))
 @click.option("--material", required=True, help="Felt (name or TOML) that gives the fibers.")
 @click.option(
-    "--output", "-o", type=click.Path(dir_okay=False, path_type=Path), help="Identified felt, TOML."
+    "--out",
+    "-o",
+    "output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Identified felt, TOML.",
 )
 @click.option(
     "--plot", "folder", type=click.Path(file_okay=False, path_type=Path),
@@ -299,25 +322,131 @@ def identify_command(
         say_written(write_text(folder / "report.md", text, force=force))
 
 
+@felt.command(name="fit")
+@click.argument("contact", metavar="ACTION:CONTACT")
+@click.option("--area", required=True, metavar="LAW:NUMBERS", help="As for envelope.")
+@click.option("--fibers", required=True, help="Felt (name or TOML) that gives fibers and v_f0.")
+@click.option("--thickness", help="Without load, such as 3mm; default: fitted, gamma = pi/2.")
+@click.option(
+    "--friction", type=float, default=0.1, show_default=True,
+    help="Share of friction at half the largest force, loading.",
+)  # fmt: skip
+@click.option(
+    "--set", "settings", multiple=True, metavar="PATH=VALUE",
+    help="Change the mechanism first, such as contacts.02.unloading.b=3600. Repeatable.",
+)  # fmt: skip
+@click.option(
+    "--out",
+    "-o",
+    "output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="TOML file.",
+)
+@json_option
+@force_option
+def fit_command(
+    contact: str,
+    area: str,
+    fibers: str,
+    thickness: str | None,
+    friction: float,
+    settings: tuple[str, ...],
+    output: Path | None,
+    as_json: bool,
+    force: bool,
+) -> None:
+    """Find a felt whose layer has the loop of a contact, such as steinway45:06.
+
+    Force and compression of the contact become pressure and volume fraction by an area and a
+    thickness. For a specimen whose pressure was measured use identify.
+    """
+    from feltmb.felt import audit_targets, contact_loop, fit_contact, load_material, parse_area
+    from feltmb.files import check_writable, write_text
+
+    if output is not None:
+        check_writable(output, force=force)
+    ((name, item),) = audit_targets(contact, settings)
+    e, load, back = contact_loop(item, name=name)
+    made = fit_contact(
+        e,
+        load,
+        back,
+        parse_area(area),
+        fibers=load_material(fibers),
+        thickness=None if thickness is None else _length(thickness, "--thickness"),
+        friction_share=friction,
+        name=output.stem if output is not None else name.replace(":", "_"),
+        about=f"Felt fitted to the loop of {name}; fibers of {fibers}",
+    )
+    felt_made = made.material
+    assert felt_made.loading is not None
+    assert felt_made.unloading is not None
+    if as_json:
+        print_json(
+            {
+                "contact": name,
+                "thickness": made.thickness,
+                "rms_loading": made.rms_loading,
+                "rms_unloading": made.rms_unloading,
+                "friction_share": made.friction_share,
+                "v_f_max": felt_made.end,
+                "loading": felt_made.loading.model_dump(),
+                "unloading": felt_made.unloading.model_dump(),
+                "withdrawal_force": felt_made.fiber.withdrawal_force,
+                "warnings": list(made.warnings),
+            }
+        )
+    else:
+        table = new_table(
+            f"Felt of {name}, {made.thickness * 1e3:.4g} mm thick", "branch", "K_p [Pa]", "gamma",
+            "left over", right=(1, 2, 3),
+        )  # fmt: skip
+        for which, branch, rms in (
+            ("loading", felt_made.loading, made.rms_loading),
+            ("unloading", felt_made.unloading, made.rms_unloading),
+        ):
+            table.add_row(which, f"{branch.K_p:.5g}", f"{branch.gamma:.4g}", f"{100 * rms:.2f} %")
+        console().print(table)
+        click.echo(
+            f"withdrawal force {felt_made.fiber.withdrawal_force:.4g} N/m, friction "
+            f"{100 * made.friction_share:.3g} % of the pressure at half the largest force"
+        )
+        for warning in made.warnings:
+            complain(f"warning: {warning}")
+    if output is not None:
+        say_written(write_text(output, felt_made.to_toml(), force=force))
+
+
 @felt.command(name="envelope")
 @click.argument("material")
 @click.option("--thickness", required=True, help="Of the felt without load, such as 6mm.")
 @click.option(
     "--area", required=True, metavar="LAW:NUMBERS",
-    help="constant:100mm^2, crossed_cylinders:9mm,0.5mm or circle_on_layer:5mm,10mm "
-    "(radius, width).",
+    help="constant:100mm^2, crossed_cylinders:9mm,0.5mm, circle_on_layer:5mm,10mm (radius, width) "
+    "or sphere_on_layer:5mm.",
 )  # fmt: skip
+@click.option(
+    "--columns", is_flag=True, help="Compress each column of the felt by what the indenter leaves."
+)
 @click.option("--largest", help="End of the loop, such as 2mm; default where v_f_max is reached.")
-@click.option("--points", type=click.IntRange(5), default=193, show_default=True)
+@click.option("--points", type=click.IntRange(5, 100_000), default=193, show_default=True)
 @click.option("--action", default="steinway45", show_default=True, help="Mechanism to extend.")
 @click.option("--contact", help="Write a mechanism whose contact (such as 06) has this envelope.")
-@click.option("--output", "-o", type=click.Path(dir_okay=False, path_type=Path), help="TOML file.")
+@click.option(
+    "--out",
+    "-o",
+    "output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="TOML file.",
+)
 @click.option("--plot", "picture", type=click.Path(dir_okay=False, path_type=Path))
 @force_option
+@tables_as_json
 def envelope_command(
     material: str,
     thickness: str,
     area: str,
+    columns: bool,
     largest: str | None,
     points: int,
     action: str,
@@ -350,6 +479,7 @@ def envelope_command(
         load_material(material),
         _length(thickness, "--thickness"),
         parse_area(area),
+        compression="columns" if columns else "even",
         largest=None if largest is None else _length(largest, "--largest"),
         points=points,
     )

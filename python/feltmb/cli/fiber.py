@@ -21,6 +21,7 @@ from feltmb.cli.common import (
     new_table,
     save_figure,
     say_written,
+    tables_as_json,
 )
 
 _EXIT_FAILED = 1
@@ -29,13 +30,14 @@ _EXIT_BAD_INPUT = 2
 
 def _guard(command: Callable[..., None]) -> Callable[..., None]:
     """Turn our errors into one message and the exit code that belongs to it."""
+    with_json = tables_as_json(command)
 
-    @functools.wraps(command)
+    @functools.wraps(with_json)
     def run(*args: Any, **kwargs: Any) -> None:
         from feltmb.errors import FeltmbError, FileExists, InvalidParameter
 
         try:
-            command(*args, **kwargs)
+            with_json(*args, **kwargs)
         except FeltmbError as error:
             complain(str(error))
             bad_input = isinstance(error, InvalidParameter | FileExists)
@@ -138,9 +140,20 @@ def models_command(name: str | None) -> None:
 
 @fiber.command(name="structure")
 @click.argument("ratio", type=float, nargs=-1, required=True)
-@click.option("--network", "n", type=int, help="Estimate also from a random network of N fibers.")
+@click.option(
+    "--network",
+    "n",
+    type=click.IntRange(1, 10_000_000),
+    help="Estimate also from a random network of N fibers.",
+)
 @click.option("--seed", type=int, default=0, show_default=True)
-@click.option("--spread", type=int, default=0, show_default=True, help="Diffusion steps.")
+@click.option(
+    "--spread",
+    type=click.IntRange(0, 100_000),
+    default=0,
+    show_default=True,
+    help="Diffusion steps.",
+)
 @_guard
 def structure_command(ratio: tuple[float, ...], n: int | None, seed: int, spread: int) -> None:
     """Structural numbers after uniaxial compression by RATIO = v_f / v_random."""
@@ -252,10 +265,11 @@ def contacts_command(
 @click.option(
     "--to", "top", type=float, default=0.5, show_default=True, help="Largest volume fraction."
 )
-@click.option("--points", type=int, default=11, show_default=True)
+@click.option("--points", type=click.IntRange(1, 100_000), default=11, show_default=True)
 @click.option(
-    "--output",
+    "--out",
     "-o",
+    "output",
     type=click.Path(dir_okay=False, path_type=Path),
     help="CSV, or .png/.pdf/.svg for a picture.",
 )
@@ -396,7 +410,7 @@ def _gradient(text: str) -> Any:
 @click.option("--k-t", type=float, default=1.0, show_default=True, help="Torsion constant.")
 @click.option("--beta", type=float, default=0.0, show_default=True, help="Crimp ratio.")
 @click.option("--transverse", is_flag=True, help="Keep the transverse term of eq. 3.52.")
-@click.option("--points", type=int, default=11, show_default=True)
+@click.option("--points", type=click.IntRange(1, 100_000), default=11, show_default=True)
 @_guard
 def granular_command(
     last: str,
@@ -468,7 +482,7 @@ def granular_command(
     "--slip-stress", type=float, default=0.0, show_default=True, help="Slip force over d_f^2 [Pa]."
 )
 @click.option("--to", "top", type=float, default=0.5, show_default=True, help="Largest strain.")
-@click.option("--points", type=int, default=11, show_default=True)
+@click.option("--points", type=click.IntRange(1, 100_000), default=11, show_default=True)
 @_guard
 def arcs_command(
     scheme: str,
@@ -530,8 +544,9 @@ def arcs_command(
     help="Compression law of the springs (dunlop, stamm_kelvin).",
 )
 @click.option(
-    "--output",
+    "--out",
     "-o",
+    "output",
     type=click.Path(dir_okay=False, path_type=Path),
     help="CSV with time, compression and result.",
 )
@@ -652,7 +667,7 @@ def _fit_dictionary(f: Any) -> dict[str, Any]:
     default="least_squares",
     show_default=True,
 )
-@click.option("--starts", type=int, default=12, show_default=True)
+@click.option("--starts", type=click.IntRange(1, 10_000), default=12, show_default=True)
 @click.option("--seed", type=int, default=0, show_default=True)
 @click.option("--level", type=float, default=0.95, show_default=True, help="Confidence level.")
 @click.option("--v-f0", type=float, help="Volume fraction of zero pressure [-].")
@@ -662,7 +677,11 @@ def _fit_dictionary(f: Any) -> dict[str, Any]:
     "--plot", type=click.Path(dir_okay=False, path_type=Path), help="Picture of fit and residuals."
 )
 @click.option(
-    "--output", "-o", type=click.Path(dir_okay=False, path_type=Path), help="Results as JSON."
+    "--out",
+    "-o",
+    "output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Results as JSON.",
 )
 @force_option
 @_guard
@@ -770,8 +789,14 @@ def fit_command(
 
 @fiber.command(name="simulate")
 @click.argument("output", type=click.Path(dir_okay=False, path_type=Path))
-@click.option("--fibers", type=int, default=60, show_default=True)
-@click.option("--beads", type=int, default=31, show_default=True, help="Beads per fiber.")
+@click.option("--fibers", type=click.IntRange(1, 100_000), default=60, show_default=True)
+@click.option(
+    "--beads",
+    type=click.IntRange(2, 10_000),
+    default=31,
+    show_default=True,
+    help="Beads per fiber.",
+)
 @click.option("--d-f", type=float, default=25e-6, show_default=True, help="Fiber diameter [m].")
 @click.option(
     "--segment", type=float, default=62.5e-6, show_default=True, help="Segment length [m]."
@@ -801,9 +826,11 @@ def fit_command(
     help="Drag rate over the stretching frequency.",
 )
 @click.option("--strain-per-step", type=float, default=2e-5, show_default=True)
-@click.option("--cycles", type=int, default=1, show_default=True)
+@click.option("--cycles", type=click.IntRange(1, 100_000), default=1, show_default=True)
 @click.option("--seed", type=int, default=0, show_default=True)
-@click.option("--threads", type=int, default=0, show_default=True, help="0: all cores.")
+@click.option(
+    "--threads", type=click.IntRange(0, 1024), default=0, show_default=True, help="0: all cores."
+)
 @click.option("--resume", is_flag=True, help="Go on with OUTPUT, an unfinished run.")
 @click.option("--samples", type=int, help="Stop after this many samples; resume later.")
 @click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), help="Picture.")

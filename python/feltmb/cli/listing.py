@@ -20,6 +20,7 @@ LAWS = {
 @json_option
 def command(as_json: bool) -> None:
     """List packaged mechanisms, strokes and studies, contact laws and accepted units."""
+    from feltmb.actuator import load_actuator, packaged_actuators
     from feltmb.config import load_action, packaged_actions
     from feltmb.stroke import load_stroke, packaged_strokes
     from feltmb.study import load_study, packaged_studies
@@ -28,10 +29,12 @@ def command(as_json: bool) -> None:
     actions = {name: load_action(name).config.about for name in packaged_actions()}
     strokes = {name: load_stroke(name) for name in packaged_strokes()}
     studies = {name: load_study(name) for name in packaged_studies()}
+    actuators = {name: load_actuator(name).config.about for name in packaged_actuators()}
     if as_json:
         print_json(
             {
                 "actions": actions,
+                "actuators": actuators,
                 "strokes": {n: s.as_dict() for n, s in strokes.items()},
                 "laws": LAWS,
                 "studies": {n: s.spec.title for n, s in studies.items()},
@@ -42,6 +45,10 @@ def command(as_json: bool) -> None:
     screen = console()
     table = new_table("mechanisms", "name", "about")
     for name, about in actions.items():
+        table.add_row(name, about)
+    screen.print(table)
+    table = new_table("actuators", "name", "about")
+    for name, about in actuators.items():
         table.add_row(name, about)
     screen.print(table)
     table = new_table("strokes", "name", "input", "largest", "length", right=(2, 3))

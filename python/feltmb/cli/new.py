@@ -7,12 +7,13 @@ from pathlib import Path
 
 import click
 
-from feltmb.cli.common import force_option, say_written
+from feltmb.cli.common import force_option, say_written, tables_as_json
 
 
 @click.command("new")
 @click.argument("path", type=click.Path(path_type=Path))
 @force_option
+@tables_as_json
 def command(path: Path, force: bool) -> None:
     """Write a commented mechanism file to PATH: a pendulum hammer on felt, ready to run."""
     from feltmb.errors import InvalidParameter

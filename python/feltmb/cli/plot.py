@@ -6,13 +6,14 @@ from pathlib import Path
 
 import click
 
-from feltmb.cli.common import force_option, say_written
+from feltmb.cli.common import force_option, say_written, tables_as_json
 
 
 @click.command("plot")
 @click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
     "--out",
+    "-o",
     type=click.Path(path_type=Path, file_okay=False),
     help="Folder; default: beside each run.",
 )
@@ -23,6 +24,7 @@ from feltmb.cli.common import force_option, say_written
     help="Overlay this output of all runs instead, such as hammer_tip.x. Repeatable.",
 )
 @force_option
+@tables_as_json
 def command(
     runs: tuple[Path, ...], out: Path | None, compare: tuple[str, ...], force: bool
 ) -> None:

@@ -15,6 +15,7 @@ from feltmb.cli.common import (
     json_option,
     load_with_settings,
     new_table,
+    parse_damper,
     pretty,
     print_json,
     say_written,
@@ -24,15 +25,34 @@ from feltmb.cli.common import (
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
+    from feltmb.config import Action
     from feltmb.results import Run
+    from feltmb.stroke import Stroke
 
 
 @click.command("stroke")
 @click.argument("action")
-@click.argument("strokes", nargs=-1, required=True)
+@click.argument("strokes", nargs=-1)
 @set_option
 @click.option(
+    "--actuator", metavar="NAME", help="Let this actuator press the key: wood, aluminum, or a file."
+)
+@click.option(
+    "--damper",
+    metavar="KIND[=C]",
+    help="Damper of the actuator: none, dashpot, one-sided; C in N m s/rad, default the thesis's.",
+)
+@click.option("--pad", metavar="NAME", help="What its finger wears: pulp (default) or felt.")
+@click.option(
+    "--torque",
+    "torques",
+    multiple=True,
+    metavar="FILE",
+    help="Torque of its motor by time, CSV or TOML; default: that of the actuator. Repeatable.",
+)
+@click.option(
     "--out",
+    "-o",
     type=click.Path(path_type=Path),
     help="NetCDF file to write; with several strokes the folder for STROKE.nc.",
 )
@@ -40,6 +60,13 @@ if TYPE_CHECKING:
 @click.option("--wav", is_flag=True, help="Also write the string as WAV beside --out (or here).")
 @click.option("--duration", type=float, help="Simulated time [s]; default: the stroke's own.")
 @click.option("--rtol", type=float, default=1e-6, show_default=True, help="Relative tolerance.")
+@click.option(
+    "--method",
+    type=click.Choice(["auto", "cvode", "modal"]),
+    default="auto",
+    show_default=True,
+    help="cvode: all states by CVODES; modal: a free string vibrates exactly outside of it.",
+)
 @click.option(
     "--output-rate", type=float, default=10000.0, show_default=True, help="Samples a second."
 )
@@ -68,11 +95,16 @@ def command(
     action: str,
     strokes: tuple[str, ...],
     settings: tuple[str, ...],
+    actuator: str | None,
+    damper: str | None,
+    pad: str | None,
+    torques: tuple[str, ...],
     out: Path | None,
     plot: bool,
     wav: bool,
     duration: float | None,
     rtol: float,
+    method: str,
     output_rate: float,
     max_wall: float | None,
     start: Path | None,
@@ -97,7 +129,14 @@ def command(
     from feltmb.stroke import load_stroke
 
     mechanism = load_with_settings(action, settings)
-    loaded = [load_stroke(s) for s in strokes]
+    loaded = [load_stroke(s) for s in (*strokes, *torques)]
+    if actuator is not None:
+        mechanism, own = _with_actuator(mechanism, actuator, damper, pad)
+        loaded = loaded or [own]
+    elif damper or pad or torques:
+        raise click.UsageError("--damper, --pad and --torque need --actuator")
+    if not loaded:
+        raise click.UsageError("Missing argument 'STROKES...'.")
     if noise is not None:
         loaded = [s.smoothed(_noise(noise, s.unit)) for s in loaded]
     stems = _stems([s.name for s in loaded])
@@ -116,6 +155,7 @@ def command(
                 loaded[i],
                 duration,
                 rtol,
+                method=method,
                 output_rate=output_rate,
                 ledger=not no_ledger,
                 start=first,
@@ -168,6 +208,18 @@ def command(
         for failure in failures[:-1]:
             complain(failure)
         raise FeltmbError(failures[-1])
+
+
+def _with_actuator(
+    action: Action, name: str, damper: str | None, pad: str | None
+) -> tuple[Action, Stroke]:
+    """The action with an actuator on its key, and the actuator's own torque."""
+    from feltmb.actuator import compose, load_actuator
+
+    made = load_actuator(name)
+    if damper is not None:
+        made = made.with_damper(*parse_damper(damper))
+    return compose(action, made, pad=pad), made.torque
 
 
 def _noise(text: str, unit: str) -> float:

@@ -29,6 +29,7 @@ WIDTH = 80
 @click.option("--list", "listing", is_flag=True, help="List the packaged studies.")
 @click.option(
     "--out",
+    "-o",
     type=click.Path(path_type=Path, file_okay=False),
     help="Folder for one HTML page of all studies, figures, tables, and for the finished "
     "simulations, from which a study that was cut off goes on.",

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import click
 
-from feltmb.cli.common import console
+from feltmb.cli.common import console, json_option, print_json
 
 
 @click.command("validate")
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--no-rest-pose", is_flag=True, help="Do not solve for the rest pose.")
-def command(files: tuple[Path, ...], no_rest_pose: bool) -> None:
+@json_option
+def command(files: tuple[Path, ...], no_rest_pose: bool, as_json: bool) -> None:
     """Check mechanisms (TOML), strokes (TOML or CSV) or saved runs (NetCDF).
 
     All faults of a file are listed at once; for a mechanism the rest pose is found too.
@@ -26,6 +27,7 @@ def command(files: tuple[Path, ...], no_rest_pose: bool) -> None:
 
     screen = console()
     bad = 0
+    found: list[dict[str, object]] = []
     for path in files:
         try:
             if not is_file(path):
@@ -45,9 +47,15 @@ def command(files: tuple[Path, ...], no_rest_pose: bool) -> None:
                 if not no_rest_pose:
                     iterations = action.rest_iterations
                     text += f", comes to rest ({iterations} iterations)"
-            screen.print(f"{path}: ok: {text}")
+            found.append({"file": str(path), "ok": True, "text": text})
+            if not as_json:
+                screen.print(f"{path}: ok: {text}")
         except FeltmbError as error:
-            complain(str(error))
+            found.append({"file": str(path), "ok": False, "text": str(error)})
+            if not as_json:
+                complain(str(error))
             bad += 1
+    if as_json:
+        print_json(found)
     if bad:
         raise InvalidParameter(f"{bad} of {len(files)} files have faults")

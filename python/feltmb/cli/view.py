@@ -6,12 +6,12 @@ from pathlib import Path
 
 import click
 
-from feltmb.cli.common import force_option, say_written
+from feltmb.cli.common import force_option, say_written, tables_as_json
 
 
 @click.command("view")
 @click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="HTML file; default: RUN.html.")
+@click.option("--out", "-o", type=click.Path(path_type=Path), help="HTML file; default: RUN.html.")
 @click.option(
     "--slowness",
     type=float,
@@ -27,6 +27,7 @@ from feltmb.cli.common import force_option, say_written
 )
 @click.option("--at", type=float, metavar="TIME", help="Begin at this time [s].")
 @force_option
+@tables_as_json
 def command(
     runs: tuple[Path, ...],
     out: Path | None,

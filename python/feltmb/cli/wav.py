@@ -6,12 +6,12 @@ from pathlib import Path
 
 import click
 
-from feltmb.cli.common import force_option, say_written
+from feltmb.cli.common import force_option, say_written, tables_as_json
 
 
 @click.command("wav")
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="Default: RUN.wav.")
+@click.option("--out", "-o", type=click.Path(path_type=Path), help="Default: RUN.wav.")
 @click.option(
     "--position",
     type=float,
@@ -20,6 +20,7 @@ from feltmb.cli.common import force_option, say_written
 )
 @click.option("--slowness", type=float, default=1.0, show_default=True)
 @force_option
+@tables_as_json
 def command(
     run: Path, out: Path | None, position: float | None, slowness: float, force: bool
 ) -> None:

@@ -122,6 +122,8 @@ def read_record(
         With every fault of the file.
     """
     path = Path(path)
+    if not path.is_file():
+        raise DataError(f"{path}: no such file")
     beside = path.with_suffix(".toml")
     if beside.is_file():
         raw = read_toml(beside)
@@ -157,7 +159,8 @@ def _build(
         unit = spec.unit or units.get(key, "")
         factor, si = _to_si(unit, spec.si)
         if factor is None:
-            faults.append(f"column {key}: unit {unit!r} is not one of {spec.si}")
+            expected = f"expected one of {spec.si}" if spec.si else "give its si and factor"
+            faults.append(f"column {key}: unit {unit!r} is unknown; {expected}")
             return np.zeros(0), ""
         return columns[key] * factor * spec.factor + spec.shift, si
 
@@ -234,10 +237,12 @@ def _clock(
 
 #: Units whose SI form keeps its name in reports.
 _SI = ("m", "kg", "s", "rad", "Hz", "N", "Pa", "J", "m/s", "m/s^2", "rad/s", "N m", "1")
+#: Units of other fields, taken as they stand.
+_OTHERS = ("V", "A", "ohm", "W", "K", "degC", "T", "Pa s", "%", "dB", "counts")
 
 
 def _to_si(unit: str, si: str) -> tuple[float | None, str]:
-    """Factor to SI and its unit; units that are no mechanics (V, degC) stay as they are."""
+    """Factor to SI and its unit; units of other fields (V, degC) stay as they are."""
     if not unit:
         return 1.0, si or "1"
     for target in (si,) if si else _SI:
@@ -245,7 +250,7 @@ def _to_si(unit: str, si: str) -> tuple[float | None, str]:
             return conversion_factor(unit, target), target
         except (InvalidParameter, ValueError):
             continue
-    if si and si != unit:
+    if (si and si != unit) or (not si and unit not in _OTHERS):
         return None, si
     return 1.0, unit
 
@@ -333,21 +338,33 @@ def _read_mat(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
 
 
 def _read_netcdf(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
-    import xarray
+    import h5py
 
+    out: dict[str, Array] = {}
+    units: dict[str, str] = {}
     try:
-        data = xarray.load_dataset(path, engine="h5netcdf", decode_times=False)
-    except (OSError, ValueError) as error:
-        raise DataError(f"{path}: cannot be read as NetCDF: {error}") from None
-    out, units = {}, {}
-    for name, variable in data.variables.items():
-        if variable.ndim == 1 and variable.dtype.kind in "fiu":
-            out[str(name)] = np.asarray(variable.values, dtype=np.float64)
-            if "units" in variable.attrs:
-                units[str(name)] = str(variable.attrs["units"])
-    if not out:
+        with h5py.File(path, "r") as file:
+            for name, item in file.items():
+                if not isinstance(item, h5py.Dataset) or item.ndim != 1:
+                    continue
+                if item.dtype.kind not in "fiu":
+                    continue
+                values = np.array(item, dtype=np.float64)
+                fill = item.attrs.get("_FillValue")
+                if fill is not None and item.dtype.kind in "iu":
+                    values[values == float(np.ravel(fill)[0])] = np.nan
+                gain = float(np.ravel(item.attrs.get("scale_factor", 1.0))[0])
+                shift = float(np.ravel(item.attrs.get("add_offset", 0.0))[0])
+                out[name] = values * gain + shift
+                unit = item.attrs.get("units")
+                if unit is not None:
+                    units[name] = unit.decode() if isinstance(unit, bytes) else str(unit)
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read as NetCDF 4: {error}") from None
+    longest = max((v.size for v in out.values()), default=0)
+    if longest < 2:
         raise DataError(f"{path}: holds no series")
-    return out, units
+    return {n: v for n, v in out.items() if v.size == longest}, units
 
 
 def write_record(record: Record, path: str | Path, *, force: bool = False) -> Path:

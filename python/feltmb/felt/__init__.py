@@ -14,7 +14,7 @@ from feltmb.felt.envelopes import (
     load_envelope,
     parse_area,
 )
-from feltmb.felt.fitting import ContactFit, fit_contact
+from feltmb.felt.fitting import ContactFit, contact_loop, fit_contact
 from feltmb.felt.identification import BranchFit, Identification, identify
 from feltmb.material import (
     Branch,
@@ -43,6 +43,7 @@ __all__ = [
     "SphereOnLayer",
     "audit",
     "audit_targets",
+    "contact_loop",
     "envelope",
     "fit_contact",
     "identify",

@@ -23,7 +23,6 @@ from feltmb.errors import InvalidParameter
 from feltmb.felt.envelopes import ConstantArea, FeltEnvelope, envelope, load_envelope
 from feltmb.files import read_toml
 from feltmb.material import FeltMaterial, load_material
-from feltmb.units import conversion_factor
 
 __all__ = ["Audit", "Cycle", "Finding", "audit", "audit_targets"]
 
@@ -41,8 +40,8 @@ class Finding:
     """One fault, with the compressions at which it holds."""
 
     kind: str
-    """``crossing``, ``adhesion``, ``softening``, ``open`` (of the data), ``energy``, ``pull`` (of
-    the law), ``material``."""
+    """``crossing``, ``adhesion``, ``softening``, ``open``, ``shape`` (of the data),
+    ``energy``, ``pull`` (of the law), ``material``."""
     low: float
     """From this compression [m]."""
     high: float
@@ -405,16 +404,30 @@ def _pair_curves(contact: Contact, reach: float) -> _Curves:
     return _Curves(up, down, closing, contact.memory.closing_compression or reach)
 
 
-def _table_curves(made: FeltEnvelope) -> _Curves:
-    core = made.core
-
+def _envelope_curves(core: _core.Envelope) -> _Curves:
     def up(e: Array) -> Array:
         return np.asarray(core.loading(e), dtype=float)
 
     def down(e: Array) -> Array:
-        return np.asarray(core.unloading(e, made.closing), dtype=float)
+        return np.asarray(core.unloading(e, core.closing), dtype=float)
 
-    return _Curves(up, down, made.closing, made.closing)
+    return _Curves(up, down, core.closing, core.closing)
+
+
+def _shape_findings(core: _core.Envelope) -> list[Finding]:
+    """Where the share of unloading fell with compression, before the law with memory mends it."""
+    force, low, high = core.repair
+    top = float(core.loading(core.closing))
+    if force <= 1e-4 * top:
+        return []
+    return [
+        Finding(
+            "shape", low, high, force, "N",
+            f"the share of unloading falls with compression between {_mm(low)} and {_mm(high)}: a "
+            f"deeper cycle would unload along a higher force; the law with memory changes the "
+            f"unloading by up to {force:.4g} N, {100 * force / top:.2g} % of the largest force",
+        )
+    ]  # fmt: skip
 
 
 def _law_curves(law: _core.ContactLaw, reach: float) -> _Curves:
@@ -514,23 +527,19 @@ def audit(
         law = envelope(law, 10e-3, ConstantArea(1e-4))
     if isinstance(law, FeltEnvelope):
         about = about or law.about
-        core, curves = law.law(), _table_curves(law)
+        core, curves = law.law(), _envelope_curves(law.core)
+        findings += _shape_findings(law.core)
     elif isinstance(law, Contact):
         about = law.label
-        core = _core.ContactLaw(core_law(law))
-        table = law.memory.envelope if law.law == "felt_memory" else None
-        if table is not None:
-            length, force = conversion_factor(table.unit[0], "m"), conversion_factor(
-                table.unit[1], "N"
-            )  # fmt: skip
-            curves = _table_curves(
-                FeltEnvelope(
-                    np.array(table.compression) * length,
-                    np.array(table.loading) * force,
-                    np.array(table.unloading) * force,
-                    name,
-                )
-            )
+        parameters = core_law(law)
+        core = _core.ContactLaw(parameters)
+        envelope_of = parameters.envelope if isinstance(parameters, _core.FeltMemory) else None
+        if envelope_of is not None:
+            findings += _shape_findings(envelope_of)
+        if envelope_of is not None and (
+            law.law == "micromechanical" or law.memory.envelope is not None
+        ):
+            curves = _envelope_curves(envelope_of)
         elif law.loading is not None and law.law in ("printed", "guarded", "mean", "felt_memory"):
             curves = _pair_curves(law, reach)
         else:

@@ -14,13 +14,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from feltmb import _core
+from feltmb.config import Contact, core_law
 from feltmb.errors import InvalidParameter
 from feltmb.layer import Area
 from feltmb.material import Branch, FeltMaterial
 
-__all__ = ["ContactFit", "fit_contact"]
+__all__ = ["ContactFit", "contact_loop", "fit_contact"]
 
 Array = NDArray[np.float64]
+
+
+#: gamma v_f at the end of a loop: beyond, pressure grows faster than any felt's (e^24 at Q = 2).
+_MOST_STEEP = 4.0
 
 
 @dataclass(frozen=True)
@@ -47,6 +53,30 @@ class ContactFit:
     fitted_unloading: Array
     """[N]."""
     warnings: tuple[str, ...] = ()
+
+
+def contact_loop(contact: object, *, name: str, points: int = 80) -> tuple[Array, Array, Array]:
+    """Loop of a contact that has one: compression [m], loading and unloading force [N].
+
+    Of the curve fits of eq. 4.21, up to where the branches meet; unloading held between 0 and
+    loading, not otherwise mended.
+
+    Raises
+    ------
+    InvalidParameter
+        The contact has no loop.
+    """
+    if not isinstance(contact, Contact) or contact.loading is None or contact.unloading is None:
+        raise InvalidParameter(
+            f"{name}: has no loading and unloading curves; expected a contact with the fits of "
+            "eq. 4.21, such as steinway45:06"
+        )
+    law = core_law(contact.model_copy(update={"law": "felt_memory"}))
+    e = law.envelope.closing * np.linspace(0.0, 1.0, points + 1)[1:]
+    load = np.asarray(law.envelope.loading(e), dtype=float)
+    curve = contact.unloading
+    back = np.asarray(_core.ExponentialCurve(curve.a, curve.b, curve.c).force(e), dtype=float)
+    return e, load, np.clip(back, 0.0, load)
 
 
 def _withdrawal(
@@ -183,7 +213,10 @@ def fit_contact(
         h, g = (e[-1] / x, gamma) if thickness is None else (thickness, math.exp(x))
         return float(np.mean((fit_loading(h, g)[2] - load) ** 2)) / top**2
 
-    low, high = (0.03, most) if thickness is None else (math.log(0.05), math.log(20.0))
+    if thickness is None:
+        low, high = 0.03, most
+    else:
+        low, high = math.log(0.2), math.log(_MOST_STEEP * (1.0 - e[-1] / thickness) / v0)
     grid = np.linspace(low, high, 24)
     best = int(np.argmin([left(float(x)) for x in grid]))
     bracket = (float(grid[max(best - 1, 0)]), float(grid[min(best + 1, 23)]))
@@ -209,11 +242,12 @@ def fit_contact(
         out = (surface * unloading_of(x).pressure("unloading", v) - back) / top
         return np.append(out, 3.0 * out[-1])
 
+    steepest = _MOST_STEEP / float(v[-1])
     fits = [
         least_squares(
             rest,
-            [math.log(base.K_p * factor), math.log(base.gamma * stretch)],
-            bounds=([-20.0, math.log(0.05)], [60.0, math.log(40.0)]),
+            [math.log(base.K_p * factor), math.log(min(base.gamma * stretch, 0.99 * steepest))],
+            bounds=([-20.0, math.log(0.05)], [60.0, math.log(steepest)]),
         )
         for factor, stretch in ((0.3, 1.3), (0.05, 2.5), (0.005, 4.0))
     ]

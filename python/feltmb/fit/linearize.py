@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from feltmb.data import Array
 from feltmb.fit.nominal import Lanes, Nominal, Sensitivity, Term
-from feltmb.fit.observe import machine_terms, observe_lanes
+from feltmb.fit.observe import machine_terms, observe_lanes, observed_sensitivities
 from feltmb.fit.shots import Shot
 
 __all__ = ["Linear", "Place", "linearize", "predict"]
@@ -47,22 +48,6 @@ class Linear:
     """(W, nx, mi)"""
     good: Array
     """Whether the window could be simulated, (W,)"""
-
-
-class _Observed(Nominal):
-    """A nominal seen through the sensors of a record, so that differences include them."""
-
-    def __init__(self, nominal: Nominal):
-        self.nominal = nominal
-        self.name = nominal.name
-        self.parameters = nominal.parameters
-        self.outputs = nominal.outputs
-
-    def states(self, terms=()):  # type: ignore[no-untyped-def]
-        return self.nominal.states(machine_terms(tuple(terms)))
-
-    def simulate(self, record, lanes):  # type: ignore[no-untyped-def]
-        return observe_lanes(self.nominal, record, lanes)
 
 
 def _plain(nominal: Nominal, shot: Shot, terms: tuple[Term, ...]) -> bool:
@@ -137,13 +122,17 @@ def linearize(
     place: Place,
     candidates: tuple[Term, ...] = (),
     input_knots: int = 6,
+    known: Linear | None = None,
 ) -> Linear:
-    """Residual and derivatives by states, free parameters, sizes, candidates and nuisances."""
+    """Residual and derivatives by states, free parameters, sizes, candidates and nuisances.
+
+    ``known``: a linearization nearby, whose columns of the input noise are taken over.
+    """
     count = shot.count
-    inner = tuple(c for c in candidates if machine_terms((c,)))
-    outer = tuple(c for c in candidates if not machine_terms((c,)))
-    seen: Nominal = nominal if _plain(nominal, shot, terms) else _Observed(nominal)
-    s = seen.sensitivities(
+    ask = nominal.sensitivities if _plain(nominal, shot, (*terms, *candidates)) else None
+    if ask is None:
+        ask = partial(observed_sensitivities, nominal)
+    s = ask(
         shot.record,
         theta,
         shot.windows,
@@ -152,27 +141,18 @@ def linearize(
         sizes,
         by_theta=free,
         by_starts=place.starts.shape[1] > 0,
-        candidates=inner,
+        candidates=candidates,
     )
-    order = {id(c): i for i, c in enumerate(candidates)}
-    d_candidates = np.zeros((*s.outputs.shape, len(candidates)))
-    d_candidates_ends = np.zeros((*s.ends.shape, len(candidates)))
-    for group, part in (
-        (inner, s),
-        (outer, _outer(nominal, shot, theta, terms, sizes, place, outer)),
-    ):
-        if part is None:
-            continue
-        for i, c in enumerate(group):
-            d_candidates[..., order[id(c)]] = part.d_candidates[..., i]
-            d_candidates_ends[..., order[id(c)]] = part.d_candidates_ends[..., i]
-    by_input, ends_by_input = _input_noise(
-        nominal, shot, theta, terms, sizes, place, s, input_knots
-    )
+    if known is not None:
+        by_input, ends_by_input = np.zeros((*s.outputs.shape, 0)), known.ends_by_input
+    else:
+        by_input, ends_by_input = _input_noise(
+            nominal, shot, theta, terms, sizes, place, s, input_knots
+        )
     outputs, nuisance = _with_nuisances(shot, s.outputs, place.nuisances)
     nn = nuisance.shape[3]
     columns = np.concatenate(
-        [s.d_starts, s.d_theta, s.d_sizes, d_candidates, nuisance, by_input], axis=3
+        [s.d_starts, s.d_theta, s.d_sizes, s.d_candidates, nuisance, by_input], axis=3
     )
     good = np.all(np.isfinite(np.where(shot.valid, outputs, 0.0)), axis=(1, 2))
     good &= np.all(np.isfinite(s.ends), axis=1)
@@ -182,43 +162,18 @@ def linearize(
     nx = place.starts.shape[1]
     ng = columns.shape[3] - nx - by_input.shape[3]
     ends_by_global = np.concatenate(
-        [s.d_theta_ends, s.d_sizes_ends, d_candidates_ends, np.zeros((count, nx, nn))], axis=2
+        [s.d_theta_ends, s.d_sizes_ends, s.d_candidates_ends, np.zeros((count, nx, nn))], axis=2
     )
     return Linear(
         residual=np.nan_to_num(shot.whiten(shot.measured - outputs).reshape(count, -1)),
         by_state=white[..., :nx],
         by_global=white[..., nx : nx + ng],
-        by_input=white[..., nx + ng :],
+        by_input=white[..., nx + ng :] if known is None else known.by_input,
         gap=np.nan_to_num(s.ends[:-1] - place.starts[1:]),
         ends_by_state=np.nan_to_num(s.d_starts_ends) if nx else np.zeros((count, 0, 0)),
         ends_by_global=np.nan_to_num(ends_by_global),
         ends_by_input=np.nan_to_num(ends_by_input),
         good=good,
-    )
-
-
-def _outer(
-    nominal: Nominal,
-    shot: Shot,
-    theta: Array,
-    terms: tuple[Term, ...],
-    sizes: Array,
-    place: Place,
-    outer: tuple[Term, ...],
-) -> Sensitivity | None:
-    """Derivatives by sensor and input effects, which any nominal can have."""
-    if not outer:
-        return None
-    return _Observed(nominal).sensitivities(
-        shot.record,
-        theta,
-        shot.windows,
-        place.starts,
-        terms,
-        sizes,
-        by_theta=[],
-        by_starts=False,
-        candidates=outer,
     )
 
 

@@ -268,6 +268,9 @@ class Nominal(ABC):
     """Where unknown forces may act; empty: no component table from forces."""
     window: float | None = None
     """Length of shooting windows that suits the model [s]; None: chosen from the data."""
+    difference_step: float = 1e-3
+    """First step of differences by parameters, as a share of their natural size; a tenth of it for
+    states. Larger where the simulation is noisy."""
     chaotic: bool = False
     """Whether it has impacts after which a small error of the state grows strongly."""
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from feltmb.data import Array, Record, Sensor
-from feltmb.fit.nominal import Lanes, Nominal, Simulated, Term
+from feltmb.fit.nominal import Lanes, Nominal, Sensitivity, Simulated, Term
 
-__all__ = ["machine_terms", "observe_lanes"]
+__all__ = ["machine_terms", "observe_lanes", "observed_sensitivities"]
 
 
 def machine_terms(terms: tuple[Term, ...]) -> tuple[Term, ...]:
@@ -131,3 +133,150 @@ def _low_pass(record: Record, lanes: Lanes, y: Array, sensor: Sensor) -> Array:
         steady = y[:, j] - ramp / rate
         out[:, j] = steady + (out[:, j - 1] - (y[:, j - 1] - ramp / rate)) * decay
     return out
+
+
+def observed_sensitivities(
+    nominal: Nominal,
+    record: Record,
+    theta: Array,
+    windows: NDArray[np.intp],
+    starts: Array,
+    terms: tuple[Term, ...],
+    sizes: Array,
+    *,
+    by_theta: Sequence[int],
+    by_starts: bool,
+    candidates: tuple[Term, ...],
+) -> Sensitivity:
+    """Derivatives of what the sensors show.
+
+    The nominal differentiates its machine; its columns go through the map of the sensors and
+    sensor effects, which is cheap. Only input effects need simulations of their own.
+    """
+    count = len(windows)
+    inner = [k for k, t in enumerate(terms) if t in machine_terms(terms)]
+    machine = machine_terms(candidates)
+    changed = record
+    for k, term in enumerate(terms):
+        if term.effect.excite is not None and sizes[k] != 0.0:
+            changed = changed.with_inputs(term.effect.excite(changed, sizes[k], term.shape))
+    s = nominal.sensitivities(
+        changed,
+        theta,
+        windows,
+        starts,
+        tuple(terms[k] for k in inner),
+        sizes[inner],
+        by_theta=by_theta,
+        by_starts=by_starts,
+        candidates=machine,
+    )
+    lanes = Lanes(theta=np.tile(theta, (count, 1)), windows=windows, starts=starts)
+    observing = [(t, float(sizes[k])) for k, t in enumerate(terms) if t.effect.observe is not None]
+
+    def show(outputs: Array, extra: tuple[Term, float] | None = None) -> Array:
+        """Outputs as the record would hold them."""
+        for term, size in [*observing, *([extra] if extra else [])]:
+            assert term.effect.observe is not None
+            outputs = term.effect.observe(
+                record, outputs, windows, np.full(count, size), term.shape
+            )
+        return _sensed(nominal, record, lanes, outputs)
+
+    shown = show(s.outputs)
+    spread = float(np.nanmax(np.abs(s.outputs))) if s.outputs.size else 1.0
+
+    def push(columns: Array) -> Array:
+        """Derivatives through the map of the sensors."""
+        out = np.empty_like(columns)
+        for i in range(columns.shape[3]):
+            largest = float(np.nanmax(np.abs(columns[..., i]))) if columns.size else 0.0
+            step = 1e-4 * (spread or 1.0) / largest if largest > 0.0 else 1.0
+            up, down = (show(s.outputs + h * columns[..., i]) for h in (step, -step))
+            out[..., i] = (up - down) / (2.0 * step)
+        return out
+
+    def simulated(term: Term, size: float, active: int | None) -> tuple[Array, Array]:
+        """Outputs and ends with one input effect at another size."""
+        all_terms = terms if active is not None else (*terms, term)
+        row = sizes.copy() if active is not None else np.append(sizes, size)
+        if active is not None:
+            row[active] = size
+        run = observe_lanes(
+            nominal,
+            record,
+            replace(lanes, terms=all_terms, sizes=np.tile(row, (count, 1))),
+        )
+        return run.outputs, run.ends
+
+    def outer(term: Term, at: float, active: int | None) -> tuple[Array, Array]:
+        step = term.effect.step * term.effect.scale
+        low, high = term.effect.bounds
+        if at + step <= high and at - step >= low:
+            offsets, weights = (step, -step), (0.5 / step, -0.5 / step)
+        else:
+            side = step if at + 2.0 * step <= high else -step
+            offsets, weights = (side, 2.0 * side), (2.0 / side, -0.5 / side)
+        y, x = np.zeros_like(shown), np.zeros_like(s.ends)
+        for offset, weight in zip(offsets, weights, strict=True):
+            if term.effect.observe is not None:
+                if active is None:
+                    value = show(s.outputs, (term, at + offset))
+                else:
+                    value = _swapped(show, observing, term, at + offset, s.outputs)
+                y += weight * (value - shown)
+            else:
+                outputs, ends = simulated(term, at + offset, active)
+                y += weight * (outputs[:, : shown.shape[1]] - shown)
+                x += weight * (ends - s.ends)
+        return y, x
+
+    d_sizes = np.zeros((*shown.shape, len(terms)))
+    d_sizes_ends = np.zeros((*s.ends.shape, len(terms)))
+    pushed = push(s.d_sizes)
+    for k, term in enumerate(terms):
+        if k in inner:
+            d_sizes[..., k] = pushed[..., inner.index(k)]
+            d_sizes_ends[..., k] = s.d_sizes_ends[..., inner.index(k)]
+        else:
+            d_sizes[..., k], d_sizes_ends[..., k] = outer(term, float(sizes[k]), k)
+    d_candidates = np.zeros((*shown.shape, len(candidates)))
+    d_candidates_ends = np.zeros((*s.ends.shape, len(candidates)))
+    pushed = push(s.d_candidates)
+    at = 0
+    for k, term in enumerate(candidates):
+        if machine_terms((term,)):
+            d_candidates[..., k] = pushed[..., at]
+            d_candidates_ends[..., k] = s.d_candidates_ends[..., at]
+            at += 1
+        else:
+            d_candidates[..., k], d_candidates_ends[..., k] = outer(term, 0.0, None)
+    return Sensitivity(
+        outputs=shown,
+        ends=s.ends,
+        d_theta=push(s.d_theta),
+        d_theta_ends=s.d_theta_ends,
+        d_sizes=d_sizes,
+        d_sizes_ends=d_sizes_ends,
+        d_starts=push(s.d_starts),
+        d_starts_ends=s.d_starts_ends,
+        d_candidates=d_candidates,
+        d_candidates_ends=d_candidates_ends,
+    )
+
+
+def _swapped(
+    show: Callable[..., Array],
+    observing: list[tuple[Term, float]],
+    term: Term,
+    size: float,
+    outputs: Array,
+) -> Array:
+    """What is shown with another size of one sensor effect that is part of the model."""
+    at = next(i for i, (t, _) in enumerate(observing) if t is term)
+    kept = observing[at]
+    observing[at] = (term, size)
+    try:
+        return show(outputs)
+    finally:
+        observing[at] = kept

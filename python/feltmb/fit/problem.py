@@ -94,7 +94,8 @@ class Problem:
         starts = np.vstack([p.starts for p in point.places])
         spread = np.std(starts, axis=0)
         declared = np.array([s.scale for s in states])
-        known = 1e-3 * declared
+        # Memory that an effect brings has no spread of its own while its size is small.
+        known = np.where([s.hidden for s in states], 1.0, 1e-3) * declared
         if self.state_scale is not None:
             known[: len(self.state_scale)] = self.state_scale
             spread[: len(self.state_scale)] = 0.0
@@ -172,8 +173,16 @@ class Problem:
                 total += float(((point.theta[i] - p.value) / p.sd) ** 2)
         return total, parts
 
-    def linear(self, point: Point, candidates: tuple[Term, ...] = ()) -> list[Linear]:
-        """Residuals and derivatives of all shots; made once a point."""
+    def linear(
+        self,
+        point: Point,
+        candidates: tuple[Term, ...] = (),
+        known: Sequence[Linear] | None = None,
+    ) -> list[Linear]:
+        """Residuals and derivatives of all shots; made once a point.
+
+        ``known``: linearizations nearby, whose columns of the input noise are taken over.
+        """
         key = (
             tuple(id(shot) for shot in self.shots),
             tuple((id(t.effect), repr(t.shape)) for t in (*self.terms, *candidates)),
@@ -183,12 +192,14 @@ class Problem:
         )
         if key in point.memo:
             return point.memo[key][1]
-        made = self._linear(point, candidates)
+        made = self._linear(point, candidates, known)
         if not candidates:  # what the key names by id is kept alive
             point.memo[key] = ((self.shots, self.terms), made)
         return made
 
-    def _linear(self, point: Point, candidates: tuple[Term, ...]) -> list[Linear]:
+    def _linear(
+        self, point: Point, candidates: tuple[Term, ...], known: Sequence[Linear] | None
+    ) -> list[Linear]:
         return [
             linearize(
                 self.nominal,
@@ -200,8 +211,9 @@ class Problem:
                 place,
                 candidates,
                 self.input_knots,
+                None if known is None else known[i],
             )
-            for shot, place in zip(self.shots, point.places, strict=True)
+            for i, (shot, place) in enumerate(zip(self.shots, point.places, strict=True))
         ]
 
     def normal(

@@ -14,9 +14,11 @@ from feltmb.fit.nominal import Lanes, Term
 from feltmb.fit.observe import machine_terms, observe_lanes
 from feltmb.fit.problem import Normal, Point, Problem, solve_scaled
 
-__all__ = ["Fit", "FitSettings", "Interval", "fit_problem", "polish"]
+__all__ = ["Fit", "FitSettings", "Interval", "finish", "fit_problem", "polish"]
 
 Progress = Callable[[str, int, int], None]
+#: Where the fit is poor, a gain below this share of the misfit is not worth a simulation.
+COARSE = 3e-5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,6 +177,7 @@ def _minimize(
     """Levenberg-Marquardt with damping of its own for every window."""
     linears = problem.linear(point)
     cost, parts = problem.cost_at(point, gap_sd, linears)
+    samples = problem.samples
     lam = 1e-4
     damping = [np.zeros(s.count) for s in problem.shots]
     for _ in range(iterations):
@@ -186,7 +189,8 @@ def _minimize(
             # The gain of the states is within the chains: what is left of the residual.
             left = sum(float(np.sum(c.grams[:, -1, -1])) for c in normal.chains)
             predicted = cost - left + gain - _priors(problem, point)
-            if predicted < settings.decrement:
+            least = max(settings.decrement, COARSE * max(cost - 4.0 * samples, 0.0))
+            if predicted < least:
                 return point, cost, linears, True
             new, new_parts = problem.cost(trial, gap_sd, linears)
             if new < cost:
@@ -198,13 +202,15 @@ def _minimize(
                 d[worse] = np.maximum(d[worse] * 8.0, 1e-3)
         if not accepted:
             return point, cost, linears, False
-        done = cost - new < settings.decrement and predicted < 50.0 * settings.decrement
+        done = cost - new < least and predicted < 50.0 * least
         point = trial
         lam /= 8.0
         for d in damping:
             d /= 10.0
             d[d < 1e-6] = 0.0
-        linears = problem.linear(point)
+        # Near the end the columns of the input noise change no more.
+        near = cost - new < 0.05 * new
+        linears = problem.linear(point, known=linears if near else None)
         cost, parts = problem.cost_at(point, gap_sd, linears)
         if done:
             return point, cost, linears, True
@@ -229,6 +235,10 @@ def _evidence(problem: Problem, normal: Normal, cost: float, gap_sd: Array) -> f
     value = -0.5 * cost
     for shot, chain in zip(problem.shots, normal.chains, strict=True):
         value -= float(np.sum(chain.log_dets))
+        # Norm of the prior of the first state: without it every hidden state that starts known
+        # would cost an effect -log(1e-12) = 28 nats a record.
+        _, sd = problem.start_prior(shot)
+        value -= float(np.sum(np.log(np.maximum(sd[np.isfinite(sd)], 1e-12))))
         if gap_sd.size:
             value -= (shot.count - 1) * float(np.sum(np.log(gap_sd)))
     return value
@@ -274,6 +284,13 @@ def _finish(
         linears=tuple(linears),
         normal=normal,
     )
+
+
+def finish(problem: Problem, point: Point, level: float, gap_sd: Array) -> Fit:
+    """A fit that is taken as it is, without a search."""
+    linears = problem.linear(point)
+    cost, _ = problem.cost_at(point, gap_sd, linears)
+    return _finish(problem, point, level, gap_sd, cost, linears, True, (), ())
 
 
 def polish(problem: Problem, point: Point, level: float, settings: FitSettings) -> Fit:
@@ -329,12 +346,14 @@ def _descend(
     scale: Array | None = None
     table: list[tuple[float, float]] = []
     poor = 0
+    # A level that is left unfinished leads into a wrong valley of the next.
+    way = replace(settings, decrement=max(settings.decrement, 0.3))
     for i, level in enumerate(settings.levels):
         if progress is not None:
             progress(label, i, len(settings.levels))
         gap_sd = level * (problem.scale(point) if scale is None else scale)
         found, cost, linears, converged = _optimize(
-            problem, point, gap_sd, settings, 12 if i == 0 else 8
+            problem, point, gap_sd, way, 40 if i == 0 else 20
         )
         if scale is None:  # after the first level the states are those of the machine
             scale = problem.scale(found)

@@ -19,7 +19,8 @@ from feltmb.fit import (
     State,
     Term,
 )
-from feltmb.gap.diagnose import Options, diagnose
+from feltmb.gap.diagnose import Options, diagnose, fit_nominal
+from feltmb.gap.foresee import Foresight, foresee, noncentrality
 from feltmb.gap.gates import Gates, check_records
 from feltmb.gap.report import (
     Advice,
@@ -45,6 +46,7 @@ __all__ = [
     "Coordinate",
     "Effect",
     "EventRow",
+    "Foresight",
     "FunctionNominal",
     "GapRow",
     "Gates",
@@ -73,4 +75,7 @@ __all__ = [
     "Which",
     "check_records",
     "diagnose",
+    "fit_nominal",
+    "foresee",
+    "noncentrality",
 ]

@@ -208,6 +208,7 @@ def how_far_rows(
         rows=tuple(rows),
         waterfall=tuple(waterfall),
         waterfall_unit="noise standard deviations",
+        metric=primary.replace("_", " "),
         closed=closed,
         low=low,
         high=high,

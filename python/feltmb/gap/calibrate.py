@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.fit.linearize import predict
+from feltmb.fit.linearize import Linear, predict
 from feltmb.fit.nominal import Effect
 from feltmb.fit.shots import Shot
 from feltmb.fit.solve import Fit, FitSettings, polish
@@ -68,8 +68,8 @@ def calibrate(
         if progress is not None:
             progress("null bootstrap", i, replicates)
         shots = tuple(
-            _noisy(shot, outputs, generator)
-            for shot, outputs in zip(fit.problem.shots, clean, strict=True)
+            _noisy(shot, outputs, linear, generator)
+            for shot, outputs, linear in zip(fit.problem.shots, clean, fit.linears, strict=True)
         )
         start = replace(fit.point, memo={})
         again = polish(replace(fit.problem, shots=shots), start, fit.level, settings)
@@ -82,10 +82,14 @@ def calibrate(
     return Null(threshold * stretch, maxima, stretch, replicates)
 
 
-def _noisy(shot: Shot, outputs: Array, generator: np.random.Generator) -> Shot:
-    """The shot as the model and its noise would have given it."""
+def _noisy(shot: Shot, outputs: Array, linear: Linear, generator: np.random.Generator) -> Shot:
+    """The shot as the model and its noise, that of the inputs included, would have given it."""
+    drawn = generator.standard_normal(shot.measured.shape)
+    if linear.by_input.shape[2]:
+        push = generator.standard_normal((shot.count, linear.by_input.shape[2]))
+        drawn += np.einsum("wmi,wi->wm", linear.by_input, push).reshape(drawn.shape)
     innovation = np.divide(
-        generator.standard_normal(shot.measured.shape),
+        drawn,
         shot.weight,
         out=np.zeros_like(shot.measured),
         where=shot.weight > 0.0,

@@ -18,6 +18,8 @@ __all__ = ["Decision", "Facts", "decide", "misfit"]
 
 #: Standardized excess of the sum of squares that is a gap whatever causes it (p = 3e-5).
 EXCESS = 4.0
+#: The same for what is left after effects were named.
+REST = 3.0
 #: Log evidence for unknown forces that is a gap whatever causes it.
 OTHER = 6.0
 
@@ -36,6 +38,12 @@ class Facts:
     where: Where
     rest: Fit | None
     """The accepted model fitted with the tightest gaps."""
+    first: Search
+    """The search with the noise of the sensors alone."""
+    leftover: float
+    """Largest score of the other effects after the accepted ones, over its family-wise bar."""
+    unexplained: bool
+    """Whether effects were judged against an unknown rest as well as noise."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +57,9 @@ class Decision:
     confidence: float
 
 
-def misfit(fit: Fit, tight: Fit | None, *, estimated: bool) -> tuple[bool, float, float]:
+def misfit(
+    fit: Fit, tight: Fit | None, *, estimated: bool, bar: float = EXCESS
+) -> tuple[bool, float, float]:
     """Is something left: (yes, standardized excess, log evidence for unknown forces).
 
     Where the noise itself was estimated from the records, an excess within a third of it is not
@@ -65,14 +75,14 @@ def misfit(fit: Fit, tight: Fit | None, *, estimated: bool) -> tuple[bool, float
         other = fit.log_evidence - tight.log_evidence
         if estimated and ratio < 1.33**2:
             other = 0.0
-    return excess > EXCESS or other > OTHER, float(excess), float(other)
+    return excess > bar or other > OTHER, float(excess), float(other)
 
 
 def decide(facts: Facts) -> Decision:
     """Weigh the facts; see docs/gap.md for the rules in words."""
     search, accepted, belief = facts.search, facts.accepted, facts.belief
     estimated = facts.gates.estimated
-    left, _, _ = misfit(search.nominal, search.tight_fit, estimated=estimated)
+    left, _, _ = misfit(facts.first.nominal, facts.first.tight_fit, estimated=estimated)
     reference = search.tight if search.tight is not None else search.scores
     largest = float(np.max(reference.singles())) if reference.terms else 0.0
     p = facts.null.p(largest)
@@ -99,10 +109,19 @@ def decide(facts: Facts) -> Decision:
             (),
             belief.none,
         )
+    if best is None and not facts.first.nominal.converged and not hint:
+        return Decision(
+            Verdict.TOO_WEAK,
+            "The fit of the nominal did not converge, also from other starts; a stuck fit is not "
+            "taken for a gap. Give closer priors, or shorter windows.",
+            (),
+            (),
+            belief.none,
+        )
     if best is None:
         text = (
             "There is a gap (sum of squares "
-            f"{_ratio(search):.3g} of its expectation), but no tested effect explains it"
+            f"{_ratio(facts.first):.3g} of its expectation), but no tested effect explains it"
         )
         refused = _refusals(accepted)
         text += f"; held-out records refused {refused}." if refused else "."
@@ -131,12 +150,11 @@ def _name(facts: Facts) -> Decision:
             if set(c.names) & set(unsure)
         )
     del weight
-    left, _, _ = misfit(best.fit, facts.rest, estimated=facts.gates.estimated)
+    left, _, _ = misfit(best.fit, facts.rest, estimated=facts.gates.estimated, bar=REST)
+    left = left or facts.unexplained or facts.leftover > 1.0
     closed = f"It closes {facts.how_far.closed:.0%} of the held-out gap."
     rest = (
-        " What is left is still more than noise"
-        f" (sum of squares {_of(best.fit, facts.rest):.3g} of its expectation); nothing tested"
-        " explains it."
+        f" What is left is {_floor(facts)}; nothing tested explains it."
         if left
         else " What is left is noise."
     )
@@ -144,7 +162,7 @@ def _name(facts: Facts) -> Decision:
     if sure and all(kinds.get(n) in data_kinds for n in sure):
         return Decision(
             Verdict.DATA_PROBLEM,
-            f"The records, not the machine: {_list(sure)} explains the gap. {closed}{rest}",
+            f"The records, not the machine: {_list(sure)}. {closed}{rest}",
             sure,
             tuple(unsure),
             confidence,
@@ -152,7 +170,7 @@ def _name(facts: Facts) -> Decision:
     if not sure:
         text = f"One of {_list(unsure)}; these records cannot tell which. {closed}{rest}"
         return Decision(Verdict.ONE_OF, text, (), tuple(unsure), confidence)
-    text = f"{_list(sure)}. {closed}"
+    text = f"The model lacks: {_list(sure)}. {closed}"
     if unsure:
         text += f" Besides, one of {_list(unsure)}, which these records cannot tell apart."
     verdict = Verdict.NAMED_UNKNOWN_REST if left or unsure else Verdict.NAMED
@@ -164,9 +182,13 @@ def _ratio(search: Search) -> float:
     return fit.chi2 / fit.dof
 
 
-def _of(fit: Fit, tight: Fit | None) -> float:
-    reference = tight if tight is not None else fit
-    return reference.chi2 / reference.dof
+def _floor(facts: Facts) -> str:
+    """Held-out rest against noise, by channel, in words."""
+    rows = [r for r in facts.how_far.rows if r.metric == facts.how_far.metric and r.floor > 0.0]
+    if not rows:
+        return "more than noise"
+    worst = max(rows, key=lambda r: r.after / r.floor)
+    return f"{worst.after / worst.floor:.2g} times the noise of {worst.channel}"
 
 
 def _refusals(accepted: Accepted) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from feltmb.data import Record, Role
-from feltmb.errors import InvalidParameter
+from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.cache import Cache
 from feltmb.fit.nominal import Effect, Nominal
 from feltmb.fit.problem import Problem
@@ -23,14 +23,18 @@ from feltmb.gap.components import component_table
 from feltmb.gap.decide import Facts, decide
 from feltmb.gap.gates import Gates, check_records
 from feltmb.gap.proof import HeldOut
-from feltmb.gap.refine import search
+from feltmb.gap.refine import Search, search
 from feltmb.gap.report import NotTested, Report, Where
+from feltmb.gap.rest import rest_of, settled, with_noise
+from feltmb.gap.score import all_terms, family_threshold, score_fit
 from feltmb.gap.settle import accept, posterior, shapley
 from feltmb.gap.where import event_ledger, ledger, split_gap
 
-__all__ = ["Options", "diagnose", "prepare", "split_records"]
+__all__ = ["Options", "diagnose", "fit_nominal", "prepare", "split_records"]
 
 Progress = Callable[[str, int, int], None]
+#: Rounds in which the unknown rest is estimated again.
+ROUNDS = 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +56,8 @@ class Options:
     """Share of the whole held-out gain below which an effect is small print, not a cause."""
     windowed_level: float = 0.01
     """Gap between windows of the windowed metric, as a share of the spread of the states."""
+    fit: FitSettings | None = None
+    """How hard fits try; replaces ``restarts`` and ``seed`` there."""
     resume: Path | None = None
     """Folder for finished fits: a cut-off run continues from them."""
 
@@ -115,9 +121,7 @@ def prepare(
     return tuple(make_shot(nominal, r, gates.noise(r.name), window) for r in records)
 
 
-def _usable(
-    nominal: Nominal, effects: Sequence[Effect], fit: Fit
-) -> tuple[list[Effect], list[NotTested]]:
+def _usable(nominal: Nominal, effects: Sequence[Effect]) -> tuple[list[Effect], list[NotTested]]:
     """Effects that the nominal can simulate, and why the others cannot be tested."""
     names = [e.name for e in effects]
     doubled = sorted({n for n in names if names.count(n) > 1})
@@ -129,8 +133,36 @@ def _usable(
             bad.append(NotTested(name=e.name, why=f"the model {nominal.name} cannot simulate it"))
         else:
             good.append(e)
-    del fit
     return good, bad
+
+
+def _investigate(
+    nominal: Nominal,
+    shots: tuple[Shot, ...],
+    effects: Sequence[Effect],
+    options: Options,
+    settings: FitSettings,
+    cache: Cache | None,
+    progress: Progress | None,
+) -> Search:
+    """Fit the nominal and search the effects with the noise of the shots."""
+    fit = fit_problem(
+        Problem(nominal, shots, cache=cache), settings, progress=progress, label="nominal fit"
+    )
+    tight = None
+    if fit.gap_sd.size and fit.level > settings.levels[-1]:
+        tight = polish(fit.problem, fit.point, settings.levels[-1], replace(settings, chain=True))
+        if not np.isfinite(tight.cost):
+            tight = None
+    return search(
+        fit,
+        effects,
+        replace(settings, restarts=0),
+        most=options.max_effects,
+        width=options.width,
+        tight_fit=tight,
+        progress=progress,
+    )
 
 
 def diagnose(
@@ -183,39 +215,29 @@ def diagnose(
     fit_records, held_records = split_records(records, hold_out)
     gates = _inherit(check_records([*fit_records, *held_records], nominal.outputs), whole, records)
     if gates.problems:
-        from feltmb.errors import DataError
-
         raise DataError("records: " + "; ".join(gates.problems))
     shots = prepare(nominal, fit_records, gates, options.window)
     held_shots = prepare(nominal, held_records, gates, options.window)
     lap("gates")
 
-    settings = FitSettings(restarts=options.restarts, seed=options.seed)
+    settings = options.fit or FitSettings(restarts=options.restarts, seed=options.seed)
     cache = None if options.resume is None else Cache(options.resume)
-    fit = fit_problem(
-        Problem(nominal, shots, cache=cache), settings, progress=progress, label="nominal fit"
-    )
-    tight_fit = None
-    if fit.gap_sd.size and fit.level > settings.levels[-1]:
-        say("nominal fit, tight")
-        tight_fit = polish(
-            fit.problem, fit.point, settings.levels[-1], replace(settings, chain=True)
-        )
-        if not np.isfinite(tight_fit.cost):
-            tight_fit = None
-    lap("fit")
-
-    usable, not_tested = _usable(nominal, effects, fit)
-    say("score")
-    found = search(
-        fit,
-        usable,
-        replace(settings, restarts=0),
-        most=options.max_effects,
-        width=options.width,
-        tight_fit=tight_fit,
-        progress=progress,
-    )
+    usable, not_tested = _usable(nominal, effects)
+    sensed = held_shots
+    first = _investigate(nominal, shots, usable, options, settings, cache, progress)
+    found, rest_noise = first, None
+    plain = shots
+    for _ in range(ROUNDS):
+        new = rest_of(found, plain, settings)
+        if new is None or (rest_noise is not None and settled(rest_noise, new)):
+            break
+        # Nothing in the library explains all of it: effects must now beat the unknown rest, which
+        # shrinks with every effect that is found.
+        rest_noise = new
+        shots = tuple(with_noise(nominal, s, new) for s in plain)
+        held_shots = tuple(with_noise(nominal, s, new) for s in sensed)
+        found = _investigate(nominal, shots, usable, options, settings, cache, progress)
+    fit, tight_fit = found.nominal, found.tight_fit
     for name, why in found.failed:
         not_tested.append(NotTested(name=name, why=why))
     blind = [t for t, ok in zip(found.scores.terms, found.scores.testable, strict=True) if not ok]
@@ -240,9 +262,8 @@ def diagnose(
     lap("where")
 
     belief = posterior(found)
-    held = HeldOut(
-        held_shots, fit.problem.state_scale if fit.problem.state_scale is not None else np.zeros(0)
-    )
+    scale = fit.problem.state_scale
+    held = HeldOut(held_shots, np.zeros(0) if scale is None else scale, sensed)
     accepted = accept(
         found,
         held,
@@ -253,7 +274,7 @@ def diagnose(
         seed=options.seed,
         progress=progress,
     )
-    which_gap = _primary(nominal, accepted, held_shots)
+    which_gap = _primary(nominal, accepted, sensed)
     shares = shapley(
         found,
         accepted,
@@ -267,12 +288,14 @@ def diagnose(
     reference = found.tight if found.tight is not None else found.scores
     reference_fit = found.tight_fit if found.tight_fit is not None else fit
     alarm = float(np.max(reference.singles())) if reference.terms else 0.0
+    bar, _ = family_threshold(reference, options.alpha, seed=options.seed)
     null = calibrate(
         reference_fit,
         reference,
         usable,
         options.alpha,
-        options.bootstrap if 4.0 < alarm < 60.0 else 0,
+        # A correction can only raise the bar: it matters for what passed it by little.
+        options.bootstrap if bar < alarm < 6.0 * bar else 0,
         seed=options.seed,
         progress=progress,
     )
@@ -283,9 +306,18 @@ def diagnose(
             rest = polish(kept.problem, kept.point, settings.levels[-1], settings)
             if not np.isfinite(rest.cost):
                 rest = None
+    leftover = 0.0
+    if accepted.candidate is not None:
+        others = all_terms(usable, accepted.candidate.names)
+        if others:
+            after = score_fit(rest or accepted.candidate.fit, others)
+            limit, _ = family_threshold(after, options.alpha, seed=options.seed)
+            # Robust as well: what one window alone asks for is not a trend.
+            both = np.minimum(after.singles(), after.robust())
+            leftover = float(np.max(both) / limit) if np.isfinite(limit) else 0.0
     lap("null")
     model = amended(nominal, found, accepted)
-    how_far = how_far_rows(accepted, held_shots, shares, which_gap, options.seed)
+    how_far = how_far_rows(accepted, sensed, shares, which_gap, options.seed)
     advice = advise(found, accepted, nominal)
     facts = Facts(
         gates=gates,
@@ -297,6 +329,9 @@ def diagnose(
         how_far=how_far,
         where=where,
         rest=rest,
+        first=first,
+        unexplained=rest_noise is not None,
+        leftover=leftover,
     )
     decision = decide(facts)
     which = ranked(found, accepted, belief, null, decision.named, decision.one_of)
@@ -355,3 +390,19 @@ def _primary(nominal: Nominal, accepted: object, shots: Sequence[Shot]) -> str:
         return "windowed"
     finite = all(np.isfinite(o.gap(shots, "open_loop")) for o in (before, after))
     return "open_loop" if finite else "windowed"
+
+
+def fit_nominal(
+    nominal: Nominal,
+    records: Sequence[Record],
+    *,
+    window: float | None = None,
+    settings: FitSettings | None = None,
+    progress: Progress | None = None,
+) -> Fit:
+    """Fit the nominal alone to all records: parameters, intervals, what the data said."""
+    gates = check_records(records, nominal.outputs)
+    if gates.problems:
+        raise DataError("records: " + "; ".join(gates.problems))
+    shots = prepare(nominal, records, gates, window)
+    return fit_problem(Problem(nominal, shots), settings, progress=progress)

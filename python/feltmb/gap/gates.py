@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,7 +29,7 @@ class ChannelGate:
     sigma: float
     """Noise in use, resolution included [unit]."""
     method: str
-    """Where sigma comes from: "sensor", "repeats", "rest", "differences"."""
+    """Where sigma comes from: "sensor", "repeats", "rest", "differences", "prediction"."""
     correlation_time: float
     """[s]"""
     quantum: float
@@ -123,13 +123,13 @@ def _pooled(channels: list[ChannelGate]) -> list[ChannelGate]:
     """One noise a sensor: where it was estimated, the quietest record speaks for all of them."""
     out = []
     for c in channels:
-        if c.method in ("rest", "differences"):
+        if c.method in ("rest", "differences", "prediction"):
             same = [
                 o
                 for o in channels
                 if o.channel == c.channel
                 and o.unit == c.unit
-                and o.method in ("rest", "differences")
+                and o.method in ("rest", "differences", "prediction")
             ]
             best = min(same, key=lambda o: o.sigma)
             c = replace(c, sigma=best.sigma, method=best.method)
@@ -208,6 +208,9 @@ def _channel(
             sigma, method = repeat, "repeats"
         else:
             sigma, method, drift = _estimate(good, spread)
+            foretold = _foretold(values, record.inputs)
+            if foretold is not None and foretold < sigma:
+                sigma, method = foretold, "prediction"
     variance = sigma**2 + quantum**2 / 12.0
     return ChannelGate(
         record=record.name,
@@ -223,6 +226,29 @@ def _channel(
         clipped=clipped,
         drift=drift,
     )
+
+
+def _foretold(values: Array, inputs: Mapping[str, Array], reach: int = 4) -> float | None:
+    """Error of the best linear prediction of a sample from its neighbors and the inputs.
+
+    The noise of a sample is unknown to all others, so that no prediction can beat it: an upper
+    bound, which is close where the signal is too fast for differences.
+    """
+    n = values.size
+    columns = [np.roll(values, k) for k in range(-reach, reach + 1) if k != 0]
+    for u in list(inputs.values())[:4]:
+        columns += [np.roll(u, k) for k in range(-reach, reach + 1)]
+    part = slice(reach, n - reach)
+    table = np.column_stack([np.ones(n), *columns])[part]
+    wanted = values[part]
+    good = np.isfinite(wanted) & np.all(np.isfinite(table), axis=1)
+    if good.sum() < 5 * table.shape[1]:
+        return None
+    table, wanted = table[good], wanted[good]
+    size = np.maximum(np.sqrt(np.mean(table**2, axis=0)), 1e-300)
+    found = np.linalg.lstsq(table / size, wanted, rcond=1e-10)[0]
+    left = wanted - (table / size) @ found
+    return float(np.sqrt(np.sum(left**2) / (wanted.size - table.shape[1])))
 
 
 def _estimate(values: Array, spread: float) -> tuple[float, str, float]:

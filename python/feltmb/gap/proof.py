@@ -57,7 +57,8 @@ class HeldOut:
 
     shots: tuple[Shot, ...]
     state_scale: Array
-    input_knots: int = 6
+    sensed: tuple[Shot, ...]
+    """The same shots with the noise of the sensors alone: the unit and the floor of gaps."""
 
 
 @dataclass(frozen=True)

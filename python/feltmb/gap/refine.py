@@ -65,12 +65,13 @@ def refit(base: Fit, terms: tuple[Term, ...], sizes: Array, settings: FitSetting
         return fit
     levels = list(settings.levels)
     at = min(range(len(levels)), key=lambda i: abs(np.log(levels[i] / base.level)))
+    quick = replace(settings, iterations=min(settings.iterations, 4))
     for level in levels[at + 1 :]:
-        trial = polish(problem, fit.point, level, settings)
+        trial = polish(problem, fit.point, level, quick)
         if trial.log_evidence < fit.log_evidence - 0.5:
             break
         fit = trial
-    return fit
+    return fit if fit.converged else polish(problem, fit.point, fit.level, settings)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -222,6 +223,8 @@ class HowFar:
     """("nominal", gap), then every accepted effect with its order-free (Shapley) share, then
     ("unexplained", rest), ("floor", noise and repeatability); in units of ``waterfall_unit``."""
     waterfall_unit: str
+    metric: str
+    """Metric of the waterfall and of ``closed``: "open loop" or "windowed"."""
     closed: float
     """Share of the windowed held-out gap that is closed, all channels together [1]."""
     low: float
@@ -316,3 +319,9 @@ class Report:
     """What the gates found (:class:`feltmb.gap.Gates`)."""
     seconds: Mapping[str, float] = field(default_factory=dict)
     """Time per stage; left out of the files, whose bytes depend on the input alone."""
+
+    def write(self, folder: str | Path, *, force: bool = False) -> tuple[Path, Path]:
+        """Write report.html and report.json into a folder."""
+        from feltmb.gap.files import write_report
+
+        return write_report(self, Path(folder), force=force)

@@ -123,7 +123,7 @@ def accept(
         without = before if rest is None else outcome(rest.fit)
         shares = []
         for which in ("open_loop", "windowed"):
-            old, new = without.gap(held.shots, which), after.gap(held.shots, which)
+            old, new = without.gap(held.sensed, which), after.gap(held.sensed, which)
             if np.isfinite(old) and np.isfinite(new) and old > 1.0:
                 shares.append((old - new) / (old - 1.0))
         return max(shares, default=0.0)
@@ -131,26 +131,57 @@ def accept(
     before = outcome(search.nominal)
     proof: dict[str, Paired] = {}
     rejected: list[tuple[str, str]] = []
-    best = search.best
-    while best is not None:
-        after = outcome(best.fit)
-        trials = {}
-        for name in best.names:
-            rest = candidate_without(best, name)
+
+    def faults(c: Candidate) -> tuple[dict[str, Paired], dict[str, str]]:
+        """Gain by effect over the set without it, and why some do not stand."""
+        after = outcome(c.fit)
+        trials, bad = {}, {}
+        for name in c.names:
+            rest = candidate_without(c, name)
             base = before if rest is None else outcome(rest.fit)
-            trials[name] = compare(base, after, held.shots, inflation, seed=seed)
-        bad = {n: p for n, p in trials.items() if not _improves(p, inflation)}
-        if len(best.names) > 1 and not bad:
-            # Small print is not a cause: an effect must close some of what is left without it.
-            bad = {n: p for n, p in trials.items() if closes(best, n, after) < least_share}
-        if not bad:
-            proof = trials
-            break
-        worst = min(bad, key=lambda n: bad[n].gain)
-        rejected.append(
-            (worst, f"held-out gain {bad[worst].gain:.1f} nats, p = {bad[worst].p:.2g}")
-        )
-        best = candidate_without(best, worst)
+            paired = compare(base, after, held.shots, inflation, seed=seed)
+            trials[name] = paired
+            if not _improves(paired, inflation):
+                bad[name] = f"held-out gain {paired.gain:.1f} nats, p = {paired.p:.2g}"
+            elif len(c.names) > 1 and (share := closes(c, name, after)) < least_share:
+                # Small print is not a cause.
+                bad[name] = f"closes {share:.0%} of what the others leave of the held-out gap"
+        return trials, bad
+
+    best = search.best
+    if best is not None:
+        proof, bad = faults(best)
+        if bad:
+            # Effects of a set can stand in for each other, so that the first refusal must not
+            # decide: of the largest subsets that stand, the one with the best evidence is kept.
+            first, why = best, bad
+            strongest = max(first.names, key=lambda n: proof[n].gain)
+            needed = set() if strongest in bad else {strongest}
+            best = None
+            for size in range(len(first.names) - 1, 0, -1):
+                standing = []
+                for names in itertools.combinations(first.names, size):
+                    if not needed <= set(names):
+                        continue
+                    part: Candidate | None = first
+                    for name in set(first.names) - set(names):
+                        assert part is not None
+                        part = candidate_without(part, name)
+                    assert part is not None
+                    if part.evidence < search.nominal_evidence:
+                        continue
+                    found, wrong = faults(part)
+                    if not wrong:
+                        standing.append((part, found))
+                if standing:
+                    best, proof = max(standing, key=lambda s: (s[0].evidence, s[0].key))
+                    break
+            kept = () if best is None else best.names
+            rejected = [
+                (n, why.get(n, "does not stand without " + " and ".join(why)))
+                for n in first.names
+                if n not in kept
+            ]
     after = before if best is None else outcome(best.fit)
     rivals = []
     if best is not None:
@@ -206,7 +237,7 @@ def shapley(
                 settings,
             )
             found = evaluate(held, part, settings, windowed_level=windowed_level)
-        value[subset] = found.gap(held.shots, which)
+        value[subset] = found.gap(held.sensed, which)
     n = len(names)
     out = {}
     for name in names:

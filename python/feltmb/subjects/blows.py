@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from feltmb import _core
@@ -22,12 +23,22 @@ from feltmb.config import Action, load_action
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import DataError, FeltmbError, InvalidParameter
 from feltmb.files import read_toml
-from feltmb.fit import Effect, Lanes, Nominal, Parameter, Simulated, State, Term
+from feltmb.fit import (
+    Effect,
+    Lanes,
+    Nominal,
+    Parameter,
+    Sensitivity,
+    Simulated,
+    State,
+    Term,
+)
 from feltmb.quantity import SI, Schema, fault_lines, fault_text, parse_scalar
 from feltmb.simulate import simulate
 from feltmb.stroke import Stroke, load_stroke
 from feltmb.subjects.effects import effect_of
 from feltmb.subjects.library import Entry, load_library
+from feltmb.subjects.reuse import Reuse
 from feltmb.subjects.variants import Variant, Workshop, changed_config
 
 __all__ = ["BlowNominal", "blow_record", "load_blows"]
@@ -96,6 +107,7 @@ class BlowNominal(Nominal):
 
     window = None
     chaotic = False
+    difference_step = 0.05
 
     def __init__(
         self,
@@ -126,6 +138,7 @@ class BlowNominal(Nominal):
             )
             for e in tolerances
         )
+        self.reuse = Reuse()
         self._known: dict[bytes, Array] = {}
         self._impact: dict[str, float] = {}
         self._actions: dict[str, Action] = {}
@@ -154,6 +167,64 @@ class BlowNominal(Nominal):
         with ThreadPoolExecutor(min(8, os.cpu_count() or 1)) as pool:
             list(pool.map(work, range(lanes.count)))
         return Simulated(outputs=outputs, ends=np.zeros((lanes.count, 0)))
+
+    def sensitivities(
+        self,
+        record: Record,
+        theta: Array,
+        windows: NDArray[np.intp],
+        starts: Array,
+        terms: tuple[Term, ...] = (),
+        sizes: Array | None = None,
+        *,
+        by_theta: Sequence[int] | None = None,
+        by_starts: bool = True,
+        candidates: tuple[Term, ...] = (),
+    ) -> Sensitivity:
+        """Differences, kept while the point moves little."""
+        theta = np.asarray(theta, dtype=float)
+        given = np.zeros(len(terms)) if sizes is None else np.asarray(sizes, dtype=float)
+        wanted = tuple(range(len(self.parameters)) if by_theta is None else by_theta)
+
+        def compute() -> Sensitivity:
+            return super(BlowNominal, self).sensitivities(
+                record,
+                theta,
+                windows,
+                starts,
+                terms,
+                given,
+                by_theta=wanted,
+                by_starts=by_starts,
+                candidates=candidates,
+            )
+
+        def base() -> tuple[Array, Array]:
+            count = len(windows)
+            run = self.simulate(
+                record,
+                Lanes(
+                    theta=np.tile(theta, (count, 1)),
+                    windows=windows,
+                    starts=starts,
+                    terms=terms,
+                    sizes=np.tile(given, (count, 1)),
+                ),
+            )
+            return run.outputs, run.ends
+
+        key = (
+            record.name,
+            tuple((t.name, t.shape) for t in terms),
+            wanted,
+            tuple((t.name, t.shape) for t in candidates),
+        )
+        units = (
+            np.array([p.size for p in self.parameters]),
+            np.array([t.effect.scale for t in terms]),
+            np.ones(starts.shape[1]),
+        )
+        return self.reuse.ask(key, theta, given, starts, units, base, compute)
 
     def numbers(
         self, record: Record, theta: Array, terms: tuple[Term, ...] = (), sizes: Array | None = None
@@ -334,8 +405,9 @@ def load_blows(path: str | Path) -> tuple[BlowNominal, tuple[Effect, ...], tuple
                 used.append(key)
             except ValueError as error:
                 faults.append(f"records.{table.name}.{key}: {error}")
-        if not numbers:
+        if all(getattr(table, key) is None for key in _UNITS):
             faults.append(f"records.{table.name}: no number; known are {', '.join(_UNITS)}")
+        if not numbers:
             continue
         records.append(
             blow_record(
@@ -348,13 +420,14 @@ def load_blows(path: str | Path) -> tuple[BlowNominal, tuple[Effect, ...], tuple
                 source=file.cite,
             )
         )
-    known = {e.name: e for e in library.tolerances}
-    faults += [
-        f"tolerances: {t!r} is not in the library" for t in file.tolerances if t not in known
-    ]
+    tolerances: tuple[Entry, ...] = ()
+    try:
+        tolerances = library.choose_tolerances(file.tolerances or ["none"])
+    except InvalidParameter as error:
+        faults.append(str(error))
     if faults:
         raise InvalidParameter(fault_text(path.name, faults))
     outputs = [key for key in _UNITS if key in used]
-    nominal = BlowNominal(action, [known[t] for t in file.tolerances], outputs)
+    nominal = BlowNominal(action, tolerances, outputs)
     effects = tuple(effect_of(e, (), {}) for e in library.select(file.effects))
     return nominal, effects, tuple(records)

@@ -1,13 +1,16 @@
-"""Derivatives of a mechanism's windows by one-sided differences, all lanes in one threaded batch.
+"""Derivatives of a mechanism's windows: forward sensitivities, or differences where they fail.
 
-Steps are chosen against the noise of an adaptive integrator, which is about 0.1 um: a tenth of a
-tolerance, a fifth of the natural size of a state, the step of an effect. What this costs in
-curvature is a few percent of a derivative, which a Gauss-Newton step and a score forgive.
+Differences are one-sided, all lanes in one threaded batch. Steps are chosen against the noise of an
+adaptive integrator, which is about 0.1 um: a tenth of a tolerance, a fifth of the natural size of a
+state, the step of an effect. What this costs in curvature is a few percent of a derivative, which a
+Gauss-Newton step and a score forgive. Forward sensitivities are exact but cost about twice as much
+(docs/gap-action.md); ``nominal.forward`` chooses.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,16 +18,77 @@ from numpy.typing import NDArray
 
 from feltmb.data import Array, Record
 from feltmb.fit import Lanes, Sensitivity, Term
+from feltmb.subjects.forward import can_differentiate, forward_sensitivities
 
 if TYPE_CHECKING:
     from feltmb.subjects.nominal import MechanismNominal
 
-__all__ = ["difference_sensitivities"]
+__all__ = ["difference_sensitivities", "sensitivities"]
 
 #: Step of a parameter as a share of its natural size.
 THETA_STEP = 0.1
 #: Step of a state as a share of its natural size.
 START_STEP = 0.2
+
+
+def sensitivities(
+    nominal: MechanismNominal,
+    record: Record,
+    theta: Array,
+    windows: NDArray[np.intp],
+    starts: Array,
+    terms: tuple[Term, ...],
+    sizes: Array,
+    *,
+    by_theta: Sequence[int],
+    by_starts: bool,
+    candidates: tuple[Term, ...],
+) -> Sensitivity:
+    """See :meth:`feltmb.fit.Nominal.sensitivities`."""
+    smooth = tuple(t for t in candidates if can_differentiate(t))
+    rough = tuple(t for t in candidates if not can_differentiate(t))
+    fixed = all(can_differentiate(t) or s != 0.0 for t, s in zip(terms, sizes, strict=True))
+    found = None
+    if fixed and nominal.forward:
+        found = forward_sensitivities(
+            nominal,
+            record,
+            theta,
+            windows,
+            starts,
+            terms,
+            sizes,
+            by_theta=by_theta,
+            by_starts=by_starts,
+            candidates=smooth,
+        )
+    if found is None:
+        return difference_sensitivities(
+            nominal,
+            record,
+            theta,
+            windows,
+            starts,
+            terms,
+            sizes,
+            by_theta=by_theta,
+            by_starts=by_starts,
+            candidates=candidates,
+        )
+    if not rough:
+        return found
+    d_rough, d_rough_ends = _candidates(
+        nominal, record, theta, windows, starts, terms, sizes, rough, found.outputs, found.ends
+    )
+    order = [*smooth, *rough]
+    back = [order.index(t) for t in candidates]
+    return replace(
+        found,
+        d_candidates=np.concatenate([found.d_candidates, d_rough], axis=3)[..., back],
+        d_candidates_ends=np.concatenate([found.d_candidates_ends, d_rough_ends], axis=2)[
+            ..., back
+        ],
+    )
 
 
 def difference_sensitivities(
@@ -127,6 +191,16 @@ def _candidates(
             step = -step
         all_terms = (*terms, term)
         row = np.append(sizes, step)
+        if nominal.single:
+            lanes = Lanes(
+                theta=np.tile(theta, (count, 1)),
+                windows=windows,
+                starts=starts,
+                terms=all_terms,
+                sizes=np.tile(row, (count, 1)),
+            )
+            d_outputs[..., c] = (nominal.simulate(record, lanes).outputs - outputs) / step
+            return
         hidden = np.array([s.start for s in term.effect.hidden])
         for w in range(count):
             lanes = Lanes(

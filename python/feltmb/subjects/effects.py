@@ -14,7 +14,11 @@ __all__ = ["effect_of"]
 
 
 def effect_of(
-    entry: Entry, outputs: Sequence[str], channels: Mapping[str, Sequence[str]]
+    entry: Entry,
+    outputs: Sequence[str],
+    channels: Mapping[str, Sequence[str]],
+    *,
+    states: bool = True,
 ) -> Effect:
     """Effect for the engine.
 
@@ -24,6 +28,8 @@ def effect_of(
         Those of the nominal, on which sensor effects act.
     channels
         Outputs behind the names of channels.
+    states
+        Whether the states that it brings are shown; not where records are simulated whole.
     """
     hidden = [
         State(name=name, unit=unit, scale=size, start_sd=0.0, hidden=True)
@@ -61,7 +67,7 @@ def effect_of(
         lower=entry.lower,
         upper=entry.upper,
         confounders=entry.confounders,
-        hidden=tuple(hidden),
+        hidden=tuple(hidden) if states else (),
         step=entry.step,
         observe=observe,
         excite=excite,

@@ -219,39 +219,19 @@ class Library:
 
     def effect(self, name: str) -> Entry:
         """Effect by name. Raises InvalidParameter with the nearest names."""
-        for entry in self.effects:
-            if entry.name == name:
-                return entry
-        names = [e.name for e in self.effects]
-        near = difflib.get_close_matches(name, names, n=3, cutoff=0.4)
-        hint = f"; near: {', '.join(near)}" if near else ""
-        raise InvalidParameter(f"effect {name!r} is not in library {self.name!r}{hint}")
+        return _chosen(self.effects, [name], "effects", self.name)[0]
 
     def select(self, names: Sequence[str] = ()) -> tuple[Entry, ...]:
         """Effects by name, or with ``*`` by pattern, ``all``, or the default set for no name."""
-        from fnmatch import fnmatchcase
+        return _chosen(
+            self.effects, names or self.default_effects or ("all",), "effects", self.name
+        )
 
-        if not names:
-            names = self.default_effects or ("all",)
-        out: dict[str, Entry] = {}
-        faults = []
-        for name in names:
-            if name == "all":
-                found = list(self.effects)
-            elif any(c in name for c in "*?["):
-                found = [e for e in self.effects if fnmatchcase(e.name, name)]
-                if not found:
-                    faults.append(f"effects {name!r}: no name of library {self.name!r} matches")
-            else:
-                try:
-                    found = [self.effect(name)]
-                except InvalidParameter as error:
-                    faults.append(str(error))
-                    continue
-            out |= {e.name: e for e in found}
-        if faults:
-            raise InvalidParameter("\n".join(faults))
-        return tuple(out.values())
+    def choose_tolerances(self, names: Sequence[str]) -> tuple[Entry, ...]:
+        """Tolerances by name, pattern or ``all``; ``none`` for none."""
+        if list(names) == ["none"]:
+            return ()
+        return _chosen(self.tolerances, names, "tolerances", self.name)
 
     def outputs(self, channels: Sequence[str] = ()) -> tuple[str, ...]:
         """Outputs behind channel names; a name with a dot stands for itself."""
@@ -270,6 +250,34 @@ class Library:
         if faults:
             raise InvalidParameter("\n".join(faults))
         return tuple(dict.fromkeys(out))
+
+
+def _chosen(
+    entries: Sequence[Entry], names: Sequence[str], what: str, library: str
+) -> tuple[Entry, ...]:
+    from fnmatch import fnmatchcase
+
+    known = {e.name: e for e in entries}
+    out: dict[str, Entry] = {}
+    faults = []
+    for name in names:
+        if name == "all":
+            found = list(entries)
+        elif any(c in name for c in "*?["):
+            found = [e for e in entries if fnmatchcase(e.name, name)]
+            if not found:
+                faults.append(f"{what} {name!r}: no name of library {library!r} matches")
+        elif name in known:
+            found = [known[name]]
+        else:
+            near = difflib.get_close_matches(name, list(known), n=3, cutoff=0.4)
+            hint = f"; near: {', '.join(near)}" if near else ""
+            faults.append(f"{what[:-1]} {name!r} is not in library {library!r}{hint}")
+            continue
+        out |= {e.name: e for e in found}
+    if faults:
+        raise InvalidParameter("\n".join(faults))
+    return tuple(out.values())
 
 
 def _resolve(name_or_path: str | Path, beside: Path | None = None) -> Path:

@@ -14,7 +14,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from feltmb import _core
 from feltmb.config import Action
 from feltmb.data import Array, Record
-from feltmb.errors import DataError, FeltmbError, InvalidParameter
+from feltmb.errors import DataError, FeltmbError, InvalidParameter, ModelError
 from feltmb.fit import (
     Effect,
     Lanes,
@@ -97,6 +97,12 @@ class MechanismNominal(Nominal):
         Relative tolerance of the integrator.
     window
         Length of shooting windows [s].
+    shooting
+        ``multiple``: windows with start states of their own, tied to one another, which keeps a
+        record linear through impacts and noise of the input. ``single``: every record in one go
+        from rest; ten times cheaper, for records whose input is known well.
+    derivatives
+        ``differences``, or ``forward``: exact, at about twice the cost.
     workers
         Threads; default: one a core.
 
@@ -106,7 +112,7 @@ class MechanismNominal(Nominal):
         An output that the mechanism does not have.
     """
 
-    chaotic = True
+    difference_step = 0.1
 
     def __init__(
         self,
@@ -117,8 +123,16 @@ class MechanismNominal(Nominal):
         tolerances: Sequence[Entry] | None = None,
         rtol: float = 1e-7,
         window: float | None = None,
+        shooting: Literal["multiple", "single"] = "multiple",
+        derivatives: Literal["differences", "forward"] = "differences",
         workers: int | None = None,
     ):
+        if shooting not in ("multiple", "single"):
+            raise InvalidParameter(f"shooting = {shooting!r}, expected multiple or single")
+        if derivatives not in ("differences", "forward"):
+            raise InvalidParameter(
+                f"derivatives = {derivatives!r}, expected differences or forward"
+            )
         self.action = action
         self.library = library
         self.name = action.name
@@ -138,6 +152,9 @@ class MechanismNominal(Nominal):
         )
         self.window = library.window if window is None else window
         self.rtol = rtol
+        self.single = shooting == "single"
+        self.chaotic = not self.single
+        self.forward = derivatives == "forward"
         self.workers = workers or min(8, os.cpu_count() or 1)
         self.reuse = Reuse()
         self._workshop = Workshop(action)
@@ -150,6 +167,7 @@ class MechanismNominal(Nominal):
         }
         scales = dict(zip(action.coordinates, base.mechanism.coordinate_scale, strict=True))
         moving = [c for c in action.coordinates if c not in condensed]
+        self._condensed = [c for c in action.coordinates if c in condensed]
         bodies = action.config.bodies.values()
         turning = {b.coordinate for b in bodies if b.joint == "revolute" and b.coordinate}
         self._states = tuple(
@@ -192,7 +210,9 @@ class MechanismNominal(Nominal):
     # --- the interface of Nominal ---------------------------------------------------------------
 
     def states(self, terms: Sequence[Term] = ()) -> tuple[State, ...]:
-        """Departures of the coordinates and rates, then what the terms bring."""
+        """Departures of the coordinates and rates, then what the terms bring; none if single."""
+        if self.single:
+            return ()
         extra = []
         for term in terms:
             extra += list(term.effect.hidden)
@@ -204,6 +224,8 @@ class MechanismNominal(Nominal):
 
     def simulate(self, record: Record, lanes: Lanes) -> Simulated:
         """Every lane from its start; lanes that fail are NaN."""
+        if self.single:
+            return self._simulate_whole(record, lanes)
         outputs = np.full((lanes.count, lanes.longest, len(self.outputs)), np.nan)
         ends = np.full((lanes.count, lanes.starts.shape[1]), np.nan)
         names = [s.name for s in self.states(lanes.terms)]
@@ -220,7 +242,7 @@ class MechanismNominal(Nominal):
                 continue
             first, last = (int(i) for i in lanes.windows[b])
             jobs.append(_Job(b, variant, first, last, lanes.starts[b]))
-        drive = self._drive(record)
+        drive = self.drive(record)
 
         def work(job: _Job) -> None:
             out = self._run(record, drive, job, names)
@@ -230,6 +252,33 @@ class MechanismNominal(Nominal):
 
         self.in_parallel(work, jobs)
         return Simulated(outputs=outputs, ends=ends)
+
+    def _simulate_whole(self, record: Record, lanes: Lanes) -> Simulated:
+        """Lanes of one version share one run from rest."""
+        outputs = np.full((lanes.count, lanes.longest, len(self.outputs)), np.nan)
+        groups: dict[bytes, list[int]] = {}
+        for b in range(lanes.count):
+            sizes = lanes.sizes[b] if lanes.terms else np.zeros(0)
+            key = self._key(record, lanes.theta[b], lanes.terms, sizes)
+            groups.setdefault(key, []).append(b)
+        drive = self.drive(record)
+
+        def work(item: tuple[bytes, list[int]]) -> None:
+            key, rows = item
+            sizes = lanes.sizes[rows[0]] if lanes.terms else np.zeros(0)
+            variant = self._variant(record, key, lanes.theta[rows[0]], lanes.terms, sizes)
+            if variant is None:
+                return
+            last = int(max(lanes.windows[b, 1] for b in rows))
+            run = self._integrate(record, drive, _Job(0, variant, 0, last, np.zeros(0)), ())
+            if run is None:
+                return
+            for b in rows:
+                i, j = (int(k) for k in lanes.windows[b])
+                outputs[b, : j - i + 1] = run[1][i : j + 1]
+
+        self.in_parallel(work, list(groups.items()))
+        return Simulated(outputs=outputs, ends=np.zeros((lanes.count, 0)))
 
     def sensitivities(
         self,
@@ -244,18 +293,19 @@ class MechanismNominal(Nominal):
         by_starts: bool = True,
         candidates: tuple[Term, ...] = (),
     ) -> Sensitivity:
-        """Derivatives by differences, kept while the point moves little.
+        """Derivatives, kept while the point moves little.
 
-        See :mod:`feltmb.subjects.derivatives` and :mod:`feltmb.subjects.reuse`.
+        See :mod:`feltmb.subjects.forward`, :mod:`feltmb.subjects.derivatives` and
+        :mod:`feltmb.subjects.reuse`.
         """
-        from feltmb.subjects.derivatives import difference_sensitivities
+        from feltmb.subjects.derivatives import sensitivities
 
         theta, starts = np.asarray(theta, dtype=float), np.asarray(starts, dtype=float)
         sizes = np.zeros(len(terms)) if sizes is None else np.asarray(sizes, dtype=float)
         wanted = tuple(range(len(self.parameters)) if by_theta is None else by_theta)
 
         def compute() -> Sensitivity:
-            return difference_sensitivities(
+            return sensitivities(
                 self,
                 record,
                 theta,
@@ -300,10 +350,12 @@ class MechanismNominal(Nominal):
 
     def guess(self, record: Record, windows: NDArray[np.intp]) -> Array:
         """Start states on the nominal's own way through the record."""
+        if self.single:
+            return np.zeros((len(windows), 0))
         last = int(np.max(windows[:, 1]))
         names = [s.name for s in self.states()]
         job = _Job(0, self._base(), 0, last, np.zeros(len(names)))
-        run = self._integrate(record, self._drive(record), job, names)
+        run = self._integrate(record, self.drive(record), job, names)
         starts = np.zeros((len(windows), len(names)))
         if run is None:
             return starts
@@ -372,7 +424,39 @@ class MechanismNominal(Nominal):
             return self._base()
         return self._workshop.variant(key, self._chosen(theta, terms, sizes), record.conditions)
 
-    def _drive(self, record: Record) -> Drive:
+    def version(
+        self, record: Record, theta: Array, terms: tuple[Term, ...], sizes: Array
+    ) -> Variant:
+        """The mechanism of parameters and sizes under the conditions of a record.
+
+        Raises
+        ------
+        ModelError
+            These numbers make no mechanism, or it has no rest.
+        """
+        key = self._key(record, theta, terms, sizes)
+        variant = self._variant(record, key, theta, terms, sizes)
+        if variant is None:
+            raise ModelError(f"mechanism {self.name!r}: no rest pose at these numbers")
+        return variant
+
+    def condensed_places(self, variant: Variant) -> list[int]:
+        """Places of the held axial coordinates in the full state."""
+        return [variant.place[name] for name in self._condensed]
+
+    def at_rest(self, variant: Variant, output: str) -> float:
+        """Value of an output at rest: where the tracking point is [m]; 0 for a force."""
+        point, _, axis = output.rpartition(".")
+        return variant.points[point]["xy".index(axis)] if point in variant.points else 0.0
+
+    def drive(self, record: Record) -> Drive:
+        """What the record puts in.
+
+        Raises
+        ------
+        DataError
+            The input that its mode needs is missing.
+        """
         motion = record.input_mode == "motion"
         wanted = "displacement" if motion else "force"
         if wanted not in record.inputs:
@@ -410,7 +494,7 @@ class MechanismNominal(Nominal):
         """States (n, nx) and outputs (n, ny) at the samples of one window; None if it failed."""
         v = job.variant
         full = v.rest.copy()
-        index = np.array([v.place.get(name, -1) for name in names])
+        index = np.array([v.place.get(name, -1) for name in names], dtype=int)
         full[index[index >= 0]] += job.start[index >= 0]
         time = record.time[job.first : job.last + 1] - record.time[job.first]
         count = time.size
@@ -423,7 +507,7 @@ class MechanismNominal(Nominal):
         options.finger_reference = v.finger_reference
         profile = drive.profile(float(record.time[job.first]), float(time[-1]))
         if drive.motion:
-            self._follow(v, full, profile)
+            self.follow(v, full, profile)
         try:
             result = _core.simulate(
                 v.mechanism,
@@ -449,7 +533,7 @@ class MechanismNominal(Nominal):
         x[:, known] = states[:, index[known]] - v.rest[index[known]]
         return x, self._columns(result, data, v), result
 
-    def _follow(self, v: Variant, full: Array, profile: _core.Profile) -> None:
+    def follow(self, v: Variant, full: Array, profile: _core.Profile) -> None:
         """Put the joint of the finger's body where the prescribed motion wants it, and its rate.
 
         The start state of that joint has no say under motion input.
@@ -482,10 +566,7 @@ class MechanismNominal(Nominal):
         out = np.empty((data.shape[0], len(self.outputs)))
         for o, name in enumerate(self.outputs):
             column = data[:, where[name]] if name in where else np.full(data.shape[0], np.nan)
-            point, _, axis = name.rpartition(".")
-            if point in v.points:
-                column = column - v.points[point]["xy".index(axis)]
-            out[:, o] = column
+            out[:, o] = column - self.at_rest(v, name)
         return out
 
 
@@ -538,7 +619,9 @@ def mechanism_nominal(
         library = load_library(action, library)
     nominal = MechanismNominal(action, library, library.outputs(channels), **options)
     chosen = [e for e in library.select(effects) if _can_show(nominal, e)]
-    return nominal, tuple(effect_of(e, nominal.outputs, library.channels) for e in chosen)
+    return nominal, tuple(
+        effect_of(e, nominal.outputs, library.channels, states=not nominal.single) for e in chosen
+    )
 
 
 def _can_show(nominal: MechanismNominal, entry: Entry) -> bool:

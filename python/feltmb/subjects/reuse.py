@@ -45,9 +45,9 @@ class Reuse:
 
     def __init__(
         self,
-        theta_sd: float = 0.25,
-        start_scale: float = 1.0,
-        size_scale: float = 0.25,
+        theta_sd: float = 0.5,
+        start_scale: float = 2.0,
+        size_scale: float = 0.5,
         keep: int = 64,
     ):
         self.theta_sd = theta_sd

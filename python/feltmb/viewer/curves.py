@@ -23,6 +23,7 @@ __all__ = ["Curves", "read_curves"]
 
 LARGEST_FILE = 100_000_000  # bytes
 MOST_COLUMNS = 1000
+LONGEST = 1e9  # s
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,8 @@ class Curves:
         faults = []
         if time.size < 2 or not np.all(np.isfinite(time)) or not np.all(np.diff(time) > 0):
             faults.append(f"time: {time.size} samples, expected two or more finite times that grow")
+        elif np.abs(time).max() > LONGEST:
+            faults.append(f"time: {np.abs(time).max():g} s; the limit is {LONGEST:g} s")
         if not values:
             faults.append("there is no curve")
         for name, column in values.items():

@@ -1,4 +1,4 @@
-"""The example of docs/felt.md runs as it stands."""
+"""The examples of docs/felt.md run as they stand."""
 
 import re
 from pathlib import Path
@@ -6,11 +6,11 @@ from pathlib import Path
 DOCS = Path(__file__).resolve().parents[3] / "docs" / "felt.md"
 
 
-def test_example_runs(capsys):
+def test_examples_run(capsys):
     text = DOCS.read_text(encoding="utf-8")
-    (block,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     scope = {}
-    exec(compile(block, "felt.md", "exec"), scope)
+    for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL):
+        exec(compile(block, "felt.md", "exec"), scope)
     assert scope["action"].config.contacts["06"].law == "felt_memory"
     assert "unloading lies above loading" in capsys.readouterr().out
 

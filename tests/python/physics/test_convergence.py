@@ -74,7 +74,7 @@ def test_work_stays_below_its_ceiling(run_of):
         stats = run_of(stroke, rtol=1e-6, flexible=flexible).stats
         assert stats["steps"] < steps
         assert stats["rhs"] < 2 * steps
-        assert stats["newton_failures"] < 0.05 * stats["steps"]
+        assert stats["newton_failures"] < 0.1 * stats["steps"]
 
 
 def test_force_of_the_string_converges_with_the_modes(run_of):

@@ -8,6 +8,7 @@ from feltmb.data import Record
 from feltmb.fit import Lanes, Term
 from feltmb.fit.observe import observe_lanes
 from feltmb.subjects import load_library, mechanism_nominal
+from feltmb.subjects.derivatives import difference_sensitivities, sensitivities
 from feltmb.subjects.variants import changed_config
 
 CONDITIONS = {"relative_humidity": 70.0, "cycle": 100.0}
@@ -112,3 +113,37 @@ def test_every_effect_says_what_it_is():
             assert "{" not in e.name + e.component + e.mechanism + e.remedy
         assert len(library.select()) >= 40
         assert len({e.name for e in library.effects}) == len(library.effects)
+
+
+@pytest.mark.slow
+def test_forward_derivatives_are_those_of_differences():
+    """Up to the blow, where the motion is smooth: by tolerances and by effects, both shootings."""
+    for shooting in ("single", "multiple"):
+        nominal, effects = mechanism_nominal(
+            feltmb.load_action("steinway45"), rtol=1e-8, shooting=shooting, derivatives="forward"
+        )
+        record = record_of(nominal, "forte", 0.085)
+        theta = np.zeros(len(nominal.parameters))
+        windows = np.array([[0, 100], [100, record.samples - 1]])
+        starts = nominal.guess(record, windows)
+        wanted = {"coulomb_friction.butt", "felt_thickness.04", "load_cell_mass", "damper_spoon"}
+        terms = tuple(Term(e, e.shapes[0]) for e in effects if e.name in wanted)
+        given = {"by_theta": range(len(theta)), "by_starts": True, "candidates": terms}
+        none = np.zeros(0)
+        forward = sensitivities(nominal, record, theta, windows, starts, (), none, **given)
+        differ = difference_sensitivities(
+            nominal, record, theta, windows, starts, (), none, **given
+        )
+        assert np.nanmax(np.abs(forward.outputs - differ.outputs)) < 1e-7
+        sizes = np.array([p.size for p in nominal.parameters])
+        scales = np.array([t.effect.scale for t in terms])
+        for a, b, unit in (
+            (forward.d_theta, differ.d_theta, sizes),
+            (forward.d_candidates, differ.d_candidates, scales),
+        ):
+            if a.size:
+                a, b = np.nan_to_num(a), np.nan_to_num(b)  # beyond the end of a window
+                # Departures of 1 mm and more: 1 um is the noise and curvature of the differences.
+                error = np.max(np.abs(a - b) * unit, axis=(0, 1, 2))
+                room = 2e-6 + 0.03 * np.max(np.abs(b) * unit, axis=(0, 1, 2))
+                assert np.all(error < room)

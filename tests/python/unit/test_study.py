@@ -20,7 +20,7 @@ from feltmb.study_report import page, tables
 
 #: Outcome of each finding in the order of the file: agrees (A), disagrees (D), not tested (N).
 OUTCOMES = {
-    "wire": "AAAAAADDA",
+    "wire": "AAAAAADDD",
     "wire_vibration": "AAA",
     "shank": "DAAADD",
     "string": "AADDADADDADADADD",
@@ -29,8 +29,10 @@ OUTCOMES = {
     "shapes": "AAAAA",
     "axial": "AAAAAAAAA",
     "letoff": "AAAAA",
+    "input": "AAAAD",
+    "contact-law": "AAAADDADDA",
 }
-SLOW = ("staccato", "shapes", "axial")
+SLOW = ("staccato", "shapes", "axial", "input")
 
 
 @cache

@@ -87,6 +87,7 @@ class Envelope {
   void tabulate_loading(const std::function<double(double)>& loading, double reach, bool smooth);
   std::vector<double> close(std::vector<double> rho) const;
   void tabulate_ratio(std::vector<double> rho);
+  CurveValue area_by_quadrature(double e_m) const;
   void tabulate_area();
   void tabulate_energy();
 

@@ -40,7 +40,24 @@ struct Rotation {
   double c = 1.0;
   double s = 0.0;
 
-  static Rotation of(double angle) { return {std::cos(angle), std::sin(angle)}; }
+  static Rotation of(double angle) {
+    if (!(std::fabs(angle) < 0.79)) return {std::cos(angle), std::sin(angle)};
+    // Taylor series, below a unit in the last place here; joints turn little.
+    const double z = angle * angle;
+    const double s =
+        -1.0 / 6.0 +
+        z * (1.0 / 120.0 +
+             z * (-1.0 / 5040.0 + z * (1.0 / 362880.0 + z * (-1.0 / 39916800.0 +
+                                                             z * (1.0 / 6227020800.0 +
+                                                                  z * (-1.0 / 1307674368000.0))))));
+    const double c =
+        1.0 / 24.0 + z * (-1.0 / 720.0 +
+                          z * (1.0 / 40320.0 +
+                               z * (-1.0 / 3628800.0 +
+                                    z * (1.0 / 479001600.0 + z * (-1.0 / 87178291200.0 +
+                                                                  z * (1.0 / 20922789888000.0))))));
+    return {1.0 - z * (0.5 - z * c), angle + angle * (z * s)};
+  }
   constexpr Vec2 operator*(Vec2 a) const { return {c * a.x - s * a.y, s * a.x + c * a.y}; }
   constexpr Rotation operator*(Rotation b) const { return {c * b.c - s * b.s, s * b.c + c * b.s}; }
   constexpr Vec2 inverse(Vec2 a) const { return {c * a.x + s * a.y, -s * a.x + c * a.y}; }

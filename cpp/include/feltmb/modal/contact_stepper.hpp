@@ -108,6 +108,7 @@ class ModalContactStepper {
   };
   struct Point {
     double force = 0.0, compression = 0.0, rate = 0.0;
+    double d_rate = 0.0;  ///< dF/d(de/dt)
   };
   struct Past {
     double middle = 0.0, start = 0.0;  ///< forces within the step before

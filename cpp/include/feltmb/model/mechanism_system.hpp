@@ -2,10 +2,12 @@
 #pragma once
 
 #include <Eigen/Dense>
+#include <limits>
 #include <memory>
 #include <string>
 #include <vector>
 
+#include "feltmb/model/free_strings.hpp"
 #include "feltmb/model/profile.hpp"
 #include "feltmb/ode/system.hpp"
 #include "feltmb/planar/dynamics.hpp"
@@ -46,8 +48,35 @@ class MechanismSystem : public OdeSystem {
                   std::vector<Monitor> monitors, bool events);
 
   std::size_t size() const override {
-    return static_cast<std::size_t>(2 * (n_ + modes_) + law_states_);
+    return static_cast<std::size_t>(2 * (n_ + active_modes()) + law_states_);
   }
+
+  /// Prepares for times at which the strings are left out of the state and advanced exactly.
+  /// `interval` [s]: spacing of samples.
+  void allow_free_strings(double interval);
+
+  /// Leaves the free strings out of the state from t on: y = [q, v, s]. Their contacts are open
+  /// until join_strings.
+  void part_strings(double t, std::span<const double> y);
+
+  /// Takes the strings back in: `y` holds the whole state at t, its strings are filled in here.
+  void join_strings(double t, std::span<double> y);
+
+  bool strings_apart() const { return apart_; }
+
+  /// Whether every string contact is open by more than `gap` [m] against the string as it is, by
+  /// the last right-hand side, if that was at t.
+  bool strings_clear(double t, double gap) const;
+
+  /// Largest compression of a string contact at (t, y), with the free strings as they are then.
+  /// -infinity where none can reach its string.
+  double string_approach(double t, std::span<const double> y);
+
+  /// Modal coordinates and rates at t of the strings that are apart into the whole state y.
+  void fill_strings(double t, std::span<double> y);
+
+  /// Energy that a string lost on its own since it is apart, up to the last fill [J].
+  double string_heat(std::size_t string) const { return free_->heat(string); }
   std::string state_name(std::size_t i) const override;
   void rhs(double t, std::span<const double> y, std::span<double> rate) override;
   void linearize(double t, std::span<const double> y) override;
@@ -61,6 +90,14 @@ class MechanismSystem : public OdeSystem {
   void solve_many(RowBlock& b);
   std::size_t n_events() const override;
   void events(double t, std::span<const double> y, std::span<double> g) override;
+  bool events_nearby(double t, std::span<double> g) override;
+  double event_margin() const override { return margin_; }
+
+  /// The last evaluation was a right-hand side at t, and this contact was open there for certain.
+  bool surely_open(double t, int contact) const;
+
+  /// Relative tolerance of the integration, from which the margin of the events follows.
+  void set_tolerance(double rtol) { margin_ = rtol; }
   std::size_t n_quadratures() const override { return quadrature_names_.size(); }
   void quadratures(double t, std::span<const double> y, std::span<double> h) override;
 
@@ -77,6 +114,7 @@ class MechanismSystem : public OdeSystem {
   int coordinates() const { return n_; }
   int modes() const { return modes_; }
   int law_states() const { return law_states_; }
+  int active_modes() const { return apart_ ? 0 : modes_; }
 
   /// The parts of y.
   MechanicalState parts(std::span<const double> y) const;
@@ -112,9 +150,13 @@ class MechanismSystem : public OdeSystem {
   FingerInput input_;
   double finger_reference_ = 0.0;
   double prescribed_reference_ = 0.0;
+  double rhs_time_ = std::numeric_limits<double>::quiet_NaN();  ///< of the last evaluation, if rhs
+  double margin_ = 1e-6;  ///< [m], rtol of coordinates of order one with arms below a meter
   int n_ = 0;
   int modes_ = 0;
   int law_states_ = 0;
+  std::unique_ptr<FreeStrings> free_;
+  bool apart_ = false;
   std::vector<double> modal_stiffness_;
   std::vector<double> modal_damping_;
   std::vector<double> modal_rate_factor_;
@@ -151,6 +193,9 @@ class MechanismSystem : public OdeSystem {
     Eigen::Vector3d by_compression, by_rate;  ///< ds for unit de, d(de/dt)
     double slope = 0.0, rate_slope = 0.0;     ///< effective dF/de, dF/d(de/dt)
   };
+  void read_events(std::span<double> g) const;
+  void evaluate_apart(double t, std::span<const double> y);
+  bool within_reach() const;
   void add_stateful(const ContactGradient* gradient, int contact, int coupling);
   void reduce_law_states(double gamma);
   void add_contact_slopes(Eigen::MatrixXd& stiffness, Eigen::MatrixXd& damping,

@@ -19,6 +19,17 @@ using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::R
 /// from there on [m].
 using StepObserver = std::function<void(double, std::span<const double>, std::span<const double>)>;
 
+/// How a run goes through time.
+enum class Method {
+  kAuto,   ///< kModal if the mechanism has strings, else kCvode
+  kCvode,  ///< all states, the modes of the strings among them, by CVODES (BDF)
+  kModal,  ///< linear modes exactly, the rest by CVODES; see docs/performance.md
+};
+
+/// Name as users write it: "auto", "cvode", "modal". Throws InvalidParameter for another.
+Method method_from_name(const std::string& name);
+const char* method_name(Method method);
+
 struct SimulationOptions {
   double duration = 0.4;       ///< [s], > 0
   double rtol = 1e-6;          ///< relative tolerance; absolute ones follow from it
@@ -28,15 +39,16 @@ struct SimulationOptions {
   bool outputs = true;         ///< sample the named outputs; false: end state, events, counts only
   bool states = true;          ///< keep the full state at every sample
   bool diagnose = true;        ///< count which state and contact limit the step
-  int max_order = 0;           ///< 0: chosen from the damping of the strings
-  double max_step = 0.0;       ///< [s], 0: no limit
+  Method method = Method::kAuto;
+  int max_order = 0;      ///< of the BDF; 0: chosen from the damping of the strings
+  double max_step = 0.0;  ///< [s], 0: no limit
   long max_steps = 20000000;
   double max_wall = 0.0;           ///< seconds of wall time after which the run stops, 0: none
   std::vector<int> peak_contacts;  ///< numbers of contacts whose largest force is sought
   /// Place of the finger's point along the finger's direction at which its pad just touches [m];
   /// motion input counts from there. NaN: where the run starts.
   double finger_reference = std::numeric_limits<double>::quiet_NaN();
-  StepObserver on_step = {};  ///< none: empty
+  StepObserver on_step = {};  ///< none: empty; with one, all states are CVODES's (kCvode)
 };
 
 /// Complete state from which a run can go on.
@@ -83,6 +95,8 @@ struct RunResult {
   std::vector<Peak> peaks;
   SimulationState end;
   IntegratorCounts counts;
+  Method method = Method::kCvode;  ///< that was used
+  long strikes = 0;                ///< times that a free string was met (kModal)
   long event_evaluations = 0;
   long restarts = 0;
   long reversals = 0;  ///< restarts at new largest compressions of felts with memory

@@ -34,9 +34,12 @@ class EventLocator {
 
  private:
   void evaluate(double t, std::span<const double> y, std::vector<double>& g);
+  bool nothing_near(double end);
 
   OdeSystem& system_;
   double time_ = 0.0;
+  bool before_known_ = false;   ///< values, not only signs, at time_
+  std::vector<char> positive_;  ///< signs at time_
   std::vector<double> before_, after_, trial_, y_;
   std::vector<Crossing> found_;
   long evaluations_ = 0;

@@ -30,6 +30,8 @@ struct IntegratorCounts {
   long rejected = 0;  ///< steps that failed the error test
   long newton_iterations = 0;
   long newton_failures = 0;
+
+  IntegratorCounts& operator+=(const IntegratorCounts& other);
 };
 
 enum class StepStatus {
@@ -48,6 +50,9 @@ class Integrator {
 
   /// Starts, or starts anew after a discontinuity, at (t, y); quadratures go on unless `reset`.
   void start(double t, std::span<const double> y, bool reset_quadratures);
+
+  /// Values of the quadratures from which the next start goes on.
+  void set_quadratures(std::span<const double> z);
 
   /// One internal step, never beyond t_stop.
   StepStatus step(double t_stop);

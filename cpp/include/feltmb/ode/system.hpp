@@ -32,6 +32,13 @@ class OdeSystem {
   virtual std::size_t n_events() const { return 0; }
   virtual void events(double /*t*/, std::span<const double> /*y*/, std::span<double> /*g*/) {}
 
+  /// Values of the root functions of the last right-hand side, if that was at t: an accepted state
+  /// differs from it by a Newton correction below the tolerance. False if they are not known.
+  virtual bool events_nearby(double /*t*/, std::span<double> /*g*/) { return false; }
+
+  /// How far a value of events_nearby must lie from zero for its sign to be certain.
+  virtual double event_margin() const { return 0.0; }
+
   /// Quadratures z' = h(t, y) that do not act back on y.
   virtual std::size_t n_quadratures() const { return 0; }
   virtual void quadratures(double /*t*/, std::span<const double> /*y*/, std::span<double> /*h*/) {}

@@ -101,6 +101,14 @@ struct TorsionSpringDescription {
   double seating = 0.0;     ///< R [N m or N], > 0 with play
 };
 
+/// Dashpot between a joint's two bodies: torque or force -c v on its coordinate.
+struct DashpotDescription {
+  std::string name;
+  std::string coordinate;
+  double coefficient = 0.0;  ///< c [N m s/rad or N s/m], >= 0
+  int side = 0;              ///< 0: always; +1 or -1: only while v has this sign
+};
+
 /// One-sided strap, thesis eq. 4.5: pull f(D) = k3 D^3 + k2 D^2 + k1 D of elongation
 /// D = distance - free_length, held at >= 0; zero when slack.
 struct StrapDescription {
@@ -153,6 +161,7 @@ struct MechanismDescription {
   std::vector<SurfaceDescription> surfaces;
   std::vector<ContactDescription> contacts;
   std::vector<TorsionSpringDescription> springs;
+  std::vector<DashpotDescription> dashpots;
   std::vector<StrapDescription> straps;
   std::vector<StringDescription> strings;
   std::vector<TrackingPointDescription> points;

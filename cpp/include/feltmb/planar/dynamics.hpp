@@ -121,6 +121,10 @@ class Dynamics {
   void locate(const MechanicalState& state, const Drive& drive,
               Detail detail = Detail::kClosedContacts);
 
+  /// While set, contacts with strings count as open, and their compression is that against a
+  /// string at rest: no mode is looked at.
+  void set_strings_apart(bool apart) { strings_apart_ = apart; }
+
   /// Laws act with their states at rest from now on (equilibrium).
   void use_static_laws() { static_laws_ = true; }
 
@@ -174,7 +178,7 @@ class Dynamics {
   const Prescription& prescription() const { return prescription_; }
 
   double strap_force(int strap) const;        ///< pull [N]
-  double joint_friction(int k) const;         ///< torque or force against the motion, unit of Q_k
+  double joint_friction(int k) const;         ///< with dashpots, against the motion, unit of Q_k
   double beam_damping_power(int beam) const;  ///< dissipated by the structural damping, >= 0 [W]
 
   double kinetic_energy(std::span<const double> v) const;  ///< of the links [J], after evaluate
@@ -199,13 +203,32 @@ class Dynamics {
                       Detail detail);
   void locate_string(const Contact& contact, ContactState& state, Vec2 d,
                      const MechanicalState& at_state);
-  void apply(int link, Vec2 point, Vec2 force);
+  /// A motion seen from the ground: a unit of rate gives a point p the velocity base + rho perp(p).
+  struct Twist {
+    Vec2 base;
+    double rho = 0.0;
+    int coordinate = 0;
+    int held = 0;  ///< the coordinate is kept
+  };
+
+  /// Mass, first moment and moment of inertia about the origin of the ground frame.
+  struct Inertia {
+    double mass = 0.0;
+    Vec2 first;
+    double second = 0.0;
+  };
+
+  void apply(int link, Vec2 point, Vec2 force) {
+    Wrench& w = applied_[static_cast<std::size_t>(link)];
+    w.force += force;
+    w.moment += cross(point, force);
+    w.virial += dot(point, force);
+  }
   void apply_contacts();
   void apply_straps();
   void apply_inertia(std::size_t i);
-  void project(const Wrench& w, const std::vector<int>& path);
-  void add_mass(double mass, double inertia, Vec2 center, const std::vector<int>& path);
   void add_beam(const FlexibleBeam& beam);
+  void project(std::size_t i);
   void hold_condensed();
   void prescribe(const Drive& drive);
   void differentiate_prescription();
@@ -216,9 +239,8 @@ class Dynamics {
   void differentiate_contact(std::size_t i);
   void differentiate_strap(std::size_t i);
   Vec2 column(int motion, Vec2 point) const {
-    const auto i = static_cast<std::size_t>(motion);
-    const Motion& m = m_->motions[i];
-    return translation_[i] + m.rho * perp(point - links_[static_cast<std::size_t>(m.link)].origin);
+    const Twist& w = twist_[static_cast<std::size_t>(motion)];
+    return w.base + w.rho * perp(point);
   }
   Vec2 column_rate(int motion, Vec2 point_velocity) const {
     const auto i = static_cast<std::size_t>(motion);
@@ -240,16 +262,21 @@ class Dynamics {
   std::vector<int> motion_of_;     ///< link x coordinate
   std::vector<Vec2> translation_;  ///< t by motion, in the ground frame
   std::vector<Vec2> translation_rate_;
+  std::vector<Twist> twist_;  ///< by motion
   std::vector<double> phi_;
   std::vector<double> dphi_;
   std::vector<double> shaped_at_;  ///< strike position of phi_ by string, NaN before the first
   std::vector<double> strap_pull_;
   std::vector<double> strap_slope_;
-  std::vector<int> condensed_;  ///< kept coordinates, ascending
   Prescription prescription_;
   int driven_coordinate_ = -1;
-  Eigen::VectorXd response_;  ///< M^-1 J^T
+  Eigen::VectorXd response_;      ///< M^-1 J^T
+  std::vector<int> condensed_;    ///< kept coordinates, ascending
+  std::vector<char> held_;        ///< by coordinate: whether it is one of them
+  std::vector<Wrench> load_;      ///< on a link and all that it carries, without virial
+  std::vector<Inertia> carried_;  ///< inertia of a link and all that it carries
   bool static_laws_ = false;
+  bool strings_apart_ = false;
   std::vector<double> largest_;
   std::vector<double> law_;
   std::vector<LawStates> law_states_;  ///< by contact
@@ -263,7 +290,7 @@ class Dynamics {
   Eigen::MatrixXd damping_;
   std::vector<ContactGradient> gradients_;
   int gradient_count_ = 0;
-  std::vector<Vec2> column_a_, column_b_, dn_, dp_, du_, columns_;
+  std::vector<Vec2> column_a_, column_b_, dn_, dp_, du_;
 };
 
 }  // namespace feltmb

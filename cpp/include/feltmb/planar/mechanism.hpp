@@ -115,6 +115,18 @@ struct Contact {
   int first_state = 0;           ///< of the law, in the concatenated law states
 };
 
+struct Dashpot {
+  int coordinate = 0;
+  double coefficient = 0.0;
+  int side = 0;
+
+  /// Force against a motion of rate v, and its slope.
+  FrictionValue against(double v) const {
+    const bool acts = side == 0 || v * side > 0.0;
+    return acts ? FrictionValue{coefficient * v, coefficient} : FrictionValue{0.0, 0.0};
+  }
+};
+
 struct TorsionSpring {
   std::string name;
   int coordinate = 0;
@@ -163,6 +175,7 @@ class Mechanism {
   std::vector<Friction> joint_friction;  ///< by coordinate
   std::vector<Contact> contacts;         ///< described contacts, then the finger pad if any
   std::vector<TorsionSpring> springs;
+  std::vector<Dashpot> dashpots;
   std::vector<Strap> straps;
   std::vector<AttachedString> strings;
   std::vector<TrackingPoint> points;

@@ -1,0 +1,109 @@
+"""Time of a diagnosis of the action, by stage: five strokes by forty effects and more.
+
+python bench/gap_action.py [--strokes N] [--rtol R] [--derivatives D]
+    [--json FILE]
+
+Derivatives are counted in strokes: processor time over that of one stroke, which does not depend on
+what else the machine is doing. Wall times are those of this machine at this moment.
+"""
+
+import argparse
+import json
+import platform
+import time
+from pathlib import Path
+
+import numpy as np
+
+import feltmb
+from feltmb.fit import Lanes
+from feltmb.fit.observe import machine_terms
+from feltmb.fit.problem import Problem
+from feltmb.fit.shots import Noise, make_shot
+from feltmb.fit.solve import FitSettings, polish
+from feltmb.gap.score import all_terms, score_fit
+from feltmb.subjects import mechanism_nominal
+from feltmb.subjects.synthetic import Sensors, make_case
+
+STROKES = (
+    ("piano", "fit"),
+    ("mezzo", "fit"),
+    ("staccato", "fit"),
+    ("forte", "fit"),
+    ("soft_staccato", "fit"),
+)
+
+
+def main() -> None:
+    """Run and print one line a stage."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--strokes", type=int, default=5)
+    parser.add_argument("--rtol", type=float, default=1e-6)
+    parser.add_argument("--derivatives", default="differences")
+    parser.add_argument("--after-impact", type=float, default=0.006)
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    action = feltmb.load_action("steinway45")
+    nominal, effects = mechanism_nominal(
+        action, shooting="single", rtol=options.rtol, derivatives=options.derivatives
+    )
+    case = make_case(
+        action,
+        {"shank_compliance": 2.0},
+        seed=1,
+        strokes=STROKES[: options.strokes],
+        sensors=Sensors(force_noise=0.002, force_step=0.0),
+        spread=0.3,
+        after_impact=options.after_impact,
+    )
+    noise = {o: Noise(2e-5) for o in nominal.outputs}
+    shots = tuple(make_shot(nominal, r, noise, 1.0) for r in case.records)
+    problem = Problem(nominal, shots)
+    times: dict[str, tuple[float, float]] = {}
+
+    def timed(name: str, work):  # type: ignore[no-untyped-def]
+        wall, cpu = time.perf_counter(), time.process_time()
+        out = work()
+        times[name] = (time.perf_counter() - wall, time.process_time() - cpu)
+        print(
+            f"{name:34s} wall {times[name][0]:8.2f} s   processor {times[name][1]:8.2f} s",
+            flush=True,
+        )
+        return out
+
+    def all_strokes() -> None:
+        for r in case.records:
+            nominal.simulate(
+                r,
+                Lanes(
+                    theta=np.full((1, len(nominal.parameters)), 1e-9),
+                    windows=np.array([[0, r.samples - 1]]),
+                    starts=np.zeros((1, 0)),
+                ),
+            )
+
+    terms = all_terms(effects)
+    print(
+        f"{len(shots)} strokes, {len(effects)} effects ({len(terms)} with shapes, "
+        f"{len(machine_terms(terms))} in the machine), {len(nominal.parameters)} tolerances"
+    )
+    timed("one run of every stroke", all_strokes)
+    point = problem.start()
+    timed("derivatives by all tolerances", lambda: problem.linear(point))
+    settings = FitSettings(restarts=0, iterations=8)
+    fit = timed("nominal fit", lambda: polish(problem, point, 1.0, settings))
+    timed("derivatives by all effects", lambda: problem.linear(fit.point, terms))
+    timed("scores (derivatives kept)", lambda: score_fit(fit, terms))
+    total = sum(w for k, (w, _) in times.items())
+    cpu = sum(c for k, (_, c) in times.items())
+    print(f"{'all':34s} wall {total:8.2f} s   processor {cpu:8.2f} s")
+    if options.json:
+        options.json.write_text(
+            json.dumps(
+                {"times": times, "machine": platform.processor(), "version": feltmb.__version__}
+            )
+        )
+
+
+if __name__ == "__main__":
+    main()

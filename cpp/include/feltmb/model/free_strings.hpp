@@ -1,0 +1,46 @@
+/// Strings that nothing touches, at any time, exactly.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "feltmb/modal/response.hpp"
+#include "feltmb/planar/mechanism.hpp"
+
+namespace feltmb {
+
+/// Free vibration of all strings of a mechanism from a start: a rotation of each mode.
+class FreeStrings {
+ public:
+  /// `interval` [s]: the spacing of samples, whose rotation is kept.
+  FreeStrings(const Mechanism& mechanism, double interval);
+
+  /// From now on the strings are free; eta [m kg^1/2] and rates at t [s].
+  void start(double t, std::span<const double> eta, std::span<const double> rate);
+
+  /// Moves eta() and rate() to t >= the start.
+  void move(double t);
+
+  std::span<const double> eta() const { return eta_; }
+  std::span<const double> rate() const { return rate_; }
+
+  /// Bound on the displacement of a string anywhere since the start [m].
+  double reach(std::size_t string) const { return reach_[string]; }
+
+  /// Energy that a string has lost between the start and the time of the last move [J].
+  double heat(std::size_t string) const;
+
+ private:
+  double energy(std::size_t string) const;
+
+  const Mechanism& mechanism_;
+  modal::ModalResponse response_;
+  modal::StepWeights sample_;  ///< one interval
+  double interval_;
+  double start_ = 0.0;
+  double time_ = 0.0;
+  std::vector<double> start_eta_, start_rate_, eta_, rate_;
+  std::vector<double> reach_, start_energy_;
+};
+
+}  // namespace feltmb

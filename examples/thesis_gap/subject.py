@@ -1,0 +1,19 @@
+"""The thesis's own gap: the numbers of two blows that its printed string does not reach.
+
+feltmb gap diagnose examples/thesis_gap/subject.py examples/thesis_gap/records/*.csv -o report/
+
+The numbers are those of table_4_3.toml; `python examples/thesis_gap/subject.py` writes the records
+from it anew.
+"""
+
+from pathlib import Path
+
+from feltmb.data import write_record
+from feltmb.subjects import load_blows
+
+HERE = Path(__file__).parent
+nominal, effects, records = load_blows(HERE / "table_4_3.toml")
+
+if __name__ == "__main__":
+    for record in records:
+        write_record(record, HERE / "records" / f"{record.name}.csv", force=True)

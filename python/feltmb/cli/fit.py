@@ -1,0 +1,88 @@
+"""``feltmb fit``: the nominal fit alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from feltmb.cli.common import console, json_option, new_table, print_json, set_option
+
+__all__ = ["command"]
+
+
+@click.command(name="fit")
+@click.argument("model")
+@click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--window", type=float, help="Length of shooting windows [s].")
+@click.option("--restarts", default=3, show_default=True)
+@set_option
+@json_option
+def command(
+    model: str,
+    data: tuple[Path, ...],
+    window: float | None,
+    restarts: int,
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Fit the parameters of MODEL to measured DATA: values, intervals, what the data said.
+
+    MODEL is a packaged mechanism or a Python file that defines `nominal` and `effects`.
+    """
+    from feltmb.cli.gap import progress_line
+    from feltmb.cli.gap_subjects import load_subject
+    from feltmb.data import read_records
+    from feltmb.fit.solve import FitSettings
+    from feltmb.gap import fit_nominal
+    from feltmb.gap.files import plain
+
+    subject = load_subject(model, settings)
+    records = read_records(
+        data,
+        inputs=tuple(getattr(subject.nominal, "inputs", ())),
+        outputs=subject.nominal.outputs,
+    )
+    fit = fit_nominal(
+        subject.nominal,
+        records,
+        window=window,
+        settings=FitSettings(restarts=restarts),
+        progress=progress_line(),
+    )
+    rows = fit.intervals()
+    if as_json:
+        print_json(
+            {
+                "model": subject.nominal.name,
+                "parameters": plain(rows),
+                "chi2": plain(fit.chi2),
+                "dof": plain(fit.dof),
+                "level": plain(fit.level),
+                "converged": fit.converged,
+                "notes": list(fit.notes),
+            }
+        )
+        return
+    table = new_table(
+        subject.nominal.name, "parameter", "fitted", "95 %", "prior", "learned", right=(1, 2, 3, 4)
+    )
+    for r in rows:
+        unit = "" if r.unit == "1" else f" [{r.unit}]"
+        prior = f"{r.prior:.4g} ± {r.prior_sd:.2g}"
+        table.add_row(
+            r.name + unit,
+            f"{r.value:.5g}" + (" (limit)" if r.at_limit else ""),
+            f"{r.low:.4g} .. {r.high:.4g}",
+            prior,
+            f"{r.contraction:.0%}",
+        )
+    console().print(table)
+    click.echo(
+        f"sum of squares {fit.chi2 / fit.dof:.3g} of its expectation, "
+        f"{'converged' if fit.converged else 'NOT converged'}"
+    )
+    if fit.chi2 > 1.5 * fit.dof:
+        click.echo(
+            "the model does not explain the records: intervals are too narrow; try gap diagnose"
+        )

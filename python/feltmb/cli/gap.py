@@ -1,0 +1,303 @@
+"""``feltmb gap``: check records, foresee, diagnose."""
+
+from __future__ import annotations
+
+import importlib
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from feltmb.cli.common import (
+    console,
+    force_option,
+    is_terminal,
+    json_option,
+    new_table,
+    print_json,
+    say_written,
+    set_option,
+)
+
+if TYPE_CHECKING:
+    from feltmb.gap import Report
+
+__all__ = ["command"]
+
+
+@click.group(name="gap", context_settings={"help_option_names": ["-h", "--help"]})
+def command() -> None:
+    """Diagnose the gap between a model and measurements: where, which cause, how far it shrinks.
+
+    A model is a packaged mechanism or a Python file that defines `nominal` and `effects`. Measured
+    files are CSV, MAT or NetCDF, each with a TOML of the same name beside it.
+    """
+
+
+def progress_line() -> Callable[[str, int, int], None] | None:
+    """Progress on stderr: one line that is rewritten on a terminal, a line a stage elsewhere."""
+    last = {"stage": "", "time": 0.0}
+
+    def show(stage: str, done: int, total: int) -> None:
+        text = f"{stage} {done + 1}/{total}" if total else stage
+        if is_terminal():
+            click.echo(f"\r\x1b[2K{text[:100]}", nl=False, err=True)
+        elif stage.split(":")[0] != last["stage"]:
+            last["stage"] = stage.split(":")[0]
+            click.echo(f"feltmb: {last['stage']}", err=True)
+        last["time"] = time.monotonic()
+
+    return show
+
+
+@command.command("check")
+@click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path))
+@json_option
+def check(data: tuple[Path, ...], as_json: bool) -> None:
+    """Check measured DATA: clocks, units, noise, repeatability."""
+    from feltmb.data import read_records
+    from feltmb.errors import DataError
+    from feltmb.gap import check_records
+
+    gates = check_records(read_records(data))
+    if as_json:
+        from feltmb.gap.files import plain
+
+        print_json(plain(gates))
+    else:
+        table = new_table(
+            "channels",
+            "record",
+            "channel",
+            "unit",
+            "samples",
+            "missing",
+            "spread",
+            "noise",
+            "from",
+            right=(3, 4, 5, 6),
+        )
+        for c in gates.channels:
+            table.add_row(
+                c.record,
+                c.channel,
+                c.unit,
+                str(c.samples),
+                f"{c.missing:.0%}",
+                f"{c.spread:.4g}",
+                f"{c.sigma:.3g}",
+                c.method,
+            )
+        console().print(table)
+        for label, channel, sd in gates.repeatability:
+            click.echo(f"repeats {label}: {channel} differs by {sd:.3g}")
+        for warning in gates.warnings:
+            click.echo(f"warning: {warning}")
+    if gates.problems:
+        raise DataError("records: " + "; ".join(gates.problems))
+
+
+@command.command("foresee")
+@click.argument("model")
+@click.argument("data", nargs=-1, type=click.Path(path_type=Path))
+@click.option("--channels", help="Outputs that will be measured, comma-separated.")
+@set_option
+@json_option
+def foresee_command(
+    model: str,
+    data: tuple[Path, ...],
+    channels: str | None,
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Before any measurement: which effects of MODEL could be told apart.
+
+    DATA are files whose inputs are planned; without them the model's own planned runs are taken.
+    Further runs of the model and outputs that are not measured are ranked as next experiments.
+    """
+    from feltmb.cli.gap_subjects import load_subject
+    from feltmb.data import read_records
+    from feltmb.errors import InvalidParameter
+    from feltmb.gap import foresee
+    from feltmb.gap.files import plain
+
+    subject = load_subject(model, settings)
+    planned = subject.planned
+    records = read_records(data) if data else planned
+    if not records:
+        raise InvalidParameter(f"{model}: has no planned runs; give measured or planned files")
+    chosen = None if channels is None else [c.strip() for c in channels.split(",")]
+    found = foresee(
+        subject.nominal,
+        subject.effects,
+        records if data else records[:1],
+        channels=chosen,
+        candidates=planned if data else records[1:],
+    )
+    if as_json:
+        print_json(plain(found))
+        return
+    table = new_table(
+        "what would show", "effect", "smallest", "own trace", "taken for", "chance", right=(1, 2, 4)
+    )
+    for r in found.effects:
+        size = f"{r.smallest:.3g} {'' if r.unit == '1' else r.unit}".strip()
+        rival = (r.rival, f"{r.confusion:.0%}") if r.rival and r.confusion >= 0.01 else ("", "")
+        table.add_row(r.effect, size, f"{r.surviving:.0%}", *rival)
+    console().print(table)
+    for group in found.classes:
+        click.echo("cannot be told apart: " + ", ".join(group))
+    if found.unseen:
+        click.echo("cannot be seen: " + ", ".join(found.unseen))
+    for e in found.experiments[:5]:
+        text = "; ".join(f"{a} | {b} {x:.0%} -> {y:.0%}" for a, b, x, y in e.gains[:3])
+        click.echo(f"add {e.kind} {e.name}: {text or 'separates nothing new'}")
+
+
+@command.command("diagnose")
+@click.argument("model")
+@click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option(
+    "--hold-out",
+    "hold_out",
+    multiple=True,
+    metavar="NAME",
+    help="Record (or its file) that proves what the others suggest. Repeatable. Default: the "
+    "records whose TOML says so, else some are chosen.",
+)
+@click.option(
+    "--out",
+    "-o",
+    "output",
+    type=click.Path(path_type=Path),
+    help="Folder of report.html, report.json.",
+)
+@click.option("--alpha", default=0.01, show_default=True, help="Family-wise false alarm rate.")
+@click.option("--window", type=float, help="Length of shooting windows [s].")
+@click.option("--max-effects", default=4, show_default=True, help="Largest set of effects.")
+@click.option("--bootstrap", default=12, show_default=True, help="Refits for the null law.")
+@click.option("--seed", default=0, show_default=True)
+@set_option
+@json_option
+@force_option
+def run(
+    model: str,
+    data: tuple[Path, ...],
+    hold_out: tuple[str, ...],
+    output: Path | None,
+    alpha: float,
+    window: float | None,
+    max_effects: int,
+    bootstrap: int,
+    seed: int,
+    settings: tuple[str, ...],
+    as_json: bool,
+    force: bool,
+) -> None:
+    """Diagnose the gap between MODEL and measured DATA.
+
+    A run that was cut off resumes when it is started again with the same output folder.
+    """
+    import shutil
+
+    from feltmb.cli.gap_subjects import load_subject
+    from feltmb.data import read_records
+    from feltmb.files import check_writable
+    from feltmb.gap import Options, diagnose
+    from feltmb.gap.files import report_json, write_report
+
+    if output is not None:
+        for name in ("report.html", "report.json"):
+            check_writable(output / name, force=force)
+    subject = load_subject(model, settings)
+    records = read_records(
+        data,
+        inputs=tuple(getattr(subject.nominal, "inputs", ())),
+        outputs=subject.nominal.outputs,
+    )
+    by_file = {str(p): r.name for p, r in zip(data, records, strict=True)}
+    by_file |= {p.name: r.name for p, r in zip(data, records, strict=True)}
+    held = [by_file.get(h, h) for h in hold_out] or None
+    resume = None if output is None else output / ".resume"
+    options = Options(
+        alpha=alpha,
+        window=window,
+        max_effects=max_effects,
+        bootstrap=bootstrap,
+        seed=seed,
+        resume=resume,
+    )
+    report = diagnose(subject.nominal, subject.effects, records, held, options, progress_line())
+    if is_terminal():
+        click.echo("\r\x1b[2K", nl=False, err=True)
+    if as_json:
+        print_json(report_json(report))
+    else:
+        _print(report)
+    if output is not None:
+        for path in write_report(report, output, force=force):
+            say_written(path)
+        if resume is not None and resume.is_dir():
+            shutil.rmtree(resume)
+
+
+def _print(report: Report) -> None:
+    click.echo(f"{report.verdict}: {report.statement}")
+    out = console()
+    table = new_table(
+        "which", "effect", "component", "size", "95 %", "T", "p", "belief", right=(2, 3, 4, 5, 6)
+    )
+    for r in report.which.effects[:8]:
+        mark = "* " if r.named else ("? " if r.effect in report.one_of else "  ")
+        table.add_row(
+            mark + r.effect,
+            r.component,
+            f"{r.size:.4g} {'' if r.unit == '1' else r.unit}".strip(),
+            f"{r.low:.4g} .. {r.high:.4g}",
+            f"{r.statistic:.1f}",
+            f"{r.p:.2g}",
+            f"{r.posterior:.0%}",
+        )
+    out.print(table)
+    for n in report.refused:
+        click.echo(f"refused by held-out records: {n.name} ({n.why})")
+    gap = new_table(
+        "how far (held out)",
+        "metric",
+        "channel",
+        "before",
+        "after",
+        "noise",
+        "closed",
+        right=(2, 3, 4, 5),
+    )
+    for g in report.how_far.rows:
+        gap.add_row(
+            g.metric,
+            f"{g.channel} [{g.unit}]",
+            f"{g.before:.4g}",
+            f"{g.after:.4g}",
+            f"{g.floor:.3g}",
+            f"{g.closed:.0%} ({g.low:.0%} .. {g.high:.0%})",
+        )
+    out.print(gap)
+    for advice in report.next:
+        click.echo(f"next: {advice.text}")
+    if report.not_tested:
+        click.echo("not tested: " + ", ".join(n.name for n in report.not_tested))
+
+
+def _add(name: str) -> None:
+    """Subcommands of other modules, if they are there."""
+    try:
+        module: Any = importlib.import_module(f"feltmb.cli.{name}")
+    except ModuleNotFoundError as error:
+        if error.name != f"feltmb.cli.{name}":
+            raise
+        return
+    command.add_command(module.command)
+
+
+_add("gap_blind")

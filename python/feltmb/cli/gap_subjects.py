@@ -1,0 +1,91 @@
+"""What can be diagnosed from the command line: a Python file, or what a resolver knows by name."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from feltmb.data import Record
+from feltmb.errors import InvalidParameter
+from feltmb.fit import Effect, Nominal
+
+__all__ = ["RESOLVERS", "Subject", "load_subject"]
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A nominal with the effects that may explain its gap."""
+
+    nominal: Nominal
+    effects: tuple[Effect, ...]
+    planned: tuple[Record, ...] = ()
+    """Runs that could be made, for ``feltmb gap foresee``."""
+
+
+def _mechanism(name: str, settings: Mapping[str, str]) -> Subject | None:
+    """Packaged mechanism or mechanism file, see :mod:`feltmb.subjects.resolve`."""
+    from feltmb.subjects.resolve import resolve
+
+    found = resolve(name, settings)
+    return None if found is None else Subject(*found)
+
+
+#: Each is asked for a name with settings in turn; None: not mine.
+RESOLVERS: list[Callable[[str, Mapping[str, str]], Subject | None]] = [_mechanism]
+
+
+def load_subject(name: str, settings: Sequence[str] = ()) -> Subject:
+    """Subject by name of a packaged mechanism or path of a Python file.
+
+    The file defines ``nominal`` (a :class:`feltmb.fit.Nominal`) and ``effects`` (a sequence of
+    :class:`feltmb.fit.Effect`), and may define ``planned`` (records that could be made). It is
+    run: use files that you trust.
+    """
+    values = {}
+    for text in settings:
+        key, mark, value = text.partition("=")
+        if not mark:
+            raise InvalidParameter(f"--set {text}: expected PATH=VALUE")
+        values[key.strip()] = value.strip()
+    path = Path(name)
+    if path.suffix == ".py":
+        if values:
+            raise InvalidParameter(f"{name}: --set works with packaged mechanisms, not with a file")
+        return _from_file(path)
+    for resolver in RESOLVERS:
+        found = resolver(name, values)
+        if found is not None:
+            return found
+    raise InvalidParameter(
+        f"no model {name!r}; expected a Python file that defines nominal and effects"
+        + (", or a packaged mechanism (feltmb list)" if RESOLVERS else "")
+    )
+
+
+def _from_file(path: Path) -> Subject:
+    if not path.is_file():
+        raise InvalidParameter(f"{path}: no such file")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise InvalidParameter(f"{path}: {type(error).__name__}: {error}") from error
+    nominal = getattr(module, "nominal", None)
+    effects = getattr(module, "effects", None)
+    faults = []
+    if not isinstance(nominal, Nominal):
+        faults.append(f"nominal is {type(nominal).__name__}, expected a feltmb.gap.Nominal")
+    if effects is None:
+        faults.append("effects is missing, expected a sequence of feltmb.gap.Effect")
+    elif not all(isinstance(e, Effect) for e in effects):
+        faults.append("effects holds something that is no feltmb.gap.Effect")
+    if faults:
+        raise InvalidParameter(f"{path}: " + "; ".join(faults))
+    assert isinstance(nominal, Nominal)
+    assert effects is not None
+    return Subject(nominal, tuple(effects), tuple(getattr(module, "planned", ())))

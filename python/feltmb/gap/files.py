@@ -1,0 +1,89 @@
+"""Report on disk: JSON and HTML, the same bytes for the same input."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from feltmb.files import write_text
+from feltmb.gap.report import Report
+
+__all__ = ["plain", "report_json", "write_report"]
+
+
+def plain(value: Any) -> Any:
+    """Value as JSON types: numbers to 9 digits, infinities as texts."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [plain(v) for v in value]
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, (int, np.integer)):
+        return int(value)
+    if isinstance(value, (float, np.floating)):
+        number = float(value)
+        if math.isnan(number):
+            return None
+        if math.isinf(number):
+            return "inf" if number > 0 else "-inf"
+        return float(f"{number:.9g}")
+    return None if value is None else str(value)
+
+
+def report_json(report: Report) -> dict[str, Any]:
+    """Report as one JSON object; times of computation are left out."""
+    from feltmb._core import __version__
+
+    fit = report.fit
+    return {
+        "feltmb": __version__,
+        "model": report.model.nominal.name,
+        "verdict": report.verdict.value,
+        "statement": report.statement,
+        "named": list(report.named),
+        "one_of": list(report.one_of),
+        "confidence": plain(report.confidence),
+        "where": plain(report.where),
+        "which": plain(report.which),
+        "how_far": plain(report.how_far),
+        "next": plain(report.next),
+        "not_tested": plain(report.not_tested),
+        "refused": plain(report.refused),
+        "amended": {
+            "parameters": plain(report.model.parameters),
+            "effects": plain(report.model.effects),
+            "shapes": {t.name: plain(t.shape) for t in report.model.terms},
+        },
+        "fit": {
+            "intervals": plain(fit.intervals()),
+            "chi2": plain(fit.chi2),
+            "dof": plain(fit.dof),
+            "level": plain(fit.level),
+            "converged": fit.converged,
+            "notes": list(fit.notes),
+        },
+        "gates": plain(report.gates),
+    }
+
+
+def write_report(report: Report, folder: Path, *, force: bool = False) -> tuple[Path, Path]:
+    """Write report.html and report.json into a folder."""
+    from feltmb.gap.page import page
+
+    text = json.dumps(report_json(report), indent=1, sort_keys=True, ensure_ascii=False)
+    return (
+        write_text(folder / "report.html", page(report), force=force),
+        write_text(folder / "report.json", text + "\n", force=force),
+    )

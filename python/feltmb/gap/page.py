@@ -1,0 +1,75 @@
+"""The report as one self-contained HTML page."""
+
+from __future__ import annotations
+
+import math
+from importlib import resources
+from typing import Any
+
+from feltmb.gap.drawing import bars, force_traces, ledger_map, waterfall
+from feltmb.gap.report import Report, Verdict
+
+__all__ = ["page"]
+
+MARK = {
+    Verdict.NO_GAP: "good",
+    Verdict.NAMED: "named",
+    Verdict.ONE_OF: "some",
+    Verdict.NAMED_UNKNOWN_REST: "some",
+    Verdict.UNKNOWN: "bad",
+    Verdict.TOO_WEAK: "none",
+    Verdict.DATA_PROBLEM: "bad",
+}
+
+
+def number(value: object, digits: int = 4) -> str:
+    """Some digits; a dash for what is not there."""
+    if not isinstance(value, (int, float)) or not math.isfinite(value):
+        return "-"
+    return f"{value:.{digits}g}"
+
+
+def percent(value: float) -> str:
+    """Share as percent."""
+    return f"{value:.0%}" if math.isfinite(value) else "-"
+
+
+def page(report: Report) -> str:
+    """HTML text; nothing is loaded from elsewhere, all text is escaped."""
+    import jinja2
+    from markupsafe import Markup
+
+    from feltmb._core import __version__
+
+    template = (resources.files("feltmb.gap") / "report.html").read_text(encoding="utf-8")
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters["number"] = number
+    environment.filters["percent"] = percent
+    where = report.where
+    significant = [c for c in where.ledger if c.significant]
+    context: dict[str, Any] = {
+        "version": __version__,
+        "report": report,
+        "mark": MARK[report.verdict],
+        "model": report.model.nominal.name,
+        "map": Markup(ledger_map(where.ledger, dict(where.onset))),
+        "cells": len(where.ledger),
+        "significant": len(significant),
+        "events": sorted(
+            (e for e in where.events if e.significant),
+            key=lambda e: (-abs(e.delay) / e.delay_se, e.record, e.time),
+        )[:12],
+        "components": where.components,
+        "traces": [(c, Markup(force_traces(c))) for c in where.components if c.trace],
+        "bars": Markup(bars(report.which.effects, report.one_of, [n.name for n in report.refused])),
+        "waterfall": Markup(waterfall(report.how_far)),
+        "intervals": report.fit.intervals(),
+        "sources": sorted({s for s in _sources(report) if s}),
+    }
+    return environment.from_string(template).render(**context)
+
+
+def _sources(report: Report) -> list[str]:
+    return [shot.record.source for shot in report.fit.problem.shots]

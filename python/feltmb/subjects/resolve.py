@@ -1,0 +1,86 @@
+"""From a name on a command line to a nominal with its effects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from feltmb.config import Action, load_action, packaged_actions, parse_setting
+from feltmb.errors import InvalidParameter
+from feltmb.fit import Effect, Nominal
+from feltmb.subjects.library import load_library
+from feltmb.subjects.nominal import mechanism_nominal
+
+__all__ = ["SETTINGS", "resolve"]
+
+#: What a command may set: name -> meaning.
+SETTINGS = {
+    "channels": "channels or outputs, with commas: key,hammer_tip (default: those of the library)",
+    "effects": "names or patterns, with commas: felt_*,let_off_button; all (default: a core set)",
+    "tolerances": "parameters to estimate, names or patterns (default: all of the library)",
+    "library": "packaged library of effects or TOML file (default: that of the mechanism)",
+    "rtol": "relative tolerance of the integrator (default 1e-7)",
+    "window": "length of shooting windows in s",
+    "shooting": "multiple (default) or single: every record in one go from rest",
+    "derivatives": "differences (default) or forward",
+}
+
+
+def _mechanism(name: str) -> Action | None:
+    if name in packaged_actions():
+        return load_action(name)
+    if not name.endswith(".toml"):
+        return None
+    return load_action(name)
+
+
+def resolve(name: str, settings: Mapping[str, str]) -> tuple[Nominal, tuple[Effect, ...]] | None:
+    """Nominal and effects of a packaged mechanism or a mechanism file; None for other names.
+
+    Parameters
+    ----------
+    settings
+        Those of :data:`SETTINGS`; a name with a dot is a path of the mechanism, ``string.modes``.
+
+    Raises
+    ------
+    InvalidParameter
+        Unknown settings, channels or effects, with what is known.
+    """
+    action = _mechanism(name)
+    if action is None:
+        return None
+    paths = {k: v for k, v in settings.items() if "." in k}
+    unknown = sorted(set(settings) - set(SETTINGS) - set(paths))
+    if unknown:
+        raise InvalidParameter(
+            f"--set {', '.join(unknown)}: expected {', '.join(SETTINGS)}, or a path of the "
+            "mechanism such as string.modes"
+        )
+    if paths:
+        action = action.with_values(dict(parse_setting(f"{k}={v}") for k, v in paths.items()))
+    options: dict[str, Any] = {}
+    for key in ("shooting", "derivatives"):
+        if key in settings:
+            options[key] = settings[key]
+    for key in ("rtol", "window"):
+        if key not in settings:
+            continue
+        try:
+            options[key] = float(settings[key])
+        except ValueError:
+            raise InvalidParameter(f"{key}: got {settings[key]!r}, expected a number") from None
+    library = load_library(action, settings.get("library"))
+    if "tolerances" in settings:
+        options["tolerances"] = library.choose_tolerances(_list(settings["tolerances"]))
+    return mechanism_nominal(
+        action,
+        channels=_list(settings.get("channels", "")),
+        effects=_list(settings.get("effects", "")),
+        library=library,
+        **options,
+    )
+
+
+def _list(text: str) -> list[str]:
+    return [part.strip() for part in text.split(",") if part.strip()]

@@ -1,0 +1,174 @@
+#include <doctest/doctest.h>
+
+#include <array>
+#include <cmath>
+#include <vector>
+
+#include "feltmb/core/error.hpp"
+#include "feltmb/lumped/network.hpp"
+
+namespace {
+
+using namespace feltmb::lumped;
+
+// Parameters: mass, stiffness, damping, contact stiffness, exponent, loss, gap, gain, delay, tau,
+// coulomb, sliding speed.
+const std::vector<double> values{0.1,  200.0, 0.3,  5e4,  1.6,  0.2,
+                                 1e-3, 1e-5,  2e-4, 5e-3, 0.05, 0.02};
+
+Sum p(int i, double factor = 1.0) { return {{i, factor}}; }
+
+/// A mass on a spring with friction that strikes a felt with a lag, seen by a late sensor.
+Network network(int substeps = 4) {
+  Network n;
+  n.masses = {p(0)};
+  const Travel x{{{0, 1.0}}, {}, 0.0, {}};
+  const Travel felt{{{0, 1.0}}, {{0, -1.0}}, 0.0, p(6, -1.0)};
+  n.elements = {{Kind::spring, x, {}, p(1), p(2), {}, {}},
+                {Kind::contact, felt, {}, p(3), p(4), p(5), {}},
+                {Kind::friction, x, {}, {}, p(10), p(11), {}},
+                {Kind::drive, {{{0, 1.0}}, {}, 1.0, {}}, {}, {}, {}, {}, {}}};
+  n.hidden = {{false, {1}, p(7), p(9), {}}};
+  n.sensors = {{x, {}, {}, p(8), {}, -1}};
+  n.parameters = static_cast<int>(values.size());
+  n.sample_time = 5e-4;
+  n.substeps = substeps;
+  return n;
+}
+
+std::vector<double> input() {
+  std::vector<double> u;
+  for (int i = 0; i < 200; ++i) {
+    u.push_back(2.0 * std::sin(0.05 * i));
+  }
+  return u;
+}
+
+Batch run(const Network& n, const std::vector<double>& parameters, std::vector<double> start,
+          std::vector<int> wanted = {}, std::vector<int> states = {}) {
+  const std::vector<double> u = input();
+  const std::vector<std::span<const double>> inputs{u};
+  const std::vector<Segment> segments{{0, 10, 120, 0}};
+  Request q;
+  q.parameters = parameters;
+  q.inputs = inputs;
+  q.segments = segments;
+  q.starts = start;
+  q.wanted = wanted;
+  q.wanted_states = states;
+  return simulate(n, q);
+}
+
+}  // namespace
+
+TEST_CASE("lumped network: derivatives are those of the result") {
+  const Network n = network();
+  std::vector<int> wanted;
+  for (int i = 0; i < static_cast<int>(values.size()); ++i) {
+    wanted.push_back(i);
+  }
+  const std::vector<double> start{-1e-4, 0.02, 1e-6};
+  const Batch base = run(n, values, start, wanted, {0, 1, 2});
+  REQUIRE(base.columns == 15);
+  for (int column = 0; column < base.columns; ++column) {
+    auto parameters = values;
+    auto x = start;
+    double& moved = column < 12 ? parameters[static_cast<std::size_t>(column)]
+                                : x[static_cast<std::size_t>(column - 12)];
+    const std::array<double, 3> scale{1e-3, 0.1, 1e-4};
+    const double step = 1e-5 * (column < 12 ? moved : scale[static_cast<std::size_t>(column - 12)]);
+    const double before = moved;
+    moved = before + step;
+    const Batch up = run(n, parameters, x);
+    moved = before - step;
+    const Batch down = run(n, parameters, x);
+    double error = 0.0;
+    double size = 0.0;
+    for (std::size_t i = 0; i < up.outputs.size(); ++i) {
+      const double slope = (up.outputs[i] - down.outputs[i]) / (2.0 * step);
+      const double exact = base.d_outputs[i * 15 + static_cast<std::size_t>(column)];
+      error += (slope - exact) * (slope - exact);
+      size += exact * exact;
+    }
+    CAPTURE(column);
+    CHECK(size > 0.0);
+    CHECK(std::sqrt(error / size) < 2e-4);
+    for (std::size_t i = 0; i < 3; ++i) {
+      const double slope = (up.ends[i] - down.ends[i]) / (2.0 * step);
+      const double exact = base.d_ends[i * 15 + static_cast<std::size_t>(column)];
+      CHECK(slope == doctest::Approx(exact).epsilon(1e-3).scale(std::abs(exact) + 1e-9));
+    }
+  }
+}
+
+TEST_CASE("lumped network: any width of the passes gives the same bits") {
+  const Network n = network();
+  const std::vector<double> start{-1e-4, 0.02, 0.0};
+  const Batch plain = run(n, values, start);
+  const Batch narrow = run(n, values, start, {3});
+  const Batch wide = run(n, values, start, {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11}, {0, 1, 2});
+  CHECK(plain.outputs == narrow.outputs);
+  CHECK(plain.outputs == wide.outputs);
+  for (std::size_t i = 0; i < plain.outputs.size(); ++i) {
+    CHECK(narrow.d_outputs[i] == wide.d_outputs[i * 15 + 3]);
+  }
+}
+
+TEST_CASE("lumped network: a damped spring follows its closed form with the fourth order") {
+  double before = 0.0;
+  for (const int substeps : {1, 2, 4}) {
+    Network n = network(substeps);
+    n.elements.resize(1);
+    n.hidden.clear();
+    n.sensors[0].delay.clear();
+    const Batch b = run(n, values, {1e-3, 0.0});
+    const double rate = values[2] / (2.0 * values[0]);
+    const double omega = std::sqrt(values[1] / values[0] - rate * rate);
+    double error = 0.0;
+    for (int i = 0; i <= 120; ++i) {
+      const double t = 5e-4 * i;
+      const double x =
+          1e-3 * std::exp(-rate * t) * (std::cos(omega * t) + rate / omega * std::sin(omega * t));
+      error = std::max(error, std::abs(x - b.outputs[static_cast<std::size_t>(i)]));
+    }
+    CHECK(error < 1e-11);
+    if (before > 0.0) {
+      CHECK(before / error == doctest::Approx(16.0).epsilon(0.05));
+    }
+    before = error;
+  }
+}
+
+TEST_CASE("lumped network: windows in turn are the whole") {
+  const Network n = network();
+  const std::vector<double> u = input();
+  const std::vector<std::span<const double>> inputs{u};
+  const std::vector<double> start{-1e-4, 0.02, 0.0};
+  const Batch whole = run(n, values, start);
+  std::vector<double> x = start;
+  std::size_t at = 0;
+  for (int w = 0; w < 4; ++w) {
+    const std::vector<Segment> segments{{0, 10 + 30 * w, 30, 0}};
+    Request q;
+    q.parameters = values;
+    q.inputs = inputs;
+    q.segments = segments;
+    q.starts = x;
+    const Batch part = simulate(n, q);
+    x = part.ends;
+    for (std::size_t i = 1; i <= 30; ++i) {  // the first is the end of the window before
+      CHECK(part.outputs[i] == doctest::Approx(whole.outputs[at + i]).epsilon(1e-4).scale(1e-4));
+    }
+    at += 30;
+  }
+  for (std::size_t i = 0; i < 3; ++i) {
+    CHECK(x[i] == doctest::Approx(whole.ends[i]).epsilon(1e-9));
+  }
+}
+
+TEST_CASE("lumped network: bad descriptions are refused") {
+  Network n = network();
+  n.elements[1].a = p(99);
+  CHECK_THROWS_AS(n.check(), feltmb::InvalidParameter);
+  CHECK_THROWS_AS(run(network(), values, {0.0}), feltmb::InvalidParameter);
+}

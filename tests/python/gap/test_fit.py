@@ -1,0 +1,214 @@
+"""The filter against dense algebra, derivatives against their definition, fits against truth."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from feltmb.fit.filter import reduce_chain
+from feltmb.fit.linearize import Linear
+from feltmb.fit.problem import Problem
+from feltmb.fit.shots import Noise, choose_windows, make_shot
+from feltmb.fit.solve import fit_problem
+from feltmb.gap import Lanes, Record, Sensor, Term
+
+HERE = Path(__file__).parent
+spec = importlib.util.spec_from_file_location("gap_models", HERE / "models.py")
+models = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(models)
+
+
+def random_linear(generator, windows=4, m=7, nx=2, ng=3, mi=2):
+    draw = generator.standard_normal
+    return Linear(
+        residual=draw((windows, m)),
+        by_state=draw((windows, m, nx)),
+        by_global=draw((windows, m, ng)),
+        by_input=draw((windows, m, mi)),
+        gap=draw((windows - 1, nx)),
+        ends_by_state=draw((windows, nx, nx)),
+        ends_by_global=draw((windows, nx, ng)),
+        ends_by_input=draw((windows, nx, mi)),
+        good=np.ones(windows, dtype=bool),
+    )
+
+
+def dense(linear, gap_sd, start_mean, start_sd):
+    """All rows of the same problem: (states and input noise, globals, right-hand side)."""
+    windows, m, nx = linear.by_state.shape
+    ng, mi = linear.by_global.shape[2], linear.by_input.shape[2]
+    width = windows * (nx + mi)
+    rows = []
+
+    def row(own, other, right):
+        rows.append(np.concatenate([own, other, [right]]))
+
+    for w in range(windows):
+        for i in range(m):
+            own = np.zeros(width)
+            own[w * nx : (w + 1) * nx] = linear.by_state[w, i]
+            own[windows * nx + w * mi : windows * nx + (w + 1) * mi] = linear.by_input[w, i]
+            row(own, linear.by_global[w, i], linear.residual[w, i])
+        for i in range(mi):
+            own = np.zeros(width)
+            own[windows * nx + w * mi + i] = 1.0
+            row(own, np.zeros(ng), 0.0)
+        if w < windows - 1:
+            for i in range(nx):
+                own = np.zeros(width)
+                own[w * nx : (w + 1) * nx] = -linear.ends_by_state[w, i]
+                own[(w + 1) * nx + i] = 1.0
+                own[windows * nx + w * mi : windows * nx + (w + 1) * mi] = -linear.ends_by_input[
+                    w, i
+                ]
+                row(
+                    own / gap_sd[i],
+                    -linear.ends_by_global[w, i] / gap_sd[i],
+                    linear.gap[w, i] / gap_sd[i],
+                )
+    for i in range(nx):
+        own = np.zeros(width)
+        own[i] = 1.0 / start_sd[i]
+        row(own, np.zeros(ng), start_mean[i] / start_sd[i])
+    table = np.array(rows)
+    return table[:, :width], table[:, width:-1], table[:, -1]
+
+
+def test_filter_is_the_dense_projection():
+    generator = np.random.default_rng(3)
+    linear = random_linear(generator)
+    gap_sd, mean, sd = np.array([0.3, 0.02]), np.array([0.1, -0.2]), np.array([0.5, 2.0])
+    chain = reduce_chain(linear, gap_sd, mean, sd)
+    x, g, r = dense(linear, gap_sd, mean, sd)
+    q, upper = np.linalg.qr(x)
+    left = np.column_stack([g, r])
+    left = left - q @ (q.T @ left)
+    np.testing.assert_allclose(np.sum(chain.grams, axis=0), left.T @ left, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        np.sum(chain.log_dets), np.sum(np.log(np.abs(np.diag(upper)))), rtol=1e-10
+    )
+    step = np.array([0.3, -0.1, 0.2])
+    whole = np.linalg.lstsq(x, r - g @ step, rcond=None)[0]
+    np.testing.assert_allclose(chain.back(step).ravel(), whole[:8], rtol=1e-8, atol=1e-9)
+
+
+def test_whitening_gives_the_dense_likelihood_with_gaps_in_the_data():
+    generator = np.random.default_rng(5)
+    time = np.cumsum(generator.uniform(0.5, 1.5, 40))
+    values = generator.standard_normal(40)
+    values[[3, 4, 17, 30]] = np.nan
+    one = Record(
+        name="r",
+        time=time,
+        inputs={"f": 0 * time},
+        outputs={"q": values},
+        sensors={"q": Sensor(name="q", sigma=0.7, correlation_time=2.0)},
+    )
+    shot = make_shot(
+        models.NOMINAL, one, {"q": Noise(0.7, 2.0)}, None, np.array([[0, 39]], dtype=np.intp)
+    )
+    white = shot.whiten(shot.measured)[0, :, 0]
+    good = np.isfinite(values)
+    cover = 0.49 * np.exp(-np.abs(time[good][:, None] - time[good][None, :]) / 2.0)
+    expected = values[good] @ np.linalg.solve(cover, values[good])
+    np.testing.assert_allclose(white @ white, expected, rtol=1e-10)
+    _, log_det = np.linalg.slogdet(cover)
+    weights = shot.weight[0, good, 0]
+    np.testing.assert_allclose(-2.0 * np.sum(np.log(weights)), log_det, rtol=1e-10)
+
+
+def test_sensitivities_are_derivatives():
+    one = models.record("r", 1.0, 1, samples=200)
+    windows = choose_windows(one, 0.2)
+    starts = models.NOMINAL.guess(one, windows)
+    terms, candidates = (Term(models.CUBIC),), (Term(models.DRY),)
+    s = models.NOMINAL.sensitivities(
+        one, models.TRUTH, windows, starts, terms, np.array([500.0]), candidates=candidates
+    )
+
+    def run(theta, x, cubic, dry):
+        count = len(windows)
+        lanes = Lanes(
+            theta=np.tile(theta, (count, 1)),
+            windows=windows,
+            starts=x,
+            terms=(*terms, *candidates),
+            sizes=np.tile([cubic, dry], (count, 1)),
+        )
+        return models.NOMINAL.simulate(one, lanes).outputs
+
+    h = 1e-5
+    moved = models.TRUTH + np.array([0.0, h, 0.0])
+    back = models.TRUTH - np.array([0.0, h, 0.0])
+    by_k = (run(moved, starts, 500.0, 0.0) - run(back, starts, 500.0, 0.0)) / (2 * h)
+    scale = np.nanmax(np.abs(by_k))
+    np.testing.assert_allclose(s.d_theta[..., 1] / scale, by_k / scale, atol=1e-4)
+    by_v = (
+        run(models.TRUTH, starts + [0, h], 500.0, 0.0) - run(models.TRUTH, starts, 500.0, 0.0)
+    ) / h
+    np.testing.assert_allclose(s.d_starts[..., 1], by_v, atol=1e-4)
+    by_dry = (run(models.TRUTH, starts, 500.0, 1e-6) - run(models.TRUTH, starts, 500.0, 0.0)) / 1e-6
+    scale = np.nanmax(np.abs(by_dry))
+    np.testing.assert_allclose(s.d_candidates[..., 0] / scale, by_dry / scale, atol=2e-3)
+
+
+def test_fit_recovers_the_truth_within_its_intervals():
+    data = models.records(2)[:2]
+    shots = tuple(make_shot(models.NOMINAL, r, {"q": Noise(1e-4)}, None) for r in data)
+    fit = fit_problem(Problem(models.NOMINAL, shots))
+    assert fit.converged
+    assert 0.85 < fit.chi2 / fit.dof < 1.15
+    for row, truth in zip(fit.intervals(), models.TRUTH, strict=True):
+        assert abs(row.value - truth) < 4.0 * row.sd
+        assert row.sd < 0.05 * truth
+        assert row.contraction > 0.9
+
+
+@pytest.mark.parametrize("length", [0.05, 0.4])
+def test_windows_cover_the_record_once(length):
+    one = models.record("r", 1.0, 1, samples=300)
+    windows = choose_windows(one, length)
+    assert windows[0, 0] == 0
+    assert windows[-1, 1] == 299
+    np.testing.assert_array_equal(windows[1:, 0], windows[:-1, 1])
+    assert np.all(windows[:, 1] > windows[:, 0])
+
+
+def test_a_window_in_a_wrong_valley_is_not_taken_for_a_gap():
+    """A pendulum seen by the sine of its angle: half a turn more is another valley."""
+    from dataclasses import replace as changed
+
+    from feltmb.fit.linearize import Place
+    from feltmb.fit.problem import Point
+    from feltmb.gap import OdeNominal, Parameter, State
+
+    pendulum = OdeNominal(
+        states=[State(name="a", scale=1.0, start_sd=0.3), State(name="w", scale=3.0, start_sd=1.0)],
+        parameters=[
+            Parameter(name="g", value=20.0, sd=2.0),
+            Parameter(name="d", value=0.3, sd=0.2),
+        ],
+        inputs=["f"],
+        rates=lambda t, x, u, p: (x.w, u.f - p.g * np.sin(x.a) - p.d * x.w),
+        outputs={"s": lambda t, x, u, p: np.sin(x.a)},
+    )
+    generator = np.random.default_rng(2)
+    time = np.arange(600) * 0.01
+    empty = Record(
+        name="r", time=time, inputs={"f": 4.0 * np.sin(2.1 * time)}, outputs={"s": 0.0 * time}
+    )
+    lanes = Lanes(
+        theta=np.array([[21.0, 0.25]]), windows=np.array([[0, 599]]), starts=np.array([[0.4, 0.0]])
+    )
+    clean = pendulum.simulate(empty, lanes).outputs[0, :, 0]
+    one = changed(empty, outputs={"s": clean + 0.01 * generator.standard_normal(600)})
+    shot = make_shot(pendulum, one, {"s": Noise(0.01)}, 0.4)
+    problem = Problem(pendulum, (shot,))
+    good = problem.start()
+    starts = good.places[0].starts.copy()
+    starts[6] = np.pi - starts[6]  # the same sine, the other branch
+    starts[9] += [2.5, -4.0]
+    bad = Point(good.theta, good.sizes, (Place(starts, good.places[0].nuisances),))
+    fit = fit_problem(problem, point=bad)
+    assert fit.chi2 < fit.dof + 4.0 * np.sqrt(2.0 * fit.dof)

@@ -1,0 +1,473 @@
+"""Inputs that nobody intended: mutations of valid files and command lines, in a process of its own.
+
+    python fuzz.py TARGET FIRST COUNT LOG
+
+Runs the cases FIRST ... FIRST + COUNT - 1 of a target. A case is known by its target and number
+alone. LOG holds the number of the case at work, so that a crash or a hang names its case. What is
+wrong is printed as one JSON object a line.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import random
+import resource
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+HERE = Path(__file__).resolve()
+DATA = HERE.parents[2] / "data"
+MEMORY = 6 << 30  # address space of the process: more is a fault of the case
+SLOWEST = 20.0  # s of processor time
+
+TOKENS = [
+    *(b"nan", b"inf", b"-inf", b"1e999", b"-1e308", b"1e-320", b"0", b"-0.0", b"-1", b"true"),
+    *(b"99999999999999999999999999", b"0x7fffffffffffffff", b"2147483648", b'""', b"''", b"[]"),
+    *(b"{}", b"[", b"]", b"{", b"}", b"=", b",", b".", b'"', b"\n", b"\r\n", b"\0", b"\xff"),
+    *(b"\xef\xbb\xbf", b"\xf0\x9f\x8e\xb9", b"#", b"[[a]]", b"a.b.c = 1\n", b" mm", b'"1e9 kg"'),
+    *(b"../../../../etc/passwd", b"$(id)", b"`id`", b"%s%n", b"<script>", b"__import__('os')"),
+    *(b"1979-05-27T07:32:00Z", b"12:30", b"9" * 400, b"[" * 60, b"a" * 3000),
+]
+VALUES: list[object] = [
+    *(0, -1, 1, 2, 10**6, 10**12, 10**30, 0.0, -0.0, 0.5, -3.7, 1e-300, 1e300, 1e9, 1e-9),
+    *(float("nan"), float("inf"), True, False, "", "x", "1 mm", "1e999 m", "-5 kg", "5 V", " "),
+    *([], [0.0], [0.0, 0.0], [1.0, 1.0, 1.0], [1e300, 1e300], ["a", "b"], [[1.0, 2.0]], {}),
+    *({"value": 1.0}, {"value": [1.0, 2.0], "unit": "mm"}, {"unit": "m"}, {"value": "x"}),
+    *("ground", "../..", "\0", "é\u202e", "a" * 5000, "nan", "true"),
+]
+
+
+# ---------------------------------------------------------------- mutations
+
+
+def mutate_bytes(data: bytes, rng: random.Random) -> bytes:
+    """A few small changes of a text or binary file."""
+    out = bytearray(data)
+    for _ in range(rng.choice((1, 1, 1, 2, 3, 8))):
+        at = rng.randrange(len(out) + 1)
+        far = min(len(out), at + rng.choice((1, 1, 2, 5, 20, 200)))
+        kind = rng.randrange(6)
+        if kind == 0:
+            del out[at:far]
+        elif kind == 1:
+            out[at:at] = rng.choice(TOKENS)
+        elif kind == 2:
+            out[at:far] = rng.choice(TOKENS)
+        elif kind == 3:
+            out[at:at] = out[at:far] * rng.choice((1, 2, 30))
+        elif kind == 4 and out:
+            at = min(at, len(out) - 1)
+            out[at] ^= 1 << rng.randrange(8)
+        elif kind == 5 and rng.random() < 0.3:
+            del out[at:]
+    return bytes(out)
+
+
+def mutate_numbers(text: str, rng: random.Random) -> str:
+    """Other numbers in a text."""
+    import re
+
+    found = list(re.finditer(r"[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?", text))
+    for match in sorted(rng.sample(found, min(len(found), rng.choice((1, 1, 2, 4)))),
+                        key=lambda m: -m.start()):  # fmt: skip
+        new = rng.choice(
+            ["0", "-1", "1e300", "1e-300", "nan", "inf", "1e30", "-1e30", "99999999999", "", "x"]
+            + [repr(float(match[0]) * 10 ** rng.uniform(-6, 6))] * 4
+            + [repr(-float(match[0]))]
+        )
+        text = text[: match.start()] + new + text[match.end() :]
+    return text
+
+
+def mutate_tree(node: object, rng: random.Random) -> object:
+    """The same tables with one entry changed, gone, moved or new."""
+    import copy
+
+    node = copy.deepcopy(node)
+    for _ in range(rng.choice((1, 1, 2, 3))):
+        here, path = node, []
+        while isinstance(here, (dict, list)) and len(here) and (not path or rng.random() < 0.75):
+            key = rng.choice(list(here)) if isinstance(here, dict) else rng.randrange(len(here))
+            path.append((here, key))
+            here = here[key]
+        if not path:
+            continue
+        table, key = path[-1]
+        kind = rng.randrange(5)
+        if kind == 0:
+            table.pop(key)
+        elif kind <= 2:
+            table[key] = copy.deepcopy(rng.choice(VALUES))
+        elif kind == 3 and isinstance(table, dict):
+            table[rng.choice(["value", "unit", "x", "name", "law", "é", "a.b", str(key) + "2"])] = (
+                table[key] if rng.random() < 0.5 else copy.deepcopy(rng.choice(VALUES))
+            )
+        else:
+            other, other_key = rng.choice(path)
+            table[key] = copy.deepcopy(other[other_key])
+    return node
+
+
+# ---------------------------------------------------------------- targets
+
+
+class Case:
+    """One case: what is given, and a folder of its own."""
+
+    def __init__(self, rng: random.Random, folder: Path):
+        self.rng = rng
+        self.folder = folder
+        self.shown = ""
+
+
+@cache
+def corpus(kind: str) -> list[bytes]:
+    """Valid files to begin with."""
+    import feltmb
+    from feltmb import params
+
+    if kind == "mechanism":
+        steinway = (params.folder() / "steinway45.toml").read_bytes()
+        own = [p.read_bytes() for p in sorted(DATA.glob("*.toml"))]
+        template = (params.folder() / "template.toml.txt").read_bytes()
+        return [*own * 6, _memory_laws(own[-1]), template, steinway]
+    if kind == "stroke":
+        rows = "".join(f"{0.001 * i:.4f},{25 * min(i, 40) / 40:.3f}\n" for i in range(80))
+        return [
+            b"time [s],force [N]\n" + rows.encode(),
+            b"# a\ntime [ms],displacement [mm]\n0,0\n10,1\n20,4\n30,9.5\n",
+            b"time [s],force [N]\r\n0,0\r\n0.1,3\r\n0.2,3\r\n",
+        ]
+    if kind == "stroke_toml":
+        folder = params.folder() / "strokes"
+        return [p.read_bytes() for p in sorted(folder.glob("*.toml"))]
+    if kind == "curves":
+        return [b"time [ms],hammer_tip.vx [m/s],u [V]\n0,1,2\n1,,3\n2,5,1\n3,4,\n"]
+    if kind == "felt":
+        return [p.read_bytes() for p in sorted((params.folder() / "felts").glob("*.toml"))]
+    if kind == "study":
+        return [p.read_bytes() for p in sorted((params.folder() / "studies").glob("*.toml"))]
+    if kind == "regulation":
+        return [p.read_bytes() for p in sorted((params.folder() / "regulation").glob("*.toml"))]
+    assert kind == "run"
+    action = feltmb.load_action(DATA / "pendulum.toml")
+    with tempfile.TemporaryDirectory() as folder:
+        path = feltmb.simulate(action, "forte", 0.02, output_rate=2000).save(Path(folder) / "a.nc")
+        return [path.read_bytes()]
+
+
+def _memory_laws(text: bytes) -> bytes:
+    return text.replace(b'law = "guarded"', b'law = "felt_memory"\nmemory = { kappa = 0.3 }')
+
+
+def given_file(case: Case, kind: str, suffix: str, tree: bool) -> Path:
+    """A mutated file in the folder of the case."""
+    rng = case.rng
+    data = rng.choice(corpus(kind))
+    how = rng.randrange(3) if tree else rng.randrange(2)
+    if how == 0:
+        data = mutate_bytes(data, rng)
+    elif how == 1:
+        data = mutate_numbers(data.decode("utf-8"), rng).encode()
+    else:
+        import tomllib
+
+        import tomlkit
+
+        changed = mutate_tree(tomllib.loads(data.decode()), rng)
+        try:
+            data = tomlkit.dumps(changed).encode("utf-8", "surrogatepass")
+        except Exception:  # tomlkit cannot write it: no file of this case
+            data = mutate_bytes(data, rng)
+    path = case.folder / f"given{suffix}"
+    path.write_bytes(data)
+    case.shown = repr(data[:3000])
+    return path
+
+
+def mechanism(case: Case) -> None:
+    """A mechanism file: read, at rest, a short stroke."""
+    import feltmb
+
+    action = feltmb.load_action(given_file(case, "mechanism", ".toml", tree=True))
+    if case.rng.random() < 0.25:
+        stroke = feltmb.ramp_stroke(5.0, 0.001, 0.004, duration=0.006)
+        run = feltmb.simulate(action, stroke, output_rate=2000, max_wall=2.0)
+        check_run(run)
+
+
+def check_run(run: object) -> None:
+    """Done with finite numbers, or stopped with a stated reason."""
+    import numpy as np
+
+    if run.status == "done":  # type: ignore[attr-defined]
+        assert np.all(np.isfinite(run.values)), "done, with numbers that are not finite"  # type: ignore[attr-defined]
+    else:
+        assert run.message, f"{run.status} without a reason"  # type: ignore[attr-defined]
+
+
+def stroke_csv(case: Case) -> None:
+    """A table of force or displacement."""
+    import feltmb
+
+    feltmb.load_stroke(given_file(case, "stroke", ".csv", tree=False))
+
+
+def stroke_toml(case: Case) -> None:
+    """A stroke file."""
+    import feltmb
+
+    feltmb.load_stroke(given_file(case, "stroke_toml", ".toml", tree=True))
+
+
+def curves(case: Case) -> None:
+    """A table of measured curves, and its page."""
+    from feltmb.viewer import page, read_curves
+
+    text = page(read_curves(given_file(case, "curves", ".csv", tree=False)))
+    assert text.count("<script") == 2, "a text became markup"
+
+
+def felt(case: Case) -> None:
+    """A felt."""
+    from feltmb.felt import load_material
+
+    load_material(given_file(case, "felt", ".toml", tree=True))
+
+
+def study(case: Case) -> None:
+    """A study: read and checked, not run."""
+    from feltmb.study import load_study
+
+    load_study(given_file(case, "study", ".toml", tree=True))
+
+
+def regulation(case: Case) -> None:
+    """Targets of a regulation: read and checked, not run."""
+    import feltmb
+
+    feltmb.load_targets(given_file(case, "regulation", ".toml", tree=True))
+
+
+ODD: list[object] = [
+    *(float("nan"), "x", b"\xff", 3, [1, 2], [[0.0, 1.0]], [], None, "{}", "[]", "null"),
+    *('{"a": 1}', '{"reached": "x"}', "9" * 5000, '{"toml": "a = 1"}', "[" * 3000),
+    *('{"stroke": 3, "string": {"modes": 1e9}}', '{"event": [1], "time": ["x"]}'),
+]
+
+
+def run_file(case: Case) -> None:
+    """A saved run: bytes changed, or an entry replaced by another of HDF5's kinds."""
+    import h5py
+    import numpy as np
+
+    import feltmb
+    from feltmb.viewer import page
+
+    rng = case.rng
+    path = case.folder / "given.nc"
+    data = corpus("run")[0]
+    if rng.random() < 0.5:
+        path.write_bytes(mutate_bytes(data, rng))
+        case.shown = "bytes"
+    else:
+        path.write_bytes(data)
+        with h5py.File(path, "r+") as file:
+            name = rng.choice([*file, *(f"@{k}" for k in file.attrs)])
+            odd = rng.choice(ODD)
+            case.shown = f"{name} = {odd!r}"
+            with contextlib.suppress(TypeError, ValueError, OSError, RuntimeError):
+                if name.startswith("@"):
+                    del file.attrs[name[1:]]
+                    if odd is not None:
+                        file.attrs[name[1:]] = odd
+                else:
+                    if odd is None or rng.random() < 0.7:
+                        values = np.asarray(file[name])
+                        del file[name]
+                        if odd is not None and rng.random() < 0.5:
+                            file[name] = odd
+                        else:
+                            file[name] = rng.choice([values[:-1], values[::-1], values * np.nan,
+                                                     values[:0], values.astype("S3")])  # fmt: skip
+    run = feltmb.load_run(path)
+    page(run)
+    run.events, run.data, run.summary  # noqa: B018
+    run.save(case.folder / "again.nc")
+
+
+SAFE = (  # command lines that are quick when they are right
+    ["list"],
+    ["list", "--json"],
+    ["validate", "{pendulum}"],
+    ["validate", "{pendulum}", "{csv}", "--json"],
+    ["show", "{pendulum}"],
+    ["show", "{pendulum}", "--values", "--json"],
+    ["show", "{pendulum}", "--plot", "{out}/m.png"],
+    ["stroke", "{pendulum}", "{csv}", "--duration", "0.01", "--out", "{out}/a.nc"],
+    ["stroke", "{pendulum}", "forte", "--duration", "0.01", "--set", "arm.mass=0.03", "--json"],
+    ["stroke", "{pendulum}", "piano", "--duration", "0.01", "--rtol", "1e-5", "--output-rate",
+     "2000", "--max-wall", "3", "--no-ledger"],
+    ["stroke", "{pendulum}", "piano", "forte", "--duration", "0.005", "--jobs", "2"],
+    ["view", "{run}", "--out", "{out}/a.html", "--slowness", "10", "--window", "0", "0.02"],
+    ["view", "{run}", "{run}", "--at", "0.01", "--align", "felt_off", "--out", "{out}/b.html"],
+    ["wav", "{run}", "--out", "{out}/a.wav"],
+    ["plot", "{run}", "--compare", "arm.angle", "--out", "{out}"],
+    ["new", "{out}/new.toml"],
+    ["felt"],
+    ["fiber", "models", "van_wyk"],
+    ["fiber", "structure", "--R", "2"],
+    ["fiber", "law", "van_wyk", "-p", "k_p=0.01", "-p", "E=2.5e9", "-p", "v_f0=0.1"],
+    ["fiber", "contacts", "--json"],
+    ["study", "--list"],
+    ["--version"],
+    ["--help"],
+)  # fmt: skip
+JUNK = (
+    *("", "-", "--", "-1", "0", "nan", "inf", "1e999", "1e15", "-1e15", "99999999999999999999"),
+    *(
+        "x",
+        "é",
+        "\u202e",
+        "a" * 4000,
+        "--nope",
+        "--json",
+        "--force",
+        "-h",
+        "--set",
+        "a=b",
+        "=",
+        ".",
+    ),
+    *("..", "/", "/dev/null", "/dev/full", "/proc/self/mem", "/nonexistent/a.nc", "{out}"),
+    *("string.modes=true", "arm.mass=nan", "arm.mass=[", "*.*=1", "contacts.*.law=printed"),
+    *("{run}", "{csv}", "{pendulum}", "{out}/a.nc", "steinway", "{{", "%s", "$(id)", "@x", "a,b"),
+)
+
+
+def command_line(case: Case) -> None:
+    """A command with words dropped, doubled, swapped or replaced."""
+    from feltmb.cli import main
+
+    rng = case.rng
+    pendulum = case.folder / "pendulum.toml"
+    pendulum.write_bytes((DATA / "pendulum.toml").read_bytes())
+    (case.folder / "force.csv").write_bytes(corpus("stroke")[2])
+    (case.folder / "run.nc").write_bytes(corpus("run")[0])
+    out = case.folder / "out"
+    out.mkdir()
+    words = list(rng.choice(SAFE))
+    for _ in range(rng.choice((0, 1, 1, 1, 2, 3))):
+        at = rng.randrange(len(words) + 1)
+        kind = rng.randrange(5)
+        if kind == 0 and len(words) > 1:
+            del words[min(at, len(words) - 1)]
+        elif kind == 1:
+            words.insert(at, rng.choice(JUNK))
+        elif kind == 2 and at < len(words):
+            words[at] = rng.choice(JUNK)
+        elif kind == 3 and at < len(words):
+            words.insert(rng.randrange(len(words)), words[at])
+        elif kind == 4 and at < len(words):
+            words[at] = mutate_bytes(words[at].encode(), rng).decode("utf-8", "replace")
+    names = {"pendulum": pendulum, "csv": case.folder / "force.csv", "run": case.folder / "run.nc"}
+    for key, path in (names | {"out": out}).items():
+        words = [w.replace(f"{{{key}}}", str(path)) for w in words]
+    case.shown = repr(words)[:3000]
+    if any(w in ("demo", "regulate", "touch", "all", "fit", "simulate") for w in words):
+        return  # long when they are right
+    before = {p: p.read_bytes() for p in case.folder.iterdir() if p.is_file()}
+    stdout, stderr = io.StringIO(), io.StringIO()
+    here = Path.cwd()
+    os.chdir(case.folder)
+    try:
+        with contextlib.redirect_stdout(stdout), contextlib.redirect_stderr(stderr):
+            main(words)
+        code: object = 0
+    except SystemExit as end:
+        code = end.code
+    finally:
+        os.chdir(here)
+    said = stderr.getvalue()
+    assert code in (0, 1, 2), f"exit code {code!r}"
+    assert "Traceback" not in said + stdout.getvalue(), "a traceback"
+    assert "not enough memory" not in said, "a size beyond reason was not refused: " + said
+    if code != 0:
+        assert said.strip(), f"exit code {code} without a word"
+        many = said.count("feltmb: ") > 1 and "wrote" not in said and "validate" not in words
+        assert not many, "more than one message: " + said
+    if "--force" not in words:
+        for path, data in before.items():
+            assert path.read_bytes() == data, f"{path.name} was changed"
+
+
+TARGETS: dict[str, Callable[[Case], None]] = {
+    f.__name__: f
+    for f in (
+        *(mechanism, stroke_csv, stroke_toml, curves, felt, study, regulation, run_file),
+        command_line,
+    )
+}
+
+
+# ---------------------------------------------------------------- running
+
+
+def run_case(target: str, number: int) -> str | None:
+    """What is wrong with a case, or None."""
+    import feltmb
+
+    with tempfile.TemporaryDirectory(prefix="fuzz") as name:
+        case = Case(random.Random(f"{target} {number}"), Path(name))
+        begin = time.process_time()
+        wrong = None
+        ignored: list[str] = []
+        sys.unraisablehook = lambda what: ignored.append(repr(what.exc_value))
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                TARGETS[target](case)
+        except feltmb.FeltmbError as error:
+            text = str(error)
+            if not text.strip():
+                wrong = f"{type(error).__name__} without a message"
+            elif len(text) > 20_000 or max(map(len, text.splitlines())) > 2000:
+                wrong = f"a message of {len(text)} letters: {text[:300]}"
+            elif "\0" in text or "Traceback" in text or "object at 0x" in text:
+                wrong = f"a message that is none: {text[:600]}"
+        except MemoryError:
+            wrong = "MemoryError: a size beyond reason was not refused"
+        except BaseException:
+            wrong = traceback.format_exc(limit=-6)
+        spent = time.process_time() - begin
+        if wrong is None and ignored:
+            wrong = f"said on the way: {ignored[0]}"
+        if wrong is None and spent > SLOWEST:
+            wrong = f"took {spent:.0f} s"
+        left = [str(p.relative_to(name)) for p in Path(name).rglob(".feltmb*")]
+        if wrong is None and left:
+            wrong = f"left behind: {', '.join(left)}"
+        return None if wrong is None else f"{wrong}\n  given: {case.shown}"
+
+
+def main(target: str, first: int, count: int, log: Path) -> None:
+    """Run the cases and print what is wrong."""
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    for number in range(first, first + count):
+        log.write_text(str(number))
+        wrong = run_case(target, number)
+        if wrong is not None:
+            print(json.dumps({"target": target, "case": number, "wrong": wrong}), flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]))

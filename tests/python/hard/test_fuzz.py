@@ -1,0 +1,88 @@
+"""Inputs that nobody intended: no crash, no hang, no traceback, one clear message."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+WORKER = Path(__file__).with_name("fuzz.py")
+TARGETS = {  # cases of the fast set and of the slow set, together 109 000
+    "mechanism": (60, 32_000),
+    "stroke_csv": (60, 24_000),
+    "stroke_toml": (40, 16_000),
+    "curves": (40, 10_000),
+    "felt": (30, 8_000),
+    "study": (10, 4_000),
+    "regulation": (20, 6_000),
+    "run_file": (20, 4_000),
+    "command_line": (40, 5_000),
+}
+TIMEOUT = 120.0  # s of wall time for the cases of one process, and 2 s more a case
+
+
+def faults(target, first, count, folder):
+    """What is wrong, of a crash or a hang too."""
+    log = folder / "case"
+    process = subprocess.run(
+        [sys.executable, str(WORKER), target, str(first), str(count), str(log)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=TIMEOUT + 2.0 * count,
+        errors="replace",
+    )
+    found = [json.loads(line) for line in process.stdout.splitlines() if line.startswith("{")]
+    out = [f"case {f['case']}: {f['wrong']}" for f in found]
+    if process.returncode != 0:
+        end = process.stderr[-2000:]
+        out.append(f"case {log.read_text()}: the process ended by {process.returncode}: {end}")
+    return out
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_some_mutations(target, tmp_path):
+    count = TARGETS[target][0]
+    wrong = faults(target, 0, count, tmp_path)
+    assert not wrong, "\n\n".join(wrong[:5])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("target", TARGETS)
+def test_many_mutations(target, tmp_path):
+    count, step = TARGETS[target][1], 500
+    wrong = []
+    for first in range(1000, 1000 + count, step):
+        wrong += faults(target, first, min(step, 1000 + count - first), tmp_path)
+    assert not wrong, f"{len(wrong)} of {count}\n" + "\n\n".join(wrong[:20])
+
+
+def test_the_number_of_cases():
+    assert sum(slow for _, slow in TARGETS.values()) >= 100_000
+
+
+def test_the_fuzzer_finds_what_is_wrong(monkeypatch):
+    """The checks can fail: a target that does each wrong thing is told."""
+    sys.path.insert(0, str(WORKER.parent))
+    import fuzz
+
+    import feltmb
+
+    def wrong(case):
+        kind = case.rng.randrange(5)
+        if kind == 0:
+            raise KeyError("x")
+        if kind == 1:
+            raise feltmb.InvalidParameter("")
+        if kind == 2:
+            raise MemoryError
+        if kind == 3:
+            (case.folder / ".feltmb123.nc").touch()
+        if kind == 4:
+            raise feltmb.InvalidParameter("a" * 30_000)
+
+    monkeypatch.setitem(fuzz.TARGETS, "wrong", wrong)
+    told = [fuzz.run_case("wrong", k) for k in range(40)]
+    assert all(told)
+    assert len({t.split()[0] for t in told}) >= 4

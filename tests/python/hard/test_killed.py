@@ -1,0 +1,172 @@
+"""Killed at any moment, on a full disk, in a closed folder: nothing is lost, nothing is half."""
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import feltmb
+
+DATA = Path(__file__).resolve().parents[2] / "data"
+COUNT = 24
+
+CHILD = """
+import feltmb
+stroke = feltmb.pulse_stroke(3.0, start=0.001, duration=0.02)
+values = {{"arm.mass": [{{"value": 0.02 + 1e-4 * k, "unit": "kg"}} for k in range({count})]}}
+print("begin", flush=True)
+result = feltmb.sweep({action!r}, stroke, values, folder={folder!r}, jobs=2, progress=False,
+                      summary_only=False, options={{"duration": 0.05, "ledger": True}})
+result.table.to_pickle({table!r})
+"""
+
+
+def members(folder):
+    """Finished members and when they were written."""
+    return {p: p.stat().st_mtime_ns for p in folder.glob("*.json") if not p.name.startswith(".")}
+
+
+def child(folder, table):
+    text = CHILD.format(
+        action=str(DATA / "pendulum.toml"), folder=str(folder), table=str(table), count=COUNT
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    return subprocess.Popen(
+        [sys.executable, "-c", text], env=environment, stdout=subprocess.PIPE, text=True
+    )
+
+
+def kill_until_done(tmp_path, kills, seed):
+    """Kill sweeps at random moments, each resumed in the folder of the last; count the kills."""
+    rng = random.Random(seed)
+    done, rounds = 0, 0
+    whole = tmp_path / "whole.pickle"
+    with child(tmp_path / "whole", whole) as process:
+        assert process.wait() == 0
+    want = pd.read_pickle(whole)
+    while done < kills:
+        rounds += 1
+        folder, table = tmp_path / f"sweep{rounds}", tmp_path / f"table{rounds}.pickle"
+        while True:
+            before = members(folder) if folder.is_dir() else {}
+            process = child(folder, table)
+            assert process.stdout.readline() == "begin\n"
+            if done < kills:
+                time.sleep(rng.uniform(0.0, 0.25))
+                process.send_signal(signal.SIGKILL)
+            code = process.wait()
+            process.stdout.close()
+            after = members(folder) if folder.is_dir() else {}
+            assert {p: after.get(p) for p in before} == before, "lost, or computed twice"
+            for path in after:
+                assert json.loads(path.read_text())["feltmb"] == "member", "half a file"
+                feltmb.load_run(path.with_suffix(".nc")) if path.with_suffix(".nc").is_file() else 0
+            if code == 0:
+                break
+            assert code == -signal.SIGKILL
+            done += 1
+        got = pd.read_pickle(table)
+        pd.testing.assert_frame_equal(got, want, check_exact=True)
+        assert len(members(folder)) == COUNT
+    return done
+
+
+def test_a_sweep_killed_three_times_goes_on(tmp_path):
+    assert kill_until_done(tmp_path, 3, seed=1) == 3
+
+
+@pytest.mark.slow
+def test_a_sweep_killed_a_hundred_times_goes_on(tmp_path):
+    assert kill_until_done(tmp_path, 100, seed=2) == 100
+
+
+# ---------------------------------------------------------------- full disks, closed folders
+
+WRITERS = {
+    "run": "run.save(folder / 'a.nc')",
+    "page": "feltmb.view(run, folder / 'a.html')",
+    "sound": "string.write_wav(folder / 'a.wav', slowness=50)",
+    "plots": "feltmb.plot.save_all(run, folder / 'plots', 'a')",
+    "animation": "feltmb.animate.animate(run, folder / 'a.gif', slowness=2)",
+    "mechanism": "feltmb.files.write_text(folder / 'a.toml', action.to_toml())",
+    "sweep": (
+        "table = feltmb.sweep(action, 'forte', {'arm.mass': [0.02, 0.03]}, folder=folder / 'sweep',"
+        " progress=False, summary_only=False).table\n"
+        "    if set(table['status']) != {'done'}: raise feltmb.FeltmbError(table['error'][0])"
+    ),
+}
+CHILD_THAT_WRITES = """
+import json, pathlib, resource, sys, traceback
+import feltmb, feltmb.plot, feltmb.animate, feltmb.files
+action_file, folder, limit, writers = json.loads(sys.argv[1])
+folder = pathlib.Path(folder)
+action = feltmb.load_action(action_file)
+run = feltmb.simulate(action, "forte", 0.1)
+string = feltmb.simulate("steinway45", "forte", 0.02)
+if limit:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+for name, code in writers.items():
+    try:
+        exec(code.replace("\\n    ", "\\n"))
+        said = "wrote"
+    except feltmb.FeltmbError as error:
+        said = str(error)
+    except BaseException:
+        said = traceback.format_exc()
+    print(json.dumps([name, said]))
+"""
+
+
+def said_of_writers(folder, limit=0):
+    """What every way to write a file says, and the files that are there afterwards."""
+    given = [str(DATA / "pendulum.toml"), str(folder), limit, WRITERS]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    done = subprocess.run(
+        [sys.executable, "-c", CHILD_THAT_WRITES, json.dumps(given)],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    return dict(json.loads(line) for line in done.stdout.splitlines())
+
+
+def written(folder):
+    return sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())
+
+
+def test_a_full_disk_gives_a_message_and_leaves_nothing_half(tmp_path):
+    (tmp_path / "kept.txt").write_text("mine")
+    said = said_of_writers(tmp_path, limit=900)
+    assert set(said) == set(WRITERS)
+    for name, text in said.items():
+        assert "cannot be written: File too large" in text, (name, text)
+        assert "Traceback" not in text, (name, text)
+    assert written(tmp_path) == ["kept.txt"]
+    assert (tmp_path / "kept.txt").read_text() == "mine"
+
+
+def test_a_place_that_cannot_be_written_gives_a_message(tmp_path):
+    # A file where a folder is needed: refused for every user, root too.
+    (tmp_path / "file").write_text("mine")
+    said = said_of_writers(tmp_path / "file")
+    for name, text in said.items():
+        assert text != "wrote", name
+        assert "Traceback" not in text, (name, text)
+    assert written(tmp_path) == ["file"]
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_with_room_everything_is_written_after_a_full_disk_too(tmp_path):
+    said_of_writers(tmp_path, limit=900)  # what failed for want of room is not remembered
+    assert set(said_of_writers(tmp_path).values()) == {"wrote"}
+    assert not [n for n in written(tmp_path) if Path(n).name.startswith(".feltmb")]

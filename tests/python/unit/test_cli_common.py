@@ -1,0 +1,151 @@
+"""What all commands have in common: options, JSON, tables at 80 columns, no color when piped."""
+
+import json
+import subprocess
+import sys
+
+import click
+import pytest
+
+import feltmb
+from feltmb.cli import cli, main
+
+
+def commands(command=cli, path=()):
+    """Every command with its path."""
+    if isinstance(command, click.Group):
+        context = click.Context(command)
+        for name in command.list_commands(context):
+            yield from commands(command.get_command(context, name), (*path, name))
+    else:
+        yield path, command
+
+
+ALL = dict(commands())
+
+
+def options(command):
+    return {name for p in command.params if isinstance(p, click.Option) for name in p.opts}
+
+
+@pytest.mark.parametrize("path", ALL, ids=" ".join)
+def test_every_command_speaks_json_and_has_a_help(path):
+    command = ALL[path]
+    assert "--json" in options(command)
+    assert command.help
+    first = command.help.strip().splitlines()[0]
+    assert first[0].isupper()
+    for parameter in command.params:
+        if isinstance(parameter, click.Option) and parameter.help:
+            assert parameter.help.strip().endswith("."), (path, parameter.opts)
+
+
+@pytest.mark.parametrize("path", ALL, ids=" ".join)
+def test_files_are_written_by_one_pair_of_options(path):
+    found = options(ALL[path])
+    assert "--output" not in found
+    # The demo replaces its own files; the bench goes on with its own.
+    if "--out" in found and path not in {("demo",), ("gap", "blind")}:
+        assert {"-o", "--force"} <= found
+
+
+def called(capsys, *arguments):
+    with pytest.raises(SystemExit) as end:
+        main(list(arguments))
+    said = capsys.readouterr()
+    return end.value.code, said.out, said.err
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["fiber", "models"],
+        ["fiber", "models", "van_wyk"],
+        ["fiber", "contacts", "--v-f", "0.1"],
+        ["felt", "list"],
+        ["list"],
+        ["show", "steinway45"],
+        ["study", "--list"],
+    ],
+)
+def test_json_is_all_of_stdout(capsys, arguments):
+    code, out, _ = called(capsys, *arguments, "--json")
+    assert code == 0
+    assert json.loads(out)
+
+
+def test_json_of_tables_holds_numbers(capsys):
+    code, out, _ = called(capsys, "fiber", "models", "van_wyk", "--json")
+    assert code == 0
+    (table,) = json.loads(out)["tables"]
+    assert [row["name"] for row in table["rows"]] == ["k_p", "E", "v_f0"]
+    code, out, _ = called(capsys, "felt", "list", "--json")
+    assert isinstance(json.loads(out)["tables"][0]["rows"][0]["P max [MPa]"], float)
+
+
+def test_json_of_writers_names_the_files(capsys, tmp_path):
+    path = tmp_path / "m.toml"
+    code, out, err = called(capsys, "new", str(path), "--json")
+    assert code == 0
+    assert json.loads(out) == {"written": [str(path)]}
+    assert "wrote" in err
+    code, out, err = called(capsys, "new", str(path), "--json")
+    assert code == 2
+    assert out == ""
+    assert "exists already" in err
+
+
+def test_json_of_validate_tells_every_file(capsys, tmp_path):
+    good, bad = tmp_path / "a.toml", tmp_path / "b.toml"
+    called(capsys, "new", str(good))
+    bad.write_text("schema = 1\n")
+    code, out, _ = called(capsys, "validate", str(good), str(bad), "--json")
+    assert code == 2
+    found = json.loads(out)
+    assert [f["ok"] for f in found] == [True, False]
+    assert "bodies: is missing" in found[1]["text"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["list"], ["show", "steinway45"], ["fiber", "models", "binomial"], ["felt", "list"], ["-h"]],
+)
+def test_piped_tables_are_plain_and_fit_80_columns(arguments):
+    done = subprocess.run(
+        [sys.executable, "-m", "feltmb", *arguments],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**__import__("os").environ, "COLUMNS": "80"},
+    )
+    assert "\x1b" not in done.stdout + done.stderr
+    assert max(len(line) for line in done.stdout.splitlines()) <= 80
+
+
+@pytest.mark.parametrize(
+    ("arguments", "limit"),
+    [
+        (["felt", "show", "synthetic_soft_red", "--points", "1000000000000"], "100000"),
+        (["felt", "loop", "--points", "1000000000000"], "100000"),
+        (["fiber", "structure", "2", "--network", "1000000000000"], "10000000"),
+        (["fiber", "simulate", "x", "--fibers", "1000000000000"], "100000"),
+        (["stroke", "steinway45", "forte", "--output-rate", "1e15"], "the limit is"),
+    ],
+)
+def test_sizes_beyond_reason_are_refused_with_the_limit(capsys, arguments, limit):
+    # taken until the memory ended: "not enough memory"
+    code, out, err = called(capsys, *arguments)
+    assert code == 2
+    assert limit in err
+    assert out == ""
+
+
+def test_a_sweep_beyond_reason_is_refused_with_the_limit(data):
+    # walked through 1e9 points before the first simulation
+    mass = {"from": 0.01, "to": 0.02, "count": 10_000}
+    with pytest.raises(
+        feltmb.InvalidParameter, match="grid of 100000000 points; the limit is 1000"
+    ):
+        feltmb.sweep(data / "pendulum.toml", "forte", {"arm.mass": mass, "arm.inertia": mass})
+    with pytest.raises(feltmb.InvalidParameter, match="a count of 1 to 1000000"):
+        feltmb.sweep(data / "pendulum.toml", "forte", {"arm.mass": mass | {"count": 10**12}})

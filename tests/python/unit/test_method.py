@@ -1,0 +1,42 @@
+"""The ways through time that a user names: both agree, and a wrong name is named."""
+
+import pytest
+
+import feltmb
+from feltmb.errors import InvalidParameter
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return {
+        method: feltmb.simulate("steinway45", "forte", 0.15, method=method)
+        for method in ("cvode", "modal")
+    }
+
+
+def test_methods_agree_within_their_errors(runs):
+    cvode, modal = runs["cvode"], runs["modal"]
+    assert (cvode.stats["method"], cvode.stats["strikes"]) == ("cvode", 0)
+    assert (modal.stats["method"], modal.stats["strikes"]) == ("modal", 1)
+    finer = feltmb.simulate("steinway45", "forte", 0.15, 1e-8, method="cvode", ledger=False)
+    for key in ("impact_speed", "max_string_force", "string_contact_duration"):
+        errors = {name: abs(run.summary[key] - finer.summary[key]) for name, run in runs.items()}
+        assert max(errors.values()) < 1e-4 * finer.summary[key], (key, errors)
+
+
+def test_ledger_closes_with_a_string_outside(runs):
+    for run in runs.values():
+        assert abs(run.energy["residual_relative"]) < 1e-4
+    heat = [run.energy["dissipated"]["string"] for run in runs.values()]
+    assert heat[0] == pytest.approx(heat[1], rel=1e-3)
+    assert heat[0] > 0
+
+
+def test_auto_takes_modal_where_there_is_a_string():
+    run = feltmb.simulate("steinway45", "forte", 0.01)
+    assert run.stats["method"] == "modal"
+
+
+def test_unknown_method_is_named():
+    with pytest.raises(InvalidParameter, match='method = "fast", must be "auto", "cvode" or'):
+        feltmb.simulate("steinway45", "forte", 0.01, method="fast")

@@ -1,0 +1,36 @@
+"""Writes the tables of docs/gap-action.md anew from the library of effects."""
+
+import re
+from pathlib import Path
+
+import feltmb
+from feltmb.subjects import load_library
+from feltmb.subjects.table import effects_markdown, tolerances_markdown
+
+DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "gap-action.md"
+
+
+def tables() -> dict[str, str]:
+    """Generated parts of the document by their mark."""
+    library = load_library(feltmb.load_action("steinway45"))
+    default = {e.name for e in library.select()}
+    rest = [e.name for e in library.effects if e.name not in default]
+    return {
+        "effects": effects_markdown(library, default),
+        "more effects": effects_markdown(library, rest),
+        "tolerances": tolerances_markdown(library),
+    }
+
+
+def renewed(text: str) -> str:
+    """The document with its tables as they should be."""
+    for mark, table in tables().items():
+        pattern = re.compile(rf"(<!-- {mark} -->\n).*?(<!-- end of {mark} -->)", re.DOTALL)
+        if not pattern.search(text):
+            raise SystemExit(f"{DOCUMENT}: the mark <!-- {mark} --> is missing")
+        text = pattern.sub(lambda m, t=table: m.group(1) + t + m.group(2), text)
+    return text
+
+
+if __name__ == "__main__":
+    DOCUMENT.write_text(renewed(DOCUMENT.read_text(encoding="utf-8")), encoding="utf-8")
