@@ -1145,13 +1145,13 @@ def _core_spring(name: str, s: Spring) -> _core.TorsionSpringDescription:
     return d
 
 
-def _core_dashpot(name: str, d: Dashpot) -> Any:
-    out = _core.DashpotDescription()
-    out.name = name
-    out.coordinate = d.coordinate
-    out.coefficient = d.coefficient
-    out.side = {"both": 0, "positive": 1, "negative": -1}[d.side]
-    return out
+def _core_dashpot(name: str, s: Dashpot) -> _core.DashpotDescription:
+    d = _core.DashpotDescription()
+    d.name = name
+    d.coordinate = s.coordinate
+    d.coefficient = s.coefficient
+    d.side = {"both": 0, "positive": 1, "negative": -1}[s.side]
+    return d
 
 
 def _core_strap(name: str, s: Strap) -> _core.StrapDescription:

@@ -59,15 +59,10 @@ def compare_runs(
                     label=text if one else name,
                 )
                 if output in ("finger.force", "stop.force") and "peak_stop_force" in run.summary:
-                    # The largest force stands between two samples.
-                    peak = (
-                        run.summary["peak_stop_force"]
-                        if output == "stop.force"
-                        else run.summary["peak_finger_force"]
-                    )
+                    # The stop's largest force stands between two samples; the finger carries it.
                     ax.plot(
                         1e3 * run.summary["peak_stop_force_time"],
-                        peak,
+                        run.summary["peak_stop_force"],
                         marker="_",
                         markersize=7,
                         color=CYCLE[(j if one else i) % len(CYCLE)],

@@ -97,13 +97,7 @@ def predict(
     run = observe_lanes(
         nominal,
         shot.record,
-        Lanes(
-            theta=np.tile(theta, (w, 1)),
-            windows=shot.windows,
-            starts=place.starts,
-            terms=terms,
-            sizes=np.tile(sizes, (w, 1)),
-        ),
+        Lanes.at_point(theta, shot.windows, place.starts, terms, sizes),
     )
     outputs, _ = _with_nuisances(shot, run.outputs[:, : shot.measured.shape[1]], place.nuisances)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -201,7 +195,6 @@ def _input_noise(
             np.zeros((*base.outputs.shape, 0)),
             np.zeros((*base.ends.shape, 0)),
         )
-    count = shot.count
     n = record.samples
     phase = np.zeros(n)
     stretch = np.zeros(n)
@@ -209,13 +202,7 @@ def _input_noise(
         phase[first:last] = np.arange(last - first) / (last - first) * (knots - 1)
         stretch[first:last] = (record.time[last] - record.time[first]) / (knots - 1)
     phase[-1], stretch[-1] = knots - 1, stretch[-2]
-    lanes = Lanes(
-        theta=np.tile(theta, (count, 1)),
-        windows=shot.windows,
-        starts=place.starts,
-        terms=terms,
-        sizes=np.tile(sizes, (count, 1)),
-    )
+    lanes = Lanes.at_point(theta, shot.windows, place.starts, terms, sizes)
     columns, ends = [], []
     for name in noisy:
         tau = record.input_correlation_time.get(name, 0.0)

@@ -202,6 +202,25 @@ class Lanes:
     forces: Array | None = None
     """Unknown forces, (B, ports, m): linear between m knots from i0 to i1; None: no force."""
 
+    @classmethod
+    def at_point(
+        cls,
+        theta: Array,
+        windows: Integers,
+        starts: Array,
+        terms: tuple[Term, ...],
+        sizes: Array,
+    ) -> Lanes:
+        """All windows at the same parameters, (p,), and sizes of the terms, (k,)."""
+        count = len(windows)
+        return cls(
+            theta=np.tile(theta, (count, 1)),
+            windows=windows,
+            starts=starts,
+            terms=terms,
+            sizes=np.tile(sizes, (count, 1)),
+        )
+
     @property
     def count(self) -> int:
         """Number of lanes B."""

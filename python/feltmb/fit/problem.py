@@ -375,16 +375,9 @@ def _run_hidden(
 
     starts = starts.copy()
     for w in range(shot.count - 1):
-        run = nominal.simulate(
-            shot.record,
-            Lanes(
-                theta=theta[None, :],
-                windows=shot.windows[w : w + 1],
-                starts=starts[w : w + 1],
-                terms=terms,
-                sizes=np.zeros((1, len(terms))),
-            ),
-        )
+        one = slice(w, w + 1)
+        lanes = Lanes.at_point(theta, shot.windows[one], starts[one], terms, np.zeros(len(terms)))
+        run = nominal.simulate(shot.record, lanes)
         if np.all(np.isfinite(run.ends)):
             starts[w + 1, base:] = run.ends[0, base:]
     return starts

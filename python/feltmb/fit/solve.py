@@ -318,16 +318,12 @@ def polish(problem: Problem, point: Point, level: float, settings: FitSettings) 
 def _chain(problem: Problem, point: Point) -> Point:
     """The point whose windows start where the window before ends."""
     places = []
-    count = len(problem.terms)
     for shot, place in zip(problem.shots, point.places, strict=True):
         starts = place.starts.copy()
         for w in range(shot.count - 1):
-            lanes = Lanes(
-                theta=point.theta[None, :],
-                windows=shot.windows[w : w + 1],
-                starts=starts[w : w + 1],
-                terms=problem.terms,
-                sizes=point.sizes.reshape(1, count),
+            one = slice(w, w + 1)
+            lanes = Lanes.at_point(
+                point.theta, shot.windows[one], starts[one], problem.terms, point.sizes
             )
             ends = observe_lanes(problem.nominal, shot.record, lanes).ends[0]
             if np.all(np.isfinite(ends)):

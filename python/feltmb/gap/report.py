@@ -281,12 +281,9 @@ class Amended:
         if start is None:
             prior = {} if record.start is None else record.start.mean
             start = np.array([prior.get(s.name, s.start) for s in states])
-        lanes = Lanes(
-            theta=self.theta[None, :],
-            windows=np.array([[0, record.samples - 1]]),
-            starts=np.asarray(start)[None, :],
-            terms=self.terms,
-            sizes=self.sizes[None, :],
+        whole = np.array([[0, record.samples - 1]])
+        lanes = Lanes.at_point(
+            self.theta, whole, np.asarray(start)[None, :], self.terms, self.sizes
         )
         outputs = observe_lanes(self.nominal, record, lanes).outputs[0]
         return {name: outputs[:, i] for i, name in enumerate(self.nominal.outputs)}

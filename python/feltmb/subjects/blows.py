@@ -200,17 +200,8 @@ class BlowNominal(Nominal):
             )
 
         def base() -> tuple[Array, Array]:
-            count = len(windows)
-            run = self.simulate(
-                record,
-                Lanes(
-                    theta=np.tile(theta, (count, 1)),
-                    windows=windows,
-                    starts=starts,
-                    terms=terms,
-                    sizes=np.tile(given, (count, 1)),
-                ),
-            )
+            lanes = Lanes.at_point(theta, windows, starts, terms, given)
+            run = self.simulate(record, lanes)
             return run.outputs, run.ends
 
         key = (

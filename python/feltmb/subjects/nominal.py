@@ -319,17 +319,8 @@ class MechanismNominal(Nominal):
             )
 
         def base() -> tuple[Array, Array]:
-            count = len(windows)
-            run = self.simulate(
-                record,
-                Lanes(
-                    theta=np.tile(theta, (count, 1)),
-                    windows=windows,
-                    starts=starts,
-                    terms=terms,
-                    sizes=np.tile(sizes, (count, 1)),
-                ),
-            )
+            lanes = Lanes.at_point(theta, windows, starts, terms, sizes)
+            run = self.simulate(record, lanes)
             return run.outputs, run.ends
 
         key = (
