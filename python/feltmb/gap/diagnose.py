@@ -52,9 +52,9 @@ class Options:
     """Refits of simulated nominal records for the null law; 0: asymptotic only."""
     restarts: int = 3
     seed: int = 0
-    least_share: float = 0.05
+    least_share: float = 0.1
     """Share of the largest held-out gain of a set below which an effect is small print: a law that
-    is off by a fifth of its force leaves a twenty-fifth of its gain to what mends its form."""
+    is off by a third of its force leaves a tenth of its gain to what mends its form."""
     windowed_level: float = 0.01
     """Gap between windows of the windowed metric, as a share of the spread of the states."""
     fit: FitSettings | None = None

@@ -10,7 +10,7 @@ import numpy as np
 from feltmb.data import Array
 from feltmb.fit.nominal import Effect, Term
 from feltmb.fit.problem import Point, Problem
-from feltmb.fit.solve import Fit, FitSettings, polish
+from feltmb.fit.solve import Fit, FitSettings, at_level, polish
 from feltmb.gap.score import Scores, all_terms, prior_of, score_fit, screen_sets
 
 __all__ = ["Candidate", "Search", "full_evidence", "refit", "search", "tighten"]
@@ -268,7 +268,12 @@ def tighten(fit: Fit, settings: FitSettings) -> Fit | None:
     """The fit with the tightest gaps; None where it has them, or cannot be simulated with them."""
     if not fit.gap_sd.size or fit.level <= settings.levels[-1]:
         return None
-    tight = polish(fit.problem, fit.point, settings.levels[-1], replace(settings, chain=True))
+    point = fit.point
+    way = replace(settings, iterations=12, decrement=max(settings.decrement, 0.3))
+    for level in settings.levels[:-1]:
+        if level < 0.99 * fit.level:  # all at once would tear a motion that hits something
+            point = at_level(fit.problem, point, level, None, way, 12).point
+    tight = polish(fit.problem, point, settings.levels[-1], replace(settings, chain=True))
     return tight if np.isfinite(tight.cost) else None
 
 
