@@ -66,6 +66,8 @@ void bind_model(py::module_& m) {
       .def_readwrite("ledger", &SimulationOptions::ledger)
       .def_readwrite("events", &SimulationOptions::events)
       .def_readwrite("outputs", &SimulationOptions::outputs)
+      .def_readwrite("outputs_from", &SimulationOptions::outputs_from)
+      .def_readwrite("lowest_points", &SimulationOptions::lowest_points)
       .def_readwrite("diagnose", &SimulationOptions::diagnose)
       .def_readwrite("max_order", &SimulationOptions::max_order)
       .def_property(
@@ -156,6 +158,16 @@ void bind_model(py::module_& m) {
                                }
                                return out;
                              })
+      .def_property_readonly(
+          "lowest",
+          [](const RunResult& r) {
+            py::list out;
+            for (const auto& l : r.lowest) {
+              out.append(py::make_tuple(l.point, l.start, l.lowest));
+            }
+            return out;
+          },
+          "Tuples (point index, y at the start, smallest y) [m].")
       .def_property_readonly("end_time", [](const RunResult& r) { return r.end.time; })
       .def_property_readonly("end_state",
                              [](const RunResult& r) {

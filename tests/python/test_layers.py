@@ -74,7 +74,7 @@ MAY_USE = {
         "animate": f"{BASE} files style config results plot film",
         "viewer": f"{BASE} files style config results plot film",
         "actuator": f"{MODEL} fiber style",
-        "sweep": MODEL,
+        "sweep": f"{MODEL} batch",
         "study_expression": BASE,
         "study_plot": f"{BASE} study_expression",
         "study_report": f"{BASE} _core study_plot",

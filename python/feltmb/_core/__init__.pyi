@@ -59,6 +59,7 @@ __all__: list[str] = [
     "ShapeSet",
     "SimulationOptions",
     "SphereOnLayer",
+    "StopFlag",
     "StrapDescription",
     "StringDescription",
     "StringParameters",
@@ -1034,6 +1035,12 @@ class SimulationOptions:
     @finger_reference.setter
     def finger_reference(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
+    def lowest_points(self) -> list[int]: ...
+    @lowest_points.setter
+    def lowest_points(
+        self, arg0: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex]
+    ) -> None: ...
+    @property
     def max_order(self) -> int: ...
     @max_order.setter
     def max_order(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
@@ -1053,6 +1060,10 @@ class SimulationOptions:
     def output_rate(self) -> float: ...
     @output_rate.setter
     def output_rate(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def outputs_from(self) -> float: ...
+    @outputs_from.setter
+    def outputs_from(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def peak_contacts(self) -> list[int]: ...
     @peak_contacts.setter
@@ -1114,6 +1125,11 @@ class RunResult:
     def limiting_states(self) -> list[tuple[str, int]]: ...
     @property
     def long_names(self) -> list[str]: ...
+    @property
+    def lowest(self) -> list:
+        """
+        Tuples (point index, y at the start, smallest y) [m].
+        """
     @property
     def message(self) -> str: ...
     @property
@@ -1258,6 +1274,14 @@ class BatchStroke:
         prescribed: bool = False,
         motor: bool = False,
     ) -> None: ...
+
+class StopFlag:
+    """
+    Ends a batch at once, from any thread.
+    """
+    def __init__(self) -> None: ...
+    def is_set(self) -> bool: ...
+    def set(self) -> None: ...
 
 class LumpedNetwork:
     """
@@ -1589,9 +1613,11 @@ def simulate_many(
     strokes: collections.abc.Iterator,
     sink: collections.abc.Callable,
     threads: typing.SupportsInt | typing.SupportsIndex = 0,
+    ordered: bool = True,
+    stop: StopFlag | None = None,
 ) -> int:
     """
-    Simulates the strokes of an iterator on threads; sink(index, result, failure) gets the outcomes in order and returns whether to go on. Returns their number.
+    Simulates the strokes of an iterator on threads; sink(index, result, failure) gets the outcomes, in order or as soon as each is known, and returns whether to go on. Returns their number.
     """
 
 def state_names(mechanism: Mechanism) -> list[str]:
