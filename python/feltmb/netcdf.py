@@ -72,7 +72,7 @@ def encode(
     def make_layout() -> Any:
         layout = h5p.create(h5p.DATASET_CREATE)
         layout.set_attr_creation_order(h5p.CRT_ORDER_TRACKED | h5p.CRT_ORDER_INDEXED)
-        layout.set_obj_track_times(False)  # the same run, the same bytes
+        layout.set_obj_track_times(False)
         return layout
 
     def add_dataset(name: str, values: Array, packed: bool) -> Any:
