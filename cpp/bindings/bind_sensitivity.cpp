@@ -24,11 +24,12 @@ void bind_sensitivity(py::module_& m) {
            py::arg("motor") = false);
   py::class_<SensitivityParameter>(m, "SensitivityParameter")
       .def(py::init([](std::string name, std::vector<Perturbed> nodes, double scale, int law,
-                       bool inertial) {
-             return SensitivityParameter{std::move(name), std::move(nodes), scale, law, inertial};
+                       bool inertial, bool modal) {
+             return SensitivityParameter{
+                 std::move(name), std::move(nodes), scale, law, inertial, modal};
            }),
            py::arg("name"), py::arg("nodes"), py::arg("scale"), py::arg("law") = -1,
-           py::arg("inertial") = false);
+           py::arg("inertial") = false, py::arg("modal") = false);
   py::class_<SensitivityWindow>(m, "SensitivityWindow")
       .def(py::init([](double begin, double end, std::vector<double> state,
                        std::vector<double> memory, Eigen::MatrixXd directions) {

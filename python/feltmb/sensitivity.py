@@ -448,7 +448,14 @@ def _shifted(action: Action, stroke: Stroke, parameter: Parameter) -> Any:
         parameter.size,
         _law_of(action, parameter.path),
         _is_inertial(action, parameter.path),
+        parameter.path in _MODAL,
     )
+
+
+#: Parameters that change the frequencies, damping and shapes of the string's modes, nothing else.
+_MODAL = frozenset(
+    f"string.{name}" for name in ("tension", "young_modulus", "damping_ratio", "linear_density")
+)
 
 
 def _is_inertial(action: Action, path: str) -> bool:
