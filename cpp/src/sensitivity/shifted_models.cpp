@@ -1,6 +1,7 @@
 #include "shifted_models.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <exception>
 
@@ -90,6 +91,7 @@ ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
   for (const auto& parameter : parameters) {
     floor_.push_back(1e-2 / parameter.scale);
     law_.push_back(input.prescribed ? -1 : parameter.law);
+    contacts_.push_back(parameter.contacts);
   }
   by_force_.resize(mechanism->contacts.size());
   has_by_force_.resize(mechanism->contacts.size());
@@ -110,11 +112,12 @@ ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
         parameters_[j].push_back(std::move(node));
         continue;
       }
-      // The law of a contact that is open at rest does not move the rest pose.
+      // A contact that is open at rest does not move the rest pose.
       const int law = parameters[j].law;
       const bool same =
           p.mechanism == mechanism ||
-          (law >= 0 && !base_->dynamics().contacts()[static_cast<std::size_t>(law)].closed);
+          (law >= 0 && !base_->dynamics().contacts()[static_cast<std::size_t>(law)].closed) ||
+          (parameters[j].contacts && !any_closed(*parameters[j].contacts));
       const Rest moved = same ? rest_ : find_rest(p.mechanism, near, p.input);
       node.levels = moved.levels;
       node.system->set_finger_reference(moved.finger);
@@ -187,12 +190,6 @@ void ShiftedModels::rates(double t, std::span<const double> y, std::span<const d
   const bool strings = n == static_cast<Eigen::Index>(y.size());
   three_.resize(static_cast<Eigen::Index>(y.size()));
   const std::span<double> rate{three_.data(), y.size()};
-  moved_memory_.assign(memory.begin(), memory.end());
-  const auto move = [&](Eigen::Index j, double shift) {
-    for (std::size_t c = 0; c < memory.size(); ++c) {
-      moved_memory_[c] = memory[c] + shift * memory_columns(static_cast<Eigen::Index>(c), j);
-    }
-  };
   bool has_base = false;
   const auto nearest = [](std::vector<Node>& nodes) -> Node& {
     std::size_t best = 0;
@@ -207,48 +204,110 @@ void ShiftedModels::rates(double t, std::span<const double> y, std::span<const d
       mechanism_->strings.begin(), mechanism_->strings.end(), [&](const AttachedString& s) {
         return base_->dynamics().contacts()[static_cast<std::size_t>(s.contact)].closed;
       });
-  for (std::size_t j = 0; j < columns(); ++j) {
+  for (std::size_t j = 0; j < parameters_.size(); ++j) {
     const auto column = static_cast<Eigen::Index>(j);
-    // Where laws remember, what a parameter of one does to the memory of another counts too.
-    if (j < parameters_.size() && memory.empty()) {
-      if (law_[j] >= 0) {
-        law_rates(j, out);
-        continue;
-      }
-      if (!inertial_[j].empty()) {
-        inertial_rates(j, out);
-        continue;
-      }
-      if (modal_[j] && !(touched && modal_[j]->shapes)) {
-        if (strings) modal_rates(j, y, out);
-        continue;
-      }
-      if (input_rates(j, t, out)) continue;
-    }
-    if (j < parameters_.size()) {
-      // One side is enough: the shift is a millionth of the parameter, its curvature is not seen.
-      Node& node = nearest(parameters_[j]);
-      if (!has_base) base_rates(y);
-      has_base = true;
-      move(column, node.shift);
-      remember(*node.system, moved_memory_);
-      node.system->rhs(t, y, rate);
-      out.col(column) = (three_.head(n) - two_.head(n)) / node.shift;
-      ++evaluations_;
+    if (law_[j] >= 0) {
+      law_rates(j, out);
       continue;
     }
-    const double size = memory.empty() ? 0.0 : memory_columns.col(column).cwiseAbs().maxCoeff();
-    if (size == 0.0) continue;
-    const double shift = 1e-9 / size;  // m of remembered compression
+    if (!inertial_[j].empty()) {
+      inertial_rates(j, out);
+      continue;
+    }
+    if (modal_[j] && !(touched && modal_[j]->shapes)) {
+      if (strings) modal_rates(j, y, out);
+      continue;
+    }
+    if (contacts_[j] && !any_closed(*contacts_[j])) continue;
+    if (input_rates(j, t, out)) continue;
+    // One side is enough: the shift is a millionth of the parameter, its curvature is not seen.
+    Node& node = nearest(parameters_[j]);
+    if (!has_base) base_rates(y);
+    has_base = true;
+    remember(*node.system, memory);
+    node.system->rhs(t, y, rate);
+    out.col(column) = (three_.head(n) - two_.head(n)) / node.shift;
+    ++evaluations_;
+  }
+  if (memory.empty()) return;
+  if (!input_.prescribed) {
+    memory_rates(memory_columns, out);
+    return;
+  }
+  // The reaction of the prescribed motion takes part.
+  moved_memory_.assign(memory.begin(), memory.end());
+  constexpr double shift = 1e-9;  // m of remembered compression
+  for (std::size_t c = 0; c < memory.size(); ++c) {
+    const auto row = memory_columns.row(static_cast<Eigen::Index>(c));
+    if (row.isZero(0.0)) continue;
     for (const double sign : {1.0, -1.0}) {
-      move(column, sign * shift);
+      moved_memory_[c] = memory[c] + sign * shift;
       remember(*probe_, moved_memory_);
       probe_->rhs(t, y, rate);
-      out.col(column) += (sign * 0.5 / shift) * three_.head(n);
+      out.noalias() += (sign * 0.5 / shift * three_.head(n)) * row;
       ++evaluations_;
     }
+    moved_memory_[c] = memory[c];
   }
   remember(*probe_, memory);
+}
+
+bool ShiftedModels::any_closed(const std::vector<int>& contacts) const {
+  return std::any_of(contacts.begin(), contacts.end(), [&](int c) {
+    return base_->dynamics().contacts()[static_cast<std::size_t>(c)].closed;
+  });
+}
+
+void ShiftedModels::memory_rates(const Eigen::MatrixXd& memory_columns, RowMatrix& out) {
+  Dynamics& dynamics = base_->dynamics();
+  const int n = base_->coordinates();
+  constexpr double shift = 1e-9;  // m of remembered compression
+  for (std::size_t c = 0; c < mechanism_->contacts.size(); ++c) {
+    const Contact& contact = mechanism_->contacts[c];
+    const auto row = memory_columns.row(static_cast<Eigen::Index>(c));
+    if (!contact.law.has_memory() || row.isZero(0.0)) continue;
+    const ContactState& s = dynamics.contacts()[c];
+    if (!s.closed && contact.law.n_states() == 0) continue;
+    double force = 0.0;
+    std::array<double, kMaxLawStates> rates{};
+    for (const double sign : {1.0, -1.0}) {
+      LawMemory moved = dynamics.memory(c);
+      moved.largest += sign * shift;
+      LawStates states;
+      const LawValue v =
+          s.closed ? contact.law.evaluate(s.compression, s.rate, moved, &states)
+                   : contact.law.evaluate(std::min(0.0, s.compression), 0.0, moved, &states);
+      const double weight = sign * 0.5 / shift;
+      if (s.closed) force += weight * v.force;
+      for (std::size_t i = 0; i < contact.law.n_states(); ++i) rates[i] += weight * states.rate[i];
+      ++evaluations_;
+    }
+    for (std::size_t i = 0; i < contact.law.n_states(); ++i) {
+      out.row(2 * n + contact.first_state + static_cast<int>(i)) += rates[i] * row;
+    }
+    if (force == 0.0) continue;
+    out.middleRows(n, n).noalias() += (force * by_force(c)) * row;
+    if (contact.string < 0 || out.rows() < static_cast<Eigen::Index>(base_->size())) continue;
+    const auto phi = dynamics.phi(contact.string);
+    const auto& string = mechanism_->strings[static_cast<std::size_t>(contact.string)];
+    const int first = 2 * n + base_->law_states() + base_->modes() + string.offset;
+    for (std::size_t k = 0; k < phi.size(); ++k) {
+      out.row(first + static_cast<int>(k)) += (force * phi[k]) * row;
+    }
+  }
+}
+
+const Eigen::VectorXd& ShiftedModels::by_force(std::size_t contact) {
+  if (has_by_force_[contact] == 0) {
+    Dynamics& dynamics = base_->dynamics();
+    for (const ContactGradient& g : dynamics.gradients()) {
+      if (g.contact != static_cast<int>(contact)) continue;
+      by_force_[contact] = g.by_force;
+      dynamics.solve_mass(by_force_[contact]);
+      has_by_force_[contact] = 1;
+    }
+  }
+  return by_force_[contact];
 }
 
 void ShiftedModels::base_rates(std::span<const double> y) {
@@ -382,15 +441,7 @@ void ShiftedModels::law_rates(std::size_t j, RowMatrix& out) {
     out(2 * n + contact.first_state + static_cast<int>(i), column) += rates[i];
   }
   if (!s.closed || force == 0.0) return;
-  if (has_by_force_[c] == 0) {
-    for (const ContactGradient& g : dynamics.gradients()) {
-      if (g.contact != law_[j]) continue;
-      by_force_[c] = g.by_force;
-      dynamics.solve_mass(by_force_[c]);
-      has_by_force_[c] = 1;
-    }
-  }
-  out.col(column).segment(n, n) += force * by_force_[c];
+  out.col(column).segment(n, n) += force * by_force(c);
   if (contact.string < 0 || out.rows() < static_cast<Eigen::Index>(base_->size())) return;
   const auto phi = dynamics.phi(contact.string);
   const auto& string = mechanism_->strings[static_cast<std::size_t>(contact.string)];

@@ -3,6 +3,7 @@
 
 #include <exception>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -109,6 +110,9 @@ class ShiftedModels {
   const SensitivityOptions& options_;
   std::unique_ptr<MechanismSystem> base_, probe_;
   void law_rates(std::size_t j, RowMatrix& out);
+  void memory_rates(const Eigen::MatrixXd& memory_columns, RowMatrix& out);
+  const Eigen::VectorXd& by_force(std::size_t contact);
+  bool any_closed(const std::vector<int>& contacts) const;
   void inertial_rates(std::size_t j, RowMatrix& out);
   void modal_rates(std::size_t j, std::span<const double> y, RowMatrix& out);
   bool input_rates(std::size_t j, double t, RowMatrix& out);
@@ -133,6 +137,7 @@ class ShiftedModels {
   std::vector<std::unique_ptr<ModalShift>> modal_;  ///< by parameter; none: anything
   std::vector<int> condensed_;                      ///< coordinates without an equation
   std::vector<std::vector<Node>> parameters_;
+  std::vector<std::optional<std::vector<int>>> contacts_;
   std::vector<int> law_;  ///< contact whose law alone a parameter changes, -1: anything
   std::vector<Eigen::VectorXd> by_force_;  ///< M^-1 dQ/dF by contact, of the stage at hand
   std::vector<char> has_by_force_;

@@ -12,6 +12,7 @@
 
 #include <Eigen/Dense>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -35,7 +36,9 @@ struct SensitivityParameter {
   double scale = 1.0;            ///< size of the parameter, > 0, its unit: for the error control
   int law = -1;           ///< index of the contact whose law is all that it changes, -1: anything
   bool inertial = false;  ///< changes masses, centers of mass and inertias of links only
-  bool modal = false;     ///< changes frequencies, damping and shapes of string modes only
+  /// Indices of the only contacts whose geometry or friction it changes; none: anything.
+  std::optional<std::vector<int>> contacts = {};
+  bool modal = false;  ///< changes frequencies, damping and shapes of string modes only
 };
 
 /// One stretch of a stroke.
