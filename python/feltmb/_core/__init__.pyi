@@ -1176,6 +1176,8 @@ class SensitivityParameter:
         scale: typing.SupportsFloat | typing.SupportsIndex,
         law: typing.SupportsInt | typing.SupportsIndex = -1,
         inertial: bool = False,
+        modal: bool = False,
+        contacts: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] | None = None,
     ) -> None: ...
 
 class SensitivityWindow:
