@@ -79,6 +79,13 @@ void bind_model(py::module_& m) {
       .def_readwrite("peak_contacts", &SimulationOptions::peak_contacts)
       .def_readwrite("finger_reference", &SimulationOptions::finger_reference);
 
+  m.def(
+      "tolerance_for",
+      [](double error, const std::shared_ptr<Mechanism>& mechanism, const std::string& method) {
+        return tolerance_for(error, *mechanism, method_from_name(method));
+      },
+      py::arg("error"), py::arg("mechanism"), py::arg("method"));
+
   py::class_<Monitor>(m, "Monitor")
       .def(py::init(
                [](std::string name, int point, std::pair<double, double> direction, double level) {

@@ -146,6 +146,19 @@ const char* method_name(Method method) {
   return method == Method::kAuto ? "auto" : method == Method::kCvode ? "cvode" : "modal";
 }
 
+double tolerance_for(double error, const Mechanism& mechanism, Method method) {
+  if (!(error > 0.0 && error <= 0.1)) {
+    throw InvalidParameter(format("error = %.6g of the peak, must be in (0, 0.1]", error));
+  }
+  constexpr double least = 1e-13;
+  if (mechanism.strings.empty()) return std::clamp(1e-2 * error, least, 1e-2);
+  if (method != Method::kCvode) return std::clamp(3e-2 * error, least, 1e-2);
+  if (choose_order(mechanism, 1.0, true) > 2) return std::clamp(1e-2 * error, least, 1e-2);
+  const double rtol = 0.3 * error * error;
+  // Below 1e-7 all orders are used, and the error falls with the tolerance again.
+  return std::max(rtol >= 1e-7 ? rtol : 1e-4 * error, least);
+}
+
 std::vector<Lowest> Lowest::of(const Mechanism& mechanism, const std::vector<int>& points) {
   std::vector<Lowest> out;
   for (const int point : points) {

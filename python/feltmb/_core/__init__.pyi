@@ -87,6 +87,7 @@ __all__: list[str] = [
     "simulate",
     "simulate_many",
     "state_names",
+    "tolerance_for",
 ]
 
 class Friction:
@@ -1626,5 +1627,9 @@ def state_names(mechanism: Mechanism) -> list[str]:
     """
     Names of the full state in its order.
     """
+
+def tolerance_for(
+    error: typing.SupportsFloat | typing.SupportsIndex, mechanism: Mechanism, method: str
+) -> float: ...
 
 __version__: str = "0.1.0"

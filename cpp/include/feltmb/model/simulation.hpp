@@ -30,6 +30,13 @@ enum class Method {
 Method method_from_name(const std::string& name);
 const char* method_name(Method method);
 
+/// Relative tolerance at which a method keeps the largest error of a contact force below `error`
+/// times its peak, in (0, 0.1], after a blow of 50 ms on a string (docs/performance.md, "Error
+/// asked for"). The tolerance itself is that of a step. What the integrator leaves over adds up
+/// with the periods of a string without damping: there the BDF is held to order two and its error
+/// falls with the root of the tolerance only. Throws InvalidParameter.
+double tolerance_for(double error, const Mechanism& mechanism, Method method);
+
 struct SimulationOptions {
   double duration = 0.4;       ///< [s], > 0
   double rtol = 1e-6;          ///< relative tolerance; absolute ones follow from it
