@@ -13,7 +13,7 @@ HERE = Path(__file__).resolve()
 ROOT = HERE.parents[2]
 
 BASE = "errors _optional units quantity"
-MODEL = f"{BASE} files _core params config smoothing stroke events results simulate"
+MODEL = f"{BASE} files netcdf _core params config smoothing stroke events results simulate"
 STUDY = "sweep study study_expression study_plot study_report"
 TOOLS = "actuator quasistatic regulate touch felt subjects parameters sensitivity batch"
 FRONT = f"{MODEL} {STUDY} contact fiber data fit gap plot report {TOOLS}"
@@ -58,7 +58,8 @@ MAY_USE = {
         "stroke": f"{BASE} _core files params smoothing",
         "smoothing": "errors",
         "events": BASE,
-        "results": f"{BASE} _core files",
+        "netcdf": "",
+        "results": f"{BASE} _core files netcdf",
         "data": f"{BASE} files",
         "published": f"{BASE} files params results",
         "simulate": f"{BASE} _core params config stroke events results",
@@ -74,7 +75,7 @@ MAY_USE = {
         "animate": f"{BASE} files style config results plot film",
         "viewer": f"{BASE} files style config results plot film",
         "actuator": f"{MODEL} fiber style",
-        "sweep": MODEL,
+        "sweep": f"{MODEL} batch",
         "study_expression": BASE,
         "study_plot": f"{BASE} study_expression",
         "study_report": f"{BASE} _core study_plot",
