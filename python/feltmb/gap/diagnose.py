@@ -399,10 +399,15 @@ def fit_nominal(
     window: float | None = None,
     settings: FitSettings | None = None,
     progress: Progress | None = None,
+    resume: Path | None = None,
 ) -> Fit:
-    """Fit the nominal alone to all records: parameters, intervals, what the data said."""
+    """Fit the nominal alone to all records: parameters, intervals, what the data said.
+
+    ``resume`` is a folder for finished optimizations, from which a cut-off fit goes on.
+    """
     gates = check_records(records, nominal.outputs)
     if gates.problems:
         raise DataError("records: " + "; ".join(gates.problems))
     shots = prepare(nominal, records, gates, window)
-    return fit_problem(Problem(nominal, shots), settings, progress=progress)
+    cache = None if resume is None else Cache(resume)
+    return fit_problem(Problem(nominal, shots, cache=cache), settings, progress=progress)

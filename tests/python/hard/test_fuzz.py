@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 WORKER = Path(__file__).with_name("fuzz.py")
-TARGETS = {  # cases of the fast set and of the slow set, together 109 000
+TARGETS = {  # cases of the fast set and of the slow set, together 119 000
     "mechanism": (60, 32_000),
     "stroke_csv": (60, 24_000),
     "stroke_toml": (40, 16_000),
@@ -17,6 +17,8 @@ TARGETS = {  # cases of the fast set and of the slow set, together 109 000
     "study": (10, 4_000),
     "regulation": (20, 6_000),
     "run_file": (20, 4_000),
+    "record_file": (60, 8_000),
+    "bench_folder": (20, 2_000),
     "command_line": (40, 5_000),
 }
 TIMEOUT = 120.0  # s of wall time for the cases of one process, and 2 s more a case
