@@ -19,12 +19,13 @@ import importlib.util
 import json
 import math
 import os
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any, Literal
 
@@ -254,6 +255,18 @@ def engine_hash() -> str:
     return _sources("fit", "gap", "data", "lumped.py", "blind/nominal.py")
 
 
+def _end_with_parent() -> None:
+    """Let a worker end when the process that asked for its work was killed."""
+    parent = parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
 def _run(jobs: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]], workers: int) -> Iterator[Any]:
     """Results of jobs as they come, by worker processes with one thread each."""
     if workers <= 1 or len(jobs) <= 1:
@@ -264,7 +277,9 @@ def _run(jobs: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]], workers: in
     before = {k: os.environ.get(k) for k in limits}
     os.environ.update(dict.fromkeys(limits, "1"))
     try:
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        with ProcessPoolExecutor(
+            workers, mp_context=get_context("spawn"), initializer=_end_with_parent
+        ) as pool:
             pending = [pool.submit(function, *arguments) for function, arguments in jobs]
             try:
                 for future in as_completed(pending):
