@@ -13,7 +13,7 @@ HERE = Path(__file__).resolve()
 ROOT = HERE.parents[2]
 
 BASE = "errors _optional units quantity"
-MODEL = f"{BASE} files _core params config smoothing stroke events results simulate"
+MODEL = f"{BASE} files _core params config smoothing stroke events results cautions simulate"
 STUDY = "sweep study study_expression study_plot study_report"
 TOOLS = "actuator quasistatic regulate touch felt subjects parameters sensitivity batch"
 FRONT = f"{MODEL} {STUDY} contact fiber data fit gap plot report {TOOLS}"
@@ -62,7 +62,8 @@ MAY_USE = {
         "results": f"{BASE} _core files hdf5",
         "data": f"{BASE} files hdf5",
         "published": f"{BASE} files params results",
-        "simulate": f"{BASE} _core params config stroke events results",
+        "cautions": "config stroke",
+        "simulate": f"{BASE} _core params config stroke events results cautions",
         "parameters": f"{BASE} _core config",
         "sensitivity": f"{MODEL} parameters",
         "batch": MODEL,
