@@ -21,7 +21,7 @@ from feltmb.gap.assemble import amended, how_far_rows, ranked
 from feltmb.gap.calibrate import calibrate
 from feltmb.gap.components import component_table
 from feltmb.gap.decide import Facts, decide
-from feltmb.gap.gates import Gates, check_records
+from feltmb.gap.gates import Gates, check_against, check_records
 from feltmb.gap.proof import HeldOut
 from feltmb.gap.refine import Search, search
 from feltmb.gap.report import NotTested, Report, Where
@@ -205,7 +205,7 @@ def diagnose(
             progress(stage, done, total)
 
     say("gates")
-    whole = check_records(records, nominal.outputs)
+    whole = check_against(nominal, records)
     fit_records, held_records = split_records(records, hold_out)
     gates = _inherit(check_records([*fit_records, *held_records], nominal.outputs), whole, records)
     if gates.problems:
@@ -399,9 +399,7 @@ def fit_nominal(
 
     ``resume`` is a folder for finished optimizations, from which a cut-off fit goes on.
     """
-    gates = check_records(records, nominal.outputs)
-    if gates.problems:
-        raise DataError("records: " + "; ".join(gates.problems))
+    gates = check_against(nominal, records)
     shots = prepare(nominal, records, gates, window)
     cache = None if resume is None else Cache(resume)
     return fit_problem(Problem(nominal, shots, cache=cache), settings, progress=progress)

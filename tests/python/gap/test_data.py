@@ -1,19 +1,18 @@
 """Measured files: what is read, and what is said of files that cannot be used."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+import feltmb
 from feltmb.data import Record, Sensor, StartPrior, read_record, read_records, write_record
 from feltmb.errors import DataError
 from feltmb.gap import check_records
 
-SHEET = """
-name = "forte"
-role = "held_out"
-input_mode = "motion"
-[inputs.key]
-sigma = "x"
-"""
+sys.path.insert(0, str(Path(__file__).parent))
+import models
 
 
 def some():
@@ -267,3 +266,60 @@ def test_numbers_that_no_instrument_gives_are_refused(tmp_path):
         read_record(tmp_path / "a.csv")
     with pytest.raises(DataError, match=r"y: sd = -1.0, expected >= 0"):
         StartPrior(mean={"x": 0.0}, sd={"y": -1.0})
+
+
+# ---------------------------------------------------------------- records against a model
+
+
+def test_units_of_records_are_compared_with_those_of_the_model(tmp_path):
+    from feltmb.gap import diagnose, fit_nominal, foresee
+
+    record = models.records(4)[0]
+    path = write_record(record, tmp_path / "a.csv")
+    text = path.read_text().splitlines()
+    path.write_text("\n".join(["time [s],f [N],q [N]", *text[1:]]) + "\n")
+    wrong = read_record(path)
+    nominal = models.NOMINAL
+    assert dict(nominal.units) == {"q": "m"}
+    said = "q is in N, in the model oscillator in m"
+    for work in (
+        lambda: diagnose(nominal, models.EFFECTS, [wrong]),
+        lambda: fit_nominal(nominal, [wrong]),
+        lambda: foresee(nominal, models.EFFECTS, [wrong]),
+    ):
+        with pytest.raises(DataError, match=said):
+            work()
+    assert wrong.input_units == {"f": "N"}
+    path.write_text("\n".join(["time [s],f [mm],q [mm]", *text[1:]]) + "\n")
+    right = read_record(path)  # another unit of the same quantity is converted
+    assert right.input_units == {"f": "m"}
+    assert right.sensors["q"].unit == "m"
+
+
+def test_the_input_of_a_mechanism_has_a_unit_too():
+    from feltmb.gap.gates import faults_against
+    from feltmb.subjects import mechanism_nominal
+
+    nominal, _ = mechanism_nominal(feltmb.load_action("steinway45"))
+    assert nominal.units["force"] == "N"
+    time = np.arange(20) * 1e-3
+    outputs = dict.fromkeys(nominal.outputs, time)
+    record = Record(
+        name="a", time=time, inputs={"force": time}, outputs=outputs, input_units={"force": "m"}
+    )
+    assert faults_against(nominal, [record]) == ["a: force is in m, in the model steinway45 in N"]
+
+
+def test_two_samples_are_no_time_series():
+    from feltmb.gap import diagnose, fit_nominal
+
+    sensors = {"q": Sensor(name="q", unit="m", sigma=1e-4)}
+    short = Record(
+        name="a", time=[0.0, 0.1], inputs={"f": [0.0, 1.0]}, outputs={"q": [0.0, 1e-3]},
+        sensors=sensors,
+    )  # fmt: skip
+    said = "a.q: 2 values: enough for a model of single numbers"
+    assert said in check_records([short]).warnings[0]
+    for work in (diagnose, lambda n, e, r: fit_nominal(n, r)):
+        with pytest.raises(DataError, match="a: 2 samples; the model oscillator needs at least 8"):
+            work(models.NOMINAL, models.EFFECTS, [short])

@@ -152,6 +152,15 @@ def corpus(kind: str) -> list[bytes]:
         return [p.read_bytes() for p in sorted(folder.glob("*.toml"))]
     if kind == "curves":
         return [b"time [ms],hammer_tip.vx [m/s],u [V]\n0,1,2\n1,,3\n2,5,1\n3,4,\n"]
+    if kind == "compression":
+        rows = [(0.1 + 0.02 * k, 40.0 * k * k) for k in [*range(12), *range(10, -1, -1)]]
+        table = "".join(f"{v:.3f},{p:.1f}\n" for v, p in rows)
+        thick = "".join(f"{0.5 / v:.4f};{p:.1f};loading\n" for v, p in rows[:12])
+        return [
+            b"# a felt\nv_f [-],pressure [kPa]\n" + table.encode(),
+            b"thickness [mm];force [N];branch\n" + thick.encode(),
+            b"strain [%],pressure [Pa]\n0,0\n10,2000\n30,9000\n20,1000\n",
+        ]
     if kind == "felt":
         return [p.read_bytes() for p in sorted((params.folder() / "felts").glob("*.toml"))]
     if kind == "study":
@@ -235,6 +244,14 @@ def curves(case: Case) -> None:
 
     text = page(read_curves(given_file(case, "curves", ".csv", tree=False)))
     assert text.count("<script") == 2, "a text became markup"
+
+
+def compression(case: Case) -> None:
+    """A compression test of a felt."""
+    from feltmb.fiber import read_compression
+
+    path = given_file(case, "compression", ".csv", tree=False)
+    read_compression(path, v_f0=0.1, area=1e-4)
 
 
 def felt(case: Case) -> None:
@@ -588,7 +605,17 @@ def command_line(case: Case) -> None:
 TARGETS: dict[str, Callable[[Case], None]] = {
     f.__name__: f
     for f in (
-        *(mechanism, stroke_csv, stroke_toml, curves, felt, study, regulation, run_file),
+        *(
+            mechanism,
+            stroke_csv,
+            stroke_toml,
+            curves,
+            compression,
+            felt,
+            study,
+            regulation,
+            run_file,
+        ),
         *(record_file, bench_folder, command_line),
     )
 }
@@ -637,6 +664,9 @@ def run_case(target: str, number: int) -> str | None:
 def main(target: str, first: int, count: int, log: Path) -> None:
     """Run the cases and print what is wrong."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    # A hang in a library is ended by the system, on a busy machine too.
+    cpu = int(3 * SLOWEST + 2 * count)
+    resource.setrlimit(resource.RLIMIT_CPU, (cpu, cpu))
     for number in range(first, first + count):
         log.write_text(str(number))
         wrong = run_case(target, number)
