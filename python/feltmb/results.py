@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import is_file, write_file
+from feltmb.hdf5 import HDF5_FAULTS, open_hdf5
 from feltmb.quantity import shortened
 
 if TYPE_CHECKING:
@@ -350,10 +351,6 @@ class Run:
         return write_file(Path(path), write, force=force)
 
 
-#: What the libraries below raise for a damaged file.
-_HDF5_FAULTS = (OSError, ValueError, LookupError, TypeError, AttributeError, RuntimeError)
-
-
 def _run_faults(arrays: dict[str, Any], meta: dict[str, Any]) -> list[str]:
     """What a file holds that no run can: read from outside, so nothing is taken on trust."""
     import numpy as np
@@ -412,7 +409,7 @@ def _read_file(path: Path) -> tuple[dict[str, Any], dict[str, Any], dict[str, di
 
     arrays: dict[str, Any] = {}
     texts: dict[str, dict[str, str]] = {}
-    with h5py.File(path, "r", track_order=True) as file:
+    with open_hdf5(path, track_order=True) as file:
         attributes = {str(k): plain(file.attrs[k]) for k in file.attrs if not k.startswith("_")}
         variables = {
             str(name): node
@@ -444,7 +441,7 @@ def load_run(path: str | Path) -> Run:
         raise DataError(f"{path}: there is no such file")
     try:
         attributes, arrays, texts = _read_file(path)
-    except _HDF5_FAULTS as error:
+    except HDF5_FAULTS as error:
         reason = shortened(str(error), 200)
         raise DataError(f"{path}: is no NetCDF file of a run: {reason}") from None
     form = attributes.get("feltmb_format")
@@ -484,6 +481,6 @@ def load_run(path: str | Path) -> Run:
         )
     except KeyError as error:
         raise DataError(f"{path}: is no complete run: {error} is missing") from None
-    except (*_HDF5_FAULTS, RecursionError) as error:
+    except (*HDF5_FAULTS, RecursionError) as error:
         reason = shortened(str(error), 300)
         raise DataError(f"{path}: is no complete run: {reason}") from None

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from feltmb import _core
+from feltmb.cautions import run_warnings
 from feltmb.config import Action, load_action
 from feltmb.errors import IntegrationError, InvalidParameter
 from feltmb.events import Change, name_events
@@ -390,7 +391,7 @@ def to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
     laws = action.mechanism.total_law_states
     # Names of the first public interface, kept beside ours.
     stats.update(factorisations=stats["factorizations"], time=stats["wall"])
-    stats["warnings"] = _warnings(energy, options) + _input_warnings(stroke, result)
+    stats["warnings"] = run_warnings(action, stroke, options, result, energy)
     if len(changes) >= _MOST_EVENTS:
         stats["warnings"].append(
             f"only the first {_MOST_EVENTS} events were kept: named events and the summary may be "
@@ -432,46 +433,6 @@ def list_changes(action: Action, events: Any, monitors: list[str]) -> list[Chang
 
 #: The core keeps no more events of one run.
 _MOST_EVENTS = 100_000
-
-
-def _warnings(energy: Mapping[str, Any], options: Any) -> list[str]:
-    """What a careful user would want to be told about a run that did not fail."""
-    out = []
-    residual = energy.get("residual_relative", 0.0)
-    if residual > 1e-3:
-        out.append(
-            f"energy not accounted for is {100 * residual:.2g} % of the work at rtol "
-            f"{options.rtol:g}: use a smaller rtol"
-        )
-    return out
-
-
-def _input_warnings(stroke: Stroke, result: Any) -> list[str]:
-    """Whether the forces of a prescribed motion can be those of a finger."""
-    if stroke.kind not in PRESCRIBED:
-        return []
-    out = []
-    noise = stroke.noise
-    if noise > 0.0:
-        step = (stroke.time[-1] - stroke.time[0]) / (len(stroke.time) - 1)
-        jitter = np.sqrt(6.0) * noise / step**2
-        largest = float(np.max(np.abs(stroke.smoothed(noise).profile.acceleration(stroke.time))))
-        if jitter > 0.2 * largest:
-            out.append(
-                f"the record's noise, about {noise:.2g} {stroke.unit}, gives accelerations of "
-                f"{jitter:.2g} {stroke.unit}/s^2 from row to row, the motion itself {largest:.2g}: "
-                "the reaction is mostly noise; smooth the record (--noise, Stroke.smoothed)"
-            )
-    names = list(result.names)
-    if stroke.kind == "key_motion" and "finger.force" in names and result.time.size:
-        force = result.data[:, names.index("finger.force")]
-        lowest = int(np.argmin(force))
-        if force[lowest] < -0.02 * max(1.0, float(np.max(force))):
-            out.append(
-                f"the key's motion takes a finger that pulls, {-force[lowest]:.3g} N at "
-                f"{result.time[lowest]:.4f} s: a finger would leave the key there"
-            )
-    return out
 
 
 def _event_table(

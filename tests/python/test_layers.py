@@ -13,7 +13,9 @@ HERE = Path(__file__).resolve()
 ROOT = HERE.parents[2]
 
 BASE = "errors _optional units quantity"
-MODEL = f"{BASE} files netcdf _core params config smoothing stroke events results simulate"
+MODEL = (
+    f"{BASE} files hdf5 netcdf _core params config smoothing stroke events results cautions simulate"
+)
 STUDY = "sweep study study_expression study_plot study_report"
 TOOLS = "actuator quasistatic regulate touch felt subjects parameters sensitivity batch"
 FRONT = f"{MODEL} {STUDY} contact fiber data fit gap plot report {TOOLS}"
@@ -50,6 +52,7 @@ MAY_USE = {
         "units": "errors",
         "quantity": "errors units",
         "files": "errors",
+        "hdf5": "",
         "params": BASE,
         "mending": "",
         "fiber": f"{BASE} _core files",
@@ -59,10 +62,11 @@ MAY_USE = {
         "smoothing": "errors",
         "events": BASE,
         "netcdf": "",
-        "results": f"{BASE} _core files netcdf",
-        "data": f"{BASE} files",
+        "results": f"{BASE} _core files netcdf hdf5",
+        "data": f"{BASE} files hdf5",
         "published": f"{BASE} files params results",
-        "simulate": f"{BASE} _core params config stroke events results",
+        "cautions": "config stroke",
+        "simulate": f"{BASE} _core params config stroke events results cautions",
         "parameters": f"{BASE} _core config",
         "sensitivity": f"{MODEL} parameters",
         "batch": MODEL,

@@ -152,6 +152,7 @@ def _optimize(
         point.sizes,
         gap_sd,
         iterations,
+        settings.decrement,
         problem.frozen,
         [(t.name, t.shape) for t in problem.terms],
     )

@@ -21,7 +21,7 @@ from feltmb.gap.assemble import amended, how_far_rows, ranked
 from feltmb.gap.calibrate import calibrate
 from feltmb.gap.components import component_table
 from feltmb.gap.decide import Facts, decide
-from feltmb.gap.gates import Gates, check_records
+from feltmb.gap.gates import Gates, check_against, check_records
 from feltmb.gap.proof import HeldOut
 from feltmb.gap.refine import Search, search
 from feltmb.gap.report import NotTested, Report, Where
@@ -206,7 +206,7 @@ def diagnose(
             progress(stage, done, total)
 
     say("gates")
-    whole = check_records(records, nominal.outputs)
+    whole = check_against(nominal, records)
     fit_records, held_records = split_records(records, hold_out)
     gates = _inherit(check_records([*fit_records, *held_records], nominal.outputs), whole, records)
     if gates.problems:
@@ -388,10 +388,13 @@ def fit_nominal(
     window: float | None = None,
     settings: FitSettings | None = None,
     progress: Progress | None = None,
+    resume: Path | None = None,
 ) -> Fit:
-    """Fit the nominal alone to all records: parameters, intervals, what the data said."""
-    gates = check_records(records, nominal.outputs)
-    if gates.problems:
-        raise DataError("records: " + "; ".join(gates.problems))
+    """Fit the nominal alone to all records: parameters, intervals, what the data said.
+
+    ``resume`` is a folder for finished optimizations, from which a cut-off fit goes on.
+    """
+    gates = check_against(nominal, records)
     shots = prepare(nominal, records, gates, window)
-    return fit_problem(Problem(nominal, shots), settings, progress=progress)
+    cache = None if resume is None else Cache(resume)
+    return fit_problem(Problem(nominal, shots, cache=cache), settings, progress=progress)
