@@ -24,9 +24,15 @@ from feltmb.cli.common import (
 @set_option
 @click.option("--values", is_flag=True, help="Every number with its unit and source.")
 @click.option("--toml", is_flag=True, help="Print the mechanism file, --set applied.")
-@click.option("--plot", type=click.Path(path_type=Path), help="Draw the mechanism at rest (PNG).")
+@click.option(
+    "--plot",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Draw the mechanism at rest (PNG).",
+)
 @click.option(
     "--graph",
+    metavar="FILE",
     type=click.Path(path_type=Path),
     help="Draw its linear graph (PNG), or write it as text (.dot).",
 )

@@ -123,7 +123,7 @@ def read_record(
     """
     path = Path(path)
     if not path.is_file():
-        raise DataError(f"{path}: no such file")
+        raise DataError(f"{path}: there is no such file")
     beside = path.with_suffix(".toml")
     if beside.is_file():
         raw = read_toml(beside)
@@ -261,7 +261,7 @@ def _columns(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
     if kind not in readers:
         raise DataError(f"{path}: cannot read {kind or 'this'}; expected .csv, .mat or .nc")
     if not path.is_file():
-        raise DataError(f"{path}: no such file")
+        raise DataError(f"{path}: there is no such file")
     return readers[kind](path)
 
 

@@ -100,7 +100,7 @@ def read_compression(
     try:
         text = file.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
-        raise DataError(f"{file}: no such file, expected a CSV file") from None
+        raise DataError(f"{file}: there is no such file, expected a CSV file") from None
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(f"{file}: cannot be read as UTF-8 text ({error})") from None
     lines = [
