@@ -44,7 +44,7 @@ def draw(found: Found):
                 f" {label} ",
                 color=RED,
                 fontsize=8,
-                ha="right" if place < 2 else "left",
+                ha="right" if place == 1 else "left",
             )
     ax.set_xlim(80, 340)
     ax.legend(frameon=False, fontsize=8)
