@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import functools
+import itertools
 import sys
 from pathlib import Path
 
@@ -26,7 +27,7 @@ def field_texts(cls: type) -> dict[str, str]:
             continue
         node = _classes(base.__module__).get(base.__name__)
         body = node.body if node is not None else []
-        for field, below in zip(body, body[1:], strict=False):
+        for field, below in itertools.pairwise(body):
             if (
                 isinstance(field, ast.AnnAssign)
                 and isinstance(field.target, ast.Name)

@@ -79,7 +79,7 @@ def check(data: tuple[Path, ...], as_json: bool) -> None:
             "noise",
             "from",
             right=(3, 4, 5, 6),
-            whole=(0, 1),
+            whole=(0, 1, 6),
         )
         for c in gates.channels:
             table.add_row(
@@ -89,7 +89,7 @@ def check(data: tuple[Path, ...], as_json: bool) -> None:
                 str(c.samples),
                 f"{c.missing:.0%}",
                 f"{c.spread:.4g}",
-                f"{c.sigma:.3g}",
+                f"{c.sigma:.2g}",
                 c.method,
             )
         console().print(table)

@@ -153,7 +153,8 @@ def _tables(mechanism: object) -> None:
     for name, strap in config.straps.items():
         text = f"free length {1e3 * strap.free_length:.4g} mm, cubic"
         table.add_row(name, f"{strap.body_a}, {strap.body_b}", text if strap.enabled else "off")
-    screen.print(table)
+    if table.row_count:
+        screen.print(table)
     string = config.string
     if string is not None:
         screen.print(

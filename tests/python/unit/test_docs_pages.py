@@ -2,6 +2,7 @@
 
 import importlib.util
 import os
+import re
 import sys
 from pathlib import Path
 
@@ -20,12 +21,26 @@ def load_tool(name):
 
 tool = load_tool("docs_pages")
 
-PAGES = ["docs/tutorial.md"]
+HOWTO = sorted(
+    str(p.relative_to(ROOT)) for p in (ROOT / "docs" / "howto").glob("*.md") if p.stem != "README"
+)
+PAGES = ["README.md", "docs/tutorial.md", *HOWTO]
 
 
 @pytest.mark.parametrize("page", PAGES)
 def test_page_shows_what_comes(page, tmp_path):
     assert tool.run_page(ROOT / page, tmp_path, slow=False) > 0
+
+
+def test_links_of_the_pages_lead_somewhere():
+    pages = [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("examples/*.md")]
+    lost = []
+    for page in pages:
+        text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+        for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", text):
+            if "://" not in target and not (page.parent / target).exists():
+                lost.append(f"{page.relative_to(ROOT)}: {target}")
+    assert lost == []
 
 
 @pytest.mark.slow
