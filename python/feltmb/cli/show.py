@@ -70,7 +70,9 @@ def command(
             }
         )
     elif values:
-        table = new_table(f"{mechanism.name}: values", "path", "value", "unit", "source")
+        table = new_table(
+            f"{mechanism.name}: values", "path", "value", "unit", "source", whole=(0,)
+        )
         for path, value, unit, source in mechanism.quantities():
             table.add_row(path, f"{value}", unit, source)
         console().print(table)
