@@ -13,6 +13,8 @@ def commands(
     command: click.Command, context: click.Context, path: tuple[str, ...]
 ) -> Iterator[tuple[tuple[str, ...], str]]:
     """Path and help of a command and of those below it."""
+    if hasattr(command, "_help_option"):
+        command._help_option = None  # kept from an earlier call with other names of the option
     yield path, command.get_help(context)
     if isinstance(command, click.Group):
         for name in command.list_commands(context):

@@ -465,7 +465,7 @@ def granular_command(
     type=click.Choice(["isotropic", "confined", "simple"]),
     default="confined",
     show_default=True,
-    help="How the mass may widen: as the fibers do, not at all, freely.",
+    help="Sides: like the height, held, or free of stress.",
 )
 @click.option(
     "--e-modulus",
