@@ -66,7 +66,9 @@ def load_kinds(outside: Path | None) -> dict[str, Any]:
     if outside is None:
         return kinds
     if not outside.is_file():
-        raise InvalidParameter(f"{outside}: no such file; expected Python that defines KINDS")
+        raise InvalidParameter(
+            f"{outside}: there is no such file; expected Python that defines KINDS"
+        )
     spec = importlib.util.spec_from_file_location("feltmb_outside", outside)
     if spec is None or spec.loader is None:
         raise InvalidParameter(f"{outside}: is no Python file (.py)")
