@@ -14,6 +14,9 @@ from feltmb.fit.shots import Shot
 
 __all__ = ["Linear", "Place", "linearize", "predict"]
 
+#: Beyond this a number has left every scale, and its square would overflow soon.
+RUNAWAY = 1e100
+
 
 @dataclass(frozen=True, eq=False)
 class Place:
@@ -150,7 +153,7 @@ def linearize(
     )
     good = np.all(np.isfinite(np.where(shot.valid, outputs, 0.0)), axis=(1, 2))
     good &= np.all(np.isfinite(s.ends), axis=1)
-    columns = np.nan_to_num(columns, nan=0.0, posinf=0.0, neginf=0.0)
+    columns = _tame(columns)
     rows = shot.measured.shape[1] * shot.measured.shape[2]
     white = shot.whiten(columns).reshape(count, rows, columns.shape[3])
     nx = place.starts.shape[1]
@@ -159,16 +162,22 @@ def linearize(
         [s.d_theta_ends, s.d_sizes_ends, s.d_candidates_ends, np.zeros((count, nx, nn))], axis=2
     )
     return Linear(
-        residual=np.nan_to_num(shot.whiten(shot.measured - outputs).reshape(count, -1)),
+        residual=_tame(shot.whiten(shot.measured - outputs).reshape(count, -1)),
         by_state=white[..., :nx],
         by_global=white[..., nx : nx + ng],
         by_input=white[..., nx + ng :] if known is None else known.by_input,
-        gap=np.nan_to_num(s.ends[:-1] - place.starts[1:]),
-        ends_by_state=np.nan_to_num(s.d_starts_ends) if nx else np.zeros((count, 0, 0)),
-        ends_by_global=np.nan_to_num(ends_by_global),
-        ends_by_input=np.nan_to_num(ends_by_input),
+        gap=_tame(s.ends[:-1] - place.starts[1:]),
+        ends_by_state=_tame(s.d_starts_ends) if nx else np.zeros((count, 0, 0)),
+        ends_by_global=_tame(ends_by_global),
+        ends_by_input=_tame(ends_by_input),
         good=good,
     )
+
+
+def _tame(values: Array) -> Array:
+    """Zero for what is no number, or has run away."""
+    with np.errstate(invalid="ignore"):
+        return np.where(np.abs(values) < RUNAWAY, values, 0.0)
 
 
 def _input_noise(

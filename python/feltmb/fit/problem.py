@@ -360,10 +360,15 @@ def _by_input_noise(linear: Linear, residual: Array, gap: Array, gap_sd: Array) 
         pull += np.einsum("wni,wn->wi", tied, full_gap)
     matrix = np.einsum("wmi,wmj->wij", linear.by_input, linear.by_input, optimize=True)
     matrix += np.einsum("wni,wnj->wij", tied, tied, optimize=True) + np.eye(mi)
-    good = np.all(np.isfinite(pull), axis=1)
+    good = np.all(np.isfinite(pull), axis=1) & np.all(np.isfinite(matrix), axis=(1, 2))
     out = np.zeros(count)
-    found = np.linalg.solve(matrix[good], pull[good][..., None])[..., 0]
-    out[good] = np.sum(pull[good] * found, axis=1)
+    # Columns far beyond the noise leave nothing of the unit matrix in double precision: equal
+    # diagonals first, then what cannot be told apart is dropped.
+    size = np.sqrt(np.einsum("wii->wi", matrix[good]))
+    values, vectors = np.linalg.eigh(matrix[good] / (size[:, :, None] * size[:, None, :]))
+    along = np.einsum("wij,wi->wj", vectors, pull[good] / size)
+    kept = values > 1e-13 * values[:, -1:]
+    out[good] = np.sum(np.where(kept, along**2 / np.where(kept, values, 1.0), 0.0), axis=1)
     return out
 
 

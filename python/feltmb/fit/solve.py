@@ -332,6 +332,23 @@ def _chain(problem: Problem, point: Point) -> Point:
     return replace(point, places=tuple(places), memo={})
 
 
+def _level(
+    problem: Problem,
+    point: Point,
+    level: float,
+    scale: Array | None,
+    settings: FitSettings,
+    iterations: int,
+) -> Fit:
+    """Fit at one level of a descent; windows that are stuck there would be stuck below as well."""
+    gap_sd = level * (problem.scale(point) if scale is None else scale)
+    found, cost, linears, converged = _optimize(problem, point, gap_sd, settings, iterations)
+    fit = _finish(problem, found, level, gap_sd, cost, linears, converged, (), ())
+    fixed = fit if scale is None else replace(fit, problem=replace(problem, state_scale=scale))
+    tried = _rescue(fixed, settings)
+    return tried if tried.cost < cost else fit
+
+
 def _descend(
     problem: Problem, point: Point, settings: FitSettings, progress: Progress | None, label: str
 ) -> Fit:
@@ -347,14 +364,19 @@ def _descend(
     for i, level in enumerate(settings.levels):
         if progress is not None:
             progress(label, i, len(settings.levels))
-        gap_sd = level * (problem.scale(point) if scale is None else scale)
-        found, cost, linears, converged = _optimize(
-            problem, point, gap_sd, way, 40 if i == 0 else 20
-        )
+        tried = _level(problem, point, level, scale, way, 40 if i == 0 else 20)
+        if not tried.converged and i > 0:
+            # Half way first: a gap that closes too fast tears a motion that hits something.
+            between = float(np.sqrt(level * settings.levels[i - 1]))
+            softly = _level(problem, point, between, scale, way, 20)
+            again = _level(problem, softly.point, level, scale, way, 20)
+            if again.cost < tried.cost:
+                tried = again
+        found, linears, converged = tried.point, list(tried.linears), tried.converged
         if scale is None:  # after the first level the states are those of the machine
             scale = problem.scale(found)
-            gap_sd = level * scale
-            cost, _ = problem.cost_at(found, gap_sd, linears)
+        gap_sd = level * scale
+        cost, _ = problem.cost_at(found, gap_sd, linears)
         normal = problem.normal(found, linears, gap_sd)
         value = _evidence(problem, normal, cost, gap_sd)
         table.append((level, value))

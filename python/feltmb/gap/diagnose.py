@@ -149,18 +149,12 @@ def _investigate(
     fit = fit_problem(
         Problem(nominal, shots, cache=cache), settings, progress=progress, label="nominal fit"
     )
-    tight = None
-    if fit.gap_sd.size and fit.level > settings.levels[-1]:
-        tight = polish(fit.problem, fit.point, settings.levels[-1], replace(settings, chain=True))
-        if not np.isfinite(tight.cost):
-            tight = None
     return search(
         fit,
         effects,
         replace(settings, restarts=0),
         most=options.max_effects,
         width=options.width,
-        tight_fit=tight,
         progress=progress,
     )
 

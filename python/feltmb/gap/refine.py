@@ -9,12 +9,16 @@ import numpy as np
 
 from feltmb.data import Array
 from feltmb.fit.nominal import Effect, Term
+from feltmb.fit.problem import Point, Problem
 from feltmb.fit.solve import Fit, FitSettings, polish
 from feltmb.gap.score import Scores, all_terms, prior_of, score_fit, screen_sets
 
 __all__ = ["Candidate", "Search", "full_evidence", "refit", "search"]
 
 Progress = Callable[[str, int, int], None]
+
+#: Note of a nominal that an effect led out of a wrong valley.
+REFITTED = "fitted again from the fit with an effect"
 
 
 def full_evidence(fit: Fit, total_weight: float) -> float:
@@ -59,19 +63,42 @@ class Candidate:
 def refit(base: Fit, terms: tuple[Term, ...], sizes: Array, settings: FitSettings) -> Fit:
     """Nonlinear fit with terms, warm-started; the gap level is made tighter while that helps."""
     problem = base.problem.with_terms(terms)
-    point = base.problem.carry(base.point, terms, sizes)
-    fit = polish(problem, point, base.level, settings)
+    point = _reachable(problem, base, terms, sizes)
+    return refit_at(problem, point, base.level, settings)
+
+
+def refit_at(problem: Problem, point: Point, level: float, settings: FitSettings) -> Fit:
+    """Fit from a good start; the gap level is made tighter while that helps."""
+    fit = polish(problem, point, level, settings)
     if not fit.gap_sd.size:
         return fit
     levels = list(settings.levels)
-    at = min(range(len(levels)), key=lambda i: abs(np.log(levels[i] / base.level)))
+    at = min(range(len(levels)), key=lambda i: abs(np.log(levels[i] / level)))
     quick = replace(settings, iterations=min(settings.iterations, 4))
-    for level in levels[at + 1 :]:
-        trial = polish(problem, fit.point, level, quick)
+    for tighter in levels[at + 1 :]:
+        trial = polish(problem, fit.point, tighter, quick)
         if trial.log_evidence < fit.log_evidence - 0.5:
             break
         fit = trial
     return fit if fit.converged else polish(problem, fit.point, fit.level, settings)
+
+
+def _reachable(problem: Problem, base: Fit, terms: tuple[Term, ...], sizes: Array) -> Point:
+    """The warm start; its new sizes are cut back where one linear step promised too much."""
+    old = {t.name: s for t, s in zip(base.terms, base.point.sizes, strict=True)}
+    kept = np.array([old.get(t.name, 0.0) for t in terms])
+    gap_sd = base.level * problem.scale(base.problem.carry(base.point, terms, kept))
+    plain = base.problem.carry(base.point, terms, kept)
+    linears = problem.linear(plain)
+    best, least = plain, problem.cost_at(plain, gap_sd, linears)[0]
+    for share in (1.0, 0.3, 0.1):
+        point = base.problem.carry(base.point, terms, kept + share * (sizes - kept))
+        cost = problem.cost(point, gap_sd, linears)[0]
+        if cost < 4.0 * least:
+            return point
+        if cost < least:
+            best, least = point, cost
+    return best
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,10 +131,15 @@ def search(
     *,
     most: int = 4,
     width: int = 4,
-    tight_fit: Fit | None = None,
     progress: Progress | None = None,
+    reseeds: int = 3,
 ) -> Search:
-    """Screen, refit the survivors, then add, drop and swap until nothing helps."""
+    """Screen, refit the survivors, then add, drop and swap until nothing helps.
+
+    ``reseeds``: times that the search may begin again because a set has led the nominal out of a
+    wrong valley.
+    """
+    tight_fit = _tightest(nominal, settings)
     total = sum(e.weight for e in effects)
     terms = all_terms(effects)
     quick = replace(settings, iterations=15)
@@ -174,6 +206,26 @@ def search(
             if len(names) >= width:
                 break
     start = full_evidence(nominal, total)
+
+    def freed() -> Fit | None:
+        best = sorted(done.values(), key=lambda c: -c.evidence)[:2] if reseeds else []
+        return _reseeded(nominal, [c for c in best if c.evidence > start], quick)
+
+    def anew(fit: Fit) -> Search:
+        return search(
+            fit,
+            effects,
+            settings,
+            most=most,
+            width=width,
+            progress=progress,
+            reseeds=reseeds - 1,
+        )
+
+    first = len(done)
+    other = freed()
+    if other is not None:
+        return anew(other)
     for _ in range(2 * most):
         if not done:
             break
@@ -201,5 +253,33 @@ def search(
             again = Candidate(fit, full_evidence(fit, total))
             if again.evidence > best.evidence:
                 done[best.key] = again
+    other = freed() if len(done) > first else None
+    if other is not None:
+        return anew(other)
     ordered = tuple(sorted(done.values(), key=lambda c: (-c.evidence, c.key)))
     return Search(nominal, scores, tight, tight_fit, ordered, start, tuple(failed.items()))
+
+
+def _tightest(fit: Fit, settings: FitSettings) -> Fit | None:
+    """The fit with the tightest gaps; None where it has them, or cannot be simulated with them."""
+    if not fit.gap_sd.size or fit.level <= settings.levels[-1]:
+        return None
+    tight = polish(fit.problem, fit.point, settings.levels[-1], replace(settings, chain=True))
+    return tight if np.isfinite(tight.cost) else None
+
+
+def _reseeded(nominal: Fit, sets: Sequence[Candidate], settings: FitSettings) -> Fit | None:
+    """The nominal fitted again from where sets of effects are, if it gets further from there.
+
+    A nominal that is stuck makes any effect look like a cause that merely opens another way down;
+    taken from there without the effect, it must do as badly as before.
+    """
+    best = nominal
+    for c in sets:
+        bare = c.fit.problem.carry(c.fit.point, (), np.zeros(0))
+        fit = refit_at(nominal.problem, bare, c.fit.level, settings)
+        if fit.log_evidence > best.log_evidence + 1.0:
+            best = fit
+    if best is nominal:
+        return None
+    return replace(best, levels=nominal.levels, notes=(*nominal.notes, REFITTED))
