@@ -12,6 +12,7 @@ derivatives by tolerances and by the floor, in standard deviations of their prio
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Mapping
 from importlib import resources
 from typing import Any
@@ -75,7 +76,7 @@ def calibrate(progress: Callable[[str, int, int], None] | None = None) -> dict[s
         shots.append(shot)
         roots.append(shot.whiten(unit).reshape(-1, unit.shape[3]))
     root = np.vstack(roots)
-    height = np.linalg.inv(root.T @ root + np.eye(root.shape[1]))
+    height = np.asarray(np.linalg.inv(root.T @ root + np.eye(root.shape[1])), dtype=np.float64)
 
     def strength(parts: tuple[truth.Part, ...]) -> float:
         case = truth.plain_case(parts)
@@ -94,7 +95,7 @@ def calibrate(progress: Callable[[str, int, int], None] | None = None) -> dict[s
             rows.append(shot.whiten(change[None]).reshape(-1))
         d = np.concatenate(rows)
         pull = root.T @ d
-        return float(np.sqrt(max(d @ d - pull @ height @ pull, 0.0)))
+        return math.sqrt(max(float(d @ d - pull @ height @ pull), 0.0))
 
     found: dict[str, float] = {}
     jobs = [

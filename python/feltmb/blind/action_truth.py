@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.config import Action, load_action
-from feltmb.simulate import Run, simulate
+from feltmb.results import Run
+from feltmb.simulate import simulate
 from feltmb.stroke import Stroke, load_stroke, pulse_stroke, ramp_stroke
 from feltmb.subjects.amend import amended_action
 from feltmb.subjects.changes import Change

@@ -7,9 +7,9 @@ camera sees, wider for a column that hardly stands out of the noise, because its
 even less. Values are always simulated anew.
 
 What differs from stroke to stroke without being a cause is the *floor*: the noise of the measured
-input, small changes of felt and friction, and what a finer model would move. Its directions are found by differences at the
-packaged mechanism, those that stand out of the sensors' noise become parameters of their own
-record with the prior N(0, 1), and act linearly on its outputs:
+input, small changes of felt and friction, and what a finer model would move. Its directions are
+found by differences at the packaged mechanism, those that stand out of the sensors' noise become
+parameters of their own record with the prior N(0, 1), and act linearly on its outputs:
 
     y_r(theta, phi, z_r) = y(theta, phi) + D_r z_r,    D_r D_r' = covariance of the floor.
 """
