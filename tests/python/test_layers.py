@@ -88,7 +88,8 @@ MAY_USE = {
         "regulate": f"{MODEL} quasistatic",
         "touch": f"{MODEL} quasistatic plot",
         "lumped": f"{BASE} _core",
-        "blind": f"{BASE} _core files data fit gap lumped __init__",
+        "blind": f"{BASE} _core files data fit gap lumped config simulate results stroke subjects "
+        "__init__",
         "__init__": f"{FRONT} viewer",
         "cli": f"{FRONT} __init__ graph animate published blind viewer",
         "subjects": f"{MODEL} data fit gap",
