@@ -16,11 +16,11 @@ from feltmb.fit.nominal import Effect, Nominal
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Shot, make_shot
 from feltmb.fit.solve import Fit, FitSettings, fit_problem
-from feltmb.gap.advise import advise
 from feltmb.gap.assemble import amended, how_far_rows, ranked
 from feltmb.gap.calibrate import calibrate
 from feltmb.gap.components import component_table
 from feltmb.gap.decide import Facts, decide
+from feltmb.gap.experiments import advise
 from feltmb.gap.gates import Gates, check_against, check_records
 from feltmb.gap.proof import HeldOut
 from feltmb.gap.refine import Search, search
@@ -307,7 +307,8 @@ def diagnose(
     lap("null")
     model = amended(nominal, found, accepted)
     how_far = how_far_rows(accepted, sensed, shares, which_gap, options.seed)
-    advice = advise(found, accepted, nominal)
+    say("next experiment")
+    advice = advise(found, accepted)
     facts = Facts(
         gates=gates,
         search=found,
