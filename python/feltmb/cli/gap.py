@@ -184,6 +184,14 @@ def foresee_command(
     type=click.Path(path_type=Path),
     help="Folder of report.html, report.json.",
 )
+@click.option(
+    "--include",
+    "included",
+    multiple=True,
+    metavar="EFFECT",
+    help="Effect of the library that is made part of the model first, its size a parameter: is "
+    "there a gap left? Repeatable.",
+)
 @click.option("--alpha", default=0.01, show_default=True, help="Family-wise false alarm rate.")
 @click.option("--window", type=float, help="Length of shooting windows [s].")
 @click.option("--max-effects", default=4, show_default=True, help="Largest set of effects.")
@@ -197,6 +205,7 @@ def run(
     data: tuple[Path, ...],
     hold_out: tuple[str, ...],
     output: Path | None,
+    included: tuple[str, ...],
     alpha: float,
     window: float | None,
     max_effects: int,
@@ -221,7 +230,7 @@ def run(
     if output is not None:
         for name in ("report.html", "report.json"):
             check_writable(output / name, force=force)
-    subject = load_subject(model, settings)
+    subject = load_subject(model, settings).including(included)
     records = read_records(
         data,
         inputs=tuple(getattr(subject.nominal, "inputs", ())),

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from feltmb.data import Record
 from feltmb.errors import InvalidParameter
-from feltmb.fit import Effect, Nominal
+from feltmb.fit import Effect, Nominal, including
 
 __all__ = ["RESOLVERS", "Subject", "load_subject"]
 
@@ -22,6 +22,22 @@ class Subject:
     effects: tuple[Effect, ...]
     planned: tuple[Record, ...] = ()
     """Runs that could be made, for ``feltmb gap foresee``."""
+
+    def including(self, names: Sequence[str]) -> Subject:
+        """The same with effects of the library as part of the model."""
+        if not names:
+            return self
+        known = {e.name: e for e in self.effects}
+        unknown = [n for n in names if n not in known]
+        if unknown:
+            raise InvalidParameter(
+                f"--include {', '.join(unknown)}: no such effect; there are {', '.join(known)}"
+            )
+        return replace(
+            self,
+            nominal=including(self.nominal, [known[n] for n in names]),
+            effects=tuple(e for e in self.effects if e.name not in names),
+        )
 
 
 def _mechanism(name: str, settings: Mapping[str, str]) -> Subject | None:

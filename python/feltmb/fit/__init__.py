@@ -1,5 +1,6 @@
 """Fits of anything that simulates: parameters with priors, windows, intervals."""
 
+from feltmb.fit.including import Including, including
 from feltmb.fit.linear import FunctionNominal, LinearNominal
 from feltmb.fit.nominal import (
     Effect,
@@ -20,6 +21,7 @@ __all__ = [
     "Effect",
     "EffectKind",
     "FunctionNominal",
+    "Including",
     "Lanes",
     "LinearNominal",
     "Named",
@@ -31,4 +33,5 @@ __all__ = [
     "Simulated",
     "State",
     "Term",
+    "including",
 ]

@@ -18,6 +18,7 @@ from feltmb.fit import (
     Simulated,
     State,
     Term,
+    including,
 )
 from feltmb.gap.diagnose import Options, diagnose, fit_nominal
 from feltmb.gap.foresee import Foresight, foresee, noncentrality
@@ -77,5 +78,6 @@ __all__ = [
     "diagnose",
     "fit_nominal",
     "foresee",
+    "including",
     "noncentrality",
 ]

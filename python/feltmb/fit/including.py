@@ -1,0 +1,165 @@
+"""A nominal that includes effects: what was a cause to be found is now one more parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from feltmb.data import Array, Record
+from feltmb.errors import InvalidParameter
+from feltmb.fit.nominal import (
+    Effect,
+    Integers,
+    Lanes,
+    Nominal,
+    Parameter,
+    Sensitivity,
+    Simulated,
+    State,
+    Term,
+)
+
+__all__ = ["Including", "including"]
+
+
+def including(
+    nominal: Nominal, terms: Sequence[Term | Effect], sizes: Sequence[float] | None = None
+) -> Including:
+    """The nominal with effects as part of it, to be fitted and diagnosed in its turn.
+
+    Parameters
+    ----------
+    terms
+        Effects (their first shape counts) or terms; ``report.model.terms`` of a diagnosis.
+    sizes
+        Where their fit starts [units of the effects], in the same order; default: zero.
+
+    Raises
+    ------
+    InvalidParameter
+        The nominal cannot simulate one of them, or it is an effect of a sensor or an input: there
+        the records must be mended, not the model.
+    """
+    chosen = tuple(t if isinstance(t, Term) else Term(t, t.shapes[0]) for t in terms)
+    values = np.zeros(len(chosen)) if sizes is None else np.asarray(sizes, dtype=np.float64)
+    faults = []
+    if values.shape != (len(chosen),):
+        faults.append(f"{values.size} sizes for {len(chosen)} effects")
+    names = [p.name for p in nominal.parameters]
+    for t in chosen:
+        if t.effect.observe is not None or t.effect.excite is not None:
+            faults.append(f"{t.name} is no part of the machine: mend the records instead")
+        elif not nominal.accepts(t.effect):
+            faults.append(f"the model {nominal.name} cannot simulate {t.name}")
+        if t.name in names:
+            faults.append(f"{t.name} is the name of a parameter already")
+        names.append(t.name)
+    if faults:
+        raise InvalidParameter("including: " + "; ".join(faults))
+    return Including(nominal, chosen, values)
+
+
+class Including(Nominal):
+    """See :func:`including`; sizes of the effects are its last parameters, without a prior."""
+
+    def __init__(self, nominal: Nominal, terms: tuple[Term, ...], sizes: Array):
+        self._base = nominal
+        self._own = terms
+        self.name = f"{nominal.name} with {', '.join(t.name for t in terms)}"
+        self.parameters = nominal.parameters + tuple(
+            Parameter(
+                name=t.name,
+                value=float(np.clip(size, *t.effect.bounds)),
+                unit=t.effect.unit,
+                lower=t.effect.bounds[0],
+                upper=t.effect.bounds[1],
+                component=t.effect.component,
+                scale=t.effect.scale,
+            )
+            for t, size in zip(terms, sizes, strict=True)
+        )
+        self.outputs = nominal.outputs
+        self.units = nominal.units
+        self.least_samples = nominal.least_samples
+        self.ports = nominal.ports
+        self.window = nominal.window
+        self.difference_step = nominal.difference_step
+        self.chaotic = nominal.chaotic
+        self.inputs = tuple(getattr(nominal, "inputs", ()))
+
+    def states(self, terms: Sequence[Term] = ()) -> tuple[State, ...]:
+        """States of the nominal, hidden ones of the included effects, those of the terms."""
+        states = self._base.states((*self._own, *terms))
+        mine = len(self._base.states(self._own))
+        return tuple(replace(s, hidden=False) if i < mine else s for i, s in enumerate(states))
+
+    def accepts(self, effect: Effect) -> bool:
+        """What the nominal accepts, but for what it includes."""
+        return effect.name not in [t.name for t in self._own] and self._base.accepts(effect)
+
+    def guess(self, record: Record, windows: Integers) -> Array:
+        """As the nominal guesses; hidden states at their prior mean."""
+        states = self.states()
+        starts = np.tile([s.start for s in states], (len(windows), 1))
+        seen = self._base.guess(record, windows)
+        starts[:, : seen.shape[1]] = seen
+        return starts
+
+    def events(self, record: Record, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:
+        """As the nominal finds them."""
+        return self._base.events(record, outputs)
+
+    def simulate(self, record: Record, lanes: Lanes) -> Simulated:
+        """See :class:`~feltmb.fit.Nominal`."""
+        count = len(self._base.parameters)
+        sizes = lanes.sizes if lanes.terms else np.zeros((lanes.count, 0))
+        return self._base.simulate(
+            record,
+            replace(
+                lanes,
+                theta=lanes.theta[:, :count],
+                terms=(*self._own, *lanes.terms),
+                sizes=np.hstack([lanes.theta[:, count:], sizes]),
+            ),
+        )
+
+    def sensitivities(
+        self,
+        record: Record,
+        theta: Array,
+        windows: Integers,
+        starts: Array,
+        terms: tuple[Term, ...] = (),
+        sizes: Array | None = None,
+        *,
+        by_theta: Sequence[int] | None = None,
+        by_starts: bool = True,
+        candidates: tuple[Term, ...] = (),
+    ) -> Sensitivity:
+        """Those of the nominal; the derivatives by the included sizes move to the parameters."""
+        count, own = len(self._base.parameters), len(self._own)
+        wanted = list(range(count + own)) if by_theta is None else list(by_theta)
+        base = [i for i in wanted if i < count]
+        s = self._base.sensitivities(
+            record,
+            theta[:count],
+            windows,
+            starts,
+            (*self._own, *terms),
+            np.concatenate([theta[count:], np.zeros(len(terms)) if sizes is None else sizes]),
+            by_theta=base,
+            by_starts=by_starts,
+            candidates=candidates,
+        )
+        order = [base.index(i) if i < count else len(base) + i - count for i in wanted]
+        by_outputs = np.concatenate([s.d_theta, s.d_sizes[..., :own]], axis=-1)
+        by_ends = np.concatenate([s.d_theta_ends, s.d_sizes_ends[..., :own]], axis=-1)
+        return replace(
+            s,
+            d_theta=by_outputs[..., order],
+            d_theta_ends=by_ends[..., order],
+            d_sizes=s.d_sizes[..., own:],
+            d_sizes_ends=s.d_sizes_ends[..., own:],
+        )

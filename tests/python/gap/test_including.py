@@ -1,0 +1,135 @@
+"""A model that includes an effect: the same machine, the effect one more parameter."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from feltmb.blind.nominal import KeyHammer, effects
+from feltmb.cli import main
+from feltmb.data import Record, read_records
+from feltmb.errors import InvalidParameter
+from feltmb.gap import Lanes, Options, Term, Verdict, diagnose, including, library
+
+HERE = Path(__file__).parent
+EXAMPLES = HERE.parents[2] / "examples" / "gap"
+
+
+def load(path):
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+models = load(HERE / "models.py")
+CREEP = next(e for e in effects() if e.name == "bed_creep")
+DRAG = next(e for e in effects() if e.name == "hammer_drag")
+
+
+def stroke():
+    time = np.arange(240) * 0.5e-3
+    force = 6.0 * np.clip((time - 0.01) / 0.02, 0.0, 1.0)
+    zero = {c: 0.0 * time for c in ("key", "hammer")}
+    return Record(name="s", time=time, inputs={"finger": force}, outputs=zero)
+
+
+def test_it_is_the_nominal_with_the_term():
+    nominal, record = KeyHammer(), stroke()
+    model = including(nominal, [CREEP], [3e-5])
+    assert model.parameters[-1].name == "bed_creep"
+    assert [s.name for s in model.states()][-1] == "bed_set"
+    assert not any(s.hidden for s in model.states())
+    windows = np.array([[0, 60], [60, 239]])
+    theta = np.array([p.value for p in nominal.parameters])
+    starts = np.zeros((2, 5))
+    starts[1, :4] = [9.7e-3, 40e-3, 0.1, 1.0]
+    plain = nominal.simulate(
+        record, Lanes.at_point(theta, windows, starts, (Term(CREEP),), np.array([3e-5]))
+    )
+    same = model.simulate(
+        record, Lanes.at_point(np.append(theta, 3e-5), windows, starts, (), np.zeros(0))
+    )
+    np.testing.assert_array_equal(same.outputs, plain.outputs)
+    np.testing.assert_array_equal(same.ends, plain.ends)
+
+    # With another term: columns go where they belong, in the order asked for.
+    both = nominal.sensitivities(
+        record, theta, windows, starts, (Term(CREEP), Term(DRAG)), np.array([3e-5, 1e-3])
+    )
+    mine = model.sensitivities(
+        record,
+        np.append(theta, 3e-5),
+        windows,
+        starts,
+        (Term(DRAG),),
+        np.array([1e-3]),
+        by_theta=[len(theta), 2],
+    )
+    np.testing.assert_array_equal(mine.d_theta[..., 0], both.d_sizes[..., 0])
+    np.testing.assert_array_equal(mine.d_theta[..., 1], both.d_theta[..., 2])
+    np.testing.assert_array_equal(mine.d_sizes[..., 0], both.d_sizes[..., 1])
+
+
+def test_with_the_effect_included_there_is_no_gap():
+    data = models.records(1, dry=6e-3)
+    options = Options(bootstrap=0)
+    assert diagnose(models.NOMINAL, models.EFFECTS, data, options=options).named == (
+        "dry friction",
+    )
+    model = including(models.NOMINAL, [models.DRY])
+    report = diagnose(model, [models.CUBIC], data, options=options)
+    assert report.verdict == Verdict.NO_GAP
+    fitted = {i.name: i for i in report.fit.intervals()}["dry friction"]
+    assert fitted.low < 6e-3 < fitted.high
+
+
+def test_faults_are_told_together():
+    gain = library.sensor_gain(["q"], "q")
+    with pytest.raises(InvalidParameter) as caught:
+        including(models.NOMINAL, [CREEP, gain], [1.0])
+    text = str(caught.value)
+    assert "1 sizes for 2 effects" in text
+    assert "cannot simulate bed_creep" in text
+    assert "mend the records" in text
+
+
+def run(*arguments):
+    with pytest.raises(SystemExit) as stop:
+        main([str(a) for a in arguments])
+    return stop.value.code
+
+
+def test_command_line(capsys):
+    data = [str(p) for p in sorted((EXAMPLES / "data").glob("emps_*.csv"))]
+    model = str(EXAMPLES / "emps.py")
+    names = ["--include", "dry friction", "--include", "constant force"]
+    assert run("gap", "diagnose", model, *data, *names) == 0
+    out = capsys.readouterr().out
+    assert "dry friction" not in out.split("how far")[0].split("which")[-1]
+    assert run("gap", "diagnose", model, *data, "--include", "rust") == 2
+    assert "no such effect; there are dry friction" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("example", "pattern", "included"),
+    [
+        ("silverbox", "silverbox_*.nc", ["cubic stiffness mass", "quadratic stiffness mass"]),
+        ("tanks", "tanks_*.csv", ["overflow upper", "leak lower"]),
+    ],
+)
+def test_measured_sets_with_what_they_lacked(example, pattern, included):
+    module = load(EXAMPLES / f"{example}.py")
+    records = read_records(sorted((EXAMPLES / "data").glob(pattern)))
+    known = {e.name: e for e in module.effects}
+    model = including(module.nominal, [known[n] for n in included])
+    rest = [e for e in module.effects if e.name not in included]
+    before = diagnose(module.nominal, module.effects, records)
+    after = diagnose(model, rest, records)
+    gap = [r.how_far.rows[0].before for r in (before, after)]
+    assert gap[1] < 0.8 * gap[0]
+    assert not set(included) & set(after.named)
+    if after.named:
+        assert after.how_far.rows[0].before - after.how_far.rows[0].after < 0.5 * gap[0]
