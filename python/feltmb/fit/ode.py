@@ -94,7 +94,9 @@ class OdeNominal(Nominal):
         ``"rk4"``: classical Runge-Kutta, ``substeps`` steps a sample.
         ``"rosenbrock"``: linearly implicit of order 2 (L-stable), for stiff systems.
     hold
-        Input between samples: ``"linear"`` or ``"zero"`` (held at the value of the last sample).
+        Input between samples: ``"linear"``; ``"zero"`` (held at the value of the last sample, as a
+        converter does); ``"spline"`` (cubic, for a smooth signal that was sampled sparsely: a
+        straight line weakens what has less than ten samples a period).
     check
         Called with (x, u, p) before a record is used; may raise.
     """
@@ -111,7 +113,7 @@ class OdeNominal(Nominal):
         ports: Mapping[str, str] | None = None,
         method: Literal["rk4", "rosenbrock"] = "rk4",
         substeps: int = 1,
-        hold: Literal["linear", "zero"] = "linear",
+        hold: Literal["linear", "zero", "spline"] = "linear",
         name: str = "model",
         window: float | None = None,
         chaotic: bool = False,
@@ -251,21 +253,28 @@ def _integrate(model: OdeNominal, record: Record, lanes: Lanes) -> Simulated:
                 out[state] += force
         return out
 
-    def inputs_at(now: list[Array], then: list[Array], share: float) -> Named:
-        if model.hold == "zero":
-            return Named(dict(zip(model.inputs, now, strict=True)))
-        return Named(
-            {n: a + share * (b - a) for n, a, b in zip(model.inputs, now, then, strict=True)}
-        )
+    bends = _bends(record, signals) if model.hold == "spline" else []
+
+    def inputs_at(at: Array, nxt: Array, share: float) -> Named:
+        values = {}
+        for i, (name, signal) in enumerate(zip(model.inputs, signals, strict=True)):
+            value = signal[at]
+            if model.hold != "zero":
+                value = value + share * (signal[nxt] - signal[at])
+            if bends:
+                rest, square = 1.0 - share, (record.time[nxt] - record.time[at]) ** 2 / 6.0
+                value = value + square * (
+                    (rest**3 - rest) * bends[i][at] + (share**3 - share) * bends[i][nxt]
+                )
+            values[name] = value
+        return Named(values)
 
     end = record.samples - 1
     for j in range(longest):
         at = np.minimum(first + j, end)
         nxt = np.minimum(at + 1, end)
         t = record.time[at]
-        now = [s[at] for s in signals]
-        then = [s[nxt] for s in signals]
-        u = inputs_at(now, then, 0.0)
+        u = inputs_at(at, nxt, 0.0)
         named = view(x)
         for o, name in enumerate(model.outputs):
             of = model._outputs[name]
@@ -278,8 +287,8 @@ def _integrate(model: OdeNominal, record: Record, lanes: Lanes) -> Simulated:
         h = (record.time[nxt] - t) / model.substeps
         for s in range(model.substeps):
             a, b = s / model.substeps, (s + 1) / model.substeps
-            u0, u1 = inputs_at(now, then, a), inputs_at(now, then, b)
-            um = inputs_at(now, then, 0.5 * (a + b))
+            u0, u1 = inputs_at(at, nxt, a), inputs_at(at, nxt, b)
+            um = inputs_at(at, nxt, 0.5 * (a + b))
             t0 = t + s * h
             if model.method == "rk4":
                 k1 = rates(t0, x, u0)
@@ -290,6 +299,13 @@ def _integrate(model: OdeNominal, record: Record, lanes: Lanes) -> Simulated:
             else:
                 x = _rosenbrock(rates, states, t0, h, x, u0, u1)
     return Simulated(outputs=outputs, ends=ends)
+
+
+def _bends(record: Record, signals: Sequence[Array]) -> list[Array]:
+    """Second derivatives of the cubic splines through the inputs, at the samples."""
+    from scipy.interpolate import CubicSpline
+
+    return [np.asarray(CubicSpline(record.time, s)(record.time, 2)) for s in signals]
 
 
 GAMMA = 1.0 - np.sqrt(0.5)
