@@ -2,6 +2,8 @@
 
 #include <cmath>
 
+#include "feltmb/numeric/elementary.hpp"
+
 namespace feltmb {
 namespace {
 
@@ -13,7 +15,7 @@ CurveValue evaluate(const ExponentialCurve& curve, double e) {
   if (e <= 0.0) return {0.0, 0.0};
   const double x = curve.b * e;
   if (x <= kLargestExponent) {
-    const double g = curve.a * std::exp(x);
+    const double g = curve.a * fast_exp(x);
     return {(g + curve.c) * e, g * (1.0 + x) + curve.c};
   }
   const double top = curve.a * std::exp(kLargestExponent);

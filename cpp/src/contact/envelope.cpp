@@ -332,23 +332,48 @@ CurveValue Envelope::loading(double e) const {
   return {v.force, v.slope / (2.0 * s * reach_)};
 }
 
+/// rho and its slope by s = sqrt(x).
+CurveValue Envelope::ratio_of_root(double s, double e_m) const {
+  if (rows_ == 1) return look_up(rho_.data(), rho_slope_.data(), s);
+  // The rows are blended first: one cubic instead of three.
+  const double p = std::sqrt(std::min(e_m / reach_, 1.0)) * static_cast<double>(rows_ - 1);
+  const RowBlend blend(p, rows_);
+  const double position = s * static_cast<double>(kKnots);
+  const std::size_t i = std::min(static_cast<std::size_t>(position), kKnots - 1);
+  double v[4] = {};
+  for (std::size_t k = 0; k < 3; ++k) {
+    const double w = blend.weight[k];
+    const double* value = rho_.data() + blend.row[k] * (kKnots + 1) + i;
+    const double* slope = rho_slope_.data() + blend.row[k] * (kKnots + 1) + i;
+    v[0] += w * value[0];
+    v[1] += w * value[1];
+    v[2] += w * slope[0];
+    v[3] += w * slope[1];
+  }
+  return tables::hermite(v[0], v[1], v[2], v[3], 1.0 / static_cast<double>(kKnots),
+                         position - static_cast<double>(i));
+}
+
 CurveValue Envelope::ratio(double x, double e_m) const {
   if (x >= 1.0) return {1.0, 0.0};
   const double s = std::sqrt(std::max(x, kSmallest));
-  if (rows_ == 1) {
-    const CurveValue v = look_up(rho_.data(), rho_slope_.data(), s);
-    return {v.force, v.slope / (2.0 * s)};
-  }
-  const double p = std::sqrt(std::min(e_m / reach_, 1.0)) * static_cast<double>(rows_ - 1);
-  const RowBlend blend(p, rows_);
-  CurveValue sum{0.0, 0.0};
-  for (std::size_t k = 0; k < 3; ++k) {
-    const std::size_t first = blend.row[k] * (kKnots + 1);
-    const CurveValue v = look_up(rho_.data() + first, rho_slope_.data() + first, s);
-    sum.force += blend.weight[k] * v.force;
-    sum.slope += blend.weight[k] * v.slope;
-  }
-  return {sum.force, sum.slope / (2.0 * s)};
+  const CurveValue v = ratio_of_root(s, e_m);
+  return {v.force, v.slope / (2.0 * s)};
+}
+
+CycleValue Envelope::cycle(double e, double e_m) const {
+  CycleValue c;
+  const CurveValue load = loading(e);
+  c.loading = load.force;
+  c.loading_slope = load.slope;
+  const double s = std::sqrt(std::max(e / e_m, kSmallest));
+  const CurveValue rho = ratio_of_root(s, e_m);
+  c.ratio = rho.force;
+  c.ratio_slope = rho.slope / (2.0 * s * e_m);
+  c.area = e_m > area_reach_
+               ? area_by_quadrature(e_m).force
+               : look_up(area_.data(), area_slope_.data(), std::sqrt(e_m / area_reach_)).force;
+  return c;
 }
 
 double Envelope::loading_energy(double e) const {

@@ -2,6 +2,8 @@
 
 #include <cmath>
 
+#include "feltmb/numeric/elementary.hpp"
+
 namespace feltmb {
 namespace {
 
@@ -12,9 +14,9 @@ FrictionValue extra_terms(const Friction& f, double v) {
   if (f.stribeck != 0.0) {
     const double y = v / f.stribeck_speed;
     const double bell = f.stribeck * std::exp(-y * y);
-    const double t = std::tanh(v / f.threshold_speed);
-    out.value += bell * t;
-    out.slope += bell * ((1.0 - t * t) / f.threshold_speed - 2.0 * y / f.stribeck_speed * t);
+    const HyperbolicTangent t = fast_tanh(v / f.threshold_speed);
+    out.value += bell * t.value;
+    out.slope += bell * (t.slope / f.threshold_speed - 2.0 * y / f.stribeck_speed * t.value);
   }
   return out;
 }
@@ -33,10 +35,9 @@ FrictionValue evaluate(const Friction& friction, double v) {
   }
   if (friction.amplitude == 0.0) return {0.0, 0.0};
   const double x = v / friction.threshold_speed;
-  // Beyond 20 the hyperbolic tangent is +-1 to all digits; joints slide there nearly always.
-  const double t = std::fabs(x) < 20.0 ? std::tanh(x) : std::copysign(1.0, x);
-  double value = t;
-  double slope = 1.0 - t * t;
+  const HyperbolicTangent t = fast_tanh(x);
+  double value = t.value;
+  double slope = t.slope;
   if (friction.b1 != 0.0) {
     const double x4 = friction.b2 * x * x * x * x;
     const double d = 1.0 / (1.0 + x4);

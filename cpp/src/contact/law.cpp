@@ -5,6 +5,7 @@
 
 #include "feltmb/core/error.hpp"
 #include "feltmb/numeric/bracketing.hpp"
+#include "feltmb/numeric/elementary.hpp"
 #include "law_faults.hpp"
 
 namespace feltmb {
@@ -54,10 +55,10 @@ LawValue evaluate_pair(const ExponentialPair& pair, double e, double rate) {
     unload.slope = load.slope - pair.hysteresis * (load.slope - unload.slope);
     if (guarded && unload.force < 0.0) unload = {0.0, 0.0};
   }
-  const double t = std::tanh(pair.alpha * rate);
+  const HyperbolicTangent t = fast_tanh(pair.alpha * rate);
   const double band = load.force - unload.force;
-  return {load.force + band * t, load.slope + (load.slope - unload.slope) * t,
-          band * pair.alpha * (1.0 - t * t)};
+  return {load.force + band * t.value, load.slope + (load.slope - unload.slope) * t.value,
+          band * pair.alpha * t.slope};
 }
 
 /// Loading curve that a pair uses, zero where it is open or held at zero.
@@ -72,6 +73,7 @@ CurveValue pair_loading(const ExponentialPair& pair, double e) {
 LawValue evaluate_relaxing(const ExponentialPair& pair, double e, double rate, const double* state,
                            LawStates& s) {
   const CurveValue load = pair_loading(pair, e);
+  s.force[0] = 0.0;
   s.rate[0] = (load.force - state[0]) / pair.rate_time;
   s.rate_by_compression[0] = load.slope / pair.rate_time;
   s.rate_by_state[0][0] = -1.0 / pair.rate_time;
@@ -114,30 +116,45 @@ struct FeltCore {
 FeltCore evaluate_core(const FeltMemory& law, double e, double rate, double z, double largest) {
   FeltCore c;
   if (e <= 0.0) return c;
-  const CurveValue load = law.envelope->loading(e);
-  c.loading = load.force;
-  c.loading_slope = load.slope;
   if (e >= largest) {
-    c.force = load.force;
-    c.by_compression = load.slope;
+    const CurveValue load = law.envelope->loading(e);
+    c.loading = c.force = load.force;
+    c.loading_slope = c.by_compression = load.slope;
     return c;
   }
-  const CurveValue rho = law.envelope->ratio(e / largest, largest);
-  const double mix = rho.force + z * (1.0 - rho.force);
-  const double rho_slope = rho.slope / largest;
-  c.force = load.force * mix;
-  c.by_compression = load.slope * mix + load.force * (1.0 - z) * rho_slope;
-  c.band = load.force * (1.0 - rho.force);
+  const CycleValue v = law.envelope->cycle(e, largest);
+  c.loading = v.loading;
+  c.loading_slope = v.loading_slope;
+  const double mix = v.ratio + z * (1.0 - v.ratio);
+  c.force = v.loading * mix;
+  c.by_compression = v.loading_slope * mix + v.loading * (1.0 - z) * v.ratio_slope;
+  c.band = v.loading * (1.0 - v.ratio);
   c.by_z = c.band;
-  const double length = law.kappa * law.envelope->loop_area(largest).force;
+  const double length = law.kappa * v.area;
   if (length <= 0.0) return c;
-  const double band_slope = load.slope * (1.0 - rho.force) - load.force * rho_slope;
-  const double toward = rate > 0.0 ? (1.0 - z) * rate : z * rate;
-  c.z_rate = c.band / length * toward;
-  c.z_rate_by_compression = band_slope / length * toward;
-  c.z_rate_by_rate = c.band / length * (rate > 0.0 ? 1.0 - z : z);
-  c.z_rate_by_z = -c.band / length * std::fabs(rate);
+  const double per_length = 1.0 / length;
+  const double band_slope = v.loading_slope * (1.0 - v.ratio) - v.loading * v.ratio_slope;
+  const double left = rate > 0.0 ? 1.0 - z : z;
+  const double share = c.band * per_length;
+  c.z_rate = share * left * rate;
+  c.z_rate_by_compression = band_slope * per_length * left * rate;
+  c.z_rate_by_rate = share * left;
+  c.z_rate_by_z = -share * std::fabs(rate);
   return c;
+}
+
+/// Without creep and rate term: the one state z.
+LawValue evaluate_plain(const FeltMemory& law, double e, double rate, const LawMemory& memory,
+                        LawStates* states) {
+  const FeltCore c = evaluate_core(law, e, rate, memory.state[0], memory.largest);
+  if (states != nullptr) {
+    states->force[0] = c.by_z;
+    states->rate[0] = c.z_rate;
+    states->rate_by_compression[0] = c.z_rate_by_compression;
+    states->rate_by_rate[0] = c.z_rate_by_rate;
+    states->rate_by_state[0][0] = c.z_rate_by_z;
+  }
+  return {c.force, c.by_compression, 0.0};
 }
 
 LawValue evaluate_memory(const FeltMemory& law, double e, double rate, const LawMemory& memory,
@@ -251,6 +268,7 @@ LawValue ContactLaw::evaluate(double compression, double rate, const LawMemory& 
                               LawStates* states) const {
   // States go on while the contact is open.
   if (const auto* felt = std::get_if<FeltMemory>(&parameters_)) {
+    if (n_states_ == 1) return evaluate_plain(*felt, compression, rate, memory, states);
     LawStates unwanted;
     return evaluate_memory(*felt, compression, rate, memory,
                            states != nullptr ? *states : unwanted);

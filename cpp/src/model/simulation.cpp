@@ -96,7 +96,8 @@ class PeakWatch {
   double force_at(MechanismSystem& system, const Integrator& integrator, double t,
                   std::vector<double>& y) const {
     integrator.interpolate(t, y);
-    system.locate(t, y);
+    const std::size_t own[] = {at(position_)};
+    system.locate_only(t, y, own);
     const ContactState& s = system.dynamics().contacts()[at(position_)];
     if (!s.closed) return 0.0;
     return system.mechanism()
@@ -210,7 +211,10 @@ class Run {
       }
     }
     for (std::size_t i = 0; i < mechanism->contacts.size(); ++i) {
-      if (mechanism->contacts[i].law.has_memory()) remembering_.push_back(i);
+      const ContactLaw& law = mechanism->contacts[i].law;
+      if (!law.has_memory()) continue;
+      remembering_.push_back(i);
+      if (std::get<FeltMemory>(law.parameters()).recovery_time > 0.0) recovering_ = true;
     }
     felt_rate_.assign(remembering_.size(), 0.0);  // at rest
     recovered_.assign(mechanism->contacts.size(), 0.0);
@@ -407,6 +411,7 @@ class Run {
     const Dynamics& dynamics = system_.dynamics();
     const ContactState& s = dynamics.contacts()[contact];
     const ContactLaw& law = system_.mechanism().contacts[contact].law;
+    if (law.n_states() == 1) return {s.compression, s.rate};  // no creeping layer
     const LawMemory memory = dynamics.memory(contact);
     return {law.felt_compression(s.compression, memory),
             law.felt_rate(s.compression, s.rate, memory)};
@@ -414,7 +419,7 @@ class Run {
 
   CurveValue felt_at(const Integrator& integrator, std::size_t contact, double t) {
     integrator.interpolate(t, scratch_);
-    system_.locate(t, scratch_, Detail::kAllContacts);
+    system_.locate_only(t, scratch_, {&contact, 1});
     return felt(contact);
   }
 
@@ -426,38 +431,40 @@ class Run {
     const double end = integrator.time();
     const double h = integrator.last_step();
     // The last right-hand side was taken within a Newton correction of the end of the step: where
-    // it leaves no doubt about the turn of a felt, the contacts need not be located again.
-    const double sure_rate = 1e-4 + 20.0 * options_.rtol;         // m/s
-    const double sure_compression = 1e-7 + 0.02 * options_.rtol;  // m
-    const auto may_turn = [&](std::size_t i, double room_rate, double room) {
-      const std::size_t contact = remembering_[i];
-      const CurveValue after = felt(contact);
-      const bool closed = system_.dynamics().contacts()[contact].closed;
-      const double before = felt_rate_[i];
+    // it leaves no doubt about the turn of a felt, the contact need not be located again.
+    const double sure_rate = 1e-5 + 5.0 * options_.rtol;          // m/s
+    const double sure_compression = 1e-9 + 2e-3 * options_.rtol;  // m
+    // A felt at rest trembles by rounding: below a thousandth of the tolerance nothing is new.
+    const double nothing_new = 2e-7 * options_.rtol;  // m
+    const auto may_turn = [&](std::size_t contact, double before, const CurveValue& after,
+                              double room) {
       const bool was_open = std::isnan(before);
-      if (!closed && was_open) return false;
+      const bool closed = system_.dynamics().contacts()[contact].closed;
       // A felt that closed within the step may have turned in it, too; one that opened has.
-      if (!was_open && before <= -room_rate) return false;
-      if (closed && after.slope > room_rate) return false;
+      if (!was_open && before <= -sure_rate) return false;
+      if (closed && after.slope > sure_rate) return false;
       // A reversal below the remembered compression is smooth: z takes care of it.
       const double reach =
           after.force + (std::fabs(after.slope) + (was_open ? 0.0 : std::fabs(before))) * h;
-      return reach > largest()[contact] - room && reach > -room;
+      return reach > largest()[contact] + room && reach > room;
     };
-    bool doubt = false;
-    for (std::size_t i = 0; i < remembering_.size() && !doubt; ++i) {
-      doubt = may_turn(i, sure_rate, sure_compression);
-    }
-    if (doubt) system_.locate(end, integrator.state(), Detail::kAllContacts);
     turned_.clear();
     for (std::size_t i = 0; i < remembering_.size(); ++i) {
       const std::size_t contact = remembering_[i];
-      if (doubt && may_turn(i, sure_rate, 0.0)) turned_.push_back(contact);
-      const CurveValue after = felt(contact);
-      felt_rate_[i] = system_.dynamics().contacts()[contact].closed
-                          ? after.slope
-                          : std::numeric_limits<double>::quiet_NaN();
-      recover(contact, after.force, h);
+      const ContactState& state = system_.dynamics().contacts()[contact];
+      const double before = felt_rate_[i];
+      if (!state.closed && std::isnan(before)) {
+        if (recovering_) recover(contact, felt(contact).force, h);
+        continue;
+      }
+      CurveValue after = felt(contact);
+      if (may_turn(contact, before, after, nothing_new - sure_compression)) {
+        system_.locate_only(end, integrator.state(), {&contact, 1});
+        after = felt(contact);
+        if (may_turn(contact, before, after, nothing_new)) turned_.push_back(contact);
+      }
+      felt_rate_[i] = state.closed ? after.slope : std::numeric_limits<double>::quiet_NaN();
+      if (recovering_) recover(contact, after.force, h);
     }
     for (const std::size_t contact : turned_) {
       const auto falling = [&](double t) { return -felt_at(integrator, contact, t).slope; };
@@ -466,9 +473,10 @@ class Run {
       if (before >= 0.0 || after <= 0.0) continue;
       const double t = find_root_bracketed(falling, end - h, before, end, after, 1e-12);
       const double top = felt_at(integrator, contact, t).force;
-      if (top <= largest()[contact] + 1e-15) continue;
+      if (top <= largest()[contact] + nothing_new) continue;
       if (first.contact < 0 || t < first.time) first = {static_cast<int>(contact), t, top};
     }
+    if (!turned_.empty()) system_.locate_only(end, integrator.state(), turned_);
     return first;
   }
 
@@ -746,6 +754,7 @@ class Run {
   std::vector<std::size_t> remembering_;  ///< contacts whose laws have memory
   std::vector<double> felt_rate_;         ///< of these, near the end of the last step
   std::vector<std::size_t> turned_;       ///< of these, in the last step; kept for its memory
+  bool recovering_ = false;               ///< one of these forgets
   std::vector<double> recovered_;         ///< heat of recovery by contact [J]
   RunResult result_;
   long rows_ = 0;

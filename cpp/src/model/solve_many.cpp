@@ -66,13 +66,13 @@ void MechanismSystem::solve_many(RowBlock& b) {
     right.topRows(n_) += g * (c.force_column * force);
     if (c.coupling >= 0) right.row(n_ + c.coupling) += force;
   }
-  const RowBlock solution = lu_.solve(right);
-  r_q += g * solution.topRows(n_);
-  r_v = solution.topRows(n_);
+  lu_.solve_rows(right);
+  r_q += g * right.topRows(n_);
+  r_v = right.topRows(n_);
   for (int i = 0; i < coupling_count_; ++i) {
     const StringCoupling& c = couplings_[at(i)];
     const int count = mechanism().strings[at(c.string)].string.modes();
-    const Row dforce = g * solution.row(n_ + i);
+    const Row dforce = g * right.row(n_ + i);
     const Row shift = (g * c.force) * (c.strike.transpose() * r_q);  // r_q now holds dq
     for (int j = c.offset; j < c.offset + count; ++j) {
       const double factor = modal_rate_factor_[at(j)];

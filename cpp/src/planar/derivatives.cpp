@@ -72,18 +72,23 @@ void Dynamics::differentiate() {
       }
     }
     if (link.mass == 0.0) continue;
-    for (const int j : link.path) {
+    const std::size_t depth = link.path.size();
+    for (std::size_t x = 0; x < depth; ++x) {
+      const int j = link.path[x];
       const Motion& mj = m_->motions[at(j)];
       const LinkState& base = links_[at(m_->links[at(mj.link)].parent)];
       const Vec2 t = translation_[at(j)];
-      const Vec2 second = base.alpha * perp(t) - (base.omega * base.omega) * t +
-                          mj.rho * perp(acceleration - links_[at(mj.link)].acceleration);
-      const Vec2 first = column_rate(j, velocity);
-      for (const int k : link.path) {
-        const Vec2 jk = column(k, center);
-        const int row = m_->motions[at(k)].coordinate;
-        stiffness_(row, mj.coordinate) -= link.mass * dot(jk, second);
-        damping_(row, mj.coordinate) -= 2.0 * link.mass * dot(jk, first);
+      second_[x] = link.mass * (base.alpha * perp(t) - (base.omega * base.omega) * t +
+                                mj.rho * perp(acceleration - links_[at(mj.link)].acceleration));
+      first_[x] = (2.0 * link.mass) * column_rate(j, velocity);
+      own_column_[x] = column(j, center);
+    }
+    for (std::size_t y = 0; y < depth; ++y) {
+      const int to = twist_[at(link.path[y])].coordinate * n_;
+      for (std::size_t x = 0; x < depth; ++x) {
+        const int place = twist_[at(link.path[x])].coordinate + to;
+        stiffness_.data()[place] -= dot(own_column_[x], second_[y]);
+        damping_.data()[place] -= dot(own_column_[x], first_[y]);
       }
     }
   }

@@ -20,6 +20,14 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   carried_.resize(m_->links.size());
   held_.assign(n, char{0});
   contacts_.resize(m_->contacts.size());
+  for (const Contact& contact : m_->contacts) {
+    auto& chain = carriers_.emplace_back();
+    for (const int side : {contact.a.link, contact.b.link}) {
+      for (int i = side; i > 0; i = m_->links[at(i)].parent) chain.push_back(i);
+    }
+    std::sort(chain.begin(), chain.end());
+    chain.erase(std::unique(chain.begin(), chain.end()), chain.end());
+  }
   motion_of_.assign(m_->links.size() * n, -1);
   for (std::size_t i = 0; i < m_->links.size(); ++i) {
     for (const int motion : m_->links[i].path) {
@@ -34,6 +42,7 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   largest_.assign(m_->contacts.size(), 0.0);
   law_.assign(at(m_->total_law_states), 0.0);
   law_states_.resize(m_->contacts.size());
+  loaded_.assign(m_->contacts.size(), char{0});
   phi_.assign(at(m_->total_modes), 0.0);
   dphi_.assign(at(m_->total_modes), 0.0);
   shaped_at_.assign(m_->strings.size(), std::numeric_limits<double>::quiet_NaN());
@@ -58,6 +67,20 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
     vector->setZero(n_);
   }
   for (auto* vector : {&column_a_, &column_b_, &dn_, &dp_, &du_}) vector->assign(n, {});
+  for (auto* vector : {&own_column_, &first_, &second_}) vector->assign(n, {});
+  for (int k = 0; k < n_; ++k) {
+    for (int i = k; i >= 0; i = m_->coordinate_parent[at(i)]) filled_.push_back(k + i * n_);
+  }
+  inverse_.assign(n, 1.0);
+  for (const FlexibleBeam& beam : m_->beams) {
+    beam_turn_.push_back(Rotation::of(beam.base.angle));
+    auto& pairs = shape_pairs_.emplace_back();
+    for (int k = 0; k < beam.count; ++k) {
+      for (int l = 0; l < beam.count; ++l) {
+        pairs.push_back({beam.shape_product(k, l), beam.shape_cross(l, k), beam.stiffness(k, l)});
+      }
+    }
+  }
 }
 
 void Dynamics::apply_contacts() {
@@ -66,8 +89,12 @@ void Dynamics::apply_contacts() {
     const Contact& contact = m_->contacts[i];
     if (!state.closed) {
       state.friction = {0.0, 0.0};
-      if (contact.law.n_states() == 0 || !contact.enabled) {
+      if (contact.law.still_when_open() || !contact.enabled) {
         state.law = {};
+        if (loaded_[i] != 0) {
+          law_states_[i] = {};
+          loaded_[i] = 0;
+        }
       } else {
         // The states of the law go on; an open contact gives no rate.
         state.law =
@@ -82,6 +109,7 @@ void Dynamics::apply_contacts() {
       state.law.d_compression = v.slope;
     } else {
       state.law = contact.law.evaluate(state.compression, state.rate, memory(i), &law_states_[i]);
+      loaded_[i] = 1;
     }
     state.friction = feltmb::evaluate(contact.friction, state.slip);
     const Vec2 f = state.law.force * (state.normal - state.friction.value * perp(state.normal));
@@ -132,13 +160,15 @@ void Dynamics::project(std::size_t i) {
   const int* path = link.path.data();
   const std::size_t size = link.path.size();
   double* mass = mass_.data();
+  const bool weightless = c.mass == 0.0 && c.second == 0.0;
   for (std::size_t x = size - link.motions.size(); x < size; ++x) {
     const Twist& own = twist_[at(path[x])];
     if (own.held != 0) continue;
+    force_[own.coordinate] += dot(own.base, w.force) + own.rho * w.moment;
+    if (weightless) continue;
     // Momentum and angular momentum about the ground's origin for a unit rate.
     const Vec2 p = c.mass * own.base + own.rho * perp(c.first);
     const double l = cross(c.first, own.base) + own.rho * c.second;
-    force_[own.coordinate] += dot(own.base, w.force) + own.rho * w.moment;
     double* row = mass + own.coordinate;
     for (std::size_t y = 0; y <= x; ++y) {
       const Twist& other = twist_[at(path[y])];
@@ -153,11 +183,12 @@ void Dynamics::project(std::size_t i) {
   up.second += c.second;
 }
 
-void Dynamics::add_beam(const FlexibleBeam& beam) {
+void Dynamics::add_beam(std::size_t index) {
+  const FlexibleBeam& beam = m_->beams[index];
+  const ShapePair* pair = shape_pairs_[index].data();
   const LinkState& base = links_[at(beam.base.link)];
   const auto& path = m_->links[at(beam.base.link)].path;
-  const Rotation frame =
-      beam.base.angle != 0.0 ? base.rotation * Rotation::of(beam.base.angle) : base.rotation;
+  const Rotation frame = beam.base.angle != 0.0 ? base.rotation * beam_turn_[index] : base.rotation;
   const Vec2 arm = base.rotation * beam.base.offset;
   const Vec2 origin = base.origin + arm;
   const double omega = base.omega;
@@ -177,11 +208,11 @@ void Dynamics::add_beam(const FlexibleBeam& beam) {
     double turned = beam.transverse[at(k)];
     double turned_rate = 0.0;
     double elastic = 0.0;
-    for (int l = 0; l < beam.count; ++l) {
-      product += beam.shape_product(k, l) * e[l];
-      turned += beam.shape_cross(l, k) * e[l];
-      turned_rate += beam.shape_cross(l, k) * rate[l];
-      elastic += beam.stiffness(k, l) * (e[l] + beam.damping_time * rate[l]);
+    for (int l = 0; l < beam.count; ++l, ++pair) {
+      product += pair->product * e[l];
+      turned += pair->cross * e[l];
+      turned_rate += pair->cross * rate[l];
+      elastic += pair->stiffness * (e[l] + beam.damping_time * rate[l]);
     }
     second += e[k] * (product + beam.radial[at(k)]);
     stretch += product * rate[k];
@@ -190,13 +221,15 @@ void Dynamics::add_beam(const FlexibleBeam& beam) {
     const int row = beam.first + k;
     force_[row] +=
         dot(moment, m_->gravity - bias) + omega2 * product - 2.0 * omega * turned_rate - elastic;
-    for (const int index : path) {
-      const Motion& motion = m_->motions[at(index)];
-      if (held_[at(motion.coordinate)] != 0) continue;
-      mass_(row, motion.coordinate) += dot(moment, column(index, origin)) + motion.rho * turned;
+    double* mass = mass_.data() + row;
+    for (const int motion : path) {
+      const Twist& w = twist_[at(motion)];
+      if (w.held != 0) continue;
+      mass[w.coordinate * n_] += dot(moment, w.base + w.rho * perp(origin)) + w.rho * turned;
     }
+    const ShapePair* own = pair - beam.count;
     for (int l = 0; l <= k; ++l) {
-      if (held_[at(beam.first + l)] == 0) mass_(row, beam.first + l) += beam.shape_product(k, l);
+      if (held_[at(beam.first + l)] == 0) mass[(beam.first + l) * n_] += own[l].product;
     }
   }
   const Vec2 first_world = frame * first;
@@ -220,14 +253,14 @@ void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail
     apply(m_->finger_point.link, position(m_->finger_point), drive.force * m_->finger_direction);
   }
 
-  mass_.setZero();
+  for (const int place : filled_) mass_.data()[place] = 0.0;
   for (int k = 0; k < n_; ++k) force_[k] = -joint_friction(k);
   for (std::size_t i = 0; i < links_.size(); ++i) {
     if (m_->links[i].lump) continue;
     load_[i] = applied_[i];
     carried_[i] = {};
   }
-  for (const FlexibleBeam& beam : m_->beams) add_beam(beam);
+  for (std::size_t b = 0; b < m_->beams.size(); ++b) add_beam(b);
   // Children come after their parents: what a link carries is complete when it is reached.
   for (std::size_t i = links_.size() - 1; i > 0; --i) {
     const Link& link = m_->links[i];
@@ -325,29 +358,32 @@ double Dynamics::strap_force(int strap) const { return strap_pull_[at(strap)]; }
 
 void Dynamics::factor_mass() {
   // L^T D L with the sparsity of the tree (R. Featherstone, Rigid Body Dynamics Algorithms, ch. 6).
-  factor_ = mass_;
+  const int* parent = m_->coordinate_parent.data();
+  double* factor = factor_.data();
+  for (const int place : filled_) factor[place] = mass_.data()[place];
   for (int k = n_ - 1; k >= 0; --k) {
-    for (int i = m_->coordinate_parent[at(k)]; i >= 0; i = m_->coordinate_parent[at(i)]) {
-      const double a = factor_(k, i) / factor_(k, k);
-      for (int j = i; j >= 0; j = m_->coordinate_parent[at(j)]) {
-        factor_(i, j) -= a * factor_(k, j);
-      }
-      factor_(k, i) = a;
+    const double inverse = 1.0 / factor[k + k * n_];
+    inverse_[at(k)] = inverse;
+    for (int i = parent[k]; i >= 0; i = parent[i]) {
+      const double a = factor[k + i * n_] * inverse;
+      for (int j = i; j >= 0; j = parent[j]) factor[i + j * n_] -= a * factor[k + j * n_];
+      factor[k + i * n_] = a;
     }
   }
 }
 
 void Dynamics::solve_mass(Eigen::VectorXd& b) const {
+  const int* parent = m_->coordinate_parent.data();
+  const double* factor = factor_.data();
+  double* x = b.data();
   for (int k = n_ - 1; k >= 0; --k) {
-    for (int i = m_->coordinate_parent[at(k)]; i >= 0; i = m_->coordinate_parent[at(i)]) {
-      b[i] -= factor_(k, i) * b[k];
-    }
+    const double own = x[k];
+    for (int i = parent[k]; i >= 0; i = parent[i]) x[i] -= factor[k + i * n_] * own;
   }
   for (int k = 0; k < n_; ++k) {
-    b[k] /= factor_(k, k);
-    for (int i = m_->coordinate_parent[at(k)]; i >= 0; i = m_->coordinate_parent[at(i)]) {
-      b[k] -= factor_(k, i) * b[i];
-    }
+    double own = x[k] * inverse_[at(k)];
+    for (int i = parent[k]; i >= 0; i = parent[i]) own -= factor[k + i * n_] * x[i];
+    x[k] = own;
   }
 }
 

@@ -203,6 +203,18 @@ void Dynamics::locate_string(const Contact& contact, ContactState& state, Vec2 d
   state.strike_speed = dot(state.strike_gradient, center_velocity);
 }
 
+void Dynamics::locate_only(const MechanicalState& state, const Drive& drive,
+                           std::span<const std::size_t> contacts) {
+  std::copy(state.q.begin(), state.q.end(), q_.begin());
+  std::copy(state.v.begin(), state.v.end(), v_.begin());
+  std::copy(state.law.begin(), state.law.end(), law_.begin());
+  for (const std::size_t i : contacts) {
+    if (m_->contacts[i].finger && !drive.motion) continue;
+    for (const int link : carriers_[i]) move_link(at(link));
+    locate_contact(i, state, drive, Detail::kAllContacts);
+  }
+}
+
 void Dynamics::locate(const MechanicalState& state, const Drive& drive, Detail detail) {
   move_links(state.q, state.v);
   std::copy(state.law.begin(), state.law.end(), law_.begin());

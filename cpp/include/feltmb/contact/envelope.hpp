@@ -20,6 +20,15 @@ struct EnvelopeShape {
   int rows = 1;          ///< 1: rho does not depend on e_m; else rows of a table over e_m, >= 4
 };
 
+/// An envelope at one compression within the cycle to e_m.
+struct CycleValue {
+  double loading = 0.0;        ///< F_L(e) [N]
+  double loading_slope = 0.0;  ///< dF_L/de [N/m]
+  double ratio = 1.0;          ///< rho(e / e_m, e_m) [-]
+  double ratio_slope = 0.0;    ///< d rho / de [1/m]
+  double area = 0.0;           ///< W(e_m) [J]
+};
+
 /// What was changed to make the unloading shape of a loop monotone.
 struct ShapeRepair {
   double force = 0.0;  ///< largest change of the unloading force of the whole loop [N]
@@ -73,6 +82,9 @@ class Envelope {
   /// rho [-] and d rho / dx at x = e / e_m of the cycle to e_m [m].
   CurveValue ratio(double x, double e_m) const;
 
+  /// F_L, rho and W together, for 0 < e < e_m [m].
+  CycleValue cycle(double e, double e_m) const;
+
   double loading_energy(double e) const;  ///< integral of F_L [J]
 
   /// W(e_m) = integral over 0..e_m of F_L(e) (1 - rho(e / e_m)) [J], and its slope [N].
@@ -87,6 +99,7 @@ class Envelope {
   void tabulate_loading(const std::function<double(double)>& loading, double reach, bool smooth);
   std::vector<double> close(std::vector<double> rho) const;
   void tabulate_ratio(std::vector<double> rho);
+  CurveValue ratio_of_root(double s, double e_m) const;
   CurveValue area_by_quadrature(double e_m) const;
   void tabulate_area();
   void tabulate_energy();

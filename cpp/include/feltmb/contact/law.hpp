@@ -98,7 +98,8 @@ struct LawValue {
   double d_rate = 0.0;         ///< dF/d(de/dt) [N s/m]
 };
 
-/// States s of a law that has any, of number n_states(): rates and exact derivatives.
+/// States s of a law that has any, of number n_states(): rates and exact derivatives. What lies
+/// beyond n_states() means nothing.
 struct LawStates {
   std::array<double, kMaxLawStates> force{};                ///< dF/ds
   std::array<double, kMaxLawStates> rate{};                 ///< ds/dt
@@ -131,6 +132,11 @@ class ContactLaw {
 
   /// Name of a state, for messages.
   const char* state_name(std::size_t i) const;
+
+  /// Whether the states keep still while the contact is open: nothing need be evaluated then.
+  bool still_when_open() const {
+    return n_states_ == 0 || (n_states_ == 1 && std::holds_alternative<FeltMemory>(parameters_));
+  }
 
   /// Whether the law remembers its largest compression.
   bool has_memory() const { return std::holds_alternative<FeltMemory>(parameters_); }

@@ -9,6 +9,7 @@
 
 #include "feltmb/model/free_strings.hpp"
 #include "feltmb/model/profile.hpp"
+#include "feltmb/numeric/dense_lu.hpp"
 #include "feltmb/ode/system.hpp"
 #include "feltmb/planar/dynamics.hpp"
 
@@ -125,16 +126,26 @@ class MechanismSystem : public OdeSystem {
   void place(std::span<const double> y);  ///< the links alone
   Drive drive(double t) const;
 
+  /// Locates some contacts at (t, y), which may differ from the last right-hand side by a Newton
+  /// correction only; the others stay as that left them. Free strings count as out of reach.
+  void locate_only(double t, std::span<const double> y, std::span<const std::size_t> contacts);
+
   /// Lets a prescribed motion count from the state of the start. Throws InvalidParameter if the
   /// profile starts with another speed than the state.
   void set_prescribed_reference(double t, std::span<const double> y);
 
   /// See SimulationOptions::finger_reference.
-  void set_finger_reference(double place) { finger_reference_ = place; }
+  void set_finger_reference(double place) {
+    finger_reference_ = place;
+    fresh_ = false;
+  }
   double finger_reference() const { return finger_reference_; }
 
   /// See FingerInput::origin.
-  void set_origin(double origin) { input_.origin = origin; }
+  void set_origin(double origin) {
+    input_.origin = origin;
+    fresh_ = false;
+  }
   double origin() const { return input_.origin; }
 
   /// Absolute tolerance of each state: rtol times 0.2 mm of travel and 0.2 m/s at the contacts, the
@@ -152,6 +163,9 @@ class MechanismSystem : public OdeSystem {
   double finger_reference_ = 0.0;
   double prescribed_reference_ = 0.0;
   double rhs_time_ = std::numeric_limits<double>::quiet_NaN();  ///< of the last evaluation, if rhs
+  bool fresh_ = false;                                          ///< nothing was located since
+  std::vector<double> rhs_state_;                               ///< and its state and memory
+  std::vector<double> rhs_largest_;
   double margin_ = 1e-6;  ///< [m], rtol of coordinates of order one with arms below a meter
   int n_ = 0;
   int modes_ = 0;
@@ -180,6 +194,7 @@ class MechanismSystem : public OdeSystem {
     Eigen::VectorXd rate_gradient;        ///< d(de/dt)/dq
     Eigen::VectorXd strike;               ///< dy/dq
     Eigen::VectorXd slope_force;          ///< dQ/d(F x slope of the string)
+    Eigen::VectorXd rate_column, slope_column, by_force, by_strike;  ///< scratch of factorize
     double a00 = 0.0, a01 = 0.0, a11 = 0.0;
   };
   /// A contact whose law has states: its slopes depend on gamma through them.
@@ -193,12 +208,17 @@ class MechanismSystem : public OdeSystem {
     Eigen::Matrix3d inverse;                  ///< (I - gamma d(ds/dt)/ds)^-1
     Eigen::Vector3d by_compression, by_rate;  ///< ds for unit de, d(de/dt)
     double slope = 0.0, rate_slope = 0.0;     ///< effective dF/de, dF/d(de/dt)
+    Eigen::VectorXd by_q, by_v;               ///< ds for dq, dv, of a law with one state
   };
   void read_events(std::span<double> g) const;
   void evaluate_apart(double t, std::span<const double> y);
   bool within_reach() const;
+  bool evaluated_at(double t, std::span<const double> y) const;
   void add_stateful(const ContactGradient* gradient, int contact, int coupling);
   void reduce_law_states(double gamma);
+  static void reduce_one_state(StatefulContact& c, double gamma,
+                               const std::vector<int>& coordinates);
+  static void reduce_states(StatefulContact& c, double gamma, Eigen::Index count);
   void add_contact_slopes(Eigen::MatrixXd& stiffness, Eigen::MatrixXd& damping,
                           const Eigen::VectorXd& force_column,
                           const Eigen::VectorXd& compression_column,
@@ -216,9 +236,9 @@ class MechanismSystem : public OdeSystem {
   std::vector<int> stiffest_;
   std::vector<double> tie_;
   double gamma_ = 0.0;
-  Eigen::MatrixXd newton_;
-  Eigen::PartialPivLU<Eigen::MatrixXd> lu_;
-  Eigen::VectorXd right_, solution_;
+  DenseLu lu_;
+  std::vector<double> residual_;  ///< M, then gamma K, by padded columns: of the right-hand side
+  Eigen::VectorXd right_;         ///< and solution
 };
 
 }  // namespace feltmb

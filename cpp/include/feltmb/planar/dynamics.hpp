@@ -123,6 +123,10 @@ class Dynamics {
 
   /// Positions and velocities of the links alone; the contacts stay as they were.
   void place(const MechanicalState& state) { move_links(state.q, state.v); }
+  /// The same for these contacts alone, open or closed, and the links that carry them; the others
+  /// stay as they are.
+  void locate_only(const MechanicalState& state, const Drive& drive,
+                   std::span<const std::size_t> contacts);
 
   /// While set, contacts with strings count as open, and their compression is that against a
   /// string at rest: no mode is looked at.
@@ -133,6 +137,7 @@ class Dynamics {
 
   /// Largest compression that each contact remembers [m], by contact; constant while evaluating.
   std::vector<double>& largest_compression() { return largest_; }
+  const std::vector<double>& largest_compression() const { return largest_; }
 
   /// States of a contact's law at the last state given, if it has any.
   const LawStates& law_states(std::size_t contact) const { return law_states_[contact]; }
@@ -230,7 +235,7 @@ class Dynamics {
   void apply_contacts();
   void apply_straps();
   void apply_inertia(std::size_t i);
-  void add_beam(const FlexibleBeam& beam);
+  void add_beam(std::size_t index);
   void project(std::size_t i);
   void hold_condensed();
   void prescribe(const Drive& drive);
@@ -262,8 +267,9 @@ class Dynamics {
   std::vector<LinkState> links_;
   std::vector<Wrench> applied_;
   std::vector<ContactState> contacts_;
-  std::vector<int> motion_of_;     ///< link x coordinate
-  std::vector<Vec2> translation_;  ///< t by motion, in the ground frame
+  std::vector<std::vector<int>> carriers_;  ///< by contact: links from the ground to both sides
+  std::vector<int> motion_of_;              ///< link x coordinate
+  std::vector<Vec2> translation_;           ///< t by motion, in the ground frame
   std::vector<Vec2> translation_rate_;
   std::vector<Twist> twist_;  ///< by motion
   std::vector<double> phi_;
@@ -273,9 +279,17 @@ class Dynamics {
   std::vector<double> strap_slope_;
   Prescription prescription_;
   int driven_coordinate_ = -1;
-  Eigen::VectorXd response_;      ///< M^-1 J^T
-  std::vector<int> condensed_;    ///< kept coordinates, ascending
-  std::vector<char> held_;        ///< by coordinate: whether it is one of them
+  Eigen::VectorXd response_;    ///< M^-1 J^T
+  std::vector<int> condensed_;  ///< kept coordinates, ascending
+  std::vector<char> held_;      ///< by coordinate: whether it is one of them
+  /// One pair of shapes of a beam: what add_beam sums over.
+  struct ShapePair {
+    double product, cross, stiffness;
+  };
+  std::vector<std::vector<ShapePair>> shape_pairs_;  ///< by beam, k by l
+  std::vector<Rotation> beam_turn_;                  ///< of its frame against its link
+  std::vector<int> filled_;       ///< places of the mass matrix that the tree fills, lower triangle
+  std::vector<double> inverse_;   ///< of the diagonal of factor_
   std::vector<Wrench> load_;      ///< on a link and all that it carries, without virial
   std::vector<Inertia> carried_;  ///< inertia of a link and all that it carries
   bool static_laws_ = false;
@@ -283,6 +297,7 @@ class Dynamics {
   std::vector<double> largest_;
   std::vector<double> law_;
   std::vector<LawStates> law_states_;  ///< by contact
+  std::vector<char> loaded_;           ///< by contact: law_states_ is of a closed contact
   std::vector<double> q_;
   std::vector<double> v_;
   Eigen::VectorXd force_;
@@ -294,6 +309,7 @@ class Dynamics {
   std::vector<ContactGradient> gradients_;
   int gradient_count_ = 0;
   std::vector<Vec2> column_a_, column_b_, dn_, dp_, du_;
+  std::vector<Vec2> own_column_, first_, second_;  ///< by motion of one link
 };
 
 }  // namespace feltmb

@@ -1,0 +1,141 @@
+#include "feltmb/numeric/dense_lu.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "feltmb/core/multiversion.hpp"
+
+namespace feltmb {
+namespace {
+
+constexpr std::size_t kBlock = DenseLu::kBlock;
+
+#if defined(__GNUC__)
+/// Four numbers side by side, wherever they lie; clones without the wide registers take halves.
+using Four = double __attribute__((vector_size(32), aligned(8), may_alias));
+#else
+struct Four {
+  double v[4];
+  Four& operator+=(Four b) {
+    for (int i = 0; i < 4; ++i) v[i] += b.v[i];
+    return *this;
+  }
+  Four& operator-=(Four b) {
+    for (int i = 0; i < 4; ++i) v[i] -= b.v[i];
+    return *this;
+  }
+  friend Four operator+(Four a, Four b) { return a += b; }
+  friend Four operator*(double k, Four a) {
+    for (int i = 0; i < 4; ++i) a.v[i] *= k;
+    return a;
+  }
+};
+#endif
+
+const Four& four(const double* p) { return *reinterpret_cast<const Four*>(p); }
+Four& four(double* p) { return *reinterpret_cast<Four*>(p); }
+
+/// Where the block of row i begins.
+inline std::size_t block(std::size_t i) { return i / kBlock * kBlock; }
+
+FELTMB_CLONES bool factorize_columns(std::size_t n, std::size_t stride, double* __restrict a,
+                                     double* __restrict lower, double* __restrict inverse,
+                                     std::size_t* __restrict pivot) {
+  double sum[kBlock] = {};
+  for (std::size_t i = 0; i < n * stride; i += kBlock) four(sum) += 0.0 * four(a + i);
+  if (!(sum[0] + sum[1] + sum[2] + sum[3] == 0.0)) return false;  // something is not finite
+  for (std::size_t k = 0; k < n; ++k) {
+    double* own = a + k * stride;
+    double* multiplier = lower + k * stride;
+    std::size_t best = k;
+    double most = std::fabs(own[k]);
+    for (std::size_t i = k + 1; i < n; ++i) {
+      const double v = std::fabs(own[i]);
+      if (v > most) {
+        most = v;
+        best = i;
+      }
+    }
+    if (!(most > 0.0)) return false;
+    pivot[k] = best;
+    if (best != k) {
+      for (std::size_t j = 0; j < n; ++j) std::swap(a[j * stride + k], a[j * stride + best]);
+      for (std::size_t j = 0; j < k; ++j) {
+        std::swap(lower[j * stride + k], lower[j * stride + best]);
+      }
+    }
+    inverse[k] = 1.0 / own[k];
+    // The multipliers, with zeros down to row k: rows above in the same block stay as they are.
+    for (std::size_t i = 0; i < stride; ++i) multiplier[i] = 0.0;
+    for (std::size_t i = k + 1; i < n; ++i) multiplier[i] = own[i] * inverse[k];
+    // What is left of the column is that of U, without the diagonal.
+    for (std::size_t i = k; i < n; ++i) own[i] = 0.0;
+    const std::size_t from = block(k + 1);
+    for (std::size_t j = k + 1; j < n; ++j) {
+      double* other = a + j * stride;
+      const double x = other[k];
+      if (x == 0.0) continue;
+      for (std::size_t i = from; i < stride; i += kBlock) {
+        four(other + i) -= x * four(multiplier + i);
+      }
+    }
+  }
+  return true;
+}
+
+FELTMB_CLONES void solve_columns(std::size_t n, std::size_t stride, const double* upper,
+                                 const double* lower, const double* inverse, double* b) {
+  for (std::size_t j = 0; j + 1 < n; ++j) {
+    const double x = b[j];
+    const double* column = lower + j * stride;
+    for (std::size_t i = block(j + 1); i < stride; i += kBlock) {
+      four(b + i) -= x * four(column + i);
+    }
+  }
+  for (std::size_t j = n; j-- > 0;) {
+    const double x = b[j] * inverse[j];
+    const double* column = upper + j * stride;
+    for (std::size_t i = 0; i < j; i += kBlock) four(b + i) -= x * four(column + i);
+    b[j] = x;
+  }
+}
+
+FELTMB_CLONES void products(std::size_t columns, std::size_t stride, const double* a,
+                            const double* x, const double* b, const double* y, double* out) {
+  for (std::size_t i = 0; i < stride; i += kBlock) {
+    Four first{}, second{};
+    for (std::size_t k = 0; k < columns; ++k) {
+      first += x[k] * four(a + k * stride + i);
+      second += y[k] * four(b + k * stride + i);
+    }
+    four(out + i) = first + second;
+  }
+}
+
+}  // namespace
+
+void DenseLu::resize(std::size_t n) {
+  n_ = n;
+  stride_ = padded(n);
+  upper_.assign(n * stride_, 0.0);
+  lower_.resize(n * stride_);
+  inverse_.resize(n);
+  pivot_.resize(n);
+}
+
+bool DenseLu::factorize() {
+  return factorize_columns(n_, stride_, upper_.data(), lower_.data(), inverse_.data(),
+                           pivot_.data());
+}
+
+void DenseLu::solve(double* b) const {
+  for (std::size_t k = 0; k < n_; ++k) std::swap(b[k], b[pivot_[k]]);
+  solve_columns(n_, stride_, upper_.data(), lower_.data(), inverse_.data(), b);
+}
+
+void add_products(std::size_t columns, std::size_t stride, const double* a, const double* x,
+                  const double* b, const double* y, double* out) {
+  products(columns, stride, a, x, b, y, out);
+}
+
+}  // namespace feltmb
