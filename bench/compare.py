@@ -232,7 +232,7 @@ def draw_peers(found: dict[str, list[Timed]], path: Path, bar: float = 1e-3) -> 
 
     columns = min(2, len(found))
     rows = math.ceil(len(found) / columns)
-    figure = Figure(figsize=(5.2 * columns, 3.9 * rows), layout="constrained")
+    figure = Figure(figsize=(max(9.0, 5.2 * columns), 1.2 + 3.6 * rows), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     names = [row.engine for rows_ in found.values() for row in rows_]
