@@ -8,7 +8,8 @@
 With two results of ``feltmb_bench --json``: ratio of the medians of every case that both have, its
 range from the quartiles, and the errors of both. With peers: the hammer-string problem H is solved
 in turn by feltmb and by each engine of the scripts in the folder, round after round, one thread
-each; the ratio is that of the best times of one round, its spread that over the rounds. An engine
+each; peers by CPU time, feltmb by wall time; the ratio is that of the best times of one round, its
+spread that over the rounds. An engine
 that is not installed, fails or takes longer than the limit is listed as such. Errors are those of
 the force over its peak, against the reference files, beside every time.
 """
@@ -155,6 +156,7 @@ def compare_peers(options: argparse.Namespace) -> dict[str, list[Timed]]:
         **os.environ,
         "REPS": str(options.repeat),
         "LIM": f"{options.limit:g}",
+        "CLOCK": "cpu",  # a busy machine takes a long run's wall time, and not a short one's
         "PYTHONDONTWRITEBYTECODE": "1",
         **dict.fromkeys(ONE_THREAD, "1"),
     }
@@ -230,7 +232,7 @@ def draw_peers(found: dict[str, list[Timed]], path: Path, bar: float = 1e-3) -> 
 
     columns = min(2, len(found))
     rows = math.ceil(len(found) / columns)
-    figure = Figure(figsize=(5.2 * columns, 3.9 * rows), layout="constrained")
+    figure = Figure(figsize=(max(9.0, 5.2 * columns), 1.2 + 3.6 * rows), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     names = [row.engine for rows_ in found.values() for row in rows_]

@@ -3,6 +3,7 @@
  constant full mass matrix [[m, m phi'],[m phi, I + m phi phi']], diagonal K, D on eta; contact = CoordinateSpringDamper with user function
  (plain Python, or Exudyn 'symbolic' function = expression tree evaluated in C++). usage: hs_exudyn.py KIND SOLVER DT_or_TOL N XI"""
 import sys,json,time,math,os
+clock = time.process_time if os.environ.get('CLOCK') == 'cpu' else time.perf_counter
 import numpy as np
 import exudyn as exu
 from exudyn.utilities import *
@@ -33,10 +34,10 @@ if solver in('DOPRI5','ODE23','DVERK6'):
 else:
     ti.numberOfSteps=int(round(0.05/dt)); ti.newton.useModifiedNewton=True
     if solver=='GeneralizedAlpha': ti.generalizedAlpha.spectralRadius=float(os.environ.get('RHO','0.9'))
-t0=time.perf_counter(); ok=True; note=''
+t0=clock(); ok=True; note=''
 try: mbs.SolveDynamic(S,solverType=st)
 except Exception as ex: ok=False; note=str(ex)[-200:]
-T=time.perf_counter()-t0
+T=clock()-t0
 q=mbs.GetSensorStoredData(s); qd=mbs.GetSensorStoredData(sv); ref=np.genfromtxt(f'{HERE}/ref_N{N}_xi{xi:g}.csv',delimiter=',',names=True)
 idx=np.clip(np.round(q[:,0]/5e-5).astype(int),0,1000); e=q[:,1]; xs=q[:,2:]@phi; x=e+xs; F=np.array([force(a,b) for a,b in zip(e,qd[:,1])]); v=qd[:,1]+qd[:,2:]@phi
 r=dict(engine=f'exudyn-{kind}-{solver}',N=N,xi=xi,dt=dt,ms=T*1e3,ok=ok,note=note,nout=len(q),calls=calls[0],err_x=float(np.abs(x-ref['x'][idx]).max()),err_F=float(np.abs(F-ref['F'][idx]).max()/ref['F'].max()),err_v=float(abs(v[-1]-ref['v'][-1])))

@@ -2,6 +2,7 @@
 """MuJoCo: each mode = unit-mass body on a slide joint (stiffness w^2, damping 2 xi w), hammer = slide joint. Force law is not available natively:
  applied by mjcb_passive (Python callback) [mode cb] or through qfrc_applied before each mj_step [mode loop]. Fixed step only. usage: hs_mujoco.py MODE INTEGRATOR DT N XI"""
 import sys,json,time,os
+clock = time.process_time if os.environ.get('CLOCK') == 'cpu' else time.perf_counter
 import numpy as np, mujoco
 from hs_py import string,force,m,v0
 mode,integ,dt,N,xi=sys.argv[1],sys.argv[2],float(sys.argv[3]),int(sys.argv[4]),float(sys.argv[5])
@@ -15,7 +16,7 @@ if mode=='cb':
         F=fc(data.qpos,data.qvel)
         if F!=0: data.qfrc_passive[:]+=P*F
     mujoco.set_mjcb_passive(cb)
-n=int(round(0.05/dt)); per=int(round(5e-5/dt)); Y=np.zeros((1001,4)); Y[0,1]=v0; q,v=d.qpos,d.qvel; t0=time.perf_counter()
+n=int(round(0.05/dt)); per=int(round(5e-5/dt)); Y=np.zeros((1001,4)); Y[0,1]=v0; q,v=d.qpos,d.qvel; t0=clock()
 for k in range(n):
     if mode=='loop':
         F=fc(q,v)
@@ -24,7 +25,7 @@ for k in range(n):
     mujoco.mj_step(M,d)
     if (k+1)%per==0:
         i=(k+1)//per; xs=phi@q[1:]; Y[i]=q[0],v[0],xs,force(q[0]-xs,v[0]-phi@v[1:])
-T=time.perf_counter()-t0; ref=np.genfromtxt(f'{HERE}/ref_N{N}_xi{xi:g}.csv',delimiter=',',names=True)
+T=clock()-t0; ref=np.genfromtxt(f'{HERE}/ref_N{N}_xi{xi:g}.csv',delimiter=',',names=True)
 mujoco.set_mjcb_passive(None)
-d2=mujoco.MjData(M); t1=time.perf_counter(); mujoco.mj_step(M,d2,2000); ts=(time.perf_counter()-t1)/2000
+d2=mujoco.MjData(M); t1=clock(); mujoco.mj_step(M,d2,2000); ts=(clock()-t1)/2000
 print(json.dumps(dict(engine=f'mujoco-{mode}-{integ}',N=N,xi=xi,dt=dt,ms=T*1e3,steps=n,calls=calls[0],native_step_us=ts*1e6,err_x=float(np.abs(Y[:,0]-ref['x']).max()),err_F=float(np.abs(Y[:,3]-ref['F']).max()/ref['F'].max()),err_v=float(abs(Y[-1,1]-ref['v'][-1])))))
