@@ -39,10 +39,10 @@ __all__ = ["Floor", "StrokeNominal"]
 
 #: Motion away from where a column was taken up to which it is kept [m], for a column with the
 #: noncentrality ``CLEAR`` over its natural size; in inverse proportion for others, from ``LEAST``
-#: to ``MOST`` times as far. Strong columns that are kept too long stop a fit far from its minimum.
-TRAVEL, CLEAR, LEAST, MOST = 5e-5, 50.0, 0.6, 20.0
+#: to ``MOST`` times as far. Columns that are kept too long stop a fit far from its minimum.
+TRAVEL, CLEAR, LEAST, MOST = 2e-5, 20.0, 0.5, 10.0
 #: The same with effects in the fit, and from score to score.
-TRAVEL_LATER, TRAVEL_SCORES = 1e-4, 1.5e-3
+TRAVEL_LATER, TRAVEL_SCORES = 5e-5, 1.5e-3
 #: Step of a parameter as a share of its natural size: over a tenth of it an integrator at 1e-5
 #: would be heard.
 STEP = 0.25
