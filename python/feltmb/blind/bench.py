@@ -19,12 +19,13 @@ import importlib.util
 import json
 import math
 import os
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any, Literal
 
@@ -32,13 +33,14 @@ import numpy as np
 
 from feltmb.blind import truth, truth_machine, truth_sensors
 from feltmb.errors import FileExists, InvalidParameter
-from feltmb.files import write_file, write_text
+from feltmb.files import NPZ_FAULTS, write_file, write_text
 
 __all__ = ["Bench", "Half", "read_records"]
 
 Half = Literal["development", "test", "both"]
 Model = Literal["key_hammer", "steinway45"]
 CHUNK = 20
+MOST_CASES = 100_000
 LARGEST_OUTSIDE = 30.0  # times the size that a kind says is worth trying first
 Progress = Callable[[str, int, int], None]
 
@@ -65,7 +67,9 @@ def load_kinds(outside: Path | None) -> dict[str, Any]:
     if outside is None:
         return kinds
     if not outside.is_file():
-        raise InvalidParameter(f"{outside}: no such file; expected Python that defines KINDS")
+        raise InvalidParameter(
+            f"{outside}: there is no such file; expected Python that defines KINDS"
+        )
     spec = importlib.util.spec_from_file_location("feltmb_outside", outside)
     if spec is None or spec.loader is None:
         raise InvalidParameter(f"{outside}: is no Python file (.py)")
@@ -122,8 +126,10 @@ class Bench:
 
     def seal(self, cases: int, seed: int, *, resume: bool = False) -> dict[str, Any]:
         """Draw the truths and write their hash, before anything is diagnosed."""
-        if cases < 1 or seed < 0:
-            raise InvalidParameter(f"cases = {cases}, seed = {seed}: expected >= 1 and >= 0")
+        if not 1 <= cases <= MOST_CASES or seed < 0:
+            raise InvalidParameter(
+                f"cases = {cases}, seed = {seed}: expected 1 to {MOST_CASES} and >= 0"
+            )
         path = self.folder / "seal.json"
         if path.exists():
             seal = self.sealed()
@@ -186,6 +192,13 @@ class Bench:
             truths = (self.folder / "truths.json").read_bytes()
         except (OSError, ValueError) as error:
             raise InvalidParameter(f"{self.folder}: is no bench: {error}") from None
+        kinds = {"cases": int, "seed": int, "truths_sha256": str, "outside": str, "version": str,
+                 "sealed": str, "model": str}  # fmt: skip
+        wrong = [
+            k for k, t in kinds.items() if not isinstance(seal, dict) or type(seal.get(k)) is not t
+        ]
+        if wrong or not 1 <= seal["cases"] <= MOST_CASES:
+            raise InvalidParameter(f"{path}: is damaged: {', '.join(wrong) or 'cases'}")
         if _sha256(truths) != seal["truths_sha256"]:
             raise InvalidParameter(f"{self.folder}: truths.json is not what was sealed")
         return seal
@@ -233,15 +246,21 @@ class Bench:
         engine = engine_hash(self.model)
         todo = []
         for n in self.numbers(half):
-            path = self.folder / "results" / f"{n}.json"
-            if path.exists() and json.loads(path.read_text("utf-8"))["engine"] == engine:
-                continue
-            todo.append(n)
+            if _engine_of(self.folder / "results" / f"{n}.json") != engine:
+                todo.append(n)
         work = _diagnose if self.model == "key_hammer" else _diagnose_action
         jobs = [(work, (self.folder, n, oracle)) for n in todo]
         for done, _ in enumerate(_run(jobs, workers), start=1):
             if progress is not None:
                 progress("diagnoses", done, len(todo))
+
+
+def _engine_of(path: Path) -> str:
+    """Hash of the engine that made a result; empty if there is none that can be read."""
+    try:
+        return str(json.loads(path.read_text("utf-8"))["engine"])
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+        return ""
 
 
 def _sources(*names: str) -> str:
@@ -265,6 +284,18 @@ def engine_hash(model: Model = "key_hammer") -> str:
     return _sources("fit", "gap", "data", "lumped.py", "blind/nominal.py")
 
 
+def _end_with_parent() -> None:
+    """Let a worker end when the process that asked for its work was killed."""
+    parent = parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
 def _run(jobs: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]], workers: int) -> Iterator[Any]:
     """Results of jobs as they come, by worker processes with one thread each."""
     if workers <= 1 or len(jobs) <= 1:
@@ -275,7 +306,9 @@ def _run(jobs: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]], workers: in
     before = {k: os.environ.get(k) for k in limits}
     os.environ.update(dict.fromkeys(limits, "1"))
     try:
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        with ProcessPoolExecutor(
+            workers, mp_context=get_context("spawn"), initializer=_end_with_parent
+        ) as pool:
             pending = [pool.submit(function, *arguments) for function, arguments in jobs]
             try:
                 for future in as_completed(pending):
@@ -361,11 +394,18 @@ def _answer(
 
 def read_records(path: Path) -> list[Any]:
     """Records of a case with what a data sheet says of their sensors."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = dict(file)
+        mode = str(arrays.pop("mode"))
+        return _records(arrays, mode)
+    except NPZ_FAULTS as error:
+        raise InvalidParameter(f"{path}: is damaged: {error}") from None
+
+
+def _records(arrays: Mapping[str, Any], mode: str) -> list[Any]:
     from feltmb.data import Record, Sensor
 
-    with np.load(path) as file:
-        arrays = dict(file)
-    mode = str(arrays.pop("mode"))
     records = []
     for stroke in truth.STROKES:
         channels = {c: arrays[f"{stroke}.{c}"] for c in ("key", "hammer")}

@@ -105,6 +105,7 @@ def command(
     from feltmb.blind.bench import Bench
     from feltmb.blind.score import markdown, read, score
     from feltmb.cli.common import print_json
+    from feltmb.errors import InvalidParameter
     from feltmb.files import write_text
 
     bench = Bench(output, outside, subject)
@@ -116,7 +117,10 @@ def command(
         complain(f"sealed {seal['cases']} cases, SHA-256 {seal['truths_sha256'][:16]}...")
         bench.make_records(half, workers=workers, progress=told)
         bench.diagnose(half, workers=workers, oracle=oracle, progress=told)
-    scored = read(output, bench.numbers(half))
+    try:
+        scored = read(output, bench.numbers(half))
+    except ValueError as error:
+        raise InvalidParameter(str(error)) from None
     figures = score(scored)
     rows = [asdict(f) for f in figures]
     result = {"seal": seal, "half": half, "cases": len(scored), "figures": rows,

@@ -8,16 +8,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from feltmb.data import Array, Record, Sensor
-from feltmb.errors import InvalidParameter
+from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.nominal import Effect, Lanes, Nominal
 from feltmb.fit.observe import observe_lanes
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Noise, make_shot
 from feltmb.fit.solve import FitSettings, finish
 from feltmb.gap.advise import SHOWS, confusion_at
+from feltmb.gap.gates import faults_against
 from feltmb.gap.score import Scores, all_terms, score_fit
 
-__all__ = ["Experiment", "Foreseen", "Foresight", "foresee", "noncentrality", "planned_scores"]
+__all__ = [
+    "Experiment",
+    "Foreseen",
+    "Foresight",
+    "foresee",
+    "noncentrality",
+    "planned",
+    "planned_scores",
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,14 +78,23 @@ class Foresight:
     """Ranked, the best first."""
 
 
-def _planned(nominal: Nominal, record: Record, sensors: Mapping[str, Sensor]) -> Record:
-    """The record with outputs as the nominal would give them, without noise."""
+def planned(
+    nominal: Nominal,
+    record: Record,
+    sensors: Mapping[str, Sensor],
+    theta: Array | None = None,
+) -> Record:
+    """The record with outputs as the nominal would give them, without noise.
+
+    ``theta``: parameters; None: their prior values.
+    """
     states = nominal.states()
     prior = {} if record.start is None else record.start.mean
     start = np.array([[prior.get(s.name, s.start) for s in states]])
-    theta = np.array([[p.value for p in nominal.parameters]])
+    if theta is None:
+        theta = np.array([p.value for p in nominal.parameters])
     lanes = Lanes(
-        theta=theta,
+        theta=theta[None],
         windows=np.array([[0, record.samples - 1]]),
         starts=start.reshape(1, len(states)),
     )
@@ -167,6 +185,9 @@ def foresee(
             f"channels: {', '.join(unknown) or 'none'} is no output of {nominal.name}; "
             f"there are {', '.join(nominal.outputs)}"
         )
+    faults = faults_against(nominal, [*records, *candidates])
+    if faults:
+        raise DataError("foresee: " + "; ".join(faults))
     known = dict(sensors or {})
     for r in records:
         for n, s in r.sensors.items():
@@ -175,7 +196,7 @@ def foresee(
 
     def plan(some: Sequence[Record], names: Sequence[str]) -> list[Record]:
         seen = {n: known.get(n, Sensor(name=n)) for n in names}
-        return [_planned(nominal, r, seen) for r in some]
+        return [planned(nominal, r, seen) for r in some]
 
     now = planned_scores(nominal, tested, plan(records, wanted), window=window)
     index = _best_shapes(now)
@@ -261,6 +282,6 @@ def noncentrality(
 
     The best shape counts.
     """
-    plans = [_planned(nominal, r, r.sensors) for r in records]
+    plans = [planned(nominal, r, r.sensors) for r in records]
     scores = planned_scores(nominal, [effect], plans)
     return float(np.max(np.where(scores.testable, scores.strength, 0.0)) * size / effect.scale)

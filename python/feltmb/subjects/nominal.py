@@ -137,6 +137,8 @@ class MechanismNominal(Nominal):
         self.library = library
         self.name = action.name
         self.outputs = tuple(outputs)
+        self.units = {o: "N" if o == "finger.force" else "m" for o in self.outputs}
+        self.units |= {"force": "N", "displacement": "m"}
         self.tolerances = tuple(library.tolerances if tolerances is None else tolerances)
         self.parameters = tuple(
             Parameter(

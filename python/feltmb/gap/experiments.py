@@ -1,0 +1,188 @@
+"""What to measure next: the run or the sensor that would separate what these records confuse.
+
+The nominal, at the parameters that were fitted, foretells each experiment; what it would add to
+the signatures of the two rivals is added to what the records at hand hold:
+
+    G = E' M E over all rows,   P(confuse) = Phi(-1/2 |e_a - e_b| phi)   (see feltmb.gap.advise)
+
+Only the normal equations of the new run are made; those of the records are kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from feltmb.data import Array, Record, Sensor
+from feltmb.errors import FeltmbError
+from feltmb.fit.nominal import Nominal, Term
+from feltmb.fit.problem import Normal, Point, solve_scaled
+from feltmb.fit.shots import Noise, Shot, make_shot
+from feltmb.fit.solve import Fit
+from feltmb.gap.advise import confused
+from feltmb.gap.foresee import planned
+from feltmb.gap.refine import Search
+from feltmb.gap.report import Advice
+from feltmb.gap.settle import Accepted
+
+__all__ = ["advise"]
+
+#: Rivals that advice is given for.
+MOST_RIVALS = 3
+#: Confusion above which an experiment is not worth the name.
+POOR = 0.2
+#: Other ways to play a record: name, factor of the inputs, factor of the time.
+WAYS = (
+    ("the same again", 1.0, 1.0),
+    ("half the input", 0.5, 1.0),
+    ("twice the input", 2.0, 1.0),
+    ("twice as fast", 1.0, 0.5),
+    ("half as fast", 1.0, 2.0),
+)
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """An experiment and what it would leave of the confusion."""
+
+    text: str
+    then: float
+
+
+def advise(search: Search, accepted: Accepted) -> tuple[Advice, ...]:
+    """The best of a few experiments for every rival of the accepted set."""
+    best = accepted.candidate
+    if best is None:
+        return ()
+    fit = search.tight_fit or search.nominal
+    out = []
+    for rival in accepted.rivals[:MOST_RIVALS]:
+        own = [t for t in best.fit.terms if t.name not in rival.names]
+        other = [t for t in rival.fit.terms if t.name not in best.names]
+        if not own or not other:
+            continue
+        a, b = own[0], other[0]
+        size = float(best.fit.point.sizes[best.names.index(a.name)])
+        out.append(_advice(fit, a, b, abs(size)))
+    return tuple(out)
+
+
+def _advice(fit: Fit, a: Term, b: Term, size: float) -> Advice:
+    base = fit.problem.normal(fit.point, fit.problem.linear(fit.point, (a, b)), fit.gap_sd)
+    shared = _eliminated(base)
+    now = _confusion(shared, a, b, size)
+    trials = []
+    for text, shot in _plans(fit):
+        more = _of_one(fit, shot, (a, b))
+        if more is not None:
+            trials.append(_Trial(text, _confusion(shared + more, a, b, size)))
+    chosen = min(trials, key=lambda t: t.then, default=None)
+    if chosen is None or chosen.then > 0.95 * now:
+        text = (
+            "nothing that was tried (the same runs again, harder, softer, faster, slower, quieter "
+            f"sensors) separates {a.name} from {b.name}: another point or quantity is needed"
+        )
+        return Advice(text=text, separates=(a.name, b.name), confusion_now=now, confusion_then=now)
+    text = (
+        f"{chosen.text}: the chance to take {a.name} for {b.name} falls from {now:.0%} to "
+        f"{chosen.then:.0%}"
+    )
+    if chosen.then > POOR:
+        text += "; no experiment that was tried does better"
+    return Advice(
+        text=text, separates=(a.name, b.name), confusion_now=now, confusion_then=chosen.then
+    )
+
+
+def _plans(fit: Fit) -> Iterator[tuple[str, Shot]]:
+    """Experiments like the records at hand: other ways to play, quieter or further sensors."""
+    nominal = fit.problem.nominal
+    shots = fit.problem.shots
+    for shot in shots:
+        record = shot.record
+        for what, strength, stretch in WAYS:
+            if record.input_mode == "motion" and strength != 1.0:
+                continue  # a travel has its stops: it can be run through faster, not further
+            changed = replace(
+                record,
+                name=f"{record.name}, {what}",
+                time=record.time[0] + (record.time - record.time[0]) * stretch,
+                inputs={k: v * strength for k, v in record.inputs.items()},
+            )
+            seen = _foretold(fit, shot, changed, record.sensors)
+            if seen is not None:
+                yield f"record {record.name} once more, {what}", seen
+    first = shots[0]
+    for name, sensor in first.record.sensors.items():
+        if name not in nominal.outputs or sensor.sigma is None:
+            continue
+        quiet = {**first.record.sensors, name: replace(sensor, sigma=sensor.sigma / 3.0)}
+        seen = _foretold(fit, first, first.record, quiet)
+        if seen is not None:
+            yield f"record {first.record.name} with a third of the noise of {name}", seen
+    for name in nominal.outputs:
+        if name not in first.record.outputs:
+            further = {**first.record.sensors, name: Sensor(name=name)}
+            seen = _foretold(fit, first, first.record, further)
+            if seen is not None:
+                yield f"record {first.record.name} with {name} measured as well", seen
+
+
+def _foretold(fit: Fit, like: Shot, record: Record, sensors: Mapping[str, Sensor]) -> Shot | None:
+    """The experiment as the fitted nominal foretells it; None where it cannot be simulated."""
+    nominal: Nominal = fit.problem.nominal
+    try:
+        plan = planned(nominal, record, sensors, fit.point.theta)
+    except FeltmbError:
+        return None
+    noise = {
+        n: like.noise[nominal.outputs.index(n)]
+        if n in like.record.outputs
+        else Noise(1e-3 * (float(np.std(plan.outputs[n])) or 1.0))
+        for n in plan.outputs
+    }
+    for name, sensor in plan.sensors.items():
+        before = like.record.sensors.get(name)
+        if before is not None and sensor.sigma is not None and before.sigma:
+            share = sensor.sigma / before.sigma
+            noise[name] = replace(noise[name], sigma=noise[name].sigma * share)
+    return make_shot(nominal, plan, noise, None, like.windows)
+
+
+def _of_one(fit: Fit, shot: Shot, terms: tuple[Term, Term]) -> Array | None:
+    """Normal equations of one planned run over parameters and the two effects."""
+    problem = replace(fit.problem, shots=(shot,), terms=(), cache=None)
+    point: Point = problem.start(theta=fit.point.theta)
+    gap_sd = fit.level * problem.scale(point)
+    normal = problem.normal(point, problem.linear(point, terms), gap_sd)
+    reduced = _eliminated(normal)
+    for c, i in enumerate(problem.free):  # the priors are among the records already
+        sd = problem.nominal.parameters[i].sd
+        if np.isfinite(sd):
+            reduced[c, c] -= 1.0 / sd**2
+    return reduced if np.all(np.isfinite(reduced)) else None
+
+
+def _eliminated(normal: Normal) -> Array:
+    """The matrix over the shared globals, sensor nuisances of the records projected out."""
+    own, rest = slice(0, normal.shared), slice(normal.shared, None)
+    matrix = normal.matrix
+    if matrix.shape[0] == normal.shared:
+        return np.array(matrix)
+    coupling = matrix[rest, own]
+    absorbed = np.column_stack(
+        [solve_scaled(matrix[rest, rest], coupling[:, i]) for i in range(normal.shared)]
+    )
+    return np.asarray(matrix[own, own] - coupling.T @ absorbed)
+
+
+def _confusion(matrix: Array, a: Term, b: Term, size: float) -> float:
+    """Chance to take a for b at a size of a [its unit]; the two are the last of the globals."""
+    at = matrix.shape[0] - 2
+    s, e = slice(0, at), slice(at, None)
+    absorbed = np.column_stack([solve_scaled(matrix[s, s], matrix[s, at + i]) for i in range(2)])
+    scale = np.array([a.effect.scale, b.effect.scale])
+    gram = (matrix[e, e] - matrix[s, e].T @ absorbed) * np.outer(scale, scale)
+    return float(confused(gram, np.array([size / scale[0], 0.0]))[0, 1])

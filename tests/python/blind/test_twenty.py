@@ -1,0 +1,42 @@
+"""Twenty blind cases in every run: the engine as a whole, on truths that it is not shown."""
+
+import pytest
+
+from feltmb.blind.bench import Bench
+from feltmb.blind.score import read
+
+CASES, SEED = 20, 1
+
+
+@pytest.fixture(scope="module")
+def cases(tmp_path_factory):
+    bench = Bench(tmp_path_factory.mktemp("twenty") / "b")
+    bench.seal(CASES, SEED)
+    bench.make_records(workers=2)
+    bench.diagnose(workers=2, oracle=False)
+    return read(bench.folder, bench.numbers("both"))
+
+
+def test_none_fails(cases):
+    assert len(cases) == CASES
+    assert not [c.result["error"] for c in cases if c.failed]
+
+
+def test_nothing_is_named_where_there_is_nothing(cases):
+    assert not [(c.number, c.verdict) for c in cases if c.kind == 0 and c.claims]
+
+
+def test_few_are_confident_and_wrong(cases):
+    wrong = [(c.number, c.truth, c.named) for c in cases if c.wrong()]
+    assert len(wrong) <= 1, wrong
+
+
+def test_what_stands_out_is_named_first(cases):
+    plain = [c for c in cases if c.kind == 1 and c.strength >= 5.0]
+    missed = [(c.number, c.truth, c.ranking[:2]) for c in plain if not c.top(1)]
+    assert len(missed) <= 0.2 * len(plain), missed
+
+
+def test_causes_from_outside_are_not_passed_over(cases):
+    silent = [c.number for c in cases if c.kind == 4 and not c.flagged()]
+    assert len(silent) <= 1, silent

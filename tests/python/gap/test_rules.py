@@ -1,0 +1,104 @@
+"""What an effect must show before it is named."""
+
+import numpy as np
+
+from feltmb.blind.bench import Bench, _make_records, read_records
+from feltmb.blind.nominal import KeyHammer
+from feltmb.data import Record, Sensor
+from feltmb.fit.linear import LinearNominal
+from feltmb.fit.nominal import Effect, Parameter
+from feltmb.fit.problem import Problem
+from feltmb.fit.shots import Noise, make_shot
+from feltmb.fit.solve import FitSettings, fit_problem
+from feltmb.gap import Options, Verdict, diagnose
+from feltmb.gap.refine import refit
+from feltmb.gap.settle import _certainty
+
+NOISE = 0.01
+LINE = LinearNominal(
+    output="y",
+    columns={"slope": lambda record: record.inputs["u"]},
+    parameters=[Parameter(name="slope", value=1.0, sd=0.1)],
+    name="line",
+)
+
+
+def power(n):
+    return Effect(
+        name=f"power {n}",
+        component="spring",
+        unit="1",
+        scale=0.1,
+        regressor=lambda record, shape: record.inputs["u"] ** n,
+    )
+
+
+def record(name, seed, law, role="fit", samples=400):
+    generator = np.random.default_rng(seed)
+    u = np.sin(np.linspace(0.0, 40.0, samples) + seed) * (0.6 + 0.4 * generator.random())
+    y = law(u) + NOISE * generator.standard_normal(samples)
+    return Record(
+        name=name,
+        time=np.arange(samples) * 1e-3,
+        inputs={"u": u},
+        outputs={"y": y},
+        sensors={"y": Sensor(name="y", unit="1", sigma=NOISE)},
+        role=role,
+    )
+
+
+def records(law):
+    roles = ("fit", "fit", "fit", "held_out", "held_out")
+    return [record(f"r{i}", i, law, role) for i, role in enumerate(roles)]
+
+
+def test_what_mends_the_form_of_a_larger_effect_is_small_print():
+    # The truth is a cube whose law bends a little; the fifth power alone would mend that.
+    bent = records(lambda u: u + 0.5 * u**3 + 0.06 * u**5)
+    effects = [power(3), power(5)]
+    report = diagnose(LINE, effects, bent, options=Options(bootstrap=0, least_share=0.1))
+    assert report.named == ("power 3",)
+    reasons = {r.name: r.why for r in report.refused}
+    assert "form of the larger effect" in reasons["power 5"]
+    # As large as the first it is a cause of its own.
+    both = diagnose(
+        LINE, effects, records(lambda u: u + 0.3 * u**3 - 0.5 * u**5), options=Options(bootstrap=0)
+    )
+    assert set(both.named) == {"power 3", "power 5"}
+    assert both.verdict == Verdict.NAMED
+
+
+def test_certainty_is_that_of_least_squares():
+    r = record("r", 3, lambda u: u + 0.1 * u**3)
+    fit = fit_problem(Problem(LINE, (make_shot(LINE, r, {"y": Noise(NOISE)}, None),)))
+    effect = power(3)
+    again = refit(fit, tuple(_terms(effect)), np.array([0.1]), FitSettings())
+    u = r.inputs["u"]
+    columns = np.column_stack([u, u**3]) / NOISE
+    precision = columns.T @ columns + np.diag([1.0 / 0.1**2, 0.0])
+    right = columns.T @ ((r.outputs["y"] - u) / NOISE)
+    size, sd = np.linalg.solve(precision, right)[1], np.sqrt(np.linalg.inv(precision)[1, 1])
+    assert np.isclose(_certainty(again)["power 3"], abs(size) / sd, rtol=1e-2)
+
+
+def _terms(effect):
+    from feltmb.fit.nominal import Term
+
+    yield Term(effect)
+
+
+def test_a_nominal_that_tears_at_an_impact_gets_through(tmp_path):
+    """Window by window these strokes can be followed; closed too fast, the gaps once tore them."""
+    bench = Bench(tmp_path / "b")
+    bench.seal(5, 20261120)
+    _make_records(bench.folder, None, [4])
+    nominal = KeyHammer()
+    shots = tuple(
+        make_shot(nominal, r, {c: Noise(5e-5, 7.5e-4) for c in nominal.outputs}, None)
+        for r in read_records(bench.folder / "records" / "4.npz")
+        if r.role == "fit"
+    )
+    fit = fit_problem(Problem(nominal, shots))
+    assert fit.level <= 1e-4
+    assert fit.converged
+    assert fit.chi2 < fit.dof
