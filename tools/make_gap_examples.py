@@ -58,9 +58,33 @@ def write_case(case: Case) -> None:
     print(case.name, case.truth.effects, case.truth.forms)
 
 
+#: Case of the blind bench of the full action that is an example: the first of its development half
+#: with one effect of the library that stands out by more than 30 standard deviations.
+BENCH_SEED, BENCH_CASE = 20261121, 10
+
+
+def write_bench_case() -> None:
+    """Write a case of the blind bench, all tolerances off and every nuisance on."""
+    from feltmb.blind import action_truth as truth
+    from feltmb.blind.action_calibration import packaged_scales, to_record
+
+    _, base, library, outputs = truth.setup()
+    case = truth.draw(BENCH_SEED, BENCH_CASE, packaged_scales(), library, outputs)
+    folder = FOLDER / "full"
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    for stroke in truth.STROKES:
+        view, _ = truth.record(base, library, case, stroke, outputs)
+        write_record(to_record(stroke, view, outputs), folder / f"{stroke}.csv")
+    text = json.dumps(truth.as_dict(case), indent=1)
+    (folder / "truth.json").write_text(text + "\n", encoding="utf-8")
+    print("full", case.parts)
+
+
 def main() -> None:
     """Write all cases anew."""
     action = feltmb.load_action("steinway45")
+    write_bench_case()
     write_case(
         make_case(
             action,

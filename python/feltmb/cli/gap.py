@@ -236,6 +236,9 @@ def run(
         inputs=tuple(getattr(subject.nominal, "inputs", ())),
         outputs=subject.nominal.outputs,
     )
+    nominal = subject.nominal
+    if hasattr(nominal, "with_floor"):  # what differs from stroke to stroke without a cause
+        nominal = nominal.with_floor(records)
     by_file = {str(p): r.name for p, r in zip(data, records, strict=True)}
     by_file |= {p.name: r.name for p, r in zip(data, records, strict=True)}
     held = [by_file.get(h, h) for h in hold_out] or None
@@ -248,7 +251,7 @@ def run(
         seed=seed,
         resume=resume,
     )
-    report = diagnose(subject.nominal, subject.effects, records, held, options, progress_line())
+    report = diagnose(nominal, subject.effects, records, held, options, progress_line())
     if is_terminal():
         click.echo("\r\x1b[2K", nl=False, err=True)
     if as_json:

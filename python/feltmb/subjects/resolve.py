@@ -23,6 +23,8 @@ SETTINGS = {
     "window": "length of shooting windows in s",
     "shooting": "multiple (default) or single: every record in one go from rest",
     "derivatives": "differences (default) or forward",
+    "floor": "with single shooting: change of felt and friction from stroke to stroke as a share "
+    "(default 0.01), none: no floor",
 }
 
 
@@ -70,6 +72,8 @@ def resolve(name: str, settings: Mapping[str, str]) -> tuple[Nominal, tuple[Effe
             options[key] = float(settings[key])
         except ValueError:
             raise InvalidParameter(f"{key}: got {settings[key]!r}, expected a number") from None
+    if "floor" in settings:
+        options["variation"] = _floor(settings)
     library = load_library(action, settings.get("library"))
     if "tolerances" in settings:
         options["tolerances"] = library.choose_tolerances(_list(settings["tolerances"]))
@@ -80,6 +84,22 @@ def resolve(name: str, settings: Mapping[str, str]) -> tuple[Nominal, tuple[Effe
         library=library,
         **options,
     )
+
+
+def _floor(settings: Mapping[str, str]) -> float | None:
+    """Variation from stroke to stroke; None: no floor."""
+    text = settings["floor"]
+    if settings.get("shooting") != "single" or settings.get("derivatives") == "forward":
+        raise InvalidParameter("floor: works with shooting=single and derivatives=differences")
+    if text == "none":
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value <= 0.5:
+        raise InvalidParameter(f"floor: got {text!r}, expected a share from 0 to 0.5, or none")
+    return value
 
 
 def _list(text: str) -> list[str]:

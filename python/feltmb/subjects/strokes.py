@@ -37,13 +37,12 @@ from feltmb.subjects.shifter import Shifter
 
 __all__ = ["Floor", "StrokeNominal"]
 
-#: Motion away from where a column was taken up to which it is kept [m]: while the nominal is
-#: fitted, and from then on, when every good fit is near the measured motion.
-TRAVEL, TRAVEL_LATER = 5e-4, 1.5e-3
-#: Most by which the travel of a faint column is stretched.
-PATIENCE = 5.0
-#: Noncentrality of a column over its natural size below which it is kept longer, in proportion.
-FAINT = 5.0
+#: Motion away from where a column was taken up to which it is kept [m], for a column with the
+#: noncentrality ``CLEAR`` over its natural size; in inverse proportion for others, from ``LEAST``
+#: to ``MOST`` times as far. Columns that are kept too long stop a fit far from its minimum.
+TRAVEL, CLEAR, LEAST, MOST = 2e-5, 20.0, 0.5, 10.0
+#: The same with effects in the fit, and from score to score.
+TRAVEL_LATER, TRAVEL_SCORES = 5e-5, 1.5e-3
 #: Step of a parameter as a share of its natural size: over a tenth of it an integrator at 1e-5
 #: would be heard.
 STEP = 0.25
@@ -110,12 +109,14 @@ class _Runs:
 class StrokeNominal(MechanismNominal):
     """A mechanism whose records are simulated in one go from rest; see :class:`MechanismNominal`.
 
-    ``chaotic`` is False: records should end soon after the blow, while a stroke is still a smooth
-    function of the parameters.
+    ``variation``: of felt and friction from stroke to stroke [1], for :meth:`with_floor`; None: no
+    floor. ``chaotic`` is False: records should end soon after the blow, while a stroke is still a
+    smooth function of the parameters.
     """
 
-    def __init__(self, *args: Any, **options: Any):
+    def __init__(self, *args: Any, variation: float | None = 0.01, **options: Any):
         super().__init__(*args, **{**options, "shooting": "single"})
+        self.variation = variation
         self.mechanical = len(self.parameters)
         self.floors: dict[str, Floor] = {}
         self._runs = _Runs()
@@ -128,7 +129,9 @@ class StrokeNominal(MechanismNominal):
 
     # --- the floor --------------------------------------------------------------------------------
 
-    def with_floor(self, records: Sequence[Record], variation: float = 0.01) -> StrokeNominal:
+    def with_floor(
+        self, records: Sequence[Record], variation: float | None = None
+    ) -> StrokeNominal:
         """The same nominal with the floor of records.
 
         Parameters
@@ -136,8 +139,17 @@ class StrokeNominal(MechanismNominal):
         records
             All records of the diagnosis, those that are held out as well.
         variation
-            Standard deviation of felt and friction from stroke to stroke, as a share [1].
+            Standard deviation of felt and friction from stroke to stroke, as a share [1]; None:
+            that of the nominal.
+
+        Returns
+        -------
+        StrokeNominal
+            With further parameters ``floor.RECORD.K``; self if its own variation is None as well.
         """
+        variation = self.variation if variation is None else variation
+        if variation is None:
+            return self
         out = copy.copy(self)
         out.floors = {r.name: Floor(r.name, self._floor(r, variation)) for r in records}
         out.parameters = self.parameters[: self.mechanical] + tuple(
@@ -333,10 +345,10 @@ class StrokeNominal(MechanismNominal):
         motions would differ by what looks like a cause.
         """
         scored = self._scored_at.get(record.name)
-        if scored is None or self._away(scored.motion, base) > TRAVEL_LATER:
+        if scored is None or self._away(scored.motion, base) > TRAVEL_SCORES:
             scored = _Scored(base, {}, {})
             self._scored_at[record.name] = scored
-        travel = 0.0 if not scored.parameters else TRAVEL_LATER
+        travel = 0.0 if not scored.parameters else TRAVEL_SCORES
         missing = [i for i in wanted if i not in scored.parameters]
         found = self._by_parameters(record, base, theta, terms, sizes, missing, travel)
         scored.parameters.update({i: found[..., k] for k, i in enumerate(missing)})
@@ -464,7 +476,7 @@ class StrokeNominal(MechanismNominal):
         sigma = np.array([record.sensors[o].sigma if o in record.sensors else np.inf
                           for o in self.outputs])  # fmt: skip
         seen = float(np.linalg.norm(np.nan_to_num(value / np.nan_to_num(sigma, nan=np.inf))))
-        patience = min(max(1.0, FAINT / max(size * seen, 1e-3)), PATIENCE)
+        patience = min(max(LEAST, CLEAR / max(size * seen, 1e-3)), MOST)
         self._columns_kept[key] = _Column(base, value, patience)
         return value
 

@@ -1,0 +1,105 @@
+"""The blind bench of the full action: what is drawn, what is sealed, what the machine is."""
+
+import json
+
+import numpy as np
+import pytest
+
+from feltmb.blind import action_bench, action_truth
+from feltmb.blind.action_calibration import packaged_scales
+from feltmb.blind.bench import Bench, _make_action_records
+from feltmb.blind.score import read, score
+from feltmb.errors import InvalidParameter
+from feltmb.files import write_text
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A bench with the records of one case."""
+    bench = Bench(tmp_path_factory.mktemp("bench") / "b", model="steinway45")
+    seal = bench.seal(40, 3)
+    truths = json.loads((bench.folder / "truths.json").read_text())
+    number = next(t["number"] for t in truths if len(t["parts"]) == 1 and
+                  t["parts"][0]["form"] == "A")  # fmt: skip
+    _make_action_records(bench.folder, [number])
+    return bench, seal, number
+
+
+def test_sealed_truths_are_those_of_the_seed(made, tmp_path):
+    bench, seal, _ = made
+    other = Bench(tmp_path / "b", model="steinway45")
+    assert other.seal(40, 3)["truths_sha256"] == seal["truths_sha256"] != ""
+    assert seal["model"] == "steinway45"
+    with pytest.raises(InvalidParameter, match="model = steinway45, got key_hammer"):
+        Bench(bench.folder).seal(40, 3, resume=True)
+
+
+def test_every_number_is_off_and_sizes_are_plausible(made):
+    bench, _, _ = made
+    _, _, library, outputs = action_truth.setup()
+    scales = packaged_scales()
+    entries = {e.name: e for e in action_truth.candidates(library, outputs)}
+    kinds = set()
+    for data in json.loads((bench.folder / "truths.json").read_text()):
+        case = action_truth.from_dict(data)
+        assert set(case.tolerances) == {e.name for e in library.tolerances}
+        assert all(v != 0.0 for v in case.tolerances.values())
+        for part in case.parts:
+            kinds.add(part.form)
+            unit = scales[f"{part.name}:{part.form}"]
+            assert abs(part.size) * unit == pytest.approx(part.target)
+            if part.form == "outside":
+                assert part.name in action_truth.OUTSIDE
+                assert part.name not in entries
+            else:
+                assert abs(part.size) <= action_truth.LARGEST * entries[part.name].size * 1.0001
+    assert kinds == {"A", "B", "outside"}
+
+
+def test_records_are_as_the_data_sheet_says_and_end_after_the_blow(made):
+    bench, _, number = made
+    records = action_bench.read_records(bench.folder / "records" / f"{number}.npz")
+    assert [r.role for r in records] == ["fit"] * 3 + ["held_out"] * 2
+    for r in records:
+        tip = r.outputs["hammer_tip.x"]
+        farthest = r.time[int(np.argmax(np.abs(tip)))]
+        assert r.time[-1] - farthest == pytest.approx(action_truth.AFTER_BLOW, abs=2e-3)
+        still = np.diff(r.outputs["key_front.y"][:20])
+        assert 1e-5 < np.std(still) < 1e-4
+        steps = tip / action_truth.PIXEL
+        assert np.allclose(steps, np.round(steps), atol=1e-6)
+
+
+def test_the_scorer_reads_what_the_bench_writes(made):
+    bench, _, number = made
+    truth = json.loads((bench.folder / "answers" / f"{number}.json").read_text())
+    name = truth["parts"][0]["name"]
+    said = {
+        "number": number, "verdict": "NAMED", "named": [name], "one_of": [], "confidence": 1.0,
+        "none": 0.0, "other": 0.0, "sets": [], "components": [], "onset": {}, "closed": 0.9,
+        "per_record": {}, "cpu_seconds": 1.0,
+        "effects": [{"effect": name, "component": truth["parts"][0]["component"], "kind": "force",
+                     "size": 1.0, "low": 0.0, "high": 2.0, "refitted": True, "statistic": 9.0,
+                     "posterior": 1.0, "confusable": []}],
+    }  # fmt: skip
+    write_text(bench.folder / "results" / f"{number}.json", json.dumps(said), force=True)
+    (case,) = read(bench.folder, [number])
+    assert case.top(1)
+    assert not case.wrong()
+    assert {f.name: f for f in score([case])}["confident and wrong, of all cases"].value == 0.0
+
+
+def test_both_forms_of_an_effect_are_the_nominal_at_size_zero():
+    action, _, library, outputs = action_truth.setup()
+    for entry in action_truth.candidates(library, outputs)[::7]:
+        for form, _ in action_truth.forms(entry, library):
+            part = action_truth.Part(entry.name, form, 0.0, 0.0)
+            case = action_truth.plain_case([part])
+            assert action_truth.machine(action, library, case, "forte") is action
+
+
+def test_kinds_of_ones_own_are_for_the_small_model(tmp_path):
+    file = tmp_path / "kinds.py"
+    file.write_text("KINDS = ()")
+    with pytest.raises(InvalidParameter, match="for the model key_hammer"):
+        Bench(tmp_path / "b", file, "steinway45").seal(2, 1)
