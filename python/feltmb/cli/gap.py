@@ -212,6 +212,7 @@ def run(
     """
     import shutil
 
+    from feltmb.cli.gap_curves import record_viewers
     from feltmb.cli.gap_subjects import load_subject
     from feltmb.data import read_records
     from feltmb.files import check_writable
@@ -247,7 +248,8 @@ def run(
     else:
         _print(report)
     if output is not None:
-        for path in write_report(report, output, force=force):
+        viewers = record_viewers(report, subject.nominal, records)
+        for path in write_report(report, output, force=force, viewers=viewers):
             say_written(path)
         if resume is not None and resume.is_dir():
             shutil.rmtree(resume)
