@@ -6,13 +6,13 @@ compression, rate and its own history, and nothing of bodies.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from feltmb import _core
 from feltmb.errors import InvalidParameter
+from feltmb.quantity import shortened
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -97,14 +97,6 @@ class Law:
         return out
 
 
-def _curve(name: str, value: Sequence[float]) -> _core.ExponentialCurve:
-    if not isinstance(value, (list, tuple, np.ndarray)) or len(value) != 3:
-        raise InvalidParameter(
-            f"law: {name} = {value!r}, expected (a [N/m], b [1/m], c [N/m]) of eq. 4.21"
-        )
-    return _core.ExponentialCurve(*(float(v) for v in value))
-
-
 #: Numbers of the law with memory, whatever its envelope.
 _MEMORY = (
     "kappa",
@@ -114,6 +106,25 @@ _MEMORY = (
     "rate_amplitude",
     "rate_time",
 )
+_WIDTH = ("hysteresis", "rate_amplitude", "rate_time")
+_CURVES = ("loading", "unloading")
+#: What the laws cannot do without, and what they may be given.
+_NEEDED: dict[str, tuple[str, ...]] = {
+    "guarded": _CURVES,
+    "printed": _CURVES,
+    "mean": _CURVES,
+    "hunt_crossley": ("stiffness",),
+    "stulov": ("stiffness", "exponent", "amplitude", "time"),
+    "felt_memory": _CURVES,
+}
+_OPTIONAL: dict[str, tuple[str, ...]] = {
+    "guarded": ("alpha", *_WIDTH),
+    "printed": ("alpha", *_WIDTH),
+    "mean": (),
+    "hunt_crossley": ("exponent", "damping"),
+    "stulov": (),
+    "felt_memory": ("envelope", "closing_compression", *_MEMORY),
+}
 
 
 def law(name: str, **parameters: Any) -> Law:
@@ -136,73 +147,96 @@ def law(name: str, **parameters: Any) -> Law:
     Raises
     ------
     InvalidParameter
-        The name is unknown, a parameter is missing, unknown or out of range.
+        The name is unknown, or parameters are missing, unknown, of the wrong kind or out of range:
+        all of the same sort in one message.
     """
-    given = dict(parameters)
-
-    def take(key: str, *default: Any) -> Any:
-        if key in given:
-            return given.pop(key)
-        if default:
-            return default[0]
-        raise InvalidParameter(f"law {name!r}: parameter {key!r} is missing")
-
-    core: Any
-    if name in ("guarded", "printed", "mean"):
-        curves: dict[str, Any] = {k: _curve(k, take(k)) for k in ("loading", "unloading")}
-        if name == "mean":
-            core = _core.MeanCurve(**curves)
-        else:
-            width: dict[str, Any] = {
-                key: float(given.pop(key))
-                for key in ("hysteresis", "rate_amplitude", "rate_time")
-                if key in given
-            }
-            core = _core.ExponentialPair(
-                **curves, alpha=float(take("alpha", 100.0)), guarded=name == "guarded", **width
-            )
-    elif name == "hunt_crossley":
-        core = _core.HuntCrossley(
-            stiffness=take("stiffness"),
-            exponent=take("exponent", 1.5),
-            damping=take("damping", 0.0),
-        )
-    elif name == "stulov":
-        core = _core.Stulov(
-            stiffness=take("stiffness"),
-            exponent=take("exponent"),
-            amplitude=take("amplitude"),
-            time=take("time"),
-        )
-    elif name == "felt_memory":
-        if "envelope" in given:
-            compression, loading, unloading = take("envelope")
-            envelope = _core.Envelope.from_table(
-                [float(v) for v in compression],
-                [float(v) for v in loading],
-                [float(v) for v in unloading],
-            )
-        else:
-            envelope = _core.Envelope.from_curves(
-                _curve("loading", take("loading")),
-                _curve("unloading", take("unloading")),
-                float(take("closing_compression", 0.0)),
-            )
-        options = {key: float(given.pop(key)) for key in _MEMORY if key in given}
-        core = _core.FeltMemory(envelope=envelope, **options)
-    elif name == "micromechanical":
+    if name == "micromechanical":
         from feltmb.layer import layer_parameters
 
-        layer = layer_parameters(**given)
-        given.clear()
-        core = _core.FeltMemory(
-            envelope=layer.envelope, **{key: getattr(layer, key) for key in _MEMORY}
-        )
-    else:
+        layer = layer_parameters(**parameters)
+        options = {key: getattr(layer, key) for key in _MEMORY}
+        return Law(_core.ContactLaw(_core.FeltMemory(envelope=layer.envelope, **options)), name)
+    if name not in _NEEDED:
         raise InvalidParameter(
-            f"law {name!r} is unknown; known are guarded, printed, mean, hunt_crossley, stulov, "
-            "felt_memory, micromechanical"
+            f"law {name!r} is unknown; known are {', '.join(_NEEDED)}, micromechanical"
         )
-    if given:
-        raise InvalidParameter(f"law {name!r}: unknown parameter {', '.join(sorted(given))}")
+    given = _Given(name, parameters)
+    core: Any
+    if name == "mean":
+        core = _core.MeanCurve(**given.curves())
+    elif name in ("guarded", "printed"):
+        options = given.numbers("alpha", *_WIDTH)
+        core = _core.ExponentialPair(
+            **given.curves(), **{"alpha": 100.0, **options}, guarded=name == "guarded"
+        )
+    elif name == "hunt_crossley":
+        options = given.numbers("stiffness", "exponent", "damping")
+        core = _core.HuntCrossley(**{"exponent": 1.5, "damping": 0.0, **options})
+    elif name == "stulov":
+        core = _core.Stulov(**given.numbers("stiffness", "exponent", "amplitude", "time"))
+    else:
+        options = given.numbers(*_MEMORY)
+        core = _core.FeltMemory(envelope=given.envelope(), **options)
     return Law(_core.ContactLaw(core), name)
+
+
+class _Given:
+    """Parameters of a law as they were given; all that is wrong with them is told at once."""
+
+    def __init__(self, name: str, parameters: dict[str, Any]):
+        needed, optional = _NEEDED[name], _OPTIONAL[name]
+        if "envelope" in parameters and "envelope" in optional:
+            needed, optional = (), tuple(k for k in optional if k != "closing_compression")
+        faults = [f"parameter {k!r} is missing" for k in needed if k not in parameters]
+        unknown = sorted(set(parameters) - {*needed, *optional})
+        if unknown:
+            known = ", ".join((*needed, *optional))
+            faults.append(f"unknown parameter {', '.join(unknown)}; known are {known}")
+        for key in (*needed, *optional):
+            if key in parameters:
+                faults += self._fault(key, parameters[key])
+        if faults:
+            raise InvalidParameter("\n".join(f"law {name!r}: {f}" for f in faults))
+        self.values = parameters
+
+    @staticmethod
+    def _fault(key: str, value: Any) -> list[str]:
+        """What is wrong with the kind of a value; its range is the core's to check."""
+        if key in ("loading", "unloading"):
+            good = _numbers(value) and len(value) == 3
+            expected = "(a [N/m], b [1/m], c [N/m]) of eq. 4.21"
+        elif key == "envelope":
+            good = isinstance(value, (list, tuple)) and len(value) == 3
+            good = good and all(map(_numbers, value)) and len(set(map(len, value))) == 1
+            expected = "compression [m], loading [N] and unloading [N], arrays of one length"
+        else:
+            good, expected = _is_number(value), "a number"
+        return [] if good else [f"{key} = {shortened(repr(value))}, expected {expected}"]
+
+    def numbers(self, *keys: str) -> dict[str, Any]:
+        return {key: float(self.values[key]) for key in keys if key in self.values}
+
+    def curves(self) -> dict[str, Any]:
+        return {
+            key: _core.ExponentialCurve(*map(float, self.values[key]))
+            for key in ("loading", "unloading")
+        }
+
+    def envelope(self) -> _core.Envelope:
+        if "envelope" in self.values:
+            return _core.Envelope.from_table(
+                *([float(v) for v in column] for column in self.values["envelope"])
+            )
+        closing = float(self.values.get("closing_compression", 0.0))
+        curves = self.curves()
+        return _core.Envelope.from_curves(curves["loading"], curves["unloading"], closing)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float, np.number)) and not isinstance(value, (bool, np.bool_))
+
+
+def _numbers(value: Any) -> bool:
+    if isinstance(value, np.ndarray):
+        return value.ndim == 1 and value.dtype.kind in "fiu"
+    return isinstance(value, (list, tuple)) and all(map(_is_number, value))

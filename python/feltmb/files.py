@@ -5,15 +5,28 @@ from __future__ import annotations
 import os
 import secrets
 import tomllib
+import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from feltmb.errors import FeltmbError, FileExists, InvalidParameter
 
-__all__ = ["check_writable", "is_file", "read_toml", "write_file", "write_text"]
+__all__ = [
+    "NPZ_FAULTS",
+    "check_writable",
+    "is_file",
+    "plain_text",
+    "read_toml",
+    "write_file",
+    "write_text",
+]
 
 LARGEST_TOML = 10_000_000  # bytes
+#: What numpy raises for a damaged file of arrays (.npz).
+NPZ_FAULTS = (OSError, ValueError, LookupError, TypeError, EOFError, zipfile.BadZipFile, zlib.error,
+              NotImplementedError)  # fmt: skip
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -33,6 +46,16 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise InvalidParameter(f"{path}: a value cannot be read: {error}") from None
     except RecursionError:
         raise InvalidParameter(f"{path}: tables are nested too deeply") from None
+
+
+def plain_text(value: object) -> str:
+    """Text from a file as one that can be printed and written: bytes decoded, no control letters.
+
+    What is no Unicode, such as half a surrogate pair, becomes a question mark.
+    """
+    text = value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+    text = text.encode("utf-8", "replace").decode()
+    return "".join(c if c.isprintable() or c in "\n\t" else "?" for c in text)
 
 
 def is_file(path: Path) -> bool:

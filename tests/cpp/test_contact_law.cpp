@@ -250,4 +250,8 @@ TEST_CASE("parameters out of range are named with value and range") {
         std::string::npos);
   CHECK(message_of(HuntCrossley{1.0, 1.5, -3.0}).find("damping [s/m] = -3") != std::string::npos);
   CHECK(message_of(HuntCrossley{1.0, 1.0, 0.0}).empty());
+  CHECK(message_of(HuntCrossley{-1.0, 0.5, -3.0}) ==
+        "stiffness [N/m^p] = -1, must be > 0; exponent = 0.5, must be >= 1; damping [s/m] = -3, "
+        "must be >= 0");
+  CHECK(message_of(FeltMemory{}).find("felt_memory: envelope is missing") == 0);
 }

@@ -13,7 +13,10 @@ HERE = Path(__file__).resolve()
 ROOT = HERE.parents[2]
 
 BASE = "errors units quantity"
-MODEL = f"{BASE} files _core params config smoothing stroke events results simulate"
+MODEL = (
+    f"{BASE} files hdf5 netcdf _core params config smoothing stroke events results cautions "
+    "simulate"
+)
 STUDY = "sweep study study_expression study_plot study_report"
 TOOLS = "actuator quasistatic regulate touch felt subjects parameters sensitivity batch"
 FRONT = f"{MODEL} {STUDY} contact fiber data fit gap plot {TOOLS}"
@@ -49,6 +52,7 @@ MAY_USE = {
         "units": "errors",
         "quantity": "errors units",
         "files": "errors",
+        "hdf5": "",
         "params": BASE,
         "mending": "",
         "fiber": f"{BASE} _core files",
@@ -57,10 +61,12 @@ MAY_USE = {
         "stroke": f"{BASE} _core files params smoothing",
         "smoothing": "errors",
         "events": BASE,
-        "results": f"{BASE} _core files",
-        "data": f"{BASE} files",
+        "netcdf": "",
+        "results": f"{BASE} _core files netcdf hdf5",
+        "data": f"{BASE} files hdf5",
         "published": f"{BASE} files params results",
-        "simulate": f"{BASE} _core params config stroke events results",
+        "cautions": "config stroke",
+        "simulate": f"{BASE} _core params config stroke events results cautions",
         "parameters": f"{BASE} _core config",
         "sensitivity": f"{MODEL} parameters",
         "batch": MODEL,
@@ -73,7 +79,7 @@ MAY_USE = {
         "animate": f"{BASE} files style config results plot film",
         "viewer": f"{BASE} files style config results plot film",
         "actuator": f"{MODEL} fiber style",
-        "sweep": MODEL,
+        "sweep": f"{MODEL} batch",
         "study_expression": BASE,
         "study_plot": f"{BASE} study_expression",
         "study_report": f"{BASE} _core study_plot",
@@ -82,7 +88,8 @@ MAY_USE = {
         "regulate": f"{MODEL} quasistatic",
         "touch": f"{MODEL} quasistatic plot",
         "lumped": f"{BASE} _core",
-        "blind": f"{BASE} _core files data fit gap lumped __init__",
+        "blind": f"{BASE} _core files data fit gap lumped config simulate results stroke subjects "
+        "__init__",
         "__init__": f"{FRONT} viewer",
         "cli": f"{FRONT} __init__ graph animate published blind viewer",
         "subjects": f"{MODEL} data fit gap",

@@ -5,63 +5,10 @@
 
 #include "feltmb/core/error.hpp"
 #include "feltmb/numeric/bracketing.hpp"
+#include "law_faults.hpp"
 
 namespace feltmb {
 namespace {
-
-void require(bool ok, const char* field, double value, const char* range) {
-  if (!ok) throw InvalidParameter(format("%s = %.6g, must be %s", field, value, range));
-}
-
-void check(const ExponentialCurve& curve, const char* which) {
-  for (const double value : {curve.a, curve.b, curve.c}) {
-    if (!std::isfinite(value)) {
-      throw InvalidParameter(format("%s curve: coefficient is not a finite number", which));
-    }
-  }
-  if (curve.b < 0.0) {
-    throw InvalidParameter(format("%s curve: b = %.6g 1/m, must be >= 0", which, curve.b));
-  }
-}
-
-void check(const LawParameters& parameters) {
-  if (const auto* pair = std::get_if<ExponentialPair>(&parameters)) {
-    check(pair->loading, "loading");
-    check(pair->unloading, "unloading");
-    require(std::isfinite(pair->alpha) && pair->alpha > 0.0, "alpha [s/m]", pair->alpha, "> 0");
-    require(std::isfinite(pair->hysteresis) && pair->hysteresis >= 0.0, "hysteresis",
-            pair->hysteresis, ">= 0");
-    require(std::isfinite(pair->rate_amplitude) && pair->rate_amplitude >= 0.0, "rate_amplitude",
-            pair->rate_amplitude, ">= 0");
-    require(
-        pair->rate_amplitude == 0.0 || (std::isfinite(pair->rate_time) && pair->rate_time > 0.0),
-        "rate_time [s]", pair->rate_time, "> 0 with a rate term");
-  } else if (const auto* mean = std::get_if<MeanCurve>(&parameters)) {
-    check(mean->loading, "loading");
-    check(mean->unloading, "unloading");
-  } else if (const auto* hc = std::get_if<HuntCrossley>(&parameters)) {
-    require(std::isfinite(hc->stiffness) && hc->stiffness > 0.0, "stiffness [N/m^p]", hc->stiffness,
-            "> 0");
-    require(std::isfinite(hc->exponent) && hc->exponent >= 1.0, "exponent", hc->exponent, ">= 1");
-    require(std::isfinite(hc->damping) && hc->damping >= 0.0, "damping [s/m]", hc->damping, ">= 0");
-  } else if (const auto* st = std::get_if<Stulov>(&parameters)) {
-    require(std::isfinite(st->stiffness) && st->stiffness > 0.0, "stiffness [N/m^p]", st->stiffness,
-            "> 0");
-    require(std::isfinite(st->exponent) && st->exponent >= 1.0, "exponent", st->exponent, ">= 1");
-    require(st->amplitude >= 0.0 && st->amplitude < 1.0, "amplitude", st->amplitude, "in [0, 1)");
-    require(std::isfinite(st->time) && st->time > 0.0, "time [s]", st->time, "> 0");
-  } else if (const auto* m = std::get_if<FeltMemory>(&parameters)) {
-    if (!m->envelope) throw InvalidParameter("felt_memory: envelope is missing");
-    require(m->kappa > 0.0 && m->kappa <= 2.0, "kappa", m->kappa, "in (0, 2]");
-    require(m->recovery_time >= 0.0, "recovery_time [s]", m->recovery_time, ">= 0");
-    require(m->creep_stiffness >= 0.0, "creep_stiffness [N/m]", m->creep_stiffness, ">= 0");
-    require(m->creep_stiffness == 0.0 || m->creep_damping > 0.0, "creep_damping [N s/m]",
-            m->creep_damping, "> 0 with creep");
-    require(m->rate_amplitude >= 0.0, "rate_amplitude", m->rate_amplitude, ">= 0");
-    require(m->rate_amplitude == 0.0 || m->rate_time > 0.0, "rate_time [s]", m->rate_time,
-            "> 0 with a rate term");
-  }
-}
 
 /// Where a e exp(b e) + c e turns positive: 0 if it is positive from the start.
 double first_positive_compression(const ExponentialCurve& curve) {
@@ -264,7 +211,7 @@ double memory_energy(const FeltMemory& law, double inner, double z, double large
 }  // namespace
 
 ContactLaw::ContactLaw(const LawParameters& parameters) : parameters_(parameters) {
-  check(parameters);
+  check_law(parameters);
   if (const auto* pair = std::get_if<ExponentialPair>(&parameters)) {
     if (pair->form == ExponentialPair::Form::kGuarded) {
       first_positive_ = first_positive_compression(pair->loading);

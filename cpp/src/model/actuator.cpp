@@ -473,6 +473,9 @@ ActuatorRun simulate(const Actuator& actuator, const Profile& torque,
   } else if (options.duration * options.output_rate > 1e7) {
     faults += format("\n  output_rate = %.6g Hz over %.6g s gives more than 1e7 samples",
                      options.output_rate, options.duration);
+  } else if (positive(options.duration) && options.duration * options.output_rate < 1.0) {
+    faults += format("\n  duration %.6g s at output_rate %.6g Hz: less than one sample",
+                     options.duration, options.output_rate);
   }
   if (!faults.empty()) throw InvalidParameter("actuator:" + faults);
   return Run(actuator, torque, options).run();

@@ -499,10 +499,6 @@ def simulate_actuator(
         raise InvalidParameter(
             f"stroke {stroke.name!r} is a {stroke.kind}; the actuator takes a torque"
         )
-    if 0.0 < duration * output_rate < 1.0:
-        raise InvalidParameter(
-            f"duration {duration:g} s at output_rate {output_rate:g} 1/s: less than one sample"
-        )
     out = actuator._core.simulate(
         stroke.profile, float(duration), float(output_rate), float(tolerance)
     )

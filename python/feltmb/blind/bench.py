@@ -19,12 +19,13 @@ import importlib.util
 import json
 import math
 import os
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any, Literal
 
@@ -32,12 +33,14 @@ import numpy as np
 
 from feltmb.blind import truth, truth_machine, truth_sensors
 from feltmb.errors import FileExists, InvalidParameter
-from feltmb.files import write_file, write_text
+from feltmb.files import NPZ_FAULTS, write_file, write_text
 
 __all__ = ["Bench", "Half", "read_records"]
 
 Half = Literal["development", "test", "both"]
+Model = Literal["key_hammer", "steinway45"]
 CHUNK = 20
+MOST_CASES = 100_000
 LARGEST_OUTSIDE = 30.0  # times the size that a kind says is worth trying first
 Progress = Callable[[str, int, int], None]
 
@@ -110,28 +113,64 @@ class Bench:
         Where it is kept.
     outside
         Python file with further kinds from outside the library.
+    model
+        The small model ``key_hammer`` or the full action ``steinway45``. A bench that is sealed
+        already keeps its own.
     """
 
     folder: Path
     outside: Path | None = None
+    model: Model = "key_hammer"
 
     # ------------------------------------------------------------ sealing
 
     def seal(self, cases: int, seed: int, *, resume: bool = False) -> dict[str, Any]:
         """Draw the truths and write their hash, before anything is diagnosed."""
-        if cases < 1 or seed < 0:
-            raise InvalidParameter(f"cases = {cases}, seed = {seed}: expected >= 1 and >= 0")
+        if not 1 <= cases <= MOST_CASES or seed < 0:
+            raise InvalidParameter(
+                f"cases = {cases}, seed = {seed}: expected 1 to {MOST_CASES} and >= 0"
+            )
         path = self.folder / "seal.json"
         if path.exists():
             seal = self.sealed()
             if not resume:
                 raise FileExists(f"{self.folder}: holds a bench already; go on with --resume")
             wanted = {"cases": cases, "seed": seed, "outside": self._outside_hash()}
+            wanted["model"] = self.model
             other = [f"{k} = {seal[k]}, got {v}" for k, v in wanted.items() if seal[k] != v]
             if other:
                 raise InvalidParameter(f"{path}: the bench was sealed with {'; '.join(other)}")
             return seal
         from feltmb import __version__
+
+        drawn, sources = self._draw(cases, seed)
+        text = _json(drawn)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        write_text(self.folder / "truths.json", text, force=True)
+        seal = {
+            "version": __version__,
+            "model": self.model,
+            "cases": cases,
+            "seed": seed,
+            "sealed": datetime.now(UTC).isoformat(timespec="seconds"),
+            "truths_sha256": _sha256(text.encode()),
+            "generator_sha256": _sources(*sources),
+            "outside": self._outside_hash(),
+        }
+        write_text(path, _json(seal))
+        return seal
+
+    def _draw(self, cases: int, seed: int) -> tuple[list[Any], tuple[str, ...]]:
+        """Truths as plain data, and the files that they and their records come from."""
+        if self.model != "key_hammer":
+            from feltmb.blind import action_bench
+
+            if self.outside is not None:
+                raise InvalidParameter(
+                    f"{self.outside}: kinds of one's own are for the model key_hammer; those of "
+                    f"{self.model} are in blind/action_truth.py"
+                )
+            return action_bench.draw_all(seed, cases), action_bench.GENERATOR
         from feltmb.blind.calibration import calibrate, packaged_scales
 
         kinds = load_kinds(self.outside)
@@ -142,24 +181,8 @@ class Bench:
                 scales[mode] |= found
         largest = {name: LARGEST_OUTSIDE * kind.size for name, kind in kinds.items()}
         drawn = [asdict(truth.draw(seed, n, scales, largest)) for n in range(cases)]
-        text = _json(drawn)
-        self.folder.mkdir(parents=True, exist_ok=True)
-        write_text(self.folder / "truths.json", text, force=True)
-        seal = {
-            "version": __version__,
-            "model": "key_hammer",
-            "cases": cases,
-            "seed": seed,
-            "sealed": datetime.now(UTC).isoformat(timespec="seconds"),
-            "truths_sha256": _sha256(text.encode()),
-            "generator_sha256": _sources(
-                *(f"blind/{name}.py" for name in ("truth", "truth_machine", "truth_sensors")),
-                "blind/truth_outside.py",
-            ),
-            "outside": self._outside_hash(),
-        }
-        write_text(path, _json(seal))
-        return seal
+        names = ("truth", "truth_machine", "truth_sensors", "truth_outside")
+        return drawn, tuple(f"blind/{name}.py" for name in names)
 
     def sealed(self) -> dict[str, Any]:
         """Return the seal, after a check that the truths are those that were sealed."""
@@ -169,6 +192,13 @@ class Bench:
             truths = (self.folder / "truths.json").read_bytes()
         except (OSError, ValueError) as error:
             raise InvalidParameter(f"{self.folder}: is no bench: {error}") from None
+        kinds = {"cases": int, "seed": int, "truths_sha256": str, "outside": str, "version": str,
+                 "sealed": str, "model": str}  # fmt: skip
+        wrong = [
+            k for k, t in kinds.items() if not isinstance(seal, dict) or type(seal.get(k)) is not t
+        ]
+        if wrong or not 1 <= seal["cases"] <= MOST_CASES:
+            raise InvalidParameter(f"{path}: is damaged: {', '.join(wrong) or 'cases'}")
         if _sha256(truths) != seal["truths_sha256"]:
             raise InvalidParameter(f"{self.folder}: truths.json is not what was sealed")
         return seal
@@ -188,8 +218,11 @@ class Bench:
     ) -> None:
         """Simulate the records of all cases that have none yet."""
         todo = [n for n in self.numbers(half) if not self._made(n)]
-        chunks = [todo[i : i + CHUNK] for i in range(0, len(todo), CHUNK)]
-        jobs = [(_make_records, (self.folder, self.outside, chunk)) for chunk in chunks]
+        size = CHUNK if self.model == "key_hammer" else 1
+        chunks = [todo[i : i + size] for i in range(0, len(todo), size)]
+        jobs: list[Any] = [(_make_records, (self.folder, self.outside, chunk)) for chunk in chunks]
+        if self.model != "key_hammer":
+            jobs = [(_make_action_records, (self.folder, chunk)) for chunk in chunks]
         done = 0
         for made in _run(jobs, workers):
             done += len(made)
@@ -210,17 +243,24 @@ class Bench:
         progress: Progress | None = None,
     ) -> None:
         """Diagnose all cases that have no result of this engine yet."""
-        engine = engine_hash()
+        engine = engine_hash(self.model)
         todo = []
         for n in self.numbers(half):
-            path = self.folder / "results" / f"{n}.json"
-            if path.exists() and json.loads(path.read_text("utf-8"))["engine"] == engine:
-                continue
-            todo.append(n)
-        jobs = [(_diagnose, (self.folder, n, oracle)) for n in todo]
+            if _engine_of(self.folder / "results" / f"{n}.json") != engine:
+                todo.append(n)
+        work = _diagnose if self.model == "key_hammer" else _diagnose_action
+        jobs = [(work, (self.folder, n, oracle)) for n in todo]
         for done, _ in enumerate(_run(jobs, workers), start=1):
             if progress is not None:
                 progress("diagnoses", done, len(todo))
+
+
+def _engine_of(path: Path) -> str:
+    """Hash of the engine that made a result; empty if there is none that can be read."""
+    try:
+        return str(json.loads(path.read_text("utf-8"))["engine"])
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+        return ""
 
 
 def _sources(*names: str) -> str:
@@ -235,9 +275,25 @@ def _sources(*names: str) -> str:
 
 
 @functools.cache
-def engine_hash() -> str:
+def engine_hash(model: Model = "key_hammer") -> str:
     """Hash of what a result depends on: the engine, the nominal, its library."""
+    if model != "key_hammer":
+        from feltmb.blind.action_bench import SOURCES
+
+        return _sources("fit", "gap", "data", *SOURCES)
     return _sources("fit", "gap", "data", "lumped.py", "blind/nominal.py")
+
+
+def _end_with_parent() -> None:
+    """Let a worker end when the process that asked for its work was killed."""
+    parent = parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _run(jobs: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]], workers: int) -> Iterator[Any]:
@@ -250,7 +306,9 @@ def _run(jobs: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]], workers: in
     before = {k: os.environ.get(k) for k in limits}
     os.environ.update(dict.fromkeys(limits, "1"))
     try:
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        with ProcessPoolExecutor(
+            workers, mp_context=get_context("spawn"), initializer=_end_with_parent
+        ) as pool:
             pending = [pool.submit(function, *arguments) for function, arguments in jobs]
             try:
                 for future in as_completed(pending):
@@ -294,6 +352,25 @@ def _make_records(folder: Path, outside: Path | None, numbers: Sequence[int]) ->
     return numbers
 
 
+def _make_action_records(folder: Path, numbers: Sequence[int]) -> Sequence[int]:
+    from feltmb.blind import action_bench
+
+    truths = json.loads((folder / "truths.json").read_text("utf-8"))
+    for n in numbers:
+        told = action_bench.make_records(truths[n], folder / "records" / f"{n}.npz")
+        write_text(folder / "answers" / f"{n}.json", _json(told), force=True)
+    return numbers
+
+
+def _diagnose_action(folder: Path, number: int, oracle: bool) -> int:
+    from feltmb.blind import action_bench
+
+    found = action_bench.result(folder, number, with_oracle=oracle)
+    found["engine"] = engine_hash("steinway45")
+    write_text(folder / "results" / f"{number}.json", _json(found), force=True)
+    return number
+
+
 def _answer(
     case: truth.Case, result: truth_machine.Strokes, first: int, kinds: Mapping[str, Any]
 ) -> dict[str, Any]:
@@ -317,11 +394,18 @@ def _answer(
 
 def read_records(path: Path) -> list[Any]:
     """Records of a case with what a data sheet says of their sensors."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = dict(file)
+        mode = str(arrays.pop("mode"))
+        return _records(arrays, mode)
+    except NPZ_FAULTS as error:
+        raise InvalidParameter(f"{path}: is damaged: {error}") from None
+
+
+def _records(arrays: Mapping[str, Any], mode: str) -> list[Any]:
     from feltmb.data import Record, Sensor
 
-    with np.load(path) as file:
-        arrays = dict(file)
-    mode = str(arrays.pop("mode"))
     records = []
     for stroke in truth.STROKES:
         channels = {c: arrays[f"{stroke}.{c}"] for c in ("key", "hammer")}

@@ -7,6 +7,7 @@ backcheck; driven by a finger force or by a stiff actuator that follows a motion
 from __future__ import annotations
 
 from collections.abc import Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -267,6 +268,7 @@ class KeyHammer(Nominal):
 
     name = "key_hammer"
     outputs = ("key", "hammer")
+    units = MappingProxyType({"key": "m", "hammer": "m"})
     chaotic = True
     window = 0.025
     ports = (

@@ -131,7 +131,7 @@ class Scored:
         if self.result["one_of"]:
             return not set(self.result["one_of"]) & self.truth
         if self.verdict == "DATA PROBLEM":
-            return not any(p["component"] in DATA for p in self.parts)
+            return not any(p.get("data", p["component"] in DATA) for p in self.parts)
         return False
 
     def commits(self) -> bool:
@@ -144,15 +144,66 @@ class Scored:
         return self.verdict in UNKNOWN
 
 
+_NUMBER = (int, float)
+_PART = {"name": str, "form": str, "component": str, "size": _NUMBER, "target": _NUMBER,
+         "onset": {...: _NUMBER}}  # fmt: skip
+_EFFECT = {"effect": str, "component": str, "low": _NUMBER, "high": _NUMBER, "posterior": _NUMBER,
+           "confusable": [str]}  # fmt: skip
+_RESULT = {"verdict": str, "named": [str], "one_of": [str], "closed": _NUMBER, "effects": [_EFFECT],
+           "sets": [{"effects": [str]}], "onset": {...: _NUMBER}}  # fmt: skip
+
+
+def _check(value: Any, shape: Any, where: str) -> None:
+    """Raise ValueError where a file holds something else than what is scored."""
+    if isinstance(shape, list):
+        _check(value, list, where)
+        for i, item in enumerate(value):
+            _check(item, shape[0], f"{where}[{i}]")
+    elif isinstance(shape, dict):
+        _check(value, dict, where)
+        keys = value if ... in shape else shape
+        for key in keys:
+            if key not in value:
+                raise ValueError(f"{where}.{key} is missing")
+            _check(value[key], shape.get(key, shape.get(...)), f"{where}.{key}")
+    elif not isinstance(value, shape) or isinstance(value, bool):
+        raise ValueError(f"{where} is of the wrong kind ({type(value).__name__})")
+    elif shape is _NUMBER and 1e100 < abs(value) < math.inf:
+        raise ValueError(f"{where} is beyond 1e100")
+
+
+def _read(path: Path, shape: Any) -> Any:
+    try:
+        found = json.loads(path.read_text("utf-8"))
+        _check(found, shape(found) if callable(shape) else shape, "file")
+    except (OSError, ValueError, RecursionError) as error:
+        raise ValueError(f"{path}: is damaged: {str(error)[:300]}") from None
+    return found
+
+
+def _result_shape(found: Any) -> Any:
+    """What a result must hold: that of a diagnosis that failed is its error alone."""
+    if isinstance(found, dict) and "error" in found:
+        return {"cpu_seconds": _NUMBER}
+    oracle = found.get("oracle") if isinstance(found, dict) else None
+    more = {} if oracle is None else {"oracle": {"closed": _NUMBER}}
+    return {**_RESULT, "cpu_seconds": _NUMBER, **more}
+
+
 def read(folder: Path, numbers: Sequence[int]) -> list[Scored]:
-    """Cases of a bench folder that have an answer and a result."""
+    """Cases of a bench folder that have an answer and a result.
+
+    Raises
+    ------
+    ValueError
+        A file of the bench is damaged.
+    """
     cases = []
     for n in numbers:
         answer, result = folder / "answers" / f"{n}.json", folder / "results" / f"{n}.json"
         if answer.exists() and result.exists():
-            truth = json.loads(answer.read_text("utf-8"))
-            said = json.loads(result.read_text("utf-8"))
-            cases.append(Scored(n, tuple(truth["parts"]), said))
+            truth = _read(answer, {"parts": [_PART]})
+            cases.append(Scored(n, tuple(truth["parts"]), _read(result, _result_shape)))
     return cases
 
 

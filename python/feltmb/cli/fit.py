@@ -6,7 +6,15 @@ from pathlib import Path
 
 import click
 
-from feltmb.cli.common import console, json_option, new_table, print_json, set_option
+from feltmb.cli.common import (
+    console,
+    force_option,
+    json_option,
+    new_table,
+    print_json,
+    say_written,
+    set_option,
+)
 
 __all__ = ["command"]
 
@@ -16,26 +24,38 @@ __all__ = ["command"]
 @click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--window", type=float, help="Length of shooting windows [s].")
 @click.option("--restarts", default=3, show_default=True, help="Further starting points at most.")
+@click.option("--out", "-o", "output", type=click.Path(path_type=Path), help="Folder of fit.json.")
 @set_option
 @json_option
+@force_option
 def command(
     model: str,
     data: tuple[Path, ...],
     window: float | None,
     restarts: int,
+    output: Path | None,
     settings: tuple[str, ...],
     as_json: bool,
+    force: bool,
 ) -> None:
     """Fit the parameters of MODEL to measured DATA: values, intervals, what the data said.
 
-    MODEL is a packaged mechanism or a Python file that defines `nominal` and `effects`.
+    MODEL is a packaged mechanism or a Python file that defines `nominal` and `effects`. A fit that
+    was cut off resumes when it is started again with the same output folder.
     """
+    import json
+    import shutil
+
     from feltmb.cli.gap import progress_line
     from feltmb.cli.gap_subjects import load_subject
     from feltmb.data import read_records
+    from feltmb.files import check_writable, write_text
     from feltmb.fit.solve import FitSettings
     from feltmb.gap import fit_nominal
     from feltmb.gap.files import plain
+
+    if output is not None:
+        check_writable(output / "fit.json", force=force)
 
     subject = load_subject(model, settings)
     records = read_records(
@@ -49,20 +69,24 @@ def command(
         window=window,
         settings=FitSettings(restarts=restarts),
         progress=progress_line(),
+        resume=None if output is None else output / ".resume",
     )
     rows = fit.intervals()
+    result = {
+        "model": subject.nominal.name,
+        "parameters": plain(rows),
+        "chi2": plain(fit.chi2),
+        "dof": plain(fit.dof),
+        "level": plain(fit.level),
+        "converged": fit.converged,
+        "notes": list(fit.notes),
+    }
+    if output is not None:
+        text = json.dumps(result, indent=2) + "\n"
+        say_written(write_text(output / "fit.json", text, force=force))
+        shutil.rmtree(output / ".resume", ignore_errors=True)
     if as_json:
-        print_json(
-            {
-                "model": subject.nominal.name,
-                "parameters": plain(rows),
-                "chi2": plain(fit.chi2),
-                "dof": plain(fit.dof),
-                "level": plain(fit.level),
-                "converged": fit.converged,
-                "notes": list(fit.notes),
-            }
-        )
+        print_json(result)
         return
     table = new_table(
         subject.nominal.name,

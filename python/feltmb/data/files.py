@@ -6,24 +6,21 @@ called for by name and has its unit in the header, ``hammer [mm]``.
 
 from __future__ import annotations
 
-import csv
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, ValidationError
 
+from feltmb.data.columns import Columns, read_columns
 from feltmb.data.records import Array, InputMode, Record, Role, Sensor, StartPrior
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.files import read_toml
-from feltmb.quantity import Schema, fault_lines, fault_text
+from feltmb.files import is_file, read_toml
+from feltmb.quantity import Schema, fault_lines, fault_text, shortened
 from feltmb.units import conversion_factor
 
 __all__ = ["read_record", "read_records", "write_record"]
-
-_HEADER = re.compile(r"^\s*(.*?)\s*(?:\[\s*(.*?)\s*\])?\s*$")
 
 
 class _Column(Schema):
@@ -122,10 +119,10 @@ def read_record(
         With every fault of the file.
     """
     path = Path(path)
-    if not path.is_file():
+    if not is_file(path):
         raise DataError(f"{path}: there is no such file")
     beside = path.with_suffix(".toml")
-    if beside.is_file():
+    if is_file(beside):
         raw = read_toml(beside)
         try:
             sheet = _Sheet.model_validate(raw)
@@ -142,34 +139,31 @@ def read_record(
         sheet = _Sheet(
             inputs={n: _Input() for n in inputs}, outputs={n: _Output() for n in outputs}
         )
-    columns, units = _columns(path)
-    return _build(path, sheet, columns, units)
+    return _build(path, sheet, read_columns(path))
 
 
-def _build(
-    path: Path, sheet: _Sheet, columns: Mapping[str, Array], units: Mapping[str, str]
-) -> Record:
+def _build(path: Path, sheet: _Sheet, columns: Columns) -> Record:
     faults: list[str] = []
 
     def find(name: str, spec: _Column) -> tuple[Array, str]:
         key = spec.column or name
-        if key not in columns:
-            faults.append(f"no column {key!r}; there are {', '.join(columns)}")
+        shown = shortened(key)
+        if key not in columns.values:
+            faults.append(f"no column {shown!r}; there are {columns}")
             return np.zeros(0), ""
-        unit = spec.unit or units.get(key, "")
+        unit = spec.unit or columns.units.get(key, "")
         factor, si = _to_si(unit, spec.si)
         if factor is None:
             expected = f"expected one of {spec.si}" if spec.si else "give its si and factor"
-            faults.append(f"column {key}: unit {unit!r} is unknown; {expected}")
+            faults.append(f"column {shown}: unit {shortened(unit)!r} is unknown; {expected}")
             return np.zeros(0), ""
-        return columns[key] * factor * spec.factor + spec.shift, si
+        with np.errstate(over="ignore", invalid="ignore"):  # the record tells of what is infinite
+            return columns.values[key] * factor * spec.factor + spec.shift, si
 
     part = slice(sheet.first, sheet.last, sheet.every)
-    read_in = {n: find(n, s)[0] for n, s in sheet.inputs.items()}
+    read_in = {n: find(n, s) for n, s in sheet.inputs.items()}
     read_out = {n: find(n, s) for n, s in sheet.outputs.items()}
-    time = _clock(sheet, columns, units, faults)
-    if faults:
-        raise DataError(fault_text(str(path), faults))
+    time = _clock(sheet, columns, faults)
     sensors = {}
     for name, spec in sheet.outputs.items():
         fields = spec.model_dump(exclude={"column", "unit", "factor", "shift", "si"})
@@ -179,24 +173,28 @@ def _build(
             sensors[name] = Sensor(name=name, unit=read_out[name][1] or "1", **fields)
         except DataError as error:
             faults.append(str(error))
+    start = None
+    if sheet.start:
+        try:
+            start = StartPrior(
+                mean={k: v[0] for k, v in sheet.start.items()},
+                sd={k: v[1] for k, v in sheet.start.items()},
+            )
+        except DataError as error:
+            faults.append(str(error))
     if faults:
         raise DataError(fault_text(str(path), faults))
     role: Role = sheet.role
     mode: InputMode = sheet.input_mode
-    start = None
-    if sheet.start:
-        start = StartPrior(
-            mean={k: v[0] for k, v in sheet.start.items()},
-            sd={k: v[1] for k, v in sheet.start.items()},
-        )
     try:
         return Record(
             name=sheet.name or path.stem,
             time=time[part],
-            inputs={n: v[part] for n, v in read_in.items()},
+            inputs={n: v[part] for n, (v, _) in read_in.items()},
             outputs={n: v[part] for n, (v, _) in read_out.items()},
             sensors=sensors,
             input_mode=mode,
+            input_units={n: unit for n, (_, unit) in read_in.items() if unit not in ("", "1")},
             input_sigma={n: s.sigma for n, s in sheet.inputs.items() if s.sigma > 0.0},
             input_correlation_time={
                 n: s.correlation_time for n, s in sheet.inputs.items() if s.correlation_time > 0.0
@@ -211,28 +209,27 @@ def _build(
         raise DataError(f"{path}: {error}") from None
 
 
-def _clock(
-    sheet: _Sheet, columns: Mapping[str, Array], units: Mapping[str, str], faults: list[str]
-) -> Array:
-    length = max((v.size for v in columns.values()), default=0)
+def _clock(sheet: _Sheet, columns: Columns, faults: list[str]) -> Array:
+    length = max((v.size for v in columns.values.values()), default=0)
     if sheet.interval is not None:
         if not sheet.interval > 0.0:
             faults.append(f"interval = {sheet.interval!r}, expected > 0 [s]")
-        return np.arange(length, dtype=np.float64) * float(sheet.interval)
-    if sheet.time:
-        name = sheet.time
-    else:
-        name = next((n for n in ("time", "t", "Time", "T") if n in columns), "")
-        name = name or next(iter(columns), "")
-    if name not in columns:
-        faults.append(f"no column {name!r} for the clock; there are {', '.join(columns)}")
+        with np.errstate(over="ignore"):
+            return np.arange(length, dtype=np.float64) * float(sheet.interval)
+    name = sheet.time
+    if not name:
+        name = next((n for n in ("time", "t", "Time", "T") if n in columns.values), "")
+        name = name or next(iter(columns.values), "")
+    if name not in columns.values:
+        faults.append(f"no column {shortened(name)!r} for the clock; there are {columns}")
         return np.zeros(0)
-    unit = units.get(name, "") or "s"
+    unit = columns.units.get(name, "") or "s"
     factor, _ = _to_si(unit, "s")
     if factor is None:
-        faults.append(f"column {name}: unit {unit!r} is no time")
+        faults.append(f"column {shortened(name)}: unit {shortened(unit)!r} is no time")
         return np.zeros(0)
-    return columns[name] * factor
+    with np.errstate(over="ignore"):
+        return columns.values[name] * factor
 
 
 #: Units whose SI form keeps its name in reports.
@@ -255,118 +252,6 @@ def _to_si(unit: str, si: str) -> tuple[float | None, str]:
     return 1.0, unit
 
 
-def _columns(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
-    kind = path.suffix.lower()
-    readers = {".csv": _read_csv, ".txt": _read_csv, ".mat": _read_mat, ".nc": _read_netcdf}
-    if kind not in readers:
-        raise DataError(f"{path}: cannot read {kind or 'this'}; expected .csv, .mat or .nc")
-    if not path.is_file():
-        raise DataError(f"{path}: there is no such file")
-    return readers[kind](path)
-
-
-def _read_csv(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"{path}: cannot be read: {error}") from None
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-    if len(lines) < 3:
-        raise DataError(f"{path}: {len(lines)} lines, expected a header and at least 2 samples")
-    separator = max(",;\t", key=lines[0].count)
-    rows = list(csv.reader(lines, delimiter=separator))
-    names, units = [], {}
-    for cell in rows[0]:
-        match = _HEADER.match(cell)
-        assert match is not None
-        names.append(match.group(1))
-        if match.group(2):
-            units[match.group(1)] = match.group(2)
-    faults: list[str] = []
-    if len(set(names)) < len(names):
-        faults.append(f"line 1: a column is named twice ({', '.join(names)})")
-    if all(_is_number(c) for c in rows[0]):
-        faults.append("line 1 holds numbers, expected the names of the columns")
-    values = np.full((len(rows) - 1, len(names)), np.nan)
-    for i, row in enumerate(rows[1:]):
-        if len(row) != len(names):
-            faults.append(f"row {i + 1}: {len(row)} cells, expected {len(names)}")
-            continue
-        for j, cell in enumerate(row):
-            if cell.strip() in ("", "nan", "NaN", "NA"):
-                continue
-            try:
-                values[i, j] = float(cell)
-            except ValueError:
-                faults.append(f"row {i + 1}, column {names[j]}: {cell!r} is no number")
-    if faults:
-        raise DataError(fault_text(str(path), faults, most=10))
-    return {n: values[:, j] for j, n in enumerate(names) if n}, units
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _read_mat(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
-    import h5py
-
-    out: dict[str, Array] = {}
-    if h5py.is_hdf5(path):
-        with h5py.File(path, "r") as file:
-            for name, item in file.items():
-                if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu":
-                    out[name] = np.array(item, dtype=np.float64).ravel()
-    else:
-        from scipy.io import loadmat
-
-        try:
-            content = loadmat(str(path))
-        except (ValueError, NotImplementedError, TypeError, OSError) as error:
-            raise DataError(f"{path}: cannot be read as MAT: {error}") from None
-        for name, value in content.items():
-            if not name.startswith("_") and value.dtype.kind in "fiu":
-                out[name] = np.asarray(value, dtype=np.float64).ravel()
-    longest = max((v.size for v in out.values()), default=0)
-    if longest < 2:
-        raise DataError(f"{path}: holds no series")
-    return {n: v for n, v in out.items() if v.size == longest}, {}
-
-
-def _read_netcdf(path: Path) -> tuple[dict[str, Array], dict[str, str]]:
-    import h5py
-
-    out: dict[str, Array] = {}
-    units: dict[str, str] = {}
-    try:
-        with h5py.File(path, "r") as file:
-            for name, item in file.items():
-                if not isinstance(item, h5py.Dataset) or item.ndim != 1:
-                    continue
-                if item.dtype.kind not in "fiu":
-                    continue
-                values = np.array(item, dtype=np.float64)
-                fill = item.attrs.get("_FillValue")
-                if fill is not None and item.dtype.kind in "iu":
-                    values[values == float(np.ravel(fill)[0])] = np.nan
-                gain = float(np.ravel(item.attrs.get("scale_factor", 1.0))[0])
-                shift = float(np.ravel(item.attrs.get("add_offset", 0.0))[0])
-                out[name] = values * gain + shift
-                unit = item.attrs.get("units")
-                if unit is not None:
-                    units[name] = unit.decode() if isinstance(unit, bytes) else str(unit)
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read as NetCDF 4: {error}") from None
-    longest = max((v.size for v in out.values()), default=0)
-    if longest < 2:
-        raise DataError(f"{path}: holds no series")
-    return {n: v for n, v in out.items() if v.size == longest}, units
-
-
 def write_record(record: Record, path: str | Path, *, force: bool = False) -> Path:
     """Write a record as CSV with its TOML beside it, so that :func:`read_record` returns it."""
     import tomlkit
@@ -375,7 +260,8 @@ def write_record(record: Record, path: str | Path, *, force: bool = False) -> Pa
 
     path = Path(path)
     names = ["time", *record.inputs, *record.outputs]
-    units = ["s", *("" for _ in record.inputs), *(record.sensors[n].unit for n in record.outputs)]
+    units = ["s", *(record.input_units.get(n, "") for n in record.inputs)]
+    units += [record.sensors[n].unit for n in record.outputs]
     head = [f"{n} [{u}]" if u and u != "1" else n for n, u in zip(names, units, strict=True)]
     table = np.column_stack([record.time, *record.inputs.values(), *record.outputs.values()])
     lines = [",".join(head)]

@@ -18,6 +18,10 @@ Array = NDArray[np.float64]
 InputMode = Literal["force", "motion"]
 Role = Literal["fit", "held_out"]
 
+LARGEST = (
+    1e100  # of any number of a record: what lies beyond is no measurement, its square no number
+)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Sensor:
@@ -60,14 +64,17 @@ class Sensor:
         faults = []
         for name in ("quantum", "correlation_time", "gain_sd", "offset_sd", "delay_sd"):
             value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0.0):
+            if not 0.0 <= value <= LARGEST:
                 faults.append(f"{name} = {value!r}, expected a finite number >= 0")
-        if self.sigma is not None and not (math.isfinite(self.sigma) and self.sigma > 0.0):
+        if self.sigma is not None and not 0.0 < self.sigma <= LARGEST:
             faults.append(f"sigma = {self.sigma!r}, expected a finite number > 0, or none")
         if not self.bandwidth > 0.0:
             faults.append(f"bandwidth = {self.bandwidth!r}, expected > 0 [Hz]")
-        if not (math.isfinite(self.gain) and self.gain != 0.0):
+        if not 0.0 < abs(self.gain) <= LARGEST:
             faults.append(f"gain = {self.gain!r}, expected a finite number that is not 0")
+        for name in ("delay", "offset"):
+            if not abs(getattr(self, name)) <= LARGEST:
+                faults.append(f"{name} = {getattr(self, name)!r}, expected a finite number")
         if faults:
             raise DataError(f"sensor {self.name}: " + "; ".join(faults))
 
@@ -79,6 +86,13 @@ class StartPrior:
     mean: Mapping[str, float] = field(default_factory=dict)
     sd: Mapping[str, float] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        faults = [f"{k} = {v!r}, expected a finite mean" for k, v in self.mean.items()
+                  if not math.isfinite(v)]  # fmt: skip
+        faults += [f"{k}: sd = {v!r}, expected >= 0" for k, v in self.sd.items() if not v >= 0.0]
+        if faults:
+            raise DataError("start: " + "; ".join(faults))
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Record:
@@ -87,7 +101,8 @@ class Record:
     Raises
     ------
     DataError
-        Lengths differ, time does not rise, an input holds NaN, a sensor is doubled; all at once.
+        Lengths differ, time does not rise, an input holds NaN, a number is beyond 1e100, a sensor
+        belongs to no output; all at once.
     """
 
     name: str
@@ -100,6 +115,8 @@ class Record:
     sensors: Mapping[str, Sensor] = field(default_factory=dict)
     """By output; an output without one gets ``Sensor(name=...)``."""
     input_mode: InputMode = "force"
+    input_units: Mapping[str, str] = field(default_factory=dict)
+    """SI units of the inputs as far as the file says them; compared with those of a model."""
     input_sigma: Mapping[str, float] = field(default_factory=dict)
     """Noise of an input [its unit]: propagated into the covariance of the residuals."""
     input_correlation_time: Mapping[str, float] = field(default_factory=dict)
@@ -135,6 +152,13 @@ class Record:
                     faults.append(f"input {name} is missing at sample {at}; the model needs it")
                 elif kind == "output" and np.any(np.isinf(column)):
                     faults.append(f"output {name} holds an infinite number; NaN means missing")
+                elif column.size and np.any(np.abs(column) > LARGEST):
+                    faults.append(f"{kind} {name} holds a number beyond {LARGEST:g}")
+        if n and np.any(np.abs(time) > LARGEST):
+            faults.append(f"time goes beyond {LARGEST:g} s")
+        for name in self.input_units:
+            if name not in inputs:
+                faults.append(f"input_units names {name}, no input ({', '.join(inputs) or 'none'})")
         if not outputs:
             faults.append("there is no output to compare")
         for name in self.sensors:
@@ -143,7 +167,7 @@ class Record:
         for name, sigma in self.input_sigma.items():
             if name not in inputs:
                 faults.append(f"input_sigma names {name}, no input ({', '.join(inputs) or 'none'})")
-            elif not (math.isfinite(sigma) and sigma >= 0.0):
+            elif not 0.0 <= sigma <= LARGEST:
                 faults.append(f"input_sigma of {name} is {sigma!r}, expected a number >= 0")
         if faults:
             raise DataError(f"record {self.name}: " + "; ".join(faults))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import math
 import re
 from dataclasses import dataclass
@@ -13,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.errors import DataError
+from feltmb.files import is_file, plain_text
+from feltmb.quantity import shortened
 
 Array = NDArray[np.float64]
 
@@ -64,6 +65,11 @@ class CompressionData:
         )
 
 
+def _listed(faults: list[str], most: int = 20) -> str:
+    more = [f"... and {len(faults) - most} more"] if len(faults) > most else []
+    return "\n".join([*(plain_text(shortened(f, 1000)) for f in faults[:most]), *more])
+
+
 def read_compression(
     path: str | Path,
     *,
@@ -97,10 +103,10 @@ def read_compression(
         Naming every fault of the file with its line.
     """
     file = Path(path)
+    if not is_file(file):
+        raise DataError(f"{file}: there is no such file, expected a CSV file")
     try:
         text = file.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise DataError(f"{file}: there is no such file, expected a CSV file") from None
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(f"{file}: cannot be read as UTF-8 text ({error})") from None
     lines = [
@@ -143,13 +149,17 @@ def read_compression(
     if len(loads) != 1 and not faults:
         fault(f"line {number}: columns {seen}, expected exactly one of pressure, force")
     if faults:
-        raise DataError("\n".join(faults))
+        raise DataError(_listed(faults))
 
     fraction, load = fractions[0], loads[0]
     rows: list[tuple[float, float]] = []
     branches: list[str] = []
     for number, line in lines[1:]:
-        cells = next(csv.reader(io.StringIO(line), delimiter=separator))
+        try:
+            cells = next(csv.reader([line], delimiter=separator))
+        except csv.Error as error:  # such as a cell of more than 131 072 letters
+            fault(f"line {number}: {error}")
+            continue
         values = []
         for key in (fraction, load):
             position, scale = columns[key]
@@ -183,7 +193,7 @@ def read_compression(
     if v_f0 is not None and not 0 < v_f0 < 1:
         fault(f"v_f0 = {v_f0:.6g}, expected > 0 and < 1")
     if faults:
-        raise DataError("\n".join(faults))
+        raise DataError(_listed(faults))
 
     table = np.array(rows)
     x, p = table[:, 0], table[:, 1]
@@ -204,13 +214,14 @@ def read_compression(
             h0 = float(np.max(x)) if thickness0 is None else thickness0
             if not (h0 > 0 and np.all(x > 0)):
                 fault(f"thickness down to {np.min(x):.6g} m, expected > 0")
-            v = v_f0 * h0 / np.where(x > 0, x, np.nan)
+            with np.errstate(over="ignore"):  # told below
+                v = v_f0 * h0 / np.where(x > 0, x, np.nan)
     if not faults and not np.all((v > 0) & (v <= 1)):
         fault(f"v_f from {np.min(v):.6g} to {np.max(v):.6g}, expected > 0 and <= 1")
     if not faults and np.all(p <= 0):
         fault("no positive pressure, expected compression to be positive")
     if faults:
-        raise DataError("\n".join(faults))
+        raise DataError(_listed(faults))
     if branches:
         loading = np.array([word == "loading" for word in branches])
     else:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.files import write_file
+from feltmb.files import NPZ_FAULTS, write_file
 
 __all__ = ["Cache"]
 
@@ -33,12 +33,12 @@ class Cache:
         return digest.hexdigest()
 
     def get(self, key: str) -> dict[str, Array] | None:
-        """Arrays of a result, or None."""
+        """Arrays of a result, or None if there is none or its file is damaged."""
         path = self.folder / f"{key}.npz"
         try:
             with np.load(path, allow_pickle=False) as data:
                 return {k: data[k] for k in data.files}
-        except (OSError, ValueError, EOFError):
+        except NPZ_FAULTS:
             return None
 
     def put(self, key: str, arrays: dict[str, Array]) -> None:

@@ -24,6 +24,8 @@ class FunctionNominal(Nominal):
         Name -> function ``(record, p) -> (n,)``; ``p.name`` are the parameters as numbers.
     """
 
+    least_samples = 2
+
     def __init__(
         self,
         *,

@@ -11,6 +11,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -283,6 +284,11 @@ class Nominal(ABC):
     parameters: tuple[Parameter, ...] = ()
     outputs: tuple[str, ...] = ()
     """Names of the outputs; a record may have measured some of them only."""
+    units: Mapping[str, str] = MappingProxyType({})
+    """SI units of outputs and inputs by name, as far as the model knows them: records that say
+    otherwise are refused."""
+    least_samples: int = 8
+    """Samples that a record must have at least; fewer only where an output is a single number."""
     ports: tuple[Port, ...] = ()
     """Where unknown forces may act; empty: no component table from forces."""
     window: float | None = None

@@ -129,6 +129,8 @@ class OdeNominal(Nominal):
         self._states = tuple(states)
         self._rates = rates
         self._outputs = dict(outputs)
+        units = {s.name: s.unit for s in states}
+        self.units = {k: units[v] for k, v in outputs.items() if isinstance(v, str) and v in units}
         self._port_states = {c.name: c.speed for c in coordinates} | dict(ports or {})
         self._port_coordinates = {c.name: c for c in coordinates}
         self.ports = tuple(

@@ -8,13 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from feltmb.data import Array, Record, Sensor
-from feltmb.errors import InvalidParameter
+from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.nominal import Effect, Lanes, Nominal
 from feltmb.fit.observe import observe_lanes
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Noise, make_shot
 from feltmb.fit.solve import FitSettings, finish
 from feltmb.gap.advise import SHOWS, confusion_at
+from feltmb.gap.gates import faults_against
 from feltmb.gap.score import Scores, all_terms, score_fit
 
 __all__ = ["Experiment", "Foreseen", "Foresight", "foresee", "noncentrality", "planned_scores"]
@@ -167,6 +168,9 @@ def foresee(
             f"channels: {', '.join(unknown) or 'none'} is no output of {nominal.name}; "
             f"there are {', '.join(nominal.outputs)}"
         )
+    faults = faults_against(nominal, [*records, *candidates])
+    if faults:
+        raise DataError("foresee: " + "; ".join(faults))
     known = dict(sensors or {})
     for r in records:
         for n, s in r.sensors.items():

@@ -8,8 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from feltmb.data import Array, Record
-from feltmb.errors import DataError
+from feltmb.errors import DataError, InvalidParameter
+from feltmb.fit import Nominal
 from feltmb.fit.shots import Noise
+from feltmb.units import conversion_factor
 
 __all__ = ["ChannelGate", "Gates", "check_records"]
 
@@ -95,6 +97,11 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
                 problems.append(f"{where}: {gate.samples} values, expected at least 8")
             elif gate.spread == 0.0:
                 warnings.append(f"{where}: never changes")
+            elif gate.samples < 8:
+                warnings.append(
+                    f"{where}: {gate.samples} values: enough for a model of single numbers, not "
+                    "for one that moves"
+                )
             if gate.missing > 0.5:
                 warnings.append(f"{where}: {gate.missing:.0%} of the values are missing")
             if gate.clipped > 0.02:
@@ -117,6 +124,48 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
         repeatability=flat,
         estimated=estimated,
     )
+
+
+def check_against(nominal: Nominal, records: Sequence[Record]) -> Gates:
+    """Look at records for a model: units and lengths besides what they are on their own.
+
+    Raises
+    ------
+    DataError
+        All that makes the records unusable, in one message.
+    """
+    gates = check_records(records, nominal.outputs)
+    problems = [*gates.problems, *faults_against(nominal, records)]
+    if problems:
+        raise DataError("records: " + "; ".join(problems))
+    return gates
+
+
+def faults_against(nominal: Nominal, records: Sequence[Record]) -> list[str]:
+    """Records whose units or lengths are none for the model."""
+    problems = []
+    for record in records:
+        if record.samples < nominal.least_samples:
+            problems.append(
+                f"{record.name}: {record.samples} samples; the model {nominal.name} needs at least "
+                f"{nominal.least_samples}"
+            )
+        given = {k: s.unit for k, s in record.sensors.items()} | dict(record.input_units)
+        for name, unit in given.items():
+            wanted = nominal.units.get(name, "1")
+            if "1" not in (unit, wanted) and not _same(unit, wanted):
+                problems.append(
+                    f"{record.name}: {name} is in {unit}, in the model {nominal.name} in {wanted}"
+                )
+    return problems
+
+
+def _same(unit: str, other: str) -> bool:
+    """Whether two ways to write a unit mean the same; 1 stands for what is not said."""
+    try:
+        return unit == other or conversion_factor(unit, other) == 1.0
+    except (InvalidParameter, ValueError):
+        return False
 
 
 def _pooled(channels: list[ChannelGate]) -> list[ChannelGate]:

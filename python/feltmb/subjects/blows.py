@@ -107,6 +107,7 @@ class BlowNominal(Nominal):
 
     window = None
     chaotic = False
+    least_samples = 2
     difference_step = 0.05
 
     def __init__(
@@ -124,6 +125,7 @@ class BlowNominal(Nominal):
         self.action = action
         self.name = action.name
         self.outputs = tuple(outputs)
+        self.units = {**_UNITS, "impact_speed": "m/s"}
         self.tolerances = tuple(tolerances)
         self.rtol = rtol
         self.parameters = tuple(

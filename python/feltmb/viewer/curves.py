@@ -107,13 +107,17 @@ def read_curves(path: str | Path) -> Curves:
         raise DataError(f"{path}: is no UTF-8 text (byte {error.start})") from None
     lines = [
         (number, line)
-        for number, line in enumerate(io.StringIO(text), start=1)
+        for number, line in enumerate(io.StringIO(text, newline=None), start=1)
         if line.strip() and not line.startswith("#")
     ]
     names, units, factors, faults = _header(lines[0][1] if lines else "")
     rows = []
     for number, line in lines[1:]:
-        cells = next(csv.reader([line.replace("\0", "")]), [])
+        try:
+            cells = next(csv.reader([line.replace("\0", "")]), [])
+        except csv.Error as error:  # such as a cell of more than 131 072 letters
+            faults.append(f"line {number}: {error}")
+            continue
         if names and len(cells) != len(names):
             faults.append(f"line {number}: {len(cells)} cells, expected {len(names)}")
             continue
@@ -154,7 +158,10 @@ def _number(cell: str) -> float | None:
 def _header(line: str) -> tuple[list[str], list[str], list[float], list[str]]:
     """Names, SI units and factors of the columns, and the faults of a header."""
     wanted = "expected a header such as 'time [s],hammer_tip.vx [m/s]'"
-    cells = next(csv.reader([line.replace("\0", "")]), [])
+    try:
+        cells = next(csv.reader([line.replace("\0", "")]), [])
+    except csv.Error as error:
+        return [], [], [], [f"header: {error}"]
     if len(cells) > MOST_COLUMNS:
         return [], [], [], [f"header: {len(cells)} columns; the limit is {MOST_COLUMNS}"]
     names, units, factors, faults = [], [], [], []

@@ -119,3 +119,13 @@ def test_what_cannot_be_composed(rigid, coupled):
         compose(rigid, type(load_actuator("wood"))(bare))
     with pytest.raises(InvalidParameter, match="is a force of a finger, but a motor presses"):
         feltmb.simulate(coupled, "forte")
+
+
+def test_a_motor_whose_arm_swings_round_is_told(run, coupled):
+    assert not [w for w in run.stats["warnings"] if "swings round" in w]
+    lifted = feltmb.simulate(coupled, feltmb.torque_stroke([0.0, 0.01], [0.0, -3.0], duration=0.1))
+    angle = lifted["actuator.hub"]
+    assert np.abs(angle - angle[0]).max() > np.pi / 4
+    found = [w for w in lifted.stats["warnings"] if "swings round" in w]
+    assert len(found) == 1
+    assert found[0].startswith("actuator.hub turns by ")

@@ -209,3 +209,14 @@ def test_bad_files(tmp_path, text, options, words):
 def test_missing_file(tmp_path):
     with pytest.raises(DataError, match="no such file"):
         read_compression(tmp_path / "nothing.csv")
+
+
+def test_odd_compression_files_give_few_short_lines(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("v_f [-],pressure [Pa]\n0.1,0\n" + "x,\0\n" * 50 + "0.2," + "9" * 200_000)
+    with pytest.raises(DataError) as error:
+        read_compression(path)
+    lines = str(error.value).splitlines()
+    assert len(lines) == 21
+    assert lines[-1] == "... and 81 more"
+    assert "\0" not in str(error.value)

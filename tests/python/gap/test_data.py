@@ -1,19 +1,18 @@
 """Measured files: what is read, and what is said of files that cannot be used."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+import feltmb
 from feltmb.data import Record, Sensor, StartPrior, read_record, read_records, write_record
 from feltmb.errors import DataError
 from feltmb.gap import check_records
 
-SHEET = """
-name = "forte"
-role = "held_out"
-input_mode = "motion"
-[inputs.key]
-sigma = "x"
-"""
+sys.path.insert(0, str(Path(__file__).parent))
+import models
 
 
 def some():
@@ -145,3 +144,182 @@ def test_a_unit_that_does_not_exist_is_refused(tmp_path):
 def test_a_file_that_is_not_there_is_told_before_its_sheet(tmp_path):
     with pytest.raises(DataError, match="no such file"):
         read_record(tmp_path / "nothing.csv")
+
+
+# ---------------------------------------------------------------- damaged and odd files
+
+
+def netcdf(folder, **columns):
+    import h5py
+
+    with h5py.File(folder / "a.nc", "w") as file:
+        for name, values in columns.items():
+            file[name] = values
+            file[name].attrs["units"] = "s" if name == "time" else "m"
+    (folder / "a.toml").write_text("[outputs.q]\n")
+    return folder / "a.nc"
+
+
+def test_a_heap_whose_lengths_are_damaged_does_not_hang(tmp_path):
+    """HDF5 2.0 goes round for ever on such a file: the texts of its attributes lie in a heap."""
+    path = netcdf(tmp_path, time=np.arange(9.0), q=np.arange(9.0))
+    data = bytearray(path.read_bytes())
+    heap = data.index(b"GCOL")
+    for first in (16, 40):  # the length of an object, and the room after the last
+        broken = data.copy()
+        broken[heap + first + 8 : heap + first + 16] = (2**64 - 16).to_bytes(8, "little")
+        path.write_bytes(broken)
+        with pytest.raises(DataError, match="cannot be read as NetCDF 4: global heap at byte"):
+            read_record(path)
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value", "said"),
+    [
+        ("scale_factor", "x", r"q: scale_factor = 'x', expected a number"),
+        ("add_offset", [1.0, 2.0], r"q: add_offset = .*, expected a number"),
+        ("_FillValue", [], r"q: _FillValue = .*, expected a number"),
+        ("scale_factor", 1e308, "output q holds an infinite number"),
+    ],
+)
+def test_odd_attributes_of_netcdf(tmp_path, attribute, value, said):
+    import h5py
+
+    path = netcdf(tmp_path, time=np.arange(9.0), q=np.arange(9.0))
+    with h5py.File(path, "r+") as file:
+        file["q"].attrs[attribute] = value
+    with pytest.raises(DataError, match=said):
+        read_record(path)
+
+
+def test_fill_values_of_floats_are_missing_too(tmp_path):
+    import h5py
+
+    q = np.array([0.0, 9.96921e36, 2.0, -9.0])
+    path = netcdf(tmp_path, time=np.arange(4.0), q=q)
+    with h5py.File(path, "r+") as file:
+        file["q"].attrs.update(_FillValue=9.96921e36, missing_value=-9.0)
+    np.testing.assert_array_equal(read_record(path).outputs["q"], [0.0, np.nan, 2.0, np.nan])
+
+
+def test_a_matrix_beside_the_series_does_not_hide_them(tmp_path):
+    from scipy.io import savemat
+
+    (tmp_path / "a.toml").write_text("[outputs.q]\n")
+    series = {"t": np.arange(20.0), "q": np.arange(20.0) ** 2}
+    savemat(tmp_path / "a.mat", {**series, "image": np.zeros((20, 20)), "text": "x"})
+    np.testing.assert_array_equal(read_record(tmp_path / "a.mat").outputs["q"], series["q"])
+    (tmp_path / "a.toml").write_text("[outputs.image]\n")
+    with pytest.raises(DataError, match=r"no column 'image'; .* left out: image \(20 x 20\)"):
+        read_record(tmp_path / "a.mat")
+
+
+def test_damaged_mat_files_give_one_message(tmp_path):
+    from scipy.io import savemat
+
+    (tmp_path / "a.toml").write_text("[outputs.q]\n")
+    savemat(tmp_path / "a.mat", {"t": np.arange(20.0), "q": np.arange(20.0)}, do_compression=True)
+    data = bytearray((tmp_path / "a.mat").read_bytes())
+    data[150] ^= 255
+    for text in (data, data[:140], b"MATLAB 7.3" + bytes(502) + b"\x89HDF\r\n\x1a\n"):
+        (tmp_path / "a.mat").write_bytes(text)
+        with pytest.raises(DataError, match="cannot be read as MAT"):
+            read_record(tmp_path / "a.mat")
+
+
+def test_a_size_beyond_reason_is_refused_before_it_is_read(tmp_path):
+    import h5py
+
+    (tmp_path / "a.toml").write_text("[outputs.q]\n")
+    with h5py.File(tmp_path / "a.nc", "w") as file:
+        for name in ("time", "q"):
+            file.create_dataset(name, (10**12,), "f8", chunks=True)
+    with pytest.raises(DataError, match="the limit of a measured file is 50000000 numbers"):
+        read_record(tmp_path / "a.nc")
+
+
+def test_links_out_of_a_file_are_not_followed(tmp_path):
+    import h5py
+
+    other = netcdf(tmp_path, time=np.arange(9.0), q=np.arange(9.0)).rename(tmp_path / "b.nc")
+    with h5py.File(tmp_path / "a.nc", "w") as file:
+        file["time"] = np.arange(9.0)
+        file["q"] = h5py.ExternalLink(str(other), "q")
+    with pytest.raises(DataError, match="no column 'q'"):
+        read_record(tmp_path / "a.nc")
+
+
+def test_all_faults_of_columns_and_sensors_come_together(tmp_path):
+    (tmp_path / "a.csv").write_text("t,q\n0,1\n1,2\n2,3\n")
+    (tmp_path / "a.toml").write_text("[outputs.z]\n[outputs.q]\nsigma = -1.0\ngain = 0.0\n")
+    with pytest.raises(DataError) as error:
+        read_record(tmp_path / "a.csv")
+    assert "2 faults" in str(error.value)
+    assert "no column 'z'" in str(error.value)
+    assert "gain = 0.0" in str(error.value)
+
+
+def test_numbers_that_no_instrument_gives_are_refused(tmp_path):
+    (tmp_path / "a.csv").write_text("t,q\n0,1\n1,1e200\n2,3\n")
+    (tmp_path / "a.toml").write_text("[outputs.q]\n")
+    with pytest.raises(DataError, match=r"output q holds a number beyond 1e\+100"):
+        read_record(tmp_path / "a.csv")
+    with pytest.raises(DataError, match=r"y: sd = -1.0, expected >= 0"):
+        StartPrior(mean={"x": 0.0}, sd={"y": -1.0})
+
+
+# ---------------------------------------------------------------- records against a model
+
+
+def test_units_of_records_are_compared_with_those_of_the_model(tmp_path):
+    from feltmb.gap import diagnose, fit_nominal, foresee
+
+    record = models.records(4)[0]
+    path = write_record(record, tmp_path / "a.csv")
+    text = path.read_text().splitlines()
+    path.write_text("\n".join(["time [s],f [N],q [N]", *text[1:]]) + "\n")
+    wrong = read_record(path)
+    nominal = models.NOMINAL
+    assert dict(nominal.units) == {"q": "m"}
+    said = "q is in N, in the model oscillator in m"
+    for work in (
+        lambda: diagnose(nominal, models.EFFECTS, [wrong]),
+        lambda: fit_nominal(nominal, [wrong]),
+        lambda: foresee(nominal, models.EFFECTS, [wrong]),
+    ):
+        with pytest.raises(DataError, match=said):
+            work()
+    assert wrong.input_units == {"f": "N"}
+    path.write_text("\n".join(["time [s],f [mm],q [mm]", *text[1:]]) + "\n")
+    right = read_record(path)  # another unit of the same quantity is converted
+    assert right.input_units == {"f": "m"}
+    assert right.sensors["q"].unit == "m"
+
+
+def test_the_input_of_a_mechanism_has_a_unit_too():
+    from feltmb.gap.gates import faults_against
+    from feltmb.subjects import mechanism_nominal
+
+    nominal, _ = mechanism_nominal(feltmb.load_action("steinway45"))
+    assert nominal.units["force"] == "N"
+    time = np.arange(20) * 1e-3
+    outputs = dict.fromkeys(nominal.outputs, time)
+    record = Record(
+        name="a", time=time, inputs={"force": time}, outputs=outputs, input_units={"force": "m"}
+    )
+    assert faults_against(nominal, [record]) == ["a: force is in m, in the model steinway45 in N"]
+
+
+def test_two_samples_are_no_time_series():
+    from feltmb.gap import diagnose, fit_nominal
+
+    sensors = {"q": Sensor(name="q", unit="m", sigma=1e-4)}
+    short = Record(
+        name="a", time=[0.0, 0.1], inputs={"f": [0.0, 1.0]}, outputs={"q": [0.0, 1e-3]},
+        sensors=sensors,
+    )  # fmt: skip
+    said = "a.q: 2 values: enough for a model of single numbers"
+    assert said in check_records([short]).warnings[0]
+    for work in (diagnose, lambda n, e, r: fit_nominal(n, r)):
+        with pytest.raises(DataError, match="a: 2 samples; the model oscillator needs at least 8"):
+            work(models.NOMINAL, models.EFFECTS, [short])

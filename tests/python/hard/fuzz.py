@@ -152,6 +152,15 @@ def corpus(kind: str) -> list[bytes]:
         return [p.read_bytes() for p in sorted(folder.glob("*.toml"))]
     if kind == "curves":
         return [b"time [ms],hammer_tip.vx [m/s],u [V]\n0,1,2\n1,,3\n2,5,1\n3,4,\n"]
+    if kind == "compression":
+        rows = [(0.1 + 0.02 * k, 40.0 * k * k) for k in [*range(12), *range(10, -1, -1)]]
+        table = "".join(f"{v:.3f},{p:.1f}\n" for v, p in rows)
+        thick = "".join(f"{0.5 / v:.4f};{p:.1f};loading\n" for v, p in rows[:12])
+        return [
+            b"# a felt\nv_f [-],pressure [kPa]\n" + table.encode(),
+            b"thickness [mm];force [N];branch\n" + thick.encode(),
+            b"strain [%],pressure [Pa]\n0,0\n10,2000\n30,9000\n20,1000\n",
+        ]
     if kind == "felt":
         return [p.read_bytes() for p in sorted((params.folder() / "felts").glob("*.toml"))]
     if kind == "study":
@@ -237,6 +246,14 @@ def curves(case: Case) -> None:
     assert text.count("<script") == 2, "a text became markup"
 
 
+def compression(case: Case) -> None:
+    """A compression test of a felt."""
+    from feltmb.fiber import read_compression
+
+    path = given_file(case, "compression", ".csv", tree=False)
+    read_compression(path, v_f0=0.1, area=1e-4)
+
+
 def felt(case: Case) -> None:
     """A felt."""
     from feltmb.felt import load_material
@@ -303,6 +320,181 @@ def run_file(case: Case) -> None:
     page(run)
     run.events, run.data, run.summary  # noqa: B018
     run.save(case.folder / "again.nc")
+
+
+# ---------------------------------------------------------------- measured records
+
+
+@cache
+def measured() -> dict[str, tuple[bytes, bytes]]:
+    """One measured run in every kind of file that is read, each with the TOML beside it."""
+    import h5py
+    import numpy as np
+    import scipy.io
+    import tomlkit
+
+    from feltmb.data import Record, Sensor, StartPrior, write_record
+
+    rng = np.random.default_rng(5)
+    time = 1e-3 * np.arange(60)
+    force = np.sin(40.0 * time)
+    x = 1e-3 * np.cumsum(force)
+    y = x + 1e-5 * rng.standard_normal(60)
+    y[7] = np.nan
+    z = np.round(x, 4)
+    sensors = {"y": Sensor(name="y", unit="m"), "z": Sensor(name="z", unit="m", sigma=1e-4)}
+    record = Record(
+        name="a", time=time, inputs={"force": force}, outputs={"y": y, "z": z}, sensors=sensors,
+        input_sigma={"force": 0.01}, start=StartPrior(mean={"x": 0.0}, sd={"x": 1e-3}),
+        conditions={"humidity": 0.4, "place": "b"}, repeats="r",
+    )  # fmt: skip
+    out = {}
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_record(record, folder / "a.csv")
+        sheet = (folder / "a.toml").read_bytes()
+        out[".csv"] = ((folder / "a.csv").read_bytes(), sheet)
+        units = tomlkit.parse(sheet.decode())
+        for channel in ("y", "z"):
+            units["outputs"][channel]["unit"] = "m"  # type: ignore[index]
+        full = tomlkit.dumps(units).encode()
+        columns = {"time": time, "force": force, "y": y[:, None], "z": z}
+        for packed in (False, True):
+            scipy.io.savemat(folder / "a.mat", columns, do_compression=packed)
+            out[f".mat {packed}"] = ((folder / "a.mat").read_bytes(), full)
+        for suffix in (".nc", ".mat 7.3"):
+            with h5py.File(folder / "a.h5", "w") as file:
+                for key, values in columns.items():
+                    file[key] = values if suffix == ".mat 7.3" else np.ravel(values)
+                    if suffix == ".nc":
+                        file[key].attrs["units"] = {"time": "s", "force": "N"}.get(key, "m")
+                if suffix == ".nc":
+                    file["z"].attrs.update(scale_factor=1.0, add_offset=0.0, _FillValue=-9.0)
+            out[suffix] = ((folder / "a.h5").read_bytes(), full)
+    return out
+
+
+def change_hdf5(path: Path, rng: random.Random) -> str:
+    """Replace an entry or an attribute of an HDF5 file by something else of HDF5's kinds."""
+    import h5py
+    import numpy as np
+
+    with h5py.File(path, "r+") as file:
+        name = rng.choice(list(file))
+        odd = rng.choice(ODD)
+        attributes = [*file[name].attrs, "units", "scale_factor", "add_offset", "_FillValue"]
+        key = rng.choice(attributes) if rng.random() < 0.6 else ""
+        with contextlib.suppress(TypeError, ValueError, OSError, RuntimeError):
+            if key:
+                file[name].attrs[key] = odd
+            elif rng.random() < 0.3:
+                shape = rng.choice(((10**7,), (10**13,), (3, 0), (0,), (60, 60), (2,) * 12))
+                del file[name]
+                file.create_dataset(name, shape, "f8", chunks=True)
+                odd = shape
+            else:
+                values = np.asarray(file[name])
+                del file[name]
+                file[name] = rng.choice([odd, values[:-1], values * np.nan, values.astype("S3"),
+                                         values + 1j, values > 0, 1e308 * values])  # fmt: skip
+    return f"{name} {key} = {odd!r}"
+
+
+def record_file(case: Case) -> None:
+    """A measured record as CSV, MAT or NetCDF with its TOML: read, checked, written again."""
+    import tomllib
+
+    import tomlkit
+
+    from feltmb.data import read_record, write_record
+    from feltmb.gap import check_records
+
+    rng = case.rng
+    kind = rng.choice(list(measured()))
+    data, sheet = measured()[kind]
+    path = case.folder / f"given{kind.partition(' ')[0]}"
+    case.shown = kind
+    how = rng.randrange(4)
+    if how == 0:
+        sheet = mutate_bytes(sheet, rng) if rng.random() < 0.3 else mutate_numbers(
+            sheet.decode(), rng).encode()  # fmt: skip
+        case.shown += f" beside {sheet!r}"
+    elif how == 1:
+        with contextlib.suppress(Exception):  # tomlkit cannot write it: the sheet stays
+            sheet = tomlkit.dumps(mutate_tree(tomllib.loads(sheet.decode()), rng)).encode()
+        case.shown += f" beside {sheet!r}"
+    elif kind == ".csv" and how == 2:
+        data = mutate_numbers(data.decode(), rng).encode()
+    else:
+        data = mutate_bytes(data, rng)
+    path.write_bytes(data)
+    if kind in (".nc", ".mat 7.3") and how == 2:
+        path.write_bytes(measured()[kind][0])
+        case.shown += " " + change_hdf5(path, rng)
+    elif kind == ".csv":
+        case.shown += f" {data[:2000]!r}"
+    path.with_suffix(".toml").write_bytes(sheet)
+    record = read_record(path)
+    check_records([record])
+    write_record(record, case.folder / "again.csv")
+    read_record(case.folder / "again.csv")
+
+
+@cache
+def scored_bench() -> dict[str, bytes]:
+    """Files of a small bench whose cases were diagnosed, made without a diagnosis."""
+    from feltmb.blind.bench import Bench
+
+    answer = {
+        "verdict": "explained", "statement": "x", "named": ["bed_softer"], "one_of": [],
+        "confidence": 0.9, "none": 0.0, "other": 0.1, "closed": 0.5, "per_record": {"a": [1, 0.5]},
+        "effects": [{"effect": "bed_softer", "component": "bed", "kind": "force", "size": 1.0,
+                     "low": 0.5, "high": 1.5, "refitted": True, "statistic": 9.0,
+                     "posterior": 0.9, "confusable": []}],
+        "sets": [{"effects": ["bed_softer"], "posterior": 0.9}],
+        "components": [{"component": "bed", "p": 0.01, "significant": True}],
+        "onset": {"a": 0.1}, "cpu_seconds": 1.0, "engine": "x", "oracle": None,
+    }  # fmt: skip
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        bench = Bench(folder)
+        bench.seal(2, 3)
+        bench.make_records(workers=1)
+        (folder / "results").mkdir()
+        for number in range(2):
+            text = json.dumps({"number": number} | answer)
+            (folder / "results" / f"{number}.json").write_text(text)
+        return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*.*")}
+
+
+def bench_folder(case: Case) -> None:
+    """A blind bench with one of its files damaged: scored."""
+    import feltmb
+    from feltmb.blind.bench import Bench, read_records
+    from feltmb.blind.score import read, score
+
+    rng = case.rng
+    files = dict(scored_bench())
+    name = rng.choice([*files, "seal.json", "results/0.json", "answers/0.json"])
+    data = files[name]
+    if name.endswith(".json") and rng.random() < 0.6:
+        files[name] = json.dumps(mutate_tree(json.loads(data), rng)).encode()
+    elif rng.random() < 0.1:
+        del files[name]
+    else:
+        files[name] = mutate_bytes(data, rng)
+    case.shown = f"{name}: {files.get(name, b'')[:2000]!r}"
+    for key, content in files.items():
+        path = case.folder / key
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(content)
+    bench = Bench(case.folder)
+    try:
+        cases = read(case.folder, bench.numbers("both"))
+    except ValueError as error:  # it imports nothing of feltmb; the command makes it a message
+        raise feltmb.InvalidParameter(str(error)) from None
+    score(cases)
+    read_records(case.folder / "records" / "0.npz")
 
 
 SAFE = (  # command lines that are quick when they are right
@@ -413,8 +605,18 @@ def command_line(case: Case) -> None:
 TARGETS: dict[str, Callable[[Case], None]] = {
     f.__name__: f
     for f in (
-        *(mechanism, stroke_csv, stroke_toml, curves, felt, study, regulation, run_file),
-        command_line,
+        *(
+            mechanism,
+            stroke_csv,
+            stroke_toml,
+            curves,
+            compression,
+            felt,
+            study,
+            regulation,
+            run_file,
+        ),
+        *(record_file, bench_folder, command_line),
     )
 }
 
@@ -462,6 +664,9 @@ def run_case(target: str, number: int) -> str | None:
 def main(target: str, first: int, count: int, log: Path) -> None:
     """Run the cases and print what is wrong."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    # A hang in a library is ended by the system, on a busy machine too.
+    cpu = int(3 * SLOWEST + 2 * count)
+    resource.setrlimit(resource.RLIMIT_CPU, (cpu, cpu))
     for number in range(first, first + count):
         log.write_text(str(number))
         wrong = run_case(target, number)

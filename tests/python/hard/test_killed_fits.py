@@ -1,0 +1,183 @@
+"""Fits, diagnoses and benches killed at any moment, on a full disk, in a closed folder."""
+
+import multiprocessing
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+import killing
+
+COMMANDS = {
+    "fit": (["fit"], ["--restarts", "4"], ["fit.json"]),
+    "diagnose": (
+        ["gap", "diagnose"],
+        ["--bootstrap", "2"],
+        ["report.html", "report.json"],
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def started():
+    """Makes processes that have loaded what they need."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["feltmb.cli", "feltmb.gap", "feltmb.cli.gap", "killing"])
+    return context
+
+
+@pytest.fixture(scope="module")
+def given(tmp_path_factory):
+    return killing.prepare(tmp_path_factory.mktemp("given"))
+
+
+def command(kind, given, folder):
+    before, after, _ = COMMANDS[kind]
+    return [*before, *given, *after, "-o", str(folder)]
+
+
+def outcome(started, arguments, limit=0):
+    """Exit code and what was said on stderr."""
+    here, there = started.Pipe()
+    process = started.Process(target=killing.work, args=(arguments, there, limit))
+    process.start()
+    there.close()
+    try:
+        return here.recv()
+    finally:
+        process.join()
+
+
+def kept(folder):
+    """Finished optimizations and when they were written."""
+    return {p.name: p.stat().st_mtime_ns for p in (folder / ".resume").glob("[!.]*.npz")}
+
+
+def kill_until_done(started, given, kind, folder, kills, seed):
+    """Kill at random moments, each resumed in the folder of the last; count the kills."""
+    rng = random.Random(seed)
+    files = COMMANDS[kind][2]
+    for name in ("first", "whole"):  # the first process of all takes longer than any other
+        begin = time.monotonic()
+        code, said = outcome(started, command(kind, given, folder / name))
+        assert code == 0, said
+        longest = time.monotonic() - begin
+    want = [(folder / "whole" / name).read_bytes() for name in files]
+    done, rounds, resumed = 0, 0, 0
+    while done < kills:
+        rounds += 1
+        here = folder / f"run{rounds}"
+        while True:
+            before = kept(here)
+            resumed += bool(before)
+            process = started.Process(target=killing.work, args=(command(kind, given, here),))
+            process.start()
+            if done < kills:
+                process.join(rng.uniform(0.0, 1.2 * longest))
+                process.kill()
+            process.join()
+            after = kept(here)
+            if process.exitcode == 0:
+                break
+            assert process.exitcode == -signal.SIGKILL
+            done += 1
+            if not all((here / name).exists() for name in files):
+                assert {p: after.get(p) for p in before} == before, "lost, or computed twice"
+            for name in after:
+                with np.load(here / ".resume" / name) as file:
+                    assert "cost" in file.files, "half a file"
+            if any((here / name).exists() for name in files):
+                break  # killed when it had written: nothing to go on with
+        for name, data in zip(files, want, strict=True):
+            if (here / name).exists():
+                assert (here / name).read_bytes() == data, name
+        if process.exitcode == 0:
+            assert sorted(p.name for p in here.iterdir()) == files
+    return done, resumed
+
+
+@pytest.mark.parametrize("kind", COMMANDS)
+def test_killed_twice_goes_on(kind, started, given, tmp_path):
+    assert kill_until_done(started, given, kind, tmp_path, 2, seed=3)[0] == 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", COMMANDS)
+def test_killed_a_hundred_times_goes_on(kind, started, given, tmp_path):
+    done, resumed = kill_until_done(started, given, kind, tmp_path, 100, seed=4)
+    assert done == 100
+    assert resumed >= 20  # else the kills came too early to test anything
+
+
+@pytest.mark.parametrize("kind", COMMANDS)
+def test_a_full_disk_gives_a_message_and_keeps_what_was_written(kind, started, given, tmp_path):
+    (tmp_path / "kept.txt").write_text("mine")
+    code, said = outcome(started, command(kind, given, tmp_path / "a"), limit=900)
+    assert code == 1, said
+    assert "cannot be written: File too large" in said.splitlines()[-1]
+    assert "Traceback" not in said
+    assert [p.name for p in tmp_path.iterdir() if p.is_file()] == ["kept.txt"]
+    assert not [p for p in tmp_path.rglob(".feltmb*")]
+    # With room it goes on in the same folder.
+    code, said = outcome(started, command(kind, given, tmp_path / "a"))
+    assert code == 0, said
+    assert sorted(p.name for p in (tmp_path / "a").iterdir()) == COMMANDS[kind][2]
+
+
+@pytest.mark.parametrize("kind", COMMANDS)
+def test_a_place_that_cannot_be_written_is_told_before_the_work(kind, started, given, tmp_path):
+    # A file where a folder is needed: refused for every user, root too.
+    (tmp_path / "file").write_text("mine")
+    code, said = outcome(started, command(kind, given, tmp_path / "file"))
+    assert code == 1, said
+    assert "cannot be written" in said
+    assert "nominal fit" not in said
+    assert "Traceback" not in said
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+# ---------------------------------------------------------------- benches
+
+CHILD = """
+from feltmb.blind.bench import _run
+code = "import os, pathlib as p, time; p.Path({folder!r}, str(os.getpid())).touch(); time.sleep(99)"
+if __name__ == "__main__":
+    list(_run([(exec, (code,))] * 4, 2))
+"""
+
+
+def alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_workers_of_a_killed_bench_end_too(tmp_path):
+    folder = tmp_path / "pids"
+    folder.mkdir()
+    script = tmp_path / "child.py"
+    script.write_text(CHILD.format(folder=str(folder)))
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    process = subprocess.Popen([sys.executable, str(script)], env=environment)
+    limit = time.monotonic() + 120.0
+    while len(list(folder.iterdir())) < 2 and time.monotonic() < limit:
+        time.sleep(0.05)
+    workers = [int(p.name) for p in folder.iterdir()]
+    assert len(workers) == 2
+    process.kill()
+    process.wait()
+    limit = time.monotonic() + 30.0
+    while any(map(alive, workers)) and time.monotonic() < limit:
+        time.sleep(0.05)
+    left = [pid for pid in workers if alive(pid)]
+    for pid in left:
+        os.kill(pid, signal.SIGKILL)
+    assert not left

@@ -1,0 +1,60 @@
+"""What a run says of itself although it did not fail."""
+
+from pathlib import Path
+
+import pytest
+
+import feltmb
+
+PENDULUM = Path(__file__).resolve().parents[2] / "data" / "pendulum.toml"
+AREA = {"kind": "constant", "size": {"value": 40.0, "unit": "mm^2"}}
+
+
+def pressed(thickness, force):
+    """Warnings of a pendulum pressed into a layer of felt, and its largest compression [m]."""
+    law = {"name": "micromechanical", "felt": "synthetic_soft_red", "thickness": thickness}
+    action = feltmb.load_action(PENDULUM).with_values(
+        {"contacts.01.law": law | {"area": AREA}, "finger.direction": [1.0, 0.0]}
+    )
+    run = feltmb.simulate(action, feltmb.ramp_stroke(force, 0.001, 0.02, duration=0.03))
+    assert run.status == "done"
+    return action, run.stats["warnings"], float(run.end_memory.max())
+
+
+def test_a_felt_pressed_beyond_its_loop_is_told():
+    action, warnings, reached = pressed(4e-3, 0.3)
+    felt = action.config.contacts["01"].micromechanical.felt
+    end = 4e-3 * (1.0 - felt.v_f0 / felt.end)
+    assert 0.0 < reached < end
+    assert warnings == []
+    action, warnings, reached = pressed(1e-3, 60.0)
+    end = 1e-3 * (1.0 - felt.v_f0 / felt.end)
+    assert reached > end
+    assert len(warnings) == 1
+    assert (
+        f"contact 01: the felt is compressed by {1e3 * reached:.3g} mm of its 1 mm" in warnings[0]
+    )
+    assert f"{1e3 * end:.3g} mm at v_f_max" in warnings[0]
+    _, warnings, reached = pressed(0.2e-3, 4000.0)
+    assert reached > 0.2e-3 * (1.0 - felt.v_f0)
+    assert "at which it is solid" in warnings[0]
+
+
+def test_all_faults_of_a_law_come_at_once():
+    from feltmb.contact import law
+
+    with pytest.raises(feltmb.InvalidParameter) as error:
+        law("felt_memory", loading=(1.0, 2.0), kapa=0.2, rate_time="x")
+    assert str(error.value).splitlines() == [
+        "law 'felt_memory': parameter 'unloading' is missing",
+        "law 'felt_memory': unknown parameter kapa; known are loading, unloading, envelope, "
+        "closing_compression, kappa, recovery_time, creep_stiffness, creep_damping, "
+        "rate_amplitude, rate_time",
+        "law 'felt_memory': loading = (1.0, 2.0), expected (a [N/m], b [1/m], c [N/m]) of eq. 4.21",
+        "law 'felt_memory': rate_time = 'x', expected a number",
+    ]
+    curve = (1e3, 1e3, 0.0)
+    with pytest.raises(feltmb.InvalidParameter) as error:
+        law("guarded", loading=(1e3, -1.0, 0.0), unloading=curve, alpha=0.0, rate_amplitude=-1.0)
+    for name in ("loading curve: b = -1", "alpha [s/m] = 0", "rate_amplitude = -1", "rate_time"):
+        assert name in str(error.value)
