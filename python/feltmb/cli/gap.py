@@ -259,9 +259,9 @@ def _print(report: Report) -> None:
     click.echo(f"{report.verdict}: {report.statement}")
     out = console()
     table = new_table(
-        "which", "effect", "size, 95 %", "T", "p", "belief", right=(1, 2, 3, 4), whole=(0, 1)
+        "which", "effect", "size, 95 %", "T", "belief", right=(1, 2, 3), whole=(0, 1, 2, 3)
     )
-    room = max(27, out.width - 53)
+    room = max(27, out.width - 47)
     for r in report.which.effects[:8]:
         mark = "* " if r.named else ("? " if r.effect in report.one_of else "  ")
         unit = "" if r.unit == "1" else f" {r.unit}"
@@ -269,7 +269,6 @@ def _print(report: Report) -> None:
             f"{mark}{r.effect}\n{textwrap.indent(textwrap.fill(r.component, room), '  ')}",
             f"{r.size:.4g}{unit}\n{r.low:.3g} .. {r.high:.3g}",
             f"{r.statistic:.{0 if r.statistic > 1000 else 1}f}",
-            f"{r.p:.2g}",
             f"{r.posterior:.0%}",
         )
     out.print(table)
@@ -293,7 +292,7 @@ def _print(report: Report) -> None:
             f"{g.before:.3g}",
             f"{g.after:.3g}",
             f"{g.floor:.2g}",
-            f"{g.closed:.0%} ({g.low:.0%}..{g.high:.0%})",
+            f"{g.closed:.0%} {100 * g.low:.0f}..{g.high:.0%}",
         )
     out.print(gap)
     for advice in report.next:
