@@ -221,6 +221,7 @@ def run(
     """
     import shutil
 
+    from feltmb.cli.gap_curves import record_viewers
     from feltmb.cli.gap_subjects import load_subject
     from feltmb.data import read_records
     from feltmb.files import check_writable
@@ -259,7 +260,8 @@ def run(
     else:
         _print(report)
     if output is not None:
-        for path in write_report(report, output, force=force):
+        viewers = record_viewers(report, subject.nominal, records)
+        for path in write_report(report, output, force=force, viewers=viewers):
             say_written(path)
         if resume is not None and resume.is_dir():
             shutil.rmtree(resume)
@@ -269,9 +271,9 @@ def _print(report: Report) -> None:
     click.echo(f"{report.verdict}: {report.statement}")
     out = console()
     table = new_table(
-        "which", "effect", "size, 95 %", "T", "p", "belief", right=(1, 2, 3, 4), whole=(0, 1)
+        "which", "effect", "size, 95 %", "T", "belief", right=(1, 2, 3), whole=(0, 1, 2, 3)
     )
-    room = max(27, out.width - 53)
+    room = max(27, out.width - 47)
     for r in report.which.effects[:8]:
         mark = "* " if r.named else ("? " if r.effect in report.one_of else "  ")
         unit = "" if r.unit == "1" else f" {r.unit}"
@@ -279,7 +281,6 @@ def _print(report: Report) -> None:
             f"{mark}{r.effect}\n{textwrap.indent(textwrap.fill(r.component, room), '  ')}",
             f"{r.size:.4g}{unit}\n{r.low:.3g} .. {r.high:.3g}",
             f"{r.statistic:.{0 if r.statistic > 1000 else 1}f}",
-            f"{r.p:.2g}",
             f"{r.posterior:.0%}",
         )
     out.print(table)
@@ -303,7 +304,7 @@ def _print(report: Report) -> None:
             f"{g.before:.3g}",
             f"{g.after:.3g}",
             f"{g.floor:.2g}",
-            f"{g.closed:.0%} ({g.low:.0%}..{g.high:.0%})",
+            f"{g.closed:.0%} {100 * g.low:.0f}..{g.high:.0%}",
         )
     out.print(gap)
     for advice in report.next:

@@ -78,12 +78,17 @@ def report_json(report: Report) -> dict[str, Any]:
     }
 
 
-def write_report(report: Report, folder: Path, *, force: bool = False) -> tuple[Path, Path]:
-    """Write report.html and report.json into a folder."""
+def write_report(
+    report: Report, folder: Path, *, force: bool = False, viewers: str = ""
+) -> tuple[Path, Path]:
+    """Write report.html and report.json into a folder.
+
+    ``viewers`` is HTML with the records beside the model, see :func:`feltmb.gap.page.page`.
+    """
     from feltmb.gap.page import page
 
     text = json.dumps(report_json(report), indent=1, sort_keys=True, ensure_ascii=False)
     return (
-        write_text(folder / "report.html", page(report), force=force),
+        write_text(folder / "report.html", page(report, viewers), force=force),
         write_text(folder / "report.json", text + "\n", force=force),
     )

@@ -34,8 +34,11 @@ def percent(value: float) -> str:
     return f"{value:.0%}" if math.isfinite(value) else "-"
 
 
-def page(report: Report) -> str:
-    """HTML text; nothing is loaded from elsewhere, all text is escaped."""
+def page(report: Report, viewers: str = "") -> str:
+    """HTML text; nothing is loaded from elsewhere, all text is escaped.
+
+    ``viewers`` is HTML with the records beside the model, made where runs can be drawn.
+    """
     import jinja2
     from markupsafe import Markup
 
@@ -54,6 +57,7 @@ def page(report: Report) -> str:
         "report": report,
         "mark": MARK[report.verdict],
         "model": report.model.nominal.name,
+        "viewers": Markup(viewers),
         "map": Markup(ledger_map(where.ledger, dict(where.onset))),
         "cells": len(where.ledger),
         "significant": len(significant),

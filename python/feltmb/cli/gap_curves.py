@@ -1,0 +1,70 @@
+"""Records beside the model before and after a diagnosis, as viewers for the page of the report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from feltmb.data import Array, Record
+    from feltmb.fit import Nominal
+    from feltmb.gap import Report
+    from feltmb.gap.report import Amended
+    from feltmb.viewer import Curves
+
+__all__ = ["record_viewers"]
+
+#: More records than these are not drawn; the others are in the files.
+MOST_RECORDS = 8
+
+
+def record_viewers(report: Report, nominal: Nominal, records: Sequence[Record]) -> str:
+    """HTML of one viewer for each record: measured, the fitted model, the amended model.
+
+    Each is an open-loop simulation over the whole record. A record that a model cannot follow to
+    its end is left out.
+    """
+    from feltmb.errors import FeltmbError
+    from feltmb.viewer import Curves, assets, fragment
+
+    fitted = _fitted(report, nominal)
+    parts = []
+    for record in records[:MOST_RECORDS]:
+        units = {name: record.sensors[name].unit for name in record.outputs}
+        shown = [Curves("measured", record.time, record.outputs, units)]
+        try:
+            shown.append(_curves("model, fitted", fitted, record, units))
+            if report.model.terms:
+                shown.append(_curves("model, amended", report.model, record, units))
+            panels = [{"title": n, "outputs": [n], "change": False} for n in record.outputs]
+            viewer = fragment(shown, panels=panels)
+        except (FeltmbError, FloatingPointError, ArithmeticError):
+            continue
+        parts.append(f"<h3>{_escaped(record.name)}</h3>\n{viewer}")
+    return assets() + "".join(parts) if parts else ""
+
+
+def _fitted(report: Report, nominal: Nominal) -> Amended:
+    """The nominal with the parameters of the first fit, no effect added."""
+    from feltmb.gap.report import Amended
+
+    return Amended(nominal=nominal, theta=report.fit.point.theta, terms=(), sizes=np.zeros(0))
+
+
+def _curves(name: str, model: Amended, record: Record, units: dict[str, str]) -> Curves:
+    from feltmb.errors import DataError
+    from feltmb.viewer import Curves
+
+    outputs: dict[str, Array] = model.simulate(record)
+    values = {n: outputs[n] for n in record.outputs}
+    if not all(np.all(np.isfinite(v)) for v in values.values()):
+        raise DataError(f"{name}: left the numbers on record {record.name}")
+    return Curves(name, record.time, values, units)
+
+
+def _escaped(text: str) -> str:
+    from html import escape
+
+    return escape(text)
