@@ -88,9 +88,11 @@ def test_no_pull_and_no_energy_from_nothing(name, examples):
         step = 10.0**log_step
         force = felt.path(e, step * np.arange(len(e)))
         assert force.min() >= 0.0
+        # Open surfaces carry nothing: what a step has of its way there is no way of the force.
+        way = np.diff(np.maximum(e, 0.0))
         # Between samples the force is not known: its trapezoid errs by a part of the band.
-        work = np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(e))])
-        error = np.sum(np.abs(np.diff(force)) * np.abs(np.diff(e))) / 12.0
+        work = np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * way)])
+        error = np.sum(np.abs(np.diff(force)) * np.abs(way)) / 12.0
         assert work.min() >= -error - 1e-15
 
     check()
