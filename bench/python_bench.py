@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -112,10 +113,42 @@ def measure_many(strokes: int) -> list[Any]:
             yield action.with_values({"key.mass": 0.117 + 1e-5 * i}), stroke
 
     jobs = min(2, os.cpu_count() or 1)
-    wall, cpu = timed(1, lambda: simulate_many(pairs(), lambda *_: None, jobs=jobs))
+    wall, cpu = timed(
+        1, lambda: simulate_many(pairs(), lambda *_: None, jobs=jobs, summary_only=True)
+    )
     per = {"strokes": strokes, "jobs": jobs, "cpu_ms_a_stroke": cpu[0] / strokes}
     out.append(case(f"batch_{strokes}", wall, cpu, **per))
     return out
+
+
+def measure_sweep(strokes: int) -> list[Any]:
+    """A sweep as users write it, its members streamed to a folder; peak memory along the way."""
+    action = feltmb.load_action("steinway45")
+    values = {"key.mass": {"scale": {"from": 0.95, "to": 1.05, "count": strokes}}}
+    jobs = min(2, os.cpu_count() or 1)
+    peaks: dict[int, float] = {}
+
+    def note(done: int, _total: int, _name: str) -> None:
+        if done in (strokes // 10, strokes):
+            peaks[done] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+
+    with tempfile.TemporaryDirectory() as folder:
+
+        def run() -> None:
+            result = feltmb.sweep(action, "forte", values, jobs=jobs, folder=folder, progress=note)
+            assert result.failed.empty
+
+        wall, cpu = timed(1, run)
+        again, _ = timed(1, run)  # all of it is in the folder
+    per = {
+        "strokes": strokes,
+        "jobs": jobs,
+        "load": os.getloadavg()[0],
+        "cpu_ms_a_stroke": cpu[0] / strokes,
+        "peak_MB_at_a_tenth": peaks[strokes // 10],
+        "peak_MB": peaks[strokes],
+    }
+    return [case(f"sweep_{strokes}", wall, cpu, **per), case(f"sweep_{strokes}_resumed", again)]
 
 
 def measure_save(repeat: int) -> list[Any]:
@@ -123,14 +156,17 @@ def measure_save(repeat: int) -> list[Any]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.nc"
         run.save(path)
-        return [case("save", *timed(repeat, lambda: run.save(path, force=True)))]
+        return [
+            case("save", *timed(repeat, lambda: run.save(path, force=True))),
+            case("save_plain", *timed(repeat, lambda: run.save(path, force=True, compress=False))),
+        ]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--case", default="", help="import, gradient, many, save")
+    parser.add_argument("--case", default="", help="import, gradient, many, sweep, save")
     parser.add_argument("--repeat", type=int, default=5)
     parser.add_argument("--strokes", type=int, default=100)
     parser.add_argument("--json", type=Path)
@@ -139,6 +175,7 @@ def main() -> None:
         "import": lambda: measure_import(options.repeat),
         "gradient": lambda: measure_gradient(options.repeat),
         "many": lambda: measure_many(options.strokes),
+        "sweep": lambda: measure_sweep(options.strokes),
         "save": lambda: measure_save(options.repeat),
     }
     cases = [c for name, group in groups.items() if options.case in name for c in group()]

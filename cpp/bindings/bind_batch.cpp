@@ -2,6 +2,8 @@
 #include <pybind11/functional.h>
 #include <pybind11/stl.h>
 
+#include <optional>
+
 #include "bindings.hpp"
 #include "feltmb/batch/batch.hpp"
 
@@ -27,9 +29,15 @@ void bind_batch(py::module_& m) {
            py::arg("mechanism"), py::arg("profile"), py::arg("motion"), py::arg("options"),
            py::arg("start"), py::arg("monitors"), py::arg("memory"), py::arg("prescribed") = false,
            py::arg("motor") = false);
+  using Flag = std::atomic<bool>;
+  py::class_<Flag, std::shared_ptr<Flag>>(m, "StopFlag", "Ends a batch at once, from any thread.")
+      .def(py::init([] { return std::make_shared<Flag>(false); }))
+      .def("set", [](Flag& flag) { flag.store(true); })
+      .def("is_set", [](const Flag& flag) { return flag.load(); });
   m.def(
       "simulate_many",
-      [](const py::iterator& strokes, const py::function& sink, std::size_t threads) {
+      [](const py::iterator& strokes, const py::function& sink, std::size_t threads, bool ordered,
+         const std::optional<std::shared_ptr<Flag>>& stop) {
         // The workers run with the GIL released and take it back for the next stroke and for each
         // outcome.
         const BatchSource source = [&strokes](BatchStroke& stroke) {
@@ -50,11 +58,13 @@ void bind_batch(py::module_& m) {
           return sink(index, std::move(result), failure).cast<bool>();
         };
         const py::gil_scoped_release release;
-        return simulate_many(source, take, threads);
+        return simulate_many(source, take, {threads, ordered, stop.value_or(nullptr)});
       },
-      py::arg("strokes"), py::arg("sink"), py::arg("threads") = 0,
+      py::arg("strokes"), py::arg("sink"), py::arg("threads") = 0, py::arg("ordered") = true,
+      py::arg("stop") = py::none(),
       "Simulates the strokes of an iterator on threads; sink(index, result, failure) gets the "
-      "outcomes in order and returns whether to go on. Returns their number.");
+      "outcomes, in order or as soon as each is known, and returns whether to go on. Returns their "
+      "number.");
 }
 
 }  // namespace feltmb::python

@@ -66,6 +66,8 @@ void bind_model(py::module_& m) {
       .def_readwrite("ledger", &SimulationOptions::ledger)
       .def_readwrite("events", &SimulationOptions::events)
       .def_readwrite("outputs", &SimulationOptions::outputs)
+      .def_readwrite("outputs_from", &SimulationOptions::outputs_from)
+      .def_readwrite("lowest_points", &SimulationOptions::lowest_points)
       .def_readwrite("diagnose", &SimulationOptions::diagnose)
       .def_readwrite("max_order", &SimulationOptions::max_order)
       .def_property(
@@ -76,6 +78,13 @@ void bind_model(py::module_& m) {
       .def_readwrite("max_wall", &SimulationOptions::max_wall)
       .def_readwrite("peak_contacts", &SimulationOptions::peak_contacts)
       .def_readwrite("finger_reference", &SimulationOptions::finger_reference);
+
+  m.def(
+      "tolerance_for",
+      [](double error, const std::shared_ptr<Mechanism>& mechanism, const std::string& method) {
+        return tolerance_for(error, *mechanism, method_from_name(method));
+      },
+      py::arg("error"), py::arg("mechanism"), py::arg("method"));
 
   py::class_<Monitor>(m, "Monitor")
       .def(py::init(
@@ -156,6 +165,16 @@ void bind_model(py::module_& m) {
                                }
                                return out;
                              })
+      .def_property_readonly(
+          "lowest",
+          [](const RunResult& r) {
+            py::list out;
+            for (const auto& l : r.lowest) {
+              out.append(py::make_tuple(l.point, l.start, l.lowest));
+            }
+            return out;
+          },
+          "Tuples (point index, y at the start, smallest y) [m].")
       .def_property_readonly("end_time", [](const RunResult& r) { return r.end.time; })
       .def_property_readonly("end_state",
                              [](const RunResult& r) {

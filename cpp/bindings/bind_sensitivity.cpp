@@ -24,11 +24,19 @@ void bind_sensitivity(py::module_& m) {
            py::arg("motor") = false);
   py::class_<SensitivityParameter>(m, "SensitivityParameter")
       .def(py::init([](std::string name, std::vector<Perturbed> nodes, double scale, int law,
-                       bool inertial) {
-             return SensitivityParameter{std::move(name), std::move(nodes), scale, law, inertial};
+                       bool inertial, bool modal, std::optional<std::vector<int>> contacts) {
+             SensitivityParameter p;
+             p.name = std::move(name);
+             p.nodes = std::move(nodes);
+             p.scale = scale;
+             p.law = law;
+             p.inertial = inertial;
+             p.modal = modal;
+             p.contacts = std::move(contacts);
+             return p;
            }),
            py::arg("name"), py::arg("nodes"), py::arg("scale"), py::arg("law") = -1,
-           py::arg("inertial") = false);
+           py::arg("inertial") = false, py::arg("modal") = false, py::arg("contacts") = py::none());
   py::class_<SensitivityWindow>(m, "SensitivityWindow")
       .def(py::init([](double begin, double end, std::vector<double> state,
                        std::vector<double> memory, Eigen::MatrixXd directions) {

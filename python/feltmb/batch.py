@@ -6,7 +6,8 @@ engine for programs of one's own, fits and studies of thousands of strokes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
@@ -22,10 +23,12 @@ __all__ = ["simulate_many"]
 
 
 def simulate_many(
-    strokes: Iterable[tuple[Action, Stroke]],
+    strokes: Iterable[tuple[Action, Stroke] | tuple[Action, Stroke, Mapping[str, Any]]],
     take: Callable[[int, Run | FeltmbError], object],
     *,
     jobs: int | None = None,
+    ordered: bool = True,
+    stop: _core.StopFlag | None = None,
     **options: Any,
 ) -> int:
     """Simulate many strokes on threads.
@@ -33,18 +36,24 @@ def simulate_many(
     Parameters
     ----------
     strokes
-        Pairs; may be a generator: a pair is asked for when a thread is free. Actions that
-        ``Action.with_values`` made from one another share what did not change.
+        Action and stroke, and options of this stroke alone if there are any. May be a generator: a
+        stroke is asked for when a thread is free. Actions that ``Action.with_values`` made from one
+        another share what did not change.
     take
-        ``take(index, outcome)`` gets each outcome in the order of the strokes as soon as it is
-        known: the run, or the error that :func:`feltmb.simulate` would have raised. Returning
-        False, and nothing else, stops the batch. What it does not keep is freed: no more than four
-        outcomes a thread are in memory.
+        ``take(index, outcome)`` gets each outcome: the run, or the error that
+        :func:`feltmb.simulate` would have raised. Returning False, and nothing else, stops the
+        batch. What it does not keep is freed: no more than four outcomes a thread are in memory.
     jobs
         Threads; default: one a core. Outcomes are the same, bit for bit, for any number.
+    ordered
+        True: ``take`` is called in the order of the strokes, by one thread at a time. False: by
+        each thread as soon as its stroke is finished, maybe by several at once; one long stroke
+        then holds nothing up.
+    stop
+        ``feltmb._core.StopFlag``; once it is set, by any thread, the batch ends at once.
     options
-        Of :func:`feltmb.simulate`; the ledger is off unless asked for. ``start`` and ``progress``
-        are not for a batch.
+        Of :func:`feltmb.simulate`, for all strokes; the ledger is off unless asked for.
+        ``summary_only=True`` is the quickest. ``start`` and ``progress`` are not for a batch.
 
     Returns
     -------
@@ -59,22 +68,28 @@ def simulate_many(
     count = 0 if jobs is None else int(jobs)
     if jobs is not None and count < 1:
         raise InvalidParameter(f"jobs = {jobs}, must be >= 1")
-    for name in ("start", "progress"):
-        if name in options:
-            raise InvalidParameter(f"simulate_many: {name} is not for a batch")
+    _refuse(options)
     given = {"ledger": False, **options}
     under_way: dict[int, tuple[Any, ...]] = {}
     faults: dict[int, FeltmbError] = {}  # of strokes that could not begin, by position
     handed = 0
     going = True
+    guard = threading.Lock()
 
     def prepared() -> Iterator[Any]:
         begun = 0
-        for position, (action, stroke) in enumerate(strokes):
+        for position, (action, stroke, *own) in enumerate(strokes):
             try:
-                settings, arguments = prepare(action, stroke, **given)
+                if own:
+                    _refuse(own[0])
+                settings, arguments = prepare(
+                    action, stroke, **{**given, **(own[0] if own else {})}
+                )
             except FeltmbError as fault:
-                faults[position] = fault
+                if ordered:
+                    faults[position] = fault
+                else:
+                    give(position, fault)
                 continue
             under_way[begun] = (position, action, stroke, settings)
             begun += 1
@@ -85,14 +100,18 @@ def simulate_many(
 
     def give(position: int, outcome: Run | FeltmbError) -> None:
         nonlocal handed, going
-        if going:
+        if not going:
+            return
+        with guard:
             handed += 1
-            going = take(position, outcome) is not False
+        if take(position, outcome) is False:
+            going = False
 
     def hand_on(index: int, result: Any, failure: str) -> bool:
         position, action, stroke, settings = under_way.pop(index)
-        for earlier in sorted(p for p in faults if p < position):
-            give(earlier, faults.pop(earlier))
+        if ordered:
+            for earlier in sorted(p for p in faults if p < position):
+                give(earlier, faults.pop(earlier))
         if failure:
             give(position, ModelError(failure))
             return going
@@ -112,7 +131,13 @@ def simulate_many(
             )
         return going
 
-    _core.simulate_many(prepared(), hand_on, count)
+    _core.simulate_many(prepared(), hand_on, count, ordered, stop)
     for position in sorted(faults):
         give(position, faults[position])
     return handed
+
+
+def _refuse(options: Mapping[str, Any]) -> None:
+    for name in ("start", "progress"):
+        if name in options:
+            raise InvalidParameter(f"simulate_many: {name} is not for a batch")

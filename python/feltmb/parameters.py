@@ -13,6 +13,7 @@ import fnmatch
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -127,10 +128,15 @@ def all_parameters(action: Action) -> list[Parameter]:
 
     Numbers of laws and shapes that are not in use are among them: their derivative is zero.
     """
+    return list(_listed(action))
+
+
+@lru_cache(maxsize=16)
+def _listed(action: Action) -> tuple[Parameter, ...]:
     out: list[Parameter] = []
     for table in TABLES:
         out += _walk(action.config, getattr(action.config, table), [action.config], [table])
-    return out
+    return tuple(out)
 
 
 def find_parameters(action: Action, paths: str | Iterable[str]) -> list[Parameter]:
@@ -196,8 +202,9 @@ def _with(node: Any, names: list[str], value: float) -> Any:
     if rest:
         return node.model_copy(update={head: new})
     # The field's own limits (> 0 and so on) are checked as in a file.
-    given = {name: getattr(node, name) for name in node.model_fields_set}
-    return type(node).model_validate({**given, head: new})
+    fields = type(node).model_fields
+    given = {fields[name].alias or name: getattr(node, name) for name in node.model_fields_set}
+    return type(node).model_validate({**given, fields[head].alias or head: new})
 
 
 def mechanism_with(

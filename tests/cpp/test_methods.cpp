@@ -140,21 +140,36 @@ TEST_CASE("hammer on string: both methods meet the reference and each other") {
         force.push_back(f);
       }
       const double top = *std::max_element(force.begin(), force.end());
-      const Curves modal = simulate_h(m, Method::kModal, 1e-5, 3.0);
-      const Curves finer = simulate_h(m, Method::kModal, 1e-6, 3.0);
-      CHECK(modal.run.method == Method::kModal);
-      CHECK(distance(modal.force, force) < 1e-3 * top);
-      CHECK(distance(modal.x, x) < 1e-6);
-      // The multistep method needs more of its tolerance where the damping is light.
-      const bool light = std::stod(damping) < 0.01;
-      const Curves cvode = simulate_h(m, Method::kCvode, 1e-5, 3.0);
-      const Curves finer_cvode = simulate_h(m, Method::kCvode, 1e-6, 3.0);
-      CHECK(cvode.run.method == Method::kCvode);
-      CHECK(distance(cvode.force, force) < (light ? 5e-3 : 1e-3) * top);
-      // Global error of each: what a tolerance ten times tighter changes.
-      const double error = distance(modal.force, finer.force);
-      const double error_cvode = distance(cvode.force, finer_cvode.force);
-      CHECK(distance(modal.force, cvode.force) <= 1.5 * (error + error_cvode));
+      // Global error of a run from itself: what a tolerance three times tighter changes, and from
+      // how much less the next one does, what is still to come. Forces over the peak.
+      struct Judged {
+        Curves run;
+        double error;
+      };
+      const auto judge = [&](Method method) {
+        const Curves runs[] = {simulate_h(m, method, 1e-5, 3.0), simulate_h(m, method, 3e-6, 3.0),
+                               simulate_h(m, method, 1e-6, 3.0)};
+        CHECK(runs[0].run.method == method);
+        const double first = distance(runs[0].force, runs[1].force);
+        const double second = distance(runs[1].force, runs[2].force);
+        return Judged{runs[0], first / (1.0 - std::min(0.9, second / first)) / top};
+      };
+      const Judged modal = judge(Method::kModal);
+      const Judged cvode = judge(Method::kCvode);
+      for (const Judged* each : {&modal, &cvode}) {
+        const double true_error = distance(each->run.force, force) / top;
+        CHECK(true_error < each->error);
+        CHECK(each->error < 3.0 * true_error);
+      }
+      CHECK(distance(modal.run.force, cvode.run.force) / top < modal.error + cvode.error);
+      CHECK(distance(modal.run.x, x) < 1e-6);
+      // The error that is asked for by name.
+      for (const Method method : {Method::kModal, Method::kCvode}) {
+        const double rtol = tolerance_for(1e-3, *m, method);
+        CHECK(distance(simulate_h(m, method, rtol, 3.0).force, force) < 1e-3 * top);
+      }
+      CHECK(tolerance_for(1e-3, *m, Method::kModal) == doctest::Approx(3e-5));
+      CHECK_THROWS_AS(tolerance_for(0.0, *m, Method::kModal), InvalidParameter);
     }
   }
 }

@@ -22,8 +22,13 @@ struct Outcome {
 /// what is done under it.
 class Batch {
  public:
-  Batch(const BatchSource& source, const BatchSink& sink, std::size_t threads)
-      : source_(source), sink_(sink), most_(4 * threads) {}
+  Batch(const BatchSource& source, const BatchSink& sink, const BatchOptions& options,
+        std::size_t threads)
+      : source_(source),
+        sink_(sink),
+        most_(4 * threads),
+        ordered_(options.ordered),
+        told_(options.stop) {}
 
   void work() {
     BatchStroke stroke;
@@ -31,12 +36,16 @@ class Batch {
       Outcome outcome;
       try {
         outcome.result = simulate(stroke.mechanism, stroke.input, stroke.options, stroke.start,
-                                  stroke.monitors, [this](double) { return !stopped_.load(); });
+                                  stroke.monitors, [this](double) { return !stopped(); });
       } catch (const std::exception& error) {
         outcome.failure = error.what();
         if (outcome.failure.empty()) outcome.failure = "the stroke could not begin";
       }
-      give(*index, std::move(outcome));
+      if (ordered_) {
+        give(*index, std::move(outcome));
+      } else {
+        give_now(*index, std::move(outcome));
+      }
     }
   }
 
@@ -49,7 +58,7 @@ class Batch {
   std::optional<std::size_t> take(BatchStroke& stroke) {
     std::unique_lock<std::mutex> lock(guard_);
     room_.wait(lock, [this] { return stopped_ || ended_ || next_ < given_ + most_; });
-    if (stopped_ || ended_) return std::nullopt;
+    if (stopped() || ended_) return std::nullopt;
     try {
       if (source_(stroke)) return next_++;
       ended_ = true;
@@ -78,6 +87,23 @@ class Batch {
     room_.notify_all();
   }
 
+  /// The lock is not held meanwhile: others take their next stroke.
+  void give_now(std::size_t index, Outcome&& outcome) {
+    std::exception_ptr thrown;
+    bool go_on = false;
+    try {
+      go_on = stopped_ || sink_(index, std::move(outcome.result), outcome.failure);
+    } catch (...) {
+      thrown = std::current_exception();
+    }
+    const std::lock_guard<std::mutex> lock(guard_);
+    if (!go_on) stop(std::move(thrown));
+    ++given_;
+    room_.notify_all();
+  }
+
+  bool stopped() const { return stopped_.load() || (told_ && told_->load()); }
+
   void stop(std::exception_ptr why) {
     if (!thrown_) thrown_ = std::move(why);
     stopped_ = true;
@@ -86,6 +112,8 @@ class Batch {
   const BatchSource& source_;
   const BatchSink& sink_;
   std::size_t most_;
+  bool ordered_;
+  std::shared_ptr<const std::atomic<bool>> told_;
   std::mutex guard_;
   std::condition_variable room_;
   std::map<std::size_t, Outcome> waiting_;
@@ -98,9 +126,10 @@ class Batch {
 
 }  // namespace
 
-std::size_t simulate_many(const BatchSource& source, const BatchSink& sink, std::size_t threads) {
-  threads = resolve_threads(threads);
-  Batch batch(source, sink, threads);
+std::size_t simulate_many(const BatchSource& source, const BatchSink& sink,
+                          const BatchOptions& options) {
+  const std::size_t threads = resolve_threads(options.threads);
+  Batch batch(source, sink, options, threads);
   parallel_for(threads, threads, [&](std::size_t, std::size_t) { batch.work(); });
   return batch.finish();
 }

@@ -143,6 +143,7 @@ RunResult simulate_linear(const std::shared_ptr<const Mechanism>& mechanism, Lin
   const double rest_of_time = options.duration - static_cast<double>(samples) * interval;
   const bool partial = rest_of_time > 1e-9 * interval;
   if (options.outputs) {
+    // Those before outputs_from stay unused.
     const Eigen::Index rows = samples + 1 + (partial ? 1 : 0);
     out.time.resize(rows);
     out.data.resize(rows, static_cast<Eigen::Index>(out.names.size()));
@@ -176,9 +177,15 @@ RunResult simulate_linear(const std::shared_ptr<const Mechanism>& mechanism, Lin
                 y.begin() + static_cast<std::ptrdiff_t>(2 * n + modes));
   };
   Eigen::Index row = 0;
+  out.lowest = Lowest::of(*mechanism, options.lowest_points);
   const auto sample = [&](double t) {
     out.reached = t;
-    if (!options.outputs) return;
+    for (Lowest& each : out.lowest) {
+      system.place(y);
+      const auto& point = mechanism->points[at(each.point)].point;
+      each.look(system.dynamics().position(point).y, t == 0.0);
+    }
+    if (!options.outputs || t < options.outputs_from) return;
     out.time[row] = t;
     if (options.states) std::copy(y.begin(), y.end(), out.states.row(row).data());
     observe(system, t, y, {out.data.row(row).data(), static_cast<std::size_t>(out.data.cols())});

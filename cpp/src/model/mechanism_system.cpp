@@ -198,6 +198,11 @@ void MechanismSystem::locate(double t, std::span<const double> y, Detail detail)
   dynamics_.locate(parts(y), drive(t), detail);
 }
 
+void MechanismSystem::place(std::span<const double> y) {
+  rhs_time_ = std::numeric_limits<double>::quiet_NaN();
+  dynamics_.place(parts(y));
+}
+
 void MechanismSystem::rhs(double t, std::span<const double> y, std::span<double> rate) {
   evaluate_apart(t, y);
   rhs_time_ = t;

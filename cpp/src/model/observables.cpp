@@ -133,4 +133,28 @@ void observe(MechanismSystem& system, double t, std::span<const double> y, std::
   out[i++] = string_energy;
 }
 
+bool is_place(const Mechanism& m, int output) {
+  const int n = static_cast<int>(m.coordinates.size());
+  for (const auto& beam : m.beams) {
+    const int k = output - beam.first;
+    if (beam.condense_axial && k >= 0 && k < beam.shapes.axial()) return false;
+  }
+  return output < 2 * n + 4 * static_cast<int>(m.points.size());
+}
+
+void observe_places(MechanismSystem& system, std::span<const double> y, std::span<double> out) {
+  system.place(y);
+  const Mechanism& m = system.mechanism();
+  std::size_t i = 0;
+  for (; i < 2 * m.coordinates.size(); ++i) out[i] = y[i];
+  for (const auto& p : m.points) {
+    const Vec2 r = system.dynamics().position(p.point);
+    const Vec2 v = system.dynamics().velocity(p.point);
+    out[i++] = r.x;
+    out[i++] = r.y;
+    out[i++] = v.x;
+    out[i++] = v.y;
+  }
+}
+
 }  // namespace feltmb

@@ -30,6 +30,9 @@ void check(const SimulationOptions& o) {
   if (!positive(o.output_rate)) {
     throw InvalidParameter(format("output_rate = %.6g Hz, must be > 0", o.output_rate));
   }
+  if (!(std::isfinite(o.outputs_from) && o.outputs_from >= 0.0)) {
+    throw InvalidParameter(format("outputs_from = %.6g s, must be >= 0", o.outputs_from));
+  }
   if (o.max_order < 0 || o.max_order > 5) {
     throw InvalidParameter(format("max_order = %d, must be 0 (chosen) to 5", o.max_order));
   }
@@ -143,6 +146,30 @@ const char* method_name(Method method) {
   return method == Method::kAuto ? "auto" : method == Method::kCvode ? "cvode" : "modal";
 }
 
+double tolerance_for(double error, const Mechanism& mechanism, Method method) {
+  if (!(error > 0.0 && error <= 0.1)) {
+    throw InvalidParameter(format("error = %.6g of the peak, must be in (0, 0.1]", error));
+  }
+  constexpr double least = 1e-13;
+  if (mechanism.strings.empty()) return std::clamp(1e-2 * error, least, 1e-2);
+  if (method != Method::kCvode) return std::clamp(3e-2 * error, least, 1e-2);
+  if (choose_order(mechanism, 1.0, true) > 2) return std::clamp(1e-2 * error, least, 1e-2);
+  const double rtol = 0.3 * error * error;
+  // Below 1e-7 all orders are used, and the error falls with the tolerance again.
+  return std::max(rtol >= 1e-7 ? rtol : 1e-4 * error, least);
+}
+
+std::vector<Lowest> Lowest::of(const Mechanism& mechanism, const std::vector<int>& points) {
+  std::vector<Lowest> out;
+  for (const int point : points) {
+    if (point < 0 || at(point) >= mechanism.points.size()) {
+      throw InvalidParameter(format("lowest_points: there is no point %d", point));
+    }
+    out.push_back({point, 0.0, 0.0});
+  }
+  return out;
+}
+
 namespace {
 
 class Run {
@@ -208,6 +235,7 @@ class Run {
       }
       watches_.emplace_back(index, index);
     }
+    result_.lowest = Lowest::of(*mechanism, options.lowest_points);
     prepare_outputs();
   }
 
@@ -476,7 +504,9 @@ class Run {
       result_.units.push_back(info.unit);
       result_.long_names.push_back(info.long_name);
     }
-    const double count = std::floor(options_.duration * options_.output_rate * (1.0 + 1e-12));
+    const double last = std::floor(options_.duration * options_.output_rate * (1.0 + 1e-12));
+    const double skipped = std::ceil(options_.outputs_from * options_.output_rate * (1.0 - 1e-12));
+    const double count = std::max(0.0, last - std::max(0.0, skipped));
     const auto columns =
         static_cast<double>(1 + result_.names.size() + y_.size() + result_.ledger_names.size());
     constexpr double most = 5e8;  // numbers, 4 GB
@@ -486,7 +516,7 @@ class Run {
           "limit is %.3g samples",
           options_.output_rate, options_.duration, count, columns, std::floor(most / columns)));
     }
-    const auto rows = static_cast<Eigen::Index>(count) + 2;
+    const auto rows = static_cast<Eigen::Index>(count) + 3;
     result_.time.resize(rows);
     result_.data.resize(rows, static_cast<Eigen::Index>(result_.names.size()));
     if (options_.states) result_.states.resize(rows, static_cast<Eigen::Index>(y_.size()));
@@ -499,17 +529,31 @@ class Run {
   }
 
   void sample_until(const Integrator& integrator, double now) {
-    if (!options_.outputs) return;
-    while (result_.time.size() > rows_ && sample_time(rows_) <= now &&
-           last_sample_ < options_.duration) {
-      const double t = sample_time(rows_);
+    if (!options_.outputs && result_.lowest.empty()) return;
+    while (last_sample_ < options_.duration && sample_time(next_sample_) <= now) {
+      const double t = sample_time(next_sample_);
       integrator.interpolate(t, scratch_);
       sample(t, scratch_, &integrator);
     }
   }
 
   void sample(double t, std::span<const double> y, const Integrator* integrator) {
-    if (!options_.outputs) return;
+    const bool taken = options_.outputs && t >= options_.outputs_from;
+    if (taken) {
+      take_sample(t, y, integrator);
+    } else if (!result_.lowest.empty()) {
+      system_.place(y);
+    }
+    for (Lowest& each : result_.lowest) {
+      const auto& point = system_.mechanism().points[at(each.point)].point;
+      each.look(system_.dynamics().position(point).y, next_sample_ == 0);
+    }
+    last_sample_ = t;
+    ++next_sample_;
+  }
+
+  void take_sample(double t, std::span<const double> y, const Integrator* integrator) {
+    if (rows_ >= result_.time.size()) return;
     const auto row = static_cast<Eigen::Index>(rows_);
     result_.time[row] = t;
     if (options_.states) {
@@ -536,7 +580,6 @@ class Run {
       }
       std::copy(ledger_scratch_.begin(), ledger_scratch_.end(), result_.ledger.row(row).data());
     }
-    last_sample_ = t;
     ++rows_;
   }
 
@@ -706,6 +749,7 @@ class Run {
   std::vector<double> recovered_;         ///< heat of recovery by contact [J]
   RunResult result_;
   long rows_ = 0;
+  long next_sample_ = 0;
   double last_sample_ = -1.0;
   double next_report_ = 0.05;
   long progress_step_ = 0;

@@ -18,9 +18,11 @@ void MechanismSystem::solve_many(RowBlock& b) {
   auto r_v = b.middleRows(n_, n_);
   const Eigen::Index law = 2 * n_;
   const Eigen::Index eta = law + law_states_;
-  const Eigen::Index rate = eta + modes_;
+  // Strings that nothing touches may be left out of the rows: they are no part of the rest.
+  const int modes = b.rows() == eta ? 0 : modes_;
+  const Eigen::Index rate = eta + modes;
 
-  for (int j = 0; j < modes_; ++j) {
+  for (int j = 0; j < modes; ++j) {
     const double factor = modal_rate_factor_[at(j)];
     b.row(rate + j) =
         factor * b.row(rate + j) - (factor * g * modal_stiffness_[at(j)]) * b.row(eta + j);
@@ -77,7 +79,7 @@ void MechanismSystem::solve_many(RowBlock& b) {
       b.row(rate + j) += (factor * phi_[at(j)]) * dforce + (factor * dphi_[at(j)]) * shift;
     }
   }
-  b.middleRows(eta, modes_) += g * b.middleRows(rate, modes_);
+  b.middleRows(eta, modes) += g * b.middleRows(rate, modes);
 
   for (int i = 0; i < stateful_count_; ++i) {
     const StatefulContact& c = stateful_[at(i)];

@@ -166,6 +166,7 @@ class WindowRun {
       if (output < 0 || at(output) >= observed_) {
         throw InvalidParameter(format("outputs: there is no output %d", output));
       }
+      if (!is_place(*mechanism_, output)) places_only_ = false;
     }
     result_.time = Eigen::Map<const Eigen::VectorXd>(times.data(), index(times.size()));
     result_.time.array() += window_.begin;
@@ -188,13 +189,20 @@ class WindowRun {
     const std::size_t outputs = options_.outputs.size();
     if (outputs > 0) {
       scratch_.resize(observed_);
-      const auto observe_all = [&](MechanismSystem& system, double time, std::span<const double> y,
-                                   std::span<double> out, int, std::size_t) {
-        observe(system, time, y, scratch_);
+      const auto look = [&](MechanismSystem& system, double time, std::span<const double> y) {
+        if (places_only_) {
+          observe_places(system, y, scratch_);
+        } else {
+          observe(system, time, y, scratch_);
+        }
+      };
+      const auto look_all = [&](MechanismSystem& system, double time, std::span<const double> y,
+                                std::span<double> out, int, std::size_t) {
+        look(system, time, y);
         for (std::size_t i = 0; i < outputs; ++i) out[i] = scratch_[at(options_.outputs[i])];
       };
-      models_.total(t, y_, memory, columns, outputs, observe_all, derivative_);
-      observe(models_.probe(), t, y_, scratch_);
+      models_.total(t, y_, memory, columns, outputs, look_all, derivative_);
+      look(models_.probe(), t, y_);
       const std::size_t count = models_.columns();
       double* out = result_.gradient.data() + static_cast<std::size_t>(row_) * outputs * count;
       for (std::size_t i = 0; i < outputs; ++i) {
@@ -416,6 +424,7 @@ class WindowRun {
   double last_jump_ = -1.0;
   Eigen::Index row_ = 0;
   std::size_t observed_ = 0;
+  bool places_only_ = true;  ///< no output is wanted that needs the forces
   std::vector<double> scratch_;
   Eigen::MatrixXd derivative_;
   Eigen::VectorXd jump_, after_, time_derivative_;

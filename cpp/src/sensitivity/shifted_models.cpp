@@ -1,6 +1,7 @@
 #include "shifted_models.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <exception>
 
@@ -64,10 +65,33 @@ ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
       }
     }
   }
+  for (const auto& parameter : parameters) {
+    modal_.emplace_back();
+    if (!parameter.modal || input.prescribed || mechanism->strings.empty()) continue;
+    auto shift = std::make_unique<ModalShift>();
+    const auto modes = static_cast<std::size_t>(mechanism->total_modes);
+    shift->stiffness.assign(modes, 0.0);
+    shift->damping.assign(modes, 0.0);
+    for (const Perturbed& p : parameter.nodes) {
+      for (std::size_t s = 0; s < mechanism->strings.size(); ++s) {
+        const AttachedString& own = p.mechanism->strings[s];
+        const auto first = static_cast<std::size_t>(own.offset);
+        for (std::size_t i = 0; i < own.string.stiffness().size(); ++i) {
+          shift->stiffness[first + i] += p.weight * own.string.stiffness()[i];
+          shift->damping[first + i] += p.weight * own.string.damping()[i];
+        }
+        const StringParameters& a = own.string.parameters();
+        const StringParameters& b = mechanism->strings[s].string.parameters();
+        if (a.length != b.length || a.linear_density != b.linear_density) shift->shapes = true;
+      }
+    }
+    modal_.back() = std::move(shift);
+  }
   if (!no_rest_) base_->locate(0.0, {rest_.state.data(), states});
   for (const auto& parameter : parameters) {
     floor_.push_back(1e-2 / parameter.scale);
     law_.push_back(input.prescribed ? -1 : parameter.law);
+    contacts_.push_back(parameter.contacts);
   }
   by_force_.resize(mechanism->contacts.size());
   has_by_force_.resize(mechanism->contacts.size());
@@ -88,11 +112,12 @@ ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
         parameters_[j].push_back(std::move(node));
         continue;
       }
-      // The law of a contact that is open at rest does not move the rest pose.
+      // A contact that is open at rest does not move the rest pose.
       const int law = parameters[j].law;
       const bool same =
           p.mechanism == mechanism ||
-          (law >= 0 && !base_->dynamics().contacts()[static_cast<std::size_t>(law)].closed);
+          (law >= 0 && !base_->dynamics().contacts()[static_cast<std::size_t>(law)].closed) ||
+          (parameters[j].contacts && !any_closed(*parameters[j].contacts));
       const Rest moved = same ? rest_ : find_rest(p.mechanism, near, p.input);
       node.levels = moved.levels;
       node.system->set_finger_reference(moved.finger);
@@ -159,17 +184,12 @@ double ShiftedModels::level(std::size_t rule, int parameter, std::size_t node) c
 
 void ShiftedModels::rates(double t, std::span<const double> y, std::span<const double> memory,
                           const Eigen::MatrixXd& memory_columns, RowMatrix& out) {
-  const auto n = static_cast<Eigen::Index>(y.size());
   std::fill(has_by_force_.begin(), has_by_force_.end(), 0);
-  out.setZero(n, static_cast<Eigen::Index>(columns()));
-  three_.resize(n);
+  out.setZero(out.rows(), static_cast<Eigen::Index>(columns()));
+  const auto n = out.rows();
+  const bool strings = n == static_cast<Eigen::Index>(y.size());
+  three_.resize(static_cast<Eigen::Index>(y.size()));
   const std::span<double> rate{three_.data(), y.size()};
-  moved_memory_.assign(memory.begin(), memory.end());
-  const auto move = [&](Eigen::Index j, double shift) {
-    for (std::size_t c = 0; c < memory.size(); ++c) {
-      moved_memory_[c] = memory[c] + shift * memory_columns(static_cast<Eigen::Index>(c), j);
-    }
-  };
   bool has_base = false;
   const auto nearest = [](std::vector<Node>& nodes) -> Node& {
     std::size_t best = 0;
@@ -180,76 +200,219 @@ void ShiftedModels::rates(double t, std::span<const double> y, std::span<const d
     }
     return nodes[best];
   };
-  for (std::size_t j = 0; j < columns(); ++j) {
+  const bool touched = std::any_of(
+      mechanism_->strings.begin(), mechanism_->strings.end(), [&](const AttachedString& s) {
+        return base_->dynamics().contacts()[static_cast<std::size_t>(s.contact)].closed;
+      });
+  for (std::size_t j = 0; j < parameters_.size(); ++j) {
     const auto column = static_cast<Eigen::Index>(j);
-    // Where laws remember, what a parameter of one does to the memory of another counts too.
-    if (j < parameters_.size() && law_[j] >= 0 && memory.empty()) {
+    if (law_[j] >= 0) {
       law_rates(j, out);
       continue;
     }
-    if (j < parameters_.size() && !inertial_[j].empty() && memory.empty()) {
+    if (!inertial_[j].empty()) {
       inertial_rates(j, out);
       continue;
     }
-    if (j < parameters_.size()) {
-      // One side is enough: the shift is a millionth of the parameter, its curvature is not seen.
-      Node& node = nearest(parameters_[j]);
-      if (!has_base) {
-        remember(*probe_, memory);
-        two_.resize(n);
-        probe_->rhs(t, y, {two_.data(), y.size()});
-        has_base = true;
-      }
-      move(column, node.shift);
-      remember(*node.system, moved_memory_);
-      node.system->rhs(t, y, rate);
-      out.col(column) = (three_ - two_) / node.shift;
-      ++evaluations_;
+    if (modal_[j] && !(touched && modal_[j]->shapes)) {
+      if (strings) modal_rates(j, y, out);
       continue;
     }
-    const double size = memory.empty() ? 0.0 : memory_columns.col(column).cwiseAbs().maxCoeff();
-    if (size == 0.0) continue;
-    const double shift = 1e-9 / size;  // m of remembered compression
+    if (contacts_[j] && !any_closed(*contacts_[j])) continue;
+    if (input_rates(j, t, out)) continue;
+    // One side is enough: the shift is a millionth of the parameter, its curvature is not seen.
+    Node& node = nearest(parameters_[j]);
+    if (!has_base) base_rates(y);
+    has_base = true;
+    remember(*node.system, memory);
+    node.system->rhs(t, y, rate);
+    out.col(column) = (three_.head(n) - two_.head(n)) / node.shift;
+    ++evaluations_;
+  }
+  if (memory.empty()) return;
+  if (!input_.prescribed) {
+    memory_rates(memory_columns, out);
+    return;
+  }
+  // The reaction of the prescribed motion takes part.
+  moved_memory_.assign(memory.begin(), memory.end());
+  constexpr double shift = 1e-9;  // m of remembered compression
+  for (std::size_t c = 0; c < memory.size(); ++c) {
+    const auto row = memory_columns.row(static_cast<Eigen::Index>(c));
+    if (row.isZero(0.0)) continue;
     for (const double sign : {1.0, -1.0}) {
-      move(column, sign * shift);
+      moved_memory_[c] = memory[c] + sign * shift;
       remember(*probe_, moved_memory_);
       probe_->rhs(t, y, rate);
-      out.col(column) += (sign * 0.5 / shift) * three_;
+      out.noalias() += (sign * 0.5 / shift * three_.head(n)) * row;
       ++evaluations_;
     }
+    moved_memory_[c] = memory[c];
   }
   remember(*probe_, memory);
+}
+
+bool ShiftedModels::any_closed(const std::vector<int>& contacts) const {
+  return std::any_of(contacts.begin(), contacts.end(), [&](int c) {
+    return base_->dynamics().contacts()[static_cast<std::size_t>(c)].closed;
+  });
+}
+
+void ShiftedModels::memory_rates(const Eigen::MatrixXd& memory_columns, RowMatrix& out) {
+  Dynamics& dynamics = base_->dynamics();
+  const int n = base_->coordinates();
+  constexpr double shift = 1e-9;  // m of remembered compression
+  for (std::size_t c = 0; c < mechanism_->contacts.size(); ++c) {
+    const Contact& contact = mechanism_->contacts[c];
+    const auto row = memory_columns.row(static_cast<Eigen::Index>(c));
+    if (!contact.law.has_memory() || row.isZero(0.0)) continue;
+    const ContactState& s = dynamics.contacts()[c];
+    if (!s.closed && contact.law.n_states() == 0) continue;
+    double force = 0.0;
+    std::array<double, kMaxLawStates> rates{};
+    for (const double sign : {1.0, -1.0}) {
+      LawMemory moved = dynamics.memory(c);
+      moved.largest += sign * shift;
+      LawStates states;
+      const LawValue v =
+          s.closed ? contact.law.evaluate(s.compression, s.rate, moved, &states)
+                   : contact.law.evaluate(std::min(0.0, s.compression), 0.0, moved, &states);
+      const double weight = sign * 0.5 / shift;
+      if (s.closed) force += weight * v.force;
+      for (std::size_t i = 0; i < contact.law.n_states(); ++i) rates[i] += weight * states.rate[i];
+      ++evaluations_;
+    }
+    for (std::size_t i = 0; i < contact.law.n_states(); ++i) {
+      out.row(2 * n + contact.first_state + static_cast<int>(i)) += rates[i] * row;
+    }
+    if (force == 0.0) continue;
+    out.middleRows(n, n).noalias() += (force * by_force(c)) * row;
+    if (contact.string < 0 || out.rows() < static_cast<Eigen::Index>(base_->size())) continue;
+    const auto phi = dynamics.phi(contact.string);
+    const auto& string = mechanism_->strings[static_cast<std::size_t>(contact.string)];
+    const int first = 2 * n + base_->law_states() + base_->modes() + string.offset;
+    for (std::size_t k = 0; k < phi.size(); ++k) {
+      out.row(first + static_cast<int>(k)) += (force * phi[k]) * row;
+    }
+  }
+}
+
+const Eigen::VectorXd& ShiftedModels::by_force(std::size_t contact) {
+  if (has_by_force_[contact] == 0) {
+    Dynamics& dynamics = base_->dynamics();
+    for (const ContactGradient& g : dynamics.gradients()) {
+      if (g.contact != static_cast<int>(contact)) continue;
+      by_force_[contact] = g.by_force;
+      dynamics.solve_mass(by_force_[contact]);
+      has_by_force_[contact] = 1;
+    }
+  }
+  return by_force_[contact];
+}
+
+void ShiftedModels::base_rates(std::span<const double> y) {
+  // What rhs() would give: the base was evaluated here to be linearised.
+  const Dynamics& dynamics = base_->dynamics();
+  const auto n = static_cast<std::size_t>(base_->coordinates());
+  two_.setZero(static_cast<Eigen::Index>(y.size()));
+  for (std::size_t k = 0; k < n; ++k) {
+    two_[static_cast<Eigen::Index>(k)] = y[n + k];
+    two_[static_cast<Eigen::Index>(n + k)] = dynamics.acceleration()[static_cast<Eigen::Index>(k)];
+  }
+  const auto& contacts = mechanism_->contacts;
+  for (std::size_t i = 0; i < contacts.size(); ++i) {
+    for (std::size_t j = 0; j < contacts[i].law.n_states(); ++j) {
+      const std::size_t row = 2 * n + static_cast<std::size_t>(contacts[i].first_state) + j;
+      two_[static_cast<Eigen::Index>(row)] = dynamics.law_states(i).rate[j];
+    }
+  }
+  for (std::size_t s = 0; s < mechanism_->strings.size(); ++s) {
+    const AttachedString& own = mechanism_->strings[s];
+    const double force = dynamics.string_force(static_cast<int>(s));
+    const auto phi = dynamics.phi(static_cast<int>(s));
+    const std::size_t eta = first_mode() + static_cast<std::size_t>(own.offset);
+    for (std::size_t i = 0; i < phi.size(); ++i) {
+      const double speed = y[eta + modes() + i];
+      two_[static_cast<Eigen::Index>(eta + i)] = speed;
+      two_[static_cast<Eigen::Index>(eta + modes() + i)] =
+          phi[i] * force - own.string.damping()[i] * speed - own.string.stiffness()[i] * y[eta + i];
+    }
+  }
+}
+
+void ShiftedModels::add_wrench(std::size_t link, Vec2 force, double moment) {
+  const auto links = base_->dynamics().links();
+  for (const int index : mechanism_->links[link].path) {
+    const Motion& motion = mechanism_->motions[static_cast<std::size_t>(index)];
+    const auto own = static_cast<std::size_t>(motion.link);
+    const Link& moved = mechanism_->links[own];
+    Vec2 t{};
+    if (moved.kind != LinkKind::kRevolute) {
+      Rotation frame = links[static_cast<std::size_t>(moved.parent)].rotation;
+      if (moved.angle != 0.0) frame = frame * moved.base;
+      t = frame * motion.translation;
+    }
+    const Vec2 column = t + motion.rho * perp(links[link].origin - links[own].origin);
+    one_[motion.coordinate] += dot(column, force) + motion.rho * moment;
+  }
 }
 
 void ShiftedModels::inertial_rates(std::size_t j, RowMatrix& out) {
   // M a = Q is linear in mass, first moment and inertia: minus their inertial force and weight.
   Dynamics& dynamics = base_->dynamics();
-  const auto links = dynamics.links();
   const int n = base_->coordinates();
   one_.setZero(n);
   for (const InertialShift& shift : inertial_[j]) {
-    const LinkState& s = links[shift.link];
+    const LinkState& s = dynamics.links()[shift.link];
     const Vec2 r = s.rotation * shift.first;
     const Vec2 a = s.acceleration - mechanism_->gravity;
     const Vec2 force = shift.mass * a + s.alpha * perp(r) - (s.omega * s.omega) * r;
-    const double moment = cross(r, a) + shift.second * s.alpha;
-    for (const int index : mechanism_->links[shift.link].path) {
-      const Motion& motion = mechanism_->motions[static_cast<std::size_t>(index)];
-      const auto own = static_cast<std::size_t>(motion.link);
-      const Link& link = mechanism_->links[own];
-      Vec2 t{};
-      if (link.kind != LinkKind::kRevolute) {
-        Rotation frame = links[static_cast<std::size_t>(link.parent)].rotation;
-        if (link.angle != 0.0) frame = frame * link.base;
-        t = frame * motion.translation;
-      }
-      const Vec2 column = t + motion.rho * perp(s.origin - links[own].origin);
-      one_[motion.coordinate] -= dot(column, force) + motion.rho * moment;
-    }
+    add_wrench(shift.link, -1.0 * force, -(cross(r, a) + shift.second * s.alpha));
   }
   for (const int k : condensed_) one_[k] = 0.0;
   dynamics.solve_mass(one_);
   out.col(static_cast<Eigen::Index>(j)).segment(n, n) = one_;
+}
+
+void ShiftedModels::modal_rates(std::size_t j, std::span<const double> y, RowMatrix& out) {
+  const ModalShift& shift = *modal_[j];
+  const std::size_t eta = first_mode();
+  for (std::size_t i = 0; i < modes(); ++i) {
+    out(static_cast<Eigen::Index>(eta + modes() + i), static_cast<Eigen::Index>(j)) =
+        -shift.stiffness[i] * y[eta + i] - shift.damping[i] * y[eta + modes() + i];
+  }
+}
+
+/// Where a parameter changes the input alone and that is a force, its derivative is the force's.
+/// False: it is something else.
+bool ShiftedModels::input_rates(std::size_t j, double t, RowMatrix& out) {
+  for (const Node& node : parameters_[j]) {
+    if (&node.system->mechanism() != mechanism_.get()) return false;
+  }
+  double force = 0.0;
+  for (const Node& node : parameters_[j]) {
+    const Drive drive = node.system->drive(t);
+    if (drive.motion || drive.prescribed) return false;
+    force += node.weight * drive.force;
+  }
+  if (force == 0.0) return true;
+  Dynamics& dynamics = base_->dynamics();
+  const int n = base_->coordinates();
+  one_.setZero(n);
+  const int driven = base_->drive(t).coordinate;
+  if (driven >= 0) {
+    one_[driven] = force;
+  } else {
+    const LinkPoint point = mechanism_->finger_point;
+    const auto link = static_cast<std::size_t>(point.link);
+    const Vec2 f = force * mechanism_->finger_direction;
+    const Vec2 arm = dynamics.position(point) - dynamics.links()[link].origin;
+    add_wrench(link, f, cross(arm, f));
+  }
+  for (const int k : condensed_) one_[k] = 0.0;
+  dynamics.solve_mass(one_);
+  out.col(static_cast<Eigen::Index>(j)).segment(n, n) = one_;
+  return true;
 }
 
 void ShiftedModels::law_rates(std::size_t j, RowMatrix& out) {
@@ -278,16 +441,8 @@ void ShiftedModels::law_rates(std::size_t j, RowMatrix& out) {
     out(2 * n + contact.first_state + static_cast<int>(i), column) += rates[i];
   }
   if (!s.closed || force == 0.0) return;
-  if (has_by_force_[c] == 0) {
-    for (const ContactGradient& g : dynamics.gradients()) {
-      if (g.contact != law_[j]) continue;
-      by_force_[c] = g.by_force;
-      dynamics.solve_mass(by_force_[c]);
-      has_by_force_[c] = 1;
-    }
-  }
-  out.col(column).segment(n, n) += force * by_force_[c];
-  if (contact.string < 0) return;
+  out.col(column).segment(n, n) += force * by_force(c);
+  if (contact.string < 0 || out.rows() < static_cast<Eigen::Index>(base_->size())) return;
   const auto phi = dynamics.phi(contact.string);
   const auto& string = mechanism_->strings[static_cast<std::size_t>(contact.string)];
   const int first = 2 * n + base_->law_states() + base_->modes() + string.offset;

@@ -3,6 +3,7 @@
 
 #include <exception>
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -33,12 +34,26 @@ class ShiftedModels {
   std::size_t parameters() const { return parameters_.size(); }
   long evaluations() const { return evaluations_; }
 
+  const Mechanism& mechanism() const { return *mechanism_; }
+  std::size_t nodes(std::size_t parameter) const { return parameters_[parameter].size(); }
+  const Mechanism& mechanism(std::size_t parameter, std::size_t node) const {
+    return parameters_[parameter][node].system->mechanism();
+  }
+  double weight(std::size_t parameter, std::size_t node) const {
+    return parameters_[parameter][node].weight;
+  }
+
+  /// Row of the first modal coordinate of the strings; all before are [q, v, s].
+  std::size_t first_mode() const { return base_->size() - 2 * modes(); }
+  std::size_t modes() const { return static_cast<std::size_t>(base_->modes()); }
+
   /// Rest pose as a start state, and its derivatives.
   SimulationState rest() const;
   const Columns& rest_columns() const { return rest_columns_; }
 
   /// d f / d parameter at fixed state, memory moving: the inhomogeneous part of S'. The base must
-  /// have been linearised there.
+  /// have been linearised there. `out` has the rows that are wanted: all, or those before the
+  /// strings'.
   void rates(double t, std::span<const double> y, std::span<const double> memory,
              const Eigen::MatrixXd& memory_columns, RowMatrix& out);
 
@@ -95,7 +110,16 @@ class ShiftedModels {
   const SensitivityOptions& options_;
   std::unique_ptr<MechanismSystem> base_, probe_;
   void law_rates(std::size_t j, RowMatrix& out);
+  void memory_rates(const Eigen::MatrixXd& memory_columns, RowMatrix& out);
+  const Eigen::VectorXd& by_force(std::size_t contact);
+  bool any_closed(const std::vector<int>& contacts) const;
   void inertial_rates(std::size_t j, RowMatrix& out);
+  void modal_rates(std::size_t j, std::span<const double> y, RowMatrix& out);
+  bool input_rates(std::size_t j, double t, RowMatrix& out);
+  void base_rates(std::span<const double> y);
+
+  /// Adds the generalized force of a force at the origin of a link and a moment to `one_`.
+  void add_wrench(std::size_t link, Vec2 force, double moment);
 
   /// Change of a link's mass, first moment and inertia about its origin, a unit of a parameter.
   struct InertialShift {
@@ -105,8 +129,15 @@ class ShiftedModels {
     double second;
   };
   std::vector<std::vector<InertialShift>> inertial_;  ///< by parameter; empty: anything
-  std::vector<int> condensed_;                        ///< coordinates without an equation
+  /// Change of the strings' modes a unit of a parameter, where its force alone moves them.
+  struct ModalShift {
+    std::vector<double> stiffness, damping;
+    bool shapes = false;  ///< the shapes change too: no use while a string is touched
+  };
+  std::vector<std::unique_ptr<ModalShift>> modal_;  ///< by parameter; none: anything
+  std::vector<int> condensed_;                      ///< coordinates without an equation
   std::vector<std::vector<Node>> parameters_;
+  std::vector<std::optional<std::vector<int>>> contacts_;
   std::vector<int> law_;  ///< contact whose law alone a parameter changes, -1: anything
   std::vector<Eigen::VectorXd> by_force_;  ///< M^-1 dQ/dF by contact, of the stage at hand
   std::vector<char> has_by_force_;

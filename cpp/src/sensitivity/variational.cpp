@@ -34,17 +34,29 @@ void dense_weights(double u, double (&weight)[3]) {
 
 Variational::Variational(ShiftedModels& models, Trajectory& trajectory, double tolerance)
     : models_(models), trajectory_(trajectory), tolerance_(tolerance) {
+  if (models.modes() > 0) free_.emplace(models);
   const auto states = static_cast<Eigen::Index>(models.base().size());
   const auto count = static_cast<Eigen::Index>(models.columns());
   const auto contacts = static_cast<Eigen::Index>(models.base().mechanism().contacts.size());
   columns_.state.setZero(states, count);
   columns_.memory.setZero(contacts, count);
   dense_ = columns_;
-  for (auto& s : slope_) s.setZero(states, count);
   largest_.setZero(count);
   floor_.setZero(count);
   for (Eigen::Index j = 0; j < count; ++j) floor_[j] = models.floor(static_cast<std::size_t>(j));
   y_.resize(models.base().size());
+  start_.resize(y_.size());
+}
+
+bool Variational::touched(double t) {
+  const std::size_t node = trajectory_.interpolate(t, y_);
+  static_cast<void>(node);
+  MechanismSystem& probe = models_.probe();
+  probe.locate(t, y_);
+  for (const auto& s : models_.mechanism().strings) {
+    if (probe.dynamics().contacts()[static_cast<std::size_t>(s.contact)].closed) return true;
+  }
+  return false;
 }
 
 void Variational::stage(int i, double t, double h) {
@@ -59,10 +71,11 @@ void Variational::stage(int i, double t, double h) {
     throw Error(format("sensitivities: the Newton matrix is singular at t = %.9g s", t));
   }
   ++counts_.factorizations;
+  rate_.resize(rows_, columns_.state.cols());
   models_.rates(t, y_, memory, columns_.memory, rate_);
   // (I - gamma h J) Z = U + gamma h B, k = (Z - U) / (gamma h).
   const double g = kGamma * h;
-  stage_ = columns_.state;
+  stage_ = columns_.state.topRows(rows_);
   if (i == 1) stage_ += (h * kA21) * slope_[0];
   if (i == 2) stage_ += (h * kB1) * slope_[0] + (h * kB2) * slope_[1];
   slope_[i] = stage_;
@@ -71,7 +84,8 @@ void Variational::stage(int i, double t, double h) {
   slope_[i] = (stage_ - slope_[i]) / g;
 }
 
-void Variational::measure(const RowMatrix& columns, Eigen::RowVectorXd& size) const {
+template <class Rows>
+void Variational::measure(const Rows& columns, Eigen::RowVectorXd& size) const {
   size.setZero(columns.cols());
   for (Eigen::Index i = 0; i < columns.rows(); ++i) {
     size = size.cwiseMax(models_.weight()[i] * columns.row(i).cwiseAbs());
@@ -119,7 +133,12 @@ void Variational::advance(double end, const std::vector<double>& times, std::siz
   const double from = time_ + inside;
   const double to = end - inside;
   if (h_ <= 0.0) h_ = end - time_;
-  measure(columns_.state, present_);  // a switch may have changed them
+  // Between two switches a string is touched all the time or never.
+  const bool apart = free_ && !touched(0.5 * (time_ + end));
+  rows_ = static_cast<Eigen::Index>(apart ? models_.first_mode() : y_.size());
+  measure(columns_.state.topRows(rows_), present_);  // a switch may have changed them
+  const double begin = time_;
+  if (apart) trajectory_.interpolate(begin, start_);
   const FlushToZero flush;
   while (time_ < end) {
     double h = std::min(h_, end - time_);
@@ -138,20 +157,23 @@ void Variational::advance(double end, const std::vector<double>& times, std::siz
     while (next < times.size() && times[next] <= reached) {
       double weight[3];
       dense_weights(std::clamp((times[next] - time_) / h, 0.0, 1.0), weight);
-      dense_.state = columns_.state +
-                     h * (weight[0] * slope_[0] + weight[1] * slope_[1] + weight[2] * slope_[2]);
+      dense_.state = columns_.state;
+      dense_.state.topRows(rows_) +=
+          h * (weight[0] * slope_[0] + weight[1] * slope_[1] + weight[2] * slope_[2]);
+      if (apart) free_->move(times[next] - begin, start_, dense_.state);
       dense_.memory = columns_.memory;
       sample(times[next], dense_);
       ++next;
     }
     forget(time_, reached);
-    columns_.state.swap(stage_);
+    columns_.state.topRows(rows_) = stage_;
     present_ = size_;
     largest_ = largest_.cwiseMax(size_);
     // A step cut short by the end says nothing about the next.
     if (!last || factor < 1.0) h_ = h * factor;
     time_ = reached;
   }
+  if (apart) free_->move(end - begin, start_, columns_.state);
 }
 
 }  // namespace feltmb::detail

@@ -3,8 +3,10 @@
 
 #include <Eigen/Dense>
 #include <functional>
+#include <optional>
 
 #include "feltmb/sensitivity/trajectory.hpp"
+#include "free_columns.hpp"
 #include "shifted_models.hpp"
 
 namespace feltmb::detail {
@@ -27,7 +29,9 @@ class Variational {
                const Sample& sample);
 
  private:
-  void measure(const RowMatrix& columns, Eigen::RowVectorXd& size) const;
+  template <class Rows>
+  void measure(const Rows& columns, Eigen::RowVectorXd& size) const;
+  bool touched(double t);
   bool step(double h, double from, double to);
   void stage(int i, double t, double h);
   void forget(double from, double to);
@@ -39,6 +43,9 @@ class Variational {
   double h_ = 0.0;
   double error_ = 0.0;
   Columns columns_, dense_;
+  Eigen::Index rows_ = 0;            ///< that are integrated: all, or those before the strings'
+  std::optional<FreeColumns> free_;  ///< none without strings
+  std::vector<double> start_;        ///< whole state at the start of a step
   RowMatrix slope_[3], stage_, rate_, difference_;
   Eigen::RowVectorXd largest_, size_, present_, error_size_, floor_;
   std::vector<double> y_;

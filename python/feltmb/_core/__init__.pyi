@@ -59,6 +59,7 @@ __all__: list[str] = [
     "ShapeSet",
     "SimulationOptions",
     "SphereOnLayer",
+    "StopFlag",
     "StrapDescription",
     "StringDescription",
     "StringParameters",
@@ -86,6 +87,7 @@ __all__: list[str] = [
     "simulate",
     "simulate_many",
     "state_names",
+    "tolerance_for",
 ]
 
 class Friction:
@@ -1034,6 +1036,12 @@ class SimulationOptions:
     @finger_reference.setter
     def finger_reference(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
+    def lowest_points(self) -> list[int]: ...
+    @lowest_points.setter
+    def lowest_points(
+        self, arg0: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex]
+    ) -> None: ...
+    @property
     def max_order(self) -> int: ...
     @max_order.setter
     def max_order(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
@@ -1053,6 +1061,10 @@ class SimulationOptions:
     def output_rate(self) -> float: ...
     @output_rate.setter
     def output_rate(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def outputs_from(self) -> float: ...
+    @outputs_from.setter
+    def outputs_from(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def peak_contacts(self) -> list[int]: ...
     @peak_contacts.setter
@@ -1115,6 +1127,11 @@ class RunResult:
     @property
     def long_names(self) -> list[str]: ...
     @property
+    def lowest(self) -> list:
+        """
+        Tuples (point index, y at the start, smallest y) [m].
+        """
+    @property
     def message(self) -> str: ...
     @property
     def method(self) -> str: ...
@@ -1160,6 +1177,8 @@ class SensitivityParameter:
         scale: typing.SupportsFloat | typing.SupportsIndex,
         law: typing.SupportsInt | typing.SupportsIndex = -1,
         inertial: bool = False,
+        modal: bool = False,
+        contacts: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] | None = None,
     ) -> None: ...
 
 class SensitivityWindow:
@@ -1258,6 +1277,14 @@ class BatchStroke:
         prescribed: bool = False,
         motor: bool = False,
     ) -> None: ...
+
+class StopFlag:
+    """
+    Ends a batch at once, from any thread.
+    """
+    def __init__(self) -> None: ...
+    def is_set(self) -> bool: ...
+    def set(self) -> None: ...
 
 class LumpedNetwork:
     """
@@ -1589,14 +1616,20 @@ def simulate_many(
     strokes: collections.abc.Iterator,
     sink: collections.abc.Callable,
     threads: typing.SupportsInt | typing.SupportsIndex = 0,
+    ordered: bool = True,
+    stop: StopFlag | None = None,
 ) -> int:
     """
-    Simulates the strokes of an iterator on threads; sink(index, result, failure) gets the outcomes in order and returns whether to go on. Returns their number.
+    Simulates the strokes of an iterator on threads; sink(index, result, failure) gets the outcomes, in order or as soon as each is known, and returns whether to go on. Returns their number.
     """
 
 def state_names(mechanism: Mechanism) -> list[str]:
     """
     Names of the full state in its order.
     """
+
+def tolerance_for(
+    error: typing.SupportsFloat | typing.SupportsIndex, mechanism: Mechanism, method: str
+) -> float: ...
 
 __version__: str = "0.1.0"

@@ -38,6 +38,7 @@ from feltmb.files import NPZ_FAULTS, write_file, write_text
 __all__ = ["Bench", "Half", "read_records"]
 
 Half = Literal["development", "test", "both"]
+Model = Literal["key_hammer", "steinway45"]
 CHUNK = 20
 MOST_CASES = 100_000
 LARGEST_OUTSIDE = 30.0  # times the size that a kind says is worth trying first
@@ -66,7 +67,9 @@ def load_kinds(outside: Path | None) -> dict[str, Any]:
     if outside is None:
         return kinds
     if not outside.is_file():
-        raise InvalidParameter(f"{outside}: no such file; expected Python that defines KINDS")
+        raise InvalidParameter(
+            f"{outside}: there is no such file; expected Python that defines KINDS"
+        )
     spec = importlib.util.spec_from_file_location("feltmb_outside", outside)
     if spec is None or spec.loader is None:
         raise InvalidParameter(f"{outside}: is no Python file (.py)")
@@ -110,10 +113,14 @@ class Bench:
         Where it is kept.
     outside
         Python file with further kinds from outside the library.
+    model
+        The small model ``key_hammer`` or the full action ``steinway45``. A bench that is sealed
+        already keeps its own.
     """
 
     folder: Path
     outside: Path | None = None
+    model: Model = "key_hammer"
 
     # ------------------------------------------------------------ sealing
 
@@ -129,11 +136,41 @@ class Bench:
             if not resume:
                 raise FileExists(f"{self.folder}: holds a bench already; go on with --resume")
             wanted = {"cases": cases, "seed": seed, "outside": self._outside_hash()}
+            wanted["model"] = self.model
             other = [f"{k} = {seal[k]}, got {v}" for k, v in wanted.items() if seal[k] != v]
             if other:
                 raise InvalidParameter(f"{path}: the bench was sealed with {'; '.join(other)}")
             return seal
         from feltmb import __version__
+
+        drawn, sources = self._draw(cases, seed)
+        text = _json(drawn)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        write_text(self.folder / "truths.json", text, force=True)
+        seal = {
+            "version": __version__,
+            "model": self.model,
+            "cases": cases,
+            "seed": seed,
+            "sealed": datetime.now(UTC).isoformat(timespec="seconds"),
+            "truths_sha256": _sha256(text.encode()),
+            "generator_sha256": _sources(*sources),
+            "outside": self._outside_hash(),
+        }
+        write_text(path, _json(seal))
+        return seal
+
+    def _draw(self, cases: int, seed: int) -> tuple[list[Any], tuple[str, ...]]:
+        """Truths as plain data, and the files that they and their records come from."""
+        if self.model != "key_hammer":
+            from feltmb.blind import action_bench
+
+            if self.outside is not None:
+                raise InvalidParameter(
+                    f"{self.outside}: kinds of one's own are for the model key_hammer; those of "
+                    f"{self.model} are in blind/action_truth.py"
+                )
+            return action_bench.draw_all(seed, cases), action_bench.GENERATOR
         from feltmb.blind.calibration import calibrate, packaged_scales
 
         kinds = load_kinds(self.outside)
@@ -144,24 +181,8 @@ class Bench:
                 scales[mode] |= found
         largest = {name: LARGEST_OUTSIDE * kind.size for name, kind in kinds.items()}
         drawn = [asdict(truth.draw(seed, n, scales, largest)) for n in range(cases)]
-        text = _json(drawn)
-        self.folder.mkdir(parents=True, exist_ok=True)
-        write_text(self.folder / "truths.json", text, force=True)
-        seal = {
-            "version": __version__,
-            "model": "key_hammer",
-            "cases": cases,
-            "seed": seed,
-            "sealed": datetime.now(UTC).isoformat(timespec="seconds"),
-            "truths_sha256": _sha256(text.encode()),
-            "generator_sha256": _sources(
-                *(f"blind/{name}.py" for name in ("truth", "truth_machine", "truth_sensors")),
-                "blind/truth_outside.py",
-            ),
-            "outside": self._outside_hash(),
-        }
-        write_text(path, _json(seal))
-        return seal
+        names = ("truth", "truth_machine", "truth_sensors", "truth_outside")
+        return drawn, tuple(f"blind/{name}.py" for name in names)
 
     def sealed(self) -> dict[str, Any]:
         """Return the seal, after a check that the truths are those that were sealed."""
@@ -197,8 +218,11 @@ class Bench:
     ) -> None:
         """Simulate the records of all cases that have none yet."""
         todo = [n for n in self.numbers(half) if not self._made(n)]
-        chunks = [todo[i : i + CHUNK] for i in range(0, len(todo), CHUNK)]
-        jobs = [(_make_records, (self.folder, self.outside, chunk)) for chunk in chunks]
+        size = CHUNK if self.model == "key_hammer" else 1
+        chunks = [todo[i : i + size] for i in range(0, len(todo), size)]
+        jobs: list[Any] = [(_make_records, (self.folder, self.outside, chunk)) for chunk in chunks]
+        if self.model != "key_hammer":
+            jobs = [(_make_action_records, (self.folder, chunk)) for chunk in chunks]
         done = 0
         for made in _run(jobs, workers):
             done += len(made)
@@ -219,12 +243,13 @@ class Bench:
         progress: Progress | None = None,
     ) -> None:
         """Diagnose all cases that have no result of this engine yet."""
-        engine = engine_hash()
+        engine = engine_hash(self.model)
         todo = []
         for n in self.numbers(half):
             if _engine_of(self.folder / "results" / f"{n}.json") != engine:
                 todo.append(n)
-        jobs = [(_diagnose, (self.folder, n, oracle)) for n in todo]
+        work = _diagnose if self.model == "key_hammer" else _diagnose_action
+        jobs = [(work, (self.folder, n, oracle)) for n in todo]
         for done, _ in enumerate(_run(jobs, workers), start=1):
             if progress is not None:
                 progress("diagnoses", done, len(todo))
@@ -250,8 +275,12 @@ def _sources(*names: str) -> str:
 
 
 @functools.cache
-def engine_hash() -> str:
+def engine_hash(model: Model = "key_hammer") -> str:
     """Hash of what a result depends on: the engine, the nominal, its library."""
+    if model != "key_hammer":
+        from feltmb.blind.action_bench import SOURCES
+
+        return _sources("fit", "gap", "data", *SOURCES)
     return _sources("fit", "gap", "data", "lumped.py", "blind/nominal.py")
 
 
@@ -321,6 +350,25 @@ def _make_records(folder: Path, outside: Path | None, numbers: Sequence[int]) ->
         write_text(folder / "answers" / f"{case.number}.json", _json(answer), force=True)
         write_file(folder / "records" / f"{case.number}.npz", save, force=True)
     return numbers
+
+
+def _make_action_records(folder: Path, numbers: Sequence[int]) -> Sequence[int]:
+    from feltmb.blind import action_bench
+
+    truths = json.loads((folder / "truths.json").read_text("utf-8"))
+    for n in numbers:
+        told = action_bench.make_records(truths[n], folder / "records" / f"{n}.npz")
+        write_text(folder / "answers" / f"{n}.json", _json(told), force=True)
+    return numbers
+
+
+def _diagnose_action(folder: Path, number: int, oracle: bool) -> int:
+    from feltmb.blind import action_bench
+
+    found = action_bench.result(folder, number, with_oracle=oracle)
+    found["engine"] = engine_hash("steinway45")
+    write_text(folder / "results" / f"{number}.json", _json(found), force=True)
+    return number
 
 
 def _answer(

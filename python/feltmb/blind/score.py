@@ -131,7 +131,7 @@ class Scored:
         if self.result["one_of"]:
             return not set(self.result["one_of"]) & self.truth
         if self.verdict == "DATA PROBLEM":
-            return not any(p["component"] in DATA for p in self.parts)
+            return not any(p.get("data", p["component"] in DATA) for p in self.parts)
         return False
 
     def commits(self) -> bool:

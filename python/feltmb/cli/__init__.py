@@ -104,7 +104,10 @@ def main(arguments: list[str] | None = None) -> None:
         complain("interrupted")
         code = 130
     except click.ClickException as error:
-        error.show()
+        if isinstance(error, click.UsageError) and error.ctx is not None:
+            click.echo(error.ctx.get_usage(), err=True)
+            click.echo(f"Try '{error.ctx.command_path} --help' for help.\n", err=True)
+        complain(error.format_message())
         code = error.exit_code
     except KeyboardInterrupt as error:
         complain(f"interrupted{f': {error}' if str(error) else ''}")

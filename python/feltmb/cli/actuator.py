@@ -49,7 +49,11 @@ def _load(arm: str, damper: str | None, settings: tuple[str, ...]) -> Actuator:
 
 
 _arm = click.option(
-    "--arm", default="wood", show_default=True, help="wood, aluminum, or an actuator file."
+    "--arm",
+    metavar="NAME",
+    default="wood",
+    show_default=True,
+    help="wood, aluminum, or an actuator file.",
 )
 _damper = click.option(
     "--damper",
@@ -57,7 +61,11 @@ _damper = click.option(
     help="none, dashpot, one-sided; C in N m s/rad, default the thesis's.",
 )
 _set = click.option(
-    "--set", "settings", multiple=True, metavar="PATH=VALUE", help="Change a value. Repeatable."
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="PATH=VALUE",
+    help="Change a value of the actuator by its dotted path, such as tip.mass=0.05. Repeatable.",
 )
 
 
@@ -67,10 +75,24 @@ _set = click.option(
 @_set
 @click.option("--elements", type=click.IntRange(1, 200), help="Finite elements of the arm.")
 @click.option("--torque", metavar="FILE", help="Torque by time, CSV or TOML; default: the file's.")
-@click.option("--duration", type=float, default=0.2, show_default=True, help="[s]")
-@click.option("--output-rate", type=float, default=10000.0, show_default=True, help="[1/s]")
-@click.option("--tolerance", type=float, default=3e-5, show_default=True, help="Of a force.")
-@click.option("--out", "-o", type=click.Path(path_type=Path), help="File to write, .nc or .csv.")
+@click.option("--duration", type=float, default=0.2, show_default=True, help="Simulated time [s].")
+@click.option(
+    "--output-rate", type=float, default=10000.0, show_default=True, help="Samples a second."
+)
+@click.option(
+    "--tolerance",
+    type=float,
+    default=3e-5,
+    show_default=True,
+    help="Error of a force, relative to the largest.",
+)
+@click.option(
+    "--out",
+    "-o",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="File to write, .nc or .csv.",
+)
 @click.option("--plot", is_flag=True, help="Also draw actuator_ARM.png beside --out (or here).")
 @force_option
 @json_option
@@ -167,7 +189,11 @@ def _show(actuator: Actuator, run: ActuatorRun) -> None:
 
 @command.command("study")
 @click.option(
-    "--out", "-o", type=click.Path(path_type=Path), help="Folder for the figures and the tables."
+    "--out",
+    "-o",
+    metavar="DIRECTORY",
+    type=click.Path(path_type=Path),
+    help="Folder for the figures and the tables.",
 )
 @force_option
 @json_option
@@ -206,12 +232,24 @@ def study_command(out: Path | None, force: bool, as_json: bool) -> None:
 @click.option("--action", metavar="NAME", help="Press this action instead of the actuator's stop.")
 @click.option("--torque", metavar="FILE", help="Torque to start from; default: the actuator's.")
 @click.option(
-    "--fit", default="stiffness,damping,torque", show_default=True, help="What may change."
+    "--fit",
+    metavar="NAMES",
+    default="stiffness,damping,torque",
+    show_default=True,
+    help="What may change.",
 )
-@click.option("--knots", type=int, default=8, show_default=True, help="Of the torque.")
-@click.option("--steps", type=click.IntRange(1), default=60, show_default=True, help="At most.")
-@click.option("--out", "-o", type=click.Path(path_type=Path), help="Actuator file to write (TOML).")
-@click.option("--plot", type=click.Path(path_type=Path), help="Picture to write.")
+@click.option("--knots", type=int, default=8, show_default=True, help="Knots of the torque.")
+@click.option(
+    "--steps", type=click.IntRange(1), default=60, show_default=True, help="Steps at most."
+)
+@click.option(
+    "--out",
+    "-o",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Actuator file to write (TOML).",
+)
+@click.option("--plot", metavar="FILE", type=click.Path(path_type=Path), help="Picture to write.")
 @force_option
 @json_option
 def match_command(

@@ -11,7 +11,13 @@ from feltmb.cli.common import force_option, say_written, tables_as_json
 
 @click.command("animate")
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option("--out", "-o", type=click.Path(path_type=Path), help="GIF file; default: RUN.gif.")
+@click.option(
+    "--out",
+    "-o",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="GIF file; default: RUN.gif.",
+)
 @click.option(
     "--slowness",
     type=float,

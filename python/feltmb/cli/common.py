@@ -6,6 +6,7 @@ import contextlib
 import functools
 import json
 import math
+import os
 import sys
 from collections.abc import Callable
 from contextvars import ContextVar
@@ -40,16 +41,26 @@ __all__ = [
 F = TypeVar("F", bound=Callable[..., Any])
 
 
+#: Length of a line that nobody looks at [characters].
+UNFOLDED = 10_000
+
 #: What a command with --json showed and wrote; None while it prints for people.
 _collected: ContextVar[dict[str, list[Any]] | None] = ContextVar("collected", default=None)
 
 
 def console(*, stderr: bool = False) -> Console:
-    """Console for tables (stdout) or for progress and messages (stderr); plain when piped."""
+    """Console for tables (stdout) or for progress and messages (stderr).
+
+    Where no terminal is there are no colors, and no line is cut or folded unless COLUMNS says how
+    long a line may be.
+    """
     from rich.console import Console
 
     if stderr or _collected.get() is None:
-        return Console(stderr=stderr, highlight=False, markup=False, emoji=False)
+        screen = Console(stderr=stderr, highlight=False, markup=False, emoji=False)
+        if not screen.is_terminal and "COLUMNS" not in os.environ:
+            screen.width = UNFOLDED
+        return screen
 
     class Collector(Console):
         def print(self, *objects: Any, **_options: Any) -> None:
@@ -129,14 +140,21 @@ def save_figure(figure: Any, path: Path, *, force: bool) -> None:
     say_written(write_file(path, lambda p: figure.savefig(p, format=kind, dpi=150), force=force))
 
 
-def new_table(title: str, *columns: str, right: tuple[int, ...] = ()) -> Table:
-    """Table that prints well at 80 columns; ``right``: indices of right-aligned columns."""
+def new_table(
+    title: str, *columns: str, right: tuple[int, ...] = (), whole: tuple[int, ...] = ()
+) -> Table:
+    """Table that prints well at 80 columns.
+
+    ``right``: indices of right-aligned columns; ``whole``: of those whose cells are never folded.
+    """
     from rich import box
     from rich.table import Table
 
     table = Table(title=title, box=box.SIMPLE, title_justify="left", pad_edge=False)
     for i, column in enumerate(columns):
-        table.add_column(column, justify="right" if i in right else "left", overflow="fold")
+        table.add_column(
+            column, justify="right" if i in right else "left", overflow="fold", no_wrap=i in whole
+        )
     return table
 
 

@@ -60,9 +60,19 @@ def list_command() -> None:
 
 @felt.command(name="show")
 @click.argument("material")
-@click.option("--points", type=click.IntRange(2, 100_000), default=9, show_default=True)
 @click.option(
-    "--out", "-o", "output", type=click.Path(dir_okay=False, path_type=Path), help="Picture."
+    "--points",
+    type=click.IntRange(2, 100_000),
+    default=9,
+    show_default=True,
+    help="Rows of the table.",
+)
+@click.option(
+    "--out",
+    "-o",
+    "output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Picture (.png, .pdf or .svg).",
 )
 @force_option
 @tables_as_json
@@ -127,8 +137,20 @@ def show_command(material: str, points: int, output: Path | None, force: bool) -
     show_default=True,
     help="Constant of thesis eq. 3.15 [-], 2 for random fibers.",
 )
-@click.option("--form", type=click.Choice(["repaired", "printed"]), default="repaired")
-@click.option("--points", type=click.IntRange(2, 100_000), default=201, show_default=True)
+@click.option(
+    "--form",
+    type=click.Choice(["repaired", "printed"]),
+    default="repaired",
+    show_default=True,
+    help="Equations repaired, or as the thesis prints them.",
+)
+@click.option(
+    "--points",
+    type=click.IntRange(2, 100_000),
+    default=201,
+    show_default=True,
+    help="Points of each branch.",
+)
 @click.option(
     "--out", "-o", "output", type=click.Path(dir_okay=False, path_type=Path),
     help="CSV, or .png/.pdf/.svg for a picture.",
@@ -204,7 +226,9 @@ def loop_command(
 
 @felt.command(name="identify")
 @click.argument("test", type=click.Path(dir_okay=False, path_type=Path))
-@click.option("--material", required=True, help="Felt (name or TOML) that gives the fibers.")
+@click.option(
+    "--material", metavar="NAME", required=True, help="Felt (name or TOML) that gives the fibers."
+)
 @click.option(
     "--out",
     "-o",
@@ -217,8 +241,10 @@ def loop_command(
     help="Folder for the report and its pictures.",
 )  # fmt: skip
 @click.option("--v-f0", type=float, help="Volume fraction without load [-]; default the felt's.")
-@click.option("--thickness", help="Thickness at v_f0, such as 6mm, for thickness data.")
-@click.option("--area", help="Area of the sample, such as 4cm^2, for force data.")
+@click.option(
+    "--thickness", metavar="LENGTH", help="Thickness at v_f0, such as 6mm, for thickness data."
+)
+@click.option("--area", metavar="AREA", help="Area of the sample, such as 4cm^2, for force data.")
 @click.option("--relative", type=float, default=0.0, show_default=True, help="Relative weight [-].")
 @click.option("--level", type=float, default=0.95, show_default=True, help="Confidence [-].")
 @json_option
@@ -325,8 +351,17 @@ def identify_command(
 @felt.command(name="fit")
 @click.argument("contact", metavar="ACTION:CONTACT")
 @click.option("--area", required=True, metavar="LAW:NUMBERS", help="As for envelope.")
-@click.option("--fibers", required=True, help="Felt (name or TOML) that gives fibers and v_f0.")
-@click.option("--thickness", help="Without load, such as 3mm; default: fitted, gamma = pi/2.")
+@click.option(
+    "--fibers",
+    metavar="NAME",
+    required=True,
+    help="Felt (name or TOML) that gives fibers and v_f0.",
+)
+@click.option(
+    "--thickness",
+    metavar="LENGTH",
+    help="Without load, such as 3mm; default: fitted, gamma = pi/2.",
+)
 @click.option(
     "--friction", type=float, default=0.1, show_default=True,
     help="Share of friction at half the largest force, loading.",
@@ -340,7 +375,7 @@ def identify_command(
     "-o",
     "output",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="TOML file.",
+    help="TOML file to write.",
 )
 @json_option
 @force_option
@@ -365,7 +400,7 @@ def fit_command(
 
     if output is not None:
         check_writable(output, force=force)
-    ((name, item),) = audit_targets(contact, settings)
+    ((name, item),) = audit_targets(contact, settings, all_hint="")
     e, load, back = contact_loop(item, name=name)
     made = fit_contact(
         e,
@@ -419,7 +454,9 @@ def fit_command(
 
 @felt.command(name="envelope")
 @click.argument("material")
-@click.option("--thickness", required=True, help="Of the felt without load, such as 6mm.")
+@click.option(
+    "--thickness", metavar="LENGTH", required=True, help="Of the felt without load, such as 6mm."
+)
 @click.option(
     "--area", required=True, metavar="LAW:NUMBERS",
     help="constant:100mm^2, crossed_cylinders:9mm,0.5mm, circle_on_layer:5mm,10mm (radius, width) "
@@ -428,18 +465,39 @@ def fit_command(
 @click.option(
     "--columns", is_flag=True, help="Compress each column of the felt by what the indenter leaves."
 )
-@click.option("--largest", help="End of the loop, such as 2mm; default where v_f_max is reached.")
-@click.option("--points", type=click.IntRange(5, 100_000), default=193, show_default=True)
-@click.option("--action", default="steinway45", show_default=True, help="Mechanism to extend.")
-@click.option("--contact", help="Write a mechanism whose contact (such as 06) has this envelope.")
+@click.option(
+    "--largest",
+    metavar="LENGTH",
+    help="End of the loop, such as 2mm; default where v_f_max is reached.",
+)
+@click.option(
+    "--points",
+    type=click.IntRange(5, 100_000),
+    default=193,
+    show_default=True,
+    help="Rows of the loop.",
+)
+@click.option(
+    "--action", metavar="NAME", default="steinway45", show_default=True, help="Mechanism to extend."
+)
+@click.option(
+    "--contact",
+    metavar="NN",
+    help="Write a mechanism whose contact (such as 06) has this envelope.",
+)
 @click.option(
     "--out",
     "-o",
     "output",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="TOML file.",
+    help="TOML file to write.",
 )
-@click.option("--plot", "picture", type=click.Path(dir_okay=False, path_type=Path))
+@click.option(
+    "--plot",
+    "picture",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Picture (.png, .pdf or .svg).",
+)
 @force_option
 @tables_as_json
 def envelope_command(
@@ -542,9 +600,14 @@ def _print_audit(result: Audit) -> None:
     "--set", "settings", multiple=True, metavar="PATH=VALUE",
     help="Change the mechanism first, such as contacts.*.law=printed. Repeatable.",
 )  # fmt: skip
-@click.option("--largest", help="End of the audit of a law without a loop, such as 1mm.")
 @click.option(
-    "--plot", "folder", type=click.Path(file_okay=False, path_type=Path), help="Pictures."
+    "--largest", metavar="LENGTH", help="End of the audit of a law without a loop, such as 1mm."
+)
+@click.option(
+    "--plot",
+    "folder",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder for a picture of each.",
 )
 @json_option
 @force_option

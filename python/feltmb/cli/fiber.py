@@ -146,7 +146,7 @@ def models_command(name: str | None) -> None:
     type=click.IntRange(1, 10_000_000),
     help="Estimate also from a random network of N fibers.",
 )
-@click.option("--seed", type=int, default=0, show_default=True)
+@click.option("--seed", type=int, default=0, show_default=True, help="Of all that is random.")
 @click.option(
     "--spread",
     type=click.IntRange(0, 100_000),
@@ -265,7 +265,9 @@ def contacts_command(
 @click.option(
     "--to", "top", type=float, default=0.5, show_default=True, help="Largest volume fraction."
 )
-@click.option("--points", type=click.IntRange(1, 100_000), default=11, show_default=True)
+@click.option(
+    "--points", type=click.IntRange(1, 100_000), default=11, show_default=True, help="Rows."
+)
 @click.option(
     "--out",
     "-o",
@@ -410,7 +412,9 @@ def _gradient(text: str) -> Any:
 @click.option("--k-t", type=float, default=1.0, show_default=True, help="Torsion constant.")
 @click.option("--beta", type=float, default=0.0, show_default=True, help="Crimp ratio.")
 @click.option("--transverse", is_flag=True, help="Keep the transverse term of eq. 3.52.")
-@click.option("--points", type=click.IntRange(1, 100_000), default=11, show_default=True)
+@click.option(
+    "--points", type=click.IntRange(1, 100_000), default=11, show_default=True, help="Rows."
+)
 @_guard
 def granular_command(
     last: str,
@@ -461,6 +465,7 @@ def granular_command(
     type=click.Choice(["isotropic", "confined", "simple"]),
     default="confined",
     show_default=True,
+    help="Sides: like the height, held, or free of stress.",
 )
 @click.option(
     "--e-modulus",
@@ -482,7 +487,9 @@ def granular_command(
     "--slip-stress", type=float, default=0.0, show_default=True, help="Slip force over d_f^2 [Pa]."
 )
 @click.option("--to", "top", type=float, default=0.5, show_default=True, help="Largest strain.")
-@click.option("--points", type=click.IntRange(1, 100_000), default=11, show_default=True)
+@click.option(
+    "--points", type=click.IntRange(1, 100_000), default=11, show_default=True, help="Rows."
+)
 @_guard
 def arcs_command(
     scheme: str,
@@ -649,7 +656,14 @@ def _fit_dictionary(f: Any) -> dict[str, Any]:
 
 @fiber.command(name="fit")
 @click.argument("data", type=click.Path(dir_okay=False, path_type=Path))
-@click.option("--model", "-m", default="binomial", show_default=True)
+@click.option(
+    "--model",
+    "-m",
+    metavar="NAME",
+    default="binomial",
+    show_default=True,
+    help="Law to fit; see models.",
+)
 @click.option("--all", "every", is_flag=True, help="Fit every law and rank them by BIC.")
 @click.option(
     "--branch",
@@ -666,9 +680,16 @@ def _fit_dictionary(f: Any) -> dict[str, Any]:
     type=click.Choice(["least_squares", "nelder_mead"]),
     default="least_squares",
     show_default=True,
+    help="Trust region, or the simplex of the thesis.",
 )
-@click.option("--starts", type=click.IntRange(1, 10_000), default=12, show_default=True)
-@click.option("--seed", type=int, default=0, show_default=True)
+@click.option(
+    "--starts",
+    type=click.IntRange(1, 10_000),
+    default=12,
+    show_default=True,
+    help="Starting points.",
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="Of all that is random.")
 @click.option("--level", type=float, default=0.95, show_default=True, help="Confidence level.")
 @click.option("--v-f0", type=float, help="Volume fraction of zero pressure [-].")
 @click.option("--thickness0", type=float, help="Thickness at v_f0 [m].")
@@ -789,7 +810,13 @@ def fit_command(
 
 @fiber.command(name="simulate")
 @click.argument("output", type=click.Path(dir_okay=False, path_type=Path))
-@click.option("--fibers", type=click.IntRange(1, 100_000), default=60, show_default=True)
+@click.option(
+    "--fibers",
+    type=click.IntRange(1, 100_000),
+    default=60,
+    show_default=True,
+    help="Fibers in the box.",
+)
 @click.option(
     "--beads",
     type=click.IntRange(2, 10_000),
@@ -806,9 +833,13 @@ def fit_command(
 @click.option(
     "--crimp", type=float, default=0.3, show_default=True, help="Turning angle per bead [rad]."
 )
-@click.option("--friction", type=float, default=0.35, show_default=True)
+@click.option("--friction", type=float, default=0.35, show_default=True, help="Coefficient [-].")
 @click.option(
-    "--repulsion", type=click.Choice(["hertz", "logarithmic"]), default="hertz", show_default=True
+    "--repulsion",
+    type=click.Choice(["hertz", "logarithmic"]),
+    default="hertz",
+    show_default=True,
+    help="Between touching segments: Hertz with friction, or eq. 2.10.",
 )
 @click.option(
     "--e-modulus",
@@ -825,9 +856,17 @@ def fit_command(
     show_default=True,
     help="Drag rate over the stretching frequency.",
 )
-@click.option("--strain-per-step", type=float, default=2e-5, show_default=True)
-@click.option("--cycles", type=click.IntRange(1, 100_000), default=1, show_default=True)
-@click.option("--seed", type=int, default=0, show_default=True)
+@click.option(
+    "--strain-per-step", type=float, default=2e-5, show_default=True, help="Halve it to check."
+)
+@click.option(
+    "--cycles",
+    type=click.IntRange(1, 100_000),
+    default=1,
+    show_default=True,
+    help="Press and release so often.",
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="Of all that is random.")
 @click.option(
     "--threads", type=click.IntRange(0, 1024), default=0, show_default=True, help="0: all cores."
 )
@@ -966,7 +1005,7 @@ def simulate_command(
     show_default=True,
     help="Fibers of the sampled network (the thesis uses 6000).",
 )
-@click.option("--seed", type=int, default=0, show_default=True)
+@click.option("--seed", type=int, default=0, show_default=True, help="Of all that is random.")
 @force_option
 @_guard
 def gallery_command(folder: Path, fibers: int, seed: int, force: bool) -> None:

@@ -23,7 +23,7 @@ __all__ = ["command"]
 @click.argument("model")
 @click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--window", type=float, help="Length of shooting windows [s].")
-@click.option("--restarts", default=3, show_default=True)
+@click.option("--restarts", default=3, show_default=True, help="Further starting points at most.")
 @click.option("--out", "-o", "output", type=click.Path(path_type=Path), help="Folder of fit.json.")
 @set_option
 @json_option
@@ -89,7 +89,14 @@ def command(
         print_json(result)
         return
     table = new_table(
-        subject.nominal.name, "parameter", "fitted", "95 %", "prior", "learned", right=(1, 2, 3, 4)
+        subject.nominal.name,
+        "parameter",
+        "fitted",
+        "95 %",
+        "prior",
+        "learned",
+        right=(1, 2, 3, 4),
+        whole=(0,),
     )
     for r in rows:
         unit = "" if r.unit == "1" else f" [{r.unit}]"

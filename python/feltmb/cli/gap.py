@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import textwrap
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -78,6 +79,7 @@ def check(data: tuple[Path, ...], as_json: bool) -> None:
             "noise",
             "from",
             right=(3, 4, 5, 6),
+            whole=(0, 1, 6),
         )
         for c in gates.channels:
             table.add_row(
@@ -87,7 +89,7 @@ def check(data: tuple[Path, ...], as_json: bool) -> None:
                 str(c.samples),
                 f"{c.missing:.0%}",
                 f"{c.spread:.4g}",
-                f"{c.sigma:.3g}",
+                f"{c.sigma:.2g}",
                 c.method,
             )
         console().print(table)
@@ -140,7 +142,14 @@ def foresee_command(
         print_json(plain(found))
         return
     table = new_table(
-        "what would show", "effect", "smallest", "own trace", "taken for", "chance", right=(1, 2, 4)
+        "what would show",
+        "effect",
+        "smallest",
+        "own trace",
+        "taken for",
+        "chance",
+        right=(1, 2, 4),
+        whole=(0,),
     )
     for r in found.effects:
         size = f"{r.smallest:.3g} {'' if r.unit == '1' else r.unit}".strip()
@@ -171,6 +180,7 @@ def foresee_command(
     "--out",
     "-o",
     "output",
+    metavar="DIRECTORY",
     type=click.Path(path_type=Path),
     help="Folder of report.html, report.json.",
 )
@@ -178,7 +188,7 @@ def foresee_command(
 @click.option("--window", type=float, help="Length of shooting windows [s].")
 @click.option("--max-effects", default=4, show_default=True, help="Largest set of effects.")
 @click.option("--bootstrap", default=12, show_default=True, help="Refits for the null law.")
-@click.option("--seed", default=0, show_default=True)
+@click.option("--seed", default=0, show_default=True, help="Of the refits for the null law.")
 @set_option
 @json_option
 @force_option
@@ -247,16 +257,16 @@ def _print(report: Report) -> None:
     click.echo(f"{report.verdict}: {report.statement}")
     out = console()
     table = new_table(
-        "which", "effect", "component", "size", "95 %", "T", "p", "belief", right=(2, 3, 4, 5, 6)
+        "which", "effect", "size, 95 %", "T", "p", "belief", right=(1, 2, 3, 4), whole=(0, 1)
     )
+    room = max(27, out.width - 53)
     for r in report.which.effects[:8]:
         mark = "* " if r.named else ("? " if r.effect in report.one_of else "  ")
+        unit = "" if r.unit == "1" else f" {r.unit}"
         table.add_row(
-            mark + r.effect,
-            r.component,
-            f"{r.size:.4g} {'' if r.unit == '1' else r.unit}".strip(),
-            f"{r.low:.4g} .. {r.high:.4g}",
-            f"{r.statistic:.1f}",
+            f"{mark}{r.effect}\n{textwrap.indent(textwrap.fill(r.component, room), '  ')}",
+            f"{r.size:.4g}{unit}\n{r.low:.3g} .. {r.high:.3g}",
+            f"{r.statistic:.{0 if r.statistic > 1000 else 1}f}",
             f"{r.p:.2g}",
             f"{r.posterior:.0%}",
         )
@@ -272,15 +282,16 @@ def _print(report: Report) -> None:
         "noise",
         "closed",
         right=(2, 3, 4, 5),
+        whole=(0, 1),
     )
     for g in report.how_far.rows:
         gap.add_row(
             g.metric,
             f"{g.channel} [{g.unit}]",
-            f"{g.before:.4g}",
-            f"{g.after:.4g}",
-            f"{g.floor:.3g}",
-            f"{g.closed:.0%} ({g.low:.0%} .. {g.high:.0%})",
+            f"{g.before:.3g}",
+            f"{g.after:.3g}",
+            f"{g.floor:.2g}",
+            f"{g.closed:.0%} ({g.low:.0%}..{g.high:.0%})",
         )
     out.print(gap)
     for advice in report.next:

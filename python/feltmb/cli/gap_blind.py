@@ -62,6 +62,13 @@ class _Told:
     help="Folder of the bench.",
 )
 @click.option(
+    "--subject",
+    type=click.Choice(["key_hammer", "steinway45"]),
+    default="key_hammer",
+    show_default=True,
+    help="The small model, or the full action with all its tolerances.",
+)
+@click.option(
     "--outside",
     type=click.Path(path_type=Path),
     help="Python file with KINDS: further causes that the library does not hold.",
@@ -86,10 +93,10 @@ class _Told:
 @click.option("--score-only", is_flag=True, help="Score what is there, diagnose nothing.")
 @json_option
 def command(
-    cases: int, seed: int, output: Path, outside: Path | None, half: Any, resume: bool,
-    workers: int, oracle: bool, score_only: bool, as_json: bool,
+    cases: int, seed: int, output: Path, subject: Any, outside: Path | None, half: Any,
+    resume: bool, workers: int, oracle: bool, score_only: bool, as_json: bool,
 ) -> None:  # fmt: skip
-    """Make sealed cases of a key-hammer model, diagnose them blindly, score.
+    """Make sealed cases of a model, diagnose them blindly, score.
 
     Writes the truths and their SHA-256 first, then records, results (a file a case, so that a
     bench that was cut off goes on with --resume) and the table of scores as score.json and
@@ -101,7 +108,7 @@ def command(
     from feltmb.errors import InvalidParameter
     from feltmb.files import write_text
 
-    bench = Bench(output, outside)
+    bench = Bench(output, outside, subject)
     told = _Told()
     if score_only:
         seal = bench.sealed()

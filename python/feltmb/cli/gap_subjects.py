@@ -66,7 +66,7 @@ def load_subject(name: str, settings: Sequence[str] = ()) -> Subject:
 
 def _from_file(path: Path) -> Subject:
     if not path.is_file():
-        raise InvalidParameter(f"{path}: no such file")
+        raise InvalidParameter(f"{path}: there is no such file")
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None
     assert spec.loader is not None

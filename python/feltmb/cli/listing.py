@@ -8,9 +8,10 @@ from feltmb.cli.common import console, json_option, new_table, print_json
 
 LAWS = {
     "guarded": "loading-unloading pair of eq. 4.22, held inside 0 <= F_U <= F <= F_L",
-    "printed": "the same as printed: may pull and may create energy where its fits cross",
+    "printed": "the same pair as printed: may pull and make energy where its fits cross",
     "mean": "mean of loading and unloading, without hysteresis",
     "felt_memory": "rate independent, remembers its largest compression, passive",
+    "micromechanical": "felt_memory whose loop follows from the fibers, thickness and area",
     "hunt_crossley": "k e^p (1 + d de/dt)",
     "stulov": "hereditary: F0 (e^p - amplitude g), tau0 dg/dt = e^p - g",
 }

@@ -40,12 +40,13 @@ _UNITS = (("_time", "s"), ("_duration", "s"), ("_speed", "m/s"), ("_force", "N")
 )
 @click.option(
     "--number",
+    metavar="NAME",
     default="impact_speed",
     show_default=True,
     help="Number of the summary by which the table is ordered.",
 )
 @click.option("--most", default=20, show_default=True, help="Rows of the table.")
-@click.option("--duration", type=float, help="Seconds; default: the stroke's own.")
+@click.option("--duration", type=float, help="Simulated time [s]; default: the stroke's own.")
 @click.option("--rtol", default=1e-7, show_default=True, help="Tolerance of the stroke.")
 @click.option(
     "--plot",
@@ -160,6 +161,7 @@ def _table(result: Gradient, effects: Any, rows: list[str], number: str, stroke:
         "unit",
         *(n.replace("_", " ") for n in shown),
         right=(1, *range(3, 3 + len(shown))),
+        whole=(0,),
     )
     values = {p.path: p for p in result.parameters}
     for path in rows:

@@ -24,9 +24,15 @@ from feltmb.cli.common import (
 @set_option
 @click.option("--values", is_flag=True, help="Every number with its unit and source.")
 @click.option("--toml", is_flag=True, help="Print the mechanism file, --set applied.")
-@click.option("--plot", type=click.Path(path_type=Path), help="Draw the mechanism at rest (PNG).")
+@click.option(
+    "--plot",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Draw the mechanism at rest (PNG).",
+)
 @click.option(
     "--graph",
+    metavar="FILE",
     type=click.Path(path_type=Path),
     help="Draw its linear graph (PNG), or write it as text (.dot).",
 )
@@ -64,7 +70,9 @@ def command(
             }
         )
     elif values:
-        table = new_table(f"{mechanism.name}: values", "path", "value", "unit", "source")
+        table = new_table(
+            f"{mechanism.name}: values", "path", "value", "unit", "source", whole=(0,)
+        )
         for path, value, unit, source in mechanism.quantities():
             table.add_row(path, f"{value}", unit, source)
         console().print(table)
@@ -147,7 +155,8 @@ def _tables(mechanism: object) -> None:
     for name, strap in config.straps.items():
         text = f"free length {1e3 * strap.free_length:.4g} mm, cubic"
         table.add_row(name, f"{strap.body_a}, {strap.body_b}", text if strap.enabled else "off")
-    screen.print(table)
+    if table.row_count:
+        screen.print(table)
     string = config.string
     if string is not None:
         screen.print(

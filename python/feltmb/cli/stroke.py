@@ -61,6 +61,12 @@ if TYPE_CHECKING:
 @click.option("--duration", type=float, help="Simulated time [s]; default: the stroke's own.")
 @click.option("--rtol", type=float, default=1e-6, show_default=True, help="Relative tolerance.")
 @click.option(
+    "--error",
+    type=float,
+    help="In place of --rtol: the largest error asked for of the hammer's force over its peak, "
+    "after a blow of 50 ms on a string.",
+)
+@click.option(
     "--method",
     type=click.Choice(["auto", "cvode", "modal"]),
     default="auto",
@@ -104,6 +110,7 @@ def command(
     wav: bool,
     duration: float | None,
     rtol: float,
+    error: float | None,
     method: str,
     output_rate: float,
     max_wall: float | None,
@@ -155,6 +162,7 @@ def command(
                 loaded[i],
                 duration,
                 rtol,
+                error=error,
                 method=method,
                 output_rate=output_rate,
                 ledger=not no_ledger,
@@ -162,8 +170,8 @@ def command(
                 max_wall=max_wall,
                 progress=(lambda _t: not stop["now"]) if jobs > 1 else None,
             )
-        except IntegrationError as error:
-            return error.partial, str(error)
+        except IntegrationError as failure:
+            return failure.partial, str(failure)
         return run, ""
 
     failures: list[str] = []

@@ -11,7 +11,13 @@ from feltmb.cli.common import force_option, say_written, tables_as_json
 
 @click.command("view")
 @click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--out", "-o", type=click.Path(path_type=Path), help="HTML file; default: RUN.html.")
+@click.option(
+    "--out",
+    "-o",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="HTML file; default: RUN.html.",
+)
 @click.option(
     "--slowness",
     type=float,

@@ -11,14 +11,26 @@ from feltmb.cli.common import force_option, say_written, tables_as_json
 
 @click.command("wav")
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option("--out", "-o", type=click.Path(path_type=Path), help="Default: RUN.wav.")
+@click.option(
+    "--out",
+    "-o",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="WAV file; default: RUN.wav.",
+)
 @click.option(
     "--position",
     type=float,
     help="Listen to the string's displacement here [m] from "
     "its end y = 0; default: the force at the bridge end.",
 )
-@click.option("--slowness", type=float, default=1.0, show_default=True)
+@click.option(
+    "--slowness",
+    type=float,
+    default=1.0,
+    show_default=True,
+    help="How many times slower than life.",
+)
 @force_option
 @tables_as_json
 def command(

@@ -76,7 +76,7 @@ def read_columns(path: Path) -> Columns:
     if kind not in readers:
         raise DataError(f"{path}: cannot read {kind or 'this'}; expected .csv, .mat or .nc")
     if not is_file(path):
-        raise DataError(f"{path}: no such file")
+        raise DataError(f"{path}: there is no such file")
     columns = readers[kind](path)
     if kind in (".mat", ".nc"):
         columns.only_longest()

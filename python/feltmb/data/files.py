@@ -120,7 +120,7 @@ def read_record(
     """
     path = Path(path)
     if not is_file(path):
-        raise DataError(f"{path}: no such file")
+        raise DataError(f"{path}: there is no such file")
     beside = path.with_suffix(".toml")
     if is_file(beside):
         raw = read_toml(beside)

@@ -571,9 +571,13 @@ def audit(
 
 
 def audit_targets(
-    text: str, settings: Sequence[str] = (), *, everything: bool = False
+    text: str,
+    settings: Sequence[str] = (),
+    *,
+    everything: bool = False,
+    all_hint: str = ", or --all",
 ) -> list[tuple[str, Contact | FeltEnvelope | FeltMaterial]]:
-    """What ``feltmb felt audit TEXT`` names.
+    """What ``feltmb felt audit TEXT`` and ``feltmb felt fit TEXT`` name.
 
     Parameters
     ----------
@@ -584,6 +588,8 @@ def audit_targets(
         ``PATH=VALUE`` for mechanisms.
     everything
         All contacts of the mechanism, switched on or not.
+    all_hint
+        End of the message about a contact that is missing.
 
     Raises
     ------
@@ -606,7 +612,7 @@ def audit_targets(
             return [(path.stem, load_envelope(path))]
     if not is_file and action_name not in packaged_actions():
         raise InvalidParameter(
-            f"audit: {text!r} is no mechanism ({', '.join(packaged_actions())}), no felt "
+            f"{text!r} is no mechanism ({', '.join(packaged_actions())}), no felt "
             f"({', '.join(packaged_materials())}) and no file ending in .toml; expected "
             "ACTION:CONTACT, a felt or an envelope"
         )
@@ -617,9 +623,10 @@ def audit_targets(
     if everything and not colon:
         return [(f"{action.name}:{k}", c) for k, c in contacts.items()]
     if contact not in contacts:
+        what = f"contact {contact!r} of {action_name} does not exist"
         raise InvalidParameter(
-            f"audit: contact {contact!r} of {action_name}: expected one of "
-            f"{', '.join(contacts)}, written as {action_name}:{next(iter(contacts), '01')}, or "
-            "--all"
+            f"{what if contact else f'{text!r} names no contact'}: expected one of "
+            f"{', '.join(contacts)}, written as {action_name}:{next(iter(contacts), '01')}"
+            f"{all_hint}"
         )
     return [(f"{action.name}:{contact}", contacts[contact])]

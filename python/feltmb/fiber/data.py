@@ -104,7 +104,7 @@ def read_compression(
     """
     file = Path(path)
     if not is_file(file):
-        raise DataError(f"{file}: no such file, expected a CSV file")
+        raise DataError(f"{file}: there is no such file, expected a CSV file")
     try:
         text = file.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:

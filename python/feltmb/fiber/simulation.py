@@ -165,7 +165,7 @@ class FiberRun:
                 table = {k[6:]: stored[k].tolist() for k in stored.files if k.startswith("table_")}
                 state = {k[6:]: stored[k] for k in stored.files if k.startswith("state_")}
         except FileNotFoundError:
-            raise DataError(f"{file}: no such file, expected a saved simulation") from None
+            raise DataError(f"{file}: there is no such file, expected a saved simulation") from None
         except DataError:
             raise
         except (OSError, ValueError, KeyError) as error:

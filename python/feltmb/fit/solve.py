@@ -14,7 +14,7 @@ from feltmb.fit.nominal import Lanes, Term
 from feltmb.fit.observe import machine_terms, observe_lanes
 from feltmb.fit.problem import Normal, Point, Problem, solve_scaled
 
-__all__ = ["Fit", "FitSettings", "Interval", "finish", "fit_problem", "polish"]
+__all__ = ["Fit", "FitSettings", "Interval", "at_level", "finish", "fit_problem", "polish"]
 
 Progress = Callable[[str, int, int], None]
 #: Where the fit is poor, a gain below this share of the misfit is not worth a simulation.
@@ -333,7 +333,7 @@ def _chain(problem: Problem, point: Point) -> Point:
     return replace(point, places=tuple(places), memo={})
 
 
-def _level(
+def at_level(
     problem: Problem,
     point: Point,
     level: float,
@@ -352,47 +352,54 @@ def _level(
 
 def _descend(
     problem: Problem, point: Point, settings: FitSettings, progress: Progress | None, label: str
-) -> Fit:
-    """From loose to tight gaps; keep the level with the largest marginal likelihood."""
+) -> tuple[Fit, Point, float]:
+    """From loose to tight gaps; keep the level with the largest marginal likelihood.
+
+    Also the point and the sum of squares at the loosest.
+    """
     if not problem.nominal.states(machine_terms(problem.terms)):
-        return polish(problem, point, 1.0, settings)
-    best: tuple[float, float, Point, bool] | None = None
+        fit = polish(problem, point, 1.0, settings)
+        return fit, fit.point, fit.cost
+    levels = settings.levels
+    if all(s.count == 1 for s in problem.shots):
+        levels = levels[-1:]  # there are no gaps
+    best: tuple[float, float, Point] | None = None
     scale: Array | None = None
+    loose, loosest = point, 0.0
     table: list[tuple[float, float]] = []
     poor = 0
     # A level that is left unfinished leads into a wrong valley of the next.
     way = replace(settings, decrement=max(settings.decrement, 0.3))
-    for i, level in enumerate(settings.levels):
+    for i, level in enumerate(levels):
         if progress is not None:
-            progress(label, i, len(settings.levels))
-        tried = _level(problem, point, level, scale, way, 40 if i == 0 else 20)
+            progress(label, i, len(levels))
+        tried = at_level(problem, point, level, scale, way, 40 if i == 0 else 20)
         if not tried.converged and i > 0:
             # Half way first: a gap that closes too fast tears a motion that hits something.
-            between = float(np.sqrt(level * settings.levels[i - 1]))
-            softly = _level(problem, point, between, scale, way, 20)
-            again = _level(problem, softly.point, level, scale, way, 20)
+            between = float(np.sqrt(level * levels[i - 1]))
+            softly = at_level(problem, point, between, scale, way, 20)
+            again = at_level(problem, softly.point, level, scale, way, 20)
             if again.cost < tried.cost:
                 tried = again
-        found, linears, converged = tried.point, list(tried.linears), tried.converged
+        point, linears = tried.point, list(tried.linears)
         if scale is None:  # after the first level the states are those of the machine
-            scale = problem.scale(found)
+            scale = problem.scale(point)
         gap_sd = level * scale
-        cost, _ = problem.cost_at(found, gap_sd, linears)
-        normal = problem.normal(found, linears, gap_sd)
-        value = _evidence(problem, normal, cost, gap_sd)
+        cost, _ = problem.cost_at(point, gap_sd, linears)
+        if i == 0:
+            loose, loosest = point, cost
+        value = _evidence(problem, problem.normal(point, linears, gap_sd), cost, gap_sd)
         table.append((level, value))
         if best is None or value > best[0]:
-            best, poor = (value, level, found, converged), 0
+            best, poor = (value, level, point), 0
         else:
             poor += 1
-        point = found
         if poor >= 2:
             break
     assert best is not None
-    assert scale is not None
     fixed = replace(problem, state_scale=scale)
     fit = polish(fixed, best[2], best[1], settings)
-    return replace(fit, levels=tuple(table))
+    return replace(fit, levels=tuple(table)), loose, loosest
 
 
 def _stuck(fit: Fit) -> list[Array]:
@@ -451,30 +458,25 @@ def fit_problem(
     their priors.
     """
     settings = settings or FitSettings()
-    fit = _rescue(_descend(problem, point or problem.start(), settings, progress, label), settings)
+    first = point or problem.start()
+    fit, loose, loosest = _descend(problem, first, settings, progress, label)
+    fit = _rescue(fit, settings)
     if fit.chi2 < fit.dof + 4.0 * np.sqrt(2.0 * fit.dof) and fit.converged:
         return fit
-    generator = np.random.default_rng(settings.seed)
     free = [i for i in problem.free]
     if not free or not fit.gap_sd.size or problem.frozen:
         return fit
-    better = 0
+    if loosest < problem.samples + 4.0 * np.sqrt(2.0 * problem.samples):
+        return fit  # window by window the model can follow: no other start would change that
+    generator = np.random.default_rng(settings.seed)
     for i in range(settings.restarts):
-        if progress is not None:
-            progress(f"{label}, restart", i, settings.restarts)
         theta = fit.point.theta.copy()
         for j in free:
             p = problem.nominal.parameters[j]
             sd = p.sd if np.isfinite(p.sd) else 0.3 * p.size
             theta[j] = np.clip(theta[j] + sd * generator.standard_normal(), p.lower, p.upper)
-        base = fit.problem
-        places = [Place(p.starts, p.nuisances) for p in fit.point.places]
-        moved = Point(theta, fit.point.sizes, tuple(places))
-        loose = polish(base, moved, min(1.0, fit.level * 100.0), replace(settings, iterations=6))
-        trial = _rescue(polish(base, loose.point, fit.level, settings), settings)
-        if trial.cost < fit.cost - 1.0:
-            better += 1
-            fit = replace(
-                trial, levels=fit.levels, notes=(*fit.notes, f"restart {i + 1} was better")
-            )
+        moved = replace(loose, theta=theta, memo={})
+        trial, _, _ = _descend(fit.problem, moved, settings, progress, f"{label}, restart {i + 1}")
+        if trial.log_evidence > fit.log_evidence + 0.5:
+            fit = replace(trial, notes=(*fit.notes, f"restart {i + 1} was better"))
     return fit

@@ -199,10 +199,9 @@ def how_far_rows(
     closed, low, high = _closed(before, after, shots, primary, seed)
     per_record = {}
     for i, s in enumerate(shots):
-        part = (s,)
         per_record[s.record.name] = (
-            _one(before, i, part, primary),
-            _one(after, i, part, primary),
+            before.gap(shots, primary, i),
+            after.gap(shots, primary, i),
         )
     return HowFar(
         rows=tuple(rows),
@@ -215,17 +214,6 @@ def how_far_rows(
         records=tuple(s.record.name for s in shots),
         per_record=per_record,
     )
-
-
-def _one(outcome: Outcome, i: int, shots: tuple[Shot, ...], which: str) -> float:
-    from dataclasses import replace
-
-    part = replace(
-        outcome,
-        windowed=(outcome.windowed[i],),
-        open_loop=(outcome.open_loop[i],),
-    )
-    return part.gap(shots, which)
 
 
 def _fraction(old: float, new: float, floor: float) -> float:

@@ -22,6 +22,8 @@ EXCESS = 4.0
 REST = 3.0
 #: Log evidence for unknown forces that is a gap whatever causes it.
 OTHER = 6.0
+#: Posterior that a name needs.
+SURE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,19 +139,13 @@ def _name(facts: Facts) -> Decision:
     sets = [set(best.names), *(set(r.names) for r in accepted.rivals)]
     sure = tuple(n for n in best.names if all(n in s for s in sets))
     unsure = sorted(set().union(*sets) - set(sure), key=lambda n: (n not in best.names, n))
-    weight = {c.key: w for c, w in zip(facts.search.candidates, belief.sets, strict=True)}
-    confidence = sum(
-        w
-        for c, w in zip(facts.search.candidates, belief.sets, strict=True)
-        if all(n in c.names for n in (sure or best.names))
-    )
-    if not sure:
-        confidence = sum(
-            w
-            for c, w in zip(facts.search.candidates, belief.sets, strict=True)
-            if set(c.names) & set(unsure)
-        )
-    del weight
+    sums = zip(facts.search.candidates, belief.sets, strict=True)
+    if sure:
+        confidence = sum(w for c, w in sums if all(n in c.names for n in sure))
+    else:
+        confidence = sum(w for c, w in sums if set(c.names) & set(unsure))
+    if confidence < SURE:
+        return _unsure(facts, sure or tuple(unsure), confidence)
     left, _, _ = misfit(best.fit, facts.rest, estimated=facts.gates.estimated, bar=REST)
     left = left or facts.unexplained or facts.leftover > 1.0
     closed = f"It closes {facts.how_far.closed:.0%} of the held-out gap."
@@ -175,6 +171,23 @@ def _name(facts: Facts) -> Decision:
         text += f" Besides, one of {_list(unsure)}, which these records cannot tell apart."
     verdict = Verdict.NAMED_UNKNOWN_REST if left or unsure else Verdict.NAMED
     return Decision(verdict, text + rest, sure, tuple(unsure), confidence)
+
+
+def _unsure(facts: Facts, hinted: tuple[str, ...], confidence: float) -> Decision:
+    """What holds where the best set is not believed enough to be named."""
+    gap, _, _ = misfit(facts.first.nominal, facts.first.tight_fit, estimated=facts.gates.estimated)
+    belief = f"posterior {confidence:.2f}, expected {SURE} at least"
+    if gap:
+        text = (
+            f"There is a gap (sum of squares {_ratio(facts.first):.3g} of its expectation), but "
+            f"no effect is sure; nearest {_list(hinted)} ({belief})."
+        )
+        return Decision(Verdict.UNKNOWN, text + _place(facts), (), (), facts.belief.other)
+    text = (
+        "There may be something, but these records cannot prove it: "
+        f"nearest {_list(hinted)} ({belief}). The nominal is not refuted."
+    )
+    return Decision(Verdict.TOO_WEAK, text, (), (), 1.0 - facts.belief.none)
 
 
 def _ratio(search: Search) -> float:

@@ -15,7 +15,7 @@ from feltmb.fit.cache import Cache
 from feltmb.fit.nominal import Effect, Nominal
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Shot, make_shot
-from feltmb.fit.solve import Fit, FitSettings, fit_problem, polish
+from feltmb.fit.solve import Fit, FitSettings, fit_problem
 from feltmb.gap.advise import advise
 from feltmb.gap.assemble import amended, how_far_rows, ranked
 from feltmb.gap.calibrate import calibrate
@@ -52,8 +52,9 @@ class Options:
     """Refits of simulated nominal records for the null law; 0: asymptotic only."""
     restarts: int = 3
     seed: int = 0
-    least_share: float = 0.05
-    """Share of the whole held-out gain below which an effect is small print, not a cause."""
+    least_share: float = 0.1
+    """Share of the largest held-out gain of a set below which an effect is small print: a law that
+    is off by a third of its force leaves a tenth of its gain to what mends its form."""
     windowed_level: float = 0.01
     """Gap between windows of the windowed metric, as a share of the spread of the states."""
     fit: FitSettings | None = None
@@ -293,13 +294,7 @@ def diagnose(
         seed=options.seed,
         progress=progress,
     )
-    rest = None
-    if accepted.candidate is not None:
-        kept = accepted.candidate.fit
-        if kept.gap_sd.size and kept.level > settings.levels[-1]:
-            rest = polish(kept.problem, kept.point, settings.levels[-1], settings)
-            if not np.isfinite(rest.cost):
-                rest = None
+    rest = accepted.tightest
     leftover = 0.0
     if accepted.candidate is not None:
         others = all_terms(usable, accepted.candidate.names)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from feltmb.fit.linearize import Place, predict
 from feltmb.fit.observe import machine_terms
 from feltmb.fit.problem import Point, Problem, solve_scaled
 from feltmb.fit.shots import Shot
-from feltmb.fit.solve import Fit, FitSettings, polish
+from feltmb.fit.solve import Fit, FitSettings, at_level, polish
 
 __all__ = ["HeldOut", "Outcome", "Paired", "compare", "evaluate"]
 
@@ -32,15 +33,32 @@ class Outcome:
     fit: Fit
     density: Array
     """Log predictive density of the windows of all shots, (windows,)."""
-    windowed: tuple[Array, ...]
-    """Residual by shot, (n, ny) in units of the channels: states re-estimated a little."""
-    open_loop: tuple[Array, ...]
-    """The same, simulated in one go from the first state."""
+    settings: FitSettings
+    windowed_level: float
 
-    def gap(self, shots: Sequence[Shot], which: str) -> float:
-        """Whitened root mean square over all channels [sigma]."""
+    @cached_property
+    def windowed(self) -> tuple[Array, ...]:
+        """Residual by shot, (n, ny) in units of the channels: states re-estimated a little."""
+        fit = self.fit
+        if fit.gap_sd.size and not np.isclose(self.windowed_level, fit.level):
+            fit = polish(fit.problem, fit.point, self.windowed_level, self.settings)
+        return tuple(_windowed(fit))
+
+    @cached_property
+    def open_loop(self) -> tuple[Array, ...]:
+        """The same, simulated in one go from the first state."""
+        fit, tightest = self.fit, self.settings.levels[-1]
+        if fit.gap_sd.size and fit.level > tightest:
+            settings = replace(self.settings, chain=True)
+            tight = polish(fit.problem, fit.point, tightest, settings)
+            fit = tight if tight.cost < np.inf else fit
+        return tuple(_open_loop(fit))
+
+    def gap(self, shots: Sequence[Shot], which: str, only: int | None = None) -> float:
+        """Whitened root mean square over all channels, and all shots or only one [sigma]."""
         total, count = 0.0, 0
-        for shot, residual in zip(shots, getattr(self, which), strict=True):
+        pairs = list(zip(shots, getattr(self, which), strict=True))
+        for shot, residual in pairs if only is None else [pairs[only]]:
             for c, noise in enumerate(shot.noise):
                 good = np.isfinite(residual[:, c])
                 measured = np.isfinite(shot.record.output_array(self.fit.problem.nominal.outputs))
@@ -81,24 +99,8 @@ def evaluate(held: HeldOut, model: Fit, settings: FitSettings, *, windowed_level
         state_scale=held.state_scale if held.state_scale.size else None,
     )
     point = _settle(base, model)
-    settings = replace(settings, chain=True)
-    fit = polish(base, point, model.level, settings)
-    density = _density(base, fit, model)
-    level = windowed_level
-    loose = fit
-    if fit.gap_sd.size and not np.isclose(level, model.level):
-        loose = polish(base, fit.point, level, settings)
-    tight = fit
-    if fit.gap_sd.size and model.level > settings.levels[-1]:
-        tight = polish(base, fit.point, settings.levels[-1], settings)
-        if not tight.cost < np.inf:
-            tight = fit
-    return Outcome(
-        fit=fit,
-        density=density,
-        windowed=tuple(_windowed(loose)),
-        open_loop=tuple(_open_loop(tight)),
-    )
+    fit = polish(base, point, model.level, replace(settings, chain=True))
+    return Outcome(fit, _density(base, fit, model), settings, windowed_level)
 
 
 def _density(base: Problem, fit: Fit, model: Fit) -> Array:
@@ -168,10 +170,10 @@ def _settle(problem: Problem, model: Fit) -> Point:
         )
     if not problem.nominal.states():
         return point
-    quick = FitSettings(iterations=8)
+    quick = FitSettings(iterations=8, decrement=0.3)
     level = 1.0
     while level > model.level * 1.001:
-        point = polish(problem, point, level, quick).point
+        point = at_level(problem, point, level, None, quick, 8).point
         level /= 10.0
     return point
 

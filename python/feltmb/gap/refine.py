@@ -10,13 +10,16 @@ import numpy as np
 from feltmb.data import Array
 from feltmb.fit.nominal import Effect, Term
 from feltmb.fit.problem import Point, Problem
-from feltmb.fit.solve import Fit, FitSettings, polish
+from feltmb.fit.solve import Fit, FitSettings, at_level, polish
 from feltmb.gap.score import Scores, all_terms, prior_of, score_fit, screen_sets
 
-__all__ = ["Candidate", "Search", "full_evidence", "refit", "search"]
+__all__ = ["Candidate", "Search", "full_evidence", "refit", "search", "tighten"]
 
 Progress = Callable[[str, int, int], None]
 
+#: Share of the evidence gained so far below which a further effect ends the search: it would not be
+#: told from an error in the form of a larger one.
+SMALL = 0.02
 #: Note of a nominal that an effect led out of a wrong valley.
 REFITTED = "fitted again from the fit with an effect"
 
@@ -63,8 +66,7 @@ class Candidate:
 def refit(base: Fit, terms: tuple[Term, ...], sizes: Array, settings: FitSettings) -> Fit:
     """Nonlinear fit with terms, warm-started; the gap level is made tighter while that helps."""
     problem = base.problem.with_terms(terms)
-    point = _reachable(problem, base, terms, sizes)
-    return refit_at(problem, point, base.level, settings)
+    return refit_at(problem, _reachable(problem, base, terms, sizes), base.level, settings)
 
 
 def refit_at(problem: Problem, point: Point, level: float, settings: FitSettings) -> Fit:
@@ -80,7 +82,9 @@ def refit_at(problem: Problem, point: Point, level: float, settings: FitSettings
         if trial.log_evidence < fit.log_evidence - 0.5:
             break
         fit = trial
-    return fit if fit.converged else polish(problem, fit.point, fit.level, settings)
+    if fit.converged or fit.level == level:
+        return fit
+    return polish(problem, fit.point, fit.level, settings)
 
 
 def _reachable(problem: Problem, base: Fit, terms: tuple[Term, ...], sizes: Array) -> Point:
@@ -139,10 +143,11 @@ def search(
     ``reseeds``: times that the search may begin again because a set has led the nominal out of a
     wrong valley.
     """
-    tight_fit = _tightest(nominal, settings)
+    tight_fit = tighten(nominal, settings)
     total = sum(e.weight for e in effects)
     terms = all_terms(effects)
-    quick = replace(settings, iterations=15)
+    # Sets are ranked by whole nats: a twentieth of one is near enough.
+    quick = replace(settings, iterations=15, decrement=max(settings.decrement, 0.1))
     done: dict[tuple[str, ...], Candidate] = {}
     failed: dict[str, str] = {}
 
@@ -227,23 +232,22 @@ def search(
     if other is not None:
         return anew(other)
     for _ in range(2 * most):
-        if not done:
-            break
-        best = max(done.values(), key=lambda c: c.evidence)
-        if best.evidence < start:
+        best = max(done.values(), key=lambda c: c.evidence, default=None)
+        if best is None or best.evidence < start:
             break
         before = best.evidence
         left = tuple(t for t in terms if t.name not in best.names)
         if left and len(best.fit.terms) < most:
             run(best.fit, score_fit(best.fit, left), 3)
-        for k, term in enumerate(best.fit.terms):  # drop one, or put another in its place
-            if len(best.fit.terms) < 2:
+            best = max(done.values(), key=lambda c: c.evidence)
+        if best.evidence <= before + max(1e-9, SMALL * (before - start)):
+            # Nothing more to add: does the set need all of its effects?
+            for k, term in enumerate(best.fit.terms):
+                rest = tuple(t for t in best.fit.terms if t is not term)
+                if rest and tuple(sorted(t.name for t in rest)) not in done:
+                    attempt(best.fit, rest, np.delete(best.fit.point.sizes, k))
+            if max(c.evidence for c in done.values()) <= best.evidence:
                 break
-            rest = tuple(t for t in best.fit.terms if t is not term)
-            if tuple(sorted(t.name for t in rest)) not in done:
-                attempt(best.fit, rest, np.delete(best.fit.point.sizes, k))
-        if max(c.evidence for c in done.values()) <= before + 1e-9:
-            break
     if done:  # the winner must not be a stuck fit
         best = max(done.values(), key=lambda c: c.evidence)
         if best.fit.chi2 > best.fit.dof + 4.0 * np.sqrt(2.0 * best.fit.dof):
@@ -260,11 +264,16 @@ def search(
     return Search(nominal, scores, tight, tight_fit, ordered, start, tuple(failed.items()))
 
 
-def _tightest(fit: Fit, settings: FitSettings) -> Fit | None:
+def tighten(fit: Fit, settings: FitSettings) -> Fit | None:
     """The fit with the tightest gaps; None where it has them, or cannot be simulated with them."""
     if not fit.gap_sd.size or fit.level <= settings.levels[-1]:
         return None
-    tight = polish(fit.problem, fit.point, settings.levels[-1], replace(settings, chain=True))
+    point = fit.point
+    way = replace(settings, iterations=12, decrement=max(settings.decrement, 0.3))
+    for level in settings.levels[:-1]:
+        if level < 0.99 * fit.level:  # all at once would tear a motion that hits something
+            point = at_level(fit.problem, point, level, None, way, 12).point
+    tight = polish(fit.problem, point, settings.levels[-1], replace(settings, chain=True))
     return tight if np.isfinite(tight.cost) else None
 
 

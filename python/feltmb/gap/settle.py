@@ -11,7 +11,7 @@ import numpy as np
 
 from feltmb.fit.solve import Fit, FitSettings
 from feltmb.gap.proof import HeldOut, Outcome, Paired, compare, evaluate
-from feltmb.gap.refine import Candidate, Search, full_evidence, refit
+from feltmb.gap.refine import Candidate, Search, full_evidence, refit, tighten
 
 __all__ = ["Accepted", "Posterior", "accept", "posterior", "shapley"]
 
@@ -79,6 +79,8 @@ class Accepted:
     rejected: tuple[tuple[str, str], ...]
     """Effects that the fit wanted and held-out records refused, with the reason."""
     outcomes: dict[tuple[str, ...], Outcome] = field(default_factory=dict)
+    tightest: Fit | None = None
+    """The set fitted with the tightest gaps; None where it has them already."""
 
 
 def accept(
@@ -118,15 +120,14 @@ def accept(
             known[key] = Candidate(fit, full_evidence(fit, total))
         return known[key]
 
-    def closes(c: Candidate, name: str, after: Outcome) -> float:
-        rest = candidate_without(c, name)
-        without = before if rest is None else outcome(rest.fit)
-        shares = []
-        for which in ("open_loop", "windowed"):
-            old, new = without.gap(held.sensed, which), after.gap(held.sensed, which)
-            if np.isfinite(old) and np.isfinite(new) and old > 1.0:
-                shares.append((old - new) / (old - 1.0))
-        return max(shares, default=0.0)
+    tightest: dict[tuple[str, ...], Fit | None] = {}
+
+    def unexplained(c: Candidate) -> float:
+        """Log evidence that unknown forces still bring to a set."""
+        if c.key not in tightest:
+            tightest[c.key] = tighten(c.fit, settings)
+        tight = tightest[c.key]
+        return 0.0 if tight is None else c.fit.log_evidence - tight.log_evidence
 
     before = outcome(search.nominal)
     proof: dict[str, Paired] = {}
@@ -139,13 +140,22 @@ def accept(
         for name in c.names:
             rest = candidate_without(c, name)
             base = before if rest is None else outcome(rest.fit)
-            paired = compare(base, after, held.shots, inflation, seed=seed)
-            trials[name] = paired
-            if not _improves(paired, inflation):
+            trials[name] = compare(base, after, held.shots, inflation, seed=seed)
+        most = max(t.gain for t in trials.values())
+        unknown = unexplained(c) / inflation
+        for name, paired in trials.items():
+            if paired.gain < unknown:
+                bad[name] = (
+                    f"held-out gain {paired.gain:.1f} nats, less than the {unknown:.1f} that an "
+                    "unknown force would still explain"
+                )
+            elif paired.gain < least_share * most:
+                bad[name] = (
+                    f"held-out gain {paired.gain:.1f} nats beside {most:.0f}: no more than an "
+                    "error in the form of the larger effect would bring"
+                )
+            elif not _improves(paired, inflation):
                 bad[name] = f"held-out gain {paired.gain:.1f} nats, p = {paired.p:.2g}"
-            elif len(c.names) > 1 and (share := closes(c, name, after)) < least_share:
-                # Small print is not a cause.
-                bad[name] = f"closes {share:.0%} of what the others leave of the held-out gap"
         return trials, bad
 
     best = search.best
@@ -158,7 +168,9 @@ def accept(
             strongest = max(first.names, key=lambda n: proof[n].gain)
             needed = set() if strongest in bad else {strongest}
             best = None
-            for size in range(len(first.names) - 1, 0, -1):
+            # A smaller set leaves more to unknown forces: where they beat every effect, it is over.
+            hopeless = max(t.gain for t in proof.values()) < unexplained(first) / inflation
+            for size in range(0 if hopeless else len(first.names) - 1, 0, -1):
                 standing = []
                 for names in itertools.combinations(first.names, size):
                     if not needed <= set(names):
@@ -195,7 +207,16 @@ def accept(
             if _improves(compare(outcome(c.fit), after, held.shots, inflation), inflation):
                 continue  # the best one predicts better than it
             rivals.append(c)
-    return Accepted(best, before, after, proof, tuple(rivals), tuple(rejected), outcomes)
+    return Accepted(
+        best,
+        before,
+        after,
+        proof,
+        tuple(rivals),
+        tuple(rejected),
+        outcomes,
+        None if best is None else tightest[best.key],
+    )
 
 
 def _improves(paired: Paired, inflation: float) -> bool:

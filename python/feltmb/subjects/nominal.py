@@ -282,6 +282,12 @@ class MechanismNominal(Nominal):
         self.in_parallel(work, list(groups.items()))
         return Simulated(outputs=outputs, ends=np.zeros((lanes.count, 0)))
 
+    def whole(self, record: Record, variant: Variant) -> Array | None:
+        """Outputs of a version over the whole record from rest, (n, ny); None if it failed."""
+        job = _Job(0, variant, 0, record.samples - 1, np.zeros(0))
+        run = self._integrate(record, self.drive(record), job, ())
+        return None if run is None else run[1]
+
     def sensitivities(
         self,
         record: Record,
@@ -610,7 +616,12 @@ def mechanism_nominal(
     """
     if not isinstance(library, Library):
         library = load_library(action, library)
-    nominal = MechanismNominal(action, library, library.outputs(channels), **options)
+    kind = MechanismNominal
+    if options.get("shooting") == "single" and options.get("derivatives") != "forward":
+        from feltmb.subjects.strokes import StrokeNominal
+
+        kind = StrokeNominal
+    nominal = kind(action, library, library.outputs(channels), **options)
     chosen = [e for e in library.select(effects) if _can_show(nominal, e)]
     return nominal, tuple(
         effect_of(e, nominal.outputs, library.channels, states=not nominal.single) for e in chosen

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from feltmb.errors import InvalidParameter
 from feltmb.simulate import simulate
 from feltmb.stroke import Stroke, load_stroke, pulse_stroke, ramp_stroke
 from feltmb.subjects.amend import amended_action
+from feltmb.subjects.finer import finer
 from feltmb.subjects.library import Entry, Library, load_library
 
 __all__ = ["Case", "Sensors", "Truth", "make_case", "make_record"]
@@ -112,22 +112,6 @@ def _other_form(entry: Entry, rng: np.random.Generator) -> tuple[Entry, str]:
         square = replace(entry.changes[0], path=f"bodies.{body}.friction.quadratic", add=0.2)
         return replace(entry, changes=(replace(entry.changes[0], add=0.7), square)), "partly v^2"
     return entry, ""
-
-
-def _refined(action: Action) -> Action:
-    """Finer shapes and modes, sharper friction."""
-    values: dict[str, Any] = {}
-    config = action.config
-    if config.string is not None and config.string.kind == "modal":
-        values["string.modes"] = min(2 * config.string.modes, 200)
-    for name, body in config.bodies.items():
-        if body.kind == "beam" and not body.rigid:
-            values[f"bodies.{name}.lateral_shapes"] = body.lateral_shapes + 1
-    for name, contact in config.contacts.items():
-        if contact.friction.amplitude > 0.0:
-            speed = contact.friction.threshold_speed / 3.0
-            values[f"contacts.{name}.friction.threshold_speed"] = speed
-    return action.with_values(values)
 
 
 def make_record(
@@ -310,7 +294,7 @@ def make_case(
             signals[effect] = size
         else:
             entries.append((entry, size, entry.shapes[0]))
-    machine = amended_action(_refined(action) if refined else action, entries)
+    machine = amended_action(finer(action) if refined else action, entries)
     records = []
     for stroke_name, role in strokes:
         stroke, duration = _stroke(stroke_name)

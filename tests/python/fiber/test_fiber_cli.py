@@ -11,7 +11,8 @@ from feltmb.fiber import pressure
 
 
 def run(*args, code=0):
-    result = CliRunner().invoke(fiber, [str(a) for a in args], catch_exceptions=False)
+    runner = CliRunner(env={"COLUMNS": "80"})
+    result = runner.invoke(fiber, [str(a) for a in args], catch_exceptions=False)
     assert result.exit_code == code, result.output
     assert all(
         len(line) <= 80

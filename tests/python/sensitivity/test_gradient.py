@@ -1,5 +1,7 @@
 """Derivatives of a stroke: closed forms, exact identities, differences, a second way round."""
 
+import copy
+
 import numpy as np
 import pytest
 from scipy.special import ellipj, ellipk
@@ -293,3 +295,86 @@ def test_quick_ways_to_the_inhomogeneous_part(action):
     h = 1e-4
     by_runs = (at(h) - at(-h)) / (2 * h)
     assert g.of("hammer.angle", path) == pytest.approx(by_runs, abs=1e-3 * np.abs(by_runs).max())
+
+
+QUICK = [
+    "contacts.08.loading.a", "bodies.butt.inertia", "string.tension", "string.linear_density",
+    "string.damping_ratio", "bodies.wire.inertia", "surfaces.Gp10.point.y",
+    "contacts.06.friction.amplitude", "points.key_front.point.x", "stroke.scale",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("law", ["guarded", "felt_memory"])
+def test_what_a_parameter_touches_is_all_that_it_touches(action, monkeypatch, law):
+    """With and without knowing it: one right-hand side with the shifted model instead."""
+    from feltmb import sensitivity
+
+    felt = action.with_values({"contacts.06.law": law, "shank.rigid": True, "wire.rigid": True})
+    options = {"duration": 0.11, "rtol": 1e-8, "tolerance": 1e-3}
+    outputs = ["hammer.angle", "key_front.x", "string.strike", "contact06.force"]
+    quick = gradient(felt, "forte", QUICK, outputs, **options)
+    monkeypatch.setattr(sensitivity, "_law_of", lambda *_: -1)
+    monkeypatch.setattr(sensitivity, "_is_inertial", lambda *_: False)
+    monkeypatch.setattr(sensitivity, "_touched_contacts", lambda *_: None)
+    monkeypatch.setattr(sensitivity, "_MODAL", frozenset())
+    plain = gradient(felt, "forte", QUICK, outputs, **options)
+    assert quick.stats["rhs"] < 0.7 * plain.stats["rhs"]
+    sizes = np.array([p.size for p in plain.parameters])
+    for j, path in enumerate(quick.columns):
+        for i, output in enumerate(outputs):
+            want, got = (g.array[:, i, :] * sizes for g in (plain, quick))
+            room = 1e-3 * np.abs(want[:, j]).max() + 1e-8 * np.abs(want).max()
+            assert got[:, j] == pytest.approx(want[:, j], abs=room), (path, output)
+
+
+def test_a_string_left_alone_by_differences(rigid):
+    """Strings are rotated, not integrated, after the blow; by its own numbers, against runs."""
+    for path, value in (("string.tension", 654.0), ("string.damping_ratio", 0.07)):
+        g = gradient(rigid, "forte", path, ["string.strike"], duration=0.12, rtol=1e-9,
+                     tolerance=1e-4)  # fmt: skip
+
+        def at(shift, path=path, value=value):
+            run = feltmb.simulate(
+                rigid.with_values({path: value * (1.0 + shift)}), "forte", 0.12, rtol=1e-10,
+                ledger=False, output_rate=1000.0,
+            )  # fmt: skip
+            return run["string.strike"]
+
+        h = 1e-3
+        by_runs = (8.0 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))) / (12.0 * h * value)
+        late = g.time > 0.1
+        assert np.abs(by_runs[late]).max() > 0.0
+        room = 3e-3 * np.abs(by_runs).max()
+        assert g.of("string.strike", path) == pytest.approx(by_runs, abs=room), path
+
+
+def test_a_felt_of_fibers_by_its_own_numbers(rigid):
+    """Thickness, fibers and loop of a micromechanical contact, against Richardson differences."""
+    from feltmb.parameters import find_parameters
+
+    law = {"name": "micromechanical", "felt": "synthetic_hammer", "thickness": "6 mm"}
+    area = {"kind": "crossed_cylinders"}
+    felt = rigid.with_values({"contacts.06.law": {**law, "area": area}})
+    table = "contacts.06.micromechanical"
+    paths = [f"{table}.{name}" for name in ("thickness", "felt.v_f0", "felt.loading.K_p",
+                                            "felt.fiber.friction", "area.radius_a")]  # fmt: skip
+    g = gradient(felt, "forte", paths, (), duration=0.105, rtol=1e-8, tolerance=1e-4)
+    names = ("max_string_force", "rebound_speed", "string_contact_duration")
+    found = find_parameters(felt, paths)
+
+    def at(parameter, shift):
+        changed = feltmb.parameters.mechanism_with(
+            felt, {parameter.path: parameter.value * (1.0 + shift)}
+        )
+        moved = copy.copy(felt)
+        moved.mechanism = changed
+        run = feltmb.simulate(moved, "forte", 0.105, rtol=1e-10, ledger=False, summary_only=True)
+        return np.array([run.summary[name] for name in names])
+
+    h = 1e-3
+    for j, parameter in enumerate(found):
+        once, twice = (at(parameter, k * h) - at(parameter, -k * h) for k in (1, 2))
+        by_runs = (8.0 * once - twice) / (12.0 * h)
+        got = np.array([g.summary_gradient[name][j] * parameter.size for name in names])
+        room = 5e-5 * np.array([g.summary[name] for name in names])
+        assert np.all(np.abs(got - by_runs) < 5e-3 * np.abs(by_runs) + room), parameter.path

@@ -1,6 +1,7 @@
 """Many strokes in one call: order, faults, memory by counting, independence of the threads."""
 
 import gc
+import threading
 import weakref
 
 import pytest
@@ -106,3 +107,45 @@ def test_with_values_shares_what_did_not_change(action):
         action.with_values({"key.mass": -1.0})
     with pytest.raises(feltmb.InvalidParameter, match="leads into a quantity"):
         action.with_values({"key.mass.kg": 1.0})
+
+
+def test_without_order_each_outcome_comes_as_soon_as_it_is_known(pendulum):
+    """A long first stroke holds nothing up; all come once, with the bits of the ordered batch."""
+    long = feltmb.pulse_stroke(2.0, 0.001, 0.01)
+    strokes = [(pendulum, long, {"duration": 5.0}), *pairs(pendulum, 6)]
+    got = {}
+    count = simulate_many(
+        strokes, got.__setitem__, jobs=2, ordered=False, **{**SHORT, "rtol": 1e-8}
+    )
+    assert count == 7
+    assert list(got)[-1] == 0
+    want = []
+    simulate_many(strokes, lambda _, run: want.append(run), jobs=1, **{**SHORT, "rtol": 1e-8})
+    assert [got[i].values.tobytes() for i in range(7)] == [w.values.tobytes() for w in want]
+    assert want[0].time[-1] == 5.0  # options of one stroke alone
+
+
+def test_a_flag_ends_a_batch_at_once(pendulum):
+    stop = feltmb._core.StopFlag()
+    timer = threading.Timer(0.3, stop.set)
+    timer.start()
+    forever = feltmb.pulse_stroke(2.0, 0.001, 0.01, duration=1e5)
+    got = {}
+    options = {"output_rate": 1.0, "ordered": False, "stop": stop}
+    assert simulate_many([(pendulum, forever)] * 9, got.__setitem__, jobs=2, **options) == 0
+    assert not got
+    timer.join()
+
+
+@pytest.mark.parametrize("stroke", ["forte", "piano"])
+def test_a_run_for_its_summary_has_the_numbers_of_a_whole_one(action, stroke):
+    options = {"rtol": 1e-5, "ledger": False}
+    whole = feltmb.simulate(action, stroke, **options)
+    quick = feltmb.simulate(action, stroke, summary_only=True, **options)
+    assert quick.summary == pytest.approx(whole.summary, rel=1e-9)
+    assert {"key_travel", "check_gap", "check_gap_swing"} <= set(quick.summary)
+    assert quick.time[0] >= quick.time[-1] - 0.0103
+    tail = whole.time >= quick.time[0]
+    assert quick.values == pytest.approx(whole.values[tail], rel=1e-9, abs=1e-12)
+    y = whole[f"{action.config.summary.key_point}.y"]
+    assert whole.summary["key_travel"] == y[0] - y.min()

@@ -1,6 +1,7 @@
 """What all commands have in common: options, JSON, tables at 80 columns, no color when piped."""
 
 import json
+import os
 import subprocess
 import sys
 
@@ -36,7 +37,8 @@ def test_every_command_speaks_json_and_has_a_help(path):
     first = command.help.strip().splitlines()[0]
     assert first[0].isupper()
     for parameter in command.params:
-        if isinstance(parameter, click.Option) and parameter.help:
+        if isinstance(parameter, click.Option):
+            assert parameter.help, (path, parameter.opts)
             assert parameter.help.strip().endswith("."), (path, parameter.opts)
 
 
@@ -149,3 +151,67 @@ def test_a_sweep_beyond_reason_is_refused_with_the_limit(data):
         feltmb.sweep(data / "pendulum.toml", "forte", {"arm.mass": mass, "arm.inertia": mass})
     with pytest.raises(feltmb.InvalidParameter, match="a count of 1 to 1000000"):
         feltmb.sweep(data / "pendulum.toml", "forte", {"arm.mass": mass | {"count": 10**12}})
+
+
+def run_feltmb(*arguments, columns=None, **variables):
+    environment = {k: v for k, v in os.environ.items() if k != "COLUMNS"} | variables
+    if columns is not None:
+        environment["COLUMNS"] = str(columns)
+    return subprocess.run(
+        [sys.executable, "-m", "feltmb", *arguments],
+        capture_output=True, text=True, check=False, env=environment,
+    )  # fmt: skip
+
+
+def test_a_piped_table_breaks_no_name():
+    # at 80 columns "bodies.balance_slider.friction.threshold_spe" and "ed" were two lines
+    out = run_feltmb("show", "steinway45", "--values").stdout
+    assert " bodies.balance_slider.friction.threshold_speed " in out
+    assert "standard value, as in the thesis's mechanism" in out
+    narrow = run_feltmb("show", "steinway45", "--values", columns=80).stdout
+    assert max(len(line) for line in narrow.splitlines()) <= 80
+    assert " bodies.balance_slider.friction.threshold_speed " in narrow
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [("feltmb g", "gap"), ("feltmb gap d", "diagnose"), ("feltmb stroke --pl", "--plot"),
+     ("feltmb stroke --method c", "cvode")],
+)  # fmt: skip
+def test_the_shell_completes(words, expected):
+    count = str(len(words.split()) - 1)
+    done = run_feltmb(_FELTMB_COMPLETE="bash_complete", COMP_WORDS=words, COMP_CWORD=count)
+    assert f"plain,{expected}" in done.stdout.splitlines()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["view"], "feltmb: Missing argument 'RUNS...'."),
+        (["strok"], "feltmb: No such command 'strok'. Did you mean 'stroke'?"),
+        (["stroke", "--rtol", "x"], "feltmb: Invalid value for '--rtol'"),
+    ],
+)
+def test_wrong_calls_are_told_like_all_else(capsys, arguments, text):
+    code, out, err = called(capsys, *arguments)
+    assert code == 2
+    assert out == ""
+    assert err.startswith("Usage: feltmb")
+    assert text in err
+
+
+@pytest.mark.parametrize(
+    ("contact", "text"),
+    [
+        ("steinway45:99", "contact '99' of steinway45 does not exist: expected one of 01, 02,"),
+        ("steinway45", "'steinway45' names no contact: expected one of 01, 02,"),
+        ("nothing:06", "'nothing:06' is no mechanism"),
+    ],
+)
+def test_felt_fit_does_not_speak_of_audits(capsys, contact, text):
+    arguments = ["--area", "constant:4cm^2", "--fibers", "synthetic_hammer"]
+    code, _, err = called(capsys, "felt", "fit", contact, *arguments)
+    assert code == 2
+    assert text in err
+    assert "audit" not in err
+    assert "--all" not in err

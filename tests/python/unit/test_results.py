@@ -229,3 +229,31 @@ def test_wav(run, tmp_path, position):
     assert np.max(np.abs(samples)) == 32000
     with pytest.raises(feltmb.InvalidParameter, match="slowness"):
         run.write_wav(tmp_path / "other.wav", slowness=0.0)
+
+
+def test_a_file_is_what_other_programs_take_for_netcdf(run, tmp_path):
+    """Read by xarray: names in their order, dimensions, units; packed or not, the same numbers."""
+    import xarray as xr
+
+    for compress in (True, False):
+        path = run.save(tmp_path / f"{compress}.nc", compress=compress)
+        read = xr.load_dataset(path, engine="h5netcdf")
+        assert list(read.data_vars)[: len(run.names)] == list(run.names)
+        for name, variable in run.data.variables.items():
+            assert read[name].dims == variable.dims, name
+            assert read[name].attrs == variable.attrs, name
+            assert np.array_equal(read[name].values, variable.values), name
+        assert read["string.eta"].dims == ("time", "mode")
+        assert read.attrs["status"] == "done"
+        assert read.attrs["message"] == ""
+        same(feltmb.load_run(path), run)
+    assert (tmp_path / "True.nc").stat().st_size < (tmp_path / "False.nc").stat().st_size
+
+
+def test_runs_are_saved_side_by_side(run, tmp_path):
+    from concurrent.futures import ThreadPoolExecutor
+
+    with ThreadPoolExecutor(4) as pool:
+        paths = list(pool.map(run.save, [tmp_path / f"{i}.nc" for i in range(8)]))
+    for path in paths:
+        same(feltmb.load_run(path), run)

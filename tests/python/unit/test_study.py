@@ -434,7 +434,8 @@ def test_statistics():
 
 
 def run(*arguments, code=0):
-    result = CliRunner().invoke(command, [str(a) for a in arguments])
+    runner = CliRunner(env={"COLUMNS": "80"})
+    result = runner.invoke(command, [str(a) for a in arguments])
     if code == 0 and result.exception is not None:
         raise result.exception
     if "--json" not in arguments:

@@ -122,6 +122,7 @@ class MechanismSystem : public OdeSystem {
   /// Evaluates everything at (t, y) for outputs.
   void evaluate(double t, std::span<const double> y, Detail detail = Detail::kClosedContacts);
   void locate(double t, std::span<const double> y, Detail detail = Detail::kClosedContacts);
+  void place(std::span<const double> y);  ///< the links alone
   Drive drive(double t) const;
 
   /// Lets a prescribed motion count from the state of the start. Throws InvalidParameter if the

@@ -23,4 +23,10 @@ std::vector<ObservableInfo> list_observables(const Mechanism& mechanism);
 /// Values at (t, y); `out` has the length of list_observables.
 void observe(MechanismSystem& system, double t, std::span<const double> y, std::span<double> out);
 
+/// Whether an output follows from the places and speeds of the links alone.
+bool is_place(const Mechanism& mechanism, int output);
+
+/// As `observe`, but only the outputs that are places are filled in: no force is evaluated.
+void observe_places(MechanismSystem& system, std::span<const double> y, std::span<double> out);
+
 }  // namespace feltmb

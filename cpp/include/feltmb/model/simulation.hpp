@@ -30,6 +30,13 @@ enum class Method {
 Method method_from_name(const std::string& name);
 const char* method_name(Method method);
 
+/// Relative tolerance at which a method keeps the largest error of a contact force below `error`
+/// times its peak, in (0, 0.1], after a blow of 50 ms on a string (docs/performance.md, "Error
+/// asked for"). The tolerance itself is that of a step. What the integrator leaves over adds up
+/// with the periods of a string without damping: there the BDF is held to order two and its error
+/// falls with the root of the tolerance only. Throws InvalidParameter.
+double tolerance_for(double error, const Mechanism& mechanism, Method method);
+
 struct SimulationOptions {
   double duration = 0.4;       ///< [s], > 0
   double rtol = 1e-6;          ///< relative tolerance; absolute ones follow from it
@@ -37,6 +44,7 @@ struct SimulationOptions {
   bool ledger = true;          ///< integrate work and dissipation along
   bool events = true;          ///< find contact openings and closings
   bool outputs = true;         ///< sample the named outputs; false: end state, events, counts only
+  double outputs_from = 0.0;   ///< the samples before are not taken [s]
   bool states = true;          ///< keep the full state at every sample
   bool diagnose = true;        ///< count which state and contact limit the step
   Method method = Method::kAuto;
@@ -45,6 +53,8 @@ struct SimulationOptions {
   long max_steps = 20000000;
   double max_wall = 0.0;           ///< seconds of wall time after which the run stops, 0: none
   std::vector<int> peak_contacts;  ///< numbers of contacts whose largest force is sought
+  /// Indices in Mechanism::points whose lowest place over all samples, taken or not, is sought.
+  std::vector<int> lowest_points;
   /// Place of the finger's point along the finger's direction at which its pad just touches [m];
   /// motion input counts from there. NaN: where the run starts.
   double finger_reference = std::numeric_limits<double>::quiet_NaN();
@@ -71,6 +81,21 @@ struct Peak {
   double time = 0.0;   ///< [s]
 };
 
+/// How far down a point came.
+struct Lowest {
+  int point = -1;       ///< index in Mechanism::points
+  double start = 0.0;   ///< y at time zero [m]
+  double lowest = 0.0;  ///< smallest y at a sample time [m]
+
+  /// Throws InvalidParameter if there is no such point.
+  static std::vector<Lowest> of(const Mechanism& mechanism, const std::vector<int>& points);
+
+  void look(double y, bool first) {
+    if (first) start = lowest = y;
+    if (y < lowest) lowest = y;
+  }
+};
+
 enum class RunStatus { kDone, kFailed, kWallTime, kInterrupted };
 
 struct RunResult {
@@ -93,6 +118,7 @@ struct RunResult {
   RowMatrix event_compression;          ///< (n_events, n_contacts) [m]
   RowMatrix event_approach;             ///< (n_events, n_contacts) [m/s] of the materials
   std::vector<Peak> peaks;
+  std::vector<Lowest> lowest;  ///< as SimulationOptions::lowest_points
   SimulationState end;
   IntegratorCounts counts;
   Method method = Method::kCvode;  ///< that was used

@@ -121,6 +121,9 @@ class Dynamics {
   void locate(const MechanicalState& state, const Drive& drive,
               Detail detail = Detail::kClosedContacts);
 
+  /// Positions and velocities of the links alone; the contacts stay as they were.
+  void place(const MechanicalState& state) { move_links(state.q, state.v); }
+
   /// While set, contacts with strings count as open, and their compression is that against a
   /// string at rest: no mode is looked at.
   void set_strings_apart(bool apart) { strings_apart_ = apart; }

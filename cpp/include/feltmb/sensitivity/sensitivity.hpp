@@ -4,13 +4,15 @@
 /// all columns at once by the L-stable three-stage SDIRK method of order three (R. Alexander, SIAM
 /// J. Numer. Anal. 14 (1977) 1006) with its own error control. J is the exact Jacobian; a stage
 /// costs one factorisation of the structured Newton matrix, shared by all columns. df/dp comes from
-/// immutable mechanisms built with shifted parameters. Steps end where a contact closes, opens or
-/// turns from loading to unloading; where the right-hand side itself jumps there, S does too:
-/// S+ = S- + (f- - f+) dt*/dp (saltation).
+/// immutable mechanisms built with shifted parameters. While no string is touched its columns are
+/// rotated exactly, mode by mode, and the rest alone is integrated. Steps end where a contact
+/// closes, opens or turns from loading to unloading; where the right-hand side itself jumps there,
+/// S does too: S+ = S- + (f- - f+) dt*/dp (saltation).
 #pragma once
 
 #include <Eigen/Dense>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -34,6 +36,9 @@ struct SensitivityParameter {
   double scale = 1.0;            ///< size of the parameter, > 0, its unit: for the error control
   int law = -1;           ///< index of the contact whose law is all that it changes, -1: anything
   bool inertial = false;  ///< changes masses, centers of mass and inertias of links only
+  /// Indices of the only contacts whose geometry or friction it changes; none: anything.
+  std::optional<std::vector<int>> contacts = {};
+  bool modal = false;  ///< changes frequencies, damping and shapes of string modes only
 };
 
 /// One stretch of a stroke.

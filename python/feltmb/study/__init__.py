@@ -1,0 +1,25 @@
+"""Studies: named variants of a mechanism under strokes, what to draw, tabulate and check, as data.
+
+:func:`study` runs a packaged study or a user's own TOML file; see ``docs/studies.md`` for the file.
+"""
+
+from __future__ import annotations
+
+from feltmb.study.extract import extract_run, statistic
+from feltmb.study.model import Case, Study, load_study, packaged_studies
+from feltmb.study.result import FindingResult, StudyResult, study_targets
+from feltmb.study.running import run_studies, study
+
+__all__ = [
+    "Case",
+    "FindingResult",
+    "Study",
+    "StudyResult",
+    "extract_run",
+    "load_study",
+    "packaged_studies",
+    "run_studies",
+    "statistic",
+    "study",
+    "study_targets",
+]

@@ -1,0 +1,129 @@
+"""The commands and examples of the documentation run, and print what the pages show."""
+
+import importlib.util
+import os
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def load_tool(name):
+    spec = importlib.util.spec_from_file_location(name, ROOT / "tools" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look themselves up
+    spec.loader.exec_module(module)
+    return module
+
+
+tool = load_tool("docs_pages")
+
+HOWTO = sorted(
+    str(p.relative_to(ROOT)) for p in (ROOT / "docs" / "howto").glob("*.md") if p.stem != "README"
+)
+PAGES = ["README.md", "docs/tutorial.md", *HOWTO]
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_page_shows_what_comes(page, tmp_path):
+    assert tool.run_page(ROOT / page, tmp_path, slow=False) > 0
+
+
+def test_links_of_the_pages_lead_somewhere():
+    pages = [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("examples/*.md")]
+    lost = []
+    for page in pages:
+        text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+        for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", text):
+            if "://" not in target and not (page.parent / target).exists():
+                lost.append(f"{page.relative_to(ROOT)}: {target}")
+    assert lost == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [p for p in PAGES if "<!-- slow -->" in (ROOT / p).read_text()])
+def test_slow_part_of_page_shows_what_comes(page, tmp_path):
+    assert tool.run_page(ROOT / page, tmp_path, slow=True) > 0
+
+
+# ---------------------------------------------------------------- the comparison itself
+
+
+@pytest.mark.parametrize(
+    ("shown", "comes"),
+    [
+        (["a 1.00"], ["a   1.001"]),
+        (["a 1.0e-05"], ["a 1.001e-05"]),
+        (["one", "...", "ten 10 ms"], ["one", "two", "three", "ten 10 ms"]),
+        (["name   x", "──────"], ["name x", "─────────"]),
+        (["a", "..."], ["a", "b", "c"]),
+        ([], []),
+    ],
+)
+def test_same_output_passes(shown, comes):
+    assert tool.compare(shown, comes, 2e-3) == ""
+
+
+@pytest.mark.parametrize(
+    ("shown", "comes"),
+    [
+        (["a 1.00"], ["a 1.02"]),
+        (["a 1.0e-05"], ["a 1.1e-05"]),
+        (["a"], ["b"]),
+        (["a"], ["a", "b"]),
+        (["a", "b"], ["a"]),
+        (["a", "...", "z"], ["a", "b"]),
+        (["1 of 3"], ["1 of"]),
+    ],
+)
+def test_other_output_is_found(shown, comes):
+    assert tool.compare(shown, comes, 2e-3)
+
+
+def write(tmp_path, text):
+    page = tmp_path / "page.md"
+    page.write_text(text)
+    folder = tmp_path / "in"
+    folder.mkdir()
+    return page, folder
+
+
+def test_a_page_that_lies_is_found(tmp_path):
+    page, folder = write(tmp_path, "```console\n$ echo 3.0 mm\n4.0 mm\n```\n")
+    with pytest.raises(tool.Mismatch, match=r"page.md:2: \$ echo 3.0 mm"):
+        tool.run_page(page, folder)
+    assert "COLUMNS" not in os.environ or os.environ["COLUMNS"] != "80"
+
+
+def test_an_example_that_fails_is_found_at_its_line(tmp_path):
+    page, folder = write(
+        tmp_path, "text\n\n```python\nx = 1\n```\n\n```python\nassert x == 2\n```\n"
+    )
+    with pytest.raises(tool.Mismatch, match=r"page\.md:8: AssertionError"):
+        tool.run_page(page, folder)
+
+
+def test_what_comes_is_written_into_the_page(tmp_path):
+    text = (
+        "<!-- file a.txt -->\n```text\none\ntwo\nthree\n```\n"
+        "```console\n$ cat a.txt\nx\n...\n$ head -1 a.txt\n```\n"
+        "```python\nprint(1.5)\n```\n<!-- printed -->\n```text\n```\n"
+    )
+    page, folder = write(tmp_path, text)
+    assert tool.run_page(page, folder, write=True) == 3
+    shown = page.read_text()
+    assert "$ cat a.txt\none\n...\n$ head -1 a.txt\none\n```" in shown
+    assert "```text\n1.5\n```" in shown
+    assert tool.run_page(page, folder) == 3
+
+
+def test_not_run_and_slow_parts_are_left_out(tmp_path):
+    text = (
+        "<!-- not run: why -->\n```console\n$ false x\n```\n"
+        "<!-- slow -->\n```console\n$ echo\n```\n"
+    )
+    page, folder = write(tmp_path, text)
+    assert tool.run_page(page, folder, slow=False) == 0
