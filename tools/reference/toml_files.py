@@ -25,7 +25,7 @@ def schemas() -> list[tuple[str, str, type[BaseModel]]]:
     from feltmb.material import FeltMaterial
     from feltmb.regulate import Targets
     from feltmb.stroke import _StrokeFile
-    from feltmb.study import StudyFile
+    from feltmb.study.schema import StudyFile
     from feltmb.subjects.library import LibraryFile
 
     return [

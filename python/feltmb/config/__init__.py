@@ -25,7 +25,6 @@ from feltmb.config.schema import (
 )
 from feltmb.config.to_core import core_law, describe
 from feltmb.config.values import apply_values, expand_path, parse_setting, plain_data
-from feltmb.config.values import expand_path as _expand  # its name in sweeps
 
 __all__ = [
     "LAWS",
@@ -40,7 +39,6 @@ __all__ = [
     "Source",
     "Spring",
     "Surface",
-    "_expand",
     "apply_values",
     "core_law",
     "describe",
