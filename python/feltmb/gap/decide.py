@@ -24,6 +24,8 @@ REST = 3.0
 OTHER = 6.0
 #: Posterior that a name needs.
 SURE = 0.9
+#: Share of the held-out gap that a name must close where an unknown rest was admitted.
+LEAST_CLOSED = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +147,11 @@ def _name(facts: Facts) -> Decision:
     else:
         confidence = sum(w for c, w in sums if set(c.names) & set(unsure))
     if confidence < SURE:
-        return _unsure(facts, sure or tuple(unsure), confidence)
+        why = f"posterior {confidence:.2f}, expected {SURE} at least"
+        return _unsure(facts, sure or tuple(unsure), why)
+    if facts.unexplained and facts.how_far.closed < LEAST_CLOSED:
+        why = f"closes {facts.how_far.closed:.0%} of the held-out gap"
+        return _unsure(facts, sure or tuple(unsure), why)
     left, _, _ = misfit(best.fit, facts.rest, estimated=facts.gates.estimated, bar=REST)
     left = left or facts.unexplained or facts.leftover > 1.0
     closed = f"It closes {facts.how_far.closed:.0%} of the held-out gap."
@@ -173,19 +179,18 @@ def _name(facts: Facts) -> Decision:
     return Decision(verdict, text + rest, sure, tuple(unsure), confidence)
 
 
-def _unsure(facts: Facts, hinted: tuple[str, ...], confidence: float) -> Decision:
-    """What holds where the best set is not believed enough to be named."""
+def _unsure(facts: Facts, hinted: tuple[str, ...], why: str) -> Decision:
+    """What holds where the best set does not deserve to be named."""
     gap, _, _ = misfit(facts.first.nominal, facts.first.tight_fit, estimated=facts.gates.estimated)
-    belief = f"posterior {confidence:.2f}, expected {SURE} at least"
     if gap:
         text = (
             f"There is a gap (sum of squares {_ratio(facts.first):.3g} of its expectation), but "
-            f"no effect is sure; nearest {_list(hinted)} ({belief})."
+            f"no effect is sure; nearest {_list(hinted)} ({why})."
         )
         return Decision(Verdict.UNKNOWN, text + _place(facts), (), (), facts.belief.other)
     text = (
         "There may be something, but these records cannot prove it: "
-        f"nearest {_list(hinted)} ({belief}). The nominal is not refuted."
+        f"nearest {_list(hinted)} ({why}). The nominal is not refuted."
     )
     return Decision(Verdict.TOO_WEAK, text, (), (), 1.0 - facts.belief.none)
 

@@ -21,6 +21,10 @@ Progress = Callable[[str, int, int], None]
 LEAST_GAIN = math.log(10.0)
 
 
+#: Standard deviations by which a size must differ from zero.
+WALD = 3.0
+
+
 @dataclass(frozen=True, eq=False)
 class Posterior:
     """Probabilities of nothing, something unknown, and every refitted set."""
@@ -143,8 +147,12 @@ def accept(
             trials[name] = compare(base, after, held.shots, inflation, seed=seed)
         most = max(t.gain for t in trials.values())
         unknown = unexplained(c) / inflation
+        certain = _certainty(c.fit)
         for name, paired in trials.items():
-            if paired.gain < unknown:
+            if certain[name] < WALD:
+                # What it brought was another way down for the other parameters.
+                bad[name] = f"its size is {certain[name]:.1f} of its standard deviations"
+            elif paired.gain < unknown:
                 bad[name] = (
                     f"held-out gain {paired.gain:.1f} nats, less than the {unknown:.1f} that an "
                     "unknown force would still explain"
@@ -217,6 +225,17 @@ def accept(
         outcomes,
         None if best is None else tightest[best.key],
     )
+
+
+def _certainty(fit: Fit) -> dict[str, float]:
+    """Size over its standard deviation, by effect."""
+    at = len(fit.problem.free)
+    variance = np.diag(fit.covariance)[at : at + len(fit.terms)]
+    sd = np.sqrt(np.maximum(variance, 1e-300))
+    return {
+        t.name: float(abs(size) / s)
+        for t, size, s in zip(fit.terms, fit.point.sizes, sd, strict=True)
+    }
 
 
 def _improves(paired: Paired, inflation: float) -> bool:
