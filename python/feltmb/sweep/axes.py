@@ -33,11 +33,11 @@ def value_at(action: Action, path: str) -> Any:
     InvalidParameter
         There is no such path, or it names several values.
     """
-    from feltmb.config import _expand
+    from feltmb.config import expand_path
     from feltmb.quantity import is_quantity
 
     raw = action.raw
-    found = _expand(raw, path)
+    found = expand_path(raw, path)
     if len(found) != 1:
         raise InvalidParameter(f"path {path!r} names {len(found)} values, expected one")
     node: Any = raw
