@@ -735,7 +735,7 @@ std::vector<double> MechanismSystem::absolute_tolerances(double rtol) const {
   // Members bend by millimeters, and elastic speeds matter through the deflection that they make
   // at the lateral modes.
   constexpr double bending = 3.0;           // times the scale of a felt compression
-  constexpr double lateral_modes = 2000.0;  // rad/s: between the first and second ones
+  constexpr double lateral_modes = 1000.0;  // rad/s
   for (const auto& b : m.beams) {
     for (int k = b.first; k < b.first + b.count; ++k) {
       atol[at(k)] *= bending;
