@@ -8,8 +8,8 @@
 With two results of ``feltmb_bench --json``: ratio of the medians of every case that both have, its
 range from the quartiles, and the errors of both. With peers: the hammer-string problem H is solved
 in turn by feltmb and by each engine of the scripts in the folder, round after round, one thread
-each; peers by CPU time, feltmb by wall time; the ratio is that of the best times of one round, its
-spread that over the rounds. An engine
+each, by CPU time; the ratio is that of the best times of one round, its spread that over the
+rounds. An engine
 that is not installed, fails or takes longer than the limit is listed as such. Errors are those of
 the force over its peak, against the reference files, beside every time.
 """
@@ -138,7 +138,8 @@ def run_ours(bench: Path, modes: int, damping: str, repeat: int) -> dict[str, di
         case = name.format(N=modes, xi=damping)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "result.json"
-            command = [str(bench), "--case", case, "--repeat", str(repeat), "--json", str(path)]
+            command = [str(bench), "--cpu", "--case", case, "--repeat", str(repeat)]
+            command += ["--json", str(path)]
             done = subprocess.run(command, capture_output=True, text=True, check=False)
             if done.returncode != 0:
                 sys.exit(f"compare: {' '.join(command)}: {done.stderr.strip() or 'failed'}")
@@ -156,7 +157,7 @@ def compare_peers(options: argparse.Namespace) -> dict[str, list[Timed]]:
         **os.environ,
         "REPS": str(options.repeat),
         "LIM": f"{options.limit:g}",
-        "CLOCK": "cpu",  # a busy machine takes a long run's wall time, and not a short one's
+        "CLOCK": "cpu",  # other work on the machine does not count
         "PYTHONDONTWRITEBYTECODE": "1",
         **dict.fromkeys(ONE_THREAD, "1"),
     }

@@ -3,9 +3,9 @@
     python bench/cost_against_size.py --bench build/bench/feltmb_bench [--repeat 7]
         [--strokes 10 30 100 300] [--plot FILE] [--json FILE]
 
-Modes: a stroke of the rigid action. Bodies and contacts: one right-hand side. Strokes: one batch
-on two threads. The exponent of a power law through the upper half of the sizes is printed: 1 is
-linear.
+CPU times. Modes: a stroke of the rigid action. Bodies and contacts: one right-hand side. Strokes:
+one batch on two threads. The exponent of a power law through the upper half of the sizes is
+printed: 1 is linear.
 """
 
 from __future__ import annotations
@@ -29,11 +29,20 @@ Curve = list[tuple[float, float]]  # size, milliseconds
 
 
 def measure_core(bench: Path, repeat: int) -> dict[str, Curve]:
-    """Best times of the size cases of feltmb_bench, by what they vary."""
+    """Best CPU times of the size cases of feltmb_bench, by what they vary."""
     out: dict[str, Curve] = {}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "size.json"
-        command = [str(bench), "--case", "size_", "--repeat", str(repeat), "--json", str(path)]
+        command = [
+            str(bench),
+            "--cpu",
+            "--case",
+            "size_",
+            "--repeat",
+            str(repeat),
+            "--json",
+            str(path),
+        ]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode != 0:
             sys.exit(f"cost_against_size: {' '.join(command)}: {done.stderr.strip()}")
@@ -45,7 +54,7 @@ def measure_core(bench: Path, repeat: int) -> dict[str, Curve]:
 
 
 def measure_strokes(counts: list[int]) -> Curve:
-    """Wall time of batches of the flexible action."""
+    """CPU time of batches of the flexible action: other work on the machine does not count."""
     action, stroke = feltmb.load_action("steinway45"), feltmb.load_stroke("forte")
     jobs = min(2, os.cpu_count() or 1)
     out = []
@@ -55,9 +64,9 @@ def measure_strokes(counts: list[int]) -> Curve:
             for i in range(count):
                 yield action.with_values({"key.mass": 0.117 + 1e-5 * i}), stroke
 
-        begin = time.perf_counter()
+        begin = time.process_time()
         simulate_many(pairs(), lambda *_: None, jobs=jobs, summary_only=True)
-        out.append((float(count), 1e3 * (time.perf_counter() - begin)))
+        out.append((float(count), 1e3 * (time.process_time() - begin)))
     return out
 
 
@@ -93,7 +102,7 @@ def draw(curves: dict[str, Curve], path: Path) -> None:
             if k == 0:
                 ax.loglog(size, cost[-1] * size / size[-1], color="#aaaaaa", label="proportional")
         ax.set_xlabel(label)
-        ax.set_ylabel(f"time [{unit}]")
+        ax.set_ylabel(f"CPU time [{unit}]")
         ax.set_xticks(size, [f"{s:g}" for s in size])
         ax.minorticks_off()
         ax.grid(alpha=0.25)
