@@ -24,6 +24,7 @@ nominal = OdeNominal(
     outputs={"y": "y"},
     coordinates=[mass],
     substeps=2,
+    hold="spline",  # nine samples a period of the resonance: straight lines would weaken the input
 )
 effects = (
     *library.for_coordinate(mass, force=0.1 * FREQUENCY**2, travel=0.1, speed=40.0, time=0.02),

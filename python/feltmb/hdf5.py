@@ -27,10 +27,12 @@ def open_hdf5(path: Path, **options: Any) -> Any:
     Raises
     ------
     ValueError
-        A global heap of the file is damaged.
+        The file is empty, or one of its global heaps is damaged.
     """
     import h5py
 
+    if path.stat().st_size == 0:
+        raise ValueError("the file is empty")
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         _check_heaps(data)
     return h5py.File(path, "r", **options)

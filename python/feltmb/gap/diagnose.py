@@ -52,9 +52,9 @@ class Options:
     """Refits of simulated nominal records for the null law; 0: asymptotic only."""
     restarts: int = 3
     seed: int = 0
-    least_share: float = 0.1
+    least_share: float = 0.03
     """Share of the largest held-out gain of a set below which an effect is small print: a law that
-    is off by a third of its force leaves a tenth of its gain to what mends its form."""
+    is off by a sixth of its force leaves a thirtieth of its gain to what mends its form."""
     windowed_level: float = 0.01
     """Gap between windows of the windowed metric, as a share of the spread of the states."""
     fit: FitSettings | None = None
@@ -266,6 +266,7 @@ def diagnose(
         belief.inflation,
         windowed_level=options.windowed_level,
         least_share=options.least_share,
+        unknown_rest=rest_noise is not None,
         seed=options.seed,
         progress=progress,
     )
@@ -307,7 +308,8 @@ def diagnose(
     lap("null")
     model = amended(nominal, found, accepted)
     how_far = how_far_rows(accepted, sensed, shares, which_gap, options.seed)
-    say("next experiment")
+    if accepted.rivals:
+        say("next experiment")
     advice = advise(found, accepted)
     facts = Facts(
         gates=gates,

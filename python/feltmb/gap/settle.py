@@ -21,7 +21,10 @@ Progress = Callable[[str, int, int], None]
 LEAST_GAIN = math.log(10.0)
 
 
-#: Standard deviations by which a size must differ from zero.
+#: Share of the remaining held-out gap that makes more than small print of an effect where an
+#: unknown rest was admitted.
+CLOSES = 0.05
+#: Standard deviations by which a size must differ from zero, or the score of the effect alone.
 WALD = 3.0
 
 
@@ -95,10 +98,15 @@ def accept(
     *,
     windowed_level: float,
     least_share: float,
+    unknown_rest: bool = False,
     seed: int,
     progress: Progress | None = None,
 ) -> Accepted:
-    """Keep the effects of the best set that held-out records confirm, and find its rivals."""
+    """Keep the effects of the best set that held-out records confirm, and find its rivals.
+
+    ``unknown_rest``: a rest was admitted as noise. Then there is no law that could be right to the
+    last digit, and small print is told by the share of the remaining gap that it closes as well.
+    """
     total = sum(t.effect.weight for t in {t.effect.name: t for t in search.scores.terms}.values())
     outcomes: dict[tuple[str, ...], Outcome] = {}
     known = {c.key: c for c in search.candidates}
@@ -124,6 +132,17 @@ def accept(
             known[key] = Candidate(fit, full_evidence(fit, total))
         return known[key]
 
+    def closes(c: Candidate, name: str, after: Outcome) -> float:
+        """Share of the held-out gap without an effect that it closes."""
+        bare = candidate_without(c, name)
+        without = before if bare is None else outcome(bare.fit)
+        shares = []
+        for which in ("open_loop", "windowed"):
+            old, new = without.gap(held.sensed, which), after.gap(held.sensed, which)
+            if np.isfinite(old) and np.isfinite(new) and old > 1.0:
+                shares.append((old - new) / (old - 1.0))
+        return max(shares, default=0.0)
+
     tightest: dict[tuple[str, ...], Fit | None] = {}
 
     def unexplained(c: Candidate) -> float:
@@ -132,6 +151,12 @@ def accept(
             tightest[c.key] = tighten(c.fit, settings)
         tight = tightest[c.key]
         return 0.0 if tight is None else c.fit.log_evidence - tight.log_evidence
+
+    alone: dict[str, float] = {}
+    for scores in (search.scores, search.tight):
+        if scores is not None:
+            for term, value in zip(scores.terms, scores.singles(), strict=True):
+                alone[term.name] = max(alone.get(term.name, 0.0), float(value))
 
     before = outcome(search.nominal)
     proof: dict[str, Paired] = {}
@@ -142,22 +167,28 @@ def accept(
         after = outcome(c.fit)
         trials, bad = {}, {}
         for name in c.names:
-            rest = candidate_without(c, name)
-            base = before if rest is None else outcome(rest.fit)
+            bare = candidate_without(c, name)
+            base = before if bare is None else outcome(bare.fit)
             trials[name] = compare(base, after, held.shots, inflation, seed=seed)
         most = max(t.gain for t in trials.values())
         unknown = unexplained(c) / inflation
         certain = _certainty(c.fit)
         for name, paired in trials.items():
-            if certain[name] < WALD:
-                # What it brought was another way down for the other parameters.
-                bad[name] = f"its size is {certain[name]:.1f} of its standard deviations"
+            if certain[name] < WALD and alone.get(name, 0.0) < WALD**2:
+                # What it brought was another way down for the other parameters. An effect that
+                # bends so sharply that its size is loose still shows in the score of the nominal.
+                bad[name] = (
+                    f"its size is {certain[name]:.1f} of its standard deviations, and its score "
+                    f"alone {alone.get(name, 0.0):.1f}"
+                )
             elif paired.gain < unknown:
                 bad[name] = (
                     f"held-out gain {paired.gain:.1f} nats, less than the {unknown:.1f} that an "
                     "unknown force would still explain"
                 )
-            elif paired.gain < least_share * most:
+            elif paired.gain < least_share * most and not (
+                unknown_rest and closes(c, name, after) >= CLOSES
+            ):
                 bad[name] = (
                     f"held-out gain {paired.gain:.1f} nats beside {most:.0f}: no more than an "
                     "error in the form of the larger effect would bring"

@@ -56,7 +56,7 @@ def test_what_mends_the_form_of_a_larger_effect_is_small_print():
     # The truth is a cube whose law bends a little; the fifth power alone would mend that.
     bent = records(lambda u: u + 0.5 * u**3 + 0.06 * u**5)
     effects = [power(3), power(5)]
-    report = diagnose(LINE, effects, bent, options=Options(bootstrap=0, least_share=0.1))
+    report = diagnose(LINE, effects, bent, options=Options(bootstrap=0))
     assert report.named == ("power 3",)
     reasons = {r.name: r.why for r in report.refused}
     assert "form of the larger effect" in reasons["power 5"]

@@ -356,8 +356,10 @@ def test_damaged_metadata_of_hdf5(tmp_path, monkeypatch):
         raise RuntimeError("Link iteration failed")
 
     monkeypatch.setattr(h5py, "File", fail)
-    (tmp_path / "run.nc").touch()
+    (tmp_path / "run.nc").write_bytes(b"something")
     refused(lambda: feltmb.load_run(tmp_path / "run.nc"), "is no NetCDF file", "Link iteration")
+    (tmp_path / "run.nc").write_bytes(b"")
+    refused(lambda: feltmb.load_run(tmp_path / "run.nc"), "is no NetCDF file", "is empty")
 
 
 @pytest.mark.parametrize(
