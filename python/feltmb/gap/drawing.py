@@ -77,7 +77,7 @@ def ledger_map(cells: Sequence[LedgerCell], onset: dict[str, float]) -> str:
 def bars(
     effects: Sequence[Ranked], one_of: Sequence[str], refused: Sequence[str], most: int = 10
 ) -> str:
-    """Belief in each effect, with the root of its statistic beside it."""
+    """Belief in each effect, with its size beside it."""
     shown = list(effects[:most])
     if not shown:
         return ""
@@ -89,7 +89,7 @@ def bars(
         note = "refused; " if r.effect in refused else ""
         if note:
             color = LINE
-        w = max(r.posterior * 280.0, 1.0)
+        w = max(r.posterior * 200.0, 1.0)
         parts.append(_text(left - 8, y + 13, r.effect[:38], anchor="end"))
         parts.append(
             f'<rect x="{left}" y="{y:.1f}" width="{w:.1f}" height="17" fill="{color}">'
@@ -100,8 +100,7 @@ def bars(
             _text(
                 left + w + 8,
                 y + 13,
-                f"{note}{r.posterior:.0%}; size {r.size:.4g}{unit} ± {1.96 * r.sd:.2g}; "
-                f"T = {r.statistic:.4g}",
+                f"{note}{r.posterior:.0%}; {r.size:.4g} ± {1.96 * r.sd:.2g}{unit}",
                 color=SOFT,
             )
         )
