@@ -6,8 +6,9 @@ from feltmb.blind.bench import Bench, _make_records, read_records
 from feltmb.blind.nominal import KeyHammer
 from feltmb.data import Record, Sensor
 from feltmb.fit.linear import LinearNominal
+from feltmb.fit.linearize import Linear, _tame
 from feltmb.fit.nominal import Effect, Parameter
-from feltmb.fit.problem import Problem
+from feltmb.fit.problem import Problem, _by_input_noise
 from feltmb.fit.shots import Noise, make_shot
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Options, Verdict, diagnose
@@ -85,6 +86,26 @@ def _terms(effect):
     from feltmb.fit.nominal import Term
 
     yield Term(effect)
+
+
+def test_windows_that_run_away_leave_finite_numbers():
+    # Derivatives of 1e200 once ended three diagnoses of a hundred with "Singular matrix".
+    values = np.array([1e200, -1e150, np.nan, np.inf, 3.0])
+    np.testing.assert_array_equal(_tame(values), [0.0, 0.0, 0.0, 0.0, 3.0])
+    shape = (2, 4, 1)
+    linear = Linear(
+        residual=np.ones((2, 4)),
+        by_state=np.zeros(shape),
+        by_global=np.zeros(shape),
+        by_input=np.full((2, 4, 3), 1e12) * np.array([1.0, 1.0 + 1e-16, 0.0]),
+        gap=np.zeros((1, 1)),
+        ends_by_state=np.zeros((2, 1, 1)),
+        ends_by_global=np.zeros((2, 1, 1)),
+        ends_by_input=np.zeros((2, 1, 3)),
+        good=np.ones(2, dtype=bool),
+    )
+    part = _by_input_noise(linear, linear.residual, linear.gap, np.ones(1))
+    assert np.allclose(part, 4.0)  # the two columns explain all of it
 
 
 def test_a_nominal_that_tears_at_an_impact_gets_through(tmp_path):
