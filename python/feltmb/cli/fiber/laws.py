@@ -1,0 +1,378 @@
+"""``feltmb fiber pressure, tensor, granular, arcs, history``: laws of compression."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from feltmb.cli.common import force_option, save_figure
+from feltmb.cli.fiber.group import csv_text, fiber, guard, numbers, print_table, write_named
+
+
+@fiber.command(name="pressure")
+@click.argument("model")
+@click.option(
+    "--set",
+    "-s",
+    "given",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Parameter in SI units; repeat. See 'feltmb fiber models MODEL'.",
+)
+@click.option(
+    "--to", "top", type=float, default=0.5, show_default=True, help="Largest volume fraction."
+)
+@click.option(
+    "--points", type=click.IntRange(1, 100_000), default=11, show_default=True, help="Rows."
+)
+@click.option(
+    "--out",
+    "-o",
+    "output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="CSV, or .png/.pdf/.svg for a picture.",
+)
+@force_option
+@guard
+def pressure_command(
+    model: str, given: tuple[str, ...], top: float, points: int, output: Path | None, force: bool
+) -> None:
+    """Pressure, tangent modulus and stored energy of MODEL against volume fraction."""
+    import numpy as np
+
+    from feltmb.errors import InvalidParameter
+    from feltmb.fiber import law
+    from feltmb.fiber.plot import plot_law
+
+    made = law(model, **numbers(given, "--set"))
+    if points < 2 or not top > made.v_f0:
+        raise InvalidParameter(
+            f"pressure: --points = {points}, --to = {top:.6g}; expected at least 2 points and "
+            f"--to above v_f0 = {made.v_f0:.6g}"
+        )
+    v = np.linspace(made.v_f0, min(top, 1.0, made.limit * 0.999), points)
+    p, t, u = made.pressure(v), v * made.slope(v), made.energy(v)
+    if output is not None and output.suffix != ".csv":
+        save_figure(plot_law(made, float(v[-1])), output, force=force)
+        return
+    columns = [
+        "v_f [-]",
+        "strain [-]",
+        "pressure [Pa]",
+        "tangent_modulus [Pa]",
+        "energy_per_fiber_volume [J/m^3]",
+    ]
+    rows = np.column_stack([v, 1 - made.v_f0 / v, p, t, u])
+    if output is not None:
+        write_named(output, csv_text(columns, rows.tolist()), force)
+        return
+    print_table(
+        repr(made),
+        ["v_f [-]", "strain [-]", "P [Pa]", "tangent [Pa]", "U [J/m^3 fiber]"],
+        [[f"{x:.5g}" for x in row] for row in rows],
+    )
+
+
+@fiber.command(name="tensor")
+@click.option("--ratio", type=float, default=1.0, show_default=True, help="R = v_f/v_random.")
+@click.option(
+    "--deformation",
+    "-F",
+    help="Instead of --ratio: deformation gradient, 3 stretches or 9 numbers by rows, with commas.",
+)
+@click.option(
+    "--e-modulus",
+    "modulus",
+    type=float,
+    default=2.5e9,
+    show_default=True,
+    help="Fiber modulus [Pa].",
+)
+@click.option("--v-f", type=float, required=True, help="Volume fraction [-].")
+@guard
+def tensor_command(ratio: float, deformation: str | None, modulus: float, v_f: float) -> None:
+    """Structure, stiffness and engineering moduli of a bonded network (Narter)."""
+    from feltmb.fiber import density_structure, narter_tensors, structure, uniaxial_tensor
+
+    if deformation is None:
+        s: Any = structure(ratio)
+        eeee = uniaxial_tensor(ratio)
+    else:
+        s = density_structure(deformation=_gradient(deformation), max_nodes=200)
+        eeee = s.eeee
+    t = narter_tensors(eeee, modulus, v_f)
+    names = ["f", "n3", "e3", "K3", "M3"]
+    print_table(
+        "Structure [-]",
+        ["f", "<n3^4>", "<e3^4>", "K3", "M3"],
+        [[f"{getattr(s, k):.9f}" for k in names]],
+    )
+    order = ["11", "22", "33", "12", "13", "23"]
+    small = 1e-9 * modulus
+    print_table(
+        "Stiffness [Pa]",
+        ["", *order],
+        [
+            [o, *(f"{x:.4g}" if abs(x) > small else "0" for x in row)]
+            for o, row in zip(order, t.stiffness, strict=True)
+        ],
+    )
+    print_table(
+        "Moduli",
+        ["", "1 / 12", "2 / 13", "3 / 23"],
+        [
+            ["Young's E1 E2 E3 [Pa]", *(f"{x:.6g}" for x in t.young)],
+            ["shear G12 G13 G23 [Pa]", *(f"{x:.6g}" for x in t.shear)],
+            [
+                "Poisson nu12 nu13 nu23 [-]",
+                *(f"{t.poisson[k]:.6g}" for k in ("nu12", "nu13", "nu23")),
+            ],
+        ],
+    )
+
+
+def _gradient(text: str) -> Any:
+    import numpy as np
+
+    from feltmb.errors import InvalidParameter
+
+    try:
+        numbers = [float(x) for x in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) == 3:
+        return np.diag(numbers)
+    if len(numbers) == 9:
+        return np.array(numbers).reshape(3, 3)
+    raise InvalidParameter(
+        f'deformation: "{text}", expected 3 stretches or 9 numbers by rows, for example 1,1,0.5'
+    )
+
+
+@fiber.command(name="granular")
+@click.option(
+    "--to",
+    "last",
+    required=True,
+    help="Last deformation gradient: 3 stretches or 9 numbers by rows, with commas.",
+)
+@click.option("--v-random", type=float, required=True, help="Volume fraction when random [-].")
+@click.option(
+    "--e-modulus",
+    "modulus",
+    type=float,
+    default=2.5e9,
+    show_default=True,
+    help="Fiber modulus [Pa].",
+)
+@click.option("--k-b", type=float, default=1.0, show_default=True, help="Bending constant.")
+@click.option("--k-t", type=float, default=1.0, show_default=True, help="Torsion constant.")
+@click.option("--beta", type=float, default=0.0, show_default=True, help="Crimp ratio.")
+@click.option("--transverse", is_flag=True, help="Keep the transverse term of eq. 3.52.")
+@click.option(
+    "--points", type=click.IntRange(1, 100_000), default=11, show_default=True, help="Rows."
+)
+@guard
+def granular_command(
+    last: str,
+    v_random: float,
+    modulus: float,
+    k_b: float,
+    k_t: float,
+    beta: float,
+    transverse: bool,
+    points: int,
+) -> None:
+    """Stress of the granular rate theory on a straight path from F = I to --to (tensor form)."""
+    import numpy as np
+
+    from feltmb.errors import InvalidParameter
+    from feltmb.fiber import granular_stress
+
+    if not 2 <= points <= 1000:
+        raise InvalidParameter(f"granular: --points = {points}, must be between 2 and 1000")
+    share = np.linspace(0, 1, points)[:, None, None]
+    path = np.eye(3) * (1 - share) + share * _gradient(last)
+    stress = granular_stress(
+        path,
+        v_random=v_random,
+        E=modulus,
+        k_b=k_b,
+        k_t=k_t,
+        beta=beta,
+        transverse=transverse,
+        substeps=12,
+    )
+    v = v_random / np.linalg.det(path)
+    small = 1e-9 * float(np.max(np.abs(stress)))
+    order = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+    print_table(
+        "Cauchy stress [Pa], tension positive",
+        ["v_f [-]", "11", "22", "33", "12", "13", "23"],
+        [
+            [f"{a:.4f}", *(f"{t[k]:.3g}" if abs(t[k]) > small else "0" for k in order)]
+            for a, t in zip(v, stress, strict=True)
+        ],
+    )
+
+
+@fiber.command(name="arcs")
+@click.option(
+    "--scheme",
+    type=click.Choice(["isotropic", "confined", "simple"]),
+    default="confined",
+    show_default=True,
+    help="Sides: like the height, held, or free of stress.",
+)
+@click.option(
+    "--e-modulus",
+    "modulus",
+    type=float,
+    default=2.5e9,
+    show_default=True,
+    help="Fiber modulus [Pa].",
+)
+@click.option("--v-f0", type=float, required=True, help="Volume fraction at rest [-].")
+@click.option(
+    "--chord-ratio",
+    type=float,
+    default=1.0,
+    show_default=True,
+    help="Chord over arc length at rest; 1 straight.",
+)
+@click.option(
+    "--slip-stress", type=float, default=0.0, show_default=True, help="Slip force over d_f^2 [Pa]."
+)
+@click.option("--to", "top", type=float, default=0.5, show_default=True, help="Largest strain.")
+@click.option(
+    "--points", type=click.IntRange(1, 100_000), default=11, show_default=True, help="Rows."
+)
+@guard
+def arcs_command(
+    scheme: str,
+    modulus: float,
+    v_f0: float,
+    chord_ratio: float,
+    slip_stress: float,
+    top: float,
+    points: int,
+) -> None:
+    """Energy method of Komori-Itoh and Lee-Carnaby: segments bent to arcs."""
+    import numpy as np
+
+    from feltmb.fiber import compress_arcs
+
+    c = compress_arcs(
+        np.linspace(0, top, max(points, 2)),
+        E=modulus,
+        v_f0=v_f0,
+        scheme=scheme,
+        chord_ratio=chord_ratio,
+        slip_stress=slip_stress,
+    )
+    print_table(
+        f"Arcs, {scheme} compression",
+        ["strain [-]", "v_f [-]", "P [Pa]", "bending", "straight.", "slipping", "lateral [-]"],
+        [
+            [f"{a:.4g}", f"{b:.4g}", f"{p:.5g}", f"{x:.4g}", f"{y:.4g}", f"{z:.4g}", f"{q:.5g}"]
+            for a, b, p, x, y, z, q in zip(
+                c.strain,
+                c.v_f,
+                c.pressure,
+                c.bending,
+                c.straightening,
+                c.slipping,
+                c.lateral_stretch,
+                strict=True,
+            )
+        ],
+    )
+    click.echo("bending, straightening, slipping: stored energy [J per m^3 of fiber], eq. 2.6")
+
+
+@fiber.command(name="history")
+@click.argument("model")
+@click.argument("path", type=click.Path(dir_okay=False, path_type=Path))
+@click.option(
+    "--set",
+    "-s",
+    "given",
+    multiple=True,
+    metavar="NAME=VALUE[,VALUE...]",
+    help="Parameter in SI units; lists with commas; repeat.",
+)
+@click.option(
+    "--spring",
+    default="van_wyk",
+    show_default=True,
+    help="Compression law of the springs (dunlop, stamm_kelvin).",
+)
+@click.option(
+    "--out",
+    "-o",
+    "output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="CSV with time, compression and result.",
+)
+@force_option
+@guard
+def history_command(
+    model: str, path: Path, given: tuple[str, ...], spring: str, output: Path | None, force: bool
+) -> None:
+    """Run a law with history over the samples of PATH: CSV with time [s] and compression.
+
+    The second column is "strain [-]" or "compression [m]".
+    """
+    import numpy as np
+
+    from feltmb.errors import DataError, InvalidParameter
+    from feltmb.fiber import history
+
+    params: dict[str, list[float]] = {}
+    for pair in given:
+        name, _, text = pair.partition("=")
+        try:
+            params[name.strip()] = [float(x) for x in text.split(",")]
+        except ValueError:
+            raise InvalidParameter(f'--set: "{pair}", expected name=number[,number...]') from None
+    try:
+        with path.open(encoding="utf-8-sig") as stream:
+            lines = [line for line in stream if line.strip() and not line.startswith("#")]
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f"{path}: cannot be read ({error}), expected a CSV file") from None
+    header = [h.strip() for h in lines[0].split(",")] if lines else []
+    if header not in (["time [s]", "strain [-]"], ["time [s]", "compression [m]"]):
+        raise DataError(
+            f'{path}: header is {header}, expected "time [s],strain [-]" or '
+            '"time [s],compression [m]"'
+        )
+    faults = []
+    rows = []
+    for number, line in enumerate(lines[1:], start=2):
+        try:
+            t, x = (float(c) for c in line.split(","))
+            rows.append((t, x))
+        except ValueError:
+            faults.append(f'{path}: sample line {number}: "{line.strip()}", expected two numbers')
+    if len(rows) < 2 and not faults:
+        faults.append(f"{path}: {len(rows)} samples, expected at least 2")
+    if faults:
+        raise DataError("\n".join(faults))
+    time, x = np.array(rows).T
+    result = history(model, time, x, spring=spring, **params)
+    unit = "stress [Pa]" if header[1].startswith("strain") else "force [N]"
+    if output is not None:
+        text = csv_text([*header, unit], np.column_stack([time, x, result]).tolist())
+        write_named(output, text, force)
+    work = float(np.sum(0.5 * (result[1:] + result[:-1]) * np.diff(x)))
+    print_table(
+        f"{model} over {len(time)} samples",
+        ["what", "value"],
+        [
+            [f"largest {unit}", f"{np.max(result):.6g}"],
+            [f"at {header[1]}", f"{x[int(np.argmax(result))]:.6g}"],
+            ["work not given back", f"{work:.6g} {'J/m^3' if 'strain' in header[1] else 'J'}"],
+        ],
+    )

@@ -1,0 +1,225 @@
+"""``feltmb fiber simulate, gallery``: fiber masses simulated bead by bead."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import click
+
+from feltmb.cli.common import console, force_option, save_figure, say_written
+from feltmb.cli.fiber.group import fiber, guard, print_table, refuse_existing
+
+
+@fiber.command(name="simulate")
+@click.argument("output", type=click.Path(dir_okay=False, path_type=Path))
+@click.option(
+    "--fibers",
+    type=click.IntRange(1, 100_000),
+    default=60,
+    show_default=True,
+    help="Fibers in the box.",
+)
+@click.option(
+    "--beads",
+    type=click.IntRange(2, 10_000),
+    default=31,
+    show_default=True,
+    help="Beads per fiber.",
+)
+@click.option("--d-f", type=float, default=25e-6, show_default=True, help="Fiber diameter [m].")
+@click.option(
+    "--segment", type=float, default=62.5e-6, show_default=True, help="Segment length [m]."
+)
+@click.option("--v-f", type=float, default=0.1, show_default=True, help="First volume fraction.")
+@click.option("--v-max", type=float, default=0.3, show_default=True, help="Turning point.")
+@click.option(
+    "--crimp", type=float, default=0.3, show_default=True, help="Turning angle per bead [rad]."
+)
+@click.option("--friction", type=float, default=0.35, show_default=True, help="Coefficient [-].")
+@click.option(
+    "--repulsion",
+    type=click.Choice(["hertz", "logarithmic"]),
+    default="hertz",
+    show_default=True,
+    help="Between touching segments: Hertz with friction, or eq. 2.10.",
+)
+@click.option(
+    "--e-modulus",
+    "modulus",
+    type=float,
+    default=2.5e9,
+    show_default=True,
+    help="Fiber modulus [Pa].",
+)
+@click.option(
+    "--drag",
+    type=float,
+    default=0.001,
+    show_default=True,
+    help="Drag rate over the stretching frequency.",
+)
+@click.option(
+    "--strain-per-step", type=float, default=2e-5, show_default=True, help="Halve it to check."
+)
+@click.option(
+    "--cycles",
+    type=click.IntRange(1, 100_000),
+    default=1,
+    show_default=True,
+    help="Press and release so often.",
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="Of all that is random.")
+@click.option(
+    "--threads", type=click.IntRange(0, 1024), default=0, show_default=True, help="0: all cores."
+)
+@click.option("--resume", is_flag=True, help="Go on with OUTPUT, an unfinished run.")
+@click.option("--samples", type=int, help="Stop after this many samples; resume later.")
+@click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), help="Picture.")
+@force_option
+@guard
+def simulate_command(
+    output: Path,
+    fibers: int,
+    beads: int,
+    d_f: float,
+    segment: float,
+    v_f: float,
+    v_max: float,
+    crimp: float,
+    friction: float,
+    repulsion: str,
+    modulus: float,
+    drag: float,
+    strain_per_step: float,
+    cycles: int,
+    seed: int,
+    threads: int,
+    resume: bool,
+    samples: int | None,
+    plot: Path | None,
+    force: bool,
+) -> None:
+    """Compress and release a box of single fibers; the run goes to OUTPUT (.npz)."""
+    from feltmb.errors import InvalidParameter
+    from feltmb.fiber import Cycle, FiberBox, FiberRun
+    from feltmb.fiber import simulate as run_simulation
+    from feltmb.fiber.plot import plot_simulation
+
+    if output.suffix != ".npz":
+        raise InvalidParameter(f'{output}: suffix is "{output.suffix}", expected .npz')
+    if threads < 0 or seed < 0:
+        raise InvalidParameter(f"simulate: threads = {threads}, seed = {seed}, expected >= 0")
+    if plot is not None:
+        refuse_existing(plot, force)
+    old = None
+    if resume:
+        old = FiberRun.load(output)
+        box, cycle = old.box, old.cycle
+    else:
+        refuse_existing(output, force)
+        box = FiberBox(
+            n_fibers=fibers,
+            n_beads=beads,
+            d_f=d_f,
+            segment_length=segment,
+            v_f=v_f,
+            crimp=crimp,
+            friction=friction,
+            repulsion=repulsion,
+            E=modulus,
+            drag=drag,
+            seed=seed,
+        )
+        sample_every = max(1, round(0.01 / strain_per_step)) if strain_per_step > 0 else 1
+        cycle = Cycle(
+            v_max=v_max, strain_per_step=strain_per_step, cycles=cycles, sample_every=sample_every
+        )
+    from rich.progress import Progress
+
+    with Progress(console=console(stderr=True), transient=True) as bar:
+        task = bar.add_task("compressing", total=1.0)
+
+        def show(done: float, sample: dict[str, Any]) -> None:
+            bar.update(
+                task,
+                completed=done,
+                description=f"v_f {sample['v_f']:.4f} P {sample['pressure']:.4g} Pa",
+            )
+
+        run = run_simulation(
+            box,
+            cycle,
+            resume=old,
+            threads=threads,
+            progress=show,
+            checkpoint=output,
+            max_samples=samples,
+        )
+    rows = []
+    phase = run.column("phase")
+    picks = sorted({int(i) for i in [k * (len(phase) - 1) / 10 for k in range(11)]})
+    for i in picks:
+        rows.append(
+            [
+                "loading" if phase[i] == 0 else "unloading",
+                *(
+                    f"{run.table[k][i]:.3g}"
+                    for k in ("v_f", "pressure", "contacts", "work", "friction_loss", "drag_loss")
+                ),
+            ]
+        )
+    print_table(
+        f"{box.n_fibers} fibers, friction {box.friction:g}",
+        ["branch", "v_f [-]", "P [Pa]", "contacts", "work [J]", "friction [J]", "drag [J]"],
+        rows,
+    )
+    laid, relaxed = run.laid, run.relaxed
+    click.echo(
+        f"contacts as laid {laid['crossings']:.0f}, Toll {laid['toll']:.1f} "
+        f"+- {math.sqrt(laid['toll']):.1f}; relaxed {relaxed['contacts']:.0f}"
+    )
+    if run.done:
+        low = 0.75 * box.v_f + 0.25 * cycle.v_max
+        high = 0.25 * box.v_f + 0.75 * cycle.v_max
+        exponents = []
+        for bottom in (low, high):
+            try:
+                exponents.append(f"{run.pressure_exponent(bottom):.2f} above {bottom:.3g}")
+            except InvalidParameter:
+                exponents.append(f"too few samples above {bottom:.3g}")
+        click.echo(
+            f"loop loss {100 * run.loop_loss:.2f} %\n"
+            f"pressure exponent of loading: {', '.join(exponents)}"
+        )
+    else:
+        click.echo("unfinished; go on with --resume")
+    say_written(output)
+    if plot is not None:
+        save_figure(plot_simulation(run), plot, force=force)
+
+
+@fiber.command(name="gallery")
+@click.argument("folder", type=click.Path(file_okay=False, path_type=Path))
+@click.option(
+    "--fibers",
+    type=int,
+    default=6000,
+    show_default=True,
+    help="Fibers of the sampled network (the thesis uses 6000).",
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="Of all that is random.")
+@force_option
+@guard
+def gallery_command(folder: Path, fibers: int, seed: int, force: bool) -> None:
+    """Draw all pictures of the fiber models into FOLDER."""
+    from feltmb.fiber.plot import gallery
+
+    figures = gallery(fibers, seed)
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / f"{name}.png" for name in figures]
+    for path in paths:
+        refuse_existing(path, force)
+    for path, figure in zip(paths, figures.values(), strict=True):
+        save_figure(figure, path, force=True)
