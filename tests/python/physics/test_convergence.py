@@ -6,9 +6,9 @@ Distances from rtol 1e-11, largest over piano, forte, staccato, measured with an
                let-off gap 1.5e-6 m, check gap 1.1e-6 m
     rtol 1e-8: impact time 1e-8 s, speeds 1e-6 m/s
 
-Of sixty tolerances between 7e-7 and 1.5e-6 the flexible piano stroke is off by 6e-7 s in the
-median, but four to five of them by up to 2.4e-5 s and 3.6e-4 m/s; why these is not known. The bounds
-leave room for such a one; medians are held to what is typical.
+Of sixty tolerances from 7e-7 to 1.5e-6 the flexible piano stroke is off by 6e-7 s in the median,
+but four to five of them by up to 2.4e-5 s and 3.6e-4 m/s; why these is not known. The bounds leave
+room for such a one; medians are held to what is typical.
 """
 
 import numpy as np
