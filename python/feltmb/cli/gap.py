@@ -6,6 +6,7 @@ import importlib
 import textwrap
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -231,7 +232,7 @@ def run(
     if output is not None:
         for name in ("report.html", "report.json"):
             check_writable(output / name, force=force)
-    subject = load_subject(model, settings).including(included)
+    subject = load_subject(model, settings)
     records = read_records(
         data,
         inputs=tuple(getattr(subject.nominal, "inputs", ())),
@@ -240,6 +241,9 @@ def run(
     nominal = subject.nominal
     if hasattr(nominal, "with_floor"):  # what differs from stroke to stroke without a cause
         nominal = nominal.with_floor(records)
+    # Floor first: the nominal with effects has none to ask for.
+    subject = replace(subject, nominal=nominal).including(included)
+    nominal = subject.nominal
     by_file = {str(p): r.name for p, r in zip(data, records, strict=True)}
     by_file |= {p.name: r.name for p, r in zip(data, records, strict=True)}
     held = [by_file.get(h, h) for h in hold_out] or None

@@ -25,6 +25,7 @@ class Subject:
 
     def including(self, names: Sequence[str]) -> Subject:
         """The same with effects of the library as part of the model."""
+        names = list(dict.fromkeys(names))
         if not names:
             return self
         known = {e.name: e for e in self.effects}

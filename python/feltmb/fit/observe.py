@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.data import Array, Record, Sensor
+from feltmb.errors import InvalidParameter
 from feltmb.fit.nominal import Lanes, Nominal, Sensitivity, Simulated, Term
 
 __all__ = ["machine_terms", "observe_lanes", "observed_sensitivities"]
@@ -41,7 +42,13 @@ def observe_lanes(nominal: Nominal, record: Record, lanes: Lanes) -> Simulated:
     for k in observe:
         term = lanes.terms[k]
         assert term.effect.observe is not None
-        outputs = term.effect.observe(record, outputs, lanes.windows, lanes.sizes[:, k], term.shape)
+        seen = term.effect.observe(record, outputs, lanes.windows, lanes.sizes[:, k], term.shape)
+        if np.shape(seen) != outputs.shape:
+            raise InvalidParameter(
+                f"effect {term.name}: observe returned shape {np.shape(seen)}, expected that of "
+                f"the outputs, {outputs.shape}"
+            )
+        outputs = seen
     return Simulated(outputs=_sensed(nominal, record, lanes, outputs), ends=run.ends)
 
 

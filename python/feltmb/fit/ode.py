@@ -97,8 +97,6 @@ class OdeNominal(Nominal):
         Input between samples: ``"linear"``; ``"zero"`` (held at the value of the last sample, as a
         converter does); ``"spline"`` (cubic, for a smooth signal that was sampled sparsely: a
         straight line weakens what has less than ten samples a period).
-    check
-        Called with (x, u, p) before a record is used; may raise.
     """
 
     def __init__(
@@ -222,7 +220,13 @@ def _integrate(model: OdeNominal, record: Record, lanes: Lanes) -> Simulated:
     def rates(t: Array, x: Array, u: Named) -> Array:
         named = view(x)
         out = np.empty_like(x)
-        for i, value in enumerate(model._rates(t, named, u, p)):
+        own_rates = tuple(model._rates(t, named, u, p))
+        if len(own_rates) != base:
+            raise InvalidParameter(
+                f"model {model.name}: rates returned {len(own_rates)} values, expected one for "
+                f"each state: {', '.join(names)}"
+            )
+        for i, value in enumerate(own_rates):
             out[i] = value
         at = base
         for k, term in enumerate(lanes.terms):
@@ -234,11 +238,25 @@ def _integrate(model: OdeNominal, record: Record, lanes: Lanes) -> Simulated:
             assert term.effect.rate is not None
             size = lanes.sizes[:, k]
             change: Any = term.effect.rate(t, seen, u, p, size, term.shape)
+            if not isinstance(change, Mapping):
+                raise InvalidParameter(
+                    f"effect {term.name}: rate returned {type(change).__name__}, expected a "
+                    "dictionary of rates by name of the state"
+                )
+            hidden = {h.name: at + j for j, h in enumerate(own)}
             for name, value in change.items():
-                if name in inverse:
-                    out[inverse[name]] += value
-                else:
-                    out[at + next(j for j, h in enumerate(own) if h.name == name)] += value
+                row = inverse.get(name, hidden.get(name))
+                if row is None:
+                    raise InvalidParameter(
+                        f"effect {term.name}: rate changes {name!r}, which is no state; known are "
+                        f"{', '.join([*names, *hidden])}"
+                    )
+                if np.shape(value) not in ((), (1,), (count,)):
+                    raise InvalidParameter(
+                        f"effect {term.name}: rate of {name} has shape {np.shape(value)}, expected "
+                        f"a number or one value a lane, ({count},)"
+                    )
+                out[row] += value
             at += len(own)
         if lanes.forces is not None:
             place = np.clip((t - record.time[first]) / span, 0.0, 1.0) * (knots - 1)

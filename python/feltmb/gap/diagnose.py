@@ -28,6 +28,7 @@ from feltmb.gap.report import NotTested, Report, Where
 from feltmb.gap.rest import rest_of, settled, with_noise
 from feltmb.gap.score import all_terms, family_threshold, score_fit
 from feltmb.gap.settle import accept, posterior, shapley
+from feltmb.gap.trial import try_effects
 from feltmb.gap.where import event_ledger, ledger, split_gap
 
 __all__ = ["Options", "diagnose", "fit_nominal", "prepare", "split_records"]
@@ -218,6 +219,7 @@ def diagnose(
     settings = options.fit or FitSettings(restarts=options.restarts, seed=options.seed)
     cache = None if options.resume is None else Cache(options.resume)
     usable, not_tested = _usable(nominal, effects)
+    try_effects(nominal, usable, fit_records[0])
     sensed = held_shots
     first = _investigate(nominal, shots, usable, options, settings, cache, progress)
     found, rest_noise = first, None
