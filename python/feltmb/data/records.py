@@ -85,6 +85,9 @@ class StartPrior:
 
     mean: Mapping[str, float] = field(default_factory=dict)
     sd: Mapping[str, float] = field(default_factory=dict)
+    known: bool = True
+    """False: the record begins in the midst of a motion, so that what a model says of its states at
+    the start of a run does not hold."""
 
     def __post_init__(self) -> None:
         faults = [f"{k} = {v!r}, expected a finite mean" for k, v in self.mean.items()
@@ -200,7 +203,7 @@ class Record:
     ) -> Record:
         """Samples ``first`` <= i < ``last`` as a record of their own.
 
-        The start prior is dropped unless the first sample stays.
+        Unless the first sample stays, nothing is known of the state that it begins with.
         """
         part = slice(first, last)
         return replace(
@@ -210,7 +213,7 @@ class Record:
             inputs={k: v[part] for k, v in self.inputs.items()},
             outputs={k: v[part] for k, v in self.outputs.items()},
             role=role or self.role,
-            start=self.start if first == 0 else None,
+            start=self.start if first == 0 else StartPrior(known=False),
         )
 
     def with_inputs(self, inputs: Mapping[str, Array]) -> Record:

@@ -109,6 +109,8 @@ class Problem:
         sd = np.array(
             [s.scale if s.hidden and np.isinf(s.start_sd) else s.start_sd for s in states]
         )
+        if prior is not None and not prior.known:
+            sd = np.array([s.scale if s.hidden else np.inf for s in states])
         if prior is not None:
             for i, s in enumerate(states):
                 if s.name in prior.mean:

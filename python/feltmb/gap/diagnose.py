@@ -112,7 +112,8 @@ def split_records(
         for b in range(blocks):
             role: Role = "held_out" if b % 2 else "fit"
             part = r.cut(int(edges[b]), int(edges[b + 1]), f"{r.name}[{b + 1}/{blocks}]", role)
-            (held_parts if b % 2 else fit_parts).append(part)
+            if any(np.isfinite(y).any() for y in part.outputs.values()):
+                (held_parts if b % 2 else fit_parts).append(part)
     return tuple(fit_parts), tuple(held_parts)
 
 
@@ -371,7 +372,7 @@ def _inherit(gates: Gates, whole: Gates, records: Sequence[Record]) -> Gates:
         gates,
         channels=tuple(channels),
         warnings=whole.warnings,
-        problems=(*whole.problems, *(p for p in gates.problems if p not in whole.problems)),
+        problems=whole.problems,
         repeatability=whole.repeatability,
         estimated=whole.estimated,
     )

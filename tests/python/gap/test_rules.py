@@ -1,5 +1,9 @@
 """What an effect must show before it is named."""
 
+import importlib.util
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 
 from feltmb.blind.bench import Bench, _make_records, read_records
@@ -14,6 +18,10 @@ from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Options, Verdict, diagnose
 from feltmb.gap.refine import refit
 from feltmb.gap.settle import _certainty
+
+_spec = importlib.util.spec_from_file_location("models", Path(__file__).parent / "models.py")
+models = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(models)
 
 NOISE = 0.01
 LINE = LinearNominal(
@@ -86,6 +94,28 @@ def _terms(effect):
     from feltmb.fit.nominal import Term
 
     yield Term(effect)
+
+
+def test_a_piece_of_a_record_does_not_begin_at_rest():
+    # Records that are cut to hold parts out once kept the prior of a run's first state: a gap of
+    # a hundred times the noise where there was none.
+    data = [replace(r, role="fit") for r in models.records(5)[:2]]
+    report = diagnose(models.NOMINAL, models.EFFECTS, data, options=Options(bootstrap=0))
+    assert len(report.fit.problem.shots) == 6
+    assert report.verdict in (Verdict.NO_GAP, Verdict.TOO_WEAK)
+    assert report.fit.chi2 < 1.2 * report.fit.dof
+
+
+def test_a_piece_without_values_is_left_out():
+    whole = models.record("r", 1.0, 3)
+    values = whole.outputs["q"].copy()
+    values[110:250] = np.nan
+    data = [replace(whole, outputs={"q": values})]
+    report = diagnose(models.NOMINAL, models.EFFECTS, data, options=Options(bootstrap=0))
+    assert report.named == ()
+    names = [s.record.name for s in report.fit.problem.shots]
+    assert names == ["r[1/5]", "r[3/5]", "r[5/5]"]
+    assert report.how_far.records == ("r[4/5]",)
 
 
 def test_windows_that_run_away_leave_finite_numbers():
