@@ -335,7 +335,7 @@ class Pass {
   std::vector<std::array<S, 3>> hidden_;
   std::vector<S> force_;
   std::vector<double> unknown_;
-  S gain_, offset_, delay_, input_, input_rate_;
+  S gain_, offset_, delay_, input_{}, input_rate_{};
 };
 
 void copy_slopes(double /*x*/, double* /*to*/, int /*count*/) {}

@@ -16,15 +16,15 @@ using Four = double __attribute__((vector_size(32), aligned(8), may_alias));
 #else
 struct Four {
   double v[4];
-  Four& operator+=(Four b) {
+  Four& operator+=(const Four& b) {
     for (int i = 0; i < 4; ++i) v[i] += b.v[i];
     return *this;
   }
-  Four& operator-=(Four b) {
+  Four& operator-=(const Four& b) {
     for (int i = 0; i < 4; ++i) v[i] -= b.v[i];
     return *this;
   }
-  friend Four operator+(Four a, Four b) { return a += b; }
+  friend Four operator+(Four a, const Four& b) { return a += b; }
   friend Four operator*(double k, Four a) {
     for (int i = 0; i < 4; ++i) a.v[i] *= k;
     return a;

@@ -18,6 +18,7 @@ ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
   const auto make = [](const std::shared_ptr<const Mechanism>& m, const FingerInput& i) {
     return std::make_unique<MechanismSystem>(m, i, false, std::vector<Monitor>{}, false);
   };
+  // cppcheck-suppress useInitializationList  // both are made alike
   base_ = make(mechanism, input);
   probe_ = make(mechanism, input);
   const std::size_t states = base_->size();
