@@ -260,13 +260,8 @@ def accept(
 
 def _certainty(fit: Fit) -> dict[str, float]:
     """Size over its standard deviation, by effect."""
-    at = len(fit.problem.free)
-    variance = np.diag(fit.covariance)[at : at + len(fit.terms)]
-    sd = np.sqrt(np.maximum(variance, 1e-300))
-    return {
-        t.name: float(abs(size) / s)
-        for t, size, s in zip(fit.terms, fit.point.sizes, sd, strict=True)
-    }
+    sizes = fit.intervals()[len(fit.problem.free) :]
+    return {i.name: abs(i.value) / max(i.sd, 1e-150) for i in sizes}
 
 
 def _improves(paired: Paired, inflation: float) -> bool:
