@@ -301,6 +301,17 @@ void MechanismSystem::linearize(double t, std::span<const double> y) {
   if (!evaluated_at(t, y)) evaluate_apart(t, y);
   fresh_ = false;
   dynamics_.differentiate();
+  keep_slopes();
+}
+
+void MechanismSystem::linearize_stiff(double t, std::span<const double> y) {
+  if (!evaluated_at(t, y)) evaluate_apart(t, y);
+  dynamics_.differentiate_stiff();
+  keep_slopes();
+}
+
+/// Keeps what dynamics_ has differentiated.
+void MechanismSystem::keep_slopes() {
   const Mechanism& m = mechanism();
   constraint_ = dynamics_.prescription().active ? 1 : 0;
   mass_ = dynamics_.mass_matrix();

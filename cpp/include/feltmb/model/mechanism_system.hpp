@@ -81,6 +81,7 @@ class MechanismSystem : public OdeSystem {
   std::string state_name(std::size_t i) const override;
   void rhs(double t, std::span<const double> y, std::span<double> rate) override;
   void linearize(double t, std::span<const double> y) override;
+  void linearize_stiff(double t, std::span<const double> y) override;
   bool factorize(double gamma) override;
   void solve(std::span<double> b) override;
 
@@ -214,6 +215,7 @@ class MechanismSystem : public OdeSystem {
   void evaluate_apart(double t, std::span<const double> y);
   bool within_reach() const;
   bool evaluated_at(double t, std::span<const double> y) const;
+  void keep_slopes();
   void add_stateful(const ContactGradient* gradient, int contact, int coupling);
   void reduce_law_states(double gamma);
   static void reduce_one_state(StatefulContact& c, double gamma,
