@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <utility>
 
 namespace feltmb::detail {
 namespace {
@@ -15,10 +16,9 @@ constexpr double kDoubt = 1.4;
 constexpr double kFreshRate = 0.3;
 /// The iteration diverges when a change is so many times the one before.
 constexpr double kDivergence = 2.0;
-/// Short steps do without the slow parts of the Jacobian until they converge as badly as this; the
-/// limit that is set then rises again with every step.
-constexpr double kBadRate = 0.5;
-constexpr double kRise = 1.02;
+/// Steps do without the slow parts of the Jacobian until one converges with them only; the limit
+/// that is set then rises again with every step.
+constexpr double kRise = 1.05;
 
 }  // namespace
 
@@ -80,18 +80,14 @@ void NewtonSolver::made(double gamma, bool renewed, bool whole) {
   fresh_ = true;
 }
 
-/// The Jacobian is of this step, and yet it converged badly: perhaps for what was left out of it.
-void NewtonSolver::blame_matrix(double rate) {
-  if (rate > kBadRate && fresh_ && !whole_) whole_above_ = std::min(whole_above_, 0.5 * gamma_);
-}
-
 int NewtonSolver::solve(N_Vector correction, N_Vector weights, double tolerance, bool renew,
                         void* memory) {
   iterations_ = 0;
   failures_ = 0;
   fresh_ = false;
   whole_above_ *= kRise;
-  for (bool bad = false;; bad = true) {
+  bool bad = false;
+  for (;;) {
     int flag = residual_(correction, change_, memory);
     if (flag == 0 && renew) {
       booleantype renewed = SUNFALSE;
@@ -99,13 +95,22 @@ int NewtonSolver::solve(N_Vector correction, N_Vector weights, double tolerance,
       if (fresh_) rate_ = std::min(rate_, kFreshRate);
     }
     if (flag == 0) flag = iterate(correction, weights, tolerance, memory);
-    if (flag == 0) return 0;
+    if (flag == 0) {
+      if (forced_) whole_above_ = 0.5 * gamma_;
+      forced_ = failed_before_ = false;
+      return 0;
+    }
     ++failures_;
-    if (flag < 0) return flag;
-    blame_matrix(1.0);
-    // Once more with a Jacobian of this step, or with the whole of it.
-    if (fresh_ && (whole_ || !needs_whole(gamma_))) return flag;
-    renew = true;
+    // Once more with a Jacobian of this step. Where that fails a force has a kink, and a smaller
+    // step helps; only if that fails as well, the whole Jacobian is tried.
+    const bool part = fresh_ && !whole_;
+    const bool again = part ? std::exchange(failed_before_, true) : !bad;
+    if (flag < 0 || !again) {
+      forced_ = false;
+      return flag;
+    }
+    forced_ = fresh_;
+    renew = bad = true;
     N_VConst(0.0, correction);
   }
 }
@@ -127,7 +132,6 @@ int NewtonSolver::iterate(N_Vector correction, N_Vector weights, double toleranc
       const double seen = size / before;
       if (seen > kDivergence) return SUN_NLS_CONV_RECVR;
       rate_ = std::max(kMemory * rate_, seen);
-      blame_matrix(seen);
     }
     if (size * std::min(1.0, rate_) <= tolerance) {
       if (i == 0) rate_ = std::min(1.0, kDoubt * rate_);
