@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <limits>
-#include <utility>
 
 namespace feltmb::detail {
 namespace {
@@ -16,9 +15,14 @@ constexpr double kDoubt = 1.4;
 constexpr double kFreshRate = 0.3;
 /// The iteration diverges when a change is so many times the one before.
 constexpr double kDivergence = 2.0;
-/// Steps do without the slow parts of the Jacobian until one converges with them only; the limit
-/// that is set then rises again with every step.
-constexpr double kRise = 1.05;
+/// Steps do without the slow parts of the Jacobian until they converge badly again and again: worse
+/// than this with a fresh one, a failure counting as much as some. A single bad one is a kink of a
+/// force. The limit that is set then rises again with every step.
+constexpr double kBadRate = 0.3;
+constexpr double kFailure = 1.5;
+constexpr double kEnough = 3.0;
+constexpr double kForget = 0.5;
+constexpr double kRise = 1.015;
 
 }  // namespace
 
@@ -85,6 +89,7 @@ int NewtonSolver::solve(N_Vector correction, N_Vector weights, double tolerance,
   iterations_ = 0;
   failures_ = 0;
   fresh_ = false;
+  worst_ = 0.0;
   whole_above_ *= kRise;
   bool bad = false;
   for (;;) {
@@ -96,23 +101,26 @@ int NewtonSolver::solve(N_Vector correction, N_Vector weights, double tolerance,
     }
     if (flag == 0) flag = iterate(correction, weights, tolerance, memory);
     if (flag == 0) {
-      if (forced_) whole_above_ = 0.5 * gamma_;
-      forced_ = failed_before_ = false;
+      judge_part(worst_ > kBadRate ? 1.0 : 0.0);
       return 0;
     }
     ++failures_;
-    // Once more with a Jacobian of this step. Where that fails a force has a kink, and a smaller
-    // step helps; only if that fails as well, the whole Jacobian is tried.
-    const bool part = fresh_ && !whole_;
-    const bool again = part ? std::exchange(failed_before_, true) : !bad;
-    if (flag < 0 || !again) {
-      forced_ = false;
-      return flag;
-    }
-    forced_ = fresh_;
+    if (flag > 0) judge_part(kFailure);
+    // Once more with a Jacobian of this step; where that fails a smaller step is due.
+    if (flag < 0 || bad || fresh_) return flag;
+    worst_ = 0.0;
     renew = bad = true;
     N_VConst(0.0, correction);
   }
+}
+
+/// Whether what is left out of a fresh Jacobian is missed.
+void NewtonSolver::judge_part(double trouble) {
+  if (!fresh_ || whole_) return;
+  trouble_ = trouble > 0.0 ? trouble_ + trouble : kForget * trouble_;
+  if (trouble_ < kEnough) return;
+  whole_above_ = 0.5 * gamma_;
+  trouble_ = 0.0;
 }
 
 int NewtonSolver::iterate(N_Vector correction, N_Vector weights, double tolerance, void* memory) {
@@ -132,6 +140,7 @@ int NewtonSolver::iterate(N_Vector correction, N_Vector weights, double toleranc
       const double seen = size / before;
       if (seen > kDivergence) return SUN_NLS_CONV_RECVR;
       rate_ = std::max(kMemory * rate_, seen);
+      worst_ = std::max(worst_, seen);
     }
     if (size * std::min(1.0, rate_) <= tolerance) {
       if (i == 0) rate_ = std::min(1.0, kDoubt * rate_);

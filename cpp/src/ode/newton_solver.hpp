@@ -25,7 +25,7 @@ class NewtonSolver {
 
   /// Whether steps of this gamma need the whole Jacobian: without its slow parts the method did not
   /// converge there.
-  bool needs_whole(double gamma) const { return forced_ || gamma >= whole_above_; }
+  bool needs_whole(double gamma) const { return gamma >= whole_above_; }
 
   /// Told by the callback that makes the matrix.
   void made(double gamma, bool renewed, bool whole);
@@ -35,6 +35,7 @@ class NewtonSolver {
 
   int solve(N_Vector correction, N_Vector weights, double tolerance, bool renew, void* memory);
   int iterate(N_Vector correction, N_Vector weights, double tolerance, void* memory);
+  void judge_part(double trouble);
 
   SUNNonlinearSolver handle_ = nullptr;
   SUNNonlinSolSysFn residual_ = nullptr;
@@ -43,13 +44,13 @@ class NewtonSolver {
   N_Vector change_ = nullptr;
   long iterations_ = 0;  ///< of the last call
   long failures_ = 0;
-  double rate_ = 1.0;           ///< estimated: error after an iteration over that before
-  double gamma_ = 0.0;          ///< of the matrix
-  bool fresh_ = false;          ///< the matrix holds the Jacobian of this very step
-  bool whole_ = true;           ///< and all of it
-  bool failed_before_ = false;  ///< with a part of a fresh one, in this step
-  bool forced_ = false;         ///< the whole is tried after what a part has not done
-  double whole_above_;          ///< see needs_whole
+  double rate_ = 1.0;     ///< estimated: error after an iteration over that before
+  double gamma_ = 0.0;    ///< of the matrix
+  bool fresh_ = false;    ///< the matrix holds the Jacobian of this very step
+  bool whole_ = true;     ///< and all of it
+  double worst_ = 0.0;    ///< rate seen in the step
+  double trouble_ = 0.0;  ///< of late with a part of a fresh Jacobian
+  double whole_above_;    ///< see needs_whole
 };
 
 }  // namespace feltmb::detail
