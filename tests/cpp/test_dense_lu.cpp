@@ -47,7 +47,7 @@ TEST_CASE("dense LU: residual at rounding for every size around whole blocks") {
 
       Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> rows(n, 2);
       rows << b, -2.0 * b;
-      lu.solve_rows(rows);
+      lu.solve_rows(rows.data(), 2, 2);
       CHECK((a * rows.col(1) + 2.0 * b).norm() < 2e-14 * scale);
     }
   }

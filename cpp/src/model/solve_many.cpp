@@ -27,9 +27,11 @@ void MechanismSystem::solve_many(RowBlock& b) {
     b.row(rate + j) =
         factor * b.row(rate + j) - (factor * g * modal_stiffness_[at(j)]) * b.row(eta + j);
   }
-  RowBlock right(n_ + coupling_count_, columns);
-  right.topRows(n_).noalias() = mass_ * r_v;
-  right.topRows(n_).noalias() += (g * stiffness_) * r_q;
+  RowBlock& right = right_rows_;
+  right.setZero(n_ + coupling_count_, columns);
+  const auto width = static_cast<std::size_t>(columns);
+  add_row_products(at(n_), mass_.data(), 1.0, r_v.data(), width, width, right.data(), width);
+  add_row_products(at(n_), stiffness_.data(), g, r_q.data(), width, width, right.data(), width);
   for (int i = 0; i < coupling_count_; ++i) {
     const StringCoupling& c = couplings_[at(i)];
     const int count = mechanism().strings[at(c.string)].string.modes();
@@ -66,7 +68,7 @@ void MechanismSystem::solve_many(RowBlock& b) {
     right.topRows(n_) += g * (c.force_column * force);
     if (c.coupling >= 0) right.row(n_ + c.coupling) += force;
   }
-  lu_.solve_rows(right);
+  lu_.solve_rows(right.data(), width, width);
   r_q += g * right.topRows(n_);
   r_v = right.topRows(n_);
   for (int i = 0; i < coupling_count_; ++i) {

@@ -112,6 +112,47 @@ FELTMB_CLONES void products(std::size_t columns, std::size_t stride, const doubl
   }
 }
 
+/// Row of y += k times row of x.
+inline void add_row(std::size_t count, double k, const double* __restrict x, double* __restrict y) {
+  for (std::size_t c = 0; c < count; ++c) y[c] += k * x[c];
+}
+
+FELTMB_CLONES void solve_all_rows(std::size_t n, std::size_t stride, const double* upper,
+                                  const double* lower, const double* inverse,
+                                  const std::size_t* pivot, double* b, std::size_t columns,
+                                  std::size_t row) {
+  for (std::size_t k = 0; k < n; ++k) {
+    if (pivot[k] == k) continue;
+    for (std::size_t c = 0; c < columns; ++c) std::swap(b[k * row + c], b[pivot[k] * row + c]);
+  }
+  // The tree leaves many factors zero.
+  for (std::size_t j = 0; j < n; ++j) {
+    for (std::size_t i = j + 1; i < n; ++i) {
+      const double factor = lower[j * stride + i];
+      if (factor != 0.0) add_row(columns, -factor, b + j * row, b + i * row);
+    }
+  }
+  for (std::size_t j = n; j-- > 0;) {
+    double* own = b + j * row;
+    for (std::size_t c = 0; c < columns; ++c) own[c] *= inverse[j];
+    for (std::size_t i = 0; i < j; ++i) {
+      const double factor = upper[j * stride + i];
+      if (factor != 0.0) add_row(columns, -factor, own, b + i * row);
+    }
+  }
+}
+
+FELTMB_CLONES void row_products(std::size_t n, const double* a, double scale, const double* x,
+                                std::size_t columns, std::size_t stride, double* out,
+                                std::size_t out_stride) {
+  for (std::size_t j = 0; j < n; ++j) {
+    for (std::size_t i = 0; i < n; ++i) {
+      const double factor = scale * a[j * n + i];
+      if (factor != 0.0) add_row(columns, factor, x + j * stride, out + i * out_stride);
+    }
+  }
+}
+
 }  // namespace
 
 void DenseLu::resize(std::size_t n) {
@@ -131,6 +172,17 @@ bool DenseLu::factorize() {
 void DenseLu::solve(double* b) const {
   for (std::size_t k = 0; k < n_; ++k) std::swap(b[k], b[pivot_[k]]);
   solve_columns(n_, stride_, upper_.data(), lower_.data(), inverse_.data(), b);
+}
+
+void DenseLu::solve_rows(double* b, std::size_t columns, std::size_t stride) const {
+  solve_all_rows(n_, stride_, upper_.data(), lower_.data(), inverse_.data(), pivot_.data(), b,
+                 columns, stride);
+}
+
+void add_row_products(std::size_t n, const double* a, double scale, const double* x,
+                      std::size_t columns, std::size_t stride, double* out,
+                      std::size_t out_stride) {
+  row_products(n, a, scale, x, columns, stride, out, out_stride);
 }
 
 void add_products(std::size_t columns, std::size_t stride, const double* a, const double* x,

@@ -254,6 +254,7 @@ class MechanismSystem : public OdeSystem {
   std::vector<double> tie_;
   double gamma_ = 0.0;
   DenseLu lu_;
+  RowBlock right_rows_;           ///< scratch of solve_many
   std::vector<double> residual_;  ///< M, then gamma K, by padded columns: of the right-hand side
   Eigen::VectorXd right_;         ///< and solution
 };

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstddef>
-#include <utility>
 #include <vector>
 
 namespace feltmb {
@@ -33,25 +32,8 @@ class DenseLu {
   /// Solves A x = b in place; `b` holds stride() values, those beyond size() are scratch.
   void solve(double* b) const;
 
-  /// The same for rows of right-hand sides side by side: b.row(i) are vectors.
-  template <class Block>
-  void solve_rows(Block& b) const {
-    const auto at = [](std::size_t i) { return static_cast<std::ptrdiff_t>(i); };
-    for (std::size_t k = 0; k < n_; ++k) {
-      if (pivot_[k] != k) b.row(at(k)).swap(b.row(at(pivot_[k])));
-    }
-    for (std::size_t j = 0; j < n_; ++j) {
-      for (std::size_t i = j + 1; i < n_; ++i) {
-        b.row(at(i)) -= lower_[j * stride_ + i] * b.row(at(j));
-      }
-    }
-    for (std::size_t j = n_; j-- > 0;) {
-      b.row(at(j)) *= inverse_[j];
-      for (std::size_t i = 0; i < j; ++i) {
-        b.row(at(i)) -= upper_[j * stride_ + i] * b.row(at(j));
-      }
-    }
-  }
+  /// The same for `columns` right-hand sides side by side: row i begins at b + i * stride.
+  void solve_rows(double* b, std::size_t columns, std::size_t stride) const;
 
  private:
   std::size_t n_ = 0;
@@ -65,5 +47,10 @@ class DenseLu {
 /// out = sum over j < columns of x[j] A_j + y[j] B_j, columns of `stride` values (whole blocks).
 void add_products(std::size_t columns, std::size_t stride, const double* a, const double* x,
                   const double* b, const double* y, double* out);
+
+/// Row i of out += scale sum over j of A(i, j) row j of x, for square A (n, n) stored by columns
+/// and rows of `columns` numbers, `stride` apart. Zeros of A cost nothing.
+void add_row_products(std::size_t n, const double* a, double scale, const double* x,
+                      std::size_t columns, std::size_t stride, double* out, std::size_t out_stride);
 
 }  // namespace feltmb
