@@ -28,10 +28,15 @@ void MechanismSystem::solve_many(RowBlock& b) {
         factor * b.row(rate + j) - (factor * g * modal_stiffness_[at(j)]) * b.row(eta + j);
   }
   RowBlock& right = right_rows_;
-  right.setZero(n_ + coupling_count_, columns);
+  right.setZero(n_ + coupling_count_ + constraint_, columns);
   const auto width = static_cast<std::size_t>(columns);
   add_row_products(at(n_), mass_.data(), 1.0, r_v.data(), width, width, right.data(), width);
   add_row_products(at(n_), stiffness_.data(), g, r_q.data(), width, width, right.data(), width);
+  if (constraint_ > 0) {
+    const Prescription& p = dynamics_.prescription();
+    right.row(n_ + coupling_count_) =
+        p.row.transpose() * r_v - g * (p.by_position.transpose() * r_q);
+  }
   for (int i = 0; i < coupling_count_; ++i) {
     const StringCoupling& c = couplings_[at(i)];
     const int count = mechanism().strings[at(c.string)].string.modes();

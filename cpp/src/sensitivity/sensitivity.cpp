@@ -72,7 +72,7 @@ class WindowRun {
       throw InvalidParameter(format("start state: got %zu values, expected %zu of this mechanism",
                                     start.y.size(), states));
     }
-    models_.begin(window_.begin, width, start.y);
+    models_.begin(window_.begin, width, start.y, from_rest);
     input_.origin += window_.begin;
     Trajectory trajectory(models_.probe());
     simulate_stroke(trajectory, start);

@@ -121,25 +121,30 @@ ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
           (parameters[j].contacts && !any_closed(*parameters[j].contacts));
       const Rest moved = same ? rest_ : find_rest(p.mechanism, near, p.input);
       node.levels = moved.levels;
+      if (input.prescribed) node.rest.assign(moved.state.begin(), moved.state.end());
       node.system->set_finger_reference(moved.finger);
       rest_columns_.state.col(static_cast<Eigen::Index>(j)) += p.weight * moved.state;
       rest_columns_.memory.col(static_cast<Eigen::Index>(j)) += p.weight * moved.memory;
       parameters_[j].push_back(std::move(node));
     }
   }
-  begin(0.0, 0, {});
+  begin(0.0, 0, {}, false);
 }
 
-void ShiftedModels::begin(double begin, std::size_t directions, std::span<const double> start) {
+void ShiftedModels::begin(double begin, std::size_t directions, std::span<const double> start,
+                          bool from_rest) {
   directions_ = directions;
-  const auto set = [&](MechanismSystem& system, double origin) {
+  const auto set = [&](MechanismSystem& system, double origin, std::span<const double> place) {
     system.set_origin(origin + begin);
-    if (!start.empty()) system.set_prescribed_reference(0.0, start);
+    if (!place.empty()) system.set_prescribed_reference(0.0, place);
   };
-  set(*base_, input_.origin);
-  set(*probe_, input_.origin);
+  set(*base_, input_.origin, start);
+  set(*probe_, input_.origin, start);
   for (auto& nodes : parameters_) {
-    for (auto& node : nodes) set(*node.system, node.input.origin);
+    for (auto& node : nodes) {
+      const bool own = from_rest && !node.rest.empty();
+      set(*node.system, node.input.origin, own ? std::span<const double>(node.rest) : start);
+    }
   }
 }
 

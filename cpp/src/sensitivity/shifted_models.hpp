@@ -25,8 +25,9 @@ class ShiftedModels {
                 const SensitivityOptions& options);
 
   /// From now on the clock of all starts at `begin` of the input's, with `directions` columns after
-  /// those of the parameters; `start` is the state there, empty if not known yet.
-  void begin(double begin, std::size_t directions, std::span<const double> start);
+  /// those of the parameters; `start` is the state there, empty if not known yet. From rest each
+  /// model counts a prescribed motion from its own rest pose.
+  void begin(double begin, std::size_t directions, std::span<const double> start, bool from_rest);
 
   MechanismSystem& base() { return *base_; }
   MechanismSystem& probe() { return *probe_; }
@@ -91,6 +92,7 @@ class ShiftedModels {
     double shift = 0.0;
     double weight = 0.0;
     std::vector<double> levels;
+    std::vector<double> rest;  ///< its own rest pose, for a prescribed motion
   };
   struct Rest {
     Eigen::VectorXd state;

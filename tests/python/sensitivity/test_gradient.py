@@ -378,3 +378,39 @@ def test_a_felt_of_fibers_by_its_own_numbers(rigid):
         got = np.array([g.summary_gradient[name][j] * parameter.size for name in names])
         room = 5e-5 * np.array([g.summary[name] for name in names])
         assert np.all(np.abs(got - by_runs) < 5e-3 * np.abs(by_runs) + room), parameter.path
+
+
+def test_key_that_follows_a_prescribed_motion():
+    """The reaction takes part in every column; a heavier key starts lower, and its motion with it."""
+    action = feltmb.load_action("steinway45")
+    time = np.linspace(0.0, 0.06, 7)
+    travel = 9e-3 * np.sin(0.5 * np.pi * time / 0.06) ** 2
+
+    def press(scale=1.0):
+        return feltmb.motion_stroke(time, scale * travel, of="key", duration=0.03)
+
+    changes = {"bodies.key.mass": 0.01, "bodies.jack.inertia": 0.01}
+    outputs = ["hammer.angle", "finger.force"]
+    g = gradient(
+        action, press(), [*changes, "stroke.scale"], outputs, tolerance=1e-4, output_rate=1000.0
+    )
+    options = {"ledger": False, "rtol": 1e-9, "output_rate": 1000.0}
+
+    def difference(one, other, width):
+        runs = [feltmb.simulate(*each, **options) for each in (one, other)]
+        return {name: (runs[0][name] - runs[1][name]) / width for name in outputs}
+
+    found = {"stroke.scale": difference((action, press(1.001)), (action, press(0.999)), 2e-3)}
+    for path, part in changes.items():
+        body = action.config.bodies[path.split(".")[1]]
+        value = getattr(body, path.split(".")[2])
+        unit = "kg" if path.endswith("mass") else "kg m^2"
+        both = [
+            action.with_values({path: f"{value * (1.0 + sign * part)!r} {unit}"})
+            for sign in (1, -1)
+        ]
+        found[path] = difference((both[0], press()), (both[1], press()), 2.0 * part * value)
+    for path, values in found.items():
+        for name, wanted in values.items():
+            error = np.abs(g.of(name, path) - wanted).max()
+            assert error < 5e-3 * np.abs(wanted).max(), (path, name)
