@@ -381,7 +381,7 @@ def test_a_felt_of_fibers_by_its_own_numbers(rigid):
 
 
 def test_key_that_follows_a_prescribed_motion():
-    """The reaction takes part in every column; a heavier key starts lower, and its motion with it."""
+    """The reaction takes part in every column; a heavier key starts lower."""
     action = feltmb.load_action("steinway45")
     time = np.linspace(0.0, 0.06, 7)
     travel = 9e-3 * np.sin(0.5 * np.pi * time / 0.06) ** 2
