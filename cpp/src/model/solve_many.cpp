@@ -10,7 +10,7 @@ std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 }  // namespace
 
-void MechanismSystem::solve_many(RowBlock& b) {
+void MechanismSystem::solve_many(RowBlock& b, const RowBlock* loads) {
   using Row = Eigen::RowVectorXd;
   const Eigen::Index columns = b.cols();
   const double g = gamma_;
@@ -32,6 +32,7 @@ void MechanismSystem::solve_many(RowBlock& b) {
   const auto width = static_cast<std::size_t>(columns);
   add_row_products(at(n_), mass_.data(), 1.0, r_v.data(), width, width, right.data(), width);
   add_row_products(at(n_), stiffness_.data(), g, r_q.data(), width, width, right.data(), width);
+  if (loads != nullptr) right.topRows(n_) += g * *loads;
   if (constraint_ > 0) {
     const Prescription& p = dynamics_.prescription();
     right.row(n_ + coupling_count_) =

@@ -94,8 +94,6 @@ ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
     law_.push_back(input.prescribed ? -1 : parameter.law);
     contacts_.push_back(parameter.contacts);
   }
-  by_force_.resize(mechanism->contacts.size());
-  has_by_force_.resize(mechanism->contacts.size());
   for (std::size_t j = 0; j < parameters.size(); ++j) {
     for (const Perturbed& p : parameters[j].nodes) {
       Node node;
@@ -190,22 +188,13 @@ double ShiftedModels::level(std::size_t rule, int parameter, std::size_t node) c
 
 void ShiftedModels::rates(double t, std::span<const double> y, std::span<const double> memory,
                           const Eigen::MatrixXd& memory_columns, RowMatrix& out) {
-  std::fill(has_by_force_.begin(), has_by_force_.end(), 0);
+  loads_.setZero(base_->coordinates(), static_cast<Eigen::Index>(columns()));
   out.setZero(out.rows(), static_cast<Eigen::Index>(columns()));
   const auto n = out.rows();
   const bool strings = n == static_cast<Eigen::Index>(y.size());
   three_.resize(static_cast<Eigen::Index>(y.size()));
   const std::span<double> rate{three_.data(), y.size()};
   bool has_base = false;
-  const auto nearest = [](std::vector<Node>& nodes) -> Node& {
-    std::size_t best = 0;
-    for (std::size_t k = 1; k < nodes.size(); ++k) {
-      const double shift = std::fabs(nodes[k].shift);
-      const double least = std::fabs(nodes[best].shift);
-      if (shift > 0.0 && (least == 0.0 || shift < least)) best = k;
-    }
-    return nodes[best];
-  };
   const bool touched = std::any_of(
       mechanism_->strings.begin(), mechanism_->strings.end(), [&](const AttachedString& s) {
         return base_->dynamics().contacts()[static_cast<std::size_t>(s.contact)].closed;
@@ -217,7 +206,7 @@ void ShiftedModels::rates(double t, std::span<const double> y, std::span<const d
       continue;
     }
     if (!inertial_[j].empty()) {
-      inertial_rates(j, out);
+      inertial_loads(j);
       continue;
     }
     if (modal_[j] && !(touched && modal_[j]->shapes)) {
@@ -225,9 +214,8 @@ void ShiftedModels::rates(double t, std::span<const double> y, std::span<const d
       continue;
     }
     if (contacts_[j] && !any_closed(*contacts_[j])) continue;
-    if (input_rates(j, t, out)) continue;
-    // One side is enough: the shift is a millionth of the parameter, its curvature is not seen.
-    Node& node = nearest(parameters_[j]);
+    if (input_loads(j, t)) continue;
+    const Node& node = nearest(parameters_[j]);
     if (!has_base) base_rates(y);
     has_base = true;
     remember(*node.system, memory);
@@ -256,6 +244,18 @@ void ShiftedModels::rates(double t, std::span<const double> y, std::span<const d
     moved_memory_[c] = memory[c];
   }
   remember(*probe_, memory);
+}
+
+/// One side is enough where the value in the middle is known: the shift is a millionth of the
+/// parameter, its curvature is not seen.
+const ShiftedModels::Node& ShiftedModels::nearest(const std::vector<Node>& nodes) {
+  std::size_t best = 0;
+  for (std::size_t k = 1; k < nodes.size(); ++k) {
+    const double shift = std::fabs(nodes[k].shift);
+    const double least = std::fabs(nodes[best].shift);
+    if (shift > 0.0 && (least == 0.0 || shift < least)) best = k;
+  }
+  return nodes[best];
 }
 
 bool ShiftedModels::any_closed(const std::vector<int>& contacts) const {
@@ -292,7 +292,7 @@ void ShiftedModels::memory_rates(const Eigen::MatrixXd& memory_columns, RowMatri
       out.row(2 * n + contact.first_state + static_cast<int>(i)) += rates[i] * row;
     }
     if (force == 0.0) continue;
-    out.middleRows(n, n).noalias() += (force * by_force(c)) * row;
+    loads_.noalias() += (force * by_force(c)) * row;
     if (contact.string < 0 || out.rows() < static_cast<Eigen::Index>(base_->size())) continue;
     const auto phi = dynamics.phi(contact.string);
     const auto& string = mechanism_->strings[static_cast<std::size_t>(contact.string)];
@@ -304,16 +304,11 @@ void ShiftedModels::memory_rates(const Eigen::MatrixXd& memory_columns, RowMatri
 }
 
 const Eigen::VectorXd& ShiftedModels::by_force(std::size_t contact) {
-  if (has_by_force_[contact] == 0) {
-    Dynamics& dynamics = base_->dynamics();
-    for (const ContactGradient& g : dynamics.gradients()) {
-      if (g.contact != static_cast<int>(contact)) continue;
-      by_force_[contact] = g.by_force;
-      dynamics.solve_mass(by_force_[contact]);
-      has_by_force_[contact] = 1;
-    }
-  }
-  return by_force_[contact];
+  const auto gradients = base_->dynamics().gradients();
+  const auto own = std::find_if(gradients.begin(), gradients.end(), [&](const auto& g) {
+    return g.contact == static_cast<int>(contact);
+  });
+  return own->by_force;
 }
 
 void ShiftedModels::base_rates(std::span<const double> y) {
@@ -363,11 +358,10 @@ void ShiftedModels::add_wrench(std::size_t link, Vec2 force, double moment) {
   }
 }
 
-void ShiftedModels::inertial_rates(std::size_t j, RowMatrix& out) {
+void ShiftedModels::inertial_loads(std::size_t j) {
   // M a = Q is linear in mass, first moment and inertia: minus their inertial force and weight.
-  Dynamics& dynamics = base_->dynamics();
-  const int n = base_->coordinates();
-  one_.setZero(n);
+  const Dynamics& dynamics = base_->dynamics();
+  one_.setZero(base_->coordinates());
   for (const InertialShift& shift : inertial_[j]) {
     const LinkState& s = dynamics.links()[shift.link];
     const Vec2 r = s.rotation * shift.first;
@@ -376,8 +370,7 @@ void ShiftedModels::inertial_rates(std::size_t j, RowMatrix& out) {
     add_wrench(shift.link, -1.0 * force, -(cross(r, a) + shift.second * s.alpha));
   }
   for (const int k : condensed_) one_[k] = 0.0;
-  dynamics.solve_mass(one_);
-  out.col(static_cast<Eigen::Index>(j)).segment(n, n) = one_;
+  loads_.col(static_cast<Eigen::Index>(j)) = one_;
 }
 
 void ShiftedModels::modal_rates(std::size_t j, std::span<const double> y, RowMatrix& out) {
@@ -391,7 +384,7 @@ void ShiftedModels::modal_rates(std::size_t j, std::span<const double> y, RowMat
 
 /// Where a parameter changes the input alone and that is a force, its derivative is the force's.
 /// False: it is something else.
-bool ShiftedModels::input_rates(std::size_t j, double t, RowMatrix& out) {
+bool ShiftedModels::input_loads(std::size_t j, double t) {
   for (const Node& node : parameters_[j]) {
     if (&node.system->mechanism() != mechanism_.get()) return false;
   }
@@ -402,9 +395,8 @@ bool ShiftedModels::input_rates(std::size_t j, double t, RowMatrix& out) {
     force += node.weight * drive.force;
   }
   if (force == 0.0) return true;
-  Dynamics& dynamics = base_->dynamics();
-  const int n = base_->coordinates();
-  one_.setZero(n);
+  const Dynamics& dynamics = base_->dynamics();
+  one_.setZero(base_->coordinates());
   const int driven = base_->drive(t).coordinate;
   if (driven >= 0) {
     one_[driven] = force;
@@ -416,8 +408,7 @@ bool ShiftedModels::input_rates(std::size_t j, double t, RowMatrix& out) {
     add_wrench(link, f, cross(arm, f));
   }
   for (const int k : condensed_) one_[k] = 0.0;
-  dynamics.solve_mass(one_);
-  out.col(static_cast<Eigen::Index>(j)).segment(n, n) = one_;
+  loads_.col(static_cast<Eigen::Index>(j)) = one_;
   return true;
 }
 
@@ -430,24 +421,23 @@ void ShiftedModels::law_rates(std::size_t j, RowMatrix& out) {
   if (!s.closed && contact.law.n_states() == 0) return;
   double force = 0.0;
   std::array<double, kMaxLawStates> rates{};
+  const Node& node = nearest(parameters_[j]);
+  const ContactLaw& law = node.system->mechanism().contacts[c].law;
+  LawStates states;
   const LawMemory own = dynamics.memory(c);
-  for (const Node& node : parameters_[j]) {
-    LawStates states;
-    const ContactLaw& law = node.system->mechanism().contacts[c].law;
-    const LawValue v = s.closed ? law.evaluate(s.compression, s.rate, own, &states)
-                                : law.evaluate(std::min(0.0, s.compression), 0.0, own, &states);
-    if (s.closed) force += node.weight * v.force;
-    for (std::size_t i = 0; i < contact.law.n_states(); ++i) {
-      rates[i] += node.weight * states.rate[i];
-    }
-    ++evaluations_;
+  const LawValue v = s.closed ? law.evaluate(s.compression, s.rate, own, &states)
+                              : law.evaluate(std::min(0.0, s.compression), 0.0, own, &states);
+  if (s.closed) force = (v.force - s.law.force) / node.shift;
+  for (std::size_t i = 0; i < contact.law.n_states(); ++i) {
+    rates[i] = (states.rate[i] - dynamics.law_states(c).rate[i]) / node.shift;
   }
+  ++evaluations_;
   const int n = base_->coordinates();
   for (std::size_t i = 0; i < contact.law.n_states(); ++i) {
     out(2 * n + contact.first_state + static_cast<int>(i), column) += rates[i];
   }
   if (!s.closed || force == 0.0) return;
-  out.col(column).segment(n, n) += force * by_force(c);
+  loads_.col(column) += force * by_force(c);
   if (contact.string < 0 || out.rows() < static_cast<Eigen::Index>(base_->size())) return;
   const auto phi = dynamics.phi(contact.string);
   const auto& string = mechanism_->strings[static_cast<std::size_t>(contact.string)];

@@ -52,11 +52,15 @@ class ShiftedModels {
   SimulationState rest() const;
   const Columns& rest_columns() const { return rest_columns_; }
 
-  /// d f / d parameter at fixed state, memory moving: the inhomogeneous part of S'. The base must
-  /// have been linearised there. `out` has the rows that are wanted: all, or those before the
-  /// strings'.
+  /// d f / d parameter at fixed state, memory moving: the inhomogeneous part of S', but for what
+  /// loads() holds. The base must have been linearised there. `out` has the rows that are wanted:
+  /// all, or those before the strings'.
   void rates(double t, std::span<const double> y, std::span<const double> memory,
              const Eigen::MatrixXd& memory_columns, RowMatrix& out);
+
+  /// Generalized forces that the last rates() left out (n_coordinates, n_columns): M^-1 of them
+  /// belongs to the rows of the speeds.
+  const RowMatrix& loads() const { return loads_; }
 
   /// Total derivative of any function of the model at a fixed time.
   /// @param function  (MechanismSystem&, t, y, out span, index of the parameter's node or -1)
@@ -111,13 +115,14 @@ class ShiftedModels {
   FingerInput input_;
   const SensitivityOptions& options_;
   std::unique_ptr<MechanismSystem> base_, probe_;
+  static const Node& nearest(const std::vector<Node>& nodes);
   void law_rates(std::size_t j, RowMatrix& out);
   void memory_rates(const Eigen::MatrixXd& memory_columns, RowMatrix& out);
-  const Eigen::VectorXd& by_force(std::size_t contact);
+  const Eigen::VectorXd& by_force(std::size_t contact);  ///< dQ/dF of a closed contact
   bool any_closed(const std::vector<int>& contacts) const;
-  void inertial_rates(std::size_t j, RowMatrix& out);
+  void inertial_loads(std::size_t j);
   void modal_rates(std::size_t j, std::span<const double> y, RowMatrix& out);
-  bool input_rates(std::size_t j, double t, RowMatrix& out);
+  bool input_loads(std::size_t j, double t);
   void base_rates(std::span<const double> y);
 
   /// Adds the generalized force of a force at the origin of a link and a moment to `one_`.
@@ -141,8 +146,7 @@ class ShiftedModels {
   std::vector<std::vector<Node>> parameters_;
   std::vector<std::optional<std::vector<int>>> contacts_;
   std::vector<int> law_;  ///< contact whose law alone a parameter changes, -1: anything
-  std::vector<Eigen::VectorXd> by_force_;  ///< M^-1 dQ/dF by contact, of the stage at hand
-  std::vector<char> has_by_force_;
+  RowMatrix loads_;       ///< generalized forces of the columns, of the stage at hand
   std::size_t directions_ = 0;
   Rest rest_;
   std::exception_ptr no_rest_;  ///< why the mechanism has no rest pose

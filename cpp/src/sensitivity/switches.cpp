@@ -71,30 +71,50 @@ class Finder {
     look_at_state(t, y_, out);
   }
 
+  /// Looks at entry i of root or piece (both begin with the contacts) alone.
+  void look_at_one(double t, std::size_t i, Look& out) {
+    if (i >= mechanism_.contacts.size()) return look_at(t, out);
+    trajectory_.interpolate(t, y_);
+    probe_.locate_only(t, y_, {&i, 1});
+    look_at_contact(i, out);
+  }
+
+  /// The same for an entry of zone: contacts, then joints.
+  void look_at_zone(double t, std::size_t i, Look& out) {
+    const std::size_t contacts = mechanism_.contacts.size();
+    if (i < contacts) return look_at_one(t, i, out);
+    trajectory_.interpolate(t, y_);
+    look_at_joint(i - contacts, y_, out);
+  }
+
+  void look_at_joint(std::size_t k, std::span<const double> y, Look& out) const {
+    const Friction& friction = mechanism_.joint_friction[k];
+    const double speed = y[mechanism_.coordinates.size() + k];
+    out.zone[mechanism_.contacts.size() + k] =
+        friction.amplitude != 0.0 ? zone(speed, friction.threshold_speed) : 0;
+  }
+
+  void look_at_contact(std::size_t c, Look& out) const {
+    const Dynamics& dynamics = probe_.dynamics();
+    const ContactState& s = dynamics.contacts()[c];
+    out.root[c] = active_[c] ? s.compression : -1.0;
+    out.rate[c] = s.rate;
+    out.piece[c] = 0;
+    const Friction& friction = mechanism_.contacts[c].friction;
+    const bool slides = active_[c] && s.compression > 0.0 && friction.amplitude != 0.0;
+    out.zone[c] = slides ? zone(s.slip, friction.threshold_speed) : 0;
+    if (!active_[c]) return;
+    const int piece = branch(mechanism_.contacts[c].law, s.compression, s.rate, dynamics.memory(c));
+    // On the arc of a hybrid surface the normal turns, on its lines it does not.
+    out.piece[c] = 2 * piece + (piece != 0 && s.turning_normal ? 1 : 0);
+  }
+
   void look_at_state(double t, std::span<const double> y, Look& out) {
     probe_.locate(t, y, Detail::kAllContacts);
     const Dynamics& dynamics = probe_.dynamics();
     const std::size_t contacts = mechanism_.contacts.size();
-    for (std::size_t c = 0; c < contacts; ++c) {
-      const ContactState& s = dynamics.contacts()[c];
-      out.root[c] = active_[c] ? s.compression : -1.0;
-      out.rate[c] = s.rate;
-      out.piece[c] = 0;
-      const Friction& friction = mechanism_.contacts[c].friction;
-      const bool slides = active_[c] && s.compression > 0.0 && friction.amplitude != 0.0;
-      out.zone[c] = slides ? zone(s.slip, friction.threshold_speed) : 0;
-      if (!active_[c]) continue;
-      const int piece =
-          branch(mechanism_.contacts[c].law, s.compression, s.rate, dynamics.memory(c));
-      // On the arc of a hybrid surface the normal turns, on its lines it does not.
-      out.piece[c] = 2 * piece + (piece != 0 && s.turning_normal ? 1 : 0);
-    }
-    const std::size_t n = mechanism_.coordinates.size();
-    for (std::size_t k = 0; k < n; ++k) {
-      const Friction& friction = mechanism_.joint_friction[k];
-      out.zone[contacts + k] =
-          friction.amplitude != 0.0 ? zone(y[n + k], friction.threshold_speed) : 0;
-    }
+    for (std::size_t c = 0; c < contacts; ++c) look_at_contact(c, out);
+    for (std::size_t k = 0; k < mechanism_.coordinates.size(); ++k) look_at_joint(k, y, out);
     for (std::size_t i = 0; i < mechanism_.straps.size(); ++i) {
       const Strap& strap = mechanism_.straps[i];
       const Vec2 d = dynamics.position(strap.b) - dynamics.position(strap.a);
@@ -116,7 +136,7 @@ class Finder {
     double t = fa == 0.0 ? a : b;
     if (fa != 0.0 && fb != 0.0) {
       const auto f = [&](double time) {
-        look_at(time, trial_);
+        look_at_one(time, i, trial_);
         return trial_.root[i];
       };
       t = find_root_bracketed(f, a, fa, b, fb, kWidth);
@@ -142,7 +162,7 @@ class Finder {
       while (high - low > kWidth) {
         const double middle = 0.5 * (low + high);
         if (!(middle > low && middle < high)) break;
-        look_at(middle, trial_);
+        look_at_one(middle, i, trial_);
         if (trial_.piece[i] == from) {
           low = middle;
         } else {
@@ -171,7 +191,7 @@ class Finder {
       int next = last;
       while (high - low > width) {
         const double middle = 0.5 * (low + high);
-        look_at(middle, trial_);
+        look_at_zone(middle, i, trial_);
         if (trial_.zone[i] == from) {
           low = middle;
         } else {

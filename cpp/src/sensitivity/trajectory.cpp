@@ -10,6 +10,10 @@ Trajectory::Trajectory(MechanismSystem& system) : system_(system), width_(system
     remembers_ = remembers_ || contact.law.has_memory();
   }
   for (auto& s : slopes_) s.value.resize(width_);
+  // Room for most strokes: what is not used is never touched.
+  constexpr std::size_t usual = 16384;
+  time_.reserve(usual);
+  states_.reserve(usual * width_);
 }
 
 void Trajectory::add(double t, std::span<const double> y, std::span<const double> memory) {

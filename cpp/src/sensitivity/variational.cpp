@@ -117,7 +117,7 @@ void Variational::stage(int i, double t, double h) {
   const double* known = i == 0 ? now : slope_[0].data();
   start_stage(count, now, first, known, second, i == 2 ? slope_[1].data() : known, g, rate_.data(),
               slope_[i].data(), stage_.data());
-  base.solve_many(stage_);
+  base.solve_many(stage_, &models_.loads());
   find_slope(count, 1.0 / g, stage_.data(), slope_[i].data());
 }
 
@@ -139,6 +139,7 @@ bool Variational::step(double h, double from, double to) {
   combine(static_cast<std::size_t>(difference_.size()),
           {h * (kB1 - kE1), h * (kB2 - kE2), h * kGamma}, slope_[0].data(), slope_[1].data(),
           slope_[2].data(), difference_.data());
+  models_.base().solve_many(difference_);
   error_ = 0.0;
   measure(stage_, size_);
   measure(difference_, error_size_);

@@ -89,7 +89,7 @@ class MechanismSystem : public OdeSystem {
   using RowBlock = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
   /// `solve` for every column of b at once, in place; vectorised over the columns.
-  void solve_many(RowBlock& b);
+  void solve_many(RowBlock& b, const RowBlock* loads = nullptr);
   std::size_t n_events() const override;
   void events(double t, std::span<const double> y, std::span<double> g) override;
   bool events_nearby(double t, std::span<double> g) override;
