@@ -70,6 +70,31 @@ TEST_CASE("dense LU: singular matrices and numbers that are not finite are refus
   }
 }
 
+TEST_CASE("rows of many right-hand sides: products and solutions, with zeros and spare columns") {
+  using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  for (const int columns : {1, 3, 4, 7, 30}) {
+    const int n = 9;
+    Eigen::MatrixXd a = Eigen::MatrixXd::Random(n, n);
+    for (int i = 0; i < n; ++i) {
+      for (int j = 0; j < n; ++j) {
+        if ((i + 2 * j) % 3 == 0 && i != j) a(i, j) = 0.0;
+      }
+      a(i, (i + 3) % n) += 3.0;  // pivots off the diagonal
+    }
+    const Rows x = Rows::Random(n, columns);
+    Rows b = Rows::Zero(n, columns + 2);
+    b.rightCols(2).setConstant(5.0);
+    const auto width = static_cast<std::size_t>(columns);
+    feltmb::add_row_products(n, a.data(), -0.5, x.data(), width, width, b.data(), width + 2);
+    CHECK((b.leftCols(columns) + 0.5 * a * x).norm() < 1e-13);
+    DenseLu lu = loaded(a);
+    REQUIRE(lu.factorize());
+    lu.solve_rows(b.data(), width, width + 2);
+    CHECK((b.leftCols(columns) + 0.5 * x).norm() < 1e-12);
+    CHECK((b.rightCols(2).array() == 5.0).all());
+  }
+}
+
 TEST_CASE("two products at once are the sum of both") {
   const int n = 7;
   const auto stride = static_cast<Eigen::Index>(DenseLu::padded(n));
