@@ -22,6 +22,10 @@ constexpr double kA21 = 0.5 * (1.0 - kGamma);
 constexpr double kE2 = (0.5 - kC[0]) / (kC[1] - kC[0]);
 constexpr double kE1 = 1.0 - kE2;
 
+// The error swings with the elastic modes: bolder steps are rejected, more than they save.
+constexpr double kSafety = 0.8;
+constexpr double kGrowth = 2.0;
+
 /// Weights of the three slopes at the fraction u of a step: the quadratic through them, integrated.
 void dense_weights(double u, double (&weight)[3]) {
   const Eigen::Matrix3d vandermonde{
@@ -188,7 +192,7 @@ void Variational::advance(double end, const std::vector<double>& times, std::siz
     constexpr double least = 1e-13;  // s
     const bool good = step(h, from, to);
     const double factor =
-        error_ > 0.0 ? std::clamp(0.9 * std::cbrt(tolerance_ / error_), 0.2, 4.0) : 4.0;
+        error_ > 0.0 ? std::clamp(kSafety * std::cbrt(tolerance_ / error_), 0.2, kGrowth) : kGrowth;
     if (!good && h > least) {
       ++counts_.rejected;
       h_ = h * factor;
