@@ -9,6 +9,7 @@
 #include <numbers>
 
 #include "feltmb/fiber/faults.hpp"
+#include "feltmb/numeric/floor_within.hpp"
 #include "feltmb/numeric/parallel.hpp"
 #include "feltmb/numeric/random.hpp"
 
@@ -258,7 +259,7 @@ struct BeadSpringNetwork::Implementation {
     }
     std::array<int, 3> count{};
     for (int k = 0; k < 3; ++k) {
-      count[static_cast<std::size_t>(k)] = std::clamp(static_cast<int>(box[k] / far), 1, 200);
+      count[static_cast<std::size_t>(k)] = floor_within(box[k] / far, 1, 200);
     }
     const auto cells = static_cast<std::size_t>(count[0] * count[1] * count[2]);
     std::vector<std::size_t> start(cells + 1, 0);
@@ -271,8 +272,7 @@ struct BeadSpringNetwork::Implementation {
       for (std::size_t k = 0; k < 3; ++k) {
         const double part =
             middle[static_cast<Eigen::Index>(k)] / box[static_cast<Eigen::Index>(k)];
-        place[i][k] =
-            std::clamp(static_cast<int>((part - std::floor(part)) * count[k]), 0, count[k] - 1);
+        place[i][k] = floor_within((part - std::floor(part)) * count[k], 0, count[k] - 1);
       }
       cell_of[i] =
           static_cast<std::size_t>((place[i][0] * count[1] + place[i][1]) * count[2] + place[i][2]);

@@ -8,6 +8,7 @@
 
 #include "feltmb/fiber/faults.hpp"
 #include "feltmb/numeric/elliptic.hpp"
+#include "feltmb/numeric/floor_within.hpp"
 #include "feltmb/numeric/parallel.hpp"
 #include "feltmb/numeric/quadrature.hpp"
 #include "feltmb/numeric/random.hpp"
@@ -587,7 +588,7 @@ class SphereCells {
 
  private:
   [[nodiscard]] int coordinate(double x) const {
-    return std::clamp(static_cast<int>((x + 1.1) / 2.2 * count_), 0, count_ - 1);
+    return floor_within((x + 1.1) / 2.2 * count_, 0, count_ - 1);
   }
   [[nodiscard]] std::size_t index(int i, int j, int k) const {
     return static_cast<std::size_t>((i * count_ + j) * count_ + k);
