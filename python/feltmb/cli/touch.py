@@ -87,7 +87,7 @@ def _published(row: TouchRow) -> str:
 
 def touch_table(result: Touch) -> Any:
     """Ours beside published numbers; forces in N and gram-force."""
-    from feltmb.touch import GRAM_FORCE
+    from feltmb.touch.pictures import GRAM_FORCE
 
     table = new_table(
         f"touch of {result.action.name}", "", "here", "unit", "published", "", "", right=(1, 3)
