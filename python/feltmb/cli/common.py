@@ -212,18 +212,27 @@ def load_with_settings(name: str, settings: tuple[str, ...]) -> Action:
     return action
 
 
-def parse_damper(text: str) -> tuple[str, float | None]:
-    """Kind and coefficient [N m s/rad] of ``--damper one-sided=0.05``."""
+def parse_option(option: str, text: str, unit: str) -> float:
+    """Value of an option with its unit, such as 6mm, in an SI unit.
+
+    Raises
+    ------
+    InvalidParameter
+        Naming the option.
+    """
     from feltmb.errors import InvalidParameter
     from feltmb.quantity import parse_scalar
 
-    kind, sign, value = text.partition("=")
-    if not sign:
-        return kind.strip(), None
     try:
-        return kind.strip(), parse_scalar(value, "N m s/rad")
+        return parse_scalar(text, unit)
     except ValueError as error:
-        raise InvalidParameter(f"--damper {text!r}: {error}") from None
+        raise InvalidParameter(f"{option}: {error}") from None
+
+
+def parse_damper(text: str) -> tuple[str, float | None]:
+    """Kind and coefficient [N m s/rad] of ``--damper one-sided=0.05``."""
+    kind, sign, value = text.partition("=")
+    return kind.strip(), parse_option("--damper", value, "N m s/rad") if sign else None
 
 
 def is_terminal() -> bool:

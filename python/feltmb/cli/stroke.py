@@ -16,6 +16,7 @@ from feltmb.cli.common import (
     load_with_settings,
     new_table,
     parse_damper,
+    parse_option,
     pretty,
     print_json,
     say_written,
@@ -145,7 +146,7 @@ def command(
     if not loaded:
         raise click.UsageError("Missing argument 'STROKES...'.")
     if noise is not None:
-        loaded = [s.smoothed(_noise(noise, s.unit)) for s in loaded]
+        loaded = [s.smoothed(parse_option("--noise", noise, s.unit)) for s in loaded]
     stems = _stems([s.name for s in loaded])
     targets = _targets(out, stems)
     for target, stem in zip(targets, stems, strict=True):
@@ -228,17 +229,6 @@ def _with_actuator(
     if damper is not None:
         made = made.with_damper(*parse_damper(damper))
     return compose(action, made, pad=pad), made.torque
-
-
-def _noise(text: str, unit: str) -> float:
-    """Value of --noise in the unit of a stroke."""
-    from feltmb.errors import InvalidParameter
-    from feltmb.quantity import parse_scalar
-
-    try:
-        return parse_scalar(text, unit)
-    except ValueError as error:
-        raise InvalidParameter(f"--noise: {error}") from None
 
 
 def _targets(out: Path | None, stems: list[str]) -> list[Path | None]:
