@@ -88,9 +88,9 @@ def command(
 
 
 def _list(as_json: bool) -> None:
-    from feltmb.study import load_study, packaged_studies
+    from feltmb.study import study_outlines
 
-    studies = [load_study(name) for name in packaged_studies()]
+    studies = study_outlines()
     if as_json:
         print_json(
             {
