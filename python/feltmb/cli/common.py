@@ -178,6 +178,24 @@ def print_json(value: Any) -> None:
     click.echo(json.dumps(value, indent=2, sort_keys=True))
 
 
+class Number(click.FloatRange):
+    """A finite number within bounds, which the help shows."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """The number, or a message."""
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{number} is not a finite number.", param, ctx)
+        return number
+
+
+POSITIVE = Number(0, min_open=True)
+NOT_NEGATIVE = Number(0)
+FRACTION = Number(0, 1, min_open=True, max_open=True)
+
+
 def set_option(function: F) -> F:
     """Option ``--set PATH=VALUE``, any number of times."""
     return click.option(

@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING
 import click
 
 from feltmb.cli.common import (
+    FRACTION,
+    NOT_NEGATIVE,
+    POSITIVE,
     console,
     force_option,
     new_table,
@@ -17,6 +20,7 @@ from feltmb.cli.common import (
     say_written,
     tables_as_json,
 )
+from feltmb.cli.completing import actions, felts
 
 if TYPE_CHECKING:
     pass
@@ -49,8 +53,8 @@ def list_command() -> None:
     console().print(table)
 
 
-@felt.command(name="show")
-@click.argument("material")
+@felt.command(name="show", short_help="Pressures, parts and critical angles of felt MATERIAL.")
+@click.argument("material", shell_complete=felts)
 @click.option(
     "--points",
     type=click.IntRange(2, 100_000),
@@ -102,28 +106,28 @@ def show_command(material: str, points: int, output: Path | None, force: bool) -
         save_figure(plot_material(m), output, force=force)
 
 
-@felt.command(name="loop")
-@click.option("--v-f0", type=float, required=True, help="Volume fraction without load [-].")
-@click.option("--to", "top", type=float, required=True, help="Largest volume fraction [-].")
-@click.option("--mu", type=float, default=0.35, show_default=True, help="Friction [-].")
+@felt.command(name="loop", short_help="Compress and release a fiber mass with friction.")
+@click.option("--v-f0", type=FRACTION, required=True, help="Volume fraction without load [-].")
+@click.option("--to", "top", type=FRACTION, required=True, help="Largest volume fraction [-].")
+@click.option("--mu", type=NOT_NEGATIVE, default=0.35, show_default=True, help="Friction [-].")
 @click.option(
-    "--Wf0", "withdrawal", type=float, default=1.0, show_default=True,
+    "--Wf0", "withdrawal", type=POSITIVE, default=1.0, show_default=True,
     help="Withdrawal force per length [N/m].",
 )  # fmt: skip
-@click.option("--e-modulus", type=float, default=2.5e9, show_default=True, help="Fiber [Pa].")
-@click.option("--d-f", type=float, default=25e-6, show_default=True, help="Fiber diameter [m].")
+@click.option("--e-modulus", type=POSITIVE, default="2.5e9", show_default=True, help="Fiber [Pa].")
+@click.option("--d-f", type=POSITIVE, default=25e-6, show_default=True, help="Fiber diameter [m].")
 @click.option(
     "--gamma",
-    type=float,
+    type=POSITIVE,
     default=1.3,
     show_default=True,
     help="Blocked length per contact over the fiber diameter [-].",
 )
-@click.option("--k-bend", type=float, default=24.0, show_default=True, help="Beam constant [-].")
+@click.option("--k-bend", type=POSITIVE, default=24.0, show_default=True, help="Beam constant [-].")
 @click.option(
     "--Q",
     "q",
-    type=float,
+    type=POSITIVE,
     default=2.0,
     show_default=True,
     help="Constant of thesis eq. 3.15 [-], 2 for random fibers.",
@@ -215,8 +219,8 @@ def loop_command(
     click.echo(f"loss: {100 * made.loss:.2f} % of the loading work")
 
 
-@felt.command(name="envelope")
-@click.argument("material")
+@felt.command(name="envelope", short_help="Loop of a contact, force against compression.")
+@click.argument("material", shell_complete=felts)
 @click.option(
     "--thickness", metavar="LENGTH", required=True, help="Of the felt without load, such as 6mm."
 )
@@ -241,7 +245,12 @@ def loop_command(
     help="Rows of the loop.",
 )
 @click.option(
-    "--action", metavar="NAME", default="steinway45", show_default=True, help="Mechanism to extend."
+    "--action",
+    shell_complete=actions,
+    metavar="NAME",
+    default="steinway45",
+    show_default=True,
+    help="Mechanism to extend.",
 )
 @click.option(
     "--contact",

@@ -17,6 +17,7 @@ from feltmb.cli.common import (
     save_figure,
     set_option,
 )
+from feltmb.cli.completing import packaged
 
 if TYPE_CHECKING:
     from feltmb.felt import Audit
@@ -57,8 +58,10 @@ def _print_audit(result: Audit) -> None:
     console().print(table)
 
 
-@click.command(name="audit")
-@click.argument("law")
+@click.command(
+    name="audit", short_help="Audit LAW: a contact, a felt, an envelope, or all contacts."
+)
+@click.argument("law", shell_complete=packaged("", "felts"))
 @click.option("--all", "everything", is_flag=True, help="All contacts of mechanism LAW.")
 @set_option
 @click.option(

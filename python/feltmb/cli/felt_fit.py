@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING
 import click
 
 from feltmb.cli.common import (
+    FRACTION,
+    NOT_NEGATIVE,
+    Number,
     complain,
     console,
     force_option,
@@ -19,6 +22,7 @@ from feltmb.cli.common import (
     say_written,
     set_option,
 )
+from feltmb.cli.completing import actions, felts
 
 if TYPE_CHECKING:
     pass
@@ -27,10 +31,14 @@ if TYPE_CHECKING:
 __all__ = ["fit_command", "identify_command"]
 
 
-@click.command(name="identify")
+@click.command(name="identify", short_help="Identify a felt from the measured loop in TEST.")
 @click.argument("test", type=click.Path(dir_okay=False, path_type=Path))
 @click.option(
-    "--material", metavar="NAME", required=True, help="Felt (name or TOML) that gives the fibers."
+    "--material",
+    shell_complete=felts,
+    metavar="NAME",
+    required=True,
+    help="Felt (name or TOML) that gives the fibers.",
 )
 @click.option(
     "--out",
@@ -43,13 +51,15 @@ __all__ = ["fit_command", "identify_command"]
     "--plot", "folder", type=click.Path(file_okay=False, path_type=Path),
     help="Folder for the report and its pictures.",
 )  # fmt: skip
-@click.option("--v-f0", type=float, help="Volume fraction without load [-]; default the felt's.")
+@click.option("--v-f0", type=FRACTION, help="Volume fraction without load [-]; default the felt's.")
 @click.option(
     "--thickness", metavar="LENGTH", help="Thickness at v_f0, such as 6mm, for thickness data."
 )
 @click.option("--area", metavar="AREA", help="Area of the sample, such as 4cm^2, for force data.")
-@click.option("--relative", type=float, default=0.0, show_default=True, help="Relative weight [-].")
-@click.option("--level", type=float, default=0.95, show_default=True, help="Confidence [-].")
+@click.option(
+    "--relative", type=NOT_NEGATIVE, default=0.0, show_default=True, help="Relative weight [-]."
+)
+@click.option("--level", type=FRACTION, default=0.95, show_default=True, help="Confidence [-].")
 @json_option
 @force_option
 def identify_command(
@@ -143,11 +153,12 @@ def identify_command(
         say_written(write_text(folder / "report.md", text, force=force))
 
 
-@click.command(name="fit")
-@click.argument("contact", metavar="ACTION:CONTACT")
+@click.command(name="fit", short_help="Find a felt whose layer has the loop of ACTION:CONTACT.")
+@click.argument("contact", metavar="ACTION:CONTACT", shell_complete=actions)
 @click.option("--area", required=True, metavar="LAW:NUMBERS", help="As for envelope.")
 @click.option(
     "--fibers",
+    shell_complete=felts,
     metavar="NAME",
     required=True,
     help="Felt (name or TOML) that gives fibers and v_f0.",
@@ -158,7 +169,7 @@ def identify_command(
     help="Without load, such as 3mm; default: fitted, gamma = pi/2.",
 )
 @click.option(
-    "--friction", type=float, default=0.1, show_default=True,
+    "--friction", type=Number(0, 1, max_open=True), default=0.1, show_default=True,
     help="Share of friction at half the largest force, loading.",
 )  # fmt: skip
 @set_option

@@ -16,6 +16,7 @@ from feltmb.cli.common import (
     print_json,
     say_written,
 )
+from feltmb.cli.completing import packaged
 
 if TYPE_CHECKING:
     from feltmb.study import Study, StudyResult
@@ -25,7 +26,7 @@ WIDTH = 80
 
 
 @click.command("study")
-@click.argument("names", nargs=-1)
+@click.argument("names", nargs=-1, shell_complete=packaged("studies"))
 @click.option("--list", "listing", is_flag=True, help="List the packaged studies.")
 @click.option(
     "--out",

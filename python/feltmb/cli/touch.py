@@ -18,13 +18,14 @@ from feltmb.cli.common import (
     say_written,
     set_option,
 )
+from feltmb.cli.completing import actions
 
 if TYPE_CHECKING:
     from feltmb.touch import Touch, TouchRow
 
 
 @click.command("touch")
-@click.argument("action")
+@click.argument("action", shell_complete=actions)
 @click.option(
     "--plot",
     "folder",
