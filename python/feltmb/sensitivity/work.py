@@ -180,7 +180,7 @@ def state_at(
     Returns
     -------
     list of Window
-        One for each pair of neighbours.
+        One for each pair of neighbors.
     """
     action = load_action(action) if isinstance(action, str) else action
     stroke = load_stroke(stroke) if isinstance(stroke, str) else stroke

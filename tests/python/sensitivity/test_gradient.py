@@ -248,7 +248,7 @@ def test_threads_change_nothing(action):
 
 
 def test_work_does_not_grow_with_the_parameters(action):
-    """One factorisation a stage, whatever the number of columns."""
+    """One factorization a stage, whatever the number of columns."""
     few = gradient(action, "forte", ["key.mass"], (), duration=0.06)
     many = gradient(action, "forte", ["key.mass", "contacts.*.loading.a"], (), duration=0.06)
     assert many.stats["factorizations"] < 3 * few.stats["factorizations"]
