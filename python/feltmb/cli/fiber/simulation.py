@@ -225,7 +225,7 @@ def simulate_command(
 @click.argument("folder", type=click.Path(file_okay=False, path_type=Path))
 @click.option(
     "--fibers",
-    type=int,
+    type=click.IntRange(2, 100_000),
     default=6000,
     show_default=True,
     help="Fibers of the sampled network (the thesis uses 6000).",
