@@ -105,7 +105,8 @@ def load_stroke(name_or_path: str | Path) -> Stroke:
 def _from_toml(path: Path) -> Stroke:
     raw = read_toml(path)
     faults: list[str] = []
-    if raw.get("kind") in UNITS and raw["kind"] != "force" and "knots" not in raw:
+    others = [kind for kind in UNITS if kind != "force"]  # a list: a table or a list is no key
+    if raw.get("kind") in others and "knots" not in raw:
         faults.append(f"kind {raw['kind']!r} needs knots; ramp and pulse are forces")
     given = [key for key in ("ramp", "pulse", "knots") if key in raw]
     if len(given) != 1:
