@@ -79,6 +79,11 @@ class Fit:
     normal: Normal = field(repr=False)
 
     @property
+    def explains(self) -> bool:
+        """Whether the sum of squares is that of noise, within four standard deviations."""
+        return bool(self.chi2 < self.dof + 4.0 * np.sqrt(2.0 * self.dof))
+
+    @property
     def terms(self) -> tuple[Term, ...]:
         """Effects that are part of the fit."""
         return self.problem.terms
@@ -461,7 +466,7 @@ def fit_problem(
     first = point or problem.start()
     fit, loose, loosest = _descend(problem, first, settings, progress, label)
     fit = _rescue(fit, settings)
-    if fit.chi2 < fit.dof + 4.0 * np.sqrt(2.0 * fit.dof) and fit.converged:
+    if fit.explains and fit.converged:
         return fit
     free = [i for i in problem.free]
     if not free or not fit.gap_sd.size or problem.frozen:

@@ -24,6 +24,21 @@ REST = 3.0
 OTHER = 6.0
 #: Posterior that a name needs.
 SURE = 0.9
+#: Family-wise p of the largest score at which the nominal is refuted, whatever held-out records
+#: say of the effect that has it.
+REFUTED = 1e-4
+#: Share of the cases in which the first of the ranking was right, of what its evidence promised, by
+#: verdict: evidence weighs the causes of the library against each other and cannot see what is not
+#: in it. From 371 blind cases of seed 20261120 (docs/gap-validation.md).
+TRUST = {
+    Verdict.NAMED: 0.93,
+    Verdict.DATA_PROBLEM: 0.93,
+    Verdict.NAMED_UNKNOWN_REST: 0.8,
+    Verdict.ONE_OF: 0.4,
+    Verdict.TOO_WEAK: 0.85,
+    Verdict.UNKNOWN: 0.4,
+    Verdict.NO_GAP: 1.0,
+}
 #: Share of the held-out gap that a name must close where an unknown rest was admitted.
 LEAST_CLOSED = 0.2
 
@@ -59,6 +74,7 @@ class Decision:
     named: tuple[str, ...]
     one_of: tuple[str, ...]
     confidence: float
+    belief: Posterior
 
 
 def misfit(
@@ -84,64 +100,76 @@ def misfit(
 
 def decide(facts: Facts) -> Decision:
     """Weigh the facts; see docs/gap.md for the rules in words."""
-    search, accepted, belief = facts.search, facts.accepted, facts.belief
-    estimated = facts.gates.estimated
-    left, _, _ = misfit(facts.first.nominal, facts.first.tight_fit, estimated=estimated)
-    reference = search.tight if search.tight is not None else search.scores
-    largest = float(np.max(reference.singles())) if reference.terms else 0.0
-    p = facts.null.p(largest)
+    search, accepted = facts.search, facts.accepted
+    p = _chance(facts)
     hint = p < facts.alpha
     best = accepted.candidate
-    gap = left or (hint and best is not None)
+    gap = _refuted(facts) or (hint and best is not None)
     if not gap:
         if hint or (p < 5.0 * facts.alpha and search.best is not None):
             reason = _refusals(accepted) or f"family-wise p = {p:.2g}"
-            return Decision(
+            return _silent(
+                facts,
                 Verdict.TOO_WEAK,
                 "There may be something, but these records cannot prove it "
                 f"({reason}). The nominal is not refuted.",
-                (),
-                (),
-                1.0 - belief.none,
             )
-        return Decision(
+        return _silent(
+            facts,
             Verdict.NO_GAP,
             "The nominal explains the records: what is left is noise "
             f"(sum of squares {search.nominal.chi2 / search.nominal.dof:.2f} of its expectation, "
             f"largest score family-wise p = {p:.2g}).",
-            (),
-            (),
-            belief.none,
         )
     if best is None and not facts.first.nominal.converged and not hint:
-        return Decision(
+        return _silent(
+            facts,
             Verdict.TOO_WEAK,
             "The fit of the nominal did not converge, also from other starts; a stuck fit is not "
             "taken for a gap. Give closer priors, or shorter windows.",
-            (),
-            (),
-            belief.none,
         )
     if best is None:
-        text = (
-            "There is a gap (sum of squares "
-            f"{_ratio(facts.first):.3g} of its expectation), but no tested effect explains it"
-        )
+        text = f"There is a gap ({_signs(facts)}), but no tested effect explains it"
         refused = _refusals(accepted)
         text += f"; held-out records refused {refused}." if refused else "."
-        return Decision(Verdict.UNKNOWN, text + _place(facts), (), (), belief.other)
+        return _silent(facts, Verdict.UNKNOWN, text + _place(facts))
     return _name(facts)
 
 
+def _chance(facts: Facts) -> float:
+    """Family-wise p of the largest score."""
+    search = facts.search
+    reference = search.tight if search.tight is not None else search.scores
+    return facts.null.p(float(np.max(reference.singles())) if reference.terms else 0.0)
+
+
+def _refuted(facts: Facts) -> bool:
+    """Whether the nominal cannot be right, whatever is wrong with it."""
+    first = facts.first
+    left, _, _ = misfit(first.nominal, first.tight_fit, estimated=facts.gates.estimated)
+    return left or _chance(facts) <= REFUTED
+
+
+def _silent(facts: Facts, verdict: Verdict, text: str) -> Decision:
+    """A verdict that names nothing."""
+    belief = facts.belief.trusted(TRUST[verdict])
+    confidence = {
+        Verdict.NO_GAP: belief.none,
+        Verdict.UNKNOWN: belief.other,
+        Verdict.TOO_WEAK: 1.0 - belief.none,
+    }[verdict]
+    return Decision(verdict, text, (), (), confidence, belief)
+
+
 def _name(facts: Facts) -> Decision:
-    accepted, belief = facts.accepted, facts.belief
+    accepted = facts.accepted
     best = accepted.candidate
     assert best is not None
-    kinds = {t.name: t.effect.kind for t in best.fit.terms}
+    data = {t.name for t in best.fit.terms if t.effect.kind in ("sensor", "input")}
     sets = [set(best.names), *(set(r.names) for r in accepted.rivals)]
     sure = tuple(n for n in best.names if all(n in s for s in sets))
     unsure = sorted(set().union(*sets) - set(sure), key=lambda n: (n not in best.names, n))
-    sums = zip(facts.search.candidates, belief.sets, strict=True)
+    sums = zip(facts.search.candidates, facts.belief.sets, strict=True)
     if sure:
         confidence = sum(w for c, w in sums if all(n in c.names for n in sure))
     else:
@@ -160,39 +188,44 @@ def _name(facts: Facts) -> Decision:
         if left
         else " What is left is noise."
     )
-    data_kinds = ("sensor", "input")
-    if sure and all(kinds.get(n) in data_kinds for n in sure):
-        return Decision(
-            Verdict.DATA_PROBLEM,
-            f"The records, not the machine: {_list(sure)}. {closed}{rest}",
-            sure,
-            tuple(unsure),
-            confidence,
-        )
     if not sure:
-        text = f"One of {_list(unsure)}; these records cannot tell which. {closed}{rest}"
-        return Decision(Verdict.ONE_OF, text, (), tuple(unsure), confidence)
-    text = f"The model lacks: {_list(sure)}. {closed}"
-    if unsure:
-        text += f" Besides, one of {_list(unsure)}, which these records cannot tell apart."
-    verdict = Verdict.NAMED_UNKNOWN_REST if left or unsure else Verdict.NAMED
-    return Decision(verdict, text + rest, sure, tuple(unsure), confidence)
+        verdict = Verdict.ONE_OF
+        text = f"One of {_list(unsure)}; these records cannot tell which. {closed}"
+    elif all(n in data for n in sure) and not left:
+        # With an unknown rest it is not said that the machine is as modelled.
+        verdict = Verdict.DATA_PROBLEM
+        text = f"The records, not the machine: {_list(sure)}. {closed}"
+    else:
+        verdict = Verdict.NAMED_UNKNOWN_REST if left or unsure else Verdict.NAMED
+        where = "records show" if all(n in data for n in sure) else "model lacks"
+        text = f"The {where}: {_list(sure)}. {closed}"
+        if unsure:
+            text += f" Besides, one of {_list(unsure)}, which these records cannot tell apart."
+    trust = TRUST[verdict]
+    belief = facts.belief.trusted(trust)
+    return Decision(verdict, text + rest, sure, tuple(unsure), trust * confidence, belief)
 
 
 def _unsure(facts: Facts, hinted: tuple[str, ...], why: str) -> Decision:
     """What holds where the best set does not deserve to be named."""
-    gap, _, _ = misfit(facts.first.nominal, facts.first.tight_fit, estimated=facts.gates.estimated)
-    if gap:
+    if _refuted(facts):
         text = (
-            f"There is a gap (sum of squares {_ratio(facts.first):.3g} of its expectation), but "
-            f"no effect is sure; nearest {_list(hinted)} ({why})."
+            f"There is a gap ({_signs(facts)}), but no effect is sure; nearest {_list(hinted)} "
+            f"({why})."
         )
-        return Decision(Verdict.UNKNOWN, text + _place(facts), (), (), facts.belief.other)
+        return _silent(facts, Verdict.UNKNOWN, text + _place(facts))
     text = (
         "There may be something, but these records cannot prove it: "
         f"nearest {_list(hinted)} ({why}). The nominal is not refuted."
     )
-    return Decision(Verdict.TOO_WEAK, text, (), (), 1.0 - facts.belief.none)
+    return _silent(facts, Verdict.TOO_WEAK, text)
+
+
+def _signs(facts: Facts) -> str:
+    """What says that there is a gap."""
+    text = f"sum of squares {_ratio(facts.first):.3g} of its expectation"
+    p = _chance(facts)
+    return f"{text}, largest score family-wise p = {p:.1g}" if p <= REFUTED else text
 
 
 def _ratio(search: Search) -> float:

@@ -29,7 +29,7 @@ from feltmb.gap.rest import rest_of, settled, with_noise
 from feltmb.gap.score import all_terms, family_threshold, score_fit
 from feltmb.gap.settle import accept, posterior, shapley
 from feltmb.gap.trial import try_effects
-from feltmb.gap.where import event_ledger, ledger, split_gap
+from feltmb.gap.where import event_ledger, first_act, ledger, split_gap
 
 __all__ = ["Options", "diagnose", "fit_nominal", "prepare", "split_records"]
 
@@ -309,6 +309,8 @@ def diagnose(
             both = np.minimum(after.singles(), after.robust())
             leftover = float(np.max(both) / limit) if np.isfinite(limit) else 0.0
     lap("null")
+    if accepted.candidate is not None:
+        where = replace(where, onset={**where.onset, **first_act(accepted.candidate.fit)})
     model = amended(nominal, found, accepted)
     how_far = how_far_rows(accepted, sensed, shares, which_gap, options.seed)
     if accepted.rivals:
@@ -329,7 +331,7 @@ def diagnose(
         leftover=leftover,
     )
     decision = decide(facts)
-    which = ranked(found, accepted, belief, null, decision.named, decision.one_of)
+    which = ranked(found, accepted, decision.belief, null, decision.named, decision.one_of)
     lap("verdict")
     return Report(
         verdict=decision.verdict,

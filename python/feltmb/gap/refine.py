@@ -20,6 +20,8 @@ Progress = Callable[[str, int, int], None]
 #: Share of the evidence gained so far below which a further effect ends the search: it would not be
 #: told from an error in the form of a larger one.
 SMALL = 0.02
+#: Linear log evidence below which a set is not refitted where the nominal explains the records.
+PROMISE = -3.0
 #: Note of a nominal that an effect led out of a wrong valley.
 REFITTED = "fitted again from the fit with an effect"
 
@@ -166,6 +168,8 @@ def search(
 
     scores = score_fit(nominal, terms)
     tight = None if tight_fit is None else score_fit(tight_fit, terms)
+    fits = (nominal, *([] if tight_fit is None else [tight_fit]))
+    least = PROMISE if all(f.explains for f in fits) else -np.inf
     tried: set[tuple[tuple[str, int], ...]] = set()
 
     def survivors(base: Fit, at: Scores, count: int) -> list[tuple[tuple[Term, ...], Array]]:
@@ -174,6 +178,8 @@ def search(
         have = {t.name for t in base.terms}
         seen: set[tuple[str, ...]] = set()
         for s in screen_sets(at, largest=max(1, min(3, most - len(base.terms)))):
+            if s.evidence < least:
+                break
             new = tuple(at.terms[i] for i in s.index)
             key = tuple(sorted(t.name for t in new))
             if key in seen or any(n in have for n in key):
@@ -200,10 +206,14 @@ def search(
         if at is None or base is None:
             continue
         single, size = at.singles(), at.one_step()
+        promised = {t.name: -np.inf for t in at.terms}
+        for s in screen_sets(at, largest=1):
+            name = at.terms[s.index[0]].name
+            promised[name] = max(promised[name], s.evidence)
         names: list[str] = []
         for i in np.argsort(-single, kind="stable"):
             t = at.terms[i]
-            if t.name in names or single[i] <= 4.0:
+            if t.name in names or single[i] <= 4.0 or promised[t.name] < least:
                 continue
             names.append(t.name)
             if (t.name,) not in done:
@@ -250,7 +260,7 @@ def search(
                 break
     if done:  # the winner must not be a stuck fit
         best = max(done.values(), key=lambda c: c.evidence)
-        if best.fit.chi2 > best.fit.dof + 4.0 * np.sqrt(2.0 * best.fit.dof):
+        if not best.fit.explains:
             fit = polish(
                 best.fit.problem, best.fit.point, best.fit.level, replace(settings, chain=True)
             )

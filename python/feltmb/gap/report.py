@@ -121,7 +121,8 @@ class Where:
     events: tuple[EventRow, ...]
     components: tuple[ComponentRow, ...]
     onset: Mapping[str, float]
-    """Record -> first moment at which the gap is significant [s]; only records that have one."""
+    """Record -> first moment of the gap [s], only records that have one: where the accepted effects
+    begin to show in the model, or else where the sum of squares stands out."""
     split: Mapping[str, Mapping[str, float]]
     """Channel -> shares of the squared gap: "time", "amplitude", "rest" [1]."""
 

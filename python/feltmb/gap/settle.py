@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -37,6 +37,12 @@ class Posterior:
     sets: tuple[float, ...]
     """By candidate of the search, in its order."""
     inflation: float
+
+    def trusted(self, share: float) -> Posterior:
+        """The same where only a share of what the sets have is theirs, the rest is unknown."""
+        lost = (1.0 - share) * sum(self.sets)
+        sets = tuple(share * w for w in self.sets)
+        return replace(self, other=self.other + lost, sets=sets)
 
 
 def posterior(search: Search, *, none: float = 0.5, other: float = 0.1) -> Posterior:

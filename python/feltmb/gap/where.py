@@ -9,11 +9,16 @@ from scipy import stats
 
 from feltmb.data import Array
 from feltmb.fit.linearize import predict
+from feltmb.fit.nominal import Lanes
+from feltmb.fit.observe import observe_lanes
 from feltmb.fit.shots import Shot
 from feltmb.fit.solve import Fit
 from feltmb.gap.report import EventRow, LedgerCell
 
-__all__ = ["event_ledger", "ledger", "onset_of", "split_gap"]
+__all__ = ["event_ledger", "first_act", "ledger", "onset_of", "split_gap"]
+
+#: Difference of an output at which an effect shows, as a share of its noise and of the largest.
+SHOWS = 0.1
 
 
 def ledger(fit: Fit, level: float = 0.05) -> tuple[tuple[LedgerCell, ...], dict[str, float]]:
@@ -86,6 +91,36 @@ def onset_of(shot: Shot, chains: Sequence[object], w: int, c: int, ny: int, fit:
     at = int(high[0])
     low = int(np.argmin(excess[: at + 1])) if at > 0 else 0
     return float(shot.record.time[min(first + low, shot.record.samples - 1)])
+
+
+def first_act(fit: Fit) -> dict[str, float]:
+    """First moment of each record at which the effects of a fit show [s].
+
+    The fit is simulated with its effects and without, at the same parameters and from the same
+    start; they show where an output differs by ``SHOWS`` of its noise and of the largest
+    difference. A sum of squares needs many samples before it stands out, the model knows when its
+    effect begins. Records that the effects leave alone are left out.
+    """
+    problem = fit.problem
+    found = {}
+    for shot, place in zip(problem.shots, fit.point.places, strict=True):
+        record = shot.record
+        whole = np.array([[0, record.samples - 1]])
+        runs = [
+            observe_lanes(
+                problem.nominal,
+                record,
+                Lanes.at_point(fit.point.theta, whole, place.starts[:1], problem.terms, sizes),
+            ).outputs[0]
+            for sizes in (fit.point.sizes, np.zeros_like(fit.point.sizes))
+        ]
+        sigma = np.array([n.sigma for n in shot.noise])
+        seen = np.nan_to_num(np.abs(runs[0] - runs[1]) / sigma)[:, shot.valid.any(axis=(0, 1))]
+        most = np.max(seen, axis=1, initial=0.0)
+        shows = np.flatnonzero(most > SHOWS * max(1.0, float(np.max(most))))
+        if shows.size:
+            found[record.name] = float(record.time[shows[0]])
+    return found
 
 
 def _lag1(values: Array, bins: int = 12) -> float:

@@ -16,6 +16,7 @@ from feltmb.fit.problem import Problem, _by_input_noise
 from feltmb.fit.shots import Noise, make_shot
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Options, Verdict, diagnose
+from feltmb.gap.decide import TRUST
 from feltmb.gap.refine import refit
 from feltmb.gap.settle import _certainty
 
@@ -153,3 +154,53 @@ def test_a_nominal_that_tears_at_an_impact_gets_through(tmp_path):
     assert fit.level <= 1e-4
     assert fit.converged
     assert fit.chi2 < fit.dof
+
+
+def test_a_sure_score_that_held_out_records_refuse_is_unknown():
+    # In the records of the fit alone there is a cube: too small for the sum of squares, sure for
+    # its score. Something is wrong, and it is not a spring that hardens.
+    data = [
+        record(f"r{i}", i, lambda u, c=c: u + c * u**3, role)
+        for i, (c, role) in enumerate([(0.018, "fit")] * 3 + [(0.0, "held_out")] * 2)
+    ]
+    report = diagnose(LINE, [power(3)], data, options=Options(bootstrap=0))
+    assert report.fit.explains
+    assert report.which["power 3"].statistic > 25.0
+    assert report.verdict == Verdict.UNKNOWN
+    assert "family-wise p" in report.statement
+    assert report.named == ()
+
+
+def test_probabilities_leave_room_for_what_the_library_lacks():
+    report = diagnose(
+        LINE, [power(3), power(5)], records(lambda u: u + 0.3 * u**3), options=Options(bootstrap=0)
+    )
+    which = report.which
+    assert report.verdict == Verdict.NAMED
+    assert np.isclose(which.none + which.other + sum(s.posterior for s in which.sets), 1.0)
+    assert which["power 3"].posterior == TRUST[Verdict.NAMED]
+    assert np.isclose(report.confidence, TRUST[Verdict.NAMED])
+    assert np.isclose(which.other, 1.0 - TRUST[Verdict.NAMED])
+
+
+def test_a_quiet_nominal_needs_no_refits():
+    report = diagnose(
+        LINE, [power(3), power(5)], records(lambda u: u), options=Options(bootstrap=0)
+    )
+    assert report.verdict == Verdict.NO_GAP
+    assert report.which.sets == ()
+
+
+def test_the_onset_is_where_the_effect_begins():
+    # An input that rests and then swings: the cube acts from there.
+    def late(r):
+        u = np.where(r.time < 0.15, 0.0, np.sin(30.0 * (r.time - 0.15)))
+        noise = r.outputs["y"] - r.inputs["u"] - 0.3 * r.inputs["u"] ** 3
+        return replace(r, inputs={"u": u}, outputs={"y": u + 0.3 * u**3 + noise})
+
+    data = [late(r) for r in records(lambda u: u + 0.3 * u**3)]
+    report = diagnose(LINE, [power(3)], data, options=Options(bootstrap=0))
+    assert report.named == ("power 3",)
+    assert set(report.where.onset) == {"r0", "r1", "r2"}
+    # sin(30 t)^3 reaches a tenth of its largest at 16 ms
+    assert all(abs(t - 0.166) < 0.003 for t in report.where.onset.values())
