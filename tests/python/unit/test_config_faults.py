@@ -275,3 +275,13 @@ def test_a_string_without_mass_is_refused():
     action = feltmb.load_action("steinway45")
     with pytest.raises(feltmb.InvalidParameter, match=r"frequency of the last mode .* <= 1e12"):
         action.with_values({"string.linear_density": 1e-300})
+
+
+def test_control_letters_of_names_are_escaped_in_messages(data):
+    raw = copy.deepcopy(feltmb.load_action(data / "pendulum.toml").raw)
+    raw["bodies"]["arm"]["coordinate"] = "\0\x1b[2J"
+    raw["start_pose"] = {"arm.angle": 0.1}
+    text = message_of(raw)
+    assert r"coordinate names are \x00\x1b[2J" in text
+    assert "\0" not in text
+    assert "\x1b" not in text
