@@ -224,7 +224,7 @@ CaseResult sized_evaluation(const std::string& name, int bodies, int contacts, i
 }
 
 /// Time of one evaluation at states along the forte stroke.
-CaseResult evaluation(bool flexible, bool jacobian, int repeat) {
+CaseResult evaluation(bool flexible, const std::string& what, int repeat) {
   const auto mechanism = feltmb::assemble(feltmb::bench::steinway45(flexible));
   const feltmb::FingerInput input = ramp(25.0, 0.05, 0.0905);
   feltmb::SimulationOptions options;
@@ -235,15 +235,19 @@ CaseResult evaluation(bool flexible, bool jacobian, int repeat) {
   std::vector<double> rate(system.size());
   const auto rows = static_cast<std::size_t>(run.states.rows());
   CaseResult out;
-  out.name = std::string(flexible ? "flexible_" : "rigid_") + (jacobian ? "jacobian" : "rhs");
+  out.name = std::string(flexible ? "flexible_" : "rigid_") + what;
   double sum = 0.0;
   for (int i = 0; i < repeat; ++i) {
     const auto begin = Clock::now();
     for (std::size_t r = 0; r < rows; ++r) {
       const auto row = static_cast<Eigen::Index>(r);
       const std::span<const double> y{run.states.row(row).data(), system.size()};
-      if (jacobian) {
-        system.linearize(run.time[row], y);
+      if (what != "rhs") {
+        if (what == "jacobian") {
+          system.linearize(run.time[row], y);
+        } else {
+          system.linearize_stiff(run.time[row], y);
+        }
         system.factorize(1e-5);
       } else {
         system.rhs(run.time[row], y, rate);
@@ -624,9 +628,8 @@ int main(int argc, char** argv) {
       return stroke(kind + "forte_cvode", flexible ? Members::kFlexible : Members::kRigid, forte,
                     0.4, false, repeat, feltmb::Method::kCvode);
     });
-    for (const bool jacobian : {false, true}) {
-      cases.emplace_back(kind + (jacobian ? "jacobian" : "rhs"),
-                         [=] { return evaluation(flexible, jacobian, repeat); });
+    for (const std::string what : {"rhs", "jacobian", "stiff_jacobian"}) {
+      cases.emplace_back(kind + what, [=] { return evaluation(flexible, what, repeat); });
     }
   }
   cases.emplace_back("full_axial_forte", [&] {

@@ -75,15 +75,21 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Fin
       vector->setZero(n_);
     }
   }
-  for (const auto& c : m.contacts) {
-    if (c.law.n_states() > 0) stateful_.emplace_back();
+  for (std::size_t i = 0; i < m.contacts.size(); ++i) {
+    const std::size_t count = m.contacts[i].law.n_states();
+    if (count == 0) continue;
+    stateful_.emplace_back();
+    law_places_.push_back({i, at(m.contacts[i].first_state), count});
   }
   for (auto& c : stateful_) {
-    for (auto* vector : {&c.force_column, &c.compression_column, &c.gradient, &c.rate_gradient,
-                         &c.by_q, &c.by_v}) {
+    for (auto* vector : {&c.force_column, &c.compression_column, &c.gradient, &c.rate_gradient}) {
       vector->setZero(n_);
     }
   }
+  single_.by_force.assign(stateful_.size() * DenseLu::padded(at(n_)), 0.0);
+  single_.by_q.assign(at(n_) * DenseLu::padded(stateful_.size()), 0.0);
+  single_.by_v = single_.by_q;
+  single_.change.assign(DenseLu::padded(stateful_.size()), 0.0);
   rhs_state_.resize(size());
   rhs_largest_.resize(m.contacts.size());
   residual_.assign(2 * at(n_) * DenseLu::padded(at(n_)), 0.0);
@@ -235,16 +241,10 @@ void MechanismSystem::rhs(double t, std::span<const double> y, std::span<double>
     rate[k] = p.v[k];
     rate[n + k] = a[static_cast<Eigen::Index>(k)];
   }
-  const auto& contacts = mechanism().contacts;
-  if (law_states_ > 0) {
-    double* law_rate = rate.data() + 2 * n;
-    for (std::size_t i = 0; i < contacts.size(); ++i) {
-      const std::size_t count = contacts[i].law.n_states();
-      if (count == 0) continue;
-      const LawStates& states = dynamics_.law_states(i);
-      for (std::size_t j = 0; j < count; ++j)
-        law_rate[at(contacts[i].first_state) + j] = states.rate[j];
-    }
+  double* law_rate = rate.data() + 2 * n;
+  for (const LawPlace& place : law_places_) {
+    const LawStates& states = dynamics_.law_states(place.contact);
+    for (std::size_t j = 0; j < place.count; ++j) law_rate[place.first + j] = states.rate[j];
   }
   if (modes == 0) return;
   double* eta_rate = rate.data() + 2 * n + at(law_states_);
@@ -281,6 +281,7 @@ void MechanismSystem::add_stateful(const ContactGradient* gradient, int contact,
   c.contact = contact;
   c.coupling = coupling;
   c.closed = gradient != nullptr;
+  c.first_state = mechanism().contacts[at(contact)].first_state;
   c.law = dynamics_.contacts()[at(contact)].law;
   c.states = dynamics_.law_states(at(contact));
   if (gradient == nullptr) return;
@@ -301,6 +302,17 @@ void MechanismSystem::linearize(double t, std::span<const double> y) {
   if (!evaluated_at(t, y)) evaluate_apart(t, y);
   fresh_ = false;
   dynamics_.differentiate();
+  keep_slopes();
+}
+
+void MechanismSystem::linearize_stiff(double t, std::span<const double> y) {
+  if (!evaluated_at(t, y)) evaluate_apart(t, y);
+  dynamics_.differentiate_stiff();
+  keep_slopes();
+}
+
+/// Keeps what dynamics_ has differentiated.
+void MechanismSystem::keep_slopes() {
   const Mechanism& m = mechanism();
   constraint_ = dynamics_.prescription().active ? 1 : 0;
   mass_ = dynamics_.mass_matrix();
@@ -354,6 +366,26 @@ void MechanismSystem::linearize(double t, std::span<const double> y) {
       add_stateful(nullptr, static_cast<int>(i), -1);
     }
   }
+  gather_single();
+}
+
+void MechanismSystem::gather_single() {
+  single_.contacts.clear();
+  for (int i = 0; i < stateful_count_; ++i) {
+    StatefulContact& c = stateful_[at(i)];
+    const bool single =
+        c.closed && c.coupling < 0 && mechanism().contacts[at(c.contact)].law.n_states() == 1;
+    c.single = single ? static_cast<int>(single_.contacts.size()) : -1;
+    if (single) single_.contacts.push_back(i);
+  }
+  // A contact fills the rows of its own coordinates only; the others stay zero.
+  const std::size_t count = single_.contacts.size();
+  const auto clear = [](std::vector<double>& values, std::size_t used) {
+    std::fill_n(values.begin(), used, 0.0);
+  };
+  clear(single_.by_force, count * DenseLu::padded(at(n_)));
+  clear(single_.by_q, at(n_) * DenseLu::padded(count));
+  clear(single_.by_v, at(n_) * DenseLu::padded(count));
 }
 
 void MechanismSystem::reduce_one_state(StatefulContact& c, double gamma,
@@ -366,10 +398,15 @@ void MechanismSystem::reduce_one_state(StatefulContact& c, double gamma,
   c.by_rate[0] = by_rate;
   c.slope = c.law.d_compression + c.states.force[0] * by_compression;
   c.rate_slope = c.law.d_rate + c.states.force[0] * by_rate;
-  if (!c.closed) return;
+  if (c.single < 0) return;
+  const std::size_t rows = DenseLu::padded(single_.contacts.size());
+  double* by_force = single_.by_force.data() + at(c.single) * DenseLu::padded(at(n_));
+  const double force = gamma * c.states.force[0];
   for (const int k : coordinates) {
-    c.by_q[k] = by_compression * c.gradient[k] + by_rate * c.rate_gradient[k];
-    c.by_v[k] = by_rate * c.gradient[k];
+    const std::size_t place = at(k) * rows + at(c.single);
+    by_force[k] = force * c.force_column[k];
+    single_.by_q[place] = by_compression * c.gradient[k] + by_rate * c.rate_gradient[k];
+    single_.by_v[place] = by_rate * c.gradient[k];
   }
 }
 
@@ -524,12 +561,19 @@ void MechanismSystem::solve(std::span<double> b) {
     right_[n_ + i] = c.by_compression * (c.gradient.dot(r_q) - displacement) +
                      c.by_rate * (c.rate_gradient.dot(r_q) - velocity - c.strike_speed * slope);
   }
-  // Law states alone: their residual acts through the force.
+  // Law states alone: their residual acts through the force. Beyond n the columns hold zeros.
+  double* right = right_.data();
   for (int i = 0; i < stateful_count_; ++i) {
     const StatefulContact& c = stateful_[at(i)];
+    double* own = r_law + c.first_state;
+    if (c.single >= 0) {
+      own[0] *= c.inverse(0, 0);
+      const double* column = single_.by_force.data() + at(c.single) * stride;
+      for (std::size_t k = 0; k < stride; ++k) right[k] += own[0] * column[k];
+      continue;
+    }
     const Contact& contact = mechanism().contacts[at(c.contact)];
     const std::size_t count = contact.law.n_states();
-    double* own = r_law + contact.first_state;
     double force = 0.0;
     if (count == 1) {
       own[0] *= c.inverse(0, 0);
@@ -564,17 +608,19 @@ void MechanismSystem::solve(std::span<double> b) {
   }
   modal::advance(modes, g, r_rate, r_eta);
 
+  if (!single_.contacts.empty()) {
+    add_products(n, DenseLu::padded(single_.contacts.size()), single_.by_q.data(), r_q.data(),
+                 single_.by_v.data(), r_v.data(), single_.change.data());
+  }
   for (int i = 0; i < stateful_count_; ++i) {
     const StatefulContact& c = stateful_[at(i)];
-    if (!c.closed) continue;
-    const Contact& contact = mechanism().contacts[at(c.contact)];
-    double* own = r_law + contact.first_state;
-    if (contact.law.n_states() == 1 && c.coupling < 0) {
-      double change = 0.0;
-      for (const int k : contact.coordinates) change += c.by_q[k] * r_q[k] + c.by_v[k] * r_v[k];
-      own[0] += change;
+    double* own = r_law + c.first_state;
+    if (c.single >= 0) {
+      own[0] += single_.change[at(c.single)];
       continue;
     }
+    if (!c.closed) continue;
+    const Contact& contact = mechanism().contacts[at(c.contact)];
     double compression = c.gradient.dot(r_q);
     double rate = c.rate_gradient.dot(r_q) + c.gradient.dot(r_v);
     if (c.coupling >= 0) {

@@ -93,10 +93,47 @@ void Dynamics::differentiate() {
     }
   }
 
+  differentiate_members();
+  for (std::size_t i = 0; i < contacts_.size(); ++i) {
+    if (contacts_[i].closed) differentiate_contact(i);
+  }
+  if (prescription_.active) differentiate_prescription();
+  release_condensed();
+}
+
+void Dynamics::differentiate_stiff() {
+  // Zero where the tree fills nothing, since the last differentiate() or before.
+  stiffness_.setZero();
+  damping_.setZero();
+  gradient_count_ = 0;
+  differentiate_members();
+  for (std::size_t i = 0; i < contacts_.size(); ++i) {
+    if (!contacts_[i].closed) continue;
+    if (m_->contacts[i].string >= 0) {
+      differentiate_contact(i);
+    } else {
+      differentiate_stiff_contact(i);
+    }
+  }
+  if (prescription_.active) {
+    complete_links();
+    differentiate_prescription();
+  }
+  release_condensed();
+}
+
+/// Beams, springs, joints, dashpots and straps.
+void Dynamics::differentiate_members() {
   for (const FlexibleBeam& beam : m_->beams) {
-    stiffness_.block(beam.first, beam.first, beam.count, beam.count) -= beam.stiffness;
-    damping_.block(beam.first, beam.first, beam.count, beam.count) -=
-        beam.damping_time * beam.stiffness;
+    const double* from = beam.stiffness.data();
+    for (int l = beam.first; l < beam.first + beam.count; ++l) {
+      double* stiffness = stiffness_.data() + l * n_;
+      double* damping = damping_.data() + l * n_;
+      for (int k = beam.first; k < beam.first + beam.count; ++k, ++from) {
+        stiffness[k] -= *from;
+        damping[k] -= beam.damping_time * *from;
+      }
+    }
   }
   for (const auto& spring : m_->springs) {
     const double x = q_[at(spring.coordinate)] - spring.rest_angle;
@@ -111,11 +148,10 @@ void Dynamics::differentiate() {
   for (std::size_t i = 0; i < m_->straps.size(); ++i) {
     if (strap_pull_[i] > 0.0) differentiate_strap(i);
   }
-  for (std::size_t i = 0; i < contacts_.size(); ++i) {
-    if (contacts_[i].closed) differentiate_contact(i);
-  }
-  if (prescription_.active) differentiate_prescription();
-  // Held coordinates have no equation; others still depend on where they are held.
+}
+
+/// Held coordinates have no equation; others still depend on where they are held.
+void Dynamics::release_condensed() {
   for (const int k : condensed_) {
     stiffness_.row(k).setZero();
     damping_.row(k).setZero();
@@ -155,12 +191,7 @@ void Dynamics::differentiate_contact(std::size_t i) {
   const ContactState& s = contacts_[i];
   const LinkState& a = links_[at(contact.a.link)];
   const LinkState& b = links_[at(contact.b.link)];
-  ContactGradient& g = gradients_[at(gradient_count_++)];
-  g.contact = static_cast<int>(i);
-  for (auto* vector :
-       {&g.by_force, &g.by_compression, &g.compression, &g.rate, &g.strike, &g.by_slope}) {
-    vector->setZero();
-  }
+  ContactGradient& g = next_gradient(i);
 
   const double force = s.law.force;
   const double mu = s.friction.value;
@@ -254,6 +285,46 @@ void Dynamics::differentiate_contact(std::size_t i) {
       damping_(k, j) -=
           force * s.friction.slope * along * dot(tangent, column_b_[at(j)] - column_a_[at(j)]);
     }
+  }
+}
+
+ContactGradient& Dynamics::next_gradient(std::size_t contact) {
+  ContactGradient& g = gradients_[at(gradient_count_++)];
+  g.contact = static_cast<int>(contact);
+  for (auto* vector :
+       {&g.by_force, &g.by_compression, &g.compression, &g.rate, &g.strike, &g.by_slope}) {
+    vector->setZero();
+  }
+  return g;
+}
+
+void Dynamics::differentiate_stiff_contact(std::size_t i) {
+  const ContactState& s = contacts_[i];
+  ContactGradient& g = next_gradient(i);
+  const Vec2 tangent = perp(s.normal);
+  const double mu = s.friction.value;
+  const double resistance = s.law.force * s.friction.slope;
+  const std::vector<int>& coordinates = m_->contacts[i].coordinates;
+  const std::size_t count = coordinates.size();
+  for (std::size_t x = 0; x < count; ++x) {
+    const int k = coordinates[x];
+    const int motion_a = motion_of(k, m_->contacts[i].a.link);
+    const int motion_b = motion_of(k, m_->contacts[i].b.link);
+    Vec2 relative{};
+    if (motion_b >= 0) relative = column(motion_b, s.point);
+    if (motion_a >= 0) relative -= column(motion_a, s.point);
+    const double along = dot(relative, tangent);
+    const double apart = dot(relative, s.normal);
+    along_[x] = along;
+    g.compression[k] = -apart;
+    g.by_force[k] = apart - mu * along;
+    const double own = resistance * along;
+    for (std::size_t y = 0; y < x; ++y) {
+      const double value = own * along_[y];
+      damping_(k, coordinates[y]) -= value;
+      damping_(coordinates[y], k) -= value;
+    }
+    damping_(k, k) -= own * along;
   }
 }
 

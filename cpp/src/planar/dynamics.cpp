@@ -68,6 +68,7 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   }
   for (auto* vector : {&column_a_, &column_b_, &dn_, &dp_, &du_}) vector->assign(n, {});
   for (auto* vector : {&own_column_, &first_, &second_}) vector->assign(n, {});
+  along_.assign(n, 0.0);
   for (int k = 0; k < n_; ++k) {
     for (int i = k; i >= 0; i = m_->coordinate_parent[at(i)]) filled_.push_back(k + i * n_);
   }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -96,6 +96,181 @@ class Accepted:
     """The set fitted with the tightest gaps; None where it has them already."""
 
 
+class _Trial:
+    """Sets and their parts before the held-out records; each is refitted and evaluated once."""
+
+    def __init__(
+        self,
+        search: Search,
+        held: HeldOut,
+        settings: FitSettings,
+        inflation: float,
+        *,
+        windowed_level: float,
+        least_share: float,
+        unknown_rest: bool,
+        seed: int,
+        progress: Progress | None,
+    ):
+        self.search, self.held, self.settings = search, held, settings
+        self.inflation, self.seed = inflation, seed
+        self.windowed_level, self.least_share = windowed_level, least_share
+        self.unknown_rest, self.progress = unknown_rest, progress
+        effects = {t.effect.name: t.effect for t in search.scores.terms}
+        self.total = sum(e.weight for e in effects.values())
+        self.outcomes: dict[tuple[str, ...], Outcome] = {}
+        self.tightest: dict[tuple[str, ...], Fit | None] = {}
+        self.known = {c.key: c for c in search.candidates}
+        self.alone: dict[str, float] = {}
+        """Largest score of each effect by itself."""
+        for scores in (search.scores, search.tight):
+            if scores is not None:
+                for term, value in zip(scores.terms, scores.singles(), strict=True):
+                    self.alone[term.name] = max(self.alone.get(term.name, 0.0), float(value))
+        self.before = self.outcome(search.nominal)
+
+    def outcome(self, fit: Fit) -> Outcome:
+        """What the held-out records say of a fit."""
+        key = tuple(sorted(t.name for t in fit.terms))
+        if key not in self.outcomes:
+            if self.progress is not None:
+                self.progress("held out: " + (" + ".join(key) or "nominal"), len(self.outcomes), 0)
+            self.outcomes[key] = evaluate(
+                self.held, fit, self.settings, windowed_level=self.windowed_level
+            )
+        return self.outcomes[key]
+
+    def without(self, c: Candidate, name: str) -> Candidate | None:
+        """The set without an effect; None: nothing is left."""
+        kept = [k for k, t in enumerate(c.fit.terms) if t.name != name]
+        if not kept:
+            return None
+        key = tuple(sorted(c.fit.terms[k].name for k in kept))
+        if key not in self.known:
+            fit = _part(self.search, c.fit, kept, self.settings)
+            self.known[key] = Candidate(fit, full_evidence(fit, self.total))
+        return self.known[key]
+
+    def _outcome_without(self, c: Candidate, name: str) -> Outcome:
+        bare = self.without(c, name)
+        return self.before if bare is None else self.outcome(bare.fit)
+
+    def closes(self, c: Candidate, name: str) -> float:
+        """Share of the held-out gap without an effect that it closes."""
+        without, after = self._outcome_without(c, name), self.outcome(c.fit)
+        shares = []
+        for which in ("open_loop", "windowed"):
+            old, new = without.gap(self.held.sensed, which), after.gap(self.held.sensed, which)
+            if np.isfinite(old) and np.isfinite(new) and old > 1.0:
+                shares.append((old - new) / (old - 1.0))
+        return max(shares, default=0.0)
+
+    def unexplained(self, c: Candidate) -> float:
+        """Log evidence that unknown forces still bring to a set."""
+        if c.key not in self.tightest:
+            self.tightest[c.key] = tighten(c.fit, self.settings)
+        tight = self.tightest[c.key]
+        return 0.0 if tight is None else c.fit.log_evidence - tight.log_evidence
+
+    def faults(self, c: Candidate) -> tuple[dict[str, Paired], dict[str, str]]:
+        """Gain by effect over the set without it, and why some do not stand."""
+        after = self.outcome(c.fit)
+        trials = {
+            name: compare(
+                self._outcome_without(c, name),
+                after,
+                self.held.shots,
+                self.inflation,
+                seed=self.seed,
+            )
+            for name in c.names
+        }
+        most = max(t.gain for t in trials.values())
+        certain = _certainty(c.fit)
+        bad = {}
+        for name, paired in trials.items():
+            why = self._fault(c, name, paired, most, certain[name])
+            if why:
+                bad[name] = why
+        return trials, bad
+
+    def _fault(self, c: Candidate, name: str, paired: Paired, most: float, certain: float) -> str:
+        """Why an effect of a set does not stand; empty: it does."""
+        alone = self.alone.get(name, 0.0)
+        unknown = self.unexplained(c) / self.inflation
+        gain = f"held-out gain {paired.gain:.1f} nats"
+        if certain < WALD and alone < WALD**2:
+            # What it brought was another way down for the other parameters. An effect that
+            # bends so sharply that its size is loose still shows in the score of the nominal.
+            return (
+                f"its size is {certain:.1f} of its standard deviations, and its score alone "
+                f"{alone:.1f}"
+            )
+        if paired.gain < unknown:
+            return f"{gain}, less than the {unknown:.1f} that an unknown force would still explain"
+        small = paired.gain < self.least_share * most
+        if small and not (self.unknown_rest and self.closes(c, name) >= CLOSES):
+            return (
+                f"{gain} beside {most:.0f}: no more than an error in the form of the larger effect "
+                "would bring"
+            )
+        if not _improves(paired, self.inflation):
+            return f"{gain}, p = {paired.p:.2g}"
+        return ""
+
+    def standing(
+        self, first: Candidate, proof: dict[str, Paired], bad: dict[str, str]
+    ) -> tuple[Candidate | None, dict[str, Paired]]:
+        """The largest part of a set all of whose effects stand, and the proof of it.
+
+        Effects of a set can stand in for each other, so that the first refusal must not decide: of
+        the largest parts that stand, the one with the best evidence is kept.
+        """
+        strongest = max(first.names, key=lambda n: proof[n].gain)
+        needed = set() if strongest in bad else {strongest}
+        # A smaller set leaves more to unknown forces: where they beat every effect, it is over.
+        if max(t.gain for t in proof.values()) < self.unexplained(first) / self.inflation:
+            return None, proof
+        for size in range(len(first.names) - 1, 0, -1):
+            standing = []
+            for names in itertools.combinations(first.names, size):
+                if not needed <= set(names):
+                    continue
+                part: Candidate | None = first
+                for name in set(first.names) - set(names):
+                    assert part is not None
+                    part = self.without(part, name)
+                assert part is not None
+                if part.evidence < self.search.nominal_evidence:
+                    continue
+                found, wrong = self.faults(part)
+                if not wrong:
+                    standing.append((part, found))
+            if standing:
+                return max(standing, key=lambda s: (s[0].evidence, s[0].key))
+        return None, proof
+
+    def rivals(self, best: Candidate) -> list[Candidate]:
+        """Other sets that these records cannot tell from the best."""
+        after = self.outcome(best.fit)
+        found = []
+        for c in self.search.candidates:
+            if c.key == best.key or len(c.names) > len(best.names):
+                continue
+            if (best.evidence - c.evidence) / self.inflation > math.log(20.0):
+                continue
+            own = self.outcome(c.fit)
+            if not self._improves(self.before, own):
+                continue
+            if self._improves(own, after):
+                continue  # the best one predicts better than it
+            found.append(c)
+        return found
+
+    def _improves(self, old: Outcome, new: Outcome) -> bool:
+        return _improves(compare(old, new, self.held.shots, self.inflation), self.inflation)
+
+
 def accept(
     search: Search,
     held: HeldOut,
@@ -113,155 +288,46 @@ def accept(
     ``unknown_rest``: a rest was admitted as noise. Then there is no law that could be right to the
     last digit, and small print is told by the share of the remaining gap that it closes as well.
     """
-    total = sum(t.effect.weight for t in {t.effect.name: t for t in search.scores.terms}.values())
-    outcomes: dict[tuple[str, ...], Outcome] = {}
-    known = {c.key: c for c in search.candidates}
-
-    def outcome(fit: Fit) -> Outcome:
-        key = tuple(sorted(t.name for t in fit.terms))
-        if key not in outcomes:
-            if progress is not None:
-                progress("held out: " + (" + ".join(key) or "nominal"), len(outcomes), 0)
-            outcomes[key] = evaluate(held, fit, settings, windowed_level=windowed_level)
-        return outcomes[key]
-
-    def candidate_without(c: Candidate, name: str) -> Candidate | None:
-        terms = tuple(t for t in c.fit.terms if t.name != name)
-        if not terms:
-            return None
-        key = tuple(sorted(t.name for t in terms))
-        if key not in known:
-            sizes = np.array(
-                [s for t, s in zip(c.fit.terms, c.fit.point.sizes, strict=True) if t.name != name]
-            )
-            fit = refit(search.nominal, terms, sizes, settings)
-            known[key] = Candidate(fit, full_evidence(fit, total))
-        return known[key]
-
-    def closes(c: Candidate, name: str, after: Outcome) -> float:
-        """Share of the held-out gap without an effect that it closes."""
-        bare = candidate_without(c, name)
-        without = before if bare is None else outcome(bare.fit)
-        shares = []
-        for which in ("open_loop", "windowed"):
-            old, new = without.gap(held.sensed, which), after.gap(held.sensed, which)
-            if np.isfinite(old) and np.isfinite(new) and old > 1.0:
-                shares.append((old - new) / (old - 1.0))
-        return max(shares, default=0.0)
-
-    tightest: dict[tuple[str, ...], Fit | None] = {}
-
-    def unexplained(c: Candidate) -> float:
-        """Log evidence that unknown forces still bring to a set."""
-        if c.key not in tightest:
-            tightest[c.key] = tighten(c.fit, settings)
-        tight = tightest[c.key]
-        return 0.0 if tight is None else c.fit.log_evidence - tight.log_evidence
-
-    alone: dict[str, float] = {}
-    for scores in (search.scores, search.tight):
-        if scores is not None:
-            for term, value in zip(scores.terms, scores.singles(), strict=True):
-                alone[term.name] = max(alone.get(term.name, 0.0), float(value))
-
-    before = outcome(search.nominal)
+    trial = _Trial(
+        search,
+        held,
+        settings,
+        inflation,
+        windowed_level=windowed_level,
+        least_share=least_share,
+        unknown_rest=unknown_rest,
+        seed=seed,
+        progress=progress,
+    )
     proof: dict[str, Paired] = {}
     rejected: list[tuple[str, str]] = []
-
-    def faults(c: Candidate) -> tuple[dict[str, Paired], dict[str, str]]:
-        """Gain by effect over the set without it, and why some do not stand."""
-        after = outcome(c.fit)
-        trials, bad = {}, {}
-        for name in c.names:
-            bare = candidate_without(c, name)
-            base = before if bare is None else outcome(bare.fit)
-            trials[name] = compare(base, after, held.shots, inflation, seed=seed)
-        most = max(t.gain for t in trials.values())
-        unknown = unexplained(c) / inflation
-        certain = _certainty(c.fit)
-        for name, paired in trials.items():
-            if certain[name] < WALD and alone.get(name, 0.0) < WALD**2:
-                # What it brought was another way down for the other parameters. An effect that
-                # bends so sharply that its size is loose still shows in the score of the nominal.
-                bad[name] = (
-                    f"its size is {certain[name]:.1f} of its standard deviations, and its score "
-                    f"alone {alone.get(name, 0.0):.1f}"
-                )
-            elif paired.gain < unknown:
-                bad[name] = (
-                    f"held-out gain {paired.gain:.1f} nats, less than the {unknown:.1f} that an "
-                    "unknown force would still explain"
-                )
-            elif paired.gain < least_share * most and not (
-                unknown_rest and closes(c, name, after) >= CLOSES
-            ):
-                bad[name] = (
-                    f"held-out gain {paired.gain:.1f} nats beside {most:.0f}: no more than an "
-                    "error in the form of the larger effect would bring"
-                )
-            elif not _improves(paired, inflation):
-                bad[name] = f"held-out gain {paired.gain:.1f} nats, p = {paired.p:.2g}"
-        return trials, bad
-
-    best = search.best
-    if best is not None:
-        proof, bad = faults(best)
+    best = first = search.best
+    if first is not None:
+        proof, bad = trial.faults(first)
         if bad:
-            # Effects of a set can stand in for each other, so that the first refusal must not
-            # decide: of the largest subsets that stand, the one with the best evidence is kept.
-            first, why = best, bad
-            strongest = max(first.names, key=lambda n: proof[n].gain)
-            needed = set() if strongest in bad else {strongest}
-            best = None
-            # A smaller set leaves more to unknown forces: where they beat every effect, it is over.
-            hopeless = max(t.gain for t in proof.values()) < unexplained(first) / inflation
-            for size in range(0 if hopeless else len(first.names) - 1, 0, -1):
-                standing = []
-                for names in itertools.combinations(first.names, size):
-                    if not needed <= set(names):
-                        continue
-                    part: Candidate | None = first
-                    for name in set(first.names) - set(names):
-                        assert part is not None
-                        part = candidate_without(part, name)
-                    assert part is not None
-                    if part.evidence < search.nominal_evidence:
-                        continue
-                    found, wrong = faults(part)
-                    if not wrong:
-                        standing.append((part, found))
-                if standing:
-                    best, proof = max(standing, key=lambda s: (s[0].evidence, s[0].key))
-                    break
+            best, proof = trial.standing(first, proof, bad)
             kept = () if best is None else best.names
             rejected = [
-                (n, why.get(n, "does not stand without " + " and ".join(why)))
+                (n, bad.get(n, "does not stand without " + " and ".join(bad)))
                 for n in first.names
                 if n not in kept
             ]
-    after = before if best is None else outcome(best.fit)
-    rivals = []
-    if best is not None:
-        for c in search.candidates:
-            if c.key == best.key or len(c.names) > len(best.names):
-                continue
-            if c.evidence / inflation < best.evidence / inflation - math.log(20.0):
-                continue
-            if not _improves(compare(before, outcome(c.fit), held.shots, inflation), inflation):
-                continue
-            if _improves(compare(outcome(c.fit), after, held.shots, inflation), inflation):
-                continue  # the best one predicts better than it
-            rivals.append(c)
     return Accepted(
         best,
-        before,
-        after,
+        trial.before,
+        trial.before if best is None else trial.outcome(best.fit),
         proof,
-        tuple(rivals),
+        () if best is None else tuple(trial.rivals(best)),
         tuple(rejected),
-        outcomes,
-        None if best is None else tightest[best.key],
+        trial.outcomes,
+        None if best is None else trial.tightest[best.key],
     )
+
+
+def _part(search: Search, fit: Fit, kept: Sequence[int], settings: FitSettings) -> Fit:
+    """Some effects of a fit, fitted again from the nominal."""
+    terms = tuple(fit.terms[k] for k in kept)
+    return refit(search.nominal, terms, fit.point.sizes[list(kept)], settings)
 
 
 def _certainty(fit: Fit) -> dict[str, float]:
@@ -302,12 +368,7 @@ def shapley(
             if progress is not None:
                 progress("waterfall: " + " + ".join(key), len(value), len(subsets))
             kept = [k for k, n in enumerate(names) if n in subset]
-            part = known.get(key) or refit(
-                search.nominal,
-                tuple(fit.terms[k] for k in kept),
-                fit.point.sizes[kept],
-                settings,
-            )
+            part = known.get(key) or _part(search, fit, kept, settings)
             found = evaluate(held, part, settings, windowed_level=windowed_level)
         value[subset] = found.gap(held.sensed, which)
     n = len(names)

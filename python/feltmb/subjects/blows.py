@@ -38,7 +38,7 @@ from feltmb.simulate import simulate
 from feltmb.stroke import Stroke, load_stroke
 from feltmb.subjects.effects import effect_of
 from feltmb.subjects.library import Entry, load_library
-from feltmb.subjects.reuse import Reuse
+from feltmb.subjects.reuse import Question, Reuse
 from feltmb.subjects.variants import Variant, Workshop, changed_config
 
 __all__ = ["BlowNominal", "blow_record", "load_blows"]
@@ -201,23 +201,10 @@ class BlowNominal(Nominal):
                 candidates=candidates,
             )
 
-        def base() -> tuple[Array, Array]:
-            lanes = Lanes.at_point(theta, windows, starts, terms, given)
-            run = self.simulate(record, lanes)
-            return run.outputs, run.ends
-
-        key = (
-            record.name,
-            tuple((t.name, t.shape) for t in terms),
-            wanted,
-            tuple((t.name, t.shape) for t in candidates),
+        question = Question(
+            record, windows, theta, starts, terms, given, wanted, by_starts, candidates
         )
-        units = (
-            np.array([p.size for p in self.parameters]),
-            np.array([t.effect.scale for t in terms]),
-            np.ones(starts.shape[1]),
-        )
-        return self.reuse.ask(key, theta, given, starts, units, base, compute)
+        return self.reuse.ask(self, question, compute)
 
     def numbers(
         self, record: Record, theta: Array, terms: tuple[Term, ...] = (), sizes: Array | None = None

@@ -35,7 +35,7 @@ from feltmb.fit import (
 )
 from feltmb.subjects.effects import effect_of
 from feltmb.subjects.library import Entry, Library, load_library
-from feltmb.subjects.reuse import Reuse
+from feltmb.subjects.reuse import Question, Reuse
 from feltmb.subjects.signals import columns_of
 from feltmb.subjects.variants import Variant, Workshop
 
@@ -326,26 +326,10 @@ class MechanismNominal(Nominal):
                 candidates=candidates,
             )
 
-        def base() -> tuple[Array, Array]:
-            lanes = Lanes.at_point(theta, windows, starts, terms, sizes)
-            run = self.simulate(record, lanes)
-            return run.outputs, run.ends
-
-        key = (
-            record.name,
-            hash(tuple(v.tobytes() for v in record.inputs.values())),
-            windows.tobytes(),
-            tuple((t.name, t.shape) for t in terms),
-            wanted,
-            by_starts,
-            tuple((t.name, t.shape) for t in candidates),
+        question = Question(
+            record, windows, theta, starts, terms, sizes, wanted, by_starts, candidates
         )
-        units = (
-            np.array([p.size for p in self.parameters]),
-            np.array([t.effect.scale for t in terms]),
-            np.array([s.scale for s in self.states(terms)]),
-        )
-        return self.reuse.ask(key, theta, sizes, starts, units, base, compute)
+        return self.reuse.ask(self, question, compute)
 
     def guess(self, record: Record, windows: NDArray[np.intp]) -> Array:
         """Start states on the nominal's own way through the record."""

@@ -10,14 +10,15 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from feltmb.data import Array
-from feltmb.fit import Sensitivity
+from feltmb.data import Array, Record
+from feltmb.fit import Lanes, Nominal, Sensitivity, Term
 
-__all__ = ["Kept", "Reuse"]
+__all__ = ["Kept", "Question", "Reuse"]
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,33 @@ class Kept:
     sizes: Array
     starts: Array
     value: Sensitivity
+
+
+@dataclass(frozen=True)
+class Question:
+    """What derivatives are asked for, and where."""
+
+    record: Record
+    windows: NDArray[np.intp]
+    theta: Array
+    starts: Array
+    terms: tuple[Term, ...]
+    sizes: Array
+    by_theta: tuple[int, ...]
+    by_starts: bool
+    candidates: tuple[Term, ...]
+
+    def key(self) -> tuple[object, ...]:
+        """What must be the same for kept derivatives to be an answer."""
+        return (
+            self.record.name,
+            hash(tuple(v.tobytes() for v in self.record.inputs.values())),
+            self.windows.tobytes(),
+            tuple((t.name, t.shape) for t in self.terms),
+            self.by_theta,
+            self.by_starts,
+            tuple((t.name, t.shape) for t in self.candidates),
+        )
 
 
 class Reuse:
@@ -61,32 +89,27 @@ class Reuse:
 
     def ask(
         self,
-        key: tuple[object, ...],
-        theta: Array,
-        sizes: Array,
-        starts: Array,
-        units: tuple[Array, Array, Array],
-        base: Callable[[], tuple[Array, Array]],
+        nominal: Nominal,
+        question: Question,
         compute: Callable[[], Sensitivity],
     ) -> Sensitivity:
         """Derivatives at or near a point, values at it."""
+        q = question
+        theta, sizes, starts = q.theta, q.sizes, q.starts
+        key = q.key()
+        units = (
+            np.array([p.size for p in nominal.parameters]),
+            np.array([t.effect.scale for t in q.terms]),
+            np.array([s.scale for s in nominal.states(q.terms)]),
+        )
         with self._lock:
             kept = self._kept.get(key)
         if kept is not None and self._near(kept, theta, sizes, starts, units):
             self.hits += 1
-            outputs, ends = base()
-            return Sensitivity(
-                outputs=outputs,
-                ends=ends,
-                d_theta=kept.value.d_theta,
-                d_theta_ends=kept.value.d_theta_ends,
-                d_sizes=kept.value.d_sizes,
-                d_sizes_ends=kept.value.d_sizes_ends,
-                d_starts=kept.value.d_starts,
-                d_starts_ends=kept.value.d_starts_ends,
-                d_candidates=kept.value.d_candidates,
-                d_candidates_ends=kept.value.d_candidates_ends,
+            run = nominal.simulate(
+                q.record, Lanes.at_point(theta, q.windows, starts, q.terms, sizes)
             )
+            return replace(kept.value, outputs=run.outputs, ends=run.ends)
         self.misses += 1
         value = compute()
         with self._lock:

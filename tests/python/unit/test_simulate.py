@@ -116,7 +116,9 @@ def test_failure_names_time_state_and_contact(action):
     Old symptom: steps of 1e-22 s, for ever.
     """
     literal = action.with_values({"contacts.*.law": "printed", "string.kind": "rigid_stop"})
-    with pytest.raises(feltmb.IntegrationError, match="integration stopped at t = ") as caught:
+    # Newton's method fails at the smallest step, or solves steps too small to get anywhere.
+    stopped = "(integration stopped|no progress: .*,) at t = "
+    with pytest.raises(feltmb.IntegrationError, match=stopped) as caught:
         feltmb.simulate(literal, "forte", max_wall=60.0)
     error = caught.value
     check_partial(error, error.partial, 0.4)

@@ -81,6 +81,7 @@ class MechanismSystem : public OdeSystem {
   std::string state_name(std::size_t i) const override;
   void rhs(double t, std::span<const double> y, std::span<double> rate) override;
   void linearize(double t, std::span<const double> y) override;
+  void linearize_stiff(double t, std::span<const double> y) override;
   bool factorize(double gamma) override;
   void solve(std::span<double> b) override;
 
@@ -208,16 +209,30 @@ class MechanismSystem : public OdeSystem {
     Eigen::Matrix3d inverse;                  ///< (I - gamma d(ds/dt)/ds)^-1
     Eigen::Vector3d by_compression, by_rate;  ///< ds for unit de, d(de/dt)
     double slope = 0.0, rate_slope = 0.0;     ///< effective dF/de, dF/d(de/dt)
-    Eigen::VectorXd by_q, by_v;               ///< ds for dq, dv, of a law with one state
+    int first_state = 0;
+    int single = -1;  ///< place in SingleStates if it is there
   };
+  /// Closed contacts with one state that touch no string: what each takes from and gives to the
+  /// rest, side by side in columns of whole blocks.
+  struct SingleStates {
+    std::vector<int> contacts;       ///< indices in stateful_
+    std::vector<double> by_force;    ///< a column a contact: force on each coordinate for unit ds
+    std::vector<double> by_q, by_v;  ///< a column a coordinate: ds of each contact for dq, dv
+    std::vector<double> change;      ///< ds of each contact
+  };
+  /// Where the states of a contact's law lie.
+  struct LawPlace {
+    std::size_t contact, first, count;
+  };
+  void gather_single();
   void read_events(std::span<double> g) const;
   void evaluate_apart(double t, std::span<const double> y);
   bool within_reach() const;
   bool evaluated_at(double t, std::span<const double> y) const;
+  void keep_slopes();
   void add_stateful(const ContactGradient* gradient, int contact, int coupling);
   void reduce_law_states(double gamma);
-  static void reduce_one_state(StatefulContact& c, double gamma,
-                               const std::vector<int>& coordinates);
+  void reduce_one_state(StatefulContact& c, double gamma, const std::vector<int>& coordinates);
   static void reduce_states(StatefulContact& c, double gamma, Eigen::Index count);
   void add_contact_slopes(Eigen::MatrixXd& stiffness, Eigen::MatrixXd& damping,
                           const Eigen::VectorXd& force_column,
@@ -229,6 +244,8 @@ class MechanismSystem : public OdeSystem {
   Eigen::MatrixXd base_stiffness_, base_damping_;  ///< without contacts whose laws have states
   std::vector<StatefulContact> stateful_;
   int stateful_count_ = 0;
+  SingleStates single_;
+  std::vector<LawPlace> law_places_;
   std::vector<StringCoupling> couplings_;
   int coupling_count_ = 0;
   int constraint_ = 0;  ///< 1 with a prescribed motion: its reaction is one more unknown

@@ -22,6 +22,10 @@ class OdeSystem {
   /// Evaluates and keeps J = df/dy at (t, y).
   virtual void linearize(double t, std::span<const double> y) = 0;
 
+  /// The same for Newton's method in a short step: parts of J that such a step does not feel may be
+  /// left out where that is quicker.
+  virtual void linearize_stiff(double t, std::span<const double> y) { linearize(t, y); }
+
   /// Factorises I - gamma J with the J kept; returns false if it is singular.
   virtual bool factorize(double gamma) = 0;
 

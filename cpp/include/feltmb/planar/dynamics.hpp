@@ -151,6 +151,13 @@ class Dynamics {
   /// stiffness() and damping() for the contacts listed in gradients().
   void differentiate();
 
+  /// The same without what no short step feels: of the forces only those of contacts, members and
+  /// friction against their own deformation and speed at fixed geometry, nothing of inertia,
+  /// gravity and turning. Time step h: right up to (h omega)^2, omega the rate at which the
+  /// mechanism turns and its forces change direction. Contacts with strings are exact. A third of
+  /// the time; for Newton's method.
+  void differentiate_stiff();
+
   const Eigen::VectorXd& acceleration() const { return acceleration_; }  ///< a [rad/s^2, m/s^2]
   const Eigen::VectorXd& force() const { return force_; }                ///< Q
   const Eigen::MatrixXd& mass_matrix() const { return mass_; }           ///< M, symmetric
@@ -244,7 +251,11 @@ class Dynamics {
   void move_lumps();
   /// Lumps, and accelerations of all links, for what needs each mass on its own.
   void complete_links();
+  void differentiate_members();
+  void release_condensed();
+  ContactGradient& next_gradient(std::size_t contact);
   void differentiate_contact(std::size_t i);
+  void differentiate_stiff_contact(std::size_t i);
   void differentiate_strap(std::size_t i);
   Vec2 column(int motion, Vec2 point) const {
     const Twist& w = twist_[static_cast<std::size_t>(motion)];
@@ -310,6 +321,7 @@ class Dynamics {
   int gradient_count_ = 0;
   std::vector<Vec2> column_a_, column_b_, dn_, dp_, du_;
   std::vector<Vec2> own_column_, first_, second_;  ///< by motion of one link
+  std::vector<double> along_;                      ///< slip for a unit rate, by coordinate
 };
 
 }  // namespace feltmb
