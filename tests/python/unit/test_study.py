@@ -538,6 +538,10 @@ def test_documentation_counts_the_findings():
         cells = [c.strip() for c in row.group().split("|")[3:7]]
         wanted = [len(outcomes), *(outcomes.count(letter) for letter in "ADN")]
         assert [int(c or 0) for c in cells] == wanted, name
+    every = "".join(OUTCOMES.values())
+    validation = (Path(__file__).parents[3] / "docs" / "validation.md").read_text("utf-8")
+    assert f"Of {len(every)} findings" in validation
+    assert f"{every.count('D')} disagree with the thesis" in validation
 
 
 def test_outlines_are_the_packaged_studies():
