@@ -8,7 +8,7 @@ root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 kind=${1:-address}
 build=${2:-$root/build/sanitize-$kind}
 case $kind in
-  address) flags='-fsanitize=address,undefined -fno-sanitize-recover=all' ;;
+  address) flags='-fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=all' ;;
   thread) flags=-fsanitize=thread ;;
   *) printf 'sanitize.sh: got %s, expected address or thread\n' "$kind" >&2; exit 2 ;;
 esac

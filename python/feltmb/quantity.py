@@ -221,10 +221,15 @@ def _plain_input(node: object) -> str:
     return shortened(repr(node))
 
 
+def _printable(text: str) -> str:
+    """Text with letters that no terminal shows, or that command it, written as escapes."""
+    return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
+
+
 def fault_text(origin: str, faults: Sequence[str], most: int = 100) -> str:
     """Message that lists the faults of a file, at most ``most`` of them."""
     count = "1 fault" if len(faults) == 1 else f"{len(faults)} faults"
-    shown = [shortened(f, 1000) for f in faults[:most]]
+    shown = [shortened(_printable(f), 1000) for f in faults[:most]]
     if len(faults) > most:
         shown.append(f"... and {len(faults) - most} more")
     return f"{origin}: {count}\n" + "\n".join(f"  {f}" for f in shown)

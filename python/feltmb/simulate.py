@@ -389,8 +389,6 @@ def to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
     )
     states = result.states
     laws = action.mechanism.total_law_states
-    # Names of the first public interface, kept beside ours.
-    stats.update(factorisations=stats["factorizations"], time=stats["wall"])
     stats["warnings"] = run_warnings(action, stroke, options, result, energy)
     if len(changes) >= _MOST_EVENTS:
         stats["warnings"].append(

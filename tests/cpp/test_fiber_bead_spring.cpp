@@ -1,6 +1,8 @@
 #include <doctest/doctest.h>
 
 #include <cmath>
+#include <limits>
+#include <string>
 #include <vector>
 
 #include "feltmb/core/error.hpp"
@@ -37,6 +39,28 @@ TEST_CASE("bead-spring results do not depend on the threads or on a restart") {
   CHECK(one.state().contact_springs == resumed.state().contact_springs);
   CHECK(one.sample().pressure == resumed.sample().pressure);
   CHECK(one.sample().work == resumed.sample().work);
+}
+
+TEST_CASE("damaged states are refused, all faults at once") {
+  BeadSpringNetwork network(small_box(), 1);
+  network.relax(100);
+  network.advance(100, 1e-4);
+  BeadSpringState state = network.state();
+  REQUIRE(!state.contact_pairs.empty());
+  state.positions[7] = std::numeric_limits<double>::quiet_NaN();
+  state.contact_pairs[1] = 1'000'000;
+  state.books[0] = -5.0;
+  state.box.pop_back();
+  try {
+    BeadSpringNetwork(small_box(), state, 1);
+    FAIL("no exception");
+  } catch (const InvalidParameter& error) {
+    const std::string text = error.what();
+    for (const char* word :
+         {"positions holds", "contact_pairs has the pair", "step -5", "box has"}) {
+      CHECK(text.find(word) != std::string::npos);
+    }
+  }
 }
 
 TEST_CASE("straining changes the box as asked") {

@@ -2,10 +2,13 @@
 
 #include <array>
 #include <cmath>
+#include <cstddef>
+#include <limits>
 #include <vector>
 
 #include "feltmb/core/error.hpp"
 #include "feltmb/lumped/network.hpp"
+#include "feltmb/numeric/floor_within.hpp"
 
 namespace {
 
@@ -171,4 +174,41 @@ TEST_CASE("lumped network: bad descriptions are refused") {
   n.elements[1].a = p(99);
   CHECK_THROWS_AS(n.check(), feltmb::InvalidParameter);
   CHECK_THROWS_AS(run(network(), values, {0.0}), feltmb::InvalidParameter);
+}
+
+TEST_CASE("whole numbers within bounds, whatever the real number is") {
+  const double infinity = std::numeric_limits<double>::infinity();
+  for (const double x : {-infinity, -1e300, -1e10, -3.0, -2.5}) {
+    CHECK(feltmb::floor_within(x, -2, 5) == -2);
+  }
+  for (const double x : {infinity, 1e300, 1e10, 6.5, 5.0}) {
+    CHECK(feltmb::floor_within(x, -2, 5) == 5);
+  }
+  CHECK(feltmb::floor_within(std::numeric_limits<double>::quiet_NaN(), -2, 5) == -2);
+  CHECK(feltmb::floor_within(-0.5, -2, 5) == -1);
+  CHECK(feltmb::floor_within(3.999, -2, 5) == 3);
+  CHECK(feltmb::floor_within<std::size_t>(-1.0, 0, 5) == 0);
+}
+
+TEST_CASE("lumped network: a delay beyond every index looks past the ends") {
+  Network n = network();
+  n.elements.resize(1);
+  n.hidden.clear();
+  auto parameters = values;
+  // Ahead of the end the sensor follows a parabola: a hundred times as far is 1e4 times as much.
+  parameters[8] = -1e5;
+  const double far = run(n, parameters, {1e-3, 0.0}).outputs[120];
+  parameters[8] = -1e7;
+  CHECK(run(n, parameters, {1e-3, 0.0}).outputs[120] == doctest::Approx(1e4 * far).epsilon(1e-3));
+
+  // An input that is delayed by more than it lasts is its first sample.
+  Network driven = network();
+  driven.elements = {driven.elements[0], driven.elements[3]};
+  driven.hidden.clear();
+  driven.sensors[0].delay.clear();
+  driven.input.delay = p(8);
+  parameters[8] = 1e3;
+  const Batch late = run(driven, parameters, {0.0, 0.0});
+  parameters[8] = 1e30;
+  CHECK(run(driven, parameters, {0.0, 0.0}).outputs == late.outputs);
 }

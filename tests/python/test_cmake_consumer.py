@@ -27,14 +27,14 @@ def run(*command: str | Path) -> str:
 @pytest.mark.slow
 def test_find_package_after_install(tmp_path):
     library, prefix, consumer = tmp_path / "library", tmp_path / "prefix", tmp_path / "consumer"
-    unoptimised = "-DCMAKE_BUILD_TYPE=Debug"
+    unoptimized = "-DCMAKE_BUILD_TYPE=Debug"
     without = ["-DFELTMB_TESTS=OFF", "-DFELTMB_BENCH=OFF", "-DFELTMB_PYTHON=OFF"]
-    run("cmake", "-S", ROOT, "-B", library, unoptimised, *without)
+    run("cmake", "-S", ROOT, "-B", library, unoptimized, *without)
     run("cmake", "--build", library)
     run("cmake", "--install", library, "--prefix", prefix)
 
     source = ROOT / "tests" / "cmake_consumer"
-    run("cmake", "-S", source, "-B", consumer, unoptimised, f"-DCMAKE_PREFIX_PATH={prefix}")
+    run("cmake", "-S", source, "-B", consumer, unoptimized, f"-DCMAKE_PREFIX_PATH={prefix}")
     run("cmake", "--build", consumer)
 
     version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]

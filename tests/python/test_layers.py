@@ -32,7 +32,7 @@ MAY_USE = {
         "beam": "core numeric",
         "modal": "core numeric",
         "ode": "core numeric",
-        "lumped": "core",
+        "lumped": "core numeric",
         "planar": "core numeric fiber contact beam modal",
         "model": "core numeric fiber contact beam modal ode planar",
         "sensitivity": "core numeric fiber contact beam modal ode planar model",

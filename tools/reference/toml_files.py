@@ -24,13 +24,13 @@ def schemas() -> list[tuple[str, str, type[BaseModel]]]:
     from feltmb.data.files import _Sheet
     from feltmb.material import FeltMaterial
     from feltmb.regulate import Targets
-    from feltmb.stroke import _StrokeFile
+    from feltmb.stroke.files import StrokeFile
     from feltmb.study.schema import StudyFile
     from feltmb.subjects.library import LibraryFile
 
     return [
         ("Mechanism", "[Mechanism files](../mechanism_files.md) explain the keys.", MechanismFile),
-        ("Stroke", "[Strokes](../mechanism_files.md#strokes).", _StrokeFile),
+        ("Stroke", "[Strokes](../mechanism_files.md#strokes).", StrokeFile),
         ("Felt", "[Felt](../felt.md#a-felt).", FeltMaterial),
         ("Actuator", "[The key actuator](../actuator.md).", ActuatorFile),
         ("Targets of a regulation", "[Regulation](../regulation.md).", Targets),

@@ -1,68 +1,20 @@
 #include "feltmb/fiber/bead_spring.hpp"
 
-#include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
-#include <map>
 #include <numbers>
 
+#include "bead_spring_box.hpp"
 #include "feltmb/fiber/faults.hpp"
-#include "feltmb/numeric/parallel.hpp"
 #include "feltmb/numeric/random.hpp"
 
 namespace feltmb {
 namespace {
 
+using namespace bead_spring;
+
 constexpr double kPi = std::numbers::pi;
-using Vec = Eigen::Vector3d;
-
-/// Nearest points of two segments x1 + s u, x2 + t w, s, t in [0, 1].
-struct Nearest {
-  double s, t;
-  Vec gap;  ///< from the second to the first
-};
-
-Nearest nearest_points(const Vec& u, const Vec& w, const Vec& between) {
-  // between = x1 - x2. Standard clamped solution of the 2 x 2 normal equations.
-  const double a = u.squaredNorm();
-  const double e = w.squaredNorm();
-  const double b = u.dot(w);
-  const double c = u.dot(between);
-  const double f = w.dot(between);
-  const double determinant = a * e - b * b;
-  double s =
-      determinant > 1e-12 * a * e ? std::clamp((b * f - c * e) / determinant, 0.0, 1.0) : 0.5;
-  double t = (b * s + f) / e;
-  if (t < 0.0) {
-    t = 0.0;
-    s = std::clamp(-c / a, 0.0, 1.0);
-  } else if (t > 1.0) {
-    t = 1.0;
-    s = std::clamp((b - c) / a, 0.0, 1.0);
-  }
-  return {s, t, between + s * u - t * w};
-}
-
-struct Pair {
-  std::int64_t a, b;  ///< segments, a < b, numbered fiber * n_beads + index of the first bead
-};
-
-/// Result of one pair in the present step.
-struct Touch {
-  bool active = false;
-  double s = 0.0, t = 0.0;
-  Vec force = Vec::Zero();  ///< on segment a
-  Vec gap = Vec::Zero();
-  double distance = 0.0;
-  double energy = 0.0;
-  double tangential_energy = 0.0;
-  double friction_loss = 0.0;
-};
-
-/// Touching segments by (a, b).
-using TouchingPairs = std::map<std::pair<std::int64_t, std::int64_t>, const Touch*>;
 
 /// Whether no neighboring segment pair is nearer: a place where fibers touch may show in several.
 /// Of equal distances (a shared bead) the earlier pair counts.
@@ -126,446 +78,142 @@ std::size_t useful_threads(const BeadSpringParams& p) {
 
 }  // namespace
 
-struct BeadSpringNetwork::Implementation {
-  BeadSpringParams p;
-  ThreadTeam team;
-  std::size_t beads, segments_per_fiber;
-  std::vector<Vec> x, v, force;
-  std::vector<double> rest;
-  Vec box;
-  double mass, stretch, bend, interaction, reach, dt, drag, tangential;
-  std::size_t step = 0;
-  double v_start = 0.0, work = 0.0, friction_loss = 0.0, drag_loss = 0.0;
-  bool soft = false;
+BeadSpringNetwork::Implementation::Implementation(const BeadSpringParams& params,
+                                                  std::size_t threads)
+    : p(params),
+      team(threads > 0 ? threads : useful_threads(params)),
+      beads(params.n_fibers * params.n_beads),
+      segments_per_fiber(params.n_beads - 1) {
+  validate(p);
+  const double area = kPi / 4.0 * p.d_f * p.d_f;
+  const double l = p.segment_length;
+  mass = p.density * area * l;
+  stretch = p.E * area * l;
+  bend = p.E * kPi / 64.0 * std::pow(p.d_f, 4) / l;
+  interaction = p.interaction > 0.0 ? p.interaction : 0.41 * p.E * std::pow(p.d_f, 3);
+  reach = p.d_f;
+  const double normal_stiffness = interaction * 15.0 / 8.0 * std::sqrt(0.05) / (p.d_f * p.d_f);
+  tangential = p.tangential * normal_stiffness;
+  // Highest frequency of chain and contact together bounds the step.
+  const double frequency =
+      std::sqrt((4.0 * stretch / (l * l) + 64.0 * bend / (l * l) + 4.0 * normal_stiffness) / mass);
+  dt = p.time_step * 2.0 / frequency;
+  drag = p.drag * std::sqrt(4.0 * stretch / (l * l * mass));
+  skin = 0.4 * p.d_f;
+  x.resize(beads);
+  v.assign(beads, Vec::Zero());
+  force.assign(beads, Vec::Zero());
+  rest.assign(beads, 0.0);
+  fiber_sums.resize(p.n_fibers);
+}
 
-  // Neighbor list: pairs sorted by (a, b); for every segment the places where it takes part.
-  std::vector<Pair> pairs;
-  std::vector<Vec> spring;
-  std::vector<Touch> touch;
-  TouchingPairs touching() const {
-    TouchingPairs near;
-    for (std::size_t k = 0; k < pairs.size(); ++k) {
-      if (touch[k].active) near[{pairs[k].a, pairs[k].b}] = &touch[k];
+void BeadSpringNetwork::Implementation::lay() {
+  const double volume = fiber_volume();
+  box = Vec::Constant(std::cbrt(volume / p.v_f));
+  v_start = p.v_f;
+  Random random(p.seed);
+  for (std::size_t fiber = 0; fiber < p.n_fibers; ++fiber) {
+    Vec direction;
+    double length = 2.0;
+    while (length > 1.0 || length < 1e-6) {
+      direction = {random.uniform(-1.0, 1.0), random.uniform(-1.0, 1.0), random.uniform(-1.0, 1.0)};
+      length = direction.norm();
     }
-    return near;
-  }
-  std::vector<std::size_t> share_start, share;
-  std::vector<Vec> x_listed;
-  double strain_listed = 0.0;
-  double skin;
-  bool listed = false;
-
-  struct FiberSums {
-    double stretching = 0, bending = 0, kinetic = 0, drag = 0, max_force = 0, moved = 0;
-    Vec virial = Vec::Zero();
-  };
-  std::vector<FiberSums> fiber_sums;
-  Vec virial = Vec::Zero();
-  double pair_energy = 0, pair_tangential = 0;
-
-  explicit Implementation(const BeadSpringParams& params, std::size_t threads)
-      : p(params),
-        team(threads > 0 ? threads : useful_threads(params)),
-        beads(params.n_fibers * params.n_beads),
-        segments_per_fiber(params.n_beads - 1) {
-    validate(p);
-    const double area = kPi / 4.0 * p.d_f * p.d_f;
-    const double l = p.segment_length;
-    mass = p.density * area * l;
-    stretch = p.E * area * l;
-    bend = p.E * kPi / 64.0 * std::pow(p.d_f, 4) / l;
-    interaction = p.interaction > 0.0 ? p.interaction : 0.41 * p.E * std::pow(p.d_f, 3);
-    reach = p.d_f;
-    const double normal_stiffness = interaction * 15.0 / 8.0 * std::sqrt(0.05) / (p.d_f * p.d_f);
-    tangential = p.tangential * normal_stiffness;
-    // Highest frequency of chain and contact together bounds the step.
-    const double frequency = std::sqrt(
-        (4.0 * stretch / (l * l) + 64.0 * bend / (l * l) + 4.0 * normal_stiffness) / mass);
-    dt = p.time_step * 2.0 / frequency;
-    drag = p.drag * std::sqrt(4.0 * stretch / (l * l * mass));
-    skin = 0.4 * p.d_f;
-    x.resize(beads);
-    v.assign(beads, Vec::Zero());
-    force.assign(beads, Vec::Zero());
-    rest.assign(beads, 0.0);
-    fiber_sums.resize(p.n_fibers);
-  }
-
-  void lay() {
-    const double volume = fiber_volume();
-    box = Vec::Constant(std::cbrt(volume / p.v_f));
-    v_start = p.v_f;
-    Random random(p.seed);
-    for (std::size_t fiber = 0; fiber < p.n_fibers; ++fiber) {
-      Vec direction;
-      double length = 2.0;
-      while (length > 1.0 || length < 1e-6) {
-        direction = {random.uniform(-1.0, 1.0), random.uniform(-1.0, 1.0),
-                     random.uniform(-1.0, 1.0)};
-        length = direction.norm();
-      }
-      direction[2] /= p.ratio;
-      direction.normalize();
-      Vec place(random.uniform() * box[0], random.uniform() * box[1], random.uniform() * box[2]);
-      for (std::size_t i = 0; i < p.n_beads; ++i) {
-        x[fiber * p.n_beads + i] = place;
-        place += p.segment_length * direction;
-        if (p.crimp > 0.0) {
-          // Isotropic walk of the direction: two normal components across, crimp in total.
-          Vec side = direction.unitOrthogonal();
-          const Vec other = direction.cross(side);
-          const double amount = p.crimp / std::numbers::sqrt2;
-          const double first = amount * random.normal();
-          const double second = amount * random.normal();
-          const double angle = std::hypot(first, second);
-          const Vec across = angle > 0.0 ? Vec((first * side + second * other) / angle) : side;
-          direction = (std::cos(angle) * direction + std::sin(angle) * across).normalized();
-        }
-      }
-      for (std::size_t i = 1; i + 1 < p.n_beads; ++i) {
-        rest[fiber * p.n_beads + i] = turning(fiber * p.n_beads + i);
+    direction[2] /= p.ratio;
+    direction.normalize();
+    Vec place(random.uniform() * box[0], random.uniform() * box[1], random.uniform() * box[2]);
+    for (std::size_t i = 0; i < p.n_beads; ++i) {
+      x[fiber * p.n_beads + i] = place;
+      place += p.segment_length * direction;
+      if (p.crimp > 0.0) {
+        // Isotropic walk of the direction: two normal components across, crimp in total.
+        Vec side = direction.unitOrthogonal();
+        const Vec other = direction.cross(side);
+        const double amount = p.crimp / std::numbers::sqrt2;
+        const double first = amount * random.normal();
+        const double second = amount * random.normal();
+        const double angle = std::hypot(first, second);
+        const Vec across = angle > 0.0 ? Vec((first * side + second * other) / angle) : side;
+        direction = (std::cos(angle) * direction + std::sin(angle) * across).normalized();
       }
     }
+    for (std::size_t i = 1; i + 1 < p.n_beads; ++i) {
+      rest[fiber * p.n_beads + i] = turning(fiber * p.n_beads + i);
+    }
   }
+}
 
-  [[nodiscard]] double fiber_volume() const {
-    return kPi / 4.0 * p.d_f * p.d_f * p.segment_length * static_cast<double>(segments_per_fiber) *
-           static_cast<double>(p.n_fibers);
-  }
-  [[nodiscard]] double fraction() const { return fiber_volume() / box.prod(); }
+double BeadSpringNetwork::Implementation::fiber_volume() const {
+  return kPi / 4.0 * p.d_f * p.d_f * p.segment_length * static_cast<double>(segments_per_fiber) *
+         static_cast<double>(p.n_fibers);
+}
 
-  [[nodiscard]] double turning(std::size_t i) const {
-    const Vec before = x[i] - x[i - 1];
-    const Vec after = x[i + 1] - x[i];
-    return std::atan2(before.cross(after).norm(), before.dot(after));
-  }
+void BeadSpringNetwork::Implementation::strain_box(double strain) {
+  if (strain == 0.0) return;
+  const double factor = std::exp(-strain);
+  box[2] *= factor;
+  team.run(beads, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      x[i][2] *= factor;
+      x_listed[i][2] *= factor;
+    }
+  });
+  strain_listed += std::abs(strain);
+}
 
-  [[nodiscard]] Vec nearest_image(Vec d) const {
-    for (int k = 0; k < 3; ++k) d[k] -= box[k] * std::round(d[k] / box[k]);
-    return d;
-  }
-
-  /// Pairs of segments whose axes may come within reach before the list is made again.
-  void make_list() {
-    const double far = 1.05 * p.segment_length + reach + skin;
-    for (int k = 0; k < 3; ++k) {
-      if (box[k] < 2.0 * far) {
-        throw ModelError(
-            format("bead-spring network: box side %d = %.6g m at v_f = %.6g, must be "
-                   ">= %.6g m (start from more fibers or a lower v_f)",
-                   k + 1, box[k], fraction(), 2.0 * far));
-      }
-    }
-    std::array<int, 3> count{};
-    for (int k = 0; k < 3; ++k) {
-      count[static_cast<std::size_t>(k)] = std::clamp(static_cast<int>(box[k] / far), 1, 200);
-    }
-    const auto cells = static_cast<std::size_t>(count[0] * count[1] * count[2]);
-    std::vector<std::size_t> start(cells + 1, 0);
-    std::vector<std::size_t> cell_of(beads);
-    const auto is_segment = [&](std::size_t i) { return i % p.n_beads + 1 < p.n_beads; };
-    std::vector<std::array<int, 3>> place(beads);
-    for (std::size_t i = 0; i < beads; ++i) {
-      if (!is_segment(i)) continue;
-      const Vec middle = 0.5 * (x[i] + x[i + 1]);
-      for (std::size_t k = 0; k < 3; ++k) {
-        const double part =
-            middle[static_cast<Eigen::Index>(k)] / box[static_cast<Eigen::Index>(k)];
-        place[i][k] =
-            std::clamp(static_cast<int>((part - std::floor(part)) * count[k]), 0, count[k] - 1);
-      }
-      cell_of[i] =
-          static_cast<std::size_t>((place[i][0] * count[1] + place[i][1]) * count[2] + place[i][2]);
-      ++start[cell_of[i] + 1];
-    }
-    for (std::size_t c = 1; c <= cells; ++c) start[c] += start[c - 1];
-    std::vector<std::size_t> member(start[cells]);
-    std::vector<std::size_t> next(start.begin(), start.end() - 1);
-    for (std::size_t i = 0; i < beads; ++i) {
-      if (is_segment(i)) member[next[cell_of[i]]++] = i;
-    }
-    std::vector<std::vector<std::int64_t>> found(beads);
-    team.run(beads, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t i = begin; i < end; ++i) {
-        if (!is_segment(i)) continue;
-        const Vec u = x[i + 1] - x[i];
-        // With fewer than three cells on a side each is visited once.
-        std::array<std::array<int, 3>, 3> visit{};
-        std::array<int, 3> visits{};
-        for (std::size_t k = 0; k < 3; ++k) {
-          visits[k] = std::min(3, count[k]);
-          for (int o = 0; o < visits[k]; ++o) {
-            visit[k][static_cast<std::size_t>(o)] =
-                visits[k] < 3 ? o : (place[i][k] + o - 1 + count[k]) % count[k];
-          }
-        }
-        for (int a = 0; a < visits[0]; ++a) {
-          for (int b = 0; b < visits[1]; ++b) {
-            for (int c = 0; c < visits[2]; ++c) {
-              const auto cell =
-                  static_cast<std::size_t>((visit[0][static_cast<std::size_t>(a)] * count[1] +
-                                            visit[1][static_cast<std::size_t>(b)]) *
-                                               count[2] +
-                                           visit[2][static_cast<std::size_t>(c)]);
-              for (std::size_t m = start[cell]; m < start[cell + 1]; ++m) {
-                const std::size_t j = member[m];
-                if (j <= i) continue;
-                if (j / p.n_beads == i / p.n_beads && j - i < 2) continue;
-                const Vec w = x[j + 1] - x[j];
-                const Vec middles = nearest_image(x[i] + 0.5 * u - x[j] - 0.5 * w);
-                if (middles.squaredNorm() > far * far) continue;
-                const Nearest near = nearest_points(u, w, middles - 0.5 * u + 0.5 * w);
-                if (near.gap.norm() < reach + skin) {
-                  found[i].push_back(static_cast<std::int64_t>(j));
-                }
-              }
-            }
-          }
-        }
-        std::sort(found[i].begin(), found[i].end());
-      }
-    });
-    std::map<std::pair<std::int64_t, std::int64_t>, Vec> kept;
-    for (std::size_t k = 0; k < pairs.size(); ++k) {
-      if (spring[k].squaredNorm() > 0.0) kept[{pairs[k].a, pairs[k].b}] = spring[k];
-    }
-    pairs.clear();
-    spring.clear();
-    for (std::size_t i = 0; i < beads; ++i) {
-      for (std::int64_t j : found[i]) {
-        pairs.push_back({static_cast<std::int64_t>(i), j});
-        const auto old = kept.find({static_cast<std::int64_t>(i), j});
-        spring.push_back(old == kept.end() ? Vec(Vec::Zero()) : old->second);
-      }
-    }
-    touch.assign(pairs.size(), Touch{});
-    share_start.assign(beads + 1, 0);
-    for (const Pair& pair : pairs) {
-      ++share_start[static_cast<std::size_t>(pair.a) + 1];
-      ++share_start[static_cast<std::size_t>(pair.b) + 1];
-    }
-    for (std::size_t i = 1; i <= beads; ++i) share_start[i] += share_start[i - 1];
-    share.resize(2 * pairs.size());
-    std::vector<std::size_t> fill(share_start.begin(), share_start.end() - 1);
-    for (std::size_t k = 0; k < pairs.size(); ++k) {
-      share[fill[static_cast<std::size_t>(pairs[k].a)]++] = k;
-      share[fill[static_cast<std::size_t>(pairs[k].b)]++] = k;
-    }
-    x_listed = x;
-    strain_listed = 0.0;
-    listed = true;
-  }
-
-  void check_list() {
-    if (listed) {
-      double moved = 0.0;
-      for (const FiberSums& sums : fiber_sums) moved = std::max(moved, sums.moved);
-      // Two beads may approach by twice the movement; straining brings distant points nearer too.
-      if (2.0 * std::sqrt(moved) + strain_listed * (p.segment_length + reach) < skin) return;
-    }
-    make_list();
-  }
-
-  /// Repulsion energy and -dE/dr at distance r.
-  [[nodiscard]] std::pair<double, double> repel(double r) const {
-    if (p.repulsion == Repulsion::hertz || soft) {
-      const double depth = 1.0 - r / reach;
-      if (depth <= 0.0) return {0.0, 0.0};
-      const double scale = soft ? interaction / 20.0 : interaction;
-      const double root = std::sqrt(depth);
-      return {0.5 * scale * depth * depth * root, 1.25 * scale * depth * root / reach};
-    }
-    if (r >= reach * (1.0 - 1e-9)) return {0.0, 0.0};
-    const double q = std::max(r, 1e-3 * reach);
-    const double back = q - reach;
-    const double fade = std::exp(q / back);
-    const double log = std::log(q / reach);
-    return {-interaction * log * fade,
-            interaction * fade * (1.0 / q - log * reach / (back * back))};
-  }
-
-  /// Forces, energies, virial. With `slide` the tangential springs are advanced by a step.
-  void compute_forces(bool slide) {
-    check_list();
-    const bool rub = p.friction > 0.0 && !soft;
-    team.run(pairs.size(), [&](std::size_t begin, std::size_t end) {
-      for (std::size_t k = begin; k < end; ++k) {
-        const auto a = static_cast<std::size_t>(pairs[k].a);
-        const auto b = static_cast<std::size_t>(pairs[k].b);
-        const Vec u = x[a + 1] - x[a];
-        const Vec w = x[b + 1] - x[b];
-        const Vec middles = nearest_image(x[a] + 0.5 * u - x[b] - 0.5 * w);
-        const Nearest near = nearest_points(u, w, middles - 0.5 * u + 0.5 * w);
-        Touch& result = touch[k];
-        const double square = near.gap.squaredNorm();
-        if (square >= reach * reach) {
-          if (result.active || spring[k].squaredNorm() > 0.0) spring[k].setZero();
-          result.active = false;
-          continue;
-        }
-        const double r = std::sqrt(square);
-        // Axes that cross exactly are parted along their common normal.
-        const Vec normal = r > 1e-9 * reach ? Vec(near.gap / r) : Vec(u.cross(w).normalized());
-        const auto [energy, push] = repel(r);
-        result.active = true;
-        result.s = near.s;
-        result.t = near.t;
-        result.gap = near.gap;
-        result.distance = r;
-        result.energy = energy;
-        result.force = push * normal;
-        result.tangential_energy = 0.0;
-        result.friction_loss = 0.0;
-        if (rub) {
-          Vec& stretch_now = spring[k];
-          // A restart computes forces without sliding: the spring must come back untouched.
-          if (slide) {
-            const Vec speed = (1.0 - near.s) * v[a] + near.s * v[a + 1] - (1.0 - near.t) * v[b] -
-                              near.t * v[b + 1];
-            stretch_now += dt * speed;
-            stretch_now -= normal * normal.dot(stretch_now);
-            const double length = stretch_now.norm();
-            const double limit = p.friction * push / tangential;
-            if (length > limit) {
-              stretch_now *= limit / length;
-              result.friction_loss = tangential * limit * (length - limit);
-            }
-          }
-          result.force -= tangential * stretch_now;
-          result.tangential_energy = 0.5 * tangential * stretch_now.squaredNorm();
-        }
-      }
-    });
+void BeadSpringNetwork::Implementation::integrate(std::size_t steps, double strain,
+                                                  double rate_of_drag, bool book) {
+  const double shrink = std::exp(-rate_of_drag * dt);
+  if (!listed) compute_forces(false);
+  for (std::size_t n = 0; n < steps; ++n) {
+    // The box does its work against the mean of the pressures before and after the strain.
+    const double before = virial[2];
+    strain_box(strain);
     team.run(p.n_fibers, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t fiber = begin; fiber < end; ++fiber) fiber_forces(fiber);
-    });
-    virial.setZero();
-    pair_energy = pair_tangential = 0.0;
-    for (const FiberSums& sums : fiber_sums) virial += sums.virial;
-    for (const Touch& result : touch) {
-      if (!result.active) continue;
-      virial += result.gap.cwiseProduct(result.force);
-      pair_energy += result.energy;
-      pair_tangential += result.tangential_energy;
-      if (slide) friction_loss += result.friction_loss;
-    }
-  }
-
-  void fiber_forces(std::size_t fiber) {
-    FiberSums& sums = fiber_sums[fiber];
-    sums = FiberSums{};
-    const std::size_t first = fiber * p.n_beads;
-    for (std::size_t i = first; i < first + p.n_beads; ++i) force[i].setZero();
-    const double l = p.segment_length;
-    for (std::size_t i = first; i + 1 < first + p.n_beads; ++i) {
-      const Vec u = x[i + 1] - x[i];
-      const double length = u.norm();
-      const double strain = length / l - 1.0;
-      sums.stretching += 0.5 * stretch * strain * strain;
-      const Vec pull = stretch * strain / (l * length) * u;
-      force[i] += pull;
-      force[i + 1] -= pull;
-      sums.virial -= u.cwiseProduct(pull);
-      for (std::size_t m = share_start[i]; m < share_start[i + 1]; ++m) {
-        const Touch& contact = touch[share[m]];
-        if (!contact.active) continue;
-        const bool is_a = static_cast<std::size_t>(pairs[share[m]].a) == i;
-        const double place = is_a ? contact.s : contact.t;
-        const Vec f = is_a ? contact.force : Vec(-contact.force);
-        force[i] += (1.0 - place) * f;
-        force[i + 1] += place * f;
-      }
-    }
-    for (std::size_t i = first + 1; i + 1 < first + p.n_beads; ++i) {
-      const Vec before = x[i] - x[i - 1];
-      const Vec after = x[i + 1] - x[i];
-      const double la = before.norm();
-      const double lb = after.norm();
-      const Vec ta = before / la;
-      const Vec tb = after / lb;
-      const double cosine = std::clamp(ta.dot(tb), -1.0, 1.0);
-      const double sine = ta.cross(tb).norm();
-      const double angle = std::atan2(sine, cosine);
-      const double change = angle - rest[i];
-      sums.bending += 0.5 * bend * change * change;
-      // dE = K (phi - phi0) dphi, dphi = -d(cos)/sin; a straight, crimped joint has no direction.
-      const double factor = bend * change / std::max(sine, 1e-6);
-      const Vec on_next = factor * (ta - cosine * tb) / lb;
-      const Vec on_last = -factor * (tb - cosine * ta) / la;
-      force[i + 1] += on_next;
-      force[i - 1] += on_last;
-      force[i] -= on_next + on_last;
-      sums.virial += after.cwiseProduct(on_next) - before.cwiseProduct(on_last);
-    }
-    for (std::size_t i = first; i < first + p.n_beads; ++i) {
-      sums.max_force = std::max(sums.max_force, force[i].norm());
-      sums.kinetic += 0.5 * mass * v[i].squaredNorm();
-      sums.moved = std::max(sums.moved, (x[i] - x_listed[i]).squaredNorm());
-    }
-  }
-
-  [[nodiscard]] double pressure() const { return virial[2] / box.prod(); }
-
-  void strain_box(double strain) {
-    if (strain == 0.0) return;
-    const double factor = std::exp(-strain);
-    box[2] *= factor;
-    team.run(beads, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t i = begin; i < end; ++i) {
-        x[i][2] *= factor;
-        x_listed[i][2] *= factor;
-      }
-    });
-    strain_listed += std::abs(strain);
-  }
-
-  void integrate(std::size_t steps, double strain, double rate_of_drag, bool book) {
-    const double shrink = std::exp(-rate_of_drag * dt);
-    if (!listed) compute_forces(false);
-    for (std::size_t n = 0; n < steps; ++n) {
-      // The box does its work against the mean of the pressures before and after the strain.
-      const double before = virial[2];
-      strain_box(strain);
-      team.run(p.n_fibers, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t fiber = begin; fiber < end; ++fiber) {
-          double lost = 0.0;
-          double moved = 0.0;
-          for (std::size_t i = fiber * p.n_beads; i < (fiber + 1) * p.n_beads; ++i) {
-            v[i] += 0.5 * dt / mass * force[i];
-            const double energy = v[i].squaredNorm();
-            v[i] *= shrink;
-            lost += 0.5 * mass * (energy - v[i].squaredNorm());
-            x[i] += dt * v[i];
-            moved = std::max(moved, (x[i] - x_listed[i]).squaredNorm());
-          }
-          fiber_sums[fiber].drag = lost;
-          fiber_sums[fiber].moved = moved;
+      for (std::size_t fiber = begin; fiber < end; ++fiber) {
+        double lost = 0.0;
+        double moved = 0.0;
+        for (std::size_t i = fiber * p.n_beads; i < (fiber + 1) * p.n_beads; ++i) {
+          v[i] += 0.5 * dt / mass * force[i];
+          const double energy = v[i].squaredNorm();
+          v[i] *= shrink;
+          lost += 0.5 * mass * (energy - v[i].squaredNorm());
+          x[i] += dt * v[i];
+          moved = std::max(moved, (x[i] - x_listed[i]).squaredNorm());
         }
-      });
-      double lost = 0.0;
-      double fastest = 0.0;
-      for (const FiberSums& sums : fiber_sums) {
-        lost += sums.drag;
-        fastest = std::max(fastest, sums.moved);
+        fiber_sums[fiber].drag = lost;
+        fiber_sums[fiber].moved = moved;
       }
-      if (!(fastest < p.segment_length * p.segment_length)) {
-        throw ModelError(
-            format("bead-spring network: a bead moved more than a segment near step "
-                   "%zu (v_f = %.6g); reduce time_step or the strain per step",
-                   step, fraction()));
-      }
-      compute_forces(true);
-      team.run(beads, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i) v[i] += 0.5 * dt / mass * force[i];
-      });
-      if (book) {
-        work += 0.5 * (before + virial[2]) * strain;
-        drag_loss += lost;
-        ++step;
-      }
+    });
+    double lost = 0.0;
+    double fastest = 0.0;
+    for (const FiberSums& sums : fiber_sums) {
+      lost += sums.drag;
+      fastest = std::max(fastest, sums.moved);
+    }
+    if (!(fastest < p.segment_length * p.segment_length)) {
+      throw ModelError(
+          format("bead-spring network: a bead moved more than a segment near step "
+                 "%zu (v_f = %.6g); reduce time_step or the strain per step",
+                 step, fraction()));
+    }
+    compute_forces(true);
+    if (!std::isfinite(virial[2])) {  // a NaN compares like a bead that stays
+      throw ModelError(
+          format("bead-spring network: forces are not finite at step %zu (v_f = %.6g); reduce "
+                 "time_step or the strain per step",
+                 step, fraction()));
+    }
+    team.run(beads, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) v[i] += 0.5 * dt / mass * force[i];
+    });
+    if (book) {
+      work += 0.5 * (before + virial[2]) * strain;
+      drag_loss += lost;
+      ++step;
     }
   }
-};
+}
 
 BeadSpringNetwork::BeadSpringNetwork(const BeadSpringParams& params, std::size_t threads)
     : self_(std::make_unique<Implementation>(params, threads)) {
@@ -588,6 +236,30 @@ BeadSpringNetwork::BeadSpringNetwork(const BeadSpringParams& params, const BeadS
   expect("box", state.box.size(), 3);
   expect("books", state.books.size(), 5);
   expect("contact_springs", state.contact_springs.size(), state.contact_pairs.size() / 2 * 3);
+  const auto finite = [&](const char* name, const std::vector<double>& values) {
+    if (!std::ranges::all_of(values, [](double value) { return std::isfinite(value); })) {
+      faults.add_text(format("%s holds a number that is not finite", name));
+    }
+  };
+  finite("positions", state.positions);
+  finite("velocities", state.velocities);
+  finite("rest_angles", state.rest_angles);
+  finite("box", state.box);
+  finite("books", state.books);
+  finite("contact_springs", state.contact_springs);
+  for (std::size_t k = 0; k + 1 < state.contact_pairs.size(); k += 2) {
+    const std::int64_t first = state.contact_pairs[k];
+    const std::int64_t second = state.contact_pairs[k + 1];
+    if (!(0 <= first && first < second && second + 1 < static_cast<std::int64_t>(s.beads))) {
+      faults.add_text(format("contact_pairs has the pair %lld, %lld, expected 0 <= a < b < %zu",
+                             static_cast<long long>(first), static_cast<long long>(second),
+                             s.beads - 1));
+      break;
+    }
+  }
+  if (state.books.size() == 5 && !(state.books[0] >= 0.0 && state.books[0] < 1e15)) {
+    faults.add_text(format("books begins with step %.6g, expected 0 to 1e15", state.books[0]));
+  }
   faults.raise_if_any();
   for (std::size_t i = 0; i < s.beads; ++i) {
     s.x[i] = {state.positions[3 * i], state.positions[3 * i + 1], state.positions[3 * i + 2]};

@@ -8,6 +8,7 @@
 
 #include "feltmb/core/error.hpp"
 #include "feltmb/lumped/dual.hpp"
+#include "feltmb/numeric/floor_within.hpp"
 
 namespace feltmb::lumped {
 namespace {
@@ -151,8 +152,8 @@ class Pass {
     const double h = net_.sample_time;
     const double x = t - value(delay_) / h;
     const auto n = static_cast<std::ptrdiff_t>(u.size());
-    const auto k = static_cast<std::ptrdiff_t>(std::floor(x));
-    const double s = x - static_cast<double>(k);
+    const std::ptrdiff_t k = floor_within<std::ptrdiff_t>(x, -3, n + 2);
+    const double s = x - std::floor(x);
     const auto sample = [&](std::ptrdiff_t i) {
       return u[static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(i, 0, n - 1))];
     };
@@ -176,7 +177,7 @@ class Pass {
     unknown_.resize(m > 0 ? n_q_ : 0);
     for (std::size_t i = 0; i < unknown_.size(); ++i) {
       const double place = std::clamp(x, 0.0, 1.0) * static_cast<double>(m - 1);
-      const auto k = std::min(static_cast<std::size_t>(place), m > 1 ? m - 2 : 0);
+      const auto k = floor_within<std::size_t>(place, 0, m > 1 ? m - 2 : 0);
       const double s = place - static_cast<double>(k);
       const double next = knots[i * m + std::min(k + 1, m - 1)];
       unknown_[i] = (1.0 - s) * knots[i * m + k] + s * next;
@@ -447,7 +448,7 @@ void run_pass(const Network& net, const Request& request, const std::vector<std:
         // A delayed sensor looks back by less than a step or by many: cubic Hermite inside the
         // segment, a straight line outside.
         const double place = k * net.substeps - value(delay[y]) / h;
-        const int cell = std::clamp(static_cast<int>(std::floor(place)), 0, steps - 1);
+        const int cell = floor_within(place, 0, steps - 1);
         const Moved<S>& a = seen[at(cell) * n_y + y];
         const Moved<S>& b = seen[at(cell + 1) * n_y + y];
         S s = chain(delay[y], place - cell, -1.0 / h);

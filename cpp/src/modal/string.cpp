@@ -52,6 +52,8 @@ ModalString::ModalString(const StringParameters& p) : parameters_(p) {
     const double end_cosine = (i % 2 == 0) ? -1.0 : 1.0;
     bridge_[i] = -shape_scale_ * k * end_cosine * (p.tension + bending * k * k);
   }
+  require(omega_.back() <= 1e12, "frequency of the last mode [rad/s]", omega_.back(),
+          "<= 1e12; look at linear_density, tension and modes");
 }
 
 void ModalString::shapes(double y, std::span<double> phi, std::span<double> dphi) const {

@@ -21,23 +21,31 @@ class Rest {
     drive_.force = finger_force;
   }
 
-  /// Potential energy [J]; also evaluates forces at q.
+  /// Potential energy [J]; also evaluates forces at q. Its rounding is that of its parts, which may
+  /// be far larger than their sum: `parts` is the sum of their sizes.
   double energy(const Eigen::VectorXd& q) {
     const std::span<const double> position{q.data(), zero_.size()};
     dynamics_.evaluate({position, zero_, law_, eta_, eta_rate_}, drive_);
-    double sum = dynamics_.gravity_energy() + dynamics_.spring_energy(position);
+    double sum = 0.0;
+    parts = 0.0;
+    const auto add = [&](double part) {
+      sum += part;
+      parts += std::fabs(part);
+    };
+    add(dynamics_.gravity_energy());
+    add(dynamics_.spring_energy(position));
     for (std::size_t i = 0; i < m_.straps.size(); ++i) {
-      sum += dynamics_.strap_energy(static_cast<int>(i));
+      add(dynamics_.strap_energy(static_cast<int>(i)));
     }
     for (std::size_t i = 0; i < m_.beams.size(); ++i) {
-      sum += dynamics_.beam_energy(static_cast<int>(i), position);
+      add(dynamics_.beam_energy(static_cast<int>(i), position));
     }
     for (std::size_t i = 0; i < m_.contacts.size(); ++i) {
       const ContactState& s = dynamics_.contacts()[i];
-      if (s.closed) sum += m_.contacts[i].law.static_energy(s.compression);
+      if (s.closed) add(m_.contacts[i].law.static_energy(s.compression));
     }
     if (drive_.force != 0.0) {
-      sum -= drive_.force * dot(m_.finger_direction, dynamics_.position(m_.finger_point));
+      add(-drive_.force * dot(m_.finger_direction, dynamics_.position(m_.finger_point)));
     }
     return sum;
   }
@@ -75,6 +83,7 @@ class Rest {
   }
 
   const Mechanism& m_;
+  double parts = 0.0;
   Dynamics dynamics_;
   std::vector<double> zero_;
   std::vector<double> law_;
@@ -133,7 +142,7 @@ Equilibrium find_equilibrium(const std::shared_ptr<const Mechanism>& mechanism, 
     const double trial = rest.energy(q + dq);
     const double residual_before = force.cwiseAbs().maxCoeff();
     const double residual_after = scaled_residual(m, rest.force());
-    const bool flat = std::fabs(energy - trial) <= 1e-13 * std::fabs(energy);
+    const bool flat = std::fabs(energy - trial) <= 1e-13 * rest.parts;
     if (energy - trial >= 1e-4 * predicted || (flat && residual_after < residual_before)) {
       q += dq;
       energy = trial;

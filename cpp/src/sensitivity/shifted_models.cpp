@@ -312,7 +312,7 @@ const Eigen::VectorXd& ShiftedModels::by_force(std::size_t contact) {
 }
 
 void ShiftedModels::base_rates(std::span<const double> y) {
-  // What rhs() would give: the base was evaluated here to be linearised.
+  // What rhs() would give: the base was evaluated here to be linearized.
   const Dynamics& dynamics = base_->dynamics();
   const auto n = static_cast<std::size_t>(base_->coordinates());
   two_.setZero(static_cast<Eigen::Index>(y.size()));

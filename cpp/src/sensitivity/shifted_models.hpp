@@ -53,7 +53,7 @@ class ShiftedModels {
   const Columns& rest_columns() const { return rest_columns_; }
 
   /// d f / d parameter at fixed state, memory moving: the inhomogeneous part of S', but for what
-  /// loads() holds. The base must have been linearised there. `out` has the rows that are wanted:
+  /// loads() holds. The base must have been linearized there. `out` has the rows that are wanted:
   /// all, or those before the strings'.
   void rates(double t, std::span<const double> y, std::span<const double> memory,
              const Eigen::MatrixXd& memory_columns, RowMatrix& out);

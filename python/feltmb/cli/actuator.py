@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import click
 
 from feltmb.cli.common import (
+    FRACTION,
+    POSITIVE,
     complain,
     console,
     force_option,
@@ -20,6 +22,7 @@ from feltmb.cli.common import (
     save_figure,
     say_written,
 )
+from feltmb.cli.completing import actions, actuators
 
 if TYPE_CHECKING:
     from feltmb.actuator import Actuator, ActuatorRun
@@ -50,6 +53,7 @@ def _load(arm: str, damper: str | None, settings: tuple[str, ...]) -> Actuator:
 
 _arm = click.option(
     "--arm",
+    shell_complete=actuators,
     metavar="NAME",
     default="wood",
     show_default=True,
@@ -75,13 +79,15 @@ _set = click.option(
 @_set
 @click.option("--elements", type=click.IntRange(1, 200), help="Finite elements of the arm.")
 @click.option("--torque", metavar="FILE", help="Torque by time, CSV or TOML; default: the file's.")
-@click.option("--duration", type=float, default=0.2, show_default=True, help="Simulated time [s].")
 @click.option(
-    "--output-rate", type=float, default=10000.0, show_default=True, help="Samples a second."
+    "--duration", type=POSITIVE, default=0.2, show_default=True, help="Simulated time [s]."
+)
+@click.option(
+    "--output-rate", type=POSITIVE, default=10000.0, show_default=True, help="Samples a second."
 )
 @click.option(
     "--tolerance",
-    type=float,
+    type=FRACTION,
     default=3e-5,
     show_default=True,
     help="Error of a force, relative to the largest.",
@@ -187,7 +193,7 @@ def _show(actuator: Actuator, run: ActuatorRun) -> None:
     console().print(table)
 
 
-@command.command("study")
+@command.command("study", short_help="Figures 5.6 to 5.11 of the thesis and its findings.")
 @click.option(
     "--out",
     "-o",
@@ -229,7 +235,12 @@ def study_command(out: Path | None, force: bool, as_json: bool) -> None:
     "--damper", metavar="KIND[=C]", default="one-sided", show_default=True, help="Where to start."
 )
 @_set
-@click.option("--action", metavar="NAME", help="Press this action instead of the actuator's stop.")
+@click.option(
+    "--action",
+    shell_complete=actions,
+    metavar="NAME",
+    help="Press this action instead of the actuator's stop.",
+)
 @click.option("--torque", metavar="FILE", help="Torque to start from; default: the actuator's.")
 @click.option(
     "--fit",
@@ -238,7 +249,13 @@ def study_command(out: Path | None, force: bool, as_json: bool) -> None:
     show_default=True,
     help="What may change.",
 )
-@click.option("--knots", type=int, default=8, show_default=True, help="Knots of the torque.")
+@click.option(
+    "--knots",
+    type=click.IntRange(2, 100),
+    default=8,
+    show_default=True,
+    help="Knots of the torque.",
+)
 @click.option(
     "--steps", type=click.IntRange(1), default=60, show_default=True, help="Steps at most."
 )

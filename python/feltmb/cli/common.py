@@ -178,6 +178,24 @@ def print_json(value: Any) -> None:
     click.echo(json.dumps(value, indent=2, sort_keys=True))
 
 
+class Number(click.FloatRange):
+    """A finite number within bounds, which the help shows."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """The number, or a message."""
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{number} is not a finite number.", param, ctx)
+        return number
+
+
+POSITIVE = Number(0, min_open=True)
+NOT_NEGATIVE = Number(0)
+FRACTION = Number(0, 1, min_open=True, max_open=True)
+
+
 def set_option(function: F) -> F:
     """Option ``--set PATH=VALUE``, any number of times."""
     return click.option(
@@ -212,18 +230,27 @@ def load_with_settings(name: str, settings: tuple[str, ...]) -> Action:
     return action
 
 
-def parse_damper(text: str) -> tuple[str, float | None]:
-    """Kind and coefficient [N m s/rad] of ``--damper one-sided=0.05``."""
+def parse_option(option: str, text: str, unit: str) -> float:
+    """Value of an option with its unit, such as 6mm, in an SI unit.
+
+    Raises
+    ------
+    InvalidParameter
+        Naming the option.
+    """
     from feltmb.errors import InvalidParameter
     from feltmb.quantity import parse_scalar
 
-    kind, sign, value = text.partition("=")
-    if not sign:
-        return kind.strip(), None
     try:
-        return kind.strip(), parse_scalar(value, "N m s/rad")
+        return parse_scalar(text, unit)
     except ValueError as error:
-        raise InvalidParameter(f"--damper {text!r}: {error}") from None
+        raise InvalidParameter(f"{option}: {error}") from None
+
+
+def parse_damper(text: str) -> tuple[str, float | None]:
+    """Kind and coefficient [N m s/rad] of ``--damper one-sided=0.05``."""
+    kind, sign, value = text.partition("=")
+    return kind.strip(), parse_option("--damper", value, "N m s/rad") if sign else None
 
 
 def is_terminal() -> bool:

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from feltmb.cli.common import (
+    POSITIVE,
     console,
     force_option,
     json_option,
@@ -15,15 +16,22 @@ from feltmb.cli.common import (
     say_written,
     set_option,
 )
+from feltmb.cli.completing import actions
 
 __all__ = ["command"]
 
 
 @click.command(name="fit")
-@click.argument("model")
+@click.argument("model", shell_complete=actions)
 @click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--window", type=float, help="Length of shooting windows [s].")
-@click.option("--restarts", default=3, show_default=True, help="Further starting points at most.")
+@click.option("--window", type=POSITIVE, help="Length of shooting windows [s].")
+@click.option(
+    "--restarts",
+    type=click.IntRange(0, 10_000),
+    default=3,
+    show_default=True,
+    help="Further starting points at most.",
+)
 @click.option("--out", "-o", "output", type=click.Path(path_type=Path), help="Folder of fit.json.")
 @set_option
 @json_option

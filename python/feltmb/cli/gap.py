@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from feltmb.cli.common import (
+    POSITIVE,
+    Number,
     console,
     force_option,
     is_terminal,
@@ -22,6 +24,7 @@ from feltmb.cli.common import (
     say_written,
     set_option,
 )
+from feltmb.cli.completing import actions, effects
 
 if TYPE_CHECKING:
     from feltmb.gap import Report
@@ -102,8 +105,10 @@ def check(data: tuple[Path, ...], as_json: bool) -> None:
         raise DataError("records: " + "; ".join(gates.problems))
 
 
-@command.command("foresee")
-@click.argument("model")
+@command.command(
+    "foresee", short_help="Before measuring: which effects of MODEL could be told apart."
+)
+@click.argument("model", shell_complete=actions)
 @click.argument("data", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--channels", help="Outputs that will be measured, comma-separated.")
 @set_option
@@ -167,7 +172,7 @@ def foresee_command(
 
 
 @command.command("diagnose")
-@click.argument("model")
+@click.argument("model", shell_complete=actions)
 @click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
     "--hold-out",
@@ -188,16 +193,41 @@ def foresee_command(
 @click.option(
     "--include",
     "included",
+    shell_complete=effects,
     multiple=True,
     metavar="EFFECT",
     help="Effect of the library that is made part of the model first, its size a parameter: is "
     "there a gap left? Repeatable.",
 )
-@click.option("--alpha", default=0.01, show_default=True, help="Family-wise false alarm rate.")
-@click.option("--window", type=float, help="Length of shooting windows [s].")
-@click.option("--max-effects", default=4, show_default=True, help="Largest set of effects.")
-@click.option("--bootstrap", default=12, show_default=True, help="Refits for the null law.")
-@click.option("--seed", default=0, show_default=True, help="Of the refits for the null law.")
+@click.option(
+    "--alpha",
+    type=Number(0, 0.5, min_open=True, max_open=True),
+    default=0.01,
+    show_default=True,
+    help="Family-wise false alarm rate.",
+)
+@click.option("--window", type=POSITIVE, help="Length of shooting windows [s].")
+@click.option(
+    "--max-effects",
+    type=click.IntRange(1, 6),
+    default=4,
+    show_default=True,
+    help="Largest set of effects.",
+)
+@click.option(
+    "--bootstrap",
+    type=click.IntRange(0, 100_000),
+    default=12,
+    show_default=True,
+    help="Refits for the null law.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    default=0,
+    show_default=True,
+    help="Of the refits for the null law.",
+)
 @set_option
 @json_option
 @force_option

@@ -11,7 +11,14 @@ from typing import Any
 
 import click
 
-from feltmb.cli.common import complain, console, is_terminal, json_option, new_table, say_written
+from feltmb.cli.common import (
+    complain,
+    console,
+    is_terminal,
+    json_option,
+    new_table,
+    say_written,
+)
 
 __all__ = ["command"]
 

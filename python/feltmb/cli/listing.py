@@ -24,12 +24,12 @@ def command(as_json: bool) -> None:
     from feltmb.actuator import load_actuator, packaged_actuators
     from feltmb.config import load_action, packaged_actions
     from feltmb.stroke import load_stroke, packaged_strokes
-    from feltmb.study import load_study, packaged_studies
+    from feltmb.study import study_outlines
     from feltmb.units import ACCEPTED_UNITS
 
     actions = {name: load_action(name).config.about for name in packaged_actions()}
     strokes = {name: load_stroke(name) for name in packaged_strokes()}
-    studies = {name: load_study(name) for name in packaged_studies()}
+    studies = {study.name: study.spec.title for study in study_outlines()}
     actuators = {name: load_actuator(name).config.about for name in packaged_actuators()}
     if as_json:
         print_json(
@@ -38,7 +38,7 @@ def command(as_json: bool) -> None:
                 "actuators": actuators,
                 "strokes": {n: s.as_dict() for n, s in strokes.items()},
                 "laws": LAWS,
-                "studies": {n: s.spec.title for n, s in studies.items()},
+                "studies": studies,
                 "units": sorted(ACCEPTED_UNITS),
             }
         )
@@ -63,7 +63,7 @@ def command(as_json: bool) -> None:
         table.add_row(name, about)
     screen.print(table)
     table = new_table("studies", "name", "about")
-    for name, study in studies.items():
-        table.add_row(name, study.spec.title)
+    for name, title in studies.items():
+        table.add_row(name, title)
     screen.print(table)
     screen.print("units: " + " ".join(sorted(u for u in ACCEPTED_UNITS if u != "1")))

@@ -19,16 +19,17 @@ from feltmb.cli.common import (
     say_written,
     set_option,
 )
+from feltmb.cli.completing import actions, packaged
 
 if TYPE_CHECKING:
     from feltmb.regulate import Regulation
 
 
 @click.command("regulate")
-@click.argument("action")
-@click.option("--report", is_flag=True, help="Print the table (also printed without -o).")
+@click.argument("action", shell_complete=actions)
 @click.option(
     "--targets",
+    shell_complete=packaged("regulation"),
     metavar="FILE",
     help="Packaged name or TOML file; default: the packaged targets of the mechanism's name.",
 )
@@ -43,7 +44,6 @@ if TYPE_CHECKING:
 @json_option
 def command(
     action: str,
-    report: bool,
     targets: str | None,
     out: Path | None,
     settings: tuple[str, ...],
@@ -70,7 +70,7 @@ def command(
         result = regulate(mechanism, wanted)
     if as_json:
         print_json(result.as_dict())
-    elif report or out is None:
+    else:
         screen = console()
         screen.print(regulation_table(result))
         if result.provenance["screws"]:

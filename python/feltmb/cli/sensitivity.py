@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from feltmb.cli.common import (
+    POSITIVE,
+    Number,
     console,
     force_option,
     is_terminal,
@@ -19,6 +21,7 @@ from feltmb.cli.common import (
     save_figure,
     set_option,
 )
+from feltmb.cli.completing import actions, strokes
 
 if TYPE_CHECKING:
     from feltmb.sensitivity import Gradient
@@ -28,8 +31,8 @@ _UNITS = (("_time", "s"), ("_duration", "s"), ("_speed", "m/s"), ("_force", "N")
 
 
 @click.command("sensitivity")
-@click.argument("action")
-@click.argument("stroke")
+@click.argument("action", shell_complete=actions)
+@click.argument("stroke", shell_complete=strokes)
 @click.option(
     "--parameters",
     "paths",
@@ -45,9 +48,17 @@ _UNITS = (("_time", "s"), ("_duration", "s"), ("_speed", "m/s"), ("_force", "N")
     show_default=True,
     help="Number of the summary by which the table is ordered.",
 )
-@click.option("--most", default=20, show_default=True, help="Rows of the table.")
-@click.option("--duration", type=float, help="Simulated time [s]; default: the stroke's own.")
-@click.option("--rtol", default=1e-7, show_default=True, help="Tolerance of the stroke.")
+@click.option(
+    "--most", type=click.IntRange(1), default=20, show_default=True, help="Rows of the table."
+)
+@click.option("--duration", type=POSITIVE, help="Simulated time [s]; default: the stroke's own.")
+@click.option(
+    "--rtol",
+    type=Number(1e-13, 1e-2),
+    default=1e-7,
+    show_default=True,
+    help="Tolerance of the stroke.",
+)
 @click.option(
     "--plot",
     "picture",
@@ -92,8 +103,6 @@ def command(
     for path in (picture, table_file):
         if path is not None:
             check_writable(path, force=force)
-    if most < 1:
-        raise InvalidParameter(f"--most {most}: must be >= 1")
 
     def run() -> Gradient:
         return gradient(

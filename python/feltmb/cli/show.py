@@ -17,10 +17,11 @@ from feltmb.cli.common import (
     say_written,
     set_option,
 )
+from feltmb.cli.completing import actions
 
 
 @click.command("show")
-@click.argument("action")
+@click.argument("action", shell_complete=actions)
 @set_option
 @click.option("--values", is_flag=True, help="Every number with its unit and source.")
 @click.option("--toml", is_flag=True, help="Print the mechanism file, --set applied.")

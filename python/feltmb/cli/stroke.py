@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from feltmb.cli.common import (
+    POSITIVE,
+    Number,
     complain,
     console,
     force_option,
@@ -16,11 +18,13 @@ from feltmb.cli.common import (
     load_with_settings,
     new_table,
     parse_damper,
+    parse_option,
     pretty,
     print_json,
     say_written,
     set_option,
 )
+from feltmb.cli.completing import actions, actuators, strokes
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
@@ -31,11 +35,14 @@ if TYPE_CHECKING:
 
 
 @click.command("stroke")
-@click.argument("action")
-@click.argument("strokes", nargs=-1)
+@click.argument("action", shell_complete=actions)
+@click.argument("strokes", nargs=-1, shell_complete=strokes)
 @set_option
 @click.option(
-    "--actuator", metavar="NAME", help="Let this actuator press the key: wood, aluminum, or a file."
+    "--actuator",
+    shell_complete=actuators,
+    metavar="NAME",
+    help="Let this actuator press the key: wood, aluminum, or a file.",
 )
 @click.option(
     "--damper",
@@ -58,11 +65,13 @@ if TYPE_CHECKING:
 )
 @click.option("--plot", is_flag=True, help="Also draw plots beside --out (or here).")
 @click.option("--wav", is_flag=True, help="Also write the string as WAV beside --out (or here).")
-@click.option("--duration", type=float, help="Simulated time [s]; default: the stroke's own.")
-@click.option("--rtol", type=float, default=1e-6, show_default=True, help="Relative tolerance.")
+@click.option("--duration", type=POSITIVE, help="Simulated time [s]; default: the stroke's own.")
+@click.option(
+    "--rtol", type=Number(1e-13, 1e-2), default=1e-6, show_default=True, help="Relative tolerance."
+)
 @click.option(
     "--error",
-    type=float,
+    type=Number(0, 0.1, min_open=True),
     help="In place of --rtol: the largest error asked for of the hammer's force over its peak, "
     "after a blow of 50 ms on a string.",
 )
@@ -74,11 +83,11 @@ if TYPE_CHECKING:
     help="cvode: all states by CVODES; modal: a free string vibrates exactly outside of it.",
 )
 @click.option(
-    "--output-rate", type=float, default=10000.0, show_default=True, help="Samples a second."
+    "--output-rate", type=POSITIVE, default=10000.0, show_default=True, help="Samples a second."
 )
 @click.option(
     "--max-wall",
-    type=float,
+    type=POSITIVE,
     help="Give up after this many seconds of wall time a stroke; what was simulated is saved.",
 )
 @click.option(
@@ -145,7 +154,7 @@ def command(
     if not loaded:
         raise click.UsageError("Missing argument 'STROKES...'.")
     if noise is not None:
-        loaded = [s.smoothed(_noise(noise, s.unit)) for s in loaded]
+        loaded = [s.smoothed(parse_option("--noise", noise, s.unit)) for s in loaded]
     stems = _stems([s.name for s in loaded])
     targets = _targets(out, stems)
     for target, stem in zip(targets, stems, strict=True):
@@ -228,17 +237,6 @@ def _with_actuator(
     if damper is not None:
         made = made.with_damper(*parse_damper(damper))
     return compose(action, made, pad=pad), made.torque
-
-
-def _noise(text: str, unit: str) -> float:
-    """Value of --noise in the unit of a stroke."""
-    from feltmb.errors import InvalidParameter
-    from feltmb.quantity import parse_scalar
-
-    try:
-        return parse_scalar(text, unit)
-    except ValueError as error:
-        raise InvalidParameter(f"--noise: {error}") from None
 
 
 def _targets(out: Path | None, stems: list[str]) -> list[Path | None]:

@@ -16,6 +16,7 @@ from feltmb.cli.common import (
     print_json,
     say_written,
 )
+from feltmb.cli.completing import packaged
 
 if TYPE_CHECKING:
     from feltmb.study import Study, StudyResult
@@ -25,7 +26,7 @@ WIDTH = 80
 
 
 @click.command("study")
-@click.argument("names", nargs=-1)
+@click.argument("names", nargs=-1, shell_complete=packaged("studies"))
 @click.option("--list", "listing", is_flag=True, help="List the packaged studies.")
 @click.option(
     "--out",
@@ -88,9 +89,9 @@ def command(
 
 
 def _list(as_json: bool) -> None:
-    from feltmb.study import load_study, packaged_studies
+    from feltmb.study import study_outlines
 
-    studies = [load_study(name) for name in packaged_studies()]
+    studies = study_outlines()
     if as_json:
         print_json(
             {

@@ -18,13 +18,14 @@ from feltmb.cli.common import (
     say_written,
     set_option,
 )
+from feltmb.cli.completing import actions
 
 if TYPE_CHECKING:
     from feltmb.touch import Touch, TouchRow
 
 
 @click.command("touch")
-@click.argument("action")
+@click.argument("action", shell_complete=actions)
 @click.option(
     "--plot",
     "folder",
@@ -87,7 +88,7 @@ def _published(row: TouchRow) -> str:
 
 def touch_table(result: Touch) -> Any:
     """Ours beside published numbers; forces in N and gram-force."""
-    from feltmb.touch import GRAM_FORCE
+    from feltmb.touch.pictures import GRAM_FORCE
 
     table = new_table(
         f"touch of {result.action.name}", "", "here", "unit", "published", "", "", right=(1, 3)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from feltmb.cli.common import force_option, say_written, tables_as_json
+from feltmb.cli.common import POSITIVE, force_option, say_written, tables_as_json
 
 
 @click.command("wav")
@@ -26,7 +26,7 @@ from feltmb.cli.common import force_option, say_written, tables_as_json
 )
 @click.option(
     "--slowness",
-    type=float,
+    type=POSITIVE,
     default=1.0,
     show_default=True,
     help="How many times slower than life.",

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Literal, get_args
 
-from pydantic import BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from feltmb.layer import LayerParameters
 from feltmb.quantity import (
@@ -341,13 +342,23 @@ class Point(Schema):
     label: str = ""
 
 
+def _way(direction: tuple[float, float]) -> tuple[float, float]:
+    """A direction of any length that can be brought to 1."""
+    length = math.hypot(*direction)
+    if not 1e-6 <= length <= 1e6:
+        raise ValueError(
+            f"got {list(direction)!r} of length {length:g}, expected a length of 1e-6 to 1e6"
+        )
+    return direction
+
+
 class NamedEvent(Schema):
     """A contact change or a travel of a tracking point that gets a name."""
 
     contact: int | list[int] | None = None
     change: Literal["opens", "closes"] | None = None
     point: str | None = None
-    direction: Annotated[tuple[float, float], SIVector("1")] = (0.0, 1.0)
+    direction: Annotated[tuple[float, float], SIVector("1"), AfterValidator(_way)] = (0.0, 1.0)
     travel: Annotated[float, SI("m"), Field(gt=0)] | None = None
     which: Literal["first", "last"] = "first"
     before: str | None = None

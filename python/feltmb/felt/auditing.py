@@ -8,7 +8,7 @@ work of cycles at several amplitudes and frequencies.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,19 @@ from feltmb import _core
 from feltmb.config import Contact, core_law, load_action
 from feltmb.contact import Law
 from feltmb.errors import InvalidParameter
+from feltmb.felt.audit_checks import (
+    Cycle,
+    Finding,
+    audit_curves,
+    audit_cycles,
+    audit_power,
+    envelope_curves,
+    law_curves,
+    material_findings,
+    pair_curves,
+    shape_findings,
+    valid_window,
+)
 from feltmb.felt.envelopes import ConstantArea, FeltEnvelope, envelope, load_envelope
 from feltmb.files import read_toml
 from feltmb.material import FeltMaterial, load_material
@@ -30,54 +43,6 @@ Array = NDArray[np.float64]
 
 AMPLITUDES = (0.25, 0.5, 0.75, 1.0)
 FREQUENCIES = (0.03, 1.0, 30.0, 300.0)
-_STEPS = 1000  # of half a cycle of a law with states
-_SAMPLES = 4000  # of half a cycle of a law without
-_SCAN = 4001
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One fault, with the compressions at which it holds."""
-
-    kind: str
-    """``crossing``, ``adhesion``, ``softening``, ``open``, ``shape`` (of the data),
-    ``energy``, ``pull`` (of the law), ``material``."""
-    low: float
-    """From this compression [m]."""
-    high: float
-    """To this one [m]."""
-    value: float
-    """Size of the fault, in ``unit``."""
-    unit: str
-    text: str
-
-
-@dataclass(frozen=True)
-class Cycle:
-    """Two sinusoidal cycles from 0 to an amplitude and back, from a virgin state."""
-
-    amplitude: float
-    """[m]."""
-    frequency: float
-    """[Hz]."""
-    work: float
-    """Work put in by the second compression [J]."""
-    lost: float
-    """Energy lost in the second cycle [J]; negative: made."""
-    first_lost: float
-    """Energy lost in the first cycle [J]."""
-    first_work: float
-    """Work put in by the first compression [J]."""
-
-    @property
-    def loss(self) -> float:
-        """Lost over put in, second cycle [-]."""
-        return self.lost / self.work if self.work != 0 else 0.0
-
-    @property
-    def first_loss(self) -> float:
-        """Lost over put in, first cycle [-]."""
-        return self.first_lost / self.first_work if self.first_work != 0 else 0.0
 
 
 @dataclass(frozen=True)
@@ -149,327 +114,6 @@ class Audit:
         }
 
 
-def _stretches(bad: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and last index of every run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], bad, [False]]).astype(int)))
-    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
-def _edge(f: Callable[[float], float], a: float, b: float) -> float:
-    """Sign change of f between neighboring samples."""
-    from scipy.optimize import brentq
-
-    fa, fb = f(a), f(b)
-    if fa == 0.0 or fa * fb > 0:
-        return a
-    return b if fb == 0.0 else float(brentq(f, a, b, xtol=1e-12))
-
-
-@dataclass(frozen=True)
-class _Curves:
-    """Both curves of a pair as functions of compression."""
-
-    loading: Callable[[Array], Array]
-    unloading: Callable[[Array], Array]
-    closing: float | None
-    reach: float
-    pair: bool = True
-
-
-def _below(
-    f: Callable[[Array], Array], e: Array, scale: float
-) -> list[tuple[float, float, float, float]]:
-    """Stretches where f < 0: from, to, minimum, integral of -f. Rounding is no fault."""
-    values = f(e)
-    out = []
-    for first, last in _stretches(values < -1e-9 * scale):
-
-        def at(x: float) -> float:
-            return float(f(np.array([x]))[0])
-
-        while first > 0 and values[first - 1] <= 0.0:
-            first -= 1
-        low = e[first] if first == 0 else _edge(at, float(e[first - 1]), float(e[first]))
-        high = e[last] if last == len(e) - 1 else _edge(at, float(e[last]), float(e[last + 1]))
-        x = np.linspace(low, high, 2001)
-        y = f(x)
-        # The minimum counts; the ends are zeros or the ends of the range.
-        out.append((float(low), float(high), float(y.min()), -float(_integral(y, x))))
-    return out
-
-
-def _integral(y: Array, x: Array) -> float:
-    return float(np.sum(0.5 * (y[1:] + y[:-1]) * np.diff(x)))
-
-
-def _mm(x: float) -> str:
-    return f"{x * 1e3:.4g} mm"
-
-
-def _audit_curves(curves: _Curves) -> list[Finding]:
-    out = []
-    end = curves.closing if curves.closing is not None else curves.reach
-    # Finer near zero, where fits go wrong.
-    e = end * np.linspace(0.0, 1.0, _SCAN) ** 2
-    scale = float(np.max(np.abs(curves.loading(e))))
-    if curves.closing is None and curves.pair:
-        gap = float((curves.loading(e[-1:]) - curves.unloading(e[-1:]))[0])
-        out.append(
-            Finding(
-                "open", end, end, gap, "N",
-                f"unloading does not meet loading up to {_mm(end)}: {gap:.4g} N apart there",
-            )
-        )  # fmt: skip
-
-    def band(x: Array) -> Array:
-        return curves.loading(x) - curves.unloading(x)
-
-    for low, high, least, made in _below(band, e, scale):
-        # The last sample is the meeting point itself.
-        if curves.closing is not None and low > 0.999 * end:
-            continue
-        out.append(
-            Finding(
-                "crossing", low, high, made, "J",
-                f"unloading lies above loading from {_mm(low)} to {_mm(high)}, by up to "
-                f"{-least:.4g} N: a fast cycle gains {made * 1e6:.4g} uJ there",
-            )
-        )  # fmt: skip
-    for branch, curve in (("loading", curves.loading), ("unloading", curves.unloading)):
-        for low, high, least, _ in _below(curve, e, scale):
-            out.append(
-                Finding(
-                    "adhesion", low, high, least, "N",
-                    f"{branch} force is negative from {_mm(low)} to {_mm(high)}, down to "
-                    f"{least * 1e3:.4g} mN",
-                )
-            )  # fmt: skip
-
-        def slope(x: Array, curve: Callable[[Array], Array] = curve) -> Array:
-            h = 1e-6 * end
-            low = np.maximum(x - h, 0.0)
-            return (curve(x + h) - curve(low)) / (x + h - low)
-
-        inner = e[e <= end * (1 - 2e-6)]
-        for low, high, least, _ in _below(slope, inner, scale / end):
-            out.append(
-                Finding(
-                    "softening", low, high, least, "N/m",
-                    f"{branch} force falls with compression from {_mm(low)} to {_mm(high)}, "
-                    f"slope down to {least:.4g} N/m",
-                )
-            )  # fmt: skip
-    return out
-
-
-def _window(curves: _Curves, findings: Sequence[Finding]) -> tuple[float, float] | None:
-    """Largest stretch of the loop without a fault of the data."""
-    end = curves.closing if curves.closing is not None else curves.reach
-    bad = sorted(
-        (f.low, f.high) for f in findings if f.kind in ("crossing", "adhesion", "softening")
-    )
-    best: tuple[float, float] | None = None
-    start = 0.0
-    for low, high in [*bad, (end, end)]:
-        if low > start and (best is None or low - start > best[1] - best[0]):
-            best = (start, low)
-        start = max(start, high)
-    return best
-
-
-def _audit_power(law: _core.ContactLaw, end: float, reach: float) -> list[Finding]:
-    """Pull and made energy of a law without states, at every compression and rate."""
-    e = np.concatenate([end * np.linspace(0.0, 1.0, 321)[1:] ** 2, np.linspace(end, reach, 81)[1:]])
-    speed = 10.0 ** np.linspace(-5, 1, 25)
-    rates = np.concatenate([-speed[::-1], [0.0], speed])
-    force = np.empty((len(e), len(rates)))
-    heat = np.empty_like(force)
-    for i, x in enumerate(e):
-        for j, rate in enumerate(rates):
-            point = law.evaluate(float(x), float(rate), [], 0.0)
-            force[i, j] = point["force"]
-            heat[i, j] = point["dissipated_power"]
-    out = []
-    scale = float(np.max(np.abs(force[e <= end])))
-    # Power over speed is the force by which the law is wrong.
-    wrong = np.min(np.where(rates == 0, 0.0, heat / np.where(rates == 0, 1.0, np.abs(rates))), 1)
-    for first, last in _stretches(wrong < -1e-9 * scale):
-        low, high = float(e[first - 1]) if first else 0.0, float(e[last])
-        where = "beyond the end of the loop, " if low >= end else ""
-        size = float(wrong[first : last + 1].min())
-        out.append(
-            Finding(
-                "energy", low, high, size, "N",
-                f"{where}between {_mm(low)} and {_mm(high)} energy is made: the force of unloading "
-                f"exceeds that of loading by up to {-size:.4g} N",
-            )
-        )  # fmt: skip
-    least = force.min(axis=1)
-    for first, last in _stretches(least < -1e-9 * scale):
-        low, high = float(e[first - 1]) if first else 0.0, float(e[last])
-        size = float(least[first : last + 1].min())
-        where = "beyond the end of the loop, " if low >= end else ""
-        out.append(
-            Finding(
-                "pull", low, high, size, "N",
-                f"{where}between {_mm(low)} and {_mm(high)} the law pulls, by up to "
-                f"{-size * 1e3:.4g} mN",
-            )
-        )  # fmt: skip
-    return out
-
-
-def _run_states(
-    law: _core.ContactLaw, amplitude: float, frequency: float, cycles: int
-) -> tuple[list[tuple[float, float]], float]:
-    """Work of loading and net loss of every cycle, and the least force, of a law with states."""
-    samples = 2 * _STEPS
-    turn = np.arange(cycles * samples + 1)
-    e = 0.5 * amplitude * (1.0 - np.cos(2.0 * math.pi * turn / samples))
-    e[::samples] = 0.0
-    force = np.asarray(
-        _core.force_along(law, (turn / (samples * frequency)).tolist(), e.tolist()), dtype=float
-    )
-    work = 0.5 * (force[1:] + force[:-1]) * np.diff(e)
-    out = []
-    for one in work.reshape(cycles, samples):
-        out.append((float(one[:_STEPS].sum()), float(one.sum())))
-    return out, float(force.min())
-
-
-def _cycle(law: _core.ContactLaw, amplitude: float, frequency: float) -> tuple[Cycle, float]:
-    if law.n_states == 0 and not law.has_memory:
-        phase = math.pi * (np.arange(_SAMPLES) + 0.5) / _SAMPLES
-        e = 0.5 * amplitude * (1.0 - np.cos(phase))
-        rate = math.pi * amplitude * frequency * np.sin(phase)
-        span = 0.5 * amplitude * np.sin(phase) * math.pi / _SAMPLES
-        up, down = law.force(e, rate), law.force(e, -rate)
-        into = float(np.sum(up * span))
-        lost = into - float(np.sum(down * span))
-        return (
-            Cycle(amplitude, frequency, into, lost, lost, into),
-            float(min(up.min(), down.min())),
-        )
-    (first, second), least = _run_states(law, amplitude, frequency, 2)
-    return Cycle(amplitude, frequency, second[0], second[1], first[1], first[0]), least
-
-
-def _audit_cycles(
-    law: _core.ContactLaw, end: float, amplitudes: Sequence[float], frequencies: Sequence[float]
-) -> tuple[list[Cycle], list[Finding]]:
-    cycles, findings = [], []
-    for share in amplitudes:
-        for frequency in frequencies:
-            cycle, least = _cycle(law, share * end, frequency)
-            cycles.append(cycle)
-            worst = min(cycle.lost, cycle.first_lost)
-            if worst < -1e-9 * abs(cycle.first_work):
-                findings.append(
-                    Finding(
-                        "energy", 0.0, share * end, worst, "J",
-                        f"a cycle to {_mm(share * end)} at {frequency:g} Hz gains "
-                        f"{-worst * 1e6:.4g} uJ",
-                    )
-                )  # fmt: skip
-            if law.n_states and least < -1e-9 * abs(cycle.first_work) / end:
-                findings.append(
-                    Finding(
-                        "pull", 0.0, share * end, least, "N",
-                        f"in a cycle to {_mm(share * end)} at {frequency:g} Hz the law pulls by up "
-                        f"to {-least * 1e3:.4g} mN",
-                    )
-                )  # fmt: skip
-    return cycles, findings
-
-
-def _pair_curves(contact: Contact, reach: float) -> _Curves:
-    assert contact.loading is not None
-    assert contact.unloading is not None
-    loading = _core.ExponentialCurve(contact.loading.a, contact.loading.b, contact.loading.c)
-    unloading = _core.ExponentialCurve(
-        contact.unloading.a, contact.unloading.b, contact.unloading.c
-    )
-    closing: float | None
-    try:
-        closing = _core.Envelope.from_curves(loading, unloading).closing
-    except InvalidParameter:
-        closing = None
-
-    def up(e: Array) -> Array:
-        return np.asarray(loading.force(e), dtype=float)
-
-    def down(e: Array) -> Array:
-        return np.asarray(unloading.force(e), dtype=float)
-
-    return _Curves(up, down, closing, contact.memory.closing_compression or reach)
-
-
-def _envelope_curves(core: _core.Envelope) -> _Curves:
-    def up(e: Array) -> Array:
-        return np.asarray(core.loading(e), dtype=float)
-
-    def down(e: Array) -> Array:
-        return np.asarray(core.unloading(e, core.closing), dtype=float)
-
-    return _Curves(up, down, core.closing, core.closing)
-
-
-def _shape_findings(core: _core.Envelope) -> list[Finding]:
-    """Where the share of unloading fell with compression, before the law with memory mends it."""
-    force, low, high = core.repair
-    top = float(core.loading(core.closing))
-    if force <= 1e-4 * top:
-        return []
-    return [
-        Finding(
-            "shape", low, high, force, "N",
-            f"the share of unloading falls with compression between {_mm(low)} and {_mm(high)}: a "
-            f"deeper cycle would unload along a higher force; the law with memory changes the "
-            f"unloading by up to {force:.4g} N, {100 * force / top:.2g} % of the largest force",
-        )
-    ]  # fmt: skip
-
-
-def _law_curves(law: _core.ContactLaw, reach: float) -> _Curves:
-    """Curves of a law without a pair: both are its static curve."""
-
-    def force(e: Array) -> Array:
-        h = 1e-6 * reach
-        energy = [np.asarray(law.stored_energy(np.maximum(x, 0.0))) for x in (e + h, e - h)]
-        return np.asarray((energy[0] - energy[1]) / (e + h - np.maximum(e - h, 0.0)))
-
-    return _Curves(force, force, None, reach, pair=False)
-
-
-def _material_findings(material: FeltMaterial) -> list[Finding]:
-    """Doubts about a felt itself: inversion, residual strain, end of the loop."""
-    from feltmb._core import fiber
-
-    out = []
-    ratio = np.linspace(1.0, material.end / material.v_f0, 101)
-    unique = np.asarray(fiber.unloading_is_unique(ratio, material.fiber.friction), dtype=bool)
-    if not unique.all():
-        top = float(ratio[~unique].max() * material.v_f0)
-        out.append(
-            Finding(
-                "material", 0.0, 0.0, top, "1",
-                f"friction {material.fiber.friction:g}: up to v_f = {top:.4g} an unloading "
-                "pressure belongs to several contact forces",
-            )
-        )  # fmt: skip
-    end = [material.end]
-    load = float(material.pressure("loading", end)[0])
-    gap = float(material.pressure("unloading", end)[0]) / load - 1.0
-    if abs(gap) > 0.02:
-        out.append(
-            Finding(
-                "material", 0.0, 0.0, gap, "1",
-                f"unloading ends {100 * gap:+.2f} % from loading at v_f = {material.end:.4g}",
-            )
-        )  # fmt: skip
-    return out
-
-
 def audit(
     law: Contact | FeltEnvelope | FeltMaterial | Law | _core.ContactLaw,
     *,
@@ -522,35 +166,35 @@ def audit(
     if isinstance(law, Law):
         law = law.core
     if isinstance(law, FeltMaterial):
-        findings += _material_findings(law)
+        findings += material_findings(law)
         about = law.about
         law = envelope(law, 10e-3, ConstantArea(1e-4))
     if isinstance(law, FeltEnvelope):
         about = about or law.about
-        core, curves = law.law(), _envelope_curves(law.core)
-        findings += _shape_findings(law.core)
+        core, curves = law.law(), envelope_curves(law.core)
+        findings += shape_findings(law.core)
     elif isinstance(law, Contact):
         about = law.label
         parameters = core_law(law)
         core = _core.ContactLaw(parameters)
         envelope_of = parameters.envelope if isinstance(parameters, _core.FeltMemory) else None
         if envelope_of is not None:
-            findings += _shape_findings(envelope_of)
+            findings += shape_findings(envelope_of)
         if envelope_of is not None and (
             law.law == "micromechanical" or law.memory.envelope is not None
         ):
-            curves = _envelope_curves(envelope_of)
+            curves = envelope_curves(envelope_of)
         elif law.loading is not None and law.law in ("printed", "guarded", "mean", "felt_memory"):
-            curves = _pair_curves(law, reach)
+            curves = pair_curves(law, reach)
         else:
-            curves = _law_curves(core, reach)
+            curves = law_curves(core, reach)
     else:
-        core, curves = law, _law_curves(law, reach)
-    findings += _audit_curves(curves)
+        core, curves = law, law_curves(law, reach)
+    findings += audit_curves(curves)
     end = curves.closing if curves.closing is not None else curves.reach
     if core.n_states == 0 and not core.has_memory:
-        findings += _audit_power(core, end, 1.5 * end)
-    cycles, more = _audit_cycles(core, end, amplitudes, frequencies)
+        findings += audit_power(core, end, 1.5 * end)
+    cycles, more = audit_cycles(core, end, amplitudes, frequencies)
     findings += more
     e = end * np.linspace(0.0, 1.0, 401) ** 1.5
     up, down = curves.loading(e), curves.unloading(e)
@@ -558,7 +202,7 @@ def audit(
         name=name,
         about=about,
         law=core.name,
-        window=_window(curves, findings),
+        window=valid_window(curves, findings),
         closing=curves.closing,
         findings=tuple(findings),
         cycles=tuple(cycles),

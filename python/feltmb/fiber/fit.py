@@ -127,7 +127,7 @@ def fit(
 ) -> Fit:
     """Fit a compression law to one branch of a test.
 
-    Minimises the sum over samples of ``((P_law - P_data) / w)^2`` with
+    Minimizes the sum over samples of ``((P_law - P_data) / w)^2`` with
     ``w = 1 + relative * P_data / max(P_data)`` (relative = 0: equal weights), from several starts.
 
     Parameters
@@ -161,7 +161,7 @@ def fit(
     Returns
     -------
     Fit
-        Values, intervals (linearised, Student t, in the scale the parameter is fitted in),
+        Values, intervals (linearized, Student t, in the scale the parameter is fitted in),
         correlation, residuals, BIC, warnings.
 
     Raises
@@ -250,7 +250,7 @@ def fit(
     )
     found: list[tuple[float, Array]] = []
     for u0 in starts:
-        found.append(_minimise(optimize, method, residual, u0, encode(low), encode(high)))
+        found.append(_minimize(optimize, method, residual, u0, encode(low), encode(high)))
     found.sort(key=lambda pair: pair[0])
     best_cost, best = found[0]
     n_best = sum(cost <= best_cost * 1.001 + 1e-30 for cost, _ in found)
@@ -401,7 +401,7 @@ def _starts(
     return result
 
 
-def _minimise(
+def _minimize(
     optimize: Any,
     method: str,
     residual: Callable[[Array], Array],

@@ -190,7 +190,7 @@ def density_structure(
     ----------
     density
         Function of polar angle theta and azimuth phi (arrays [rad], theta in [0, pi],
-        phi in [0, pi]) giving Omega or any multiple of it; it is normalised here.
+        phi in [0, pi]) giving Omega or any multiple of it; it is normalized here.
     deformation
         Instead of ``density``: F of an initially isotropic network, shape (3, 3).
     tolerance

@@ -29,7 +29,7 @@ SURE = 0.9
 REFUTED = 1e-4
 #: Share of the cases in which the first of the ranking was right, of what its evidence promised, by
 #: verdict: evidence weighs the causes of the library against each other and cannot see what is not
-#: in it. From 371 blind cases of seed 20261120 (docs/gap-validation.md).
+#: in it. From 300 blind cases of seed 20261120 (docs/gap-validation.md).
 TRUST = {
     Verdict.NAMED: 0.93,
     Verdict.DATA_PROBLEM: 0.93,

@@ -73,7 +73,7 @@ def overview(run: Run) -> Figure:
     axes = figure.subplots(
         len(panels), 1, squeeze=False, height_ratios=[heights[p] for p in panels]
     )[:, 0]
-    labelled = False
+    labeled = False
     for ax, panel in zip(axes, panels, strict=True):
         window = whole if panel == "finger" else near
         if panel == "finger":
@@ -98,8 +98,8 @@ def overview(run: Run) -> Figure:
             style_axes(ax, "time, ms", "contact force, N")
         set_window(ax, window)
         if window == near:
-            mark_events(ax, run, near, width=5.2, labels=not labelled)
-            labelled = True
+            mark_events(ax, run, near, width=5.2, labels=not labeled)
+            labeled = True
         if panel in ("motion", "forces"):
             side_legend(ax)
         if ax is not axes[-1] and panel != "finger":

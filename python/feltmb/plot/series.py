@@ -267,10 +267,10 @@ def finger_force(run: Run) -> Figure:
         ax = axes[1]
         axes[0].set_xlabel("")
         moved = run.provenance.get("stroke", {}).get("kind") in ("motion", "key_motion")
-        travelled = run["finger.displacement"] - (0.0 if moved else run["finger.displacement"][0])
+        traveled = run["finger.displacement"] - (0.0 if moved else run["finger.displacement"][0])
         ax.plot(
             1e3 * run.time,
-            1e3 * travelled,
+            1e3 * traveled,
             color=GREEN,
             linewidth=1.3,
             label="point under the finger",

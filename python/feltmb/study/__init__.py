@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from feltmb.study.extract import extract_run, statistic
-from feltmb.study.model import Case, Study, load_study, packaged_studies
+from feltmb.study.model import Case, Study, load_study, packaged_studies, study_outlines
 from feltmb.study.result import FindingResult, StudyResult, study_targets
 from feltmb.study.running import run_studies, study
 
@@ -21,5 +21,6 @@ __all__ = [
     "run_studies",
     "statistic",
     "study",
+    "study_outlines",
     "study_targets",
 ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -117,9 +117,10 @@ def _load_beside(load: Any, name: str, folder: Path) -> Any:
 def make_actions(spec: StudyFile, folder: Path, faults: list[str]) -> dict[str, Action]:
     """Mechanisms of a study by variant, with their values."""
     out: dict[str, Action] = {}
+    load = cache(partial(_load_beside, load_action, folder=folder))  # most variants share one
     for name, variant in spec.variants.items():
         try:
-            action: Action = _load_beside(load_action, variant.action or spec.base.action, folder)
+            action: Action = load(variant.action or spec.base.action)
             changed = {**spec.base.values, **variant.values}
             out[name] = action.with_values(changed) if changed else action
         except InvalidParameter as error:

@@ -41,6 +41,23 @@ def packaged_studies() -> list[str]:
     return sorted(names, key=lambda n: (order.index(n) if n in order else len(order), n))
 
 
+def study_outlines() -> list[Study]:
+    """Packaged studies without mechanisms and strokes: to be listed, not to be run."""
+    out = []
+    for name in packaged_studies():
+        path = params.folder("studies") / f"{name}.toml"
+        spec = StudyFile.model_validate(read_toml(path))
+        out.append(Study(_with_variant(spec), {}, {}, make_axes(spec, []), path.name))
+    return out
+
+
+def _with_variant(spec: StudyFile) -> StudyFile:
+    """A study without variants has one, the base."""
+    if spec.variants:
+        return spec
+    return spec.model_copy(update={"variants": {"base": VariantSpec(label=spec.title)}})
+
+
 def load_study(name_or_path: str | Path) -> Study:
     """Read a study: the name of a packaged one, or the path of a TOML file.
 
@@ -120,8 +137,7 @@ class Study:
         except RecursionError:
             raise refusal(origin, ["tables are nested too deeply"]) from None
         where = folder if folder is not None else Path()
-        if not spec.variants:
-            spec = spec.model_copy(update={"variants": {"base": VariantSpec(label=spec.title)}})
+        spec = _with_variant(spec)
         faults += name_faults(spec)
         strokes = make_strokes(spec, where, faults)
         actions = make_actions(spec, where, faults)

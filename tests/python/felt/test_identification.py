@@ -21,7 +21,7 @@ from feltmb.fiber import read_compression
 NAMES = [name for name in packaged_materials() if name.startswith("synthetic")]
 
 
-def test_four_felts_all_labelled_synthetic():
+def test_four_felts_all_labeled_synthetic():
     assert len(NAMES) == 4
     assert all(load_material(n).synthetic for n in NAMES)
 

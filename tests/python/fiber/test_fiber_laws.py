@@ -542,7 +542,7 @@ def test_dunlop_loops_dissipate(turns):
     x = np.concatenate([[0.0], x])
     p = history("dunlop", np.arange(len(x)), x, **SPRING, **UNITS)
     assert np.all(p >= 0)
-    # Right rectangle rule follows the sliding side, so that discretisation cannot hide a gain.
+    # Right rectangle rule follows the sliding side, so that discretization cannot hide a gain.
     assert np.sum(np.diff(x) * p[1:]) >= -1e-9
 
 

@@ -165,6 +165,8 @@ def corpus(kind: str) -> list[bytes]:
         return [p.read_bytes() for p in sorted((params.folder() / "felts").glob("*.toml"))]
     if kind == "study":
         return [p.read_bytes() for p in sorted((params.folder() / "studies").glob("*.toml"))]
+    if kind == "actuator":
+        return [p.read_bytes() for p in sorted((params.folder() / "actuators").glob("*.toml"))]
     if kind == "regulation":
         return [p.read_bytes() for p in sorted((params.folder() / "regulation").glob("*.toml"))]
     assert kind == "run"
@@ -266,6 +268,13 @@ def study(case: Case) -> None:
     from feltmb.study import load_study
 
     load_study(given_file(case, "study", ".toml", tree=True))
+
+
+def actuator(case: Case) -> None:
+    """A key actuator: read and checked, not simulated."""
+    from feltmb.actuator import load_actuator
+
+    load_actuator(given_file(case, "actuator", ".toml", tree=True))
 
 
 def regulation(case: Case) -> None:
@@ -614,6 +623,7 @@ TARGETS: dict[str, Callable[[Case], None]] = {
             felt,
             study,
             regulation,
+            actuator,
             run_file,
         ),
         *(record_file, bench_folder, command_line),

@@ -31,7 +31,7 @@ def prepare(folder: Path) -> list[str]:
 
 
 def work(arguments: list[str], message: object = None, limit: int = 0) -> None:
-    """Run a command of feltmb; say how it ended into a pipe if there is one."""
+    """Run a command of feltmb; say how it ended, and its processor time, into a pipe."""
     import contextlib
     import io
     import resource
@@ -47,5 +47,6 @@ def work(arguments: list[str], message: object = None, limit: int = 0) -> None:
         except SystemExit as end:
             code = int(end.code or 0)
     if message is not None:
-        message.send((code, stderr.getvalue()))  # type: ignore[attr-defined]
+        spent = sum(os.times()[:2])
+        message.send((code, stderr.getvalue(), spent))  # type: ignore[attr-defined]
     os._exit(code)

@@ -6,7 +6,8 @@ import math
 import random
 from typing import Any
 
-LAWS = ("guarded", "printed", "mean", "hunt_crossley", "stulov", "felt_memory")
+LAWS_OF_CURVES = ("guarded", "printed", "mean", "hunt_crossley", "stulov", "felt_memory")
+LAWS = (*LAWS_OF_CURVES, "micromechanical")
 
 
 def curve(rng: random.Random, scale: float) -> dict[str, float]:
@@ -18,9 +19,53 @@ def curve(rng: random.Random, scale: float) -> dict[str, float]:
     }
 
 
-def contact(rng: random.Random, surfaces: list[str], friction: bool) -> dict[str, Any]:
+def memory(rng: random.Random) -> dict[str, float]:
+    """What a felt remembers, with recovery, creep and rate or without."""
+    out = {"kappa": rng.uniform(0.05, 2.0)}
+    out["closing_compression"] = 10 ** rng.uniform(-3, -1.8)
+    if rng.random() < 0.4:
+        out["recovery_time"] = 10 ** rng.uniform(-3, 2)
+    if rng.random() < 0.4:
+        out["creep_stiffness"] = 10 ** rng.uniform(2, 5)
+        out["creep_damping"] = 10 ** rng.uniform(0, 3)
+    if rng.random() < 0.4:
+        out["rate_amplitude"] = rng.uniform(0.0, 0.6)
+        out["rate_time"] = 10 ** rng.uniform(-5, -1)
+    return out
+
+
+def layer(rng: random.Random) -> dict[str, Any]:
+    """A packaged felt of any thickness under any indenter, even or by columns."""
+    import feltmb.felt
+
+    thickness = 10 ** rng.uniform(-3.3, -2.0)
+    radius = 10 ** rng.uniform(-3.3, -1.5)
+    width = 10 ** rng.uniform(-3.0, -1.7)
+    area = rng.choice(
+        (
+            {"kind": "constant", "size": width * radius},
+            {"kind": "crossed_cylinders", "radius_a": radius, "radius_b": 0.3 * width},
+            {"kind": "circle_on_layer", "radius": radius, "width": width, "length": 2.0 * width},
+            {"kind": "circle_on_layer", "radius": radius, "width": width},
+            {"kind": "sphere_on_layer", "radius": radius},
+        )
+    )
+    remembered = memory(rng)
+    del remembered["closing_compression"]  # the felt's own
+    return {
+        "felt": rng.choice(feltmb.felt.packaged_materials()),
+        "thickness": thickness,
+        "area": area,
+        "compression": rng.choice(("even", "columns")),
+        **remembered,
+    }
+
+
+def contact(
+    rng: random.Random, surfaces: list[str], friction: bool, laws: tuple[str, ...]
+) -> dict[str, Any]:
     """A contact with a random law and the parameters that it needs."""
-    law = rng.choice(LAWS)
+    law = rng.choice(laws)
     loading = curve(rng, 1.0)
     # The unloading curve lies below: part of each coefficient.
     share = rng.uniform(0.2, 0.95)
@@ -47,16 +92,9 @@ def contact(rng: random.Random, surfaces: list[str], friction: bool) -> dict[str
             "time": 10 ** rng.uniform(-6, -2),
         }
     if law == "felt_memory":
-        memory = out["memory"] = {"kappa": rng.uniform(0.05, 2.0)}
-        memory["closing_compression"] = 10 ** rng.uniform(-3, -1.8)
-        if rng.random() < 0.4:
-            memory["recovery_time"] = 10 ** rng.uniform(-3, 2)
-        if rng.random() < 0.4:
-            memory["creep_stiffness"] = 10 ** rng.uniform(2, 5)
-            memory["creep_damping"] = 10 ** rng.uniform(0, 3)
-        if rng.random() < 0.4:
-            memory["rate_amplitude"] = rng.uniform(0.0, 0.6)
-            memory["rate_time"] = 10 ** rng.uniform(-5, -1)
+        out["memory"] = memory(rng)
+    if law == "micromechanical":
+        out["micromechanical"] = layer(rng)
     if friction and rng.random() < 0.6:
         out["friction"] = {
             "amplitude": rng.uniform(0.05, 0.6),
@@ -67,7 +105,7 @@ def contact(rng: random.Random, surfaces: list[str], friction: bool) -> dict[str
     return out
 
 
-def mechanism(rng: random.Random) -> dict[str, Any]:
+def mechanism(rng: random.Random, laws: tuple[str, ...] = LAWS) -> dict[str, Any]:
     """Tables of a random mechanism of one to four bodies."""
     bodies: dict[str, Any] = {}
     springs: dict[str, Any] = {}
@@ -132,7 +170,9 @@ def mechanism(rng: random.Random) -> dict[str, Any]:
                 size = radius + 10 ** rng.uniform(-1.5, 0)
                 facing |= {"point": [foot[i] + size * n[i] for i in (0, 1)], "radius": size}
             surfaces[f"S{number}b"] = facing
-            contacts[f"{number:02d}"] = contact(rng, [f"S{number}a", f"S{number}b"], friction=True)
+            contacts[f"{number:02d}"] = contact(
+                rng, [f"S{number}a", f"S{number}b"], friction=True, laws=laws
+            )
     pressed = rng.choice(list(bodies))
     way = rng.uniform(0.0, 2.0 * math.pi)
     return {

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 WORKER = Path(__file__).with_name("fuzz.py")
-TARGETS = {  # cases of the fast set and of the slow set, together 125 000
+TARGETS = {  # cases of the fast set and of the slow set, together 129 000
     "mechanism": (60, 32_000),
     "stroke_csv": (60, 24_000),
     "stroke_toml": (40, 16_000),
@@ -17,6 +17,7 @@ TARGETS = {  # cases of the fast set and of the slow set, together 125 000
     "felt": (30, 8_000),
     "study": (10, 4_000),
     "regulation": (20, 6_000),
+    "actuator": (20, 4_000),
     "run_file": (20, 4_000),
     "record_file": (60, 8_000),
     "bench_folder": (20, 2_000),

@@ -38,8 +38,8 @@ def test_no_force_at_rest(action, members):
     assert action._equilibrium["residual"] < 1e-12
 
 
-def test_independent_minimisation(action):
-    """Potential energy by integrating the generalized force along a line, minimised by scipy."""
+def test_independent_minimization(action):
+    """Potential energy by integrating the generalized force along a line, minimized by scipy."""
     scale = np.array(action.mechanism.coordinate_scale)
     nodes, weights = np.polynomial.legendre.leggauss(40)
     rest = action.rest_pose

@@ -42,7 +42,7 @@ def test_json(capsys):
     [
         (["--parameters", "key.mss"], "bodies.key.mass"),
         ([*PATHS, "--number", "loudness"], "impact_speed"),
-        ([*PATHS, "--most", "0"], "--most 0"),
+        ([*PATHS, "--most", "0"], "0 is not in the range x>=1"),
     ],
 )
 def test_faults(capsys, arguments, text):

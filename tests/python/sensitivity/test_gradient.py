@@ -248,7 +248,7 @@ def test_threads_change_nothing(action):
 
 
 def test_work_does_not_grow_with_the_parameters(action):
-    """One factorisation a stage, whatever the number of columns."""
+    """One factorization a stage, whatever the number of columns."""
     few = gradient(action, "forte", ["key.mass"], (), duration=0.06)
     many = gradient(action, "forte", ["key.mass", "contacts.*.loading.a"], (), duration=0.06)
     assert many.stats["factorizations"] < 3 * few.stats["factorizations"]
@@ -307,16 +307,16 @@ QUICK = [
 @pytest.mark.parametrize("law", ["guarded", "felt_memory"])
 def test_what_a_parameter_touches_is_all_that_it_touches(action, monkeypatch, law):
     """With and without knowing it: one right-hand side with the shifted model instead."""
-    from feltmb import sensitivity
+    from feltmb.sensitivity import shifting
 
     felt = action.with_values({"contacts.06.law": law, "shank.rigid": True, "wire.rigid": True})
     options = {"duration": 0.11, "rtol": 1e-8, "tolerance": 1e-3}
     outputs = ["hammer.angle", "key_front.x", "string.strike", "contact06.force"]
     quick = gradient(felt, "forte", QUICK, outputs, **options)
-    monkeypatch.setattr(sensitivity, "_law_of", lambda *_: -1)
-    monkeypatch.setattr(sensitivity, "_is_inertial", lambda *_: False)
-    monkeypatch.setattr(sensitivity, "_touched_contacts", lambda *_: None)
-    monkeypatch.setattr(sensitivity, "_MODAL", frozenset())
+    monkeypatch.setattr(shifting, "_law_of", lambda *_: -1)
+    monkeypatch.setattr(shifting, "_is_inertial", lambda *_: False)
+    monkeypatch.setattr(shifting, "_touched_contacts", lambda *_: None)
+    monkeypatch.setattr(shifting, "_MODAL", frozenset())
     plain = gradient(felt, "forte", QUICK, outputs, **options)
     assert quick.stats["rhs"] < 0.7 * plain.stats["rhs"]
     sizes = np.array([p.size for p in plain.parameters])

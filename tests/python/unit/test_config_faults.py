@@ -259,3 +259,29 @@ def test_any_damaged_file_is_refused_or_read_but_never_crashes(data):
             del node[path[-1]]
     with contextlib.suppress(feltmb.InvalidParameter):
         Action(raw)
+
+
+@pytest.mark.parametrize("direction", [[0.0, 0.0], [1e300, 1e300]])
+def test_a_direction_of_an_event_has_a_length(data, direction):
+    action = feltmb.load_action(data / "pendulum.toml")
+    point = next(iter(action.config.points))
+    event = {"point": point, "travel": 0.001, "direction": direction}
+    with pytest.raises(feltmb.InvalidParameter, match=r"direction: got .* expected a length of"):
+        action.with_values({"events": {"moves": event}})
+
+
+def test_a_string_without_mass_is_refused():
+    """Its frequencies are no numbers to integrate with: runs were done and full of NaN."""
+    action = feltmb.load_action("steinway45")
+    with pytest.raises(feltmb.InvalidParameter, match=r"frequency of the last mode .* <= 1e12"):
+        action.with_values({"string.linear_density": 1e-300})
+
+
+def test_control_letters_of_names_are_escaped_in_messages(data):
+    raw = copy.deepcopy(feltmb.load_action(data / "pendulum.toml").raw)
+    raw["bodies"]["arm"]["coordinate"] = "\0\x1b[2J"
+    raw["start_pose"] = {"arm.angle": 0.1}
+    text = message_of(raw)
+    assert r"coordinate names are \x00\x1b[2J" in text
+    assert "\0" not in text
+    assert "\x1b" not in text

@@ -12,12 +12,12 @@ from feltmb.config import Action
 from feltmb.regulate import (
     Regulation,
     Targets,
-    _CannotMeasure,
-    _solve,
     load_targets,
     packaged_targets,
     regulate,
 )
+from feltmb.regulate.measuring import CannotMeasure
+from feltmb.regulate.solving import solve
 
 STEP = {
     "name": "height",
@@ -126,20 +126,20 @@ def test_solve_finds_the_turn_whatever_the_gain(slope, gain):
         trials.append(turn)
         return 12e-3 + slope * turn + 20.0 * turn**2
 
-    found = _solve(step_with(screw=screw), 0.0, measure, None)
+    found = solve(step_with(screw=screw), 0.0, measure, None)
     assert found.turn is not None
     assert measure(found.turn) == pytest.approx(10e-3, abs=0.01e-3)
     assert len(trials) < 30
 
 
 def test_solve_says_what_range_it_reached():
-    found = _solve(step_with(), 0.0, lambda turn: 20e-3 - turn, None)
+    found = solve(step_with(), 0.0, lambda turn: 20e-3 - turn, None)
     assert found.turn is None
     assert "-5 to +5 mm of surfaces.Gp3.point it reaches 15 to 25 mm" in found.why
 
 
 def test_solve_says_that_the_measure_jumps():
-    found = _solve(step_with(), 0.0, lambda turn: 12e-3 if turn < 1e-3 else 8e-3, None)
+    found = solve(step_with(), 0.0, lambda turn: 12e-3 if turn < 1e-3 else 8e-3, None)
     assert found.turn is None
     assert "jumps over the target, between 8 and 12 mm" in found.why
 
@@ -147,16 +147,16 @@ def test_solve_says_that_the_measure_jumps():
 def test_solve_starts_where_nothing_can_be_measured():
     def measure(turn):
         if turn < 1e-3:
-            raise _CannotMeasure("not caught")
+            raise CannotMeasure("not caught")
         return 12e-3 - turn
 
-    found = _solve(step_with(), 0.0, measure, None)
+    found = solve(step_with(), 0.0, measure, None)
     assert found.turn == pytest.approx(2e-3, abs=1e-5)
 
     def never(_turn):
-        raise _CannotMeasure("not caught")
+        raise CannotMeasure("not caught")
 
-    assert _solve(step_with(), 0.0, never, None).why == "not caught"
+    assert solve(step_with(), 0.0, never, None).why == "not caught"
 
 
 # ---------------------------------------------------------------- the action
@@ -329,7 +329,7 @@ def write_targets(path, target):
 def test_command_writes_and_reports(tmp_path):
     wanted = write_targets(tmp_path / "t.toml", 11)
     out = tmp_path / "o.toml"
-    arguments = ["steinway45", "--report", "--targets", wanted, "-o", str(out)]
+    arguments = ["steinway45", "--targets", wanted, "-o", str(out)]
     result = CliRunner().invoke(command, arguments)
     assert result.exit_code == 0, result.output
     assert "holds" in result.output

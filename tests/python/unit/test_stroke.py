@@ -225,6 +225,8 @@ def test_all_faults_of_a_stroke_at_once(tmp_path):
     ("text", "message"),
     [
         ("", "give one of ramp, pulse, knots; got none"),
+        ("kind = ['force']\n[ramp]\nforce=1\nstart=0\nramp=1", r"kind: got \['force'\]"),
+        ("[kind]\na = 1\n[ramp]\nforce=1\nstart=0\nramp=1", "kind: got"),
         ("[ramp]\nforce=1\nstart=0\nramp=1\n[pulse]\nforce=1\nstart=0\nrise=1\nfall=1", "got ramp"),
         ("[knots]\nunit=[]\ntime=[0,1]\nvalue=[0,1]", "unit"),
         ("[knots]\nunit=['s','kg']\ntime=[0,1]\nvalue=[0,1]", "knots.unit"),

@@ -1,5 +1,7 @@
 """Strokes from CSV: units in the header, and every fault with its line."""
 
+import tracemalloc
+
 import pytest
 
 import feltmb
@@ -138,6 +140,17 @@ def test_files_that_cannot_be_read(csv, tmp_path):
     assert "is no UTF-8 text" in message_of(csv(b"time [s],force [N]\n0,\xff\n"))
     with pytest.raises(feltmb.DataError, match="cannot be read"):
         feltmb.read_stroke_csv(tmp_path / "nothing.csv")
+
+
+def test_a_file_beyond_the_limit_is_not_read(tmp_path):
+    path = tmp_path / "long.csv"
+    with path.open("wb") as file:
+        file.truncate(201_000_000)  # sparse: takes no room
+    tracemalloc.start()
+    with pytest.raises(feltmb.DataError, match="201000000 bytes; the limit of a stroke is 200 MB"):
+        feltmb.read_stroke_csv(path)
+    assert tracemalloc.get_traced_memory()[1] < 10_000_000
+    tracemalloc.stop()
 
 
 def test_very_long_line_is_a_fault(csv):

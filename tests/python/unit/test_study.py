@@ -14,7 +14,15 @@ from click.testing import CliRunner
 
 from feltmb.cli.study import command
 from feltmb.errors import FileExists, InvalidParameter
-from feltmb.study import Study, load_study, packaged_studies, run_studies, statistic, study
+from feltmb.study import (
+    Study,
+    load_study,
+    packaged_studies,
+    run_studies,
+    statistic,
+    study,
+    study_outlines,
+)
 from feltmb.study_expression import Formula
 from feltmb.study_report import page, tables
 
@@ -530,3 +538,16 @@ def test_documentation_counts_the_findings():
         cells = [c.strip() for c in row.group().split("|")[3:7]]
         wanted = [len(outcomes), *(outcomes.count(letter) for letter in "ADN")]
         assert [int(c or 0) for c in cells] == wanted, name
+    every = "".join(OUTCOMES.values())
+    validation = (Path(__file__).parents[3] / "docs" / "validation.md").read_text("utf-8")
+    assert f"Of {len(every)} findings" in validation
+    assert f"{every.count('D')} disagree with the thesis" in validation
+
+
+def test_outlines_are_the_packaged_studies():
+    outlines = {s.name: s for s in study_outlines()}
+    assert list(outlines) == packaged_studies()
+    for name in ("contact-law", packaged_studies()[0]):
+        whole = load_study(name)
+        assert outlines[name].spec == whole.spec
+        assert outlines[name].cases() == whole.cases()

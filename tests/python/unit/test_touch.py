@@ -16,7 +16,8 @@ from feltmb.quasistatic import (
     slow_press,
     static_let_off,
 )
-from feltmb.touch import Blow, TouchRow, _at_speed, _fit, static_touch, touch
+from feltmb.touch import Blow, TouchRow, static_touch, touch
+from feltmb.touch.blows import at_speed, fit_travel_time
 
 
 @pytest.fixture(scope="module")
@@ -245,12 +246,12 @@ def test_bad_levels(action):
 
 def test_fit_recovers_a_power_law():
     blows = [Blow("pressed", 1, v, 1, 0.09 * v**-0.6, 0.1, 0.0) for v in (0.5, 1.0, 2.0, 4.0)]
-    a, b, worst = _fit(blows)
+    a, b, worst = fit_travel_time(blows)
     assert (a, b) == pytest.approx((0.09, -0.6))
     assert worst < 1e-12
-    assert _fit(blows[:2]) is None
-    assert _at_speed(blows, "travel_time", 1.0) == pytest.approx(0.09)
-    assert _at_speed(blows, "travel_time", 9.0) is None
+    assert fit_travel_time(blows[:2]) is None
+    assert at_speed(blows, "travel_time", 1.0) == pytest.approx(0.09)
+    assert at_speed(blows, "travel_time", 9.0) is None
 
 
 @pytest.mark.parametrize(

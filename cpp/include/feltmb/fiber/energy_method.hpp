@@ -24,7 +24,7 @@ namespace feltmb {
 enum class CompressionScheme {
   isotropic,  ///< F = s I; pressure hydrostatic
   confined,   ///< lateral dimensions held
-  simple      ///< no lateral stress: the lateral stretch minimises energy plus slip work
+  simple      ///< no lateral stress: the lateral stretch minimizes energy plus slip work
 };
 
 /// Mass and segments.

@@ -98,7 +98,7 @@ class OrientationQuadrature {
   /// Unit vectors [-], one row per point; first the sphere nodes, then the great circles.
   [[nodiscard]] Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor> directions() const;
 
-  /// @param density  psi or any multiple of it at directions(), >= 0; normalised here
+  /// @param density  psi or any multiple of it at directions(), >= 0; normalized here
   /// @return averages. Throws InvalidParameter for a wrong size, negative or not finite values.
   [[nodiscard]] FiberStructure compute(std::span<const double> density) const;
 

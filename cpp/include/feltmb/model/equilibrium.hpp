@@ -18,7 +18,7 @@ struct Equilibrium {
   double residual = 0.0;  ///< largest |Q_k| x coordinate_scale [J]
 };
 
-/// Minimises the potential energy (gravity, springs, straps, loading curves of the contacts;
+/// Minimizes the potential energy (gravity, springs, straps, loading curves of the contacts;
 /// friction holds nothing at rest) by Newton's method with a trust region, from the mechanism's
 /// start pose. Strings take their static deflection.
 ///

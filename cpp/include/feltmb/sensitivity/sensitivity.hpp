@@ -3,7 +3,7 @@
 /// Along the recorded steps of a run the variational equation S' = J(t) S + df/dp is integrated for
 /// all columns at once by the L-stable three-stage SDIRK method of order three (R. Alexander, SIAM
 /// J. Numer. Anal. 14 (1977) 1006) with its own error control. J is the exact Jacobian; a stage
-/// costs one factorisation of the structured Newton matrix, shared by all columns. df/dp comes from
+/// costs one factorization of the structured Newton matrix, shared by all columns. df/dp comes from
 /// immutable mechanisms built with shifted parameters. While no string is touched its columns are
 /// rotated exactly, mode by mode, and the rest alone is integrated. Steps end where a contact
 /// closes, opens or turns from loading to unloading; where the right-hand side itself jumps there,

@@ -9,8 +9,17 @@ from typing import Any
 
 import click
 
-from feltmb.cli.common import force_option, save_figure
-from feltmb.cli.fiber.group import fiber, guard, numbers, print_table, refuse_existing, write_named
+from feltmb.cli.common import FRACTION, POSITIVE, force_option, save_figure
+from feltmb.cli.completing import fiber_laws
+from feltmb.cli.fiber.group import (
+    fiber,
+    guard,
+    numbers,
+    print_table,
+    refuse_existing,
+    seed_option,
+    write_named,
+)
 
 
 def _fit_rows(f: Any) -> list[list[str]]:
@@ -48,11 +57,12 @@ def _fit_dictionary(f: Any) -> dict[str, Any]:
     }
 
 
-@fiber.command(name="fit")
+@fiber.command(name="fit", short_help="Identify a compression law from the CSV file DATA.")
 @click.argument("data", type=click.Path(dir_okay=False, path_type=Path))
 @click.option(
     "--model",
     "-m",
+    shell_complete=fiber_laws,
     metavar="NAME",
     default="binomial",
     show_default=True,
@@ -83,11 +93,11 @@ def _fit_dictionary(f: Any) -> dict[str, Any]:
     show_default=True,
     help="Starting points.",
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="Of all that is random.")
-@click.option("--level", type=float, default=0.95, show_default=True, help="Confidence level.")
-@click.option("--v-f0", type=float, help="Volume fraction of zero pressure [-].")
-@click.option("--thickness0", type=float, help="Thickness at v_f0 [m].")
-@click.option("--area", type=float, help="Sample area [m^2], with force data.")
+@seed_option
+@click.option("--level", type=FRACTION, default=0.95, show_default=True, help="Confidence level.")
+@click.option("--v-f0", type=FRACTION, help="Volume fraction of zero pressure [-].")
+@click.option("--thickness0", type=POSITIVE, help="Thickness at v_f0 [m].")
+@click.option("--area", type=POSITIVE, help="Sample area [m^2], with force data.")
 @click.option(
     "--plot", type=click.Path(dir_okay=False, path_type=Path), help="Picture of fit and residuals."
 )

@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from feltmb.cli.common import complain, console, new_table, say_written, tables_as_json
+from feltmb.cli.common import POSITIVE, complain, console, new_table, say_written, tables_as_json
 
 __all__ = [
     "EXIT_BAD_INPUT",
@@ -20,11 +20,25 @@ __all__ = [
     "csv_text",
     "fiber",
     "guard",
+    "modulus_option",
     "numbers",
     "print_table",
     "refuse_existing",
+    "seed_option",
     "write_named",
 ]
+
+modulus_option = click.option(
+    "--e-modulus",
+    "modulus",
+    type=POSITIVE,
+    default="2.5e9",
+    show_default=True,
+    help="Fiber modulus [Pa].",
+)
+seed_option = click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all that is random."
+)
 
 EXIT_FAILED = 1
 EXIT_BAD_INPUT = 2

@@ -7,12 +7,21 @@ from typing import Any
 
 import click
 
-from feltmb.cli.common import force_option, save_figure
-from feltmb.cli.fiber.group import csv_text, fiber, guard, numbers, print_table, write_named
+from feltmb.cli.common import FRACTION, NOT_NEGATIVE, POSITIVE, Number, force_option, save_figure
+from feltmb.cli.completing import fiber_laws
+from feltmb.cli.fiber.group import (
+    csv_text,
+    fiber,
+    guard,
+    modulus_option,
+    numbers,
+    print_table,
+    write_named,
+)
 
 
-@fiber.command(name="pressure")
-@click.argument("model")
+@fiber.command(name="pressure", short_help="Pressure, modulus and energy against volume fraction.")
+@click.argument("model", shell_complete=fiber_laws)
 @click.option(
     "--set",
     "-s",
@@ -22,7 +31,7 @@ from feltmb.cli.fiber.group import csv_text, fiber, guard, numbers, print_table,
     help="Parameter in SI units; repeat. See 'feltmb fiber models MODEL'.",
 )
 @click.option(
-    "--to", "top", type=float, default=0.5, show_default=True, help="Largest volume fraction."
+    "--to", "top", type=FRACTION, default=0.5, show_default=True, help="Largest volume fraction."
 )
 @click.option(
     "--points", type=click.IntRange(1, 100_000), default=11, show_default=True, help="Rows."
@@ -75,22 +84,15 @@ def pressure_command(
     )
 
 
-@fiber.command(name="tensor")
-@click.option("--ratio", type=float, default=1.0, show_default=True, help="R = v_f/v_random.")
+@fiber.command(name="tensor", short_help="Structure and stiffness of a bonded network (Narter).")
+@click.option("--ratio", type=POSITIVE, default=1.0, show_default=True, help="R = v_f/v_random.")
 @click.option(
     "--deformation",
     "-F",
     help="Instead of --ratio: deformation gradient, 3 stretches or 9 numbers by rows, with commas.",
 )
-@click.option(
-    "--e-modulus",
-    "modulus",
-    type=float,
-    default=2.5e9,
-    show_default=True,
-    help="Fiber modulus [Pa].",
-)
-@click.option("--v-f", type=float, required=True, help="Volume fraction [-].")
+@modulus_option
+@click.option("--v-f", type=FRACTION, required=True, help="Volume fraction [-].")
 @guard
 def tensor_command(ratio: float, deformation: str | None, modulus: float, v_f: float) -> None:
     """Structure, stiffness and engineering moduli of a bonded network (Narter)."""
@@ -151,25 +153,18 @@ def _gradient(text: str) -> Any:
     )
 
 
-@fiber.command(name="granular")
+@fiber.command(name="granular", short_help="Stress of the granular rate theory on a straight path.")
 @click.option(
     "--to",
     "last",
     required=True,
     help="Last deformation gradient: 3 stretches or 9 numbers by rows, with commas.",
 )
-@click.option("--v-random", type=float, required=True, help="Volume fraction when random [-].")
-@click.option(
-    "--e-modulus",
-    "modulus",
-    type=float,
-    default=2.5e9,
-    show_default=True,
-    help="Fiber modulus [Pa].",
-)
-@click.option("--k-b", type=float, default=1.0, show_default=True, help="Bending constant.")
-@click.option("--k-t", type=float, default=1.0, show_default=True, help="Torsion constant.")
-@click.option("--beta", type=float, default=0.0, show_default=True, help="Crimp ratio.")
+@click.option("--v-random", type=FRACTION, required=True, help="Volume fraction when random [-].")
+@modulus_option
+@click.option("--k-b", type=NOT_NEGATIVE, default=1.0, show_default=True, help="Bending constant.")
+@click.option("--k-t", type=NOT_NEGATIVE, default=1.0, show_default=True, help="Torsion constant.")
+@click.option("--beta", type=NOT_NEGATIVE, default=0.0, show_default=True, help="Crimp ratio.")
 @click.option("--transverse", is_flag=True, help="Keep the transverse term of eq. 3.52.")
 @click.option(
     "--points", type=click.IntRange(1, 100_000), default=11, show_default=True, help="Rows."
@@ -218,7 +213,7 @@ def granular_command(
     )
 
 
-@fiber.command(name="arcs")
+@fiber.command(name="arcs", short_help="Energy method of Komori-Itoh and Lee-Carnaby.")
 @click.option(
     "--scheme",
     type=click.Choice(["isotropic", "confined", "simple"]),
@@ -226,26 +221,23 @@ def granular_command(
     show_default=True,
     help="Sides: like the height, held, or free of stress.",
 )
-@click.option(
-    "--e-modulus",
-    "modulus",
-    type=float,
-    default=2.5e9,
-    show_default=True,
-    help="Fiber modulus [Pa].",
-)
-@click.option("--v-f0", type=float, required=True, help="Volume fraction at rest [-].")
+@modulus_option
+@click.option("--v-f0", type=FRACTION, required=True, help="Volume fraction at rest [-].")
 @click.option(
     "--chord-ratio",
-    type=float,
+    type=Number(0.05, 1),
     default=1.0,
     show_default=True,
     help="Chord over arc length at rest; 1 straight.",
 )
 @click.option(
-    "--slip-stress", type=float, default=0.0, show_default=True, help="Slip force over d_f^2 [Pa]."
+    "--slip-stress",
+    type=NOT_NEGATIVE,
+    default=0.0,
+    show_default=True,
+    help="Slip force over d_f^2 [Pa].",
 )
-@click.option("--to", "top", type=float, default=0.5, show_default=True, help="Largest strain.")
+@click.option("--to", "top", type=FRACTION, default=0.5, show_default=True, help="Largest strain.")
 @click.option(
     "--points", type=click.IntRange(1, 100_000), default=11, show_default=True, help="Rows."
 )
@@ -292,8 +284,8 @@ def arcs_command(
     click.echo("bending, straightening, slipping: stored energy [J per m^3 of fiber], eq. 2.6")
 
 
-@fiber.command(name="history")
-@click.argument("model")
+@fiber.command(name="history", short_help="Run a law with history over the samples of PATH.")
+@click.argument("model", shell_complete=fiber_laws)
 @click.argument("path", type=click.Path(dir_okay=False, path_type=Path))
 @click.option(
     "--set",

@@ -7,11 +7,13 @@ from typing import Any
 
 import click
 
-from feltmb.cli.fiber.group import fiber, guard, print_table
+from feltmb.cli.common import FRACTION, NOT_NEGATIVE, POSITIVE, Number
+from feltmb.cli.completing import fiber_laws
+from feltmb.cli.fiber.group import fiber, guard, print_table, seed_option
 
 
-@fiber.command(name="models")
-@click.argument("name", required=False)
+@fiber.command(name="models", short_help="List the laws, or the parameters of law NAME.")
+@click.argument("name", required=False, shell_complete=fiber_laws)
 @guard
 def models_command(name: str | None) -> None:
     """List the laws, or the parameters of law NAME with unit, range and meaning."""
@@ -48,15 +50,17 @@ def models_command(name: str | None) -> None:
     print_table("Parameters", ["name", "unit", "default", "range", "meaning"], rows, words=5)
 
 
-@fiber.command(name="structure")
-@click.argument("ratio", type=float, nargs=-1, required=True)
+@fiber.command(
+    name="structure", short_help="Structural numbers after uniaxial compression by RATIO."
+)
+@click.argument("ratio", type=Number(1e-3, 1e6), nargs=-1, required=True)
 @click.option(
     "--network",
     "n",
     type=click.IntRange(1, 10_000_000),
     help="Estimate also from a random network of N fibers.",
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="Of all that is random.")
+@seed_option
 @click.option(
     "--spread",
     type=click.IntRange(0, 100_000),
@@ -82,28 +86,30 @@ def structure_command(ratio: tuple[float, ...], n: int | None, seed: int, spread
     print_table("Structural numbers [-]", ["R", "f", "<n3^4>", "<e3^4>", "K3", "M3"], rows)
 
 
-@fiber.command(name="contacts")
-@click.option("--v-f", type=float, required=True, help="Volume fraction [-].")
-@click.option("--d-f", type=float, default=25e-6, show_default=True, help="Fiber diameter [m].")
-@click.option("--ratio", type=float, default=1.0, show_default=True, help="R = v_f/v_random.")
+@fiber.command(
+    name="contacts", short_help="Mean free length and contacts per volume by every model."
+)
+@click.option("--v-f", type=FRACTION, required=True, help="Volume fraction [-].")
+@click.option("--d-f", type=POSITIVE, default=25e-6, show_default=True, help="Fiber diameter [m].")
+@click.option("--ratio", type=POSITIVE, default=1.0, show_default=True, help="R = v_f/v_random.")
 @click.option(
     "--gamma",
-    type=float,
+    type=POSITIVE,
     default=math.pi / 2,
     show_default="pi/2",
     help="Blocked length per contact over d_f (binomial).",
 )
 @click.option(
     "--diameter-cv",
-    type=float,
+    type=NOT_NEGATIVE,
     default=0.0,
     show_default=True,
     help="Coefficient of variation of the diameters.",
 )
-@click.option("--length", type=float, help="Mean fiber length [m]: also the numbers per fiber.")
+@click.option("--length", type=POSITIVE, help="Mean fiber length [m]: also the numbers per fiber.")
 @click.option(
     "--length-cv",
-    type=float,
+    type=Number(0, 3),
     default=0.0,
     show_default=True,
     help="Coefficient of variation of the lengths (gamma distribution).",

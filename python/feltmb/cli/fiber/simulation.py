@@ -8,11 +8,27 @@ from typing import Any
 
 import click
 
-from feltmb.cli.common import console, force_option, save_figure, say_written
-from feltmb.cli.fiber.group import fiber, guard, print_table, refuse_existing
+from feltmb.cli.common import (
+    FRACTION,
+    NOT_NEGATIVE,
+    POSITIVE,
+    Number,
+    console,
+    force_option,
+    save_figure,
+    say_written,
+)
+from feltmb.cli.fiber.group import (
+    fiber,
+    guard,
+    modulus_option,
+    print_table,
+    refuse_existing,
+    seed_option,
+)
 
 
-@fiber.command(name="simulate")
+@fiber.command(name="simulate", short_help="Compress and release a box of single fibers.")
 @click.argument("output", type=click.Path(dir_okay=False, path_type=Path))
 @click.option(
     "--fibers",
@@ -28,16 +44,22 @@ from feltmb.cli.fiber.group import fiber, guard, print_table, refuse_existing
     show_default=True,
     help="Beads per fiber.",
 )
-@click.option("--d-f", type=float, default=25e-6, show_default=True, help="Fiber diameter [m].")
+@click.option("--d-f", type=POSITIVE, default=25e-6, show_default=True, help="Fiber diameter [m].")
 @click.option(
-    "--segment", type=float, default=62.5e-6, show_default=True, help="Segment length [m]."
+    "--segment", type=POSITIVE, default=62.5e-6, show_default=True, help="Segment length [m]."
 )
-@click.option("--v-f", type=float, default=0.1, show_default=True, help="First volume fraction.")
-@click.option("--v-max", type=float, default=0.3, show_default=True, help="Turning point.")
+@click.option("--v-f", type=FRACTION, default=0.1, show_default=True, help="First volume fraction.")
+@click.option("--v-max", type=FRACTION, default=0.3, show_default=True, help="Turning point.")
 @click.option(
-    "--crimp", type=float, default=0.3, show_default=True, help="Turning angle per bead [rad]."
+    "--crimp",
+    type=NOT_NEGATIVE,
+    default=0.3,
+    show_default=True,
+    help="Turning angle per bead [rad].",
 )
-@click.option("--friction", type=float, default=0.35, show_default=True, help="Coefficient [-].")
+@click.option(
+    "--friction", type=NOT_NEGATIVE, default=0.35, show_default=True, help="Coefficient [-]."
+)
 @click.option(
     "--repulsion",
     type=click.Choice(["hertz", "logarithmic"]),
@@ -45,23 +67,20 @@ from feltmb.cli.fiber.group import fiber, guard, print_table, refuse_existing
     show_default=True,
     help="Between touching segments: Hertz with friction, or eq. 2.10.",
 )
-@click.option(
-    "--e-modulus",
-    "modulus",
-    type=float,
-    default=2.5e9,
-    show_default=True,
-    help="Fiber modulus [Pa].",
-)
+@modulus_option
 @click.option(
     "--drag",
-    type=float,
+    type=POSITIVE,
     default=0.001,
     show_default=True,
     help="Drag rate over the stretching frequency.",
 )
 @click.option(
-    "--strain-per-step", type=float, default=2e-5, show_default=True, help="Halve it to check."
+    "--strain-per-step",
+    type=Number(0, 0.01, min_open=True, max_open=True),
+    default=2e-5,
+    show_default=True,
+    help="Halve it to check.",
 )
 @click.option(
     "--cycles",
@@ -70,12 +89,14 @@ from feltmb.cli.fiber.group import fiber, guard, print_table, refuse_existing
     show_default=True,
     help="Press and release so often.",
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="Of all that is random.")
+@seed_option
 @click.option(
     "--threads", type=click.IntRange(0, 1024), default=0, show_default=True, help="0: all cores."
 )
 @click.option("--resume", is_flag=True, help="Go on with OUTPUT, an unfinished run.")
-@click.option("--samples", type=int, help="Stop after this many samples; resume later.")
+@click.option(
+    "--samples", type=click.IntRange(1), help="Stop after this many samples; resume later."
+)
 @click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), help="Picture.")
 @force_option
 @guard
@@ -204,12 +225,12 @@ def simulate_command(
 @click.argument("folder", type=click.Path(file_okay=False, path_type=Path))
 @click.option(
     "--fibers",
-    type=int,
+    type=click.IntRange(2, 100_000),
     default=6000,
     show_default=True,
     help="Fibers of the sampled network (the thesis uses 6000).",
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="Of all that is random.")
+@seed_option
 @force_option
 @guard
 def gallery_command(folder: Path, fibers: int, seed: int, force: bool) -> None:

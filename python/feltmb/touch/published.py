@@ -1,0 +1,14 @@
+"""Published numbers beside those of a touch."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from feltmb import params
+from feltmb.files import read_toml
+
+
+def published_numbers() -> dict[str, dict[str, Any]]:
+    """Key of a row of the touch, and the published range or number beside it."""
+    path = params.folder("touch") / "published.toml"
+    return {row["key"]: row for row in read_toml(path)["values"]}

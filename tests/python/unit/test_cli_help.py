@@ -1,0 +1,48 @@
+"""The help of every command: ranges of numbers, lines of lists that are whole, 80 columns."""
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from feltmb.cli import cli
+
+#: Numbers that may be anything: a time or a place, checked against the run.
+FREE = {("feltmb view", "at"), ("feltmb wav", "position")}
+
+
+def commands(command=cli, name="feltmb"):
+    yield name, command
+    if isinstance(command, click.Group):
+        context = click.Context(command)
+        for child in command.list_commands(context):
+            yield from commands(command.get_command(context, child), f"{name} {child}")
+
+
+ALL = dict(commands())
+
+
+def test_numbers_say_their_range():
+    plain = {
+        (name, parameter.name)
+        for name, command in ALL.items()
+        for parameter in command.params
+        if parameter.type in (click.FLOAT, click.INT)
+    }
+    assert plain == FREE
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_help_is_whole_and_fits(name):
+    words = [*name.split()[1:], "--help"]
+    text = CliRunner().invoke(cli, words, terminal_width=80, max_content_width=80).output
+    assert text.startswith("Usage: ")
+    assert max(map(len, text.splitlines())) <= 80
+    lists = text.partition("\nCommands:\n")[2]
+    assert "..." not in lists
+
+
+@pytest.mark.parametrize("text", ["nan", "inf", "-inf"])
+def test_numbers_are_finite(text):
+    result = CliRunner().invoke(cli, ["stroke", "steinway45", "forte", "--duration", text])
+    assert result.exit_code == 2
+    assert f"{text} is not" in result.output
