@@ -97,6 +97,10 @@ def main(arguments: list[str] | None = None) -> None:
     from feltmb.cli.common import complain
     from feltmb.errors import FeltmbError, FileExists, ModelError
 
+    for word in arguments or ():  # a shell cannot give such, a caller from Python can
+        if "\0" in word:
+            complain(f"argument {word[:60]!r}: holds a null character, expected none")
+            sys.exit(2)
     code: Any = 0
     try:
         code = cli.main(arguments, prog_name="feltmb", standalone_mode=False)

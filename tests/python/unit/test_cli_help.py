@@ -46,3 +46,12 @@ def test_numbers_are_finite(text):
     result = CliRunner().invoke(cli, ["stroke", "steinway45", "forte", "--duration", text])
     assert result.exit_code == 2
     assert f"{text} is not" in result.output
+
+
+def test_a_null_character_is_refused(capsys):
+    from feltmb.cli import main
+
+    with pytest.raises(SystemExit) as stop:
+        main(["show", "a\0b"])
+    assert stop.value.code == 2
+    assert "null character" in capsys.readouterr().err
