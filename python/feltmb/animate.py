@@ -1,4 +1,4 @@
-"""Moving picture of a run as GIF; the moving picture in HTML is :mod:`feltmb.view`.
+"""Moving picture of a run as GIF; the moving picture in HTML is :mod:`feltmb.viewer`.
 
 The mechanism is made again from the parameters that the run holds, and drawn as
 :func:`feltmb.plot.mechanism` draws it.

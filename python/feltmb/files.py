@@ -66,6 +66,18 @@ def is_file(path: Path) -> bool:
         return False
 
 
+def why_missing(path: Path) -> str:
+    """What to say of a path that is no file."""
+    try:
+        if path.is_dir():
+            return "is a folder, expected a file"
+        if path.exists():
+            return "is a device or a pipe, expected a file"
+    except OSError:
+        pass
+    return "there is no such file"
+
+
 def check_writable(path: Path, *, force: bool) -> None:
     """Raise before long work if ``path`` could not be written at its end."""
     try:

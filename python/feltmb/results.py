@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.files import is_file, write_file
+from feltmb.files import is_file, why_missing, write_file
 from feltmb.hdf5 import HDF5_FAULTS, open_hdf5
 from feltmb.quantity import shortened
 
@@ -438,7 +438,7 @@ def load_run(path: str | Path) -> Run:
 
     path = Path(path)
     if not is_file(path):
-        raise DataError(f"{path}: there is no such file")
+        raise DataError(f"{path}: {why_missing(path)}")
     try:
         attributes, arrays, texts = _read_file(path)
     except HDF5_FAULTS as error:

@@ -28,7 +28,7 @@ COMMANDS = {
     "wav": ("wav", "The string of a saved run as sound."),
     "felt": ("felt", "Felt: identification, envelopes for the contact law, audit."),
     "fiber": ("fiber", "Micromechanics of fiber masses: structure, contacts, laws, fits."),
-    "list": ("listing", "Packaged mechanisms, strokes, studies, contact laws, units."),
+    "list": ("listing", "Packaged mechanisms, strokes, actuators, studies, laws, units."),
     "validate": ("validate", "Check a mechanism, a stroke or a table; all faults at once."),
     "new": ("new", "Write a commented template of a mechanism file."),
 }

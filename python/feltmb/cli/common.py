@@ -129,14 +129,39 @@ def say_written(path: Path) -> None:
     click.echo(f"wrote {path}", err=True)
 
 
-def save_figure(figure: Any, path: Path, *, force: bool) -> None:
-    """Write a figure as PNG, PDF or SVG and name the file."""
+def _picture_kind(path: Path) -> str:
     from feltmb.errors import InvalidParameter
-    from feltmb.files import write_file
 
     kind = path.suffix.lstrip(".").lower()
     if kind not in ("png", "pdf", "svg"):
         raise InvalidParameter(f"{path}: cannot draw .{kind}, expected .png, .pdf or .svg")
+    return kind
+
+
+def check_targets(*files: Path | None, pictures: tuple[Path | None, ...] = (), force: bool) -> None:
+    """Before anything is written: every file could be, none twice, pictures in a known format."""
+    from feltmb.errors import InvalidParameter
+    from feltmb.files import check_writable
+
+    seen: set[Path] = set()
+    for path in (*files, *pictures):
+        if path is None:
+            continue
+        check_writable(path, force=force)
+        here = path.absolute()
+        if any(here == other or here in other.parents or other in here.parents for other in seen):
+            raise InvalidParameter(f"{path}: is wanted for two results; give each its own name")
+        seen.add(here)
+    for path in pictures:
+        if path is not None:
+            _picture_kind(path)
+
+
+def save_figure(figure: Any, path: Path, *, force: bool) -> None:
+    """Write a figure as PNG, PDF or SVG and name the file."""
+    from feltmb.files import write_file
+
+    kind = _picture_kind(path)
     say_written(write_file(path, lambda p: figure.savefig(p, format=kind, dpi=150), force=force))
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -12,6 +11,7 @@ from feltmb.cli.common import (
     FRACTION,
     NOT_NEGATIVE,
     POSITIVE,
+    check_targets,
     console,
     force_option,
     new_table,
@@ -21,10 +21,6 @@ from feltmb.cli.common import (
     tables_as_json,
 )
 from feltmb.cli.completing import actions, felts
-
-if TYPE_CHECKING:
-    pass
-
 from feltmb.cli.felt_audit import audit_command
 from feltmb.cli.felt_fit import fit_command, identify_command
 
@@ -173,16 +169,19 @@ def loop_command(
     from feltmb.errors import InvalidParameter
     from feltmb.felt.plot import plot_loop
     from feltmb.fiber import carnaby_pan
-    from feltmb.files import check_writable, write_text
+    from feltmb.files import write_text
 
     if not 0 < v_f0 < top < 1:
         raise InvalidParameter(
             f"loop: --v-f0 = {v_f0:g}, --to = {top:g}; expected 0 < v_f0 < to < 1"
         )
     if output is not None:
-        check_writable(output, force=force)
+        picture = None if output.suffix == ".csv" else output
+        check_targets(output if picture is None else None, pictures=(picture,), force=force)
     v = np.linspace(v_f0, top, points)
     made = carnaby_pan(v, mu, withdrawal, e_modulus, d_f, v_f0, gamma, k_bend, q, form=form)
+    if not np.all(np.isfinite(made.P_loading)):
+        raise InvalidParameter("loop: these numbers give pressures beyond any; check their units")
     if output is not None and output.suffix != ".csv":
         save_figure(plot_loop(made), output, force=force)
     columns = {
@@ -294,11 +293,9 @@ def envelope_command(
     from feltmb.errors import InvalidParameter
     from feltmb.felt import envelope, load_material, parse_area
     from feltmb.felt.plot import plot_envelope
-    from feltmb.files import check_writable, write_text
+    from feltmb.files import write_text
 
-    for path in (output, picture):
-        if path is not None:
-            check_writable(path, force=force)
+    check_targets(output, pictures=(picture,), force=force)
     if contact is not None:
         known = load_action(action).config.contacts
         if contact not in known:

@@ -92,6 +92,8 @@ def audit_command(
     from feltmb.felt.plot import plot_audit
     from feltmb.files import check_writable
 
+    if everything and ":" in law:
+        raise click.UsageError(f"--all is for all contacts of a mechanism; {law} is one of them")
     targets = audit_targets(law, settings, everything=everything)
     end = None if largest is None else parse_option("--largest", largest, "m")
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from feltmb.cli.common import (
     FRACTION,
-    NOT_NEGATIVE,
     Number,
+    check_targets,
     complain,
     console,
     force_option,
@@ -23,10 +22,6 @@ from feltmb.cli.common import (
     set_option,
 )
 from feltmb.cli.completing import actions, felts
-
-if TYPE_CHECKING:
-    pass
-
 
 __all__ = ["fit_command", "identify_command"]
 
@@ -57,7 +52,7 @@ __all__ = ["fit_command", "identify_command"]
 )
 @click.option("--area", metavar="AREA", help="Area of the sample, such as 4cm^2, for force data.")
 @click.option(
-    "--relative", type=NOT_NEGATIVE, default=0.0, show_default=True, help="Relative weight [-]."
+    "--relative", type=Number(0.0, 1e3), default=0.0, show_default=True, help="Relative weight [-]."
 )
 @click.option("--level", type=FRACTION, default=0.95, show_default=True, help="Confidence [-].")
 @json_option
@@ -83,13 +78,11 @@ def identify_command(
     from feltmb.felt import identify, load_material
     from feltmb.felt.plot import plot_identification
     from feltmb.fiber import read_compression
-    from feltmb.files import check_writable, write_text
+    from feltmb.files import write_text
 
-    targets = [] if output is None else [output]
-    if folder is not None:
-        targets += [folder / "identification.png", folder / "report.md"]
-    for path in targets:
-        check_writable(path, force=force)
+    report = None if folder is None else folder / "report.md"
+    picture = None if folder is None else folder / "identification.png"
+    check_targets(output, report, pictures=(picture,), force=force)
     base = load_material(material)
     data = read_compression(
         test,

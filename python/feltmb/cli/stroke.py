@@ -144,6 +144,9 @@ def command(
     from feltmb.simulate import simulate
     from feltmb.stroke import load_stroke
 
+    given = click.get_current_context().get_parameter_source("rtol")
+    if error is not None and given is click.core.ParameterSource.COMMANDLINE:
+        raise click.UsageError("--error chooses the tolerance: give --rtol or --error, not both")
     mechanism = load_with_settings(action, settings)
     loaded = [load_stroke(s) for s in (*strokes, *torques)]
     if actuator is not None:

@@ -21,7 +21,7 @@ def command(files: tuple[Path, ...], no_rest_pose: bool, as_json: bool) -> None:
     from feltmb.cli.common import complain
     from feltmb.config import load_action
     from feltmb.errors import FeltmbError, InvalidParameter
-    from feltmb.files import is_file, read_toml
+    from feltmb.files import is_file, read_toml, why_missing
     from feltmb.results import load_run
     from feltmb.stroke import load_stroke
 
@@ -31,7 +31,7 @@ def command(files: tuple[Path, ...], no_rest_pose: bool, as_json: bool) -> None:
     for path in files:
         try:
             if not is_file(path):
-                raise InvalidParameter(f"{path}: there is no such file")
+                raise InvalidParameter(f"{path}: {why_missing(path)}")
             if path.suffix == ".csv":
                 stroke = load_stroke(path)
                 text = f"{stroke.kind} stroke, {len(stroke.time)} rows, {stroke.duration:g} s"

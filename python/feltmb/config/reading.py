@@ -9,7 +9,7 @@ from typing import Any
 from feltmb import params
 from feltmb.config.values import apply_values
 from feltmb.errors import InvalidParameter
-from feltmb.files import is_file, read_toml
+from feltmb.files import is_file, read_toml, why_missing
 from feltmb.material import load_material
 from feltmb.quantity import (
     shortened,
@@ -32,7 +32,7 @@ def resolve(name_or_path: str | Path) -> Path:
     if is_file(path):
         return path
     if path.suffix == ".toml" or len(path.parts) != 1:
-        raise InvalidParameter(f"mechanism {shortened(repr(text))}: there is no such file")
+        raise InvalidParameter(f"mechanism {shortened(repr(text))}: {why_missing(path)}")
     known = ", ".join(packaged_actions())
     raise InvalidParameter(
         f"mechanism {shortened(repr(text))} is unknown; packaged are {known}; "

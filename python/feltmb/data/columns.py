@@ -19,7 +19,7 @@ import numpy as np
 
 from feltmb.data.records import Array
 from feltmb.errors import DataError
-from feltmb.files import is_file, plain_text
+from feltmb.files import is_file, plain_text, why_missing
 from feltmb.hdf5 import HDF5_FAULTS, open_hdf5
 from feltmb.quantity import fault_text, shortened
 
@@ -76,7 +76,7 @@ def read_columns(path: Path) -> Columns:
     if kind not in readers:
         raise DataError(f"{path}: cannot read {kind or 'this'}; expected .csv, .mat or .nc")
     if not is_file(path):
-        raise DataError(f"{path}: there is no such file")
+        raise DataError(f"{path}: {why_missing(path)}")
     columns = readers[kind](path)
     if kind in (".mat", ".nc"):
         columns.only_longest()

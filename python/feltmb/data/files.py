@@ -16,7 +16,7 @@ from pydantic import Field, ValidationError
 from feltmb.data.columns import Columns, read_columns
 from feltmb.data.records import Array, InputMode, Record, Role, Sensor, StartPrior
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.files import is_file, read_toml
+from feltmb.files import is_file, read_toml, why_missing
 from feltmb.quantity import Schema, fault_lines, fault_text, shortened
 from feltmb.units import conversion_factor
 
@@ -120,7 +120,7 @@ def read_record(
     """
     path = Path(path)
     if not is_file(path):
-        raise DataError(f"{path}: there is no such file")
+        raise DataError(f"{path}: {why_missing(path)}")
     beside = path.with_suffix(".toml")
     if is_file(beside):
         raw = read_toml(beside)

@@ -6,7 +6,6 @@ compressed evenly, v_f = v_f0 / (1 - e / thickness) at compression e (eq. 2.2), 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -47,6 +46,9 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
+#: What a felt under a contact can measure, by unit: beyond it forces are no numbers any more.
+LIMITS = {"m": (1e-6, 10.0), "m^2": (1e-10, 100.0)}
+
 
 def parse_area(text: str) -> Area:
     """Area law from text: ``constant:100mm^2``, ``crossed_cylinders:9mm,0.5mm`` or so.
@@ -76,9 +78,16 @@ def parse_area(text: str) -> Area:
     values, faults = [], []
     for part, (number, unit) in zip(parts, fields, strict=False):
         try:
-            values.append(parse_scalar(part, unit))
+            value = parse_scalar(part, unit)
         except ValueError as error:
             faults.append(f"area {text!r}: {number}: {error}")
+            continue
+        low, high = LIMITS[unit]
+        if not low <= value <= high:
+            faults.append(
+                f"area {text!r}: {number} = {value:.6g} {unit}, expected {low:g} to {high:g}"
+            )
+        values.append(value)
     if faults:
         raise InvalidParameter("\n".join(faults))
     made: Area = kind(*values)
@@ -213,8 +222,11 @@ def envelope(
         Naming every argument out of range.
     """
     faults = []
-    if not (thickness > 0 and math.isfinite(thickness)):
-        faults.append(f"envelope: thickness = {thickness:.6g} m, must be finite and > 0")
+    if not LIMITS["m"][0] <= thickness <= 1.0:
+        faults.append(
+            f"envelope: thickness = {thickness:.6g} m, expected {LIMITS['m'][0]:g} to 1 "
+            "(give the unit: 3mm)"
+        )
     if points < 5:
         faults.append(f"envelope: points = {points}, must be >= 5")
     if faults:

@@ -186,8 +186,8 @@ def read_compression(
         fault(f"{len(rows)} samples, expected at least 3")
     if load == "force" and area is None:
         fault("force without a sample area, expected area in m^2 (--area)")
-    if area is not None and not area > 0:
-        fault(f"area = {area:.6g} m^2, expected > 0")
+    if area is not None and not 1e-10 <= area <= 100.0:
+        fault(f"area = {area:.6g} m^2, expected 1e-10 to 100")
     if fraction != "v_f" and v_f0 is None:
         fault(f"{fraction} without a reference, expected v_f0 (--v-f0)")
     if v_f0 is not None and not 0 < v_f0 < 1:

@@ -86,6 +86,11 @@ def choose_windows(
     else:
         if not (math.isfinite(length) and length > 0.0):
             raise InvalidParameter(f"window = {length!r} s, expected a finite number > 0")
+        if length < 2.0 * record.interval:
+            raise InvalidParameter(
+                f"window = {length:g} s, expected at least two samples of record {record.name}, "
+                f"{2.0 * record.interval:g} s"
+            )
         size = max(2, round(length / record.interval))
     count = max(1, round((n - 1) / size))
     edges = np.round(np.linspace(0, n - 1, count + 1)).astype(int)

@@ -192,7 +192,7 @@ def _name(facts: Facts) -> Decision:
         verdict = Verdict.ONE_OF
         text = f"One of {_list(unsure)}; these records cannot tell which. {closed}"
     elif all(n in data for n in sure) and not left:
-        # With an unknown rest it is not said that the machine is as modelled.
+        # With an unknown rest it is not said that the machine is as modeled.
         verdict = Verdict.DATA_PROBLEM
         text = f"The records, not the machine: {_list(sure)}. {closed}"
     else:

@@ -14,7 +14,7 @@ from pydantic import Field, ValidationError
 
 from feltmb import params
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.files import is_file, read_toml
+from feltmb.files import is_file, read_toml, why_missing
 from feltmb.quantity import SI, Schema, fault_lines, fault_text, shortened
 from feltmb.stroke.strokes import (
     PRESCRIBED,
@@ -94,7 +94,7 @@ def load_stroke(name_or_path: str | Path) -> Stroke:
         return _from_toml(params.folder("strokes") / f"{text}.toml")
     path = Path(text)
     if not is_file(path):
-        hint = "there is no such file" if path.suffix else "or give the path of a TOML or CSV file"
+        hint = why_missing(path) if path.suffix else "or give the path of a TOML or CSV file"
         raise InvalidParameter(
             f"stroke {shortened(repr(text))} is unknown; "
             f"packaged are {', '.join(packaged_strokes())}; {hint}"

@@ -153,7 +153,7 @@ class MechanismSystem : public OdeSystem {
   /// scale of a felt compression; strings likewise at their largest displacement.
   std::vector<double> absolute_tolerances(double rtol) const;
 
-  /// Contact that ties the given state most stiffly at the last linearisation, -1 if none.
+  /// Contact that ties the given state most stiffly at the last linearization, -1 if none.
   int stiffest_contact(std::size_t state) const;
 
  private:

@@ -26,7 +26,7 @@ class OdeSystem {
   /// left out where that is quicker.
   virtual void linearize_stiff(double t, std::span<const double> y) { linearize(t, y); }
 
-  /// Factorises I - gamma J with the J kept; returns false if it is singular.
+  /// Factorizes I - gamma J with the J kept; returns false if it is singular.
   virtual bool factorize(double gamma) = 0;
 
   /// Solves (I - gamma J) x = b in place with the last factors.
