@@ -223,12 +223,15 @@ def _faults(raw: Mapping[str, Any]) -> list[str]:
         faults += missing_law_faults(stop, "stop")
     mount = raw.get("mount")
     pads = mount.get("pads", {}) if isinstance(mount, Mapping) else {}
-    for name, pad in pads.items() if isinstance(pads, Mapping) else ():
+    if not isinstance(mount, Mapping) or not isinstance(pads, Mapping):
+        return faults  # what is no table is told with the types
+    for name, pad in pads.items():
         if isinstance(pad, Mapping):
             faults += missing_law_faults(pad, f"mount.pads.{name}")
-    if isinstance(mount, Mapping) and mount.get("pad", "pulp") not in pads:
-        known = ", ".join(pads) or "none"
-        faults.append(f"mount.pad: got {mount.get('pad', 'pulp')!r}; pads are {known}")
+    chosen = mount.get("pad", "pulp")
+    if isinstance(chosen, str) and chosen not in pads:
+        known = shortened(", ".join(pads)) or "none"
+        faults.append(f"mount.pad: got {shortened(repr(chosen))}; pads are {known}")
     return faults
 
 

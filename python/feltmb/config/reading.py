@@ -51,11 +51,13 @@ def load_raw(
     if unknown:
         raise InvalidParameter(
             f"{path}: a file with 'extends' holds name, about, source and [values] only; "
-            f"got {', '.join(unknown)}"
+            f"got {shortened(', '.join(unknown))}"
         )
     base = raw["extends"]
     if not isinstance(base, str):
-        raise InvalidParameter(f"{path}: extends: got {base!r}, expected a name or a path")
+        raise InvalidParameter(
+            f"{path}: extends: got {shortened(repr(base))}, expected a name or a path"
+        )
     base_path = path.parent / base if base.endswith(".toml") else resolve(base)
     if base_path.resolve() in [p.resolve() for p in (*seen, path)]:
         raise InvalidParameter(f"{path}: extends {base!r}, which leads back to itself")

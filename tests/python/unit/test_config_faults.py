@@ -185,7 +185,7 @@ def test_files_that_are_no_mechanism(tmp_path):
     path.write_text("")
     with pytest.raises(feltmb.InvalidParameter, match="faults"):
         feltmb.load_action(path)
-    with pytest.raises(feltmb.InvalidParameter, match=r"there is no such file|cannot be read"):
+    with pytest.raises(feltmb.InvalidParameter, match="is a folder, expected a file"):
         feltmb.load_action(tmp_path)
 
 
@@ -285,3 +285,19 @@ def test_control_letters_of_names_are_escaped_in_messages(data):
     assert r"coordinate names are \x00\x1b[2J" in text
     assert "\0" not in text
     assert "\x1b" not in text
+
+
+def test_an_actuator_whose_pad_is_no_name(tmp_path):
+    from feltmb import params
+    from feltmb.actuator import load_actuator
+
+    text = (params.folder("actuators") / "wood.toml").read_text("utf-8")
+    path = tmp_path / "bad.toml"
+    for value in ("{ a = 1 }", "2.5", "[1]"):
+        path.write_text(text.replace('pad = "pulp"', f"pad = {value}", 1))
+        with pytest.raises(feltmb.InvalidParameter, match=r"mount\.pad"):
+            load_actuator(path)
+    path.write_text(f'extends = "wood"\nname = "x"\n{"a" * 3000} = 1\n')
+    with pytest.raises(feltmb.InvalidParameter) as told:
+        load_actuator(path)
+    assert len(str(told.value)) < 500
