@@ -20,6 +20,9 @@ Kind = Literal["force", "motion", "key_motion", "torque", "motor_motion"]
 Interpolation = Literal["linear", "monotone", "spline"]
 UNITS = {"force": "N", "motion": "m", "key_motion": "m", "torque": "N m", "motor_motion": "rad"}
 
+#: Largest value by unit: more has no hand and no motor, and a run of it would not end.
+LARGEST = {"N": 1e5, "m": 10.0, "N m": 1e5, "rad": 1e3}
+
 #: Kinds whose motion a point or a coordinate keeps to exactly; the reaction is an output.
 PRESCRIBED = ("key_motion", "motor_motion")
 
@@ -66,6 +69,13 @@ class Stroke:
         if not (math.isfinite(self.duration) and self.duration > 0):
             raise InvalidParameter(
                 f"stroke {self.name!r}: duration = {self.duration:g} s, must be > 0"
+            )
+        unit = UNITS[self.kind]
+        largest = max((abs(v) for v in self.value), default=0.0)
+        most = LARGEST[unit]
+        if largest > most:
+            raise InvalidParameter(
+                f"stroke {self.name!r}: value {largest:.6g} {unit}, expected {most:g} at most"
             )
         if not _finite(self.oscillation_amplitude, self.oscillation_frequency):
             raise InvalidParameter(

@@ -25,6 +25,7 @@ FIT = ("felt", "fit", "steinway45:06", "--fibers", "synthetic_hammer", "--thickn
         (("felt", "loop", "--v-f0", "0.1", "--to", "0.3", "--e-modulus", "1e308"), "units"),
         (("stroke", "steinway45", "piano", "--rtol", "1e-9", "--error", "1e-3"), "not both"),
         (("felt", "audit", "steinway45:06", "--all"), "one of them"),
+        (("stroke", "steinway45", "big.csv"), "expected 100000 at most"),
         (("stroke", "folder.toml", "piano"), "is a folder"),
         (("validate", "folder.toml"), "is a folder"),
         (("gap", "check", "folder.csv"), "is a folder"),
@@ -34,8 +35,9 @@ def test_it_is_refused(words, said, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder.toml").mkdir()
     (tmp_path / "folder.csv").mkdir()
+    (tmp_path / "big.csv").write_text("time [s],force [N]\n0,0\n0.1,1e12\n")
     with pytest.raises(SystemExit) as stop:
         main([str(w) for w in words])
     assert stop.value.code != 0
     assert said in capsys.readouterr().err.replace("\n", " ")
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["folder.csv", "folder.toml"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["big.csv", "folder.csv", "folder.toml"]
