@@ -11,6 +11,7 @@ import click
 from feltmb.cli.common import (
     FRACTION,
     POSITIVE,
+    check_targets,
     complain,
     console,
     force_option,
@@ -127,7 +128,6 @@ def command(
         return
     from feltmb.actuator import simulate_actuator
     from feltmb.actuator.plot import plot_run
-    from feltmb.files import check_writable
     from feltmb.stroke import load_stroke
 
     if elements is not None:
@@ -139,9 +139,7 @@ def command(
     picture = folder / f"actuator_{name}.png"
     if out is not None and out.suffix not in (".nc", ".csv"):
         raise click.UsageError(f"--out {out}: expected the name of a .nc or .csv file")
-    for path in [out] * (out is not None) + [picture] * plot:
-        assert path is not None
-        check_writable(path, force=force)
+    check_targets(out, pictures=(picture if plot else None,), force=force)
     stroke = load_stroke(torque) if torque is not None else None
     run = simulate_actuator(
         actuator, stroke, duration, output_rate=output_rate, tolerance=tolerance
@@ -290,12 +288,10 @@ def match_command(
     """
     from feltmb.actuator.match import match
     from feltmb.actuator.plot import plot_match
-    from feltmb.files import check_writable, write_text
+    from feltmb.files import write_text
     from feltmb.stroke import load_stroke
 
-    for path in (out, plot):
-        if path is not None:
-            check_writable(path, force=force)
+    check_targets(out, pictures=(plot,), force=force)
     found = match(
         _load(arm, damper, settings),
         load_stroke(target),

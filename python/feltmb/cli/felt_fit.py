@@ -192,10 +192,9 @@ def fit_command(
     thickness. For a specimen whose pressure was measured use identify.
     """
     from feltmb.felt import audit_targets, contact_loop, fit_contact, load_material, parse_area
-    from feltmb.files import check_writable, write_text
+    from feltmb.files import write_text
 
-    if output is not None:
-        check_writable(output, force=force)
+    check_targets(output, force=force)
     ((name, item),) = audit_targets(contact, settings, all_hint="")
     e, load, back = contact_loop(item, name=name)
     made = fit_contact(

@@ -10,6 +10,7 @@ import click
 from feltmb.cli.common import (
     POSITIVE,
     Number,
+    check_targets,
     console,
     force_option,
     is_terminal,
@@ -95,14 +96,12 @@ def command(
     that is zero is changed by 1 % of 1 mm, 0.01 rad and so on.
     """
     from feltmb.errors import InvalidParameter
-    from feltmb.files import check_writable, write_text
+    from feltmb.files import write_text
     from feltmb.sensitivity import gradient
     from feltmb.stroke import load_stroke
 
     mechanism = load_with_settings(action, settings)
-    for path in (picture, table_file):
-        if path is not None:
-            check_writable(path, force=force)
+    check_targets(table_file, pictures=(picture,), force=force)
 
     def run() -> Gradient:
         return gradient(

@@ -5,10 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from feltmb.fit.solve import Fit
-from feltmb.gap.calibrate import Null
 from feltmb.gap.gates import Gates
 from feltmb.gap.refine import Search
 from feltmb.gap.report import HowFar, Verdict, Where
@@ -51,7 +48,8 @@ class Facts:
     search: Search
     accepted: Accepted
     belief: Posterior
-    null: Null
+    p: float
+    """Family-wise p of the largest score."""
     alpha: float
     how_far: HowFar
     where: Where
@@ -101,7 +99,7 @@ def misfit(
 def decide(facts: Facts) -> Decision:
     """Weigh the facts; see docs/gap.md for the rules in words."""
     search, accepted = facts.search, facts.accepted
-    p = _chance(facts)
+    p = facts.p
     hint = p < facts.alpha
     best = accepted.candidate
     gap = _refuted(facts) or (hint and best is not None)
@@ -136,18 +134,11 @@ def decide(facts: Facts) -> Decision:
     return _name(facts)
 
 
-def _chance(facts: Facts) -> float:
-    """Family-wise p of the largest score."""
-    search = facts.search
-    reference = search.tight if search.tight is not None else search.scores
-    return facts.null.p(float(np.max(reference.singles())) if reference.terms else 0.0)
-
-
 def _refuted(facts: Facts) -> bool:
     """Whether the nominal cannot be right, whatever is wrong with it."""
     first = facts.first
     left, _, _ = misfit(first.nominal, first.tight_fit, estimated=facts.gates.estimated)
-    return left or _chance(facts) <= REFUTED
+    return left or facts.p <= REFUTED
 
 
 def _silent(facts: Facts, verdict: Verdict, text: str) -> Decision:
@@ -224,8 +215,9 @@ def _unsure(facts: Facts, hinted: tuple[str, ...], why: str) -> Decision:
 def _signs(facts: Facts) -> str:
     """What says that there is a gap."""
     text = f"sum of squares {_ratio(facts.first):.3g} of its expectation"
-    p = _chance(facts)
-    return f"{text}, largest score family-wise p = {p:.1g}" if p <= REFUTED else text
+    if facts.p > REFUTED:
+        return text
+    return f"{text}, largest score family-wise p = {facts.p:.1g}"
 
 
 def _ratio(search: Search) -> float:

@@ -321,7 +321,7 @@ def diagnose(
         search=found,
         accepted=accepted,
         belief=belief,
-        null=null,
+        p=null.p(alarm),
         alpha=options.alpha,
         how_far=how_far,
         where=where,
