@@ -100,7 +100,7 @@ def diagnose(records: Sequence[Record], effects: Sequence[str] = ()) -> Any:
         action, library=library, effects=names, shooting="single", rtol=RTOL, workers=1
     )
     nominal = nominal.with_floor(records, truth.VARIATION)  # type: ignore[attr-defined]
-    options = gap.Options(bootstrap=0, restarts=0, width=3, max_effects=3)
+    options = gap.Options(bootstrap=0, restarts=0, width=3, max_effects=3, advice=False)
     return gap.diagnose(nominal, known, records, options=options)
 
 

@@ -143,11 +143,16 @@ def inverse_scaled(matrix: Array) -> Array:
 
 
 def _optimize(
-    problem: Problem, point: Point, gap_sd: Array, settings: FitSettings, iterations: int
+    problem: Problem,
+    point: Point,
+    gap_sd: Array,
+    settings: FitSettings,
+    iterations: int,
+    worth: float = np.inf,
 ) -> tuple[Point, float, list[Linear], bool]:
     """Minimize from a point, or take the result from the cache of the problem."""
     if problem.cache is None:
-        return _minimize(problem, point, gap_sd, settings, iterations)
+        return _minimize(problem, point, gap_sd, settings, iterations, worth)
     linears = problem.linear(point)
     cost, parts = problem.cost_at(point, gap_sd, linears)
     key = Cache.key(
@@ -158,6 +163,7 @@ def _optimize(
         gap_sd,
         iterations,
         settings.decrement,
+        worth,
         problem.frozen,
         [(t.name, t.shape) for t in problem.terms],
     )
@@ -168,7 +174,9 @@ def _optimize(
         )
         found = Point(known["theta"], known["sizes"], places)
         return found, float(known["cost"]), problem.linear(found), bool(known["converged"])
-    found, cost, linears, converged = _minimize(problem, point, gap_sd, settings, iterations)
+    found, cost, linears, converged = _minimize(
+        problem, point, gap_sd, settings, iterations, worth
+    )
     arrays = {"theta": found.theta, "sizes": found.sizes}
     arrays |= {"cost": np.array(cost), "converged": np.array(float(converged))}
     for i, place in enumerate(found.places):
@@ -178,7 +186,12 @@ def _optimize(
 
 
 def _minimize(
-    problem: Problem, point: Point, gap_sd: Array, settings: FitSettings, iterations: int
+    problem: Problem,
+    point: Point,
+    gap_sd: Array,
+    settings: FitSettings,
+    iterations: int,
+    worth: float,
 ) -> tuple[Point, float, list[Linear], bool]:
     """Levenberg-Marquardt with damping of its own for every window."""
     linears = problem.linear(point)
@@ -198,6 +211,8 @@ def _minimize(
             least = max(settings.decrement, COARSE * max(cost - 4.0 * samples, 0.0))
             if predicted < least:
                 return point, cost, linears, True
+            if lam < 1e-2 and cost - predicted > worth:  # damped steps promise less than there is
+                return point, cost, linears, False
             new, new_parts = problem.cost(trial, gap_sd, linears)
             if new < cost:
                 accepted = True
@@ -299,11 +314,24 @@ def finish(problem: Problem, point: Point, level: float, gap_sd: Array) -> Fit:
     return _finish(problem, point, level, gap_sd, cost, linears, True, (), ())
 
 
-def polish(problem: Problem, point: Point, level: float, settings: FitSettings) -> Fit:
-    """Fit from a good start at one level."""
+def polish(
+    problem: Problem,
+    point: Point,
+    level: float,
+    settings: FitSettings,
+    *,
+    worth: float = np.inf,
+) -> Fit:
+    """Fit from a good start at one level.
+
+    ``worth``: sum of squares that another fit has. Where there are no gaps between windows, the
+    search ends, unfinished, at a point whose linear model does not promise to get below it.
+    """
     gap_sd = level * problem.scale(point)
+    if gap_sd.size:
+        worth = np.inf  # sums of squares of different gaps do not compare
     found, cost, linears, converged = _optimize(
-        problem, point, gap_sd, settings, settings.iterations
+        problem, point, gap_sd, settings, settings.iterations, worth
     )
     if settings.chain and gap_sd.size and level < 0.1:
         bar = problem.samples + 4.0 * np.sqrt(2.0 * problem.samples)

@@ -24,7 +24,7 @@ from feltmb.gap.experiments import advise
 from feltmb.gap.gates import Gates, check_against, check_records
 from feltmb.gap.proof import HeldOut
 from feltmb.gap.refine import Search, search
-from feltmb.gap.report import NotTested, Report, Where
+from feltmb.gap.report import Advice, NotTested, Report, Verdict, Where
 from feltmb.gap.rest import rest_of, settled, with_noise
 from feltmb.gap.score import all_terms, family_threshold, score_fit
 from feltmb.gap.settle import accept, posterior, shapley
@@ -62,6 +62,8 @@ class Options:
     """How hard fits try; replaces ``restarts`` and ``seed`` there."""
     resume: Path | None = None
     """Folder for finished fits: a cut-off run continues from them."""
+    advice: bool = True
+    """Whether experiments are foretold that would separate what is still confused."""
 
     def __post_init__(self) -> None:
         faults = []
@@ -313,9 +315,6 @@ def diagnose(
         where = replace(where, onset={**where.onset, **first_act(accepted.candidate.fit)})
     model = amended(nominal, found, accepted)
     how_far = how_far_rows(accepted, sensed, shares, which_gap, options.seed)
-    if accepted.rivals:
-        say("next experiment")
-    advice = advise(found, accepted)
     facts = Facts(
         gates=gates,
         search=found,
@@ -333,6 +332,12 @@ def diagnose(
     decision = decide(facts)
     which = ranked(found, accepted, decision.belief, null, decision.named, decision.one_of)
     lap("verdict")
+    advice: tuple[Advice, ...] = ()
+    if options.advice and decision.verdict is not Verdict.NO_GAP:
+        if accepted.rivals:
+            say("next experiment")
+        advice = advise(found, accepted)
+    lap("next")
     return Report(
         verdict=decision.verdict,
         statement=decision.statement,

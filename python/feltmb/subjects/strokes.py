@@ -20,7 +20,7 @@ import copy
 import fnmatch
 import math
 import threading
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -43,6 +43,8 @@ __all__ = ["Floor", "StrokeNominal"]
 TRAVEL, CLEAR, LEAST, MOST = 2e-5, 20.0, 0.5, 10.0
 #: The same with effects in the fit, and from score to score.
 TRAVEL_LATER, TRAVEL_SCORES = 5e-5, 1.5e-3
+#: Columns of one number that are kept: fits with and without an effect come back to where they were.
+KEPT = 8
 #: Step of a parameter as a share of its natural size: over a tenth of it an integrator at 1e-5
 #: would be heard.
 STEP = 0.25
@@ -122,7 +124,7 @@ class StrokeNominal(MechanismNominal):
         self._runs = _Runs()
         self._shifter = Shifter(self.action.config)
         self._scored_at: dict[str, _Scored] = {}
-        self._columns_kept: dict[tuple[object, ...], _Column] = {}
+        self._columns_kept: dict[tuple[object, ...], deque[_Column]] = {}
         self._displacements = [o != "finger.force" for o in self.outputs]
         self.computed = 0
         """Columns taken by differences so far."""
@@ -468,16 +470,17 @@ class StrokeNominal(MechanismNominal):
         size: float,
         take: Callable[[], Array],
     ) -> Array:
-        kept = self._columns_kept.get(key)
-        if kept is not None and self._away(kept.motion, base) <= travel * kept.patience:
-            return kept.value
+        known = self._columns_kept.setdefault(key, deque(maxlen=KEPT))
+        away = [self._away(c.motion, base) / c.patience for c in known]
+        if away and min(away) <= travel:
+            return known[int(np.argmin(away))].value
         value = take()
         self.computed += 1
         sigma = np.array([record.sensors[o].sigma if o in record.sensors else np.inf
                           for o in self.outputs])  # fmt: skip
         seen = float(np.linalg.norm(np.nan_to_num(value / np.nan_to_num(sigma, nan=np.inf))))
         patience = min(max(LEAST, CLEAR / max(size * seen, 1e-3)), MOST)
-        self._columns_kept[key] = _Column(base, value, patience)
+        known.append(_Column(base, value, patience))
         return value
 
 
