@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,19 @@ class Shot:
     def samples(self) -> Array:
         """Valid samples by window and channel, (W, ny)."""
         return np.asarray(np.sum(self.valid, axis=1), dtype=np.float64)
+
+    def only(self, w: int) -> Shot:
+        """The shot with one of its windows."""
+        own = slice(w, w + 1)
+        return replace(
+            self,
+            windows=self.windows[own],
+            measured=self.measured[own],
+            valid=self.valid[own],
+            before=self.before[own],
+            decay=self.decay[own],
+            weight=self.weight[own],
+        )
 
     def whiten(self, columns: Array) -> Array:
         """Whiten arrays (W, L, ny) or (W, L, ny, c): unit, uncorrelated noise; 0 if missing."""

@@ -174,9 +174,7 @@ def _optimize(
         )
         found = Point(known["theta"], known["sizes"], places)
         return found, float(known["cost"]), problem.linear(found), bool(known["converged"])
-    found, cost, linears, converged = _minimize(
-        problem, point, gap_sd, settings, iterations, worth
-    )
+    found, cost, linears, converged = _minimize(problem, point, gap_sd, settings, iterations, worth)
     arrays = {"theta": found.theta, "sizes": found.sizes}
     arrays |= {"cost": np.array(cost), "converged": np.array(float(converged))}
     for i, place in enumerate(found.places):

@@ -10,6 +10,7 @@ from feltmb.gap.gates import Gates
 from feltmb.gap.refine import Search
 from feltmb.gap.report import HowFar, Verdict, Where
 from feltmb.gap.settle import Accepted, Posterior
+from feltmb.gap.smooth import smooth_rest
 
 __all__ = ["Decision", "Facts", "decide", "misfit"]
 
@@ -17,7 +18,7 @@ __all__ = ["Decision", "Facts", "decide", "misfit"]
 EXCESS = 4.0
 #: The same for what is left after effects were named.
 REST = 3.0
-#: Log evidence for unknown forces that is a gap whatever causes it.
+#: Log evidence for unknown forces or signals that is a gap whatever causes it.
 OTHER = 6.0
 #: Posterior that a name needs.
 SURE = 0.9
@@ -78,10 +79,11 @@ class Decision:
 def misfit(
     fit: Fit, tight: Fit | None, *, estimated: bool, bar: float = EXCESS
 ) -> tuple[bool, float, float]:
-    """Is something left: (yes, standardized excess, log evidence for unknown forces).
+    """Is something left: (yes, standardized excess, log evidence for something unknown).
 
-    Where the noise itself was estimated from the records, an excess within a third of it is not
-    held against the model.
+    The unknown are forces at every window's joint, or, where a fit has no gaps between windows, a
+    smooth signal in every output. Where the noise itself was estimated from the records, an excess
+    within a third of it is not held against the model.
     """
     reference = tight if tight is not None else fit
     ratio = reference.chi2 / reference.dof
@@ -91,8 +93,10 @@ def misfit(
     other = 0.0
     if tight is not None and tight is not fit:
         other = fit.log_evidence - tight.log_evidence
-        if estimated and ratio < 1.33**2:
-            other = 0.0
+    elif not reference.gap_sd.size:
+        other = smooth_rest(reference)
+    if estimated and ratio < 1.33**2:
+        other = 0.0
     return excess > bar or other > OTHER, float(excess), float(other)
 
 
@@ -214,7 +218,11 @@ def _unsure(facts: Facts, hinted: tuple[str, ...], why: str) -> Decision:
 
 def _signs(facts: Facts) -> str:
     """What says that there is a gap."""
-    text = f"sum of squares {_ratio(facts.first):.3g} of its expectation"
+    first = facts.first
+    text = f"sum of squares {_ratio(first):.3g} of its expectation"
+    _, _, other = misfit(first.nominal, first.tight_fit, estimated=facts.gates.estimated)
+    if other > OTHER and not first.nominal.gap_sd.size:
+        text += f", but what is left is smoother than noise, by {other:.0f} nats"
     if facts.p > REFUTED:
         return text
     return f"{text}, largest score family-wise p = {facts.p:.1g}"

@@ -43,7 +43,7 @@ __all__ = ["Floor", "StrokeNominal"]
 TRAVEL, CLEAR, LEAST, MOST = 2e-5, 20.0, 0.5, 10.0
 #: The same with effects in the fit, and from score to score.
 TRAVEL_LATER, TRAVEL_SCORES = 5e-5, 1.5e-3
-#: Columns of one number that are kept: fits with and without an effect come back to where they were.
+#: Columns of one number that are kept: fits with and without an effect come back.
 KEPT = 8
 #: Step of a parameter as a share of its natural size: over a tenth of it an integrator at 1e-5
 #: would be heard.

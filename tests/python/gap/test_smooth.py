@@ -1,0 +1,116 @@
+"""The unknown smooth rest of fits without gaps: against dense covariances, and its null law."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from feltmb.data import Array, Record, Sensor
+from feltmb.fit.linear import LinearNominal
+from feltmb.fit.nominal import Parameter
+from feltmb.fit.problem import Problem
+from feltmb.fit.shots import Noise, make_shot
+from feltmb.fit.solve import Fit, fit_problem
+from feltmb.gap import smooth
+from feltmb.gap.decide import OTHER, misfit
+
+TIME = np.linspace(0.0, 1.0, 201)
+SIGMA = 0.02
+COLUMNS = {
+    "offset": lambda r: np.ones(r.samples),
+    "slope": lambda r: r.time,
+    "wave": lambda r: np.sin(9.0 * r.time),
+}
+NOMINAL = LinearNominal(
+    output="y",
+    columns=COLUMNS,
+    parameters=[Parameter(name="offset", value=0.0, sd=0.1), Parameter(name="slope", value=0.0)],
+    window=10.0,
+)
+
+
+def noise(generator: np.random.Generator, tau: float) -> Array:
+    white = generator.standard_normal(TIME.size)
+    if tau == 0.0:
+        return SIGMA * white
+    decay = np.exp(-(TIME[1] - TIME[0]) / tau)
+    out = np.empty_like(white)
+    out[0] = white[0]
+    for i in range(1, white.size):
+        out[i] = decay * out[i - 1] + np.sqrt(1.0 - decay**2) * white[i]
+    return SIGMA * out
+
+
+def fitted(seed: int, *, tau: float = 0.0, extra: float = 0.0) -> Fit:
+    generator = np.random.default_rng(seed)
+    shots = []
+    for name in ("one", "two"):
+        y = 0.05 + 0.3 * TIME + 0.2 * np.sin(9.0 * TIME) + noise(generator, tau)
+        y = y + extra * SIGMA * np.cos(22.0 * TIME)
+        sensor = Sensor(name="y", sigma=SIGMA, correlation_time=tau)
+        record = Record(name=name, time=TIME, inputs={}, outputs={"y": y}, sensors={"y": sensor})
+        shots.append(make_shot(NOMINAL, record, {"y": Noise(SIGMA, tau)}, None))
+    return fit_problem(Problem(NOMINAL, tuple(shots)))
+
+
+@pytest.mark.parametrize("tau", [0.0, 0.004])
+def test_it_is_the_ratio_of_two_likelihoods(tau: float) -> None:
+    """Two dense covariances of all samples, without a word of cosines that are whitened."""
+    fit = fitted(1, tau=tau, extra=0.8)
+    n = TIME.size
+    near = np.abs(TIME[:, None] - TIME[None, :])
+    one = SIGMA**2 * (np.exp(-near / tau) if tau else np.eye(n))
+    zero = np.zeros_like(one)
+    # A wide prior stands for none: it adds the same to both.
+    sd = np.array([0.1, 1e3, 1e3])
+    record = fit.problem.shots[0].record
+    design = np.column_stack([f(record) for f in COLUMNS.values()]) * sd
+    both = np.vstack([design, design])
+    noisy = np.block([[one, zero], [zero, one]]) + both @ both.T
+    measured = np.concatenate([s.record.outputs["y"] for s in fit.problem.shots])
+    best = 0.0
+    for share in smooth.LENGTHS:
+        k = np.arange(smooth.MOST)
+        rate = np.pi * k[np.pi * k * tau <= smooth.SLOW]
+        basis = np.cos(rate * TIME[:, None]) / (1.0 + (rate * share) ** 2 / 3.0) * SIGMA
+        kernel = basis @ basis.T
+        signal = np.block([[kernel, zero], [zero, kernel]])
+        base = -0.5 * measured @ np.linalg.solve(noisy, measured)
+        base -= 0.5 * np.linalg.slogdet(noisy)[1]
+        for s2 in np.logspace(-4.0, 1.0, 21):
+            total = noisy + s2 * signal
+            value = -0.5 * measured @ np.linalg.solve(total, measured)
+            value -= 0.5 * np.linalg.slogdet(total)[1]
+            best = max(best, value - base)
+    assert best > 5.0
+    assert smooth.smooth_rest(fit) == pytest.approx(best, rel=0.02, abs=0.1)
+
+
+def test_noise_alone_is_no_smooth_rest() -> None:
+    found = np.array([smooth.smooth_rest(fitted(s)) for s in range(60)])
+    # Half a chi-square of one degree of freedom, the largest of four lengths that see alike.
+    assert np.mean(found > 1.92) < 0.12
+    assert found.max() < OTHER
+
+
+def test_a_smooth_gap_is_seen_that_the_sum_of_squares_cannot_see() -> None:
+    fit = fitted(3, extra=0.45)
+    gap, excess, other = misfit(fit, None, estimated=False)
+    assert excess < 4.0
+    assert other > OTHER
+    assert gap
+    calm = fitted(3)
+    assert not misfit(calm, None, estimated=False)[0]
+
+
+def test_windows_and_missing_samples_are_allowed() -> None:
+    fit = fitted(3, extra=0.45)
+    record = fit.problem.shots[0].record
+    y = record.outputs["y"].copy()
+    y[40:60] = np.nan
+    cut = replace(record, outputs={"y": y})
+    shot = make_shot(NOMINAL, cut, {"y": Noise(SIGMA, 0.0)}, 0.25)
+    assert shot.count > 1
+    assert smooth.smooth_rest(fit_problem(Problem(NOMINAL, (shot,)))) >= 0.0
