@@ -1,7 +1,7 @@
 """Time of a diagnosis of the action, by stage: five strokes by forty effects and more.
 
 python bench/gap_action.py [--strokes N] [--rtol R] [--derivatives D]
-    [--effects PATTERNS] [--json FILE]
+    [--effects PATTERNS] [--whole] [--json FILE]
 
 Derivatives are counted in strokes: processor time over that of one stroke, which does not depend on
 what else the machine is doing. Wall times are those of this machine at this moment.
@@ -42,6 +42,11 @@ def main() -> None:
     parser.add_argument("--effects", default="", help="default: the core set; all")
     parser.add_argument("--derivatives", default="differences")
     parser.add_argument("--after-impact", type=float, default=0.006)
+    parser.add_argument(
+        "--whole",
+        action="store_true",
+        help="a whole diagnosis, the last two strokes held out, instead of its stages",
+    )
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     action = feltmb.load_action("steinway45")
@@ -52,11 +57,14 @@ def main() -> None:
         derivatives=options.derivatives,
         effects=[e for e in options.effects.split(",") if e],
     )
+    strokes = STROKES[: options.strokes]
+    if options.whole:
+        strokes = (*strokes[:-2], *((name, "held_out") for name, _ in strokes[-2:]))
     case = make_case(
         action,
         {"shank_compliance": 2.0},
         seed=1,
-        strokes=STROKES[: options.strokes],
+        strokes=strokes,
         sensors=Sensors(force_noise=0.002, force_step=0.0),
         spread=0.3,
         after_impact=options.after_impact,
@@ -91,6 +99,15 @@ def main() -> None:
         f"{len(machine_terms(terms))} in the machine), {len(nominal.parameters)} tolerances"
     )
     timed("one run of every stroke", all_strokes)
+    if options.whole:
+        floored = nominal.with_floor(case.records) if hasattr(nominal, "with_floor") else nominal
+        chosen = feltmb.gap.Options(bootstrap=0, restarts=0)
+        report = timed(
+            "whole diagnosis",
+            lambda: feltmb.gap.diagnose(floored, effects, case.records, None, chosen),
+        )
+        print(report.verdict, ", ".join(report.named))
+        return
     if hasattr(nominal, "with_floor"):
         nominal = timed("floor of five strokes", lambda: nominal.with_floor(case.records))
     shots = tuple(make_shot(nominal, r, noise, 1.0) for r in case.records)

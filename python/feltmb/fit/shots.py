@@ -70,6 +70,18 @@ class Shot:
             weight=self.weight[own],
         )
 
+    def until(self, share: float) -> Shot:
+        """The shot without what was measured after a share of the record [1]."""
+        last = share * (self.record.samples - 1)
+        at = self.windows[:, :1] + np.arange(self.measured.shape[1])
+        beyond = np.arange(self.record.samples) > last
+        outputs = {k: np.where(beyond, np.nan, v) for k, v in self.record.outputs.items()}
+        return replace(
+            self,
+            record=replace(self.record, outputs=outputs),
+            weight=self.weight * (at <= last)[..., None],
+        )
+
     def whiten(self, columns: Array) -> Array:
         """Whiten arrays (W, L, ny) or (W, L, ny, c): unit, uncorrelated noise; 0 if missing."""
         extra = columns.ndim == 4

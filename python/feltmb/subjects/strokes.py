@@ -347,7 +347,7 @@ class StrokeNominal(MechanismNominal):
         motions would differ by what looks like a cause.
         """
         scored = self._scored_at.get(record.name)
-        if scored is None or self._away(scored.motion, base) > TRAVEL_SCORES:
+        if scored is None or self._away(record, scored.motion, base) > TRAVEL_SCORES:
             scored = _Scored(base, {}, {})
             self._scored_at[record.name] = scored
         travel = 0.0 if not scored.parameters else TRAVEL_SCORES
@@ -365,11 +365,12 @@ class StrokeNominal(MechanismNominal):
             np.stack(at, axis=-1) if at else empty,
         )
 
-    def _away(self, motion: Array, base: Array) -> float:
-        """Largest distance between two motions [m]."""
+    def _away(self, record: Record, motion: Array, base: Array) -> float:
+        """Largest distance between two motions as long as something is measured [m]."""
         if motion.shape != base.shape:
             return math.inf
-        away = np.abs(motion - base)[:, self._displacements]
+        seen = np.flatnonzero(np.any([np.isfinite(v) for v in record.outputs.values()], axis=0))
+        away = np.abs(motion - base)[: seen[-1] + 1 if seen.size else None, self._displacements]
         return float(np.max(away)) if away.size else 0.0
 
     def _by_parameters(
@@ -471,7 +472,7 @@ class StrokeNominal(MechanismNominal):
         take: Callable[[], Array],
     ) -> Array:
         known = self._columns_kept.setdefault(key, deque(maxlen=KEPT))
-        away = [self._away(c.motion, base) / c.patience for c in known]
+        away = [self._away(record, c.motion, base) / c.patience for c in known]
         if away and min(away) <= travel:
             return known[int(np.argmin(away))].value
         value = take()

@@ -1,0 +1,178 @@
+"""How far a withheld effect of a case stands out of what the tolerances can take up.
+
+The scales of :mod:`feltmb.blind.action_calibration` choose sizes before there is a case: one
+linearization at drawing values, columns of the nominal. Where an effect is nearly the same as a
+tolerance, or large, they promise more than any engine could see. Here the tolerances of the
+generator's own machine are fitted to what the effect does, without noise, so that nothing of the
+engine and nothing of its nominal's run is in it:
+
+    nc^2 = min over p, z of |W (y(with) - y(p) - D z)|^2 + |(p - p0) / sd|^2 + |z|^2,
+
+p0 the case's own tolerances, D the floor, W the whitening by the camera's noise.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from feltmb.blind import action_truth as truth
+from feltmb.blind.action_calibration import to_record
+from feltmb.data import Array
+from feltmb.fit.shots import Noise, Shot, make_shot
+
+__all__ = ["noncentralities"]
+
+#: Step of a tolerance for its column, in standard deviations.
+STEP = 0.25
+#: Steps of the fit; each is one run of every stroke.
+ITERATIONS = 25
+
+
+@dataclass(frozen=True, eq=False)
+class _Stroke:
+    """One stroke without the effect, at the case's own tolerances."""
+
+    name: str
+    length: float
+    view: Mapping[str, Array]
+    shot: Shot
+    columns: Array
+    """Whitened, by tolerances and then by this record's floor, in standard deviations."""
+
+
+@functools.cache
+def _fixed() -> tuple[Any, ...]:
+    from feltmb.subjects import mechanism_nominal
+
+    action, base, library, outputs = truth.setup()
+    nominal = mechanism_nominal(action, shooting="single", rtol=1e-6, workers=1)[0]
+    return base, library, outputs, nominal
+
+
+def noncentralities(case: truth.Case) -> list[float]:
+    """Noncentrality of every part of a case, the others left out [1].
+
+    An upper bound: the fit goes along fixed columns and may end above its minimum. 0 for parts
+    whose numbers make no mechanism.
+    """
+    if not case.parts:
+        return []
+    bare = replace(case, parts=())
+    try:
+        strokes = [_stroke(bare, name) for name in truth.FIT]
+    except Exception:  # no mechanism: the case has no records either
+        return [0.0 for _ in case.parts]
+    out = []
+    for part in case.parts:
+        try:
+            out.append(_strength(replace(case, parts=(part,)), bare, strokes))
+        except Exception:
+            out.append(0.0)
+    return out
+
+
+def _view(case: truth.Case, name: str, length: float | None = None) -> dict[str, Array]:
+    base, library, outputs, _ = _fixed()
+    return truth.record(base, library, case, name, outputs, ideal=True, length=length)[0]
+
+
+def _stacked(view: Mapping[str, Array]) -> Array:
+    return np.stack([view[o] for o in _fixed()[2]], axis=-1)
+
+
+def _stroke(bare: truth.Case, name: str) -> _Stroke:
+    _, library, outputs, nominal = _fixed()
+    view = _view(bare, name)
+    length = view["force"].size / truth.RATE
+    record = to_record(name, view, outputs)
+    noise = {o: Noise(truth.NOISE_CAMERA, 1.5 / truth.RATE) for o in outputs}
+    shot = make_shot(nominal, record, noise, None, np.array([[0, record.samples - 1]]))
+    columns = []
+    for e in library.tolerances:
+        at = bare.tolerances.get(e.name, 0.0)
+        step = STEP * e.size if at <= 0.0 else -STEP * e.size
+        moved = replace(bare, tolerances={**bare.tolerances, e.name: at + step})
+        change = (_stacked(_view(moved, name, length)) - _stacked(view)) * (e.size / step)
+        columns.append(shot.whiten(change[None]).reshape(-1))
+    floor = nominal.with_floor([record], truth.VARIATION).floors[name].columns
+    white = shot.whiten(floor[None]).reshape(-1, floor.shape[2])
+    return _Stroke(name, length, view, shot, np.column_stack([*columns, white]))
+
+
+def _strength(case: truth.Case, bare: truth.Case, strokes: list[_Stroke]) -> float:
+    _, library, _, nominal = _fixed()
+    targets = []
+    for s in strokes:
+        moved = _view(case, s.name, s.length)
+        change = _stacked(moved)
+        push = moved["force"] - s.view["force"]
+        if np.any(push):  # the model answers to the force that it is shown
+            zero = np.zeros(nominal.mechanical)
+            shown = s.shot.record.with_inputs({"force": moved["force"]})
+            answers = [nominal._motion(r, zero, (), np.zeros(0)) for r in (shown, s.shot.record)]
+            change = change - (answers[0] - answers[1])
+        targets.append(change)
+    sizes = np.array([e.size for e in library.tolerances])
+    names = [e.name for e in library.tolerances]
+    own = np.array([bare.tolerances.get(n, 0.0) for n in names])
+    count = sizes.size
+    widths = [s.columns.shape[1] - count for s in strokes]
+    total = count + sum(widths)
+    rows = []
+    at = count
+    for s, width in zip(strokes, widths, strict=True):
+        block = np.zeros((s.columns.shape[0], total))
+        block[:, :count] = s.columns[:, :count]
+        block[:, at : at + width] = s.columns[:, count:]
+        rows.append(block)
+        at += width
+    root = np.vstack(rows)
+    height = np.linalg.inv(root.T @ root + np.eye(total))
+    # The floor acts linearly: it is eliminated at every point.
+    inner = root[:, count:]
+    clean = np.linalg.inv(inner.T @ inner + np.eye(total - count))
+
+    def residual(p: Array) -> Array:
+        tolerances = dict(zip(names, own + p * sizes, strict=True))
+        moved = replace(bare, tolerances=tolerances)
+        parts = [
+            s.shot.whiten((y - _stacked(_view(moved, s.name, s.length)))[None]).reshape(-1)
+            for s, y in zip(strokes, targets, strict=True)
+        ]
+        return np.concatenate(parts)
+
+    def cost(r: Array, p: Array) -> float:
+        pull = inner.T @ r
+        return float(r @ r - pull @ clean @ pull + p @ p)
+
+    p = np.zeros(count)
+    r = residual(p)
+    best = cost(r, p)
+    share = 1.0
+    for _ in range(ITERATIONS):
+        z = clean @ (inner.T @ r)
+        left = np.concatenate([root[:, :count].T @ (r - inner @ z) - p, np.zeros(total - count)])
+        step = (height @ left)[:count]
+        moved = p + share * step
+        try:
+            other = residual(moved)
+            value = cost(other, moved)
+        except Exception:
+            value = math.inf
+        if value < best:
+            done = best - value < 1e-3 * best + 0.05
+            p, r, best = moved, other, value
+            share = min(1.0, 2.0 * share)
+            if done:
+                break
+        else:
+            share *= 0.4
+            if share < 0.02:
+                break
+    return math.sqrt(max(best, 0.0))
