@@ -15,6 +15,7 @@ import numpy as np
 
 from feltmb.blind import action_truth as truth
 from feltmb.blind.action_calibration import packaged_scales, to_record
+from feltmb.blind.action_strength import noncentralities
 from feltmb.data import Record
 from feltmb.files import write_file
 
@@ -63,6 +64,7 @@ def make_records(data: dict[str, Any], path: Path) -> dict[str, Any]:
 def answer(case: truth.Case, library: Any, onsets: dict[str, list[float]]) -> dict[str, Any]:
     """What the scorer needs to know of a case."""
     parts = []
+    strengths = noncentralities(case)
     for k, part in enumerate(case.parts):
         data = False
         if part.form == "outside":
@@ -72,7 +74,8 @@ def answer(case: truth.Case, library: Any, onsets: dict[str, list[float]]) -> di
             component = entry.component
             data = truth.is_signal(entry) or entry.kind in ("sensor", "input")
         times = {s: onsets[s][k] for s in onsets}
-        parts.append({**asdict(part), "component": component, "data": data, "onset": times})
+        told = {"component": component, "data": data, "onset": times, "nc": strengths[k]}
+        parts.append({**asdict(part), **told})
     return {"number": case.number, "mode": "force", "parts": parts}
 
 

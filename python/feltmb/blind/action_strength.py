@@ -30,8 +30,9 @@ __all__ = ["noncentralities"]
 
 #: Step of a tolerance for its column, in standard deviations.
 STEP = 0.25
-#: Steps of the fit; each is one run of every stroke.
-ITERATIONS = 25
+#: Steps of the fit along the same columns, each one run of every stroke, and how often columns are
+#: taken anew where it stops.
+ITERATIONS, RENEWALS = 20, 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +44,9 @@ class _Stroke:
     view: Mapping[str, Array]
     shot: Shot
     columns: Array
-    """Whitened, by tolerances and then by this record's floor, in standard deviations."""
+    """Whitened, by tolerances, in standard deviations."""
+    floor: Array
+    """Whitened, of this record's floor, in standard deviations."""
 
 
 @functools.cache
@@ -58,8 +61,7 @@ def _fixed() -> tuple[Any, ...]:
 def noncentralities(case: truth.Case) -> list[float]:
     """Noncentrality of every part of a case, the others left out [1].
 
-    An upper bound: the fit goes along fixed columns and may end above its minimum. 0 for parts
-    whose numbers make no mechanism.
+    An upper bound: the fit may end above its minimum. 0 for parts whose numbers make no mechanism.
     """
     if not case.parts:
         return []
@@ -79,7 +81,7 @@ def noncentralities(case: truth.Case) -> list[float]:
 
 def _view(case: truth.Case, name: str, length: float | None = None) -> dict[str, Array]:
     base, library, outputs, _ = _fixed()
-    return truth.record(base, library, case, name, outputs, ideal=True, length=length)[0]
+    return truth.record(base, library, case, name, outputs, rtol=1e-7, ideal=True, length=length)[0]
 
 
 def _stacked(view: Mapping[str, Array]) -> Array:
@@ -87,22 +89,28 @@ def _stacked(view: Mapping[str, Array]) -> Array:
 
 
 def _stroke(bare: truth.Case, name: str) -> _Stroke:
-    _, library, outputs, nominal = _fixed()
+    _, _, outputs, nominal = _fixed()
     view = _view(bare, name)
     length = view["force"].size / truth.RATE
     record = to_record(name, view, outputs)
     noise = {o: Noise(truth.NOISE_CAMERA, 1.5 / truth.RATE) for o in outputs}
     shot = make_shot(nominal, record, noise, None, np.array([[0, record.samples - 1]]))
-    columns = []
-    for e in library.tolerances:
-        at = bare.tolerances.get(e.name, 0.0)
-        step = STEP * e.size if at <= 0.0 else -STEP * e.size
-        moved = replace(bare, tolerances={**bare.tolerances, e.name: at + step})
-        change = (_stacked(_view(moved, name, length)) - _stacked(view)) * (e.size / step)
-        columns.append(shot.whiten(change[None]).reshape(-1))
     floor = nominal.with_floor([record], truth.VARIATION).floors[name].columns
     white = shot.whiten(floor[None]).reshape(-1, floor.shape[2])
-    return _Stroke(name, length, view, shot, np.column_stack([*columns, white]))
+    return _Stroke(name, length, view, shot, _columns(bare, name, length, shot), white)
+
+
+def _columns(case: truth.Case, name: str, length: float, shot: Shot) -> Array:
+    """Whitened derivatives of a stroke by all tolerances at those of the case."""
+    base = _stacked(_view(case, name, length))
+    columns = []
+    for e in _fixed()[1].tolerances:
+        at = case.tolerances.get(e.name, 0.0)
+        step = STEP * e.size if at <= 0.0 else -STEP * e.size
+        moved = replace(case, tolerances={**case.tolerances, e.name: at + step})
+        change = (_stacked(_view(moved, name, length)) - base) * (e.size / step)
+        columns.append(shot.whiten(change[None]).reshape(-1))
+    return np.column_stack(columns)
 
 
 def _strength(case: truth.Case, bare: truth.Case, strokes: list[_Stroke]) -> float:
@@ -122,57 +130,63 @@ def _strength(case: truth.Case, bare: truth.Case, strokes: list[_Stroke]) -> flo
     names = [e.name for e in library.tolerances]
     own = np.array([bare.tolerances.get(n, 0.0) for n in names])
     count = sizes.size
-    widths = [s.columns.shape[1] - count for s in strokes]
-    total = count + sum(widths)
-    rows = []
-    at = count
-    for s, width in zip(strokes, widths, strict=True):
-        block = np.zeros((s.columns.shape[0], total))
-        block[:, :count] = s.columns[:, :count]
-        block[:, at : at + width] = s.columns[:, count:]
-        rows.append(block)
-        at += width
-    root = np.vstack(rows)
-    height = np.linalg.inv(root.T @ root + np.eye(total))
-    # The floor acts linearly: it is eliminated at every point.
-    inner = root[:, count:]
-    clean = np.linalg.inv(inner.T @ inner + np.eye(total - count))
+    floor = _diagonal([s.floor for s in strokes])
+    clean = np.linalg.inv(floor.T @ floor + np.eye(floor.shape[1]))
+
+    def at(p: Array) -> truth.Case:
+        return replace(bare, tolerances=dict(zip(names, own + p * sizes, strict=True)))
 
     def residual(p: Array) -> Array:
-        tolerances = dict(zip(names, own + p * sizes, strict=True))
-        moved = replace(bare, tolerances=tolerances)
         parts = [
-            s.shot.whiten((y - _stacked(_view(moved, s.name, s.length)))[None]).reshape(-1)
+            s.shot.whiten((y - _stacked(_view(at(p), s.name, s.length)))[None]).reshape(-1)
             for s, y in zip(strokes, targets, strict=True)
         ]
         return np.concatenate(parts)
 
     def cost(r: Array, p: Array) -> float:
-        pull = inner.T @ r
+        pull = floor.T @ r  # the floor acts linearly: it is eliminated at every point
         return float(r @ r - pull @ clean @ pull + p @ p)
 
     p = np.zeros(count)
     r = residual(p)
     best = cost(r, p)
-    share = 1.0
-    for _ in range(ITERATIONS):
-        z = clean @ (inner.T @ r)
-        left = np.concatenate([root[:, :count].T @ (r - inner @ z) - p, np.zeros(total - count)])
-        step = (height @ left)[:count]
-        moved = p + share * step
-        try:
-            other = residual(moved)
-            value = cost(other, moved)
-        except Exception:
-            value = math.inf
-        if value < best:
-            done = best - value < 1e-3 * best + 0.05
-            p, r, best = moved, other, value
-            share = min(1.0, 2.0 * share)
-            if done:
-                break
-        else:
-            share *= 0.4
-            if share < 0.02:
-                break
+    columns = np.vstack([s.columns for s in strokes])
+    for renewal in range(1 + RENEWALS):
+        if renewal:
+            columns = np.vstack([_columns(at(p), s.name, s.length, s.shot) for s in strokes])
+        before = best
+        root = np.hstack([columns, floor])
+        height = np.linalg.inv(root.T @ root + np.eye(root.shape[1]))
+        share = 1.0
+        for _ in range(ITERATIONS):
+            z = clean @ (floor.T @ r)
+            left = np.concatenate([columns.T @ (r - floor @ z) - p, np.zeros(z.size)])
+            moved = p + share * (height @ left)[:count]
+            try:
+                other = residual(moved)
+                value = cost(other, moved)
+            except Exception:  # these numbers make no mechanism
+                value = math.inf
+            if value < best:
+                done = best - value < 1e-3 * best + 0.05
+                p, r, best = moved, other, value
+                share = min(1.0, 2.0 * share)
+                if done:
+                    break
+            else:
+                share *= 0.4
+                if share < 0.02:
+                    break
+        if before - best < 0.02 * best + 0.1:
+            break
     return math.sqrt(max(best, 0.0))
+
+
+def _diagonal(blocks: list[Array]) -> Array:
+    """Blocks along the diagonal of an otherwise empty matrix."""
+    out = np.zeros((sum(b.shape[0] for b in blocks), sum(b.shape[1] for b in blocks)))
+    row, column = 0, 0
+    for b in blocks:
+        out[row : row + b.shape[0], column : column + b.shape[1]] = b
+        row, column = row + b.shape[0], column + b.shape[1]
+    return out

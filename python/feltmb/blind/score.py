@@ -64,6 +64,11 @@ def bootstrap(
     return statistic(data), float(np.quantile(drawn, 0.025)), float(np.quantile(drawn, 0.975))
 
 
+def _strength(part: Mapping[str, Any]) -> float:
+    """Noncentrality of a part: of its own case where that was computed, else as it was drawn."""
+    return float(part.get("nc", part["target"]))
+
+
 @dataclass(frozen=True)
 class Scored:
     """A case with its answer and its result."""
@@ -87,7 +92,7 @@ class Scored:
 
     @property
     def strength(self) -> float:
-        return max((float(p["target"]) for p in self.parts), default=0.0)
+        return max((_strength(p) for p in self.parts), default=0.0)
 
     @property
     def failed(self) -> bool:
@@ -285,7 +290,7 @@ def score(cases: Sequence[Scored]) -> list[Figure]:
            [max(1, len(c.result["one_of"])) for c in strong if not c.failed and c.claims],
            lambda v: float(np.mean(v)), "effects")  # fmt: skip
     share("two effects, both named", pairs, lambda c: c.truth <= c.named)
-    both = [c for c in pairs if min(float(p["target"]) for p in c.parts) >= 5.0]
+    both = [c for c in pairs if min(_strength(p) for p in c.parts) >= 5.0]
     share("two effects, both named, both nc >= 5", both, lambda c: c.truth <= c.named)
     share(
         "two effects, both in the best set, both nc >= 5", both,

@@ -7,6 +7,7 @@ import pytest
 
 from feltmb.blind import action_bench, action_truth
 from feltmb.blind.action_calibration import packaged_scales
+from feltmb.blind.action_strength import noncentralities
 from feltmb.blind.bench import Bench, _make_action_records
 from feltmb.blind.score import read, score
 from feltmb.errors import InvalidParameter
@@ -103,3 +104,22 @@ def test_kinds_of_ones_own_are_for_the_small_model(tmp_path):
     file.write_text("KINDS = ()")
     with pytest.raises(InvalidParameter, match="for the model key_hammer"):
         Bench(tmp_path / "b", file, "steinway45").seal(2, 1)
+
+
+def test_the_answer_says_how_far_the_effect_stands_out(made):
+    bench, _, number = made
+    answer = json.loads((bench.folder / "answers" / f"{number}.json").read_text())
+    # An upper bound by a fit; the size was drawn by a linearization that can be off either way.
+    assert all(0.0 <= p["nc"] < 500.0 for p in answer["parts"])
+
+
+@pytest.mark.slow
+def test_an_effect_that_a_tolerance_can_take_up_does_not_stand_out():
+    """A softer shank is the tolerance of its bending: it costs what the prior says, no more."""
+    part = action_truth.Part("shank_compliance", "A", 0.3, 40.0)
+    gain = action_truth.Part("channel_gain.key", "A", 0.02, 0.0)
+    shank, channel = noncentralities(action_truth.plain_case((part, gain)))
+    # E exp(-0.3) = E (1 - 0.259): 3.2 standard deviations of 8 %; other tolerances share it.
+    assert 1.0 < shank < 0.259 / 0.08 * 1.1
+    assert channel > 5.0
+    assert noncentralities(action_truth.plain_case()) == []
