@@ -100,6 +100,61 @@ FELTMB_CLONES void solve_columns(std::size_t n, std::size_t stride, const double
   }
 }
 
+#if defined(__GNUC__)
+#define FELTMB_INLINE __attribute__((always_inline)) inline
+
+/// The same for up to 4 `blocks` unknowns, all in registers: step after step needs the number that
+/// the one before has left, which a way through memory would hold up.
+template <std::size_t J, std::size_t blocks>
+FELTMB_INLINE void forward_step(std::size_t n, std::size_t stride, const double* lower,
+                                Four (&r)[blocks]) {
+  if constexpr (J + 1 < kBlock * blocks) {
+    if (J + 1 >= n) return;
+    const double x = r[J / kBlock][J % kBlock];
+    for (std::size_t i = (J + 1) / kBlock; i < blocks; ++i) {
+      r[i] -= x * four(lower + J * stride + i * kBlock);
+    }
+    forward_step<J + 1, blocks>(n, stride, lower, r);
+  }
+}
+
+template <std::size_t J, std::size_t blocks>
+FELTMB_INLINE void backward_step(std::size_t n, std::size_t stride, const double* upper,
+                                 const double* inverse, double* b, Four (&r)[blocks]) {
+  if (J < n) {
+    const double x = r[J / kBlock][J % kBlock] * inverse[J];
+    for (std::size_t i = 0; i * kBlock < J; ++i) {
+      r[i] -= x * four(upper + J * stride + i * kBlock);
+    }
+    b[J] = x;
+  }
+  if constexpr (J > 0) backward_step<J - 1, blocks>(n, stride, upper, inverse, b, r);
+}
+
+template <std::size_t blocks>
+FELTMB_INLINE void solve_in_registers(std::size_t n, const double* upper, const double* lower,
+                                      const double* inverse, double* b) {
+  constexpr std::size_t stride = kBlock * blocks;
+  Four r[blocks];
+  for (std::size_t i = 0; i < blocks; ++i) r[i] = four(b + i * kBlock);
+  forward_step<0, blocks>(n, stride, lower, r);
+  backward_step<stride - 1, blocks>(n, stride, upper, inverse, b, r);
+}
+
+FELTMB_CLONES void solve_few(std::size_t n, std::size_t stride, const double* upper,
+                             const double* lower, const double* inverse, double* b) {
+  if (stride == kBlock) return solve_in_registers<1>(n, upper, lower, inverse, b);
+  if (stride == 2 * kBlock) return solve_in_registers<2>(n, upper, lower, inverse, b);
+  if (stride == 3 * kBlock) return solve_in_registers<3>(n, upper, lower, inverse, b);
+  solve_in_registers<4>(n, upper, lower, inverse, b);
+}
+#else
+void solve_few(std::size_t n, std::size_t stride, const double* upper, const double* lower,
+               const double* inverse, double* b) {
+  solve_columns(n, stride, upper, lower, inverse, b);
+}
+#endif
+
 FELTMB_CLONES void products(std::size_t columns, std::size_t stride, const double* a,
                             const double* x, const double* b, const double* y, double* out) {
   for (std::size_t i = 0; i < stride; i += kBlock) {
@@ -165,13 +220,22 @@ void DenseLu::resize(std::size_t n) {
 }
 
 bool DenseLu::factorize() {
-  return factorize_columns(n_, stride_, upper_.data(), lower_.data(), inverse_.data(),
-                           pivot_.data());
+  const bool regular =
+      factorize_columns(n_, stride_, upper_.data(), lower_.data(), inverse_.data(), pivot_.data());
+  exchanged_ = false;
+  for (std::size_t k = 0; k < n_; ++k) exchanged_ = exchanged_ || pivot_[k] != k;
+  return regular;
 }
 
 void DenseLu::solve(double* b) const {
-  for (std::size_t k = 0; k < n_; ++k) std::swap(b[k], b[pivot_[k]]);
-  solve_columns(n_, stride_, upper_.data(), lower_.data(), inverse_.data(), b);
+  if (exchanged_) {
+    for (std::size_t k = 0; k < n_; ++k) std::swap(b[k], b[pivot_[k]]);
+  }
+  if (stride_ <= 4 * kBlock) {
+    solve_few(n_, stride_, upper_.data(), lower_.data(), inverse_.data(), b);
+  } else {
+    solve_columns(n_, stride_, upper_.data(), lower_.data(), inverse_.data(), b);
+  }
 }
 
 void DenseLu::solve_rows(double* b, std::size_t columns, std::size_t stride) const {
