@@ -35,6 +35,27 @@ struct Four {
 const Four& four(const double* p) { return *reinterpret_cast<const Four*>(p); }
 Four& four(double* p) { return *reinterpret_cast<Four*>(p); }
 
+/// The rows i ... i + 3 of a column at step k: those below row k, times `inverse`, become
+/// multipliers, those above stay, and zeros take the place of the others.
+inline void split_block(std::size_t k, std::size_t i, double inverse, double* column,
+                        double* multiplier) {
+#if defined(__GNUC__)
+  using Mask = long long __attribute__((vector_size(32)));
+  const auto first = static_cast<long long>(i);
+  const auto pivot = static_cast<long long>(k);
+  const Mask row{first, first + 1, first + 2, first + 3};
+  const Four own = four(column + i);
+  const Four scaled = inverse * own;
+  four(multiplier + i) = reinterpret_cast<Four>(reinterpret_cast<Mask>(scaled) & (row > pivot));
+  four(column + i) = reinterpret_cast<Four>(reinterpret_cast<Mask>(own) & (row < pivot));
+#else
+  for (std::size_t j = i; j < i + kBlock; ++j) {
+    multiplier[j] = j > k ? inverse * column[j] : 0.0;
+    if (j >= k) column[j] = 0.0;
+  }
+#endif
+}
+
 /// Where the block of row i begins.
 inline std::size_t block(std::size_t i) { return i / kBlock * kBlock; }
 
@@ -66,10 +87,13 @@ FELTMB_CLONES bool factorize_columns(std::size_t n, std::size_t stride, double* 
     }
     inverse[k] = 1.0 / own[k];
     // The multipliers, with zeros down to row k: rows above in the same block stay as they are.
-    for (std::size_t i = 0; i < stride; ++i) multiplier[i] = 0.0;
-    for (std::size_t i = k + 1; i < n; ++i) multiplier[i] = own[i] * inverse[k];
-    // What is left of the column is that of U, without the diagonal.
-    for (std::size_t i = k; i < n; ++i) own[i] = 0.0;
+    // What is left of the column is that of U, without the diagonal. Whole blocks are written,
+    // since whole blocks are read next.
+    const std::size_t own_block = block(k);
+    for (std::size_t i = 0; i < own_block; i += kBlock) four(multiplier + i) = Four{};
+    for (std::size_t i = own_block; i < stride; i += kBlock) {
+      split_block(k, i, inverse[k], own, multiplier);
+    }
     const std::size_t from = block(k + 1);
     for (std::size_t j = k + 1; j < n; ++j) {
       double* other = a + j * stride;
