@@ -27,23 +27,6 @@ const QuadratureRule& cell_rule() {
   return rule;
 }
 
-/// Weights of a quadratic B-spline over rows 0 ... count - 1 at p in [0, count - 1]: smooth,
-/// positive, of sum 1.
-struct RowBlend {
-  std::size_t row[3];
-  double weight[3];
-  RowBlend(double p, std::size_t count) {
-    const auto middle = std::min(static_cast<std::size_t>(p + 0.5), count - 1);
-    const double f = p - static_cast<double>(middle);
-    row[0] = middle > 0 ? middle - 1 : 0;
-    row[1] = middle;
-    row[2] = std::min(middle + 1, count - 1);
-    weight[0] = 0.5 * (0.5 - f) * (0.5 - f);
-    weight[1] = 0.75 - f * f;
-    weight[2] = 0.5 * (0.5 + f) * (0.5 + f);
-  }
-};
-
 }  // namespace
 
 /// Loops meet at their end: rho raised by (1 - rho(1)) x^8, held in [0, 1].
@@ -332,19 +315,31 @@ CurveValue Envelope::loading(double e) const {
   return {v.force, v.slope / (2.0 * s * reach_)};
 }
 
+/// Weights of a quadratic B-spline over the rows of rho at e_m: smooth, positive, of sum 1.
+void Envelope::blend_rows(double e_m, CycleStart& to) const {
+  if (rows_ == 1) return;
+  const double p = std::sqrt(std::min(e_m / reach_, 1.0)) * static_cast<double>(rows_ - 1);
+  const auto middle = std::min(static_cast<std::size_t>(p + 0.5), rows_ - 1);
+  const double f = p - static_cast<double>(middle);
+  to.row[0] = middle > 0 ? middle - 1 : 0;
+  to.row[1] = middle;
+  to.row[2] = std::min(middle + 1, rows_ - 1);
+  to.weight[0] = 0.5 * (0.5 - f) * (0.5 - f);
+  to.weight[1] = 0.75 - f * f;
+  to.weight[2] = 0.5 * (0.5 + f) * (0.5 + f);
+}
+
 /// rho and its slope by s = sqrt(x).
-CurveValue Envelope::ratio_of_root(double s, double e_m) const {
+CurveValue Envelope::ratio_of_root(double s, const CycleStart& to) const {
   if (rows_ == 1) return look_up(rho_.data(), rho_slope_.data(), s);
   // The rows are blended first: one cubic instead of three.
-  const double p = std::sqrt(std::min(e_m / reach_, 1.0)) * static_cast<double>(rows_ - 1);
-  const RowBlend blend(p, rows_);
   const double position = s * static_cast<double>(kKnots);
   const std::size_t i = std::min(static_cast<std::size_t>(position), kKnots - 1);
   double v[4] = {};
   for (std::size_t k = 0; k < 3; ++k) {
-    const double w = blend.weight[k];
-    const double* value = rho_.data() + blend.row[k] * (kKnots + 1) + i;
-    const double* slope = rho_slope_.data() + blend.row[k] * (kKnots + 1) + i;
+    const double w = to.weight[k];
+    const double* value = rho_.data() + to.row[k] * (kKnots + 1) + i;
+    const double* slope = rho_slope_.data() + to.row[k] * (kKnots + 1) + i;
     v[0] += w * value[0];
     v[1] += w * value[1];
     v[2] += w * slope[0];
@@ -357,22 +352,33 @@ CurveValue Envelope::ratio_of_root(double s, double e_m) const {
 CurveValue Envelope::ratio(double x, double e_m) const {
   if (x >= 1.0) return {1.0, 0.0};
   const double s = std::sqrt(std::max(x, kSmallest));
-  const CurveValue v = ratio_of_root(s, e_m);
+  CycleStart to;
+  blend_rows(e_m, to);
+  const CurveValue v = ratio_of_root(s, to);
   return {v.force, v.slope / (2.0 * s)};
 }
 
-CycleValue Envelope::cycle(double e, double e_m) const {
+CycleStart Envelope::cycle_to(double e_m) const {
+  CycleStart to;
+  to.of = this;
+  to.largest = e_m;
+  to.area = e_m > area_reach_
+                ? area_by_quadrature(e_m).force
+                : look_up(area_.data(), area_slope_.data(), std::sqrt(e_m / area_reach_)).force;
+  blend_rows(e_m, to);
+  return to;
+}
+
+CycleValue Envelope::cycle(double e, const CycleStart& to) const {
   CycleValue c;
   const CurveValue load = loading(e);
   c.loading = load.force;
   c.loading_slope = load.slope;
-  const double s = std::sqrt(std::max(e / e_m, kSmallest));
-  const CurveValue rho = ratio_of_root(s, e_m);
+  const double s = std::sqrt(std::max(e / to.largest, kSmallest));
+  const CurveValue rho = ratio_of_root(s, to);
   c.ratio = rho.force;
-  c.ratio_slope = rho.slope / (2.0 * s * e_m);
-  c.area = e_m > area_reach_
-               ? area_by_quadrature(e_m).force
-               : look_up(area_.data(), area_slope_.data(), std::sqrt(e_m / area_reach_)).force;
+  c.ratio_slope = rho.slope / (2.0 * s * to.largest);
+  c.area = to.area;
   return c;
 }
 

@@ -116,7 +116,9 @@ struct FeltCore {
 /// A felt that was never pressed further [m] is virgin: the slopes of its memory are no numbers.
 constexpr double kNothing = 1e-150;
 
-FeltCore evaluate_core(const FeltMemory& law, double e, double rate, double z, double largest) {
+FeltCore evaluate_core(const FeltMemory& law, double e, double rate, const LawMemory& memory) {
+  const double z = memory.state[0];
+  const double largest = memory.largest;
   FeltCore c;
   if (e <= 0.0) return c;
   if (e >= largest || largest < kNothing) {
@@ -125,7 +127,11 @@ FeltCore evaluate_core(const FeltMemory& law, double e, double rate, double z, d
     c.loading_slope = c.by_compression = load.slope;
     return c;
   }
-  const CycleValue v = law.envelope->cycle(e, largest);
+  const Envelope& envelope = *law.envelope;
+  const CycleStart* kept = memory.cycle;
+  const bool known = kept != nullptr && kept->of == &envelope && kept->largest == largest;
+  const CycleValue v =
+      known ? envelope.cycle(e, *kept) : envelope.cycle(e, envelope.cycle_to(largest));
   c.loading = v.loading;
   c.loading_slope = v.loading_slope;
   const double mix = v.ratio + z * (1.0 - v.ratio);
@@ -149,7 +155,7 @@ FeltCore evaluate_core(const FeltMemory& law, double e, double rate, double z, d
 /// Without creep and rate term: the one state z.
 LawValue evaluate_plain(const FeltMemory& law, double e, double rate, const LawMemory& memory,
                         LawStates* states) {
-  const FeltCore c = evaluate_core(law, e, rate, memory.state[0], memory.largest);
+  const FeltCore c = evaluate_core(law, e, rate, memory);
   if (states != nullptr) {
     states->force[0] = c.by_z;
     states->rate[0] = c.z_rate;
@@ -172,7 +178,7 @@ LawValue evaluate_memory(const FeltMemory& law, double e, double rate, const Law
   const double inner = creeps ? e - own[k] : e;
 
   // With creep the rate of the felt itself follows from the force: a second look below.
-  FeltCore c = evaluate_core(law, inner, creeps ? 0.0 : rate, own[0], memory.largest);
+  FeltCore c = evaluate_core(law, inner, creeps ? 0.0 : rate, memory);
   v.force = c.force;
   v.d_compression = c.by_compression;
   states.force[0] = c.by_z;
@@ -204,7 +210,7 @@ LawValue evaluate_memory(const FeltMemory& law, double e, double rate, const Law
   states.rate_by_state[k][k] = (-v.d_compression - law.creep_stiffness) * inverse;
   states.force[k] = -v.d_compression;
   if (r != 0) states.rate_by_state[r][k] = -states.rate_by_compression[r];
-  c = evaluate_core(law, inner, rate - states.rate[k], own[0], memory.largest);
+  c = evaluate_core(law, inner, rate - states.rate[k], memory);
   states.rate[0] = c.z_rate;
   states.rate_by_rate[0] = c.z_rate_by_rate;
   states.rate_by_compression[0] =
@@ -412,7 +418,7 @@ double ContactLaw::dissipated_power(double compression, double rate,
     const double inner_rate = felt_rate(compression, rate, memory);
     const double z = memory.state[0];
     const double square = (2.0 * z - 1.0) * (2.0 * z - 1.0);
-    const FeltCore c = evaluate_core(*felt, inner, inner_rate, z, memory.largest);
+    const FeltCore c = evaluate_core(*felt, inner, inner_rate, memory);
     double power = (v.force - c.force) * inner_rate;
     if (inner > 0.0) {
       const bool virgin = inner > memory.largest || (inner == memory.largest && inner_rate > 0.0);

@@ -5,11 +5,17 @@
 
 #include "feltmb/core/error.hpp"
 #include "feltmb/modal/kernels.hpp"
+#include "newton_kernels.hpp"
 
 namespace feltmb {
 namespace {
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+/// Between matrices of one size.
+void copy(const Eigen::MatrixXd& from, Eigen::MatrixXd& to) {
+  std::copy_n(from.data(), from.size(), to.data());
+}
 
 }  // namespace
 
@@ -94,8 +100,11 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Fin
   rhs_largest_.resize(m.contacts.size());
   residual_.assign(2 * at(n_) * DenseLu::padded(at(n_)), 0.0);
   right_.setZero(static_cast<Eigen::Index>(DenseLu::padded(at(n_) + m.strings.size() + 1)));
-  stiffest_.assign(at(n_), -1);
-  tie_.assign(at(n_), 0.0);
+  slopes_.assign(2 * at(n_), 0.0);
+  kept_slope_.assign(m.contacts.size(), 0.0);
+  for (auto* matrix : {&mass_, &stiffness_, &damping_, &base_stiffness_, &base_damping_}) {
+    matrix->setZero(n_, n_);
+  }
 }
 
 void MechanismSystem::check_input(const Mechanism& m) const {
@@ -266,14 +275,10 @@ void MechanismSystem::add_contact_slopes(Eigen::MatrixXd& stiffness, Eigen::Matr
                                          const Eigen::VectorXd& gradient,
                                          const Eigen::VectorXd& rate_gradient, double slope,
                                          double rate_slope, const std::vector<int>& coordinates) {
-  for (const int k : coordinates) {
-    const double column = force_column[k] * slope + compression_column[k];
-    const double rate_column = force_column[k] * rate_slope;
-    for (const int j : coordinates) {
-      stiffness(k, j) += column * gradient[j] + rate_column * rate_gradient[j];
-      damping(k, j) += rate_column * gradient[j];
-    }
-  }
+  detail::add_contact_slopes(
+      at(n_), coordinates,
+      {force_column.data(), compression_column.data(), gradient.data(), rate_gradient.data()},
+      slope, rate_slope, slopes_.data(), stiffness.data(), damping.data());
 }
 
 void MechanismSystem::add_stateful(const ContactGradient* gradient, int contact, int coupling) {
@@ -315,24 +320,16 @@ void MechanismSystem::linearize_stiff(double t, std::span<const double> y) {
 void MechanismSystem::keep_slopes() {
   const Mechanism& m = mechanism();
   constraint_ = dynamics_.prescription().active ? 1 : 0;
-  mass_ = dynamics_.mass_matrix();
-  base_stiffness_ = dynamics_.stiffness();
-  base_damping_ = dynamics_.damping();
+  copy(dynamics_.mass_matrix(), mass_);
+  copy(dynamics_.stiffness(), base_stiffness_);
+  copy(dynamics_.damping(), base_damping_);
   coupling_count_ = 0;
   stateful_count_ = 0;
-  std::fill(stiffest_.begin(), stiffest_.end(), -1);
-  std::fill(tie_.begin(), tie_.end(), 0.0);
+  std::size_t kept = 0;
   for (const ContactGradient& g : dynamics_.gradients()) {
     const Contact& contact = m.contacts[at(g.contact)];
     const ContactState& state = dynamics_.contacts()[at(g.contact)];
-    for (const int k : contact.coordinates) {
-      const double tie = std::fabs((g.by_force[k] * state.law.d_compression + g.by_compression[k]) *
-                                   g.compression[k]);
-      if (tie > tie_[at(k)]) {
-        tie_[at(k)] = tie;
-        stiffest_[at(k)] = g.contact;
-      }
-    }
+    kept_slope_[kept++] = state.law.d_compression;
     const bool stateful = contact.law.n_states() > 0;
     if (stateful) {
       add_stateful(&g, g.contact, contact.string >= 0 ? coupling_count_ : -1);
@@ -455,27 +452,20 @@ bool MechanismSystem::factorize(double gamma) {
   gamma_ = gamma;
   modal::newton_factors(at(active_modes()), gamma, modal_stiffness_.data(), modal_damping_.data(),
                         modal_rate_factor_.data());
-  stiffness_ = base_stiffness_;
-  damping_ = base_damping_;
-  reduce_law_states(gamma);
+  if (stateful_count_ > 0) {
+    copy(base_stiffness_, stiffness_);
+    copy(base_damping_, damping_);
+    reduce_law_states(gamma);
+  }
   const int total = n_ + coupling_count_ + constraint_;
   lu_.resize(at(total));
   Eigen::Map<Eigen::MatrixXd, 0, Eigen::OuterStride<>> newton(
       lu_.column(0), total, total, Eigen::OuterStride<>(static_cast<Eigen::Index>(lu_.stride())));
   const std::size_t stride = DenseLu::padded(at(n_));
-  for (int k = 0; k < n_; ++k) {
-    const double* mass = mass_.col(k).data();
-    const double* damping = damping_.col(k).data();
-    const double* stiffness = stiffness_.col(k).data();
-    double* column = newton.col(k).data();
-    double* first = residual_.data() + at(k) * stride;
-    double* second = first + at(n_) * stride;
-    for (int j = 0; j < n_; ++j) {
-      first[j] = mass[j];
-      second[j] = gamma * stiffness[j];
-      column[j] = mass[j] - gamma * (damping[j] + second[j]);
-    }
-  }
+  detail::form_newton(at(n_), gamma, mass_.data(),
+                      (stateful_count_ > 0 ? damping_ : base_damping_).data(),
+                      (stateful_count_ > 0 ? stiffness_ : base_stiffness_).data(), lu_.stride(),
+                      lu_.column(0), stride, residual_.data(), residual_.data() + at(n_) * stride);
   for (int i = 0; i < coupling_count_; ++i) {
     StringCoupling& c = couplings_[at(i)];
     c.displacement_column = -(c.force_column * c.by_compression + c.compression_column);
@@ -816,8 +806,22 @@ std::vector<double> MechanismSystem::absolute_tolerances(double rtol) const {
 
 int MechanismSystem::stiffest_contact(std::size_t state) const {
   const std::size_t n = at(n_);
-  if (state < 2 * n) return stiffest_[state % n];
   const Mechanism& m = mechanism();
+  if (state < 2 * n) {
+    const auto k = static_cast<Eigen::Index>(state % n);
+    int stiffest = -1;
+    double most = 0.0;
+    std::size_t kept = 0;
+    for (const ContactGradient& g : dynamics_.gradients()) {
+      const double slope = kept_slope_[kept++];
+      const double tie =
+          std::fabs((g.by_force[k] * slope + g.by_compression[k]) * g.compression[k]);
+      if (tie <= most) continue;
+      most = tie;
+      stiffest = g.contact;
+    }
+    return stiffest;
+  }
   if (state < 2 * n + at(law_states_)) {
     for (std::size_t i = 0; i < m.contacts.size(); ++i) {
       const int own = static_cast<int>(state - 2 * n) - m.contacts[i].first_state;

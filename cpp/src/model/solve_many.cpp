@@ -31,7 +31,8 @@ void MechanismSystem::solve_many(RowBlock& b, const RowBlock* loads) {
   right.setZero(n_ + coupling_count_ + constraint_, columns);
   const auto width = static_cast<std::size_t>(columns);
   add_row_products(at(n_), mass_.data(), 1.0, r_v.data(), width, width, right.data(), width);
-  add_row_products(at(n_), stiffness_.data(), g, r_q.data(), width, width, right.data(), width);
+  const auto& stiffness = stateful_count_ > 0 ? stiffness_ : base_stiffness_;  // see factorize
+  add_row_products(at(n_), stiffness.data(), g, r_q.data(), width, width, right.data(), width);
   if (loads != nullptr) right.topRows(n_) += g * *loads;
   if (constraint_ > 0) {
     const Prescription& p = dynamics_.prescription();

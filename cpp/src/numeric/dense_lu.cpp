@@ -35,6 +35,27 @@ struct Four {
 const Four& four(const double* p) { return *reinterpret_cast<const Four*>(p); }
 Four& four(double* p) { return *reinterpret_cast<Four*>(p); }
 
+/// The rows i ... i + 3 of a column at step k: those below row k, times `inverse`, become
+/// multipliers, those above stay, and zeros take the place of the others.
+inline void split_block(std::size_t k, std::size_t i, double inverse, double* column,
+                        double* multiplier) {
+#if defined(__GNUC__)
+  using Mask = long long __attribute__((vector_size(32)));
+  const auto first = static_cast<long long>(i);
+  const auto pivot = static_cast<long long>(k);
+  const Mask row{first, first + 1, first + 2, first + 3};
+  const Four own = four(column + i);
+  const Four scaled = inverse * own;
+  four(multiplier + i) = reinterpret_cast<Four>(reinterpret_cast<Mask>(scaled) & (row > pivot));
+  four(column + i) = reinterpret_cast<Four>(reinterpret_cast<Mask>(own) & (row < pivot));
+#else
+  for (std::size_t j = i; j < i + kBlock; ++j) {
+    multiplier[j] = j > k ? inverse * column[j] : 0.0;
+    if (j >= k) column[j] = 0.0;
+  }
+#endif
+}
+
 /// Where the block of row i begins.
 inline std::size_t block(std::size_t i) { return i / kBlock * kBlock; }
 
@@ -66,10 +87,13 @@ FELTMB_CLONES bool factorize_columns(std::size_t n, std::size_t stride, double* 
     }
     inverse[k] = 1.0 / own[k];
     // The multipliers, with zeros down to row k: rows above in the same block stay as they are.
-    for (std::size_t i = 0; i < stride; ++i) multiplier[i] = 0.0;
-    for (std::size_t i = k + 1; i < n; ++i) multiplier[i] = own[i] * inverse[k];
-    // What is left of the column is that of U, without the diagonal.
-    for (std::size_t i = k; i < n; ++i) own[i] = 0.0;
+    // What is left of the column is that of U, without the diagonal. Whole blocks are written,
+    // since whole blocks are read next.
+    const std::size_t own_block = block(k);
+    for (std::size_t i = 0; i < own_block; i += kBlock) four(multiplier + i) = Four{};
+    for (std::size_t i = own_block; i < stride; i += kBlock) {
+      split_block(k, i, inverse[k], own, multiplier);
+    }
     const std::size_t from = block(k + 1);
     for (std::size_t j = k + 1; j < n; ++j) {
       double* other = a + j * stride;
@@ -99,6 +123,61 @@ FELTMB_CLONES void solve_columns(std::size_t n, std::size_t stride, const double
     b[j] = x;
   }
 }
+
+#if defined(__GNUC__)
+#define FELTMB_INLINE __attribute__((always_inline)) inline
+
+/// The same for up to 4 `blocks` unknowns, all in registers: step after step needs the number that
+/// the one before has left, which a way through memory would hold up.
+template <std::size_t J, std::size_t blocks>
+FELTMB_INLINE void forward_step(std::size_t n, std::size_t stride, const double* lower,
+                                Four (&r)[blocks]) {
+  if constexpr (J + 1 < kBlock * blocks) {
+    if (J + 1 >= n) return;
+    const double x = r[J / kBlock][J % kBlock];
+    for (std::size_t i = (J + 1) / kBlock; i < blocks; ++i) {
+      r[i] -= x * four(lower + J * stride + i * kBlock);
+    }
+    forward_step<J + 1, blocks>(n, stride, lower, r);
+  }
+}
+
+template <std::size_t J, std::size_t blocks>
+FELTMB_INLINE void backward_step(std::size_t n, std::size_t stride, const double* upper,
+                                 const double* inverse, double* b, Four (&r)[blocks]) {
+  if (J < n) {
+    const double x = r[J / kBlock][J % kBlock] * inverse[J];
+    for (std::size_t i = 0; i * kBlock < J; ++i) {
+      r[i] -= x * four(upper + J * stride + i * kBlock);
+    }
+    b[J] = x;
+  }
+  if constexpr (J > 0) backward_step<J - 1, blocks>(n, stride, upper, inverse, b, r);
+}
+
+template <std::size_t blocks>
+FELTMB_INLINE void solve_in_registers(std::size_t n, const double* upper, const double* lower,
+                                      const double* inverse, double* b) {
+  constexpr std::size_t stride = kBlock * blocks;
+  Four r[blocks];
+  for (std::size_t i = 0; i < blocks; ++i) r[i] = four(b + i * kBlock);
+  forward_step<0, blocks>(n, stride, lower, r);
+  backward_step<stride - 1, blocks>(n, stride, upper, inverse, b, r);
+}
+
+FELTMB_CLONES void solve_few(std::size_t n, std::size_t stride, const double* upper,
+                             const double* lower, const double* inverse, double* b) {
+  if (stride == kBlock) return solve_in_registers<1>(n, upper, lower, inverse, b);
+  if (stride == 2 * kBlock) return solve_in_registers<2>(n, upper, lower, inverse, b);
+  if (stride == 3 * kBlock) return solve_in_registers<3>(n, upper, lower, inverse, b);
+  solve_in_registers<4>(n, upper, lower, inverse, b);
+}
+#else
+void solve_few(std::size_t n, std::size_t stride, const double* upper, const double* lower,
+               const double* inverse, double* b) {
+  solve_columns(n, stride, upper, lower, inverse, b);
+}
+#endif
 
 FELTMB_CLONES void products(std::size_t columns, std::size_t stride, const double* a,
                             const double* x, const double* b, const double* y, double* out) {
@@ -165,13 +244,22 @@ void DenseLu::resize(std::size_t n) {
 }
 
 bool DenseLu::factorize() {
-  return factorize_columns(n_, stride_, upper_.data(), lower_.data(), inverse_.data(),
-                           pivot_.data());
+  const bool regular =
+      factorize_columns(n_, stride_, upper_.data(), lower_.data(), inverse_.data(), pivot_.data());
+  exchanged_ = false;
+  for (std::size_t k = 0; k < n_; ++k) exchanged_ = exchanged_ || pivot_[k] != k;
+  return regular;
 }
 
 void DenseLu::solve(double* b) const {
-  for (std::size_t k = 0; k < n_; ++k) std::swap(b[k], b[pivot_[k]]);
-  solve_columns(n_, stride_, upper_.data(), lower_.data(), inverse_.data(), b);
+  if (exchanged_) {
+    for (std::size_t k = 0; k < n_; ++k) std::swap(b[k], b[pivot_[k]]);
+  }
+  if (stride_ <= 4 * kBlock) {
+    solve_few(n_, stride_, upper_.data(), lower_.data(), inverse_.data(), b);
+  } else {
+    solve_columns(n_, stride_, upper_.data(), lower_.data(), inverse_.data(), b);
+  }
 }
 
 void DenseLu::solve_rows(double* b, std::size_t columns, std::size_t stride) const {

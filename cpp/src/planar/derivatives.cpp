@@ -191,7 +191,7 @@ void Dynamics::differentiate_contact(std::size_t i) {
   const ContactState& s = contacts_[i];
   const LinkState& a = links_[at(contact.a.link)];
   const LinkState& b = links_[at(contact.b.link)];
-  ContactGradient& g = next_gradient(i);
+  ContactGradient& g = next_gradient(i, true);
 
   const double force = s.law.force;
   const double mu = s.friction.value;
@@ -288,9 +288,12 @@ void Dynamics::differentiate_contact(std::size_t i) {
   }
 }
 
-ContactGradient& Dynamics::next_gradient(std::size_t contact) {
+ContactGradient& Dynamics::next_gradient(std::size_t contact, bool exact) {
   ContactGradient& g = gradients_[at(gradient_count_++)];
+  // Of a contact as before, what is not zero is about to be overwritten.
+  if (!exact && !g.exact && g.contact == static_cast<int>(contact)) return g;
   g.contact = static_cast<int>(contact);
+  g.exact = exact;
   for (auto* vector :
        {&g.by_force, &g.by_compression, &g.compression, &g.rate, &g.strike, &g.by_slope}) {
     vector->setZero();
@@ -300,7 +303,7 @@ ContactGradient& Dynamics::next_gradient(std::size_t contact) {
 
 void Dynamics::differentiate_stiff_contact(std::size_t i) {
   const ContactState& s = contacts_[i];
-  ContactGradient& g = next_gradient(i);
+  ContactGradient& g = next_gradient(i, false);
   const Vec2 tangent = perp(s.normal);
   const double mu = s.friction.value;
   const double resistance = s.law.force * s.friction.slope;

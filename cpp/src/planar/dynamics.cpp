@@ -19,6 +19,9 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   load_.resize(m_->links.size());
   carried_.resize(m_->links.size());
   held_.assign(n, char{0});
+  for (std::size_t i = 1; i < m_->links.size(); ++i) {
+    if (!m_->links[i].lump) moving_.push_back(i);
+  }
   contacts_.resize(m_->contacts.size());
   for (const Contact& contact : m_->contacts) {
     auto& chain = carriers_.emplace_back();
@@ -43,6 +46,22 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   law_.assign(at(m_->total_law_states), 0.0);
   law_states_.resize(m_->contacts.size());
   loaded_.assign(m_->contacts.size(), char{0});
+  cycles_.resize(m_->contacts.size());
+  std::vector<Friction> frictions;
+  for (int k = 0; k < n_; ++k) {
+    const Friction& friction = m_->joint_friction[at(k)];
+    if (FrictionLanes::takes(friction) && friction.amplitude == 0.0) continue;
+    frictions.push_back(friction);
+    turning_.push_back(k);
+  }
+  for (const Contact& contact : m_->contacts) {
+    pairs_.add(contact.law);
+    frictions.push_back(contact.friction);
+  }
+  pairs_.finish();
+  for (auto* v : {&closed_, &touching_, &rubbing_}) v->reserve(frictions.size());
+  frictions_ = FrictionLanes(std::move(frictions));
+  choose_lanes();
   phi_.assign(at(m_->total_modes), 0.0);
   dphi_.assign(at(m_->total_modes), 0.0);
   shaped_at_.assign(m_->strings.size(), std::numeric_limits<double>::quiet_NaN());
@@ -84,7 +103,39 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   }
 }
 
+void Dynamics::choose_lanes() {
+  pairs_.choose(closed_);
+  rubbing_.clear();
+  for (std::size_t i = 0; i < turning_.size(); ++i) rubbing_.push_back(i);
+  for (const std::size_t i : closed_) rubbing_.push_back(turning_.size() + i);
+  frictions_.choose(rubbing_);
+}
+
+/// Laws and friction of the closed contacts, friction of the joints, side by side.
+void Dynamics::evaluate_lanes() {
+  touching_.clear();
+  for (std::size_t i = 0; i < contacts_.size(); ++i) {
+    if (contacts_[i].closed) touching_.push_back(i);
+  }
+  if (touching_ != closed_) {
+    std::swap(touching_, closed_);
+    choose_lanes();
+  }
+  double* speed = frictions_.speed.data();
+  for (const int k : turning_) *speed++ = v_[at(k)];
+  for (std::size_t lane = 0; lane < closed_.size(); ++lane) {
+    const ContactState& state = contacts_[closed_[lane]];
+    pairs_.compression[lane] = state.compression;
+    pairs_.rate[lane] = state.rate;
+    *speed++ = state.slip;
+  }
+  if (!static_laws_) pairs_.evaluate();
+  frictions_.evaluate();
+}
+
 void Dynamics::apply_contacts() {
+  evaluate_lanes();
+  std::size_t lane = 0;
   for (std::size_t i = 0; i < contacts_.size(); ++i) {
     ContactState& state = contacts_[i];
     const Contact& contact = m_->contacts[i];
@@ -108,11 +159,17 @@ void Dynamics::apply_contacts() {
       state.law = {};
       state.law.force = v.force;
       state.law.d_compression = v.slope;
+    } else if (state.compression < pairs_.reach(lane)) {
+      state.law = pairs_.value(lane);
     } else {
+      if (contact.law.has_memory()) contact.law.keep_cycle(largest_[i], cycles_[i]);
       state.law = contact.law.evaluate(state.compression, state.rate, memory(i), &law_states_[i]);
       loaded_[i] = 1;
     }
-    state.friction = feltmb::evaluate(contact.friction, state.slip);
+    const std::size_t rubbing = turning_.size() + lane++;
+    state.friction = FrictionLanes::takes(contact.friction)
+                         ? FrictionValue{frictions_.value[rubbing], frictions_.slope[rubbing]}
+                         : feltmb::evaluate(contact.friction, state.slip);
     const Vec2 f = state.law.force * (state.normal - state.friction.value * perp(state.normal));
     apply(contact.b.link, state.point, f);
     if (contact.a.link != 0) apply(contact.a.link, state.point, -f);
@@ -245,9 +302,25 @@ void Dynamics::add_beam(std::size_t index) {
   carried.second += second + 2.0 * dot(first_world, origin) + beam.mass * dot(origin, origin);
 }
 
+/// Starts the generalized forces with the resistance of the joints, as joint_friction has it, from
+/// the lanes of apply_contacts.
+void Dynamics::resist_joints() {
+  force_.setZero();
+  for (std::size_t i = 0; i < turning_.size(); ++i) {
+    const int k = turning_[i];
+    const Friction& friction = m_->joint_friction[at(k)];
+    force_[k] = -(FrictionLanes::takes(friction) ? frictions_.value[i]
+                                                 : feltmb::evaluate(friction, v_[at(k)]).value);
+  }
+  for (const Dashpot& d : m_->dashpots) {
+    force_[d.coordinate] -= d.against(v_[at(d.coordinate)]).value;
+  }
+}
+
 void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail detail) {
   locate(state, drive, detail);
-  std::fill(applied_.begin(), applied_.end(), Wrench{});
+  applied_[0] = {};
+  for (const std::size_t i : moving_) applied_[i] = {};
   apply_contacts();
   apply_straps();
   if (!drive.motion && !drive.prescribed && drive.coordinate < 0 && drive.force != 0.0) {
@@ -255,17 +328,18 @@ void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail
   }
 
   for (const int place : filled_) mass_.data()[place] = 0.0;
-  for (int k = 0; k < n_; ++k) force_[k] = -joint_friction(k);
-  for (std::size_t i = 0; i < links_.size(); ++i) {
-    if (m_->links[i].lump) continue;
+  resist_joints();
+  load_[0] = applied_[0];
+  carried_[0] = {};
+  for (const std::size_t i : moving_) {
     load_[i] = applied_[i];
     carried_[i] = {};
   }
   for (std::size_t b = 0; b < m_->beams.size(); ++b) add_beam(b);
   // Children come after their parents: what a link carries is complete when it is reached.
-  for (std::size_t i = links_.size() - 1; i > 0; --i) {
+  for (std::size_t place = moving_.size(); place-- > 0;) {
+    const std::size_t i = moving_[place];
     const Link& link = m_->links[i];
-    if (link.lump) continue;
     if (link.mass != 0.0) {
       const LinkState& moving = links_[i];
       const Vec2 arm = moving.rotation * link.center_of_mass;

@@ -60,9 +60,7 @@ void Dynamics::move_link(std::size_t i) {
 void Dynamics::move_links(std::span<const double> q, std::span<const double> v) {
   std::copy(q.begin(), q.end(), q_.begin());
   std::copy(v.begin(), v.end(), v_.begin());
-  for (std::size_t i = 1; i < links_.size(); ++i) {
-    if (!m_->links[i].lump) move_link(i);
-  }
+  for (const std::size_t i : moving_) move_link(i);
 }
 
 void Dynamics::move_lumps() {

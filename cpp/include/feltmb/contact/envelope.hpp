@@ -1,6 +1,7 @@
 /// Envelopes of a compression loop: virgin loading curve and the shape of its unloading.
 #pragma once
 
+#include <cstddef>
 #include <functional>
 #include <memory>
 #include <vector>
@@ -27,6 +28,17 @@ struct CycleValue {
   double ratio = 1.0;          ///< rho(e / e_m, e_m) [-]
   double ratio_slope = 0.0;    ///< d rho / de [1/m]
   double area = 0.0;           ///< W(e_m) [J]
+};
+
+class Envelope;
+
+/// What an envelope knows of the cycle to e_m before the compression: constant between reversals.
+struct CycleStart {
+  const Envelope* of = nullptr;
+  double largest = 0.0;     ///< e_m [m]
+  double area = 0.0;        ///< W(e_m) [J]
+  std::size_t row[3] = {};  ///< of a table of rho with rows over e_m: the three around it
+  double weight[3] = {};    ///< and their weights
 };
 
 /// What was changed to make the unloading shape of a loop monotone.
@@ -82,8 +94,9 @@ class Envelope {
   /// rho [-] and d rho / dx at x = e / e_m of the cycle to e_m [m].
   CurveValue ratio(double x, double e_m) const;
 
-  /// F_L, rho and W together, for 0 < e < e_m [m].
-  CycleValue cycle(double e, double e_m) const;
+  /// F_L, rho and W together, for 0 < e < e_m [m]; e_m > 0.
+  CycleValue cycle(double e, const CycleStart& to) const;
+  CycleStart cycle_to(double e_m) const;
 
   double loading_energy(double e) const;  ///< integral of F_L [J]
 
@@ -99,7 +112,8 @@ class Envelope {
   void tabulate_loading(const std::function<double(double)>& loading, double reach, bool smooth);
   std::vector<double> close(std::vector<double> rho) const;
   void tabulate_ratio(std::vector<double> rho);
-  CurveValue ratio_of_root(double s, double e_m) const;
+  void blend_rows(double e_m, CycleStart& to) const;
+  CurveValue ratio_of_root(double s, const CycleStart& to) const;
   CurveValue area_by_quadrature(double e_m) const;
   void tabulate_area();
   void tabulate_energy();

@@ -113,6 +113,8 @@ struct LawStates {
 struct LawMemory {
   const double* state = nullptr;  ///< n_states() values
   double largest = 0.0;           ///< e_m [m]
+  /// What the envelope knows of the cycle to e_m; used if it is that, else formed anew.
+  const CycleStart* cycle = nullptr;
 };
 
 /// A law ready for use: parameters checked, derived constants computed. Immutable.
@@ -140,6 +142,12 @@ class ContactLaw {
 
   /// Whether the law remembers its largest compression.
   bool has_memory() const { return std::holds_alternative<FeltMemory>(parameters_); }
+
+  /// Brings the cycle to `largest` [m] of a law with memory up to date.
+  void keep_cycle(double largest, CycleStart& cycle) const {
+    const Envelope* envelope = std::get<FeltMemory>(parameters_).envelope.get();
+    if (cycle.largest != largest || cycle.of != envelope) cycle = envelope->cycle_to(largest);
+  }
 
   /// Force and slopes at compression [m] and rate [m/s]; zero force for compression <= 0. Never
   /// throws. Laws with states or memory need `memory`; `states` is filled for them if given.

@@ -42,6 +42,7 @@ class DenseLu {
   std::vector<double> lower_;       ///< L without its diagonal, zeros above
   std::vector<double> inverse_;     ///< of the diagonal of U
   std::vector<std::size_t> pivot_;  ///< row exchanged with row k in step k
+  bool exchanged_ = false;          ///< a pivot was not the diagonal
 };
 
 /// out = sum over j < columns of x[j] A_j + y[j] B_j, columns of `stride` values (whole blocks).

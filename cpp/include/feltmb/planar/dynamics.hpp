@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "feltmb/contact/side_by_side.hpp"
 #include "feltmb/planar/mechanism.hpp"
 
 namespace feltmb {
@@ -72,6 +73,7 @@ struct ContactState {
 /// enter last: dQ = b dF + c de + (rest, in the stiffness and damping matrices).
 struct ContactGradient {
   int contact = -1;
+  bool exact = false;              ///< by differentiate(); else all but two vectors are zero
   Eigen::VectorXd by_force;        ///< b = dQ/dF
   Eigen::VectorXd by_compression;  ///< c = dQ/de at fixed force
   Eigen::VectorXd compression;     ///< de/dq
@@ -144,7 +146,7 @@ class Dynamics {
 
   /// Memory of a contact's law at the last state given.
   LawMemory memory(std::size_t contact) const {
-    return {law_.data() + m_->contacts[contact].first_state, largest_[contact]};
+    return {law_.data() + m_->contacts[contact].first_state, largest_[contact], &cycles_[contact]};
   }
 
   /// Exact derivatives at the state of the last `evaluate`, with the law slopes left out of
@@ -239,7 +241,10 @@ class Dynamics {
     w.moment += cross(point, force);
     w.virial += dot(point, force);
   }
+  void choose_lanes();
+  void evaluate_lanes();
   void apply_contacts();
+  void resist_joints();
   void apply_straps();
   void apply_inertia(std::size_t i);
   void add_beam(std::size_t index);
@@ -253,7 +258,7 @@ class Dynamics {
   void complete_links();
   void differentiate_members();
   void release_condensed();
-  ContactGradient& next_gradient(std::size_t contact);
+  ContactGradient& next_gradient(std::size_t contact, bool exact);
   void differentiate_contact(std::size_t i);
   void differentiate_stiff_contact(std::size_t i);
   void differentiate_strap(std::size_t i);
@@ -275,6 +280,7 @@ class Dynamics {
 
   std::shared_ptr<const Mechanism> m_;
   int n_ = 0;
+  std::vector<std::size_t> moving_;  ///< links but the ground and lumps, parents first
   std::vector<LinkState> links_;
   std::vector<Wrench> applied_;
   std::vector<ContactState> contacts_;
@@ -309,6 +315,13 @@ class Dynamics {
   std::vector<double> law_;
   std::vector<LawStates> law_states_;  ///< by contact
   std::vector<char> loaded_;           ///< by contact: law_states_ is of a closed contact
+  std::vector<CycleStart> cycles_;     ///< by contact: of laws with memory, kept while it lasts
+  std::vector<int> turning_;           ///< coordinates of the joints with friction
+  std::vector<std::size_t> closed_;    ///< closed contacts, for which lanes are chosen
+  std::vector<std::size_t> touching_;  ///< closed contacts now
+  std::vector<std::size_t> rubbing_;   ///< scratch: the frictions that have lanes
+  PairLanes pairs_;                    ///< laws of contacts; lanes: closed_
+  FrictionLanes frictions_;            ///< of turning_, then contacts; lanes: turning_, closed_
   std::vector<double> q_;
   std::vector<double> v_;
   Eigen::VectorXd force_;
