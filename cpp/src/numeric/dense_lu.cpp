@@ -252,6 +252,7 @@ bool DenseLu::factorize() {
 }
 
 void DenseLu::solve(double* b) const {
+  if (n_ == 0) return;
   if (exchanged_) {
     for (std::size_t k = 0; k < n_; ++k) std::swap(b[k], b[pivot_[k]]);
   }

@@ -74,7 +74,9 @@ def answer(case: truth.Case, library: Any, onsets: dict[str, list[float]]) -> di
             component = entry.component
             data = truth.is_signal(entry) or entry.kind in ("sensor", "input")
         times = {s: onsets[s][k] for s in onsets}
-        told = {"component": component, "data": data, "onset": times, "nc": strengths[k]}
+        told = {"component": component, "data": data, "onset": times}
+        if strengths[k] is not None:
+            told["nc"] = strengths[k]
         parts.append({**asdict(part), **told})
     return {"number": case.number, "mode": "force", "parts": parts}
 

@@ -58,10 +58,10 @@ def _fixed() -> tuple[Any, ...]:
     return base, library, outputs, nominal
 
 
-def noncentralities(case: truth.Case) -> list[float]:
+def noncentralities(case: truth.Case) -> list[float | None]:
     """Noncentrality of every part of a case, the others left out [1].
 
-    An upper bound: the fit may end above its minimum. 0 for parts whose numbers make no mechanism.
+    An upper bound: the fit may end above its minimum. None where it could not be computed.
     """
     if not case.parts:
         return []
@@ -69,13 +69,13 @@ def noncentralities(case: truth.Case) -> list[float]:
     try:
         strokes = [_stroke(bare, name) for name in truth.FIT]
     except Exception:  # no mechanism: the case has no records either
-        return [0.0 for _ in case.parts]
-    out = []
+        return [None for _ in case.parts]
+    out: list[float | None] = []
     for part in case.parts:
         try:
             out.append(_strength(replace(case, parts=(part,)), bare, strokes))
         except Exception:
-            out.append(0.0)
+            out.append(None)
     return out
 
 

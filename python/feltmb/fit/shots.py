@@ -71,15 +71,17 @@ class Shot:
         )
 
     def until(self, share: float) -> Shot:
-        """The shot without what was measured after a share of the record [1]."""
+        """The shot without what was measured after a share of the samples of its record [1]."""
         last = share * (self.record.samples - 1)
         at = self.windows[:, :1] + np.arange(self.measured.shape[1])
         beyond = np.arange(self.record.samples) > last
+        seen = (at <= last)[..., None]
         outputs = {k: np.where(beyond, np.nan, v) for k, v in self.record.outputs.items()}
         return replace(
             self,
             record=replace(self.record, outputs=outputs),
-            weight=self.weight * (at <= last)[..., None],
+            valid=self.valid & seen,
+            weight=self.weight * seen,
         )
 
     def whiten(self, columns: Array) -> Array:

@@ -412,7 +412,14 @@ def _descend(
     Also the point and the sum of squares at the loosest.
     """
     if not problem.nominal.states(machine_terms(problem.terms)):
-        fit = polish(problem, _led(problem, point, settings), 1.0, settings)
+        known = all(np.isfinite(problem.nominal.parameters[i].sd) for i in problem.free)
+        if known:
+            fit = polish(problem, _led(problem, point, settings), 1.0, settings)
+        else:  # a beginning may say nothing of a parameter that no prior holds
+            fit = polish(problem, point, 1.0, settings)
+            if not fit.explains:
+                led = polish(problem, _led(problem, point, settings), 1.0, settings)
+                fit = led if led.cost < fit.cost else fit
         return fit, fit.point, fit.cost
     levels = settings.levels
     if all(s.count == 1 for s in problem.shots):

@@ -16,6 +16,8 @@ same (see :func:`feltmb.gap.decide.misfit`).
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from feltmb.data import Array
@@ -29,11 +31,14 @@ __all__ = ["smooth_rest"]
 LENGTHS = (0.01, 0.03, 0.1, 0.3)
 #: Most cosines of a channel in a window, and of all.
 MOST, IN_ALL = 40, 900
+#: Share of a signal below which what the fit leaves of it is rounding.
+ROUNDING = 1e-9
 #: Frequency times correlation time of the noise up to which cosines are asked: above it a data
 #: sheet's one number does not say what the noise is [1].
 SLOW = 0.3
 
 
+@functools.lru_cache(maxsize=8)
 def smooth_rest(fit: Fit) -> float:
     """Log Bayes factor of an unknown smooth signal against noise, at its best amplitude and length.
 
@@ -46,16 +51,17 @@ def smooth_rest(fit: Fit) -> float:
     -------
     float
         [1], at least 0. Under noise alone twice it is above x with half the chance of a chi-square
-        of one degree of freedom, for each length.
+        of one degree of freedom, for each length. 0 too where there are more channels times windows
+        than ``IN_ALL``.
     """
     problem = fit.problem
     normal = problem.normal(fit.point, fit.linears, fit.gap_sd, keep_rows=True)
     step = solve_scaled(normal.matrix, normal.right)
     size = np.sqrt(np.maximum(np.diag(normal.matrix), 1e-300))
     values, vectors = np.linalg.eigh(normal.matrix / np.outer(size, size))
-    root = (vectors / np.sqrt(np.maximum(values, 1e-11 * values[-1]))) / size[:, None]
+    root = (vectors / np.sqrt(np.maximum(values, 1e-11 * values[-1:]))) / size[:, None]
     cells = sum(s.count for s in problem.shots) * len(problem.nominal.outputs)
-    most = min(MOST, max(2, IN_ALL // cells))
+    most = min(MOST, IN_ALL // max(cells, 1))
     pulls, grams, crosses, periods = [], [], [], []
     for shot, chain, own in zip(problem.shots, normal.chains, normal.columns, strict=True):
         assert chain.rows is not None
@@ -77,20 +83,27 @@ def smooth_rest(fit: Fit) -> float:
     for g in grams:
         gram[at : at + len(g), at : at + len(g)] = g
         at += len(g)
+    whole = np.diag(gram).copy()
     cross = np.vstack(crosses)
     gram -= cross @ cross.T
     span = max(float(s.record.time[-1] - s.record.time[0]) for s in problem.shots)
-    return max(_best(u, gram, omega, share * span) for share in LENGTHS)
+    return max(_best(u, gram, whole, omega, share * span) for share in LENGTHS)
 
 
-def _best(u: Array, gram: Array, omega: Array, length: float) -> float:
-    """Largest log Bayes factor over amplitudes for one length [s]."""
+def _best(u: Array, gram: Array, whole: Array, omega: Array, length: float) -> float:
+    """Largest log Bayes factor over amplitudes for one length [s].
+
+    ``whole``: squares of the columns before anything fitted was taken out of them; what is left of
+    a signal that the fit can take up altogether is rounding.
+    """
     spread = 1.0 / (1.0 + (omega * length) ** 2 / 3.0)  # the root of the spectrum
     values, vectors = np.linalg.eigh(spread[:, None] * gram * spread)
-    values = np.maximum(values, 0.0)
-    along = (vectors.T @ (spread * u)) ** 2
+    kept = values > ROUNDING * float(np.max(spread**2 * whole))
+    if not kept.any():
+        return 0.0
+    values, along = values[kept], ((vectors.T @ (spread * u)) ** 2)[kept]
     best = 0.0
-    for s2 in np.logspace(-6.0, 6.0, 61) / max(float(values[-1]), 1e-300):
+    for s2 in np.logspace(-6.0, 6.0, 61) / float(values[-1]):
         log_k = 0.5 * float(np.sum(s2 * along / (1.0 + s2 * values) - np.log1p(s2 * values)))
         best = max(best, log_k)
     return best

@@ -477,6 +477,8 @@ class StrokeNominal(MechanismNominal):
             return known[int(np.argmin(away))].value
         value = take()
         self.computed += 1
+        if not np.all(np.isfinite(value)):
+            return value  # a run that failed is not remembered
         sigma = np.array([record.sensors[o].sigma if o in record.sensors else np.inf
                           for o in self.outputs])  # fmt: skip
         seen = float(np.linalg.norm(np.nan_to_num(value / np.nan_to_num(sigma, nan=np.inf))))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from feltmb.data import Array, Record, Sensor
-from feltmb.fit.linear import LinearNominal
+from feltmb.fit.linear import FunctionNominal, LinearNominal
 from feltmb.fit.nominal import Parameter
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Noise, make_shot
@@ -114,3 +114,38 @@ def test_windows_and_missing_samples_are_allowed() -> None:
     shot = make_shot(NOMINAL, cut, {"y": Noise(SIGMA, 0.0)}, 0.25)
     assert shot.count > 1
     assert smooth.smooth_rest(fit_problem(Problem(NOMINAL, (shot,)))) >= 0.0
+
+
+def test_what_the_fit_can_take_up_altogether_is_no_signal() -> None:
+    """One cosine, the constant, beside a free offset: nothing is left but rounding."""
+    fit = fitted(5, tau=0.3)
+    assert smooth.smooth_rest(fit) == 0.0
+
+
+def test_nothing_free_is_no_fault() -> None:
+    fit = fitted(5)
+    fixed = LinearNominal(
+        output="y",
+        columns=COLUMNS,
+        parameters=[Parameter(name=n, value=0.1, sd=0.0) for n in COLUMNS],
+        window=10.0,
+    )
+    shots = tuple(make_shot(fixed, s.record, {"y": Noise(SIGMA)}, None) for s in fit.problem.shots)
+    assert smooth.smooth_rest(fit_problem(Problem(fixed, shots))) > OTHER
+
+
+@pytest.mark.parametrize(
+    "late", [lambda t: np.exp(8.0 * (t - 1.0)), lambda t: np.exp(-(((t - 0.8) / 0.05) ** 2))]
+)
+def test_parameters_that_the_beginning_does_not_show_are_found(late) -> None:
+    """A model that is not linear, exact, without priors, whose last effect comes late."""
+    nominal = FunctionNominal(
+        outputs={"y": lambda r, p: p.a * np.ones(r.samples) + np.sinh(p.b) * late(r.time)},
+        parameters=[Parameter(name="a", value=0.0), Parameter(name="b", value=0.1)],
+        window=10.0,
+    )
+    y = 0.5 + np.sinh(1.5) * late(TIME) + noise(np.random.default_rng(2), 0.0)
+    sensor = Sensor(name="y", sigma=SIGMA)
+    record = Record(name="one", time=TIME, inputs={}, outputs={"y": y}, sensors={"y": sensor})
+    shot = make_shot(nominal, record, {"y": Noise(SIGMA)}, None)
+    assert fit_problem(Problem(nominal, (shot,))).explains
