@@ -21,6 +21,7 @@ import numpy as np
 
 from feltmb.blind import action_truth as truth
 from feltmb.data import Array, Record, Sensor
+from feltmb.fit.shots import Noise, Shot, make_shot
 
 __all__ = ["calibrate", "packaged_scales", "to_record"]
 
@@ -51,15 +52,32 @@ def to_record(name: str, view: Mapping[str, Array], outputs: tuple[str, ...]) ->
     )
 
 
+def whole_shot(nominal: Any, record: Record) -> Shot:
+    """A record in one piece with the noise of its cameras."""
+    noise = {o: Noise(truth.NOISE_CAMERA, s.correlation_time) for o, s in record.sensors.items()}
+    return make_shot(nominal, record, noise, None, np.array([[0, record.samples - 1]]))
+
+
+def answer_to_force(nominal: Any, record: Record, force: Array) -> Array | float:
+    """Change of the nominal's motion where it is shown another force than that of the record.
+
+    An effect of the input changes what the force sensor shows, and the nominal answers to that.
+    """
+    if not np.any(force - record.inputs["force"]):
+        return 0.0
+    zero = np.zeros(nominal.mechanical)
+    shown = record.with_inputs({"force": force})
+    moved, still = (nominal._motion(r, zero, (), np.zeros(0)) for r in (shown, record))
+    return np.asarray(moved - still)
+
+
 def calibrate(progress: Callable[[str, int, int], None] | None = None) -> dict[str, float]:
     """Noncentrality per unit of size of every effect, form and kind from outside."""
-    from feltmb.fit.shots import Noise, make_shot
     from feltmb.subjects import mechanism_nominal
 
     action, base, library, outputs = truth.setup()
     nominal: Any = mechanism_nominal(action, shooting="single", rtol=1e-6, workers=1)[0]
     plain = truth.plain_case()
-    noise = {o: Noise(truth.NOISE_CAMERA, 1.5 / truth.RATE) for o in outputs}
     views, shots, roots = [], [], []
     records = []
     for stroke in truth.FIT:
@@ -68,10 +86,9 @@ def calibrate(progress: Callable[[str, int, int], None] | None = None) -> dict[s
         records.append(to_record(stroke, view, outputs))
     whole = nominal.with_floor(records)
     for r in records:
-        windows = np.array([[0, r.samples - 1]])
-        shot = make_shot(whole, r, noise, None, windows)
+        shot = whole_shot(whole, r)
         theta = np.zeros(len(whole.parameters))
-        s = whole.sensitivities(r, theta, windows, np.zeros((1, 0)), by_starts=False)
+        s = whole.sensitivities(r, theta, shot.windows, np.zeros((1, 0)), by_starts=False)
         unit = s.d_theta * np.array([p.sd for p in whole.parameters])
         shots.append(shot)
         roots.append(shot.whiten(unit).reshape(-1, unit.shape[3]))
@@ -85,13 +102,7 @@ def calibrate(progress: Callable[[str, int, int], None] | None = None) -> dict[s
             length = view["force"].size / truth.RATE
             moved, _ = truth.record(base, library, case, stroke, outputs, ideal=True, length=length)
             change = np.stack([moved[o] - view[o] for o in outputs], axis=-1)
-            # An input effect changes the record of the input, the nominal answers to that.
-            push = moved["force"] - view["force"]
-            if np.any(push):
-                seen = shot.record.with_inputs({"force": moved["force"]})
-                answer = whole._motion(seen, np.zeros(whole.mechanical), (), np.zeros(0))
-                still = whole._motion(shot.record, np.zeros(whole.mechanical), (), np.zeros(0))
-                change = change - (answer - still)
+            change = change - answer_to_force(whole, shot.record, moved["force"])
             rows.append(shot.whiten(change[None]).reshape(-1))
         d = np.concatenate(rows)
         pull = root.T @ d

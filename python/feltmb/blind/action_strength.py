@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 
 from feltmb.blind import action_truth as truth
-from feltmb.blind.action_calibration import to_record
+from feltmb.blind.action_calibration import answer_to_force, to_record, whole_shot
 from feltmb.data import Array
-from feltmb.fit.shots import Noise, Shot, make_shot
+from feltmb.fit.shots import Shot
 
 __all__ = ["noncentralities"]
 
@@ -93,8 +93,7 @@ def _stroke(bare: truth.Case, name: str) -> _Stroke:
     view = _view(bare, name)
     length = view["force"].size / truth.RATE
     record = to_record(name, view, outputs)
-    noise = {o: Noise(truth.NOISE_CAMERA, 1.5 / truth.RATE) for o in outputs}
-    shot = make_shot(nominal, record, noise, None, np.array([[0, record.samples - 1]]))
+    shot = whole_shot(nominal, record)
     floor = nominal.with_floor([record], truth.VARIATION).floors[name].columns
     white = shot.whiten(floor[None]).reshape(-1, floor.shape[2])
     return _Stroke(name, length, view, shot, _columns(bare, name, length, shot), white)
@@ -118,14 +117,8 @@ def _strength(case: truth.Case, bare: truth.Case, strokes: list[_Stroke]) -> flo
     targets = []
     for s in strokes:
         moved = _view(case, s.name, s.length)
-        change = _stacked(moved)
-        push = moved["force"] - s.view["force"]
-        if np.any(push):  # the model answers to the force that it is shown
-            zero = np.zeros(nominal.mechanical)
-            shown = s.shot.record.with_inputs({"force": moved["force"]})
-            answers = [nominal._motion(r, zero, (), np.zeros(0)) for r in (shown, s.shot.record)]
-            change = change - (answers[0] - answers[1])
-        targets.append(change)
+        answer = answer_to_force(nominal, s.shot.record, moved["force"])
+        targets.append(_stacked(moved) - answer)
     sizes = np.array([e.size for e in library.tolerances])
     names = [e.name for e in library.tolerances]
     own = np.array([bare.tolerances.get(n, 0.0) for n in names])

@@ -38,6 +38,9 @@ class FitSettings:
     seed: int = 0
     chain: bool = False
     """Whether a poor fit is tried again from one simulation through all windows."""
+    worth: float = np.inf
+    """Sum of squares that another fit has. Where there are no gaps between windows, a search ends,
+    unfinished, at a point whose linear model does not promise to get below it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,11 +154,10 @@ def _optimize(
     gap_sd: Array,
     settings: FitSettings,
     iterations: int,
-    worth: float = np.inf,
 ) -> tuple[Point, float, list[Linear], bool]:
     """Minimize from a point, or take the result from the cache of the problem."""
     if problem.cache is None:
-        return _minimize(problem, point, gap_sd, settings, iterations, worth)
+        return _minimize(problem, point, gap_sd, settings, iterations)
     linears = problem.linear(point)
     cost, parts = problem.cost_at(point, gap_sd, linears)
     key = Cache.key(
@@ -166,7 +168,7 @@ def _optimize(
         gap_sd,
         iterations,
         settings.decrement,
-        worth,
+        settings.worth,
         problem.frozen,
         [(t.name, t.shape) for t in problem.terms],
     )
@@ -177,7 +179,7 @@ def _optimize(
         )
         found = Point(known["theta"], known["sizes"], places)
         return found, float(known["cost"]), problem.linear(found), bool(known["converged"])
-    found, cost, linears, converged = _minimize(problem, point, gap_sd, settings, iterations, worth)
+    found, cost, linears, converged = _minimize(problem, point, gap_sd, settings, iterations)
     arrays = {"theta": found.theta, "sizes": found.sizes}
     arrays |= {"cost": np.array(cost), "converged": np.array(float(converged))}
     for i, place in enumerate(found.places):
@@ -192,12 +194,13 @@ def _minimize(
     gap_sd: Array,
     settings: FitSettings,
     iterations: int,
-    worth: float,
 ) -> tuple[Point, float, list[Linear], bool]:
     """Levenberg-Marquardt with damping of its own for every window."""
     linears = problem.linear(point)
     cost, parts = problem.cost_at(point, gap_sd, linears)
     samples = problem.samples
+    # Sums of squares of different gaps do not compare.
+    worth = np.inf if gap_sd.size else settings.worth
     lam = 1e-4
     damping = [np.zeros(s.count) for s in problem.shots]
     for _ in range(iterations):
@@ -315,24 +318,11 @@ def finish(problem: Problem, point: Point, level: float, gap_sd: Array) -> Fit:
     return _finish(problem, point, level, gap_sd, cost, linears, True, (), ())
 
 
-def polish(
-    problem: Problem,
-    point: Point,
-    level: float,
-    settings: FitSettings,
-    *,
-    worth: float = np.inf,
-) -> Fit:
-    """Fit from a good start at one level.
-
-    ``worth``: sum of squares that another fit has. Where there are no gaps between windows, the
-    search ends, unfinished, at a point whose linear model does not promise to get below it.
-    """
+def polish(problem: Problem, point: Point, level: float, settings: FitSettings) -> Fit:
+    """Fit from a good start at one level."""
     gap_sd = level * problem.scale(point)
-    if gap_sd.size:
-        worth = np.inf  # sums of squares of different gaps do not compare
     found, cost, linears, converged = _optimize(
-        problem, point, gap_sd, settings, settings.iterations, worth
+        problem, point, gap_sd, settings, settings.iterations
     )
     if settings.chain and gap_sd.size and level < 0.1:
         bar = problem.samples + 4.0 * np.sqrt(2.0 * problem.samples)

@@ -71,19 +71,9 @@ def refit(base: Fit, terms: tuple[Term, ...], sizes: Array, settings: FitSetting
     return refit_at(problem, _reachable(problem, base, terms, sizes), base.level, settings)
 
 
-def refit_at(
-    problem: Problem,
-    point: Point,
-    level: float,
-    settings: FitSettings,
-    *,
-    worth: float = np.inf,
-) -> Fit:
-    """Fit from a good start; the gap level is made tighter while that helps.
-
-    ``worth``: see :func:`feltmb.fit.solve.polish`.
-    """
-    fit = polish(problem, point, level, settings, worth=worth)
+def refit_at(problem: Problem, point: Point, level: float, settings: FitSettings) -> Fit:
+    """Fit from a good start; the gap level is made tighter while that helps."""
+    fit = polish(problem, point, level, settings)
     if not fit.gap_sd.size:
         return fit
     levels = list(settings.levels)
@@ -306,7 +296,8 @@ def _reseeded(nominal: Fit, sets: Sequence[Candidate], settings: FitSettings) ->
     best = nominal
     for c in sets:
         bare = c.fit.problem.carry(c.fit.point, (), np.zeros(0))
-        fit = refit_at(nominal.problem, bare, c.fit.level, settings, worth=best.cost)
+        way = replace(settings, worth=best.cost)
+        fit = refit_at(nominal.problem, bare, c.fit.level, way)
         if fit.log_evidence > best.log_evidence + 1.0:
             best = fit
     if best is nominal:
