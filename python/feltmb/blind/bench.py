@@ -23,7 +23,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from multiprocessing import get_context, parent_process
 from pathlib import Path
@@ -336,7 +336,19 @@ def _make_records(folder: Path, outside: Path | None, numbers: Sequence[int]) ->
     kinds = load_kinds(outside)
     truths = _read_truths(folder)
     cases = [truths[n] for n in numbers]
-    result = truth_machine.integrate(cases, [truth.STROKES] * len(cases), kinds)
+    # Every case without each of its effects, for the moment from which they show.
+    lacking = [
+        replace(case, parts=[q for q in case.parts if q is not part])
+        for case in cases
+        for part in case.parts
+    ]
+    both = [*cases, *lacking]
+    result = truth_machine.integrate(both, [truth.STROKES] * len(both), kinds)
+    ideal = [
+        truth_sensors.record(c, truth.STROKES, result, i * len(truth.STROKES), kinds, ideal=True)
+        for i, c in enumerate(both)
+    ]
+    without = iter(ideal[len(cases) :])
     for i, case in enumerate(cases):
         first = i * len(truth.STROKES)
         views = truth_sensors.record(case, truth.STROKES, result, first, kinds)
@@ -347,6 +359,11 @@ def _make_records(folder: Path, outside: Path | None, numbers: Sequence[int]) ->
                 np.savez_compressed(file, mode=np.array(mode), **arrays)
 
         answer = _answer(case, result, first, kinds)
+        for told in answer["parts"]:
+            view = next(without)
+            if told["component"] != "input":  # what is recorded of the input moves no camera
+                moments = {k: truth_sensors.shows(ideal[i][k], view[k]) for k in truth.STROKES}
+                told["shows"] = {k: t for k, t in moments.items() if math.isfinite(t)}
         write_text(folder / "answers" / f"{case.number}.json", _json(answer), force=True)
         write_file(folder / "records" / f"{case.number}.npz", save, force=True)
     return numbers

@@ -122,6 +122,16 @@ def record(
     return views
 
 
+def shows(with_it: Mapping[str, Array], without: Mapping[str, Array]) -> float:
+    """Time [s] from which ideal records of a stroke differ by an effect; NaN: never.
+
+    By a tenth of the camera's noise and of their largest difference, in either camera.
+    """
+    apart = np.max([np.abs(with_it[c] - without[c]) for c in ("key", "hammer")], axis=0)
+    there = np.flatnonzero(apart > 0.1 * max(NOISE_CAMERA, float(np.max(apart))))
+    return float(there[0] * FRAME) if there.size else float("nan")
+
+
 def onset(case: Case, result: Strokes, lane: int, what: str) -> float:
     """Time [s] at which an effect first can act in a stroke; NaN: never."""
     key, hammer = result.key[:, lane], result.hammer[:, lane]

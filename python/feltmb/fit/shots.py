@@ -5,25 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
+from feltmb.fit.noise import Noise, innovations
 from feltmb.fit.nominal import Nominal
 
 __all__ = ["Noise", "Shot", "choose_windows", "make_shot"]
 
 Integers = NDArray[np.intp]
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Noise of one channel: standard deviation [unit] and correlation time [s]."""
-
-    sigma: float
-    correlation_time: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,9 +32,10 @@ class Shot:
     valid: NDArray[np.bool_]
     """(W, L, ny)"""
     before: Integers
-    """Position of the valid sample before, in the window; -1: none. (W, L, ny)"""
+    """Positions of the valid samples before, in the window, the nearest first; -1: none.
+    (W, L, ny, p)"""
     decay: Array
-    """Correlation with that sample, (W, L, ny)."""
+    """What those samples foretell of this one's noise, a factor for each, (W, L, ny, p)."""
     weight: Array
     """1 / standard deviation of the innovation; 0 where nothing was measured. (W, L, ny)"""
     noise: tuple[Noise, ...]
@@ -86,16 +81,32 @@ class Shot:
 
     def whiten(self, columns: Array) -> Array:
         """Whiten arrays (W, L, ny) or (W, L, ny, c): unit, uncorrelated noise; 0 if missing."""
-        extra = columns.ndim == 4
-        valid, decay, weight = self.valid, self.decay, self.weight
-        if extra:
-            valid, decay, weight = valid[..., None], decay[..., None], weight[..., None]
-        clean = np.where(valid, columns, 0.0)
-        if not np.any(self.decay):
-            return np.asarray(clean * weight)
-        at = np.maximum(self.before, 0)
-        shifted = np.take_along_axis(clean, at[..., None] if extra else at, axis=1)
-        return np.asarray((clean - decay * shifted) * weight)
+        own: tuple[None, ...] = (None,) * (columns.ndim - 3)
+        clean = np.where(self.valid[(..., *own)], columns, 0.0)
+        white = clean
+        for k in range(self.before.shape[3]):
+            decay, back = self.decay[..., k], k + 1
+            if not decay.any():
+                continue
+            if white is clean:
+                white = clean.copy()
+            if self._without_holes[k]:
+                white[:, back:] -= (
+                    decay[(slice(None), slice(back, None), ..., *own)] * clean[:, :-back]
+                )
+            else:
+                at = np.maximum(self.before[..., k], 0)
+                white -= decay[(..., *own)] * np.take_along_axis(clean, at[(..., *own)], axis=1)
+        return np.asarray(white * self.weight[(..., *own)])
+
+    @cached_property
+    def _without_holes(self) -> list[bool]:
+        """Whether the sample before, and those before it, are everywhere the next in the row."""
+        position = np.arange(self.before.shape[1])[None, :, None]
+        return [
+            bool(np.all((self.decay[..., k] == 0.0) | (self.before[..., k] == position - 1 - k)))
+            for k in range(self.before.shape[3])
+        ]
 
 
 def choose_windows(
@@ -153,7 +164,6 @@ def make_shot(
     """Cut a record into windows and prepare its whitening."""
     if windows is None:
         windows = choose_windows(record, window if window is not None else nominal.window)
-    ny = len(nominal.outputs)
     longest = int(np.max(windows[:, 1] - windows[:, 0])) + 1
     all_measured = record.output_array(nominal.outputs)
     at = windows[:, :1] + np.arange(longest)
@@ -163,17 +173,8 @@ def make_shot(
     measured = np.where(inside[..., None], all_measured[at], np.nan)
     valid = np.isfinite(measured)
     position = np.where(valid, np.arange(longest)[None, :, None], -1)
-    before = np.full_like(position, -1)
-    before[:, 1:] = np.maximum.accumulate(position, axis=1)[:, :-1]
     chosen = tuple(noise.get(name, Noise(1.0)) for name in nominal.outputs)
-    sigma = np.array([c.sigma for c in chosen])
-    tau = np.array([c.correlation_time for c in chosen])
-    time = np.repeat(record.time[at][..., None], ny, axis=2)
-    lag = time - np.take_along_axis(time, np.maximum(before, 0), axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        decay = np.where((before >= 0) & (tau > 0.0) & valid, np.exp(-lag / tau), 0.0)
-    decay = np.nan_to_num(decay)
-    weight = np.where(valid, 1.0 / (sigma * np.sqrt(1.0 - decay**2)), 0.0)
+    before, decay, weight = innovations(chosen, position, record.time[at])
     nuisances = []
     for c, name in enumerate(nominal.outputs):
         if name not in record.outputs or not valid[:, :, c].any():

@@ -14,7 +14,16 @@ from feltmb.fit.nominal import Lanes, Term
 from feltmb.fit.observe import machine_terms, observe_lanes
 from feltmb.fit.problem import Normal, Point, Problem, solve_scaled
 
-__all__ = ["Fit", "FitSettings", "Interval", "at_level", "finish", "fit_problem", "polish"]
+__all__ = [
+    "Fit",
+    "FitSettings",
+    "Interval",
+    "at_level",
+    "chained",
+    "finish",
+    "fit_problem",
+    "polish",
+]
 
 Progress = Callable[[str, int, int], None]
 #: Where the fit is poor, a gain below this share of the misfit is not worth a simulation.
@@ -330,17 +339,17 @@ def polish(problem: Problem, point: Point, level: float, settings: FitSettings) 
         for _ in range(2):
             if cost < bar:
                 break
-            chained = _chain(problem, found)
-            if not problem.cost(chained, gap_sd, linears)[0] < 1e6 * cost:
+            closed = chained(problem, found)
+            if not problem.cost(closed, gap_sd, linears)[0] < 1e6 * cost:
                 break
-            other = _optimize(problem, chained, gap_sd, settings, settings.iterations)
+            other = _optimize(problem, closed, gap_sd, settings, settings.iterations)
             if not other[1] < cost - 0.5:
                 break
             found, cost, linears, converged = other
     return _finish(problem, found, level, gap_sd, cost, linears, converged, (), ())
 
 
-def _chain(problem: Problem, point: Point) -> Point:
+def chained(problem: Problem, point: Point) -> Point:
     """The point whose windows start where the window before ends."""
     places = []
     for shot, place in zip(problem.shots, point.places, strict=True):

@@ -95,9 +95,9 @@ def _noisy(shot: Shot, outputs: Array, linear: Linear, generator: np.random.Gene
         where=shot.weight > 0.0,
     )
     noise = innovation.copy()
-    if np.any(shot.decay):
-        for j in range(1, noise.shape[1]):
-            at = np.maximum(shot.before[:, j : j + 1], 0)
+    for j in range(1, noise.shape[1] if shot.decay.any() else 0):
+        for k in range(min(j, shot.before.shape[3])):
+            at = np.maximum(shot.before[:, j : j + 1, :, k], 0)
             previous = np.take_along_axis(noise, at, axis=1)[:, 0]
-            noise[:, j] += shot.decay[:, j] * previous
+            noise[:, j] += shot.decay[:, j, :, k] * previous
     return replace(shot, measured=np.where(shot.valid, outputs + noise, np.nan))

@@ -372,6 +372,7 @@ def _inherit(gates: Gates, whole: Gates, records: Sequence[Record]) -> Gates:
                 sigma=parent.sigma,
                 method=parent.method,
                 correlation_time=parent.correlation_time,
+                averaged=parent.averaged,
                 quantum=parent.quantum,
             )
         )

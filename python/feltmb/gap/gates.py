@@ -10,7 +10,8 @@ import numpy as np
 from feltmb.data import Array, Record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit import Nominal
-from feltmb.fit.shots import Noise
+from feltmb.fit.noise import Noise
+from feltmb.gap.color import color_at_rest, quiet_blocks
 from feltmb.units import conversion_factor
 
 __all__ = ["ChannelGate", "Gates", "check_records"]
@@ -33,7 +34,9 @@ class ChannelGate:
     method: str
     """Where sigma comes from: "sensor", "repeats", "rest", "differences", "prediction"."""
     correlation_time: float
-    """[s]"""
+    """Of the noise [s]."""
+    averaged: int
+    """Samples whose mean the noise is like [1]; 1: it forgets itself exponentially, or is white."""
     quantum: float
     """Smallest step seen [unit]; 0: none."""
     clipped: float
@@ -58,7 +61,7 @@ class Gates:
     def noise(self, record: str) -> dict[str, Noise]:
         """Noise by channel of a record."""
         return {
-            c.channel: Noise(c.sigma, c.correlation_time)
+            c.channel: Noise(c.sigma, c.correlation_time, c.averaged)
             for c in self.channels
             if c.record == record
         }
@@ -115,7 +118,7 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
                 f"{record.name}: none of its outputs ({', '.join(record.outputs)}) is one of the "
                 f"model ({', '.join(outputs)})"
             )
-    channels = _pooled(channels)
+    channels = _colored(_pooled(channels), records, warnings)
     flat = tuple((label, channel, sd) for (label, channel), sd in sorted(repeats.items()))
     return Gates(
         channels=tuple(channels),
@@ -184,6 +187,47 @@ def _pooled(channels: list[ChannelGate]) -> list[ChannelGate]:
             c = replace(c, sigma=best.sigma, method=best.method)
         out.append(c)
     return out
+
+
+def _colored(
+    channels: list[ChannelGate], records: Sequence[Record], warnings: list[str]
+) -> list[ChannelGate]:
+    """Color of the noise that data sheets tell, corrected where the records at rest say other."""
+    by_name = {r.name: r for r in records}
+    sensors: dict[tuple[object, ...], list[ChannelGate]] = {}
+    for c in channels:
+        steps = np.diff(by_name[c.record].time)
+        interval = float(np.median(steps))
+        if c.method == "sensor" and np.allclose(steps, interval, rtol=1e-3, atol=0.0):
+            # Clocks of one camera may differ in the last digit.
+            sheet = (c.channel, c.sigma, c.correlation_time, f"{interval:.6g}")
+            sensors.setdefault(sheet, []).append(c)
+    found: dict[int, Noise] = {}
+    for group in sensors.values():
+        before = Noise(group[0].sigma, group[0].correlation_time)
+        interval = by_name[group[0].record].interval
+        seen = [quiet_blocks(by_name[c.record].outputs[c.channel], c.sigma) for c in group]
+        noise = color_at_rest(seen, interval, before)
+        if noise == before:
+            continue
+        found |= {id(c): noise for c in group}
+        like = (
+            f"a mean over {noise.averaged} samples"
+            if noise.averaged > 1
+            else f"a correlation time of {noise.correlation_time:.3g} s"
+            if noise.correlation_time > 0.0
+            else "white noise"
+        )
+        warnings.append(
+            f"{group[0].channel}: at rest its noise is that of {like}, not of the correlation time "
+            f"of its data sheet, {before.correlation_time:.3g} s; the former is used"
+        )
+    return [
+        replace(c, correlation_time=found[id(c)].correlation_time, averaged=found[id(c)].averaged)
+        if id(c) in found
+        else c
+        for c in channels
+    ]
 
 
 def _clock(record: Record, problems: list[str], warnings: list[str]) -> None:
@@ -271,6 +315,7 @@ def _channel(
         sigma=float(max(np.sqrt(variance), 1e-9 * max(spread, 1e-12))),
         method=method,
         correlation_time=tau,
+        averaged=1,
         quantum=quantum,
         clipped=clipped,
         drift=drift,

@@ -20,7 +20,7 @@ from feltmb.data import Array
 from feltmb.fit.linearize import Place, predict
 from feltmb.fit.observe import machine_terms
 from feltmb.fit.problem import Point, Problem, solve_scaled
-from feltmb.fit.shots import Shot
+from feltmb.fit.shots import Shot, make_shot
 from feltmb.fit.solve import Fit, FitSettings, at_level, polish
 
 __all__ = ["HeldOut", "Outcome", "Paired", "compare", "evaluate"]
@@ -197,17 +197,9 @@ def _open_loop(fit: Fit) -> list[Array]:
     problem = fit.problem
     out = []
     for shot, place in zip(problem.shots, fit.point.places, strict=True):
-        whole = Shot(
-            record=shot.record,
-            windows=np.array([[0, shot.record.samples - 1]]),
-            measured=shot.record.output_array(problem.nominal.outputs)[None],
-            valid=np.isfinite(shot.record.output_array(problem.nominal.outputs))[None],
-            before=np.full((1, shot.record.samples, len(problem.nominal.outputs)), -1),
-            decay=np.zeros((1, shot.record.samples, len(problem.nominal.outputs))),
-            weight=np.ones((1, shot.record.samples, len(problem.nominal.outputs))),
-            noise=shot.noise,
-            nuisances=shot.nuisances,
-        )
+        ends = np.array([[0, shot.record.samples - 1]])
+        whole = make_shot(problem.nominal, shot.record, {}, None, ends)
+        whole = replace(whole, nuisances=shot.nuisances)
         outputs, _, _ = predict(
             problem.nominal,
             whole,

@@ -10,7 +10,7 @@ import numpy as np
 from feltmb.data import Array
 from feltmb.fit.nominal import Effect, Term
 from feltmb.fit.problem import Point, Problem
-from feltmb.fit.solve import Fit, FitSettings, at_level, polish
+from feltmb.fit.solve import Fit, FitSettings, at_level, chained, polish
 from feltmb.gap.score import Scores, all_terms, prior_of, score_fit, screen_sets
 
 __all__ = ["Candidate", "Search", "full_evidence", "refit", "search", "tighten"]
@@ -22,8 +22,12 @@ Progress = Callable[[str, int, int], None]
 SMALL = 0.02
 #: Linear log evidence below which a set is not refitted where the nominal explains the records.
 PROMISE = -3.0
+#: Log evidence that tight gaps may cost before their fit is tried from another start.
+DOUBT = 3.0
 #: Note of a nominal that an effect led out of a wrong valley.
 REFITTED = "fitted again from the fit with an effect"
+#: Note of a nominal that does best with the tightest gaps, though the descent left them.
+CLOSED = "gaps closed again"
 
 
 def full_evidence(fit: Fit, total_weight: float) -> float:
@@ -146,6 +150,17 @@ def search(
     wrong valley.
     """
     tight_fit = tighten(nominal, settings)
+    if tight_fit is not None and reseeds and tight_fit.log_evidence > nominal.log_evidence + 1.0:
+        # The descent of the gaps had left the valley in which they close.
+        return search(
+            replace(tight_fit, levels=nominal.levels, notes=(*nominal.notes, CLOSED)),
+            effects,
+            settings,
+            most=most,
+            width=width,
+            progress=progress,
+            reseeds=reseeds - 1,
+        )
     total = sum(e.weight for e in effects)
     terms = all_terms(effects)
     # Sets are ranked by whole nats: a twentieth of one is near enough.
@@ -278,12 +293,33 @@ def tighten(fit: Fit, settings: FitSettings) -> Fit | None:
     """The fit with the tightest gaps; None where it has them, or cannot be simulated with them."""
     if not fit.gap_sd.size or fit.level <= settings.levels[-1]:
         return None
+    problem, tightest = fit.problem, settings.levels[-1]
     point = fit.point
     way = replace(settings, iterations=12, decrement=max(settings.decrement, 0.3))
     for level in settings.levels[:-1]:
         if level < 0.99 * fit.level:  # all at once would tear a motion that hits something
-            point = at_level(fit.problem, point, level, None, way, 12).point
-    tight = polish(fit.problem, point, settings.levels[-1], replace(settings, chain=True))
+            point = at_level(problem, point, level, None, way, 12).point
+    tight = polish(problem, point, tightest, replace(settings, chain=True))
+
+    def doubtful() -> bool:
+        # Where the loose gaps explain nothing, there is a gap whatever the tight ones do.
+        return fit.explains and not tight.log_evidence > fit.log_evidence - DOUBT
+
+    def other(start: Point) -> None:
+        nonlocal tight
+        again = polish(problem, start, tightest, settings)
+        if again.cost < tight.cost or not np.isfinite(tight.cost):
+            tight = again
+
+    # What looks like an unknown force may be a window that is stuck: one simulation through all
+    # windows knows no gaps to begin with, and a slower descent may not tear.
+    if doubtful():
+        other(chained(problem, fit.point))
+    if doubtful():
+        point, level = fit.point, fit.level
+        while (level := level / np.sqrt(10.0)) > 1.5 * tightest:
+            point = at_level(problem, point, level, None, settings, settings.iterations).point
+        other(point)
     return tight if np.isfinite(tight.cost) else None
 
 

@@ -50,10 +50,10 @@ def rest_of(
         sigma = float(np.sqrt(np.mean(total**2)))
         more = more or sigma**2 > MISFIT * given**2
         interval = sensed[0].record.interval
-        memory = sensed[0].noise[c].correlation_time
+        own = sensed[0].noise[c]
         if sigma**2 > MISFIT * given**2:
-            memory = _memory(values) * interval
-        out[name] = Noise(max(sigma, given), memory)
+            own = Noise(sigma, _memory(values) * interval)
+        out[name] = replace(own, sigma=max(sigma, given))
     return out if more else None
 
 

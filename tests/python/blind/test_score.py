@@ -17,6 +17,7 @@ def part(name="a", nc=10.0, form="A", component="x", size=1.0):
         "component": component,
         "size": size,
         "onset": {"r": 0.010},
+        "shows": {"r": 0.0125},
     }
 
 
@@ -80,6 +81,7 @@ def test_perfect_engine():
     assert f["two effects, both named"].value == 100.0
     assert f["F1 of the named set, two or three effects"].value == 1.0
     assert f["onset, median error, nc >= 5"].value == pytest.approx(2.0)
+    assert f["moment from which it shows, median error, nc >= 5"].value == pytest.approx(0.5)
     assert f["95 % interval covers, first right, form A"].value == 100.0
     assert f["closed / closed by the oracle, nc >= 5"].value == pytest.approx(0.9 / 0.95)
 

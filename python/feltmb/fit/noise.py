@@ -1,0 +1,107 @@
+"""Noise of a channel: how large it is, and what one sample of it says of the next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feltmb.data import Array
+
+__all__ = ["Noise", "innovations"]
+
+Integers = NDArray[np.intp]
+#: Samples that foretell the noise of an averaged channel.
+REACH = 8
+#: Share of its variance that is taken for white: a mean over samples is blind at some frequencies,
+#: and a model is not so exact that what it misses there could be held against it.
+WHITE = 0.05
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of one channel, of one of two colors.
+
+    Either it forgets itself exponentially, with ``correlation_time``, or it is what is left of
+    white noise by a mean over ``averaged`` samples: over n of them the correlation at a distance
+    of k samples is (1 - k / n), but for a twentieth of the variance, which is taken for white.
+    """
+
+    sigma: float
+    """Standard deviation [unit]."""
+    correlation_time: float = 0.0
+    """Time in which it forgets itself [s]; 0 is white. Not used where ``averaged`` > 1."""
+    averaged: int = 1
+    """Samples, evenly spaced, whose mean a sample is [1]."""
+
+    def correlation(self, distance: Array) -> Array:
+        """Correlation of two samples of averaged noise, at a distance in samples [1]."""
+        share = np.maximum(0.0, 1.0 - np.abs(distance) / self.averaged)
+        return np.where(distance == 0, 1.0, (1.0 - WHITE) * share)
+
+
+def innovations(
+    noise: Sequence[Noise], position: Integers, time: Array
+) -> tuple[Integers, Array, Array]:
+    """What the samples before foretell of the noise of each sample of a window.
+
+    Parameters
+    ----------
+    noise
+        By channel.
+    position
+        (W, L, ny), the index of a sample in its window; -1 where nothing was measured.
+    time
+        Clock [s], (W, L).
+
+    Returns
+    -------
+    tuple
+        Positions of the valid samples before (-1: none), the factor of each (W, L, ny, p), and
+        1 / standard deviation of what they cannot foretell, 0 where nothing was measured
+        (W, L, ny).
+    """
+    valid = position >= 0
+    reach = REACH if any(n.averaged > 1 for n in noise) else 1
+    nearest = np.full_like(position, -1)
+    nearest[:, 1:] = np.maximum.accumulate(position, axis=1)[:, :-1]
+    before = np.full((*position.shape, reach), -1, dtype=np.intp)
+    before[..., 0] = nearest
+    for k in range(1, reach):
+        last = before[..., k - 1]
+        further = np.take_along_axis(nearest, np.maximum(last, 0), axis=1)
+        before[..., k] = np.where(last >= 0, further, -1)
+    decay = np.zeros(before.shape)
+    sd = np.ones(position.shape)
+    for c, own in enumerate(noise):
+        if own.averaged > 1:
+            decay[:, :, c], sd[:, :, c] = _averaged(own, position[:, :, c], before[:, :, c])
+        elif own.correlation_time > 0.0:
+            seen = before[:, :, c, 0]
+            lag = time - np.take_along_axis(time, np.maximum(seen, 0), axis=1)
+            memory = np.where(
+                (seen >= 0) & valid[:, :, c], np.exp(-lag / own.correlation_time), 0.0
+            )
+            decay[:, :, c, 0] = memory
+            sd[:, :, c] = np.sqrt(1.0 - memory**2)
+    sigma = np.array([n.sigma for n in noise])
+    return before, decay, np.where(valid, 1.0 / (sigma * sd), 0.0)
+
+
+def _averaged(noise: Noise, position: Integers, before: Integers) -> tuple[Array, Array]:
+    """Factors and relative standard deviations of averaged noise; each pattern of holes once."""
+    distance = np.where((before >= 0) & (position >= 0)[..., None], position[..., None] - before, 0)
+    patterns, which = np.unique(distance.reshape(-1, before.shape[-1]), axis=0, return_inverse=True)
+    factors, sd = np.zeros(patterns.shape), np.ones(len(patterns))
+    for i, pattern in enumerate(patterns):
+        back = pattern[pattern > 0].astype(float)
+        if not back.size:
+            continue
+        common = noise.correlation(back)
+        found = np.linalg.solve(noise.correlation(back[:, None] - back[None, :]), common)
+        factors[i, : back.size] = found
+        sd[i] = np.sqrt(1.0 - common @ found)
+    which = which.reshape(-1)
+    return factors[which].reshape(before.shape), sd[which].reshape(position.shape)

@@ -1,0 +1,193 @@
+"""Color of the noise: what records at rest say of it, and how it is taken out."""
+
+import importlib.util
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from feltmb.blind.bench import Bench, _make_records, read_records
+from feltmb.blind.nominal import KeyHammer
+from feltmb.data import Record, Sensor
+from feltmb.fit.noise import REACH, WHITE, Noise
+from feltmb.fit.problem import Problem
+from feltmb.fit.shots import make_shot
+from feltmb.fit.solve import FitSettings, fit_problem
+from feltmb.gap import calibrate
+from feltmb.gap.color import BLOCK, color_at_rest, quiet_blocks
+from feltmb.gap.gates import check_records
+from feltmb.gap.refine import tighten
+
+_spec = importlib.util.spec_from_file_location("models", Path(__file__).parent / "models.py")
+models = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(models)
+
+
+def mean_of(count, samples, seed):
+    white = np.random.default_rng(seed).standard_normal(samples + count - 1)
+    return np.convolve(white, np.ones(count), "valid") / np.sqrt(count)
+
+
+def forgetting(tau, samples, seed):
+    white = np.random.default_rng(seed).standard_normal(samples)
+    kept = np.exp(-1.0 / tau)
+    out = [white[0]]
+    for w in white[1:]:
+        out.append(kept * out[-1] + np.sqrt(1.0 - kept**2) * w)
+    return np.array(out)
+
+
+def shot_of(values, noise):
+    n = values.size
+    record = Record(
+        name="r", time=1e-3 * np.arange(n), inputs={"f": np.zeros(n)}, outputs={"q": values}
+    )
+    windows = np.array([[0, n - 1]], dtype=np.intp)
+    return make_shot(models.NOMINAL, record, {"q": noise}, None, windows)
+
+
+def covariance(noise, n):
+    """Its own formula: the mean of ``averaged`` samples, a share of it white."""
+    distance = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+    common = (1.0 - WHITE) * np.clip(1.0 - distance / noise.averaged, 0.0, None)
+    np.fill_diagonal(common, 1.0)
+    return noise.sigma**2 * common
+
+
+def test_whitening_averaged_noise_gives_the_dense_likelihood_with_holes():
+    noise = Noise(0.7, averaged=3)
+    values = mean_of(3, REACH + 3, 1)
+    values[[2, 6]] = np.nan  # as many are left as the filter looks back upon
+    shot = shot_of(values, noise)
+    good = np.isfinite(values)
+    white = shot.whiten(shot.measured)[0, good, 0]
+    cover = covariance(noise, values.size)[np.ix_(good, good)]
+    expected = values[good] @ np.linalg.solve(cover, values[good])
+    np.testing.assert_allclose(white @ white, expected, rtol=1e-10)
+    weights = shot.weight[0, good, 0]
+    np.testing.assert_allclose(
+        -2.0 * np.sum(np.log(weights)), np.linalg.slogdet(cover)[1], rtol=1e-10
+    )
+
+
+@pytest.mark.parametrize("averaged", [2, 3, 5])
+def test_a_long_record_of_averaged_noise_becomes_white(averaged):
+    noise = Noise(0.7, averaged=averaged)
+    n = 120
+    shot = shot_of(np.zeros(n), noise)
+    filtered = shot.whiten(np.eye(n)[None, :, None, :])[0, :, 0, :]
+    left = filtered @ covariance(noise, n) @ filtered.T
+    np.testing.assert_allclose(np.diag(left), 1.0, rtol=1e-10)
+    inner = left[40:80, 40:80]
+    near = np.abs(np.subtract.outer(np.arange(40), np.arange(40)))
+    assert np.max(np.abs(inner[(near > 0) & (near <= REACH)])) < 0.1
+    # A slow signal weighs what it weighs against the noise of its frequency, within a tenth.
+    slow = np.cos(2.0 * np.pi * 2.0 * np.arange(n) / n)
+    exact = slow @ np.linalg.solve(covariance(noise, n), slow)
+    assert np.sum((filtered @ slow) ** 2) == pytest.approx(exact, rel=0.1)
+
+
+def test_simulated_noise_has_the_color_of_its_channel():
+    noise = Noise(0.7, averaged=3)
+    fit = fit_problem(Problem(models.NOMINAL, (shot_of(np.zeros(4000), noise),)))
+    shot, linear = fit.problem.shots[0], fit.linears[0]
+    rng = np.random.default_rng(3)
+    drawn = calibrate._noisy(shot, np.zeros_like(shot.measured), linear, rng).measured[0, :, 0]
+    power = drawn @ drawn
+    for lag, wanted in ((1, (1 - WHITE) * 2 / 3), (2, (1 - WHITE) / 3), (3, 0.0), (6, 0.0)):
+        assert drawn[lag:] @ drawn[:-lag] / power == pytest.approx(wanted, abs=0.06)
+    assert np.std(drawn) == pytest.approx(0.7, rel=0.05)
+
+
+def at_rest(noise, seed=0, records=5):
+    """Rest, then a motion that no parabola is, with noise."""
+    t = np.arange(10 * BLOCK)
+    moving = np.where(t > 2 * BLOCK + 7, 40.0 * np.sin(0.21 * t) + 0.3 * t, 0.0)
+    return [quiet_blocks(moving + noise(t.size, seed + k), 1.0) for k in range(records)]
+
+
+def test_the_color_is_found_where_the_machine_rests():
+    sheet = Noise(1.0, 1.5e-3)
+    found = color_at_rest(at_rest(lambda n, k: mean_of(3, n, k)), 1e-3, sheet)
+    assert found == Noise(1.0, 1.5e-3, 3)
+    found = color_at_rest(at_rest(lambda n, k: mean_of(5, n, k)), 1e-3, sheet)
+    assert found.averaged == 5
+    white = color_at_rest(
+        at_rest(lambda n, k: np.random.default_rng(k).standard_normal(n)), 1e-3, sheet
+    )
+    assert white == Noise(1.0, 0.0)
+
+
+def test_the_data_sheet_holds_where_rest_does_not_contradict():
+    sheet = Noise(1.0, 1.5e-3)
+    for seed in range(20):
+        own = at_rest(lambda n, k: forgetting(1.5, n, k), 10 * seed)
+        assert color_at_rest(own, 1e-3, sheet) == sheet
+    few = at_rest(lambda n, k: mean_of(3, n, k), records=2)
+    assert sum(map(len, few)) < 5
+    assert color_at_rest(few, 1e-3, sheet) == sheet
+    assert color_at_rest([], 1e-3, sheet) == sheet
+
+
+def test_blocks_that_move_or_miss_samples_are_not_quiet():
+    values = np.random.default_rng(1).standard_normal(4 * BLOCK)
+    assert len(quiet_blocks(values, 1.0)) == 4
+    values[BLOCK + 3] = np.nan
+    assert len(quiet_blocks(values, 1.0)) == 3
+    values[2 * BLOCK : 3 * BLOCK] += 30.0 * np.sin(np.arange(BLOCK))
+    assert len(quiet_blocks(values, 1.0)) == 2
+    assert len(quiet_blocks(0.0 * values, 1.0)) == 0  # a step of the digitizer hides the noise
+    assert len(quiet_blocks(values[:10], 1.0)) == 0
+
+
+def records(noise, *, tau, clock=1.0):
+    sensor = Sensor(name="q", sigma=0.01, correlation_time=tau)
+    rng = np.random.default_rng(9)
+    out = []
+    for k in range(4):
+        n = 6 * BLOCK
+        time = np.cumsum(1e-3 * np.where(rng.random(n) < 0.5, clock, 1.0))
+        out.append(
+            Record(
+                name=f"r{k}",
+                time=time,
+                inputs={"f": np.zeros(n)},
+                outputs={"q": 0.01 * noise(n, k)},
+                sensors={"q": sensor},
+            )
+        )
+    return out
+
+
+def test_the_gates_take_the_color_and_say_so():
+    gates = check_records(records(lambda n, k: mean_of(3, n, k), tau=1.5e-3))
+    assert {c.averaged for c in gates.channels} == {3}
+    assert gates.noise("r2")["q"].averaged == 3
+    assert gates.noise("r2")["q"].correlation_time == pytest.approx(1.5e-3)
+    assert any("q: at rest its noise is that of a mean over 3 samples" in w for w in gates.warnings)
+    gates = check_records(records(lambda n, k: forgetting(1.5, n, k), tau=1.5e-3))
+    assert {c.averaged for c in gates.channels} == {1}
+    assert gates.warnings == ()
+    gates = check_records(records(lambda n, k: mean_of(3, n, k), tau=1.5e-3, clock=1.3))
+    assert {c.averaged for c in gates.channels} == {1}  # samples at no even distance
+    unknown = [
+        replace(r, sensors={"q": Sensor(name="q")})
+        for r in records(lambda n, k: mean_of(3, n, k), tau=0.0)
+    ]
+    assert {c.averaged for c in check_records(unknown).channels} == {1}
+
+
+def test_a_stuck_fit_with_tight_gaps_is_no_unknown_force(tmp_path):
+    """Once a window of this nominal stayed in a wrong place, which looked like 91 nats."""
+    bench = Bench(tmp_path / "b")
+    bench.seal(792, 20261122)
+    _make_records(bench.folder, None, [791])
+    nominal = KeyHammer()
+    own = read_records(bench.folder / "records" / "791.npz")
+    gates = check_records(own, nominal.outputs)
+    shots = tuple(make_shot(nominal, r, gates.noise(r.name), None) for r in own if r.role == "fit")
+    fit = fit_problem(Problem(nominal, shots))
+    tight = tighten(fit, FitSettings())
+    assert tight is not None
+    assert tight.log_evidence > fit.log_evidence - 6.0
