@@ -266,8 +266,8 @@ class Problem:
                 right[c] += (p.value - point.theta[i]) / p.sd**2
         return Normal(matrix, right, tuple(chains), tuple(columns), shared)
 
-    def step(self, point: Point, normal: Normal, lam: float) -> tuple[Point, float]:
-        """Levenberg step within the limits of parameters and sizes, and its predicted gain."""
+    def newton(self, point: Point, normal: Normal, lam: float = 0.0) -> Array:
+        """Levenberg step of the globals within the limits of parameters and sizes."""
         free = self.free
         count = len(free) + len(self.terms)
         low = np.full(normal.right.size, -np.inf)
@@ -294,6 +294,13 @@ class Problem:
                 break
             delta[beyond] = np.clip(delta[beyond], low[beyond], high[beyond])
             held |= beyond
+        return delta
+
+    def step(self, point: Point, normal: Normal, lam: float) -> tuple[Point, float]:
+        """Levenberg step within the limits of parameters and sizes, and its predicted gain."""
+        free = self.free
+        count = len(free) + len(self.terms)
+        delta = self.newton(point, normal, lam)
         gain = float(2.0 * normal.right @ delta - delta @ normal.matrix @ delta)
         theta = point.theta.copy()
         theta[free] += delta[: len(free)]

@@ -12,7 +12,7 @@ from feltmb.fit.cache import Cache
 from feltmb.fit.linearize import Linear, Place
 from feltmb.fit.nominal import Lanes, Term
 from feltmb.fit.observe import machine_terms, observe_lanes
-from feltmb.fit.problem import Normal, Point, Problem, solve_scaled
+from feltmb.fit.problem import Normal, Point, Problem
 
 __all__ = [
     "Fit",
@@ -292,7 +292,7 @@ def _finish(
     normal = problem.normal(point, linears, gap_sd)
     chi2, dof = 0.0, 0.0
     states = len(gap_sd)
-    step = solve_scaled(normal.matrix, normal.right) if not problem.frozen else None
+    step = problem.newton(point, normal) if not problem.frozen else None
     for shot, chain, own in zip(problem.shots, normal.chains, normal.columns, strict=True):
         change = np.zeros(own.size) if step is None else step[own]
         tail = np.append(-change, 1.0)

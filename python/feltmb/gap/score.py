@@ -127,7 +127,9 @@ def score_fit(fit: Fit, terms: tuple[Term, ...]) -> Scores:
     scale = np.array([t.effect.scale for t in terms])
     h_ss = normal.matrix[np.ix_(s, s)]
     h_se = normal.matrix[np.ix_(s, e)]
-    absorb = np.column_stack([solve_scaled(h_ss, h_se[:, i]) for i in range(k)]).reshape(s.size, k)
+    absorb = np.zeros((s.size, k))
+    for i in range(k):
+        absorb[:, i] = solve_scaled(h_ss, h_se[:, i])
     delta = solve_scaled(h_ss, normal.right[s])
     gram = normal.matrix[np.ix_(e, e)] - h_se.T @ absorb
     b = normal.right[e] - h_se.T @ delta
@@ -156,8 +158,8 @@ def score_fit(fit: Fit, terms: tuple[Term, ...]) -> Scores:
         b=b * scale,
         gram=0.5 * (gram + gram.T) * np.outer(scale, scale),
         raw=raw,
-        window_scores=np.array(scores).reshape(-1, k),
-        window_grams=np.array(grams).reshape(-1, k),
+        window_scores=np.array(scores).reshape(len(where), k),
+        window_grams=np.array(grams).reshape(len(where), k),
         window_of=tuple(where),
         inflation=max(1.0, chi2 / fit.dof),
     )

@@ -21,7 +21,6 @@ import functools
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.fit.problem import solve_scaled
 from feltmb.fit.shots import Shot
 from feltmb.fit.solve import Fit
 
@@ -56,7 +55,7 @@ def smooth_rest(fit: Fit) -> float:
     """
     problem = fit.problem
     normal = problem.normal(fit.point, fit.linears, fit.gap_sd, keep_rows=True)
-    step = solve_scaled(normal.matrix, normal.right)
+    step = problem.newton(fit.point, normal)
     size = np.sqrt(np.maximum(np.diag(normal.matrix), 1e-300))
     values, vectors = np.linalg.eigh(normal.matrix / np.outer(size, size))
     root = (vectors / np.sqrt(np.maximum(values, 1e-11 * values[-1:]))) / size[:, None]

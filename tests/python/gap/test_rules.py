@@ -204,3 +204,22 @@ def test_the_onset_is_where_the_effect_begins():
     assert set(report.where.onset) == {"r0", "r1", "r2"}
     # sin(30 t)^3 reaches a tenth of its largest at 16 ms
     assert all(abs(t - 0.166) < 0.003 for t in report.where.onset.values())
+
+
+def test_without_a_library_there_is_still_a_verdict():
+    report = diagnose(LINE, [], records(lambda u: u), options=Options(bootstrap=0))
+    assert report.verdict == Verdict.NO_GAP
+    report = diagnose(LINE, [], records(lambda u: u + 0.3 * u**3), options=Options(bootstrap=0))
+    assert report.verdict == Verdict.UNKNOWN
+    assert report.named == ()
+    assert report.which.effects == ()
+
+
+def test_what_a_limit_forbids_is_not_explained():
+    steep = records(lambda u: 1.3 * u)
+    for upper, verdict in ((np.inf, Verdict.NO_GAP), (1.1, Verdict.UNKNOWN)):
+        slope = Parameter(name="slope", value=1.0, sd=0.3, upper=upper)
+        line = LinearNominal(output="y", columns=LINE.columns, parameters=[slope], name="line")
+        report = diagnose(line, [], steep, options=Options(bootstrap=0))
+        assert report.verdict == verdict
+        assert report.fit.intervals()[0].at_limit == (upper < 2.0)
