@@ -144,6 +144,9 @@ class Dynamics {
   /// States of a contact's law at the last state given, if it has any.
   const LawStates& law_states(std::size_t contact) const { return law_states_[contact]; }
 
+  /// Rates of the states of all laws at the last state given, concatenated.
+  std::span<const double> law_rates() const { return law_rate_; }
+
   /// Memory of a contact's law at the last state given.
   LawMemory memory(std::size_t contact) const {
     return {law_.data() + m_->contacts[contact].first_state, largest_[contact], &cycles_[contact]};
@@ -241,8 +244,10 @@ class Dynamics {
     w.moment += cross(point, force);
     w.virial += dot(point, force);
   }
+  bool lanes_chosen() const;
   void choose_lanes();
   void evaluate_lanes();
+  void keep_law_rates(std::size_t contact);
   void apply_contacts();
   void resist_joints();
   void apply_straps();
@@ -313,15 +318,18 @@ class Dynamics {
   bool strings_apart_ = false;
   std::vector<double> largest_;
   std::vector<double> law_;
-  std::vector<LawStates> law_states_;  ///< by contact
-  std::vector<char> loaded_;           ///< by contact: law_states_ is of a closed contact
-  std::vector<CycleStart> cycles_;     ///< by contact: of laws with memory, kept while it lasts
-  std::vector<int> turning_;           ///< coordinates of the joints with friction
-  std::vector<std::size_t> closed_;    ///< closed contacts, for which lanes are chosen
-  std::vector<std::size_t> touching_;  ///< closed contacts now
-  std::vector<std::size_t> rubbing_;   ///< scratch: the frictions that have lanes
-  PairLanes pairs_;                    ///< laws of contacts; lanes: closed_
-  FrictionLanes frictions_;            ///< of turning_, then contacts; lanes: turning_, closed_
+  std::vector<double> law_rate_;
+  std::vector<LawStates> law_states_;     ///< by contact
+  std::vector<char> loaded_;              ///< by contact: law_states_ is of a closed contact
+  std::vector<char> idle_;                ///< by contact: nothing is evaluated while it is open
+  std::vector<CycleStart> cycles_;        ///< by contact: of laws with memory, kept while it lasts
+  std::vector<int> turning_;              ///< coordinates of the joints with friction
+  std::vector<std::size_t> closed_;       ///< closed contacts, for which lanes are chosen
+  std::vector<std::size_t> rubbing_;      ///< scratch: the frictions that have lanes
+  std::vector<std::size_t> remembering_;  ///< of the closed contacts those with a lane of memories_
+  PairLanes pairs_;                       ///< laws of contacts; lanes: closed_
+  MemoryLanes memories_;                  ///< laws of contacts; lanes: remembering_
+  FrictionLanes frictions_;               ///< of turning_, then contacts; lanes: turning_, closed_
   std::vector<double> q_;
   std::vector<double> v_;
   Eigen::VectorXd force_;
