@@ -218,7 +218,10 @@ class Dynamics {
   };
 
   void move_links(std::span<const double> q, std::span<const double> v);
-  void move_link(std::size_t i);
+  /// Angle of a link's frame against that of its joint [rad].
+  double turn(std::size_t i) const;
+  void move_link(std::size_t i, Rotation own);
+  void move_link(std::size_t i) { move_link(i, Rotation::of(turn(i))); }
   void locate_contact(std::size_t i, const MechanicalState& at_state, const Drive& drive,
                       Detail detail);
   void locate_string(const Contact& contact, ContactState& state, Vec2 d,
@@ -285,7 +288,8 @@ class Dynamics {
 
   std::shared_ptr<const Mechanism> m_;
   int n_ = 0;
-  std::vector<std::size_t> moving_;  ///< links but the ground and lumps, parents first
+  std::vector<std::size_t> moving_;           ///< links but the ground and lumps, parents first
+  std::vector<double> turn_, cosine_, sine_;  ///< by place in moving_, in whole blocks
   std::vector<LinkState> links_;
   std::vector<Wrench> applied_;
   std::vector<ContactState> contacts_;
