@@ -4,6 +4,7 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "feltmb/contact/side_by_side.hpp"
@@ -110,5 +111,71 @@ TEST_CASE("pairs side by side have the bits of each on its own") {
     }
     for (std::size_t i = 0; i < which.size(); ++i)
       CHECK((lanes.reach(i) == 0.0) == (which[i] == 9));
+  }
+}
+
+TEST_CASE("felts with memory side by side have the bits of each on its own") {
+  std::vector<std::shared_ptr<const Envelope>> envelopes{
+      Envelope::from_curves({5520.0, 1580.0, -600.0}, {190.0, 5040.0, 900.0}),
+      Envelope::from_table({0.0, 1e-4, 3e-4, 7e-4, 1e-3}, {0.0, 0.4, 2.0, 9.0, 20.0},
+                           {0.0, 0.1, 0.7, 6.0, 20.0})};
+  EnvelopeShape shape;
+  shape.loading = [](double e) { return 3e6 * e * e; };
+  shape.ratio = [](double x, double largest) { return std::pow(x, 0.3 + 200.0 * largest); };
+  shape.closing = 1e-3;
+  shape.reach = 2e-3;
+  shape.rows = 9;
+  envelopes.push_back(Envelope::from_shape(shape));
+  std::vector<ContactLaw> laws;
+  for (std::size_t i = 0; i < 8; ++i) {
+    FeltMemory felt;
+    felt.envelope = envelopes[i % 3];
+    felt.kappa = 0.1 + 0.05 * static_cast<double>(i);
+    if (i == 5) felt.rate_amplitude = felt.rate_time = 1e-3;  // has no lane
+    laws.emplace_back(felt);
+  }
+  laws.emplace_back(HuntCrossley{1e5, 1.5, 0.1});
+  MemoryLanes lanes;
+  for (const ContactLaw& law : laws) {
+    CHECK(MemoryLanes::takes(law) == (law.has_memory() && law.n_states() == 1));
+    lanes.add(law);
+  }
+  lanes.finish();
+  for (const std::vector<std::size_t>& which :
+       {std::vector<std::size_t>{}, std::vector<std::size_t>{0}, std::vector<std::size_t>{1, 2},
+        std::vector<std::size_t>{0, 1, 2, 3, 4, 6, 7}, std::vector<std::size_t>{2, 0, 3}}) {
+    lanes.choose(which);
+    for (int round = 0; round < 600; ++round) {
+      // Virgin, in the first cycle and in deeper ones.
+      const double largest = 1e-4 * (round / 100);
+      std::vector<CycleStart> cycles(which.size());
+      for (std::size_t i = 0; i < which.size(); ++i) {
+        laws[which[i]].keep_cycle(largest, cycles[i]);
+        if (lanes.largest(i) != largest) lanes.begin(i, cycles[i]);
+        lanes.compression[i] = std::pow(10.0, -9.0 + 0.061 * (round % 100)) * (1.0 + 0.1 * i);
+        if (round % 100 == 99) lanes.compression[i] = largest > 0.0 ? largest : 1e-4;
+        lanes.rate[i] = 0.004 * (round % 101 - 50);
+        lanes.state[i] = 0.01 * (round % 102);
+      }
+      lanes.evaluate();
+      for (std::size_t i = 0; i < which.size(); ++i) {
+        const double e = lanes.compression[i];
+        if (e >= lanes.reach(i)) continue;
+        LawStates a, b;
+        lanes.states(i, a);
+        const LawMemory memory{&lanes.state[i], largest, &cycles[i]};
+        const LawValue expected = laws[which[i]].evaluate(e, lanes.rate[i], memory, &b);
+        const LawValue value = lanes.value(i);
+        REQUIRE(same_bits(value.force, expected.force));
+        REQUIRE(same_bits(value.d_compression, expected.d_compression));
+        REQUIRE(value.d_rate == 0.0);
+        REQUIRE(same_bits(a.force[0], b.force[0]));
+        REQUIRE(same_bits(a.rate[0], b.rate[0]));
+        REQUIRE(same_bits(a.rate_by_compression[0], b.rate_by_compression[0]));
+        REQUIRE(same_bits(a.rate_by_rate[0], b.rate_by_rate[0]));
+        REQUIRE(same_bits(a.rate_by_state[0][0], b.rate_by_state[0][0]));
+      }
+    }
+    for (std::size_t i = 0; i < which.size(); ++i) CHECK(lanes.reach(i) >= 1e-3);
   }
 }

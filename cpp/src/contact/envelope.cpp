@@ -19,7 +19,9 @@ constexpr double kLargest = 0.02;         // m, no felt of a machine is pressed 
 constexpr double kAreaReach = 4.0;        // the tables over e_m go to this times e_M
 constexpr std::size_t kShareRows = 128;   // of the energy share, over e_m
 constexpr std::size_t kShareKnots = 128;  // over x
-constexpr double kSmallest = 1e-12;       // of x, for roots
+constexpr double kSmallest = Envelope::kSmallest;
+
+static_assert(Envelope::kPieces == kKnots);
 
 /// Three nodes are exact for a cubic of s times s.
 const QuadratureRule& cell_rule() {
@@ -61,6 +63,7 @@ void Envelope::tabulate_ratio(std::vector<double> rho) {
     repair_.force = std::max(repair_.force, change);
   }
   rho_slope_ = tables::monotone_slopes(s, rho_);
+  rho_pieces_ = tables::pieces_of(rho_, rho_slope_);
 }
 
 void Envelope::tabulate_loading(const std::function<double(double)>& force, double reach,
@@ -74,15 +77,14 @@ void Envelope::tabulate_loading(const std::function<double(double)>& force, doub
     load_[i] = before = std::max(before, force(s[i] * s[i] * reach));
   }
   load_slope_ = smooth ? tables::smooth_slopes(load_) : tables::monotone_slopes(s, load_);
+  load_pieces_ = tables::pieces_of(load_, load_slope_);
   load_energy_.assign(s.size(), 0.0);
   for (std::size_t i = 1; i < s.size(); ++i) {
     load_energy_[i] =
         load_energy_[i - 1] +
         integrate_rule(
             cell_rule(),
-            [&](double t) {
-              return look_up(load_.data(), load_slope_.data(), t).force * 2.0 * t * reach_;
-            },
+            [&](double t) { return look_up(load_pieces_.data(), t).force * 2.0 * t * reach_; },
             s[i - 1], s[i]);
   }
 }
@@ -311,7 +313,7 @@ CurveValue Envelope::loading(double e) const {
     return {load_.back() + slope * (e - reach_), slope};
   }
   const double s = std::sqrt(e / reach_);
-  const CurveValue v = look_up(load_.data(), load_slope_.data(), s);
+  const CurveValue v = look_up(load_pieces_.data(), s);
   return {v.force, v.slope / (2.0 * s * reach_)};
 }
 
@@ -331,10 +333,14 @@ void Envelope::blend_rows(double e_m, CycleStart& to) const {
 
 /// rho and its slope by s = sqrt(x).
 CurveValue Envelope::ratio_of_root(double s, const CycleStart& to) const {
-  if (rows_ == 1) return look_up(rho_.data(), rho_slope_.data(), s);
-  // The rows are blended first: one cubic instead of three.
+  if (rows_ == 1) return look_up(rho_pieces_.data(), s);
   const double position = s * static_cast<double>(kKnots);
   const std::size_t i = std::min(static_cast<std::size_t>(position), kKnots - 1);
+  return tables::evaluate(blended_piece(i, to), tables::kWidth, position - static_cast<double>(i));
+}
+
+/// The rows are blended first: one cubic instead of three.
+CubicPiece Envelope::blended_piece(std::size_t i, const CycleStart& to) const {
   double v[4] = {};
   for (std::size_t k = 0; k < 3; ++k) {
     const double w = to.weight[k];
@@ -345,8 +351,13 @@ CurveValue Envelope::ratio_of_root(double s, const CycleStart& to) const {
     v[2] += w * slope[0];
     v[3] += w * slope[1];
   }
-  return tables::hermite(v[0], v[1], v[2], v[3], 1.0 / static_cast<double>(kKnots),
-                         position - static_cast<double>(i));
+  return tables::piece_between(v[0], v[1], v[2], v[3], tables::kWidth);
+}
+
+const CubicPiece* Envelope::ratio_pieces(const CycleStart& to, CubicPiece* room) const {
+  if (rows_ == 1) return rho_pieces_.data();
+  for (std::size_t i = 0; i < kKnots; ++i) room[i] = blended_piece(i, to);
+  return room;
 }
 
 CurveValue Envelope::ratio(double x, double e_m) const {
@@ -396,9 +407,7 @@ double Envelope::loading_energy(double e) const {
   return load_energy_[i] +
          integrate_rule(
              cell_rule(),
-             [&](double t) {
-               return look_up(load_.data(), load_slope_.data(), t).force * 2.0 * t * reach_;
-             },
+             [&](double t) { return look_up(load_pieces_.data(), t).force * 2.0 * t * reach_; },
              from, s);
 }
 

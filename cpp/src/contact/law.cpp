@@ -113,15 +113,12 @@ struct FeltCore {
   double band = 0.0;
 };
 
-/// A felt that was never pressed further [m] is virgin: the slopes of its memory are no numbers.
-constexpr double kNothing = 1e-150;
-
 FeltCore evaluate_core(const FeltMemory& law, double e, double rate, const LawMemory& memory) {
   const double z = memory.state[0];
   const double largest = memory.largest;
   FeltCore c;
   if (e <= 0.0) return c;
-  if (e >= largest || largest < kNothing) {
+  if (e >= largest || largest < FeltMemory::nothing) {
     const CurveValue load = law.envelope->loading(e);
     c.loading = c.force = load.force;
     c.loading_slope = c.by_compression = load.slope;

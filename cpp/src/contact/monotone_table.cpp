@@ -78,6 +78,15 @@ std::vector<double> smooth_slopes(const std::vector<double>& v) {
   return slope;
 }
 
+std::vector<CubicPiece> pieces_of(const std::vector<double>& value,
+                                  const std::vector<double>& slope) {
+  std::vector<CubicPiece> out(value.size() - 1);
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    out[i] = piece_between(value[i], value[i + 1], slope[i], slope[i + 1], kWidth);
+  }
+  return out;
+}
+
 std::vector<double> never_falling(const std::vector<double>& value,
                                   const std::vector<double>& weight) {
   struct Block {

@@ -9,6 +9,7 @@
 namespace feltmb::tables {
 
 inline constexpr std::size_t kKnots = 256;  ///< intervals of a table over s in [0, 1]
+inline constexpr double kWidth = 1.0 / static_cast<double>(kKnots);  ///< of one
 
 /// s = i / n, i = 0 ... n.
 std::vector<double> knot_positions(std::size_t n = kKnots);
@@ -20,13 +21,25 @@ std::vector<double> monotone_slopes(const std::vector<double>& t, const std::vec
 /// the values are (Hyman): for samples of a smooth function.
 std::vector<double> smooth_slopes(const std::vector<double>& v);
 
-/// Cubic on one interval of width h at u in [0, 1] of it, with its slope.
-inline CurveValue hermite(double v0, double v1, double m0, double m1, double h, double u) {
+/// Cubic through two values with their slopes, a piece of width h apart.
+inline CubicPiece piece_between(double v0, double v1, double m0, double m1, double h) {
   const double d = (v1 - v0) / h;
-  const double c2 = 3.0 * d - 2.0 * m0 - m1;
-  const double c3 = m0 + m1 - 2.0 * d;
-  return {v0 + u * h * (m0 + u * (c2 + u * c3)), m0 + u * (2.0 * c2 + 3.0 * u * c3)};
+  return {v0, m0, 3.0 * d - 2.0 * m0 - m1, m0 + m1 - 2.0 * d};
 }
+
+/// Value and slope at u in [0, 1] of a piece of width h.
+inline CurveValue evaluate(const CubicPiece& p, double h, double u) {
+  return {p.value + u * h * (p.slope + u * (p.second + u * p.third)),
+          p.slope + u * (2.0 * p.second + 3.0 * u * p.third)};
+}
+
+inline CurveValue hermite(double v0, double v1, double m0, double m1, double h, double u) {
+  return evaluate(piece_between(v0, v1, m0, m1, h), h, u);
+}
+
+/// The kKnots pieces of a table.
+std::vector<CubicPiece> pieces_of(const std::vector<double>& value,
+                                  const std::vector<double>& slope);
 
 /// Value and slope by s of a table of kKnots intervals over s in [0, 1].
 inline CurveValue look_up(const double* value, const double* slope, double s) {
@@ -34,8 +47,13 @@ inline CurveValue look_up(const double* value, const double* slope, double s) {
   auto i = static_cast<std::size_t>(position);
   if (i >= kKnots) i = kKnots - 1;
   const double u = position - static_cast<double>(i);
-  return hermite(value[i], value[i + 1], slope[i], slope[i + 1], 1.0 / static_cast<double>(kKnots),
-                 u);
+  return hermite(value[i], value[i + 1], slope[i], slope[i + 1], kWidth, u);
+}
+inline CurveValue look_up(const CubicPiece* pieces, double s) {
+  const double position = s * static_cast<double>(kKnots);
+  auto i = static_cast<std::size_t>(position);
+  if (i >= kKnots) i = kKnots - 1;
+  return evaluate(pieces[i], kWidth, position - static_cast<double>(i));
 }
 
 /// Nearest values that never fall, in the sense of weighted least squares: neighbors that fall are

@@ -81,21 +81,14 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Fin
       vector->setZero(n_);
     }
   }
-  for (std::size_t i = 0; i < m.contacts.size(); ++i) {
-    const std::size_t count = m.contacts[i].law.n_states();
-    if (count == 0) continue;
-    stateful_.emplace_back();
-    law_places_.push_back({i, at(m.contacts[i].first_state), count});
-  }
-  for (auto& c : stateful_) {
-    for (auto* vector : {&c.force_column, &c.compression_column, &c.gradient, &c.rate_gradient}) {
-      vector->setZero(n_);
-    }
+  for (const Contact& contact : m.contacts) {
+    if (contact.law.n_states() > 0) stateful_.emplace_back();
   }
   single_.by_force.assign(stateful_.size() * DenseLu::padded(at(n_)), 0.0);
   single_.by_q.assign(at(n_) * DenseLu::padded(stateful_.size()), 0.0);
   single_.by_v = single_.by_q;
   single_.change.assign(DenseLu::padded(stateful_.size()), 0.0);
+  single_.residual = single_.change;
   rhs_state_.resize(size());
   rhs_largest_.resize(m.contacts.size());
   residual_.assign(2 * at(n_) * DenseLu::padded(at(n_)), 0.0);
@@ -250,11 +243,8 @@ void MechanismSystem::rhs(double t, std::span<const double> y, std::span<double>
     rate[k] = p.v[k];
     rate[n + k] = a[static_cast<Eigen::Index>(k)];
   }
-  double* law_rate = rate.data() + 2 * n;
-  for (const LawPlace& place : law_places_) {
-    const LawStates& states = dynamics_.law_states(place.contact);
-    for (std::size_t j = 0; j < place.count; ++j) law_rate[place.first + j] = states.rate[j];
-  }
+  const auto law_rates = dynamics_.law_rates();
+  std::copy(law_rates.begin(), law_rates.end(), rate.begin() + 2 * n_);
   if (modes == 0) return;
   double* eta_rate = rate.data() + 2 * n + at(law_states_);
   double* eta_acceleration = eta_rate + modes;
@@ -270,15 +260,12 @@ void MechanismSystem::rhs(double t, std::span<const double> y, std::span<double>
 }
 
 void MechanismSystem::add_contact_slopes(Eigen::MatrixXd& stiffness, Eigen::MatrixXd& damping,
-                                         const Eigen::VectorXd& force_column,
-                                         const Eigen::VectorXd& compression_column,
-                                         const Eigen::VectorXd& gradient,
-                                         const Eigen::VectorXd& rate_gradient, double slope,
-                                         double rate_slope, const std::vector<int>& coordinates) {
-  detail::add_contact_slopes(
-      at(n_), coordinates,
-      {force_column.data(), compression_column.data(), gradient.data(), rate_gradient.data()},
-      slope, rate_slope, slopes_.data(), stiffness.data(), damping.data());
+                                         const ContactGradient& gradient, double slope,
+                                         double rate_slope) {
+  detail::add_contact_slopes(at(n_), mechanism().contacts[at(gradient.contact)].coordinates,
+                             {gradient.by_force.data(), gradient.by_compression.data(),
+                              gradient.compression.data(), gradient.rate.data()},
+                             slope, rate_slope, slopes_.data(), stiffness.data(), damping.data());
 }
 
 void MechanismSystem::add_stateful(const ContactGradient* gradient, int contact, int coupling) {
@@ -286,14 +273,10 @@ void MechanismSystem::add_stateful(const ContactGradient* gradient, int contact,
   c.contact = contact;
   c.coupling = coupling;
   c.closed = gradient != nullptr;
+  c.gradient = gradient;
   c.first_state = mechanism().contacts[at(contact)].first_state;
   c.law = dynamics_.contacts()[at(contact)].law;
   c.states = dynamics_.law_states(at(contact));
-  if (gradient == nullptr) return;
-  c.force_column = gradient->by_force;
-  c.compression_column = gradient->by_compression;
-  c.gradient = gradient->compression;
-  c.rate_gradient = gradient->rate;
 }
 
 /// Newton's method linearises where it has just evaluated.
@@ -334,9 +317,8 @@ void MechanismSystem::keep_slopes() {
     if (stateful) {
       add_stateful(&g, g.contact, contact.string >= 0 ? coupling_count_ : -1);
     } else {
-      add_contact_slopes(base_stiffness_, base_damping_, g.by_force, g.by_compression,
-                         g.compression, g.rate, state.law.d_compression, state.law.d_rate,
-                         contact.coordinates);
+      add_contact_slopes(base_stiffness_, base_damping_, g, state.law.d_compression,
+                         state.law.d_rate);
     }
     if (contact.string < 0) continue;
     StringCoupling& c = couplings_[at(coupling_count_++)];
@@ -399,11 +381,16 @@ void MechanismSystem::reduce_one_state(StatefulContact& c, double gamma,
   const std::size_t rows = DenseLu::padded(single_.contacts.size());
   double* by_force = single_.by_force.data() + at(c.single) * DenseLu::padded(at(n_));
   const double force = gamma * c.states.force[0];
+  const double* force_column = c.gradient->by_force.data();
+  const double* by_place = c.gradient->compression.data();
+  const double* by_speed = c.gradient->rate.data();
+  double* by_q = single_.by_q.data() + at(c.single);
+  double* by_v = single_.by_v.data() + at(c.single);
   for (const int k : coordinates) {
-    const std::size_t place = at(k) * rows + at(c.single);
-    by_force[k] = force * c.force_column[k];
-    single_.by_q[place] = by_compression * c.gradient[k] + by_rate * c.rate_gradient[k];
-    single_.by_v[place] = by_rate * c.gradient[k];
+    const std::size_t place = at(k) * rows;
+    by_force[k] = force * force_column[k];
+    by_q[place] = by_compression * by_place[k] + by_rate * by_speed[k];
+    by_v[place] = by_rate * by_place[k];
   }
 }
 
@@ -439,8 +426,7 @@ void MechanismSystem::reduce_law_states(double gamma) {
       reduce_states(c, gamma, count);
     }
     if (!c.closed) continue;
-    add_contact_slopes(stiffness_, damping_, c.force_column, c.compression_column, c.gradient,
-                       c.rate_gradient, c.slope, c.rate_slope, contact.coordinates);
+    add_contact_slopes(stiffness_, damping_, *c.gradient, c.slope, c.rate_slope);
     if (c.coupling >= 0) {
       couplings_[at(c.coupling)].by_compression = c.slope;
       couplings_[at(c.coupling)].by_rate = c.rate_slope;
@@ -552,16 +538,16 @@ void MechanismSystem::solve(std::span<double> b) {
                      c.by_rate * (c.rate_gradient.dot(r_q) - velocity - c.strike_speed * slope);
   }
   // Law states alone: their residual acts through the force. Beyond n the columns hold zeros.
-  double* right = right_.data();
+  for (std::size_t i = 0; i < single_.contacts.size(); ++i) {
+    const StatefulContact& c = stateful_[at(single_.contacts[i])];
+    single_.residual[i] = r_law[c.first_state] * c.inverse(0, 0);
+  }
+  add_columns(single_.contacts.size(), stride, single_.by_force.data(), single_.residual.data(),
+              right_.data());
   for (int i = 0; i < stateful_count_; ++i) {
     const StatefulContact& c = stateful_[at(i)];
+    if (c.single >= 0) continue;
     double* own = r_law + c.first_state;
-    if (c.single >= 0) {
-      own[0] *= c.inverse(0, 0);
-      const double* column = single_.by_force.data() + at(c.single) * stride;
-      for (std::size_t k = 0; k < stride; ++k) right[k] += own[0] * column[k];
-      continue;
-    }
     const Contact& contact = mechanism().contacts[at(c.contact)];
     const std::size_t count = contact.law.n_states();
     double force = 0.0;
@@ -578,7 +564,7 @@ void MechanismSystem::solve(std::span<double> b) {
       }
     }
     if (!c.closed) continue;
-    for (const int k : contact.coordinates) right_[k] += g * force * c.force_column[k];
+    for (const int k : contact.coordinates) right_[k] += g * force * c.gradient->by_force[k];
     if (c.coupling >= 0) right_[n_ + c.coupling] += force;
   }
   lu_.solve(right_.data());
@@ -601,18 +587,18 @@ void MechanismSystem::solve(std::span<double> b) {
   if (!single_.contacts.empty()) {
     add_products(n, DenseLu::padded(single_.contacts.size()), single_.by_q.data(), r_q.data(),
                  single_.by_v.data(), r_v.data(), single_.change.data());
+    for (std::size_t i = 0; i < single_.contacts.size(); ++i) {
+      const int state = stateful_[at(single_.contacts[i])].first_state;
+      r_law[state] = single_.residual[i] + single_.change[i];
+    }
   }
   for (int i = 0; i < stateful_count_; ++i) {
     const StatefulContact& c = stateful_[at(i)];
+    if (c.single >= 0 || !c.closed) continue;
     double* own = r_law + c.first_state;
-    if (c.single >= 0) {
-      own[0] += single_.change[at(c.single)];
-      continue;
-    }
-    if (!c.closed) continue;
     const Contact& contact = mechanism().contacts[at(c.contact)];
-    double compression = c.gradient.dot(r_q);
-    double rate = c.rate_gradient.dot(r_q) + c.gradient.dot(r_v);
+    double compression = c.gradient->compression.dot(r_q);
+    double rate = c.gradient->rate.dot(r_q) + c.gradient->compression.dot(r_v);
     if (c.coupling >= 0) {
       const StringCoupling& string = couplings_[at(c.coupling)];
       const std::size_t first = at(string.offset);

@@ -445,14 +445,13 @@ class Run {
     const auto may_turn = [&](std::size_t contact, double before, const CurveValue& after,
                               double room) {
       const bool was_open = std::isnan(before);
-      const bool closed = system_.dynamics().contacts()[contact].closed;
-      // A felt that closed within the step may have turned in it, too; one that opened has.
-      if (!was_open && before <= -sure_rate) return false;
-      if (closed && after.slope > sure_rate) return false;
       // A reversal below the remembered compression is smooth: z takes care of it.
       const double reach =
           after.force + (std::fabs(after.slope) + (was_open ? 0.0 : std::fabs(before))) * h;
-      return reach > largest()[contact] + room && reach > room;
+      if (!(reach > largest()[contact] + room && reach > room)) return false;
+      // A felt that closed within the step may have turned in it, too; one that opened has.
+      if (!was_open && before <= -sure_rate) return false;
+      return !(system_.dynamics().contacts()[contact].closed && after.slope > sure_rate);
     };
     turned_.clear();
     for (std::size_t i = 0; i < remembering_.size(); ++i) {

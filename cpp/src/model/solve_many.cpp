@@ -72,7 +72,7 @@ void MechanismSystem::solve_many(RowBlock& b, const RowBlock* loads) {
     Row force = Row::Zero(columns);
     for (Eigen::Index j = 0; j < count; ++j)
       force += c.states.force[static_cast<std::size_t>(j)] * own.row(j);
-    right.topRows(n_) += g * (c.force_column * force);
+    right.topRows(n_) += g * (c.gradient->by_force * force);
     if (c.coupling >= 0) right.row(n_ + c.coupling) += force;
   }
   lu_.solve_rows(right.data(), width, width);
@@ -93,9 +93,9 @@ void MechanismSystem::solve_many(RowBlock& b, const RowBlock* loads) {
   for (int i = 0; i < stateful_count_; ++i) {
     const StatefulContact& c = stateful_[at(i)];
     if (!c.closed) continue;
-    Row compression = c.gradient.transpose() * r_q;
-    Row speed = c.rate_gradient.transpose() * r_q;
-    speed += c.gradient.transpose() * r_v;
+    Row compression = c.gradient->compression.transpose() * r_q;
+    Row speed = c.gradient->rate.transpose() * r_q;
+    speed += c.gradient->compression.transpose() * r_v;
     if (c.coupling >= 0) {
       const StringCoupling& string = couplings_[at(c.coupling)];
       const int count = mechanism().strings[at(string.string)].string.modes();

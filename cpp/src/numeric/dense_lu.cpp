@@ -191,6 +191,15 @@ FELTMB_CLONES void products(std::size_t columns, std::size_t stride, const doubl
   }
 }
 
+FELTMB_CLONES void sum_columns(std::size_t columns, std::size_t stride, const double* a,
+                               const double* x, double* out) {
+  for (std::size_t i = 0; i < stride; i += kBlock) {
+    Four sum = four(out + i);
+    for (std::size_t k = 0; k < columns; ++k) sum += x[k] * four(a + k * stride + i);
+    four(out + i) = sum;
+  }
+}
+
 /// Row of y += k times row of x.
 inline void add_row(std::size_t count, double k, const double* __restrict x, double* __restrict y) {
   for (std::size_t c = 0; c < count; ++c) y[c] += k * x[c];
@@ -272,6 +281,11 @@ void add_row_products(std::size_t n, const double* a, double scale, const double
                       std::size_t columns, std::size_t stride, double* out,
                       std::size_t out_stride) {
   row_products(n, a, scale, x, columns, stride, out, out_stride);
+}
+
+void add_columns(std::size_t columns, std::size_t stride, const double* a, const double* x,
+                 double* out) {
+  if (columns > 0) sum_columns(columns, stride, a, x, out);
 }
 
 void add_products(std::size_t columns, std::size_t stride, const double* a, const double* x,

@@ -139,8 +139,11 @@ void Dynamics::differentiate_members() {
     const double x = q_[at(spring.coordinate)] - spring.rest_angle;
     stiffness_(spring.coordinate, spring.coordinate) -= spring.stiffness + spring.play.at(x).slope;
   }
-  for (int k = 0; k < n_; ++k) {
-    damping_(k, k) -= feltmb::evaluate(m_->joint_friction[at(k)], v_[at(k)]).slope;
+  for (std::size_t i = 0; i < turning_.size(); ++i) {
+    const int k = turning_[i];
+    damping_(k, k) -= frictions_.taken(i)
+                          ? frictions_.slope[i]
+                          : feltmb::evaluate(m_->joint_friction[at(k)], v_[at(k)]).slope;
   }
   for (const Dashpot& d : m_->dashpots) {
     damping_(d.coordinate, d.coordinate) -= d.against(v_[at(d.coordinate)]).slope;

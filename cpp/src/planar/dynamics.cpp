@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "turns.hpp"
+
 namespace feltmb {
 namespace {
 
@@ -22,6 +24,9 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   for (std::size_t i = 1; i < m_->links.size(); ++i) {
     if (!m_->links[i].lump) moving_.push_back(i);
   }
+  const std::size_t turns =
+      (moving_.size() + detail::kTurnBlock - 1) / detail::kTurnBlock * detail::kTurnBlock;
+  for (auto* v : {&turn_, &cosine_, &sine_}) v->assign(turns, 0.0);
   contacts_.resize(m_->contacts.size());
   for (const Contact& contact : m_->contacts) {
     auto& chain = carriers_.emplace_back();
@@ -44,6 +49,7 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   }
   largest_.assign(m_->contacts.size(), 0.0);
   law_.assign(at(m_->total_law_states), 0.0);
+  law_rate_ = law_;
   law_states_.resize(m_->contacts.size());
   loaded_.assign(m_->contacts.size(), char{0});
   cycles_.resize(m_->contacts.size());
@@ -56,10 +62,13 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   }
   for (const Contact& contact : m_->contacts) {
     pairs_.add(contact.law);
+    memories_.add(contact.law);
+    idle_.push_back(contact.law.still_when_open() || !contact.enabled ? 1 : 0);
     frictions.push_back(contact.friction);
   }
   pairs_.finish();
-  for (auto* v : {&closed_, &touching_, &rubbing_}) v->reserve(frictions.size());
+  memories_.finish();
+  for (auto* v : {&closed_, &rubbing_, &remembering_}) v->reserve(frictions.size());
   frictions_ = FrictionLanes(std::move(frictions));
   choose_lanes();
   phi_.assign(at(m_->total_modes), 0.0);
@@ -103,8 +112,28 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   }
 }
 
+/// Whether the lanes are those of the contacts that are closed.
+bool Dynamics::lanes_chosen() const {
+  std::size_t lane = 0;
+  for (std::size_t i = 0; i < contacts_.size(); ++i) {
+    if (!contacts_[i].closed) continue;
+    if (lane == closed_.size() || closed_[lane] != i) return false;
+    ++lane;
+  }
+  return lane == closed_.size();
+}
+
 void Dynamics::choose_lanes() {
+  closed_.clear();
+  for (std::size_t i = 0; i < contacts_.size(); ++i) {
+    if (contacts_[i].closed) closed_.push_back(i);
+  }
   pairs_.choose(closed_);
+  remembering_.clear();
+  for (const std::size_t i : closed_) {
+    if (MemoryLanes::takes(m_->contacts[i].law)) remembering_.push_back(i);
+  }
+  memories_.choose(remembering_);
   rubbing_.clear();
   for (std::size_t i = 0; i < turning_.size(); ++i) rubbing_.push_back(i);
   for (const std::size_t i : closed_) rubbing_.push_back(turning_.size() + i);
@@ -113,14 +142,7 @@ void Dynamics::choose_lanes() {
 
 /// Laws and friction of the closed contacts, friction of the joints, side by side.
 void Dynamics::evaluate_lanes() {
-  touching_.clear();
-  for (std::size_t i = 0; i < contacts_.size(); ++i) {
-    if (contacts_[i].closed) touching_.push_back(i);
-  }
-  if (touching_ != closed_) {
-    std::swap(touching_, closed_);
-    choose_lanes();
-  }
+  if (!lanes_chosen()) choose_lanes();
   double* speed = frictions_.speed.data();
   for (const int k : turning_) *speed++ = v_[at(k)];
   for (std::size_t lane = 0; lane < closed_.size(); ++lane) {
@@ -129,31 +151,56 @@ void Dynamics::evaluate_lanes() {
     pairs_.rate[lane] = state.rate;
     *speed++ = state.slip;
   }
-  if (!static_laws_) pairs_.evaluate();
+  for (std::size_t lane = 0; lane < remembering_.size(); ++lane) {
+    const std::size_t i = remembering_[lane];
+    const ContactState& state = contacts_[i];
+    memories_.compression[lane] = state.compression;
+    memories_.rate[lane] = state.rate;
+    memories_.state[lane] = law_[at(m_->contacts[i].first_state)];
+    if (memories_.largest(lane) != largest_[i]) {
+      m_->contacts[i].law.keep_cycle(largest_[i], cycles_[i]);
+      memories_.begin(lane, cycles_[i]);
+    }
+  }
+  if (!static_laws_) {
+    pairs_.evaluate();
+    memories_.evaluate();
+  }
   frictions_.evaluate();
+}
+
+void Dynamics::keep_law_rates(std::size_t contact) {
+  const Contact& of = m_->contacts[contact];
+  std::copy_n(law_states_[contact].rate.begin(), of.law.n_states(),
+              law_rate_.begin() + of.first_state);
 }
 
 void Dynamics::apply_contacts() {
   evaluate_lanes();
   std::size_t lane = 0;
+  std::size_t remembered = 0;
   for (std::size_t i = 0; i < contacts_.size(); ++i) {
     ContactState& state = contacts_[i];
     const Contact& contact = m_->contacts[i];
     if (!state.closed) {
       state.friction = {0.0, 0.0};
-      if (contact.law.still_when_open() || !contact.enabled) {
+      if (idle_[i] != 0) {
         state.law = {};
         if (loaded_[i] != 0) {
           law_states_[i] = {};
           loaded_[i] = 0;
+          keep_law_rates(i);
         }
       } else {
         // The states of the law go on; an open contact gives no rate.
         state.law =
             contact.law.evaluate(std::min(0.0, state.compression), 0.0, memory(i), &law_states_[i]);
+        keep_law_rates(i);
       }
       continue;
     }
+    const bool remembers = remembered < remembering_.size() && remembering_[remembered] == i;
+    const std::size_t memory_lane = remembers ? remembered++ : 0;
     if (static_laws_) {
       const CurveValue v = contact.law.static_force(state.compression);
       state.law = {};
@@ -161,13 +208,19 @@ void Dynamics::apply_contacts() {
       state.law.d_compression = v.slope;
     } else if (state.compression < pairs_.reach(lane)) {
       state.law = pairs_.value(lane);
+    } else if (remembers && state.compression < memories_.reach(memory_lane)) {
+      state.law = memories_.value(memory_lane);
+      memories_.states(memory_lane, law_states_[i]);
+      law_rate_[at(contact.first_state)] = law_states_[i].rate[0];
+      loaded_[i] = 1;
     } else {
       if (contact.law.has_memory()) contact.law.keep_cycle(largest_[i], cycles_[i]);
       state.law = contact.law.evaluate(state.compression, state.rate, memory(i), &law_states_[i]);
       loaded_[i] = 1;
+      keep_law_rates(i);
     }
     const std::size_t rubbing = turning_.size() + lane++;
-    state.friction = FrictionLanes::takes(contact.friction)
+    state.friction = frictions_.taken(rubbing)
                          ? FrictionValue{frictions_.value[rubbing], frictions_.slope[rubbing]}
                          : feltmb::evaluate(contact.friction, state.slip);
     const Vec2 f = state.law.force * (state.normal - state.friction.value * perp(state.normal));
@@ -308,9 +361,9 @@ void Dynamics::resist_joints() {
   force_.setZero();
   for (std::size_t i = 0; i < turning_.size(); ++i) {
     const int k = turning_[i];
-    const Friction& friction = m_->joint_friction[at(k)];
-    force_[k] = -(FrictionLanes::takes(friction) ? frictions_.value[i]
-                                                 : feltmb::evaluate(friction, v_[at(k)]).value);
+    force_[k] =
+        -(frictions_.taken(i) ? frictions_.value[i]
+                              : feltmb::evaluate(m_->joint_friction[at(k)], v_[at(k)]).value);
   }
   for (const Dashpot& d : m_->dashpots) {
     force_[d.coordinate] -= d.against(v_[at(d.coordinate)]).value;

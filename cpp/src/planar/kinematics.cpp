@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include "feltmb/planar/dynamics.hpp"
+#include "turns.hpp"
 
 namespace feltmb {
 namespace {
@@ -10,7 +11,18 @@ std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 }  // namespace
 
-void Dynamics::move_link(std::size_t i) {
+double Dynamics::turn(std::size_t i) const {
+  const Link& link = m_->links[i];
+  if (link.kind == LinkKind::kRevolute) {
+    return link.angle + q_[at(twist_[at(link.motions[0])].coordinate)];
+  }
+  double turn = 0.0;
+  for (const int index : link.motions)
+    turn += twist_[at(index)].rho * q_[at(twist_[at(index)].coordinate)];
+  return turn;
+}
+
+void Dynamics::move_link(std::size_t i, Rotation own) {
   const Link& link = m_->links[i];
   const LinkState& parent = links_[at(link.parent)];
   LinkState& state = links_[i];
@@ -20,7 +32,7 @@ void Dynamics::move_link(std::size_t i) {
     const std::size_t k = at(twist.coordinate);
     const Vec2 arm = parent.rotation * link.position;
     state.origin = parent.origin + arm;
-    state.rotation = parent.rotation * Rotation::of(link.angle + q_[k]);
+    state.rotation = parent.rotation * own;
     state.omega = parent.omega + v_[k];
     state.velocity = parent.velocity + parent.omega * perp(arm);
     state.bias = parent.bias - (parent.omega * parent.omega) * arm;
@@ -31,13 +43,11 @@ void Dynamics::move_link(std::size_t i) {
   Rotation frame = parent.rotation;
   if (link.angle != 0.0) frame = frame * link.base;
   if (link.kind == LinkKind::kStation) arm += frame * Vec2{link.station, 0.0};
-  double turn = 0.0;
   double turn_rate = 0.0;
   Vec2 relative_velocity{};
   for (const int index : link.motions) {
     const Motion& motion = m_->motions[at(index)];
     const std::size_t k = at(motion.coordinate);
-    turn += motion.rho * q_[k];
     turn_rate += motion.rho * v_[k];
     const Vec2 t = frame * motion.translation;
     translation_[at(index)] = t;
@@ -46,7 +56,7 @@ void Dynamics::move_link(std::size_t i) {
     relative_velocity += v_[k] * t;
   }
   state.origin = parent.origin + arm;
-  state.rotation = turn != 0.0 ? frame * Rotation::of(turn) : frame;
+  state.rotation = frame * own;
   state.omega = parent.omega + turn_rate;
   state.velocity = parent.velocity + parent.omega * perp(arm) + relative_velocity;
   state.bias = parent.bias - (parent.omega * parent.omega) * arm +
@@ -60,7 +70,13 @@ void Dynamics::move_link(std::size_t i) {
 void Dynamics::move_links(std::span<const double> q, std::span<const double> v) {
   std::copy(q.begin(), q.end(), q_.begin());
   std::copy(v.begin(), v.end(), v_.begin());
-  for (const std::size_t i : moving_) move_link(i);
+  for (std::size_t place = 0; place < moving_.size(); ++place) turn_[place] = turn(moving_[place]);
+  detail::small_turns(turn_.size(), turn_.data(), cosine_.data(), sine_.data());
+  for (std::size_t place = 0; place < moving_.size(); ++place) {
+    const double angle = turn_[place];
+    move_link(moving_[place], Rotation::is_small(angle) ? Rotation{cosine_[place], sine_[place]}
+                                                        : Rotation::of(angle));
+  }
 }
 
 void Dynamics::move_lumps() {

@@ -3,6 +3,12 @@
 
 namespace feltmb {
 
+/// Cubic over one piece of width h of a table: value + u h (slope + u (second + u third)) at
+/// 0 <= u <= 1 of it.
+struct CubicPiece {
+  double value, slope, second, third;
+};
+
 /// F(e) = a e exp(b e) + c e, thesis eq. 4.21; F = 0 for e <= 0.
 /// Beyond b e = 40 the exponential goes on along its tangent: trial steps of a solver may
 /// overshoot to depths where exp(b e) overflows.

@@ -98,6 +98,21 @@ class Envelope {
   CycleValue cycle(double e, const CycleStart& to) const;
   CycleStart cycle_to(double e_m) const;
 
+  static constexpr std::size_t kPieces = 256;  ///< of a table
+  static constexpr double kSmallest = 1e-12;   ///< of x, for roots
+
+  /// Exponential F_L, zero up to first_positive() [m]; nullptr if F_L is a table.
+  const ExponentialCurve* curve() const { return exponential_ ? &curve_ : nullptr; }
+  double first_positive() const { return first_positive_; }
+
+  /// Else the kPieces of F_L over sqrt(e / reach()).
+  const CubicPiece* loading_pieces() const { return load_pieces_.data(); }
+
+  /// The kPieces of rho over sqrt(x) of a cycle. Room for as many is filled where rho depends on
+  /// e_m.
+  bool needs_room() const { return rows_ > 1; }
+  const CubicPiece* ratio_pieces(const CycleStart& to, CubicPiece* room) const;
+
   double loading_energy(double e) const;  ///< integral of F_L [J]
 
   /// W(e_m) = integral over 0..e_m of F_L(e) (1 - rho(e / e_m)) [J], and its slope [N].
@@ -114,6 +129,7 @@ class Envelope {
   void tabulate_ratio(std::vector<double> rho);
   void blend_rows(double e_m, CycleStart& to) const;
   CurveValue ratio_of_root(double s, const CycleStart& to) const;
+  CubicPiece blended_piece(std::size_t i, const CycleStart& to) const;
   CurveValue area_by_quadrature(double e_m) const;
   void tabulate_area();
   void tabulate_energy();
@@ -131,6 +147,8 @@ class Envelope {
   std::size_t rows_ = 1;
   std::vector<double> rho_, rho_slope_;
   std::vector<double> load_, load_slope_, load_energy_;
+  std::vector<CubicPiece> rho_pieces_;  ///< if there is one row
+  std::vector<CubicPiece> load_pieces_;
   std::vector<double> area_, area_slope_;
   std::vector<double> share_, share_slope_;
 };

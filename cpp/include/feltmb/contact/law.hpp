@@ -77,6 +77,8 @@ struct Stulov {
 /// section 2.2.3, after Stamm); a rate term, F += rate_amplitude (F_L(e) - r), rate_time dr/dt =
 /// F_L(e) - r (after Stulov), the sum held at >= 0.
 struct FeltMemory {
+  /// A felt that was never pressed further [m] is virgin: the slopes of its memory are no numbers.
+  static constexpr double nothing = 1e-150;
   std::shared_ptr<const Envelope> envelope;
   double kappa = 0.2;            ///< transition length over the loop [-], in (0, 2]
   double recovery_time = 0.0;    ///< [s], 0: none

@@ -41,8 +41,12 @@ struct Rotation {
   double s = 0.0;
 
   static Rotation of(double angle) {
-    if (!(std::fabs(angle) < 0.79)) return {std::cos(angle), std::sin(angle)};
-    // Taylor series, below a unit in the last place here; joints turn little.
+    return is_small(angle) ? of_small(angle) : Rotation{std::cos(angle), std::sin(angle)};
+  }
+
+  /// Joints turn little: Taylor series do, below a unit in the last place.
+  static bool is_small(double angle) { return std::fabs(angle) < 0.79; }
+  static Rotation of_small(double angle) {
     const double z = angle * angle;
     const double s =
         -1.0 / 6.0 +

@@ -201,14 +201,14 @@ class MechanismSystem : public OdeSystem {
   /// A contact whose law has states: its slopes depend on gamma through them.
   struct StatefulContact {
     int contact = -1;
-    int coupling = -1;  ///< index in couplings_ if it is a closed string contact
-    bool closed = false;
+    int coupling = -1;    ///< index in couplings_ if it is a closed string contact
+    bool closed = false;  ///< else there is no gradient
     LawValue law;
     LawStates states;
-    Eigen::VectorXd force_column, compression_column, gradient, rate_gradient;
-    Eigen::Matrix3d inverse;                  ///< (I - gamma d(ds/dt)/ds)^-1
-    Eigen::Vector3d by_compression, by_rate;  ///< ds for unit de, d(de/dt)
-    double slope = 0.0, rate_slope = 0.0;     ///< effective dF/de, dF/d(de/dt)
+    const ContactGradient* gradient = nullptr;  ///< of dynamics_, until the next linearization
+    Eigen::Matrix3d inverse;                    ///< (I - gamma d(ds/dt)/ds)^-1
+    Eigen::Vector3d by_compression, by_rate;    ///< ds for unit de, d(de/dt)
+    double slope = 0.0, rate_slope = 0.0;       ///< effective dF/de, dF/d(de/dt)
     int first_state = 0;
     int single = -1;  ///< place in SingleStates if it is there
   };
@@ -218,11 +218,8 @@ class MechanismSystem : public OdeSystem {
     std::vector<int> contacts;       ///< indices in stateful_
     std::vector<double> by_force;    ///< a column a contact: force on each coordinate for unit ds
     std::vector<double> by_q, by_v;  ///< a column a coordinate: ds of each contact for dq, dv
+    std::vector<double> residual;    ///< of s of each contact, divided by its own factor
     std::vector<double> change;      ///< ds of each contact
-  };
-  /// Where the states of a contact's law lie.
-  struct LawPlace {
-    std::size_t contact, first, count;
   };
   void gather_single();
   void read_events(std::span<double> g) const;
@@ -235,17 +232,13 @@ class MechanismSystem : public OdeSystem {
   void reduce_one_state(StatefulContact& c, double gamma, const std::vector<int>& coordinates);
   static void reduce_states(StatefulContact& c, double gamma, Eigen::Index count);
   void add_contact_slopes(Eigen::MatrixXd& stiffness, Eigen::MatrixXd& damping,
-                          const Eigen::VectorXd& force_column,
-                          const Eigen::VectorXd& compression_column,
-                          const Eigen::VectorXd& gradient, const Eigen::VectorXd& rate_gradient,
-                          double slope, double rate_slope, const std::vector<int>& coordinates);
+                          const ContactGradient& gradient, double slope, double rate_slope);
 
   Eigen::MatrixXd mass_, stiffness_, damping_;
   Eigen::MatrixXd base_stiffness_, base_damping_;  ///< without contacts whose laws have states
   std::vector<StatefulContact> stateful_;
   int stateful_count_ = 0;
   SingleStates single_;
-  std::vector<LawPlace> law_places_;
   std::vector<StringCoupling> couplings_;
   int coupling_count_ = 0;
   int constraint_ = 0;  ///< 1 with a prescribed motion: its reaction is one more unknown

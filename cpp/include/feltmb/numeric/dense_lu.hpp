@@ -49,6 +49,10 @@ class DenseLu {
 void add_products(std::size_t columns, std::size_t stride, const double* a, const double* x,
                   const double* b, const double* y, double* out);
 
+/// out += sum over j < columns of x[j] A_j, columns of `stride` values (whole blocks).
+void add_columns(std::size_t columns, std::size_t stride, const double* a, const double* x,
+                 double* out);
+
 /// Row i of out += scale sum over j of A(i, j) row j of x, for square A (n, n) stored by columns
 /// and rows of `columns` numbers, `stride` apart. Zeros of A cost nothing.
 void add_row_products(std::size_t n, const double* a, double scale, const double* x,

@@ -144,6 +144,9 @@ class Dynamics {
   /// States of a contact's law at the last state given, if it has any.
   const LawStates& law_states(std::size_t contact) const { return law_states_[contact]; }
 
+  /// Rates of the states of all laws at the last state given, concatenated.
+  std::span<const double> law_rates() const { return law_rate_; }
+
   /// Memory of a contact's law at the last state given.
   LawMemory memory(std::size_t contact) const {
     return {law_.data() + m_->contacts[contact].first_state, largest_[contact], &cycles_[contact]};
@@ -215,7 +218,10 @@ class Dynamics {
   };
 
   void move_links(std::span<const double> q, std::span<const double> v);
-  void move_link(std::size_t i);
+  /// Angle of a link's frame against that of its joint [rad].
+  double turn(std::size_t i) const;
+  void move_link(std::size_t i, Rotation own);
+  void move_link(std::size_t i) { move_link(i, Rotation::of(turn(i))); }
   void locate_contact(std::size_t i, const MechanicalState& at_state, const Drive& drive,
                       Detail detail);
   void locate_string(const Contact& contact, ContactState& state, Vec2 d,
@@ -241,8 +247,10 @@ class Dynamics {
     w.moment += cross(point, force);
     w.virial += dot(point, force);
   }
+  bool lanes_chosen() const;
   void choose_lanes();
   void evaluate_lanes();
+  void keep_law_rates(std::size_t contact);
   void apply_contacts();
   void resist_joints();
   void apply_straps();
@@ -280,7 +288,8 @@ class Dynamics {
 
   std::shared_ptr<const Mechanism> m_;
   int n_ = 0;
-  std::vector<std::size_t> moving_;  ///< links but the ground and lumps, parents first
+  std::vector<std::size_t> moving_;           ///< links but the ground and lumps, parents first
+  std::vector<double> turn_, cosine_, sine_;  ///< by place in moving_, in whole blocks
   std::vector<LinkState> links_;
   std::vector<Wrench> applied_;
   std::vector<ContactState> contacts_;
@@ -313,15 +322,18 @@ class Dynamics {
   bool strings_apart_ = false;
   std::vector<double> largest_;
   std::vector<double> law_;
-  std::vector<LawStates> law_states_;  ///< by contact
-  std::vector<char> loaded_;           ///< by contact: law_states_ is of a closed contact
-  std::vector<CycleStart> cycles_;     ///< by contact: of laws with memory, kept while it lasts
-  std::vector<int> turning_;           ///< coordinates of the joints with friction
-  std::vector<std::size_t> closed_;    ///< closed contacts, for which lanes are chosen
-  std::vector<std::size_t> touching_;  ///< closed contacts now
-  std::vector<std::size_t> rubbing_;   ///< scratch: the frictions that have lanes
-  PairLanes pairs_;                    ///< laws of contacts; lanes: closed_
-  FrictionLanes frictions_;            ///< of turning_, then contacts; lanes: turning_, closed_
+  std::vector<double> law_rate_;
+  std::vector<LawStates> law_states_;     ///< by contact
+  std::vector<char> loaded_;              ///< by contact: law_states_ is of a closed contact
+  std::vector<char> idle_;                ///< by contact: nothing is evaluated while it is open
+  std::vector<CycleStart> cycles_;        ///< by contact: of laws with memory, kept while it lasts
+  std::vector<int> turning_;              ///< coordinates of the joints with friction
+  std::vector<std::size_t> closed_;       ///< closed contacts, for which lanes are chosen
+  std::vector<std::size_t> rubbing_;      ///< scratch: the frictions that have lanes
+  std::vector<std::size_t> remembering_;  ///< of the closed contacts those with a lane of memories_
+  PairLanes pairs_;                       ///< laws of contacts; lanes: closed_
+  MemoryLanes memories_;                  ///< laws of contacts; lanes: remembering_
+  FrictionLanes frictions_;               ///< of turning_, then contacts; lanes: turning_, closed_
   std::vector<double> q_;
   std::vector<double> v_;
   Eigen::VectorXd force_;
