@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,8 +14,6 @@ from feltmb.data import Array
 __all__ = ["Noise", "innovations"]
 
 Integers = NDArray[np.intp]
-#: Samples that foretell the noise of an averaged channel.
-REACH = 8
 #: Share of its variance that is taken for white: a mean over samples is blind at some frequencies,
 #: and a model is not so exact that what it misses there could be held against it.
 WHITE = 0.05
@@ -32,9 +31,18 @@ class Noise:
     sigma: float
     """Standard deviation [unit]."""
     correlation_time: float = 0.0
-    """Time in which it forgets itself [s]; 0 is white. Not used where ``averaged`` > 1."""
+    """Time in which it forgets itself [s]; 0 is white. Where ``averaged`` > 1 it only says beyond
+    which frequency the noise is not flat."""
     averaged: int = 1
     """Samples, evenly spaced, whose mean a sample is [1]."""
+
+    @property
+    def reach(self) -> int:
+        """Samples before that foretell one of averaged noise [1].
+
+        Up to an average of six, slow signals then weigh what they should, to 7 %.
+        """
+        return 8 * math.ceil(self.averaged / 3) if self.averaged > 1 else 1
 
     def correlation(self, distance: Array) -> Array:
         """Correlation of two samples of averaged noise, at a distance in samples [1]."""
@@ -64,7 +72,7 @@ def innovations(
         (W, L, ny).
     """
     valid = position >= 0
-    reach = REACH if any(n.averaged > 1 for n in noise) else 1
+    reach = max((n.reach for n in noise), default=1)
     nearest = np.full_like(position, -1)
     nearest[:, 1:] = np.maximum.accumulate(position, axis=1)[:, :-1]
     before = np.full((*position.shape, reach), -1, dtype=np.intp)
@@ -77,7 +85,8 @@ def innovations(
     sd = np.ones(position.shape)
     for c, own in enumerate(noise):
         if own.averaged > 1:
-            decay[:, :, c], sd[:, :, c] = _averaged(own, position[:, :, c], before[:, :, c])
+            near = before[:, :, c, : own.reach]
+            decay[:, :, c, : own.reach], sd[:, :, c] = _averaged(own, position[:, :, c], near)
         elif own.correlation_time > 0.0:
             seen = before[:, :, c, 0]
             lag = time - np.take_along_axis(time, np.maximum(seen, 0), axis=1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -12,17 +13,22 @@ from feltmb.fit.noise import Noise
 
 __all__ = ["color_at_rest", "quiet_blocks"]
 
-#: Samples of a block, and the degree of the polynomial that is taken for motion.
-BLOCK, DEGREE = 32, 2
+#: Samples of a block, and degrees of the polynomial that is taken for motion: the color must not
+#: depend on it.
+BLOCK, DEGREES = 32, (2, 5)
 #: Rest of a quiet block, in standard deviations of the noise.
 QUIET = (0.4, 1.4)
 #: Blocks that are needed.
 LEAST = 5
 #: Log likelihood by which another color must beat that of the data sheet.
 SURE = 10.0
-#: Correlation times [samples] and averages [samples] that are tried.
+#: Averages [samples] that are tried, and the correlation times [samples] that they must beat: a
+#: machine that moves a little looks like noise that forgets itself, but is not blind at the
+#: frequencies where an average is.
+AVERAGES = (2, 3, 4, 5, 6)
 TIMES = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
-AVERAGES = (2, 3, 4, 5, 6, 8)
+#: Ratio within which the standard deviation of the blocks must be that of the sensor.
+ALIKE = 1.3
 
 
 def quiet_blocks(values: Array, sigma: float) -> Array:
@@ -38,18 +44,18 @@ def quiet_blocks(values: Array, sigma: float) -> Array:
     count = values.size // BLOCK
     blocks = values[: count * BLOCK].reshape(count, BLOCK)
     blocks = blocks[np.all(np.isfinite(blocks), axis=1)]
-    left = blocks - blocks @ _motion() @ _motion().T
-    rms = np.sqrt(np.sum(left**2, axis=1) / (BLOCK - DEGREE - 1))
+    left = blocks @ _contrasts(DEGREES[0])
+    rms = np.sqrt(np.mean(left**2, axis=1))
     quiet = (rms > QUIET[0] * sigma) & (rms < QUIET[1] * sigma)
     return np.asarray(blocks[quiet])
 
 
 def color_at_rest(blocks: Sequence[Array], interval: float, sheet: Noise) -> Noise:
-    """Noise with the color of the quiet blocks, or that of the data sheet if it does as well.
+    """Noise as the mean over several samples that the quiet blocks show, or that of the data sheet.
 
-    Restricted likelihood of the blocks (a parabola each and one variance are taken out) with first
-    order noise of several correlation times and with means over several samples. The size of the
-    noise stays that of the sheet.
+    Restricted likelihood of the blocks (a polynomial each and one variance are taken out). An
+    average must beat the sheet and first-order noise of several correlation times, whatever the
+    degree of the polynomial, and have the standard deviation of the sheet.
 
     Parameters
     ----------
@@ -63,34 +69,43 @@ def color_at_rest(blocks: Sequence[Array], interval: float, sheet: Noise) -> Noi
     table = np.concatenate(blocks) if blocks else np.zeros((0, BLOCK))
     if len(table) < LEAST:
         return sheet
-    others = [
-        *(replace(sheet, correlation_time=t * interval, averaged=1) for t in TIMES),
-        *(replace(sheet, correlation_time=0.5 * n * interval, averaged=n) for n in AVERAGES),
-    ]
-    found = max(others, key=lambda noise: _likelihood(table, interval, noise))
-    gain = _likelihood(table, interval, found) - _likelihood(table, interval, sheet)
-    return found if gain > SURE else sheet
+    averages = [replace(sheet, correlation_time=0.5 * n * interval, averaged=n) for n in AVERAGES]
+    others = [sheet, *(replace(sheet, correlation_time=t * interval) for t in TIMES)]
+    won = []
+    for degree in DEGREES:
+        seen = table @ _contrasts(degree)
+        found = {n: _likelihood(seen, _covariance(n, interval), degree) for n in averages}
+        best = max(averages, key=lambda n: found[n][0])
+        most = max(_likelihood(seen, _covariance(n, interval), degree)[0] for n in others)
+        value, sd = found[best]
+        if value > most + SURE and sheet.sigma / ALIKE < sd < sheet.sigma * ALIKE:
+            won.append(best)
+    return won[0] if len(won) == len(DEGREES) and len(set(won)) == 1 else sheet
 
 
-def _motion() -> Array:
-    """Orthonormal columns that span what is taken for motion, (BLOCK, DEGREE + 1)."""
+@functools.cache
+def _contrasts(degree: int) -> Array:
+    """Orthonormal columns that no polynomial touches, (BLOCK, BLOCK - degree - 1).
+
+    Their covariance is all that a restricted likelihood sees.
+    """
     t = np.linspace(-1.0, 1.0, BLOCK)
-    return np.linalg.qr(np.vander(t, DEGREE + 1))[0]
+    return np.asarray(np.linalg.svd(np.vander(t, degree + 1))[0][:, degree + 1 :])
 
 
-def _likelihood(table: Array, interval: float, noise: Noise) -> float:
-    """Restricted log likelihood of blocks, their common variance at its best value."""
+def _covariance(noise: Noise, interval: float) -> Array:
+    """Covariance of the samples of a block, in units of the variance."""
     distance = np.abs(np.arange(BLOCK)[:, None] - np.arange(BLOCK)[None, :])
     if noise.averaged > 1:
-        cover = noise.correlation(distance)
-    elif noise.correlation_time > 0.0:
-        cover = np.exp(-distance * interval / noise.correlation_time)
-    else:
-        cover = np.eye(BLOCK)
-    # Contrasts that no motion touches: their covariance is all that a restricted likelihood sees.
-    contrasts = np.linalg.svd(_motion(), full_matrices=True)[0][:, DEGREE + 1 :]
+        return noise.correlation(distance)
+    # Beyond these samples are as good as uncorrelated, or move as one.
+    return np.asarray(np.exp(-distance / np.clip(noise.correlation_time / interval, 1e-2, 1e6)))
+
+
+def _likelihood(seen: Array, cover: Array, degree: int) -> tuple[float, float]:
+    """Restricted log likelihood of blocks, and the standard deviation at which it is largest."""
+    contrasts = _contrasts(degree)
     cover = contrasts.T @ cover @ contrasts
-    seen = table @ contrasts
-    squares = float(np.sum(seen.T * np.linalg.solve(cover, seen.T)))
+    variance = float(np.sum(seen.T * np.linalg.solve(cover, seen.T))) / seen.size
     log_det = float(np.linalg.slogdet(cover)[1])
-    return float(-0.5 * (seen.size * np.log(squares / seen.size) + len(table) * log_det))
+    return -0.5 * (seen.size * float(np.log(variance)) + len(seen) * log_det), variance**0.5

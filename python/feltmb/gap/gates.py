@@ -16,6 +16,10 @@ from feltmb.units import conversion_factor
 
 __all__ = ["ChannelGate", "Gates", "check_records"]
 
+#: Share of the variance that may come from the digitizer where the color of the noise is looked
+#: for: the rounding of a slow motion is a sawtooth.
+COARSE = 0.2
+
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelGate:
@@ -198,7 +202,8 @@ def _colored(
     for c in channels:
         steps = np.diff(by_name[c.record].time)
         interval = float(np.median(steps))
-        if c.method == "sensor" and np.allclose(steps, interval, rtol=1e-3, atol=0.0):
+        fine = c.quantum**2 / 12.0 < COARSE * c.sigma**2
+        if c.method == "sensor" and fine and np.allclose(steps, interval, rtol=1e-3, atol=0.0):
             # Clocks of one camera may differ in the last digit.
             sheet = (c.channel, c.sigma, c.correlation_time, f"{interval:.6g}")
             sensors.setdefault(sheet, []).append(c)
@@ -211,16 +216,10 @@ def _colored(
         if noise == before:
             continue
         found |= {id(c): noise for c in group}
-        like = (
-            f"a mean over {noise.averaged} samples"
-            if noise.averaged > 1
-            else f"a correlation time of {noise.correlation_time:.3g} s"
-            if noise.correlation_time > 0.0
-            else "white noise"
-        )
         warnings.append(
-            f"{group[0].channel}: at rest its noise is that of {like}, not of the correlation time "
-            f"of its data sheet, {before.correlation_time:.3g} s; the former is used"
+            f"{group[0].channel}: at rest its noise is that of a mean over {noise.averaged} "
+            "samples, not of the correlation time of its data sheet, "
+            f"{before.correlation_time:.3g} s; the former is used"
         )
     return [
         replace(c, correlation_time=found[id(c)].correlation_time, averaged=found[id(c)].averaged)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,15 +13,25 @@ from feltmb.fit.shots import Noise, Shot, make_shot
 from feltmb.fit.solve import Fit, FitSettings, polish
 from feltmb.gap.refine import Search
 
-__all__ = ["rest_of", "settled", "with_noise"]
+__all__ = ["Rest", "rest_of", "settled", "with_noise"]
 
 #: Ratio of the sum of squares to its expectation beyond which there is an unknown rest.
 MISFIT = 1.33**2
 
 
+@dataclass(frozen=True)
+class Rest:
+    """What is left in a channel, as noise."""
+
+    sigma: float
+    """Standard deviation [unit]."""
+    correlation_time: float | None
+    """[s]; None: no more than noise is left, of the color that each record's sensor has."""
+
+
 def rest_of(
     search: Search, sensed: tuple[Shot, ...], settings: FitSettings
-) -> dict[str, Noise] | None:
+) -> dict[str, Rest] | None:
     """Residual of the best set by channel, as noise with a correlation time; None: only noise.
 
     A library that explains the records needs nothing of this. Where it does not, sensor noise
@@ -49,21 +59,26 @@ def rest_of(
         given = float(np.sqrt(np.mean([s.noise[c].sigma ** 2 for s in sensed])))
         sigma = float(np.sqrt(np.mean(total**2)))
         more = more or sigma**2 > MISFIT * given**2
-        interval = sensed[0].record.interval
-        own = sensed[0].noise[c]
+        memory = None
         if sigma**2 > MISFIT * given**2:
-            own = Noise(sigma, _memory(values) * interval)
-        out[name] = replace(own, sigma=max(sigma, given))
+            memory = _memory(values) * sensed[0].record.interval
+        out[name] = Rest(max(sigma, given), memory)
     return out if more else None
 
 
-def settled(old: dict[str, Noise], new: dict[str, Noise]) -> bool:
+def settled(old: dict[str, Rest], new: dict[str, Rest]) -> bool:
     """Whether the rest has stopped to shrink."""
     return all(abs(new[n].sigma / old[n].sigma - 1.0) < 0.15 for n in old)
 
 
-def with_noise(nominal: Nominal, shot: Shot, noise: dict[str, Noise]) -> Shot:
-    """The same shot with other noise."""
+def with_noise(nominal: Nominal, shot: Shot, rest: dict[str, Rest]) -> Shot:
+    """The shot with the noise of its sensors replaced by an unknown rest."""
+    noise = dict(zip(nominal.outputs, shot.noise, strict=True))
+    for name, own in rest.items():
+        if own.correlation_time is None:
+            noise[name] = replace(noise[name], sigma=own.sigma)
+        else:
+            noise[name] = Noise(own.sigma, own.correlation_time)
     return make_shot(nominal, shot.record, noise, None, shot.windows)
 
 

@@ -10,12 +10,12 @@ import pytest
 from feltmb.blind.bench import Bench, _make_records, read_records
 from feltmb.blind.nominal import KeyHammer
 from feltmb.data import Record, Sensor
-from feltmb.fit.noise import REACH, WHITE, Noise
+from feltmb.fit.noise import WHITE, Noise
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import make_shot
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import calibrate
-from feltmb.gap.color import BLOCK, color_at_rest, quiet_blocks
+from feltmb.gap.color import AVERAGES, BLOCK, color_at_rest, quiet_blocks
 from feltmb.gap.gates import check_records
 from feltmb.gap.refine import tighten
 
@@ -57,7 +57,7 @@ def covariance(noise, n):
 
 def test_whitening_averaged_noise_gives_the_dense_likelihood_with_holes():
     noise = Noise(0.7, averaged=3)
-    values = mean_of(3, REACH + 3, 1)
+    values = mean_of(3, noise.reach + 3, 1)
     values[[2, 6]] = np.nan  # as many are left as the filter looks back upon
     shot = shot_of(values, noise)
     good = np.isfinite(values)
@@ -71,7 +71,7 @@ def test_whitening_averaged_noise_gives_the_dense_likelihood_with_holes():
     )
 
 
-@pytest.mark.parametrize("averaged", [2, 3, 5])
+@pytest.mark.parametrize("averaged", AVERAGES)
 def test_a_long_record_of_averaged_noise_becomes_white(averaged):
     noise = Noise(0.7, averaged=averaged)
     n = 120
@@ -81,7 +81,7 @@ def test_a_long_record_of_averaged_noise_becomes_white(averaged):
     np.testing.assert_allclose(np.diag(left), 1.0, rtol=1e-10)
     inner = left[40:80, 40:80]
     near = np.abs(np.subtract.outer(np.arange(40), np.arange(40)))
-    assert np.max(np.abs(inner[(near > 0) & (near <= REACH)])) < 0.1
+    assert np.max(np.abs(inner[(near > 0) & (near <= noise.reach)])) < 0.1
     # A slow signal weighs what it weighs against the noise of its frequency, within a tenth.
     slow = np.cos(2.0 * np.pi * 2.0 * np.arange(n) / n)
     exact = slow @ np.linalg.solve(covariance(noise, n), slow)
@@ -113,10 +113,44 @@ def test_the_color_is_found_where_the_machine_rests():
     assert found == Noise(1.0, 1.5e-3, 3)
     found = color_at_rest(at_rest(lambda n, k: mean_of(5, n, k)), 1e-3, sheet)
     assert found.averaged == 5
-    white = color_at_rest(
-        at_rest(lambda n, k: np.random.default_rng(k).standard_normal(n)), 1e-3, sheet
+
+
+@pytest.mark.parametrize(("period", "size"), [(150, 130), (80, 18), (60, 8), (20, 1.0), (16, 1.3)])
+def test_a_motion_that_hides_in_the_noise_is_not_its_color(period, size):
+    """Every block of these passes for rest; only the fit of a model can tell what they are."""
+    t = np.arange(20 * BLOCK)
+    for averaged in (1, 2, 3):
+        blocks = [
+            quiet_blocks(
+                size * np.sin(2 * np.pi * t / period + k) + mean_of(averaged, t.size, k), 1.0
+            )
+            for k in range(3)
+        ]
+        assert sum(map(len, blocks)) > 20
+        for sheet in (Noise(1.0), Noise(1.0, 1e-3)):
+            found = color_at_rest(blocks, 1e-3, sheet)
+            assert found == sheet or found.averaged == averaged
+
+
+def test_colors_at_the_ends_of_the_numbers():
+    own = at_rest(lambda n, k: np.random.default_rng(k).standard_normal(n))
+    for tau in (0.0, 1e-320, 1e-300, 1e20, 1e100):
+        assert color_at_rest(own, 1e-3, Noise(1.0, tau)) == Noise(1.0, tau)
+
+
+def test_a_rounded_ramp_has_no_color():
+    rng = np.random.default_rng(4)
+    t = np.arange(20 * BLOCK)
+    ramp = np.round(0.05 * t + 0.05 * rng.standard_normal(t.size))
+    sensor = Sensor(name="q", sigma=0.05, quantum=1.0)
+    record = Record(
+        name="r",
+        time=1e-3 * t,
+        inputs={"f": 0.0 * t},
+        outputs={"q": ramp},
+        sensors={"q": sensor},
     )
-    assert white == Noise(1.0, 0.0)
+    assert check_records([record]).channels[0].averaged == 1
 
 
 def test_the_data_sheet_holds_where_rest_does_not_contradict():
@@ -188,6 +222,7 @@ def test_a_stuck_fit_with_tight_gaps_is_no_unknown_force(tmp_path):
     gates = check_records(own, nominal.outputs)
     shots = tuple(make_shot(nominal, r, gates.noise(r.name), None) for r in own if r.role == "fit")
     fit = fit_problem(Problem(nominal, shots))
+    assert fit.explains
     tight = tighten(fit, FitSettings())
     assert tight is not None
     assert tight.log_evidence > fit.log_evidence - 6.0
