@@ -104,6 +104,148 @@ TEST_CASE("lumped network: derivatives are those of the result") {
   }
 }
 
+namespace {
+
+/// Two masses with every kind of element, hidden state, sensor and correction; every number a
+/// parameter of its own but the first stiffness, which stands in two places.
+Network complete() {
+  Network n;
+  int next = 0;
+  const auto one = [&] { return p(next++); };
+  n.masses = {one(), one()};
+  const Sum shared = one();
+  const Travel between{{{0, 1.0}, {1, -0.8}}, {{0, -1.0}, {1, 0.5}}, 0.0, one()};
+  const Travel second{{{1, 1.0}}, {}, 0.0, {}};
+  const Travel pushed{{{0, 1.0}}, {}, -0.3, one()};
+  const Gate gate{{{{1, -1.0}}, {{1, 1.0}}, 0.0, one()}, one()};
+  n.elements = {{Kind::spring, pushed, {}, shared, one(), one(), {}},
+                {Kind::contact, between, {gate}, one(), one(), one(), {}},
+                {Kind::friction, second, {}, one(), one(), one(), one()},
+                {Kind::spring, second, {}, {{shared[0].index, 0.5}}, {}, {}, {}},
+                {Kind::drive, {{{1, 1.0}}, {}, 1.0, {}}, {}, one(), {}, {}, {}}};
+  n.hidden = {{false, {1}, one(), one(), {}}, {true, {1, 0}, one(), one(), one()}};
+  n.input = {one(), one(), one()};
+  n.sensors = {{{{{0, 1.0}}, {{0, 0.4}, {1, -1.0}}, 0.2, one()}, one(), one(), one(), one(), 1},
+               {second, {}, {}, {}, {}, -1}};
+  n.parameters = next;
+  n.sample_time = 5e-4;
+  n.substeps = 4;
+  return n;
+}
+
+std::vector<double> complete_values() {
+  return {0.1,  0.06, 250.0, 2e-4,  -1e-3, 2e-3, 6e-4, 0.4,  3e6,  4e4,
+          1.7,  0.3,  0.1,   0.05,  0.02,  0.3,  -0.1, 1e-5, 4e-3, 2e-6,
+          400., 0.05, 0.02,  -0.03, 3e-4,  1e-5, 0.03, 1e-6, 3e-4, 2e-7};
+}
+
+}  // namespace
+
+TEST_CASE("lumped network: derivatives by every number of every kind of part") {
+  const Network n = complete();
+  n.check();
+  const auto numbers = complete_values();
+  REQUIRE(static_cast<int>(numbers.size()) == n.parameters);
+  const std::vector<double> start{2e-4, 4e-4, 0.05, -0.02, 1e-6, -2e-6, 1e-3};
+  const std::vector<double> scale{1e-3, 1e-3, 0.1, 0.1, 1e-5, 1e-5, 1e-2};
+  // A delay of the sensor within the segment, beyond its start and beyond its end.
+  for (const double delay : {3e-4, 9e-3, -2e-3}) {
+    auto base = numbers;
+    base[28] = delay;
+    std::vector<int> wanted;
+    std::vector<int> states;
+    for (int i = 0; i < n.parameters; ++i) {
+      wanted.push_back(i);
+    }
+    for (int i = 0; i < n.states(); ++i) {
+      states.push_back(i);
+    }
+    const Batch exact = run(n, base, start, wanted, states);
+    const auto columns = static_cast<std::size_t>(exact.columns);
+    for (std::size_t column = 0; column < columns; ++column) {
+      auto parameters = base;
+      auto x = start;
+      const bool state = column >= base.size();
+      double& moved = state ? x[column - base.size()] : parameters[column];
+      const double step = 1e-3 * (state ? scale[column - base.size()] : std::abs(moved));
+      const double before = moved;
+      // Differences of fourth order: steps of one and two.
+      const auto differ = [&](double h) {
+        moved = before + h;
+        Batch up = run(n, parameters, x);
+        moved = before - h;
+        const Batch down = run(n, parameters, x);
+        for (std::size_t i = 0; i < up.outputs.size(); ++i) {
+          up.outputs[i] = (up.outputs[i] - down.outputs[i]) / (2.0 * h);
+        }
+        for (std::size_t i = 0; i < up.ends.size(); ++i) {
+          up.ends[i] = (up.ends[i] - down.ends[i]) / (2.0 * h);
+        }
+        return up;
+      };
+      const Batch near = differ(step);
+      const Batch far = differ(2.0 * step);
+      const auto compare = [&](const std::vector<double>& a, const std::vector<double>& b,
+                               const std::vector<double>& d) {
+        double error = 0.0;
+        double size = 0.0;
+        for (std::size_t i = 0; i < a.size(); ++i) {
+          const double slope = (4.0 * a[i] - b[i]) / 3.0;
+          error += std::pow(slope - d[i * columns + column], 2);
+          size += std::pow(slope, 2);
+        }
+        CAPTURE(delay);
+        CAPTURE(column);
+        CHECK(size > 0.0);
+        // Where the exponent of the felt is not whole its touch is smooth to the first order only.
+        CHECK(std::sqrt(error / size) < 1e-4);
+      };
+      compare(near.outputs, far.outputs, exact.d_outputs);
+      if (!(column >= 25 && column <= 29)) {  // numbers of a sensor move no state
+        compare(near.ends, far.ends, exact.d_ends);
+      }
+    }
+  }
+}
+
+TEST_CASE("lumped network: rows of parameters do not remember each other") {
+  const Network n = complete();
+  auto with = complete_values();
+  auto without = with;
+  without[17] = 0.0;  // gain of the lag
+  without[19] = 0.0;  // gain of the mode
+  const std::vector<double> u = input();
+  const std::vector<std::span<const double>> inputs{u};
+  const std::vector<double> zero(7, 0.0);
+  const std::vector<int> wanted{2, 9, 20};
+  const auto simulated = [&](const std::vector<std::vector<double>>& rows) {
+    Request q;
+    std::vector<double> all;
+    std::vector<double> starts;
+    std::vector<Segment> segments;
+    for (const auto& r : rows) {
+      segments.push_back({0, 10, 60, static_cast<int>(segments.size())});
+      all.insert(all.end(), r.begin(), r.end());
+      starts.insert(starts.end(), zero.begin(), zero.end());
+    }
+    q.parameters = all;
+    q.inputs = inputs;
+    q.segments = segments;
+    q.starts = starts;
+    q.wanted = wanted;
+    return simulate(n, q);
+  };
+  const Batch both = simulated({with, without});
+  const Batch first = simulated({with});
+  const Batch second = simulated({without});
+  auto joined = first.outputs;
+  joined.insert(joined.end(), second.outputs.begin(), second.outputs.end());
+  CHECK(both.outputs == joined);
+  auto slopes = first.d_outputs;
+  slopes.insert(slopes.end(), second.d_outputs.begin(), second.d_outputs.end());
+  CHECK(both.d_outputs == slopes);
+}
+
 TEST_CASE("lumped network: any width of the passes gives the same bits") {
   const Network n = network();
   const std::vector<double> start{-1e-4, 0.02, 0.0};

@@ -186,6 +186,8 @@ def draw(
         signed = form == "outside" or entries[name].sign == 0
         if signed and rng.random() < 0.5:
             size = -size
+        if form != "outside" and not entries[name].lower <= size <= entries[name].upper:
+            size = -size
         parts.append(Part(name, form, float(size), target))
     tolerances = {
         e.name: float(e.size * np.clip(rng.standard_normal(), -2.5, 2.5))

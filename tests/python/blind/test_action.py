@@ -53,7 +53,9 @@ def test_every_number_is_off_and_sizes_are_plausible(made):
                 assert part.name in action_truth.OUTSIDE
                 assert part.name not in entries
             else:
-                assert abs(part.size) <= action_truth.LARGEST * entries[part.name].size * 1.0001
+                entry = entries[part.name]
+                assert abs(part.size) <= action_truth.LARGEST * entry.size * 1.0001
+                assert entry.lower <= part.size <= entry.upper
     assert kinds == {"A", "B", "outside"}
 
 

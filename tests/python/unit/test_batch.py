@@ -112,7 +112,7 @@ def test_with_values_shares_what_did_not_change(action):
 def test_without_order_each_outcome_comes_as_soon_as_it_is_known(pendulum):
     """A long first stroke holds nothing up; all come once, with the bits of the ordered batch."""
     long = feltmb.pulse_stroke(2.0, 0.001, 0.01)
-    strokes = [(pendulum, long, {"duration": 5.0}), *pairs(pendulum, 6)]
+    strokes = [(pendulum, long, {"duration": 30.0}), *pairs(pendulum, 6)]
     got = {}
     count = simulate_many(
         strokes, got.__setitem__, jobs=2, ordered=False, **{**SHORT, "rtol": 1e-8}
@@ -122,7 +122,7 @@ def test_without_order_each_outcome_comes_as_soon_as_it_is_known(pendulum):
     want = []
     simulate_many(strokes, lambda _, run: want.append(run), jobs=1, **{**SHORT, "rtol": 1e-8})
     assert [got[i].values.tobytes() for i in range(7)] == [w.values.tobytes() for w in want]
-    assert want[0].time[-1] == 5.0  # options of one stroke alone
+    assert want[0].time[-1] == 30.0  # options of one stroke alone
 
 
 def test_a_flag_ends_a_batch_at_once(pendulum):
