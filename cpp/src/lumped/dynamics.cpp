@@ -371,7 +371,7 @@ void Dynamics::linearize(const double* x) {
     for (const Weight& w : net_.elements[e].travel.coordinates) {
       const std::size_t i = at(w.index);
       const double factor = -w.factor * inverse_mass_[i].v;
-      double* row = &by_states_[(i + n_q_) * n_];
+      double* row = by_states_.data() + (i + n_q_) * n_;
       for (const Slope& s : force.states) {
         row[s.index] += factor * s.value;
       }
@@ -391,7 +391,7 @@ void Dynamics::linearize_hidden(std::size_t h, const double* x) {
   const auto& [gain, speed, damping] = hidden_[h];
   const std::size_t j = place_[h];
   const std::size_t to = hidden.mode ? j + 1 : j;
-  double* row = &by_states_[to * n_];
+  double* row = by_states_.data() + to * n_;
   Slopes& columns = by_columns_[to];
   const double w = speed.v;
   const double lead = hidden.mode ? w * w : w;

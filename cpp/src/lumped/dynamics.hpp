@@ -55,7 +55,7 @@ class Dynamics {
   /// The state that is the rate of this one; itself where the rate has slopes of its own.
   std::size_t rate_of(std::size_t state) const { return rate_of_[state]; }
   /// Slopes of the rate of a state by the states, dense, and by the columns.
-  const double* by_states(std::size_t state) const { return &by_states_[state * n_]; }
+  const double* by_states(std::size_t state) const { return by_states_.data() + state * n_; }
   const Slopes& by_columns(std::size_t state) const { return by_columns_[state]; }
   /// First state of a hidden one.
   std::size_t place(int hidden) const { return place_[static_cast<std::size_t>(hidden)]; }

@@ -104,11 +104,11 @@ class Run {
   }
 
  private:
-  double* row(States& s, std::size_t i) { return &s.slopes[i * width_]; }
+  double* row(States& s, std::size_t i) { return s.slopes.data() + i * width_; }
   /// Derivatives of the rate of state i, evaluated in the stage `at`.
   const double* rate_row(const States& stage, const States& k, std::size_t i) const {
     const std::size_t j = dynamics_->rate_of(i);
-    return j == i ? &k.slopes[i * width_] : &stage.slopes[j * width_];
+    return (j == i ? k : stage).slopes.data() + j * width_;
   }
 
   void prepare(int row) {
