@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import InvalidParameter
 from feltmb.fit.nominal import Lanes, Nominal, Sensitivity, Simulated, Term
+from feltmb.fit.shift import shifted
 
 __all__ = ["machine_terms", "observe_lanes", "observed_sensitivities"]
 
@@ -94,7 +95,7 @@ def _sensed(nominal: Nominal, record: Record, lanes: Lanes, outputs: Array) -> A
         if np.isfinite(sensor.bandwidth):
             new = _low_pass(record, lanes, new, sensor)
         if sensor.delay != 0.0:
-            new = _delayed(record, lanes, new, sensor.delay)
+            new = shifted(record, new, lanes.windows, np.full(lanes.count, sensor.delay))
         if sensor.gain != 1.0 or sensor.offset != 0.0:
             new = sensor.gain * new + sensor.offset
         if new is not y:
@@ -107,23 +108,6 @@ def _sensed(nominal: Nominal, record: Record, lanes: Lanes, outputs: Array) -> A
 def _times(record: Record, lanes: Lanes, length: int) -> Array:
     at = np.minimum(lanes.windows[:, :1] + np.arange(length), record.samples - 1)
     return np.asarray(record.time[at])
-
-
-def _delayed(record: Record, lanes: Lanes, y: Array, delay: float) -> Array:
-    """Shift within the windows; straight continuation where a window begins or ends."""
-    time = _times(record, lanes, y.shape[1])
-    out = np.empty_like(y)
-    for b in range(y.shape[0]):
-        last = lanes.windows[b, 1] - lanes.windows[b, 0]
-        t, v = time[b, : last + 1], y[b, : last + 1]
-        want = t - delay
-        out[b] = np.nan
-        inside = np.interp(want, t, v)
-        low, high = want < t[0], want > t[-1]
-        inside[low] = v[0] + (v[1] - v[0]) / (t[1] - t[0]) * (want[low] - t[0])
-        inside[high] = v[-1] + (v[-1] - v[-2]) / (t[-1] - t[-2]) * (want[high] - t[-1])
-        out[b, : last + 1] = inside
-    return out
 
 
 def _low_pass(record: Record, lanes: Lanes, y: Array, sensor: Sensor) -> Array:

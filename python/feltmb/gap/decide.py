@@ -172,12 +172,13 @@ def _name(facts: Facts) -> Decision:
     if confidence < SURE:
         why = f"posterior {confidence:.2f}, expected {SURE} at least"
         return _unsure(facts, sure or tuple(unsure), why)
-    if facts.unexplained and facts.how_far.closed < LEAST_CLOSED:
-        why = f"closes {facts.how_far.closed:.0%} of the held-out gap"
+    far = facts.how_far
+    if (facts.unexplained and far.closed < LEAST_CLOSED) or far.high < 0.0:
+        why = f"closes {far.closed:.0%} of the held-out gap"
         return _unsure(facts, sure or tuple(unsure), why)
     left, _, _ = misfit(best.fit, facts.rest, estimated=facts.gates.estimated, bar=REST)
     left = left or facts.unexplained or facts.leftover > 1.0
-    closed = f"It closes {facts.how_far.closed:.0%} of the held-out gap."
+    closed = _closing(facts)
     rest = (
         f" What is left is {_floor(facts)}; nothing tested explains it."
         if left
@@ -199,6 +200,19 @@ def _name(facts: Facts) -> Decision:
     trust = TRUST[verdict]
     belief = facts.belief.trusted(trust)
     return Decision(verdict, text + rest, sure, tuple(unsure), trust * confidence, belief)
+
+
+def _closing(facts: Facts) -> str:
+    """What the best set does for the held-out records, in words."""
+    far = facts.how_far
+    gap = far.waterfall[0][1]
+    gains = [paired.gain for paired in facts.accepted.proof.values()]
+    if gap <= 1.0 and gains:
+        by = "by it" if len(gains) == 1 else "or more by each"
+        least = f"{min(gains):.2g} nats {by}"
+        return f"Held-out records, whose gap is within their noise, gain {least}."
+    band = f", 95% from {far.low:.0%} to {far.high:.0%}" if far.closed < 0.0 else ""
+    return f"It closes {far.closed:.0%} of the held-out gap{band}."
 
 
 def _unsure(facts: Facts, hinted: tuple[str, ...], why: str) -> Decision:

@@ -33,6 +33,8 @@ __all__ = ["advise"]
 MOST_RIVALS = 3
 #: Confusion above which an experiment is not worth the name.
 POOR = 0.2
+#: Confusion below which noise is not what hides a difference.
+CLEAR = 0.005
 #: Other ways to play a record: name, factor of the inputs, factor of the time.
 WAYS = (
     ("the same again", 1.0, 1.0),
@@ -73,6 +75,12 @@ def _advice(fit: Fit, a: Term, b: Term, size: float) -> Advice:
     base = fit.problem.normal(fit.point, fit.problem.linear(fit.point, (a, b)), fit.gap_sd)
     shared = _eliminated(base)
     now = _confusion(shared, a, b, size)
+    if now < CLEAR:
+        text = (
+            f"the noise of these records is low enough to tell {a.name} from {b.name}; what "
+            "neither explains hides the difference, so look at that first"
+        )
+        return Advice(text=text, separates=(a.name, b.name), confusion_now=now, confusion_then=now)
     trials = []
     for text, shot in _plans(fit):
         more = _of_one(fit, shot, (a, b))

@@ -14,6 +14,7 @@ import numpy as np
 
 from feltmb.data import Array, Record
 from feltmb.fit import Coordinate, Effect, Named, State
+from feltmb.fit.shift import shifted
 
 __all__ = [
     "backlash",
@@ -386,13 +387,13 @@ def _sensor(
     change: Callable[[Array, Array, Record, Array], Array],
     **fields: Any,
 ) -> Effect:
+    """``change(values (B, L), sizes (B,), record, windows (B, 2))`` of one channel."""
     channel = list(outputs).index(name)
 
     def observe(record: Record, values: Array, windows: Array, sizes: Array, shape: Any) -> Array:
         del shape
         out = values.copy()
-        at = np.minimum(windows[:, :1] + np.arange(values.shape[1]), record.samples - 1)
-        out[:, :, channel] = change(values[:, :, channel], sizes[:, None], record, record.time[at])
+        out[:, :, channel] = change(values[:, :, channel], sizes, record, windows)
         return out
 
     return Effect(
@@ -406,7 +407,7 @@ def sensor_gain(outputs: Sequence[str], name: str) -> Effect:
         outputs,
         name,
         "gain of sensor",
-        lambda y, size, r, t: (1.0 + size) * y,
+        lambda y, size, r, w: (1.0 + size[:, None]) * y,
         scale=0.05,
         mechanism="The sensor has another gain.",
         remedy="Calibrate the sensor.",
@@ -419,7 +420,7 @@ def sensor_offset(outputs: Sequence[str], name: str, *, unit: str, scale: float)
         outputs,
         name,
         "offset of sensor",
-        lambda y, size, r, t: y + size,
+        lambda y, size, r, w: y + size[:, None],
         unit=unit,
         scale=scale,
         mechanism="The sensor has an offset.",
@@ -427,23 +428,13 @@ def sensor_offset(outputs: Sequence[str], name: str, *, unit: str, scale: float)
     )
 
 
-def _shift(y: Array, size: Array, r: Record, t: Array) -> Array:
-    del r
-    step = np.diff(t, axis=1)
-    slope = np.where(step > 0.0, np.diff(y, axis=1) / np.maximum(step, 1e-300), 0.0)
-    rate = np.empty_like(y)
-    rate[:, 1:-1] = 0.5 * (slope[:, 1:] + slope[:, :-1])
-    rate[:, 0], rate[:, -1] = slope[:, 0], slope[:, -1]
-    return np.asarray(y - size * rate)
-
-
 def sensor_delay(outputs: Sequence[str], name: str, *, scale: float) -> Effect:
-    """The channel lags the output by the size [s], to first order in it."""
+    """The channel lags the output by the size [s]."""
     return _sensor(
         outputs,
         name,
         "delay of sensor",
-        _shift,
+        lambda y, size, r, w: shifted(r, y, w, size),
         unit="s",
         scale=scale,
         mechanism="The sensor lags.",

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from feltmb.data import Array, Record
+from feltmb.fit.shift import shifted
 from feltmb.subjects.library import Signal
 
 __all__ = ["columns_of", "excite_by", "observe_by"]
@@ -24,13 +25,6 @@ def columns_of(
         return [i for i, name in enumerate(outputs) if name != "finger.force"]
     named = set(channels.get(signal.channels, (signal.channels,)))
     return [i for i, name in enumerate(outputs) if name in named]
-
-
-def _shifted(time: Array, values: Array, delay: float) -> Array:
-    """values(t - delay); straight continuation at the ends."""
-    want = np.clip(time - delay, time[0], time[-1])
-    out: Array = CubicSpline(time, values, axis=0)(want)
-    return out
 
 
 def observe_by(
@@ -52,15 +46,13 @@ def observe_by(
         if not active:
             return y
         out = y.copy()
+        if signal.kind == "delay":
+            out[:, :, columns] = shifted(record, y[:, :, columns], windows, sizes)
+            return out
         for b in active:
             first, last = int(windows[b, 0]), int(windows[b, 1])
             span = slice(0, last - first + 1)
-            if signal.kind == "delay":
-                values = y[b, span][:, columns]
-                if np.all(np.isfinite(values)):
-                    time = record.time[first : last + 1]
-                    out[b, span, columns] = _shifted(time, values, sizes[b]).T
-            elif signal.kind == "gain":
+            if signal.kind == "gain":
                 out[b, span, columns] *= 1.0 + sizes[b]
             elif signal.kind == "offset":
                 out[b, span, columns] += sizes[b]
@@ -89,7 +81,8 @@ def excite_by(signal: Signal) -> Callable[..., Mapping[str, Array]]:
             elif signal.kind == "offset":
                 out[name] = recorded - size
             else:
-                out[name] = _shifted(record.time, recorded, -size)
+                t = record.time
+                out[name] = CubicSpline(t, recorded)(np.clip(t + size, t[0], t[-1]))
         return out
 
     return excite

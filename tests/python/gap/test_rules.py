@@ -16,7 +16,7 @@ from feltmb.fit.problem import Problem, _by_input_noise
 from feltmb.fit.shots import Noise, make_shot
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Options, Verdict, diagnose
-from feltmb.gap.decide import TRUST
+from feltmb.gap.decide import TRUST, decide
 from feltmb.gap.refine import refit
 from feltmb.gap.settle import _certainty
 
@@ -60,6 +60,35 @@ def record(name, seed, law, role="fit", samples=400):
 def records(law):
     roles = ("fit", "fit", "fit", "held_out", "held_out")
     return [record(f"r{i}", i, law, role) for i, role in enumerate(roles)]
+
+
+def test_the_statement_tells_what_held_out_records_say(monkeypatch):
+    seen = []
+    monkeypatch.setattr(
+        importlib.import_module("feltmb.gap.diagnose"),
+        "decide",
+        lambda facts: seen.append(facts) or decide(facts),
+    )
+    report = diagnose(
+        LINE, [power(3)], records(lambda u: u + 0.05 * u**3), options=Options(bootstrap=0)
+    )
+    facts = seen[-1]
+    assert report.named == ("power 3",)
+    assert f"closes {report.how_far.closed:.0%} of the held-out gap" in report.statement
+    far = facts.how_far
+    within = replace(far, waterfall=(("nominal", 0.98), *far.waterfall[1:]), closed=0.0, low=0.0)
+    gain = f"{facts.accepted.proof['power 3'].gain:.2g}"
+    said = decide(replace(facts, how_far=within))
+    assert said.named == ("power 3",)
+    assert f"within their noise, gain {gain} nats by it" in said.statement
+    # Held-out records that surely get worse refuse a name; those that may do not.
+    maybe = decide(replace(facts, how_far=replace(far, closed=-0.1, low=-0.4, high=0.2)))
+    assert maybe.named == ("power 3",)
+    assert "closes -10% of the held-out gap, 95% from -40% to 20%" in maybe.statement
+    worse = decide(replace(facts, how_far=replace(far, closed=-0.3, low=-0.5, high=-0.1)))
+    assert worse.named == ()
+    assert worse.verdict == Verdict.UNKNOWN
+    assert "closes -30% of the held-out gap" in worse.statement
 
 
 def test_what_mends_the_form_of_a_larger_effect_is_small_print():

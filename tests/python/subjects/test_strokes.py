@@ -7,6 +7,7 @@ import feltmb
 from feltmb.data import Record, Sensor
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Lanes, Term
+from feltmb.fit.observe import observe_lanes
 from feltmb.subjects import load_library, mechanism_nominal
 from feltmb.subjects.finer import KINDS, finer
 from feltmb.subjects.resolve import resolve
@@ -26,7 +27,7 @@ def subject():
         channels=["key", "whippen", "hammer"],
         library=library,
         tolerances=library.choose_tolerances(tolerances),
-        effects=["coulomb_friction.butt", "pivot_clearance.whippen"],
+        effects=["coulomb_friction.butt", "pivot_clearance.whippen", "camera_skew", "input_delay"],
         shooting="single",
         rtol=1e-7,
         workers=1,
@@ -109,6 +110,27 @@ def test_columns_are_kept_nearby_and_agree_with_central_differences(subject):
     far[1] = 5.0 * nominal.parameters[1].size
     nominal.sensitivities(record, far, whole(record), none)
     assert nominal.computed > taken
+
+
+def test_a_camera_that_lags_and_a_force_sensor_that_leads_show_the_same(subject):
+    """Their traces mirror each other, wherever the record is cut into windows of output."""
+    nominal, effects, record = subject
+    windows = np.array([[0, 110], [110, 140], [140, record.samples - 1]], dtype=np.intp)
+    camera, force = (
+        next(e for e in effects if e.name == n) for n in ("camera_skew", "input_delay")
+    )
+    theta, states = np.zeros(len(nominal.parameters)), np.zeros((3, 0))
+
+    def shown(effect, size):
+        terms = (Term(effect),)
+        lanes = Lanes.at_point(theta, windows, states, terms, np.array([size]))
+        outputs = observe_lanes(nominal, record, lanes).outputs
+        parts = zip(outputs, windows[:, 1] - windows[:, 0] + 1, strict=True)
+        return np.concatenate([y[:length] for y, length in parts])
+
+    still, lag, lead = shown(camera, 0.0), shown(camera, 6e-4), shown(force, -6e-4)
+    assert np.max(np.abs(still - lag)) > 1e-3
+    assert np.max(np.abs(lead - lag)) < 4e-6  # a fifth of the noise of a camera
 
 
 def test_the_floor_is_linear_and_belongs_to_its_record(subject):
