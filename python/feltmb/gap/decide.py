@@ -27,14 +27,14 @@ SURE = 0.9
 REFUTED = 1e-4
 #: Share of the cases in which the first of the ranking was right, of what its evidence promised, by
 #: verdict: evidence weighs the causes of the library against each other and cannot see what is not
-#: in it. From 300 blind cases of seed 20261120 (docs/gap-validation.md).
+#: in it. From 306 blind cases of the development half of seed 20261124 (docs/gap-validation.md).
 TRUST = {
-    Verdict.NAMED: 0.93,
-    Verdict.DATA_PROBLEM: 0.93,
-    Verdict.NAMED_UNKNOWN_REST: 0.8,
-    Verdict.ONE_OF: 0.4,
-    Verdict.TOO_WEAK: 0.85,
-    Verdict.UNKNOWN: 0.4,
+    Verdict.NAMED: 0.97,
+    Verdict.DATA_PROBLEM: 0.98,
+    Verdict.NAMED_UNKNOWN_REST: 0.72,
+    Verdict.ONE_OF: 0.5,
+    Verdict.TOO_WEAK: 0.6,
+    Verdict.UNKNOWN: 0.36,
     Verdict.NO_GAP: 1.0,
 }
 #: Share of the held-out gap that a name must close where an unknown rest was admitted.
