@@ -36,6 +36,8 @@ class Chain:
     leverage: list[Array] | None
     """Share of each row that the states take, (m,)."""
     inputs: int
+    heads: tuple[Array, Array] | None = None
+    """Grams and log_dets of every window as if the record ended with it, if they were asked for."""
 
     def back(self, step: Array) -> Array:
         """Step of the start states (W, nx) that goes with a step of the globals (c - 1,)."""
@@ -65,6 +67,7 @@ def reduce_chain(
     damping: Array | None = None,
     *,
     keep_rows: bool = False,
+    keep_heads: bool = False,
 ) -> Chain:
     """Eliminate the states of one shot.
 
@@ -90,8 +93,10 @@ def reduce_chain(
             rows=list(data) if keep_rows else None,
             leverage=[np.zeros(m)] * count if keep_rows else None,
             inputs=0,
+            heads=(grams, np.zeros(count)) if keep_heads else None,
         )
     grams = np.zeros((count, c, c))
+    heads = (np.zeros((count, c, c)), np.zeros(count)) if keep_heads else None
     factors = []
     rows: list[Array] = []
     leverage: list[Array] = []
@@ -119,6 +124,8 @@ def reduce_chain(
         at += nx
         x[at : at + mi, :mi] = np.eye(mi)
         at += mi
+        if heads is not None:
+            heads[0][w], heads[1][w] = _reduced(x[:at, : mi + nx], y[:at])
         if not last:
             x[at : at + nx, :mi] = -inverse[:, None] * linear.ends_by_input[w]
             x[at : at + nx, mi : mi + nx] = -inverse[:, None] * linear.ends_by_state[w]
@@ -151,4 +158,12 @@ def reduce_chain(
         rows=rows if keep_rows else None,
         leverage=leverage if keep_rows else None,
         inputs=mi,
+        heads=heads,
     )
+
+
+def _reduced(x: Array, y: Array) -> tuple[Array, float]:
+    """Products of the rows y that no column of x explains, and the logarithm of what x has."""
+    q, r = np.linalg.qr(x)
+    rest = y - q @ (q.T @ y)
+    return rest.T @ rest, float(np.sum(np.log(np.maximum(np.abs(np.diag(r)), 1e-300))))

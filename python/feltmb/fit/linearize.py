@@ -81,7 +81,8 @@ def _with_nuisances(shot: Shot, outputs: Array, values: Array) -> tuple[Array, A
             column[:, :-1] -= 0.5 * slope
             column[:, 1:] -= 0.5 * slope
             column[:, 0] *= 2.0
-            column[:, -1] *= 2.0
+            ends = (np.arange(len(y)), shot.windows[:, 1] - shot.windows[:, 0])
+            column[ends] *= 2.0
         columns[:, :, c, i] = column
         changed[:, :, c] += value * column
     return changed, columns

@@ -111,18 +111,28 @@ def _times(record: Record, lanes: Lanes, length: int) -> Array:
 
 
 def _low_pass(record: Record, lanes: Lanes, y: Array, sensor: Sensor) -> Array:
-    """First-order low-pass, exact for a signal that is linear between samples."""
+    """First-order low-pass, exact for a signal that is linear between samples.
+
+    A window that follows another in the list from the sample that both share goes on with what the
+    filter held there; any other starts as if the signal had always had its first slope.
+    """
     time = _times(record, lanes, y.shape[1])
     rate = 2.0 * np.pi * sensor.bandwidth
     out = np.empty_like(y)
     slope = (y[:, 1] - y[:, 0]) / np.maximum(time[:, 1] - time[:, 0], 1e-300)
-    out[:, 0] = y[:, 0] - slope / rate  # as if the signal had always had this slope
+    out[:, 0] = y[:, 0] - slope / rate
     for j in range(1, y.shape[1]):
         h = np.maximum(time[:, j] - time[:, j - 1], 0.0)
         decay = np.exp(-rate * h)
         ramp = np.divide(y[:, j] - y[:, j - 1], h, out=np.zeros_like(h), where=h > 0.0)
         steady = y[:, j] - ramp / rate
         out[:, j] = steady + (out[:, j - 1] - (y[:, j - 1] - ramp / rate)) * decay
+    for b in range(1, len(y)):
+        end = lanes.windows[b - 1, 1] - lanes.windows[b - 1, 0]
+        if lanes.windows[b - 1, 1] != lanes.windows[b, 0] or not np.isfinite(out[b - 1, end]):
+            continue
+        held = y[b, 0] + out[b - 1, end] - y[b - 1, end]
+        out[b] += (held - out[b, 0]) * np.exp(-rate * (time[b] - time[b, 0]))
     return out
 
 
@@ -165,26 +175,36 @@ def observed_sensitivities(
     lanes = Lanes(theta=np.tile(theta, (count, 1)), windows=windows, starts=starts)
     observing = [(t, float(sizes[k])) for k, t in enumerate(terms) if t.effect.observe is not None]
 
-    def show(outputs: Array, extra: tuple[Term, float] | None = None) -> Array:
-        """Outputs as the record would hold them."""
+    def show(
+        outputs: Array, extra: tuple[Term, float] | None = None, rows: slice = slice(None)
+    ) -> Array:
+        """Outputs of the windows of these rows as the record would hold them."""
+        part = replace(lanes, theta=lanes.theta[rows], windows=windows[rows], starts=starts[rows])
         for term, size in [*observing, *([extra] if extra else [])]:
             assert term.effect.observe is not None
             outputs = term.effect.observe(
-                record, outputs, windows, np.full(count, size), term.shape
+                record, outputs, part.windows, np.full(part.count, size), term.shape
             )
-        return _sensed(nominal, record, lanes, outputs)
+        return _sensed(nominal, record, part, outputs)
 
     shown = show(s.outputs)
     spread = float(np.nanmax(np.abs(s.outputs))) if s.outputs.size else 1.0
 
-    def push(columns: Array) -> Array:
+    def push(columns: Array, rows: slice = slice(None)) -> Array:
         """Derivatives through the map of the sensors."""
-        out = np.empty_like(columns)
+        out, base = np.empty_like(columns), s.outputs[rows]
         for i in range(columns.shape[3]):
             largest = float(np.nanmax(np.abs(columns[..., i]))) if columns.size else 0.0
             step = 1e-4 * (spread or 1.0) / largest if largest > 0.0 else 1.0
-            up, down = (show(s.outputs + h * columns[..., i]) for h in (step, -step))
+            up, down = (show(base + h * columns[..., i], rows=rows) for h in (step, -step))
             out[..., i] = (up - down) / (2.0 * step)
+        return out
+
+    def push_alone(columns: Array) -> Array:
+        """The same for columns that are a window's own: what it sees of others has none of them."""
+        out = np.empty_like(columns)
+        for rows in (slice(0, None, 2), slice(1, None, 2)):  # no two neighbors
+            out[rows] = push(columns[rows], rows)
         return out
 
     def simulated(term: Term, size: float, active: int | None) -> tuple[Array, Array]:
@@ -249,7 +269,7 @@ def observed_sensitivities(
         d_theta_ends=s.d_theta_ends,
         d_sizes=d_sizes,
         d_sizes_ends=d_sizes_ends,
-        d_starts=push(s.d_starts),
+        d_starts=push_alone(s.d_starts),
         d_starts_ends=s.d_starts_ends,
         d_candidates=d_candidates,
         d_candidates_ends=d_candidates_ends,

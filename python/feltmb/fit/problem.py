@@ -226,6 +226,7 @@ class Problem:
         damping: Sequence[Array | None] | None = None,
         *,
         keep_rows: bool = False,
+        keep_heads: bool = False,
     ) -> Normal:
         """Eliminate the states and sum the records."""
         chains = []
@@ -242,6 +243,7 @@ class Problem:
                     sd,
                     None if damping is None else damping[i],
                     keep_rows=keep_rows,
+                    keep_heads=keep_heads,
                 )
             )
         nuisances = [len(s.nuisances) for s in self.shots]

@@ -12,16 +12,17 @@ from feltmb.data import Array, Record
 
 __all__ = ["shifted"]
 
-#: Samples of a neighbor that a window takes along: a spline forgets what is farther away.
+#: Samples of a neighbor that a window takes along beyond the lag: a spline forgets what is farther.
 CONTEXT = 12
 
 
 def shifted(record: Record, y: Array, windows: NDArray[Any], delays: Array) -> Array:
     """Outputs as a sensor that lags shows them: y(t - delay).
 
-    Cubic splines within the windows. Where windows are cuts of one motion (the sample that two
-    share has the same bits in both), they see into one another; elsewhere, and at the ends of the
-    record, the motion goes on as a parabola for one sample and straight from there.
+    Cubic splines within the windows. A window sees into those before and after it that share a
+    sample with it and follow in the list: it goes on as they do, from its own value at the seam, so
+    that a gap between them makes no step. Elsewhere, and beyond the neighbor, the motion goes on as
+    a parabola for one sample and straight from there.
 
     Parameters
     ----------
@@ -37,29 +38,29 @@ def shifted(record: Record, y: Array, windows: NDArray[Any], delays: Array) -> A
     Array
         The same shape; windows with a value that is not a number stay as they are.
     """
-    flat = y.reshape(y.shape[0], y.shape[1], -1)
+    if not y.size or not np.any(delays):
+        return y.copy()
+    flat = y.reshape(y.shape[0], y.shape[1], -1).astype(np.float64)
     out = flat.copy()
     last = windows[:, 1] - windows[:, 0]
     whole = [bool(np.all(np.isfinite(flat[b, : n + 1]))) for b, n in enumerate(last)]
-    uniform = np.allclose(np.diff(record.time), record.interval, rtol=1e-6)
+    uniform = np.allclose(np.diff(record.time), record.interval, rtol=1e-6, atol=0.0)
 
-    def one_motion(b: int) -> bool:
-        """Whether window b goes over into the next without a gap."""
-        return (
-            0 <= b < len(last) - 1
-            and whole[b]
-            and whole[b + 1]
-            and bool(delays[b] == delays[b + 1])
-            and bool(windows[b, 1] == windows[b + 1, 0])
-            and np.array_equal(flat[b, last[b]], flat[b + 1, 0])
-        )
+    def seen(b: int, own: int) -> int:
+        """Samples that window ``own`` sees of its neighbor b."""
+        if not 0 <= b < len(last) or not whole[b] or delays[b] != delays[own]:
+            return 0
+        first, second = min(b, own), max(b, own)
+        if windows[first, 1] != windows[second, 0]:
+            return 0
+        reach = CONTEXT + int(np.ceil(abs(delays[own]) / record.interval))
+        return int(min(reach, last[b]))
 
     # Windows of one length on one clock are one spline.
     groups: dict[tuple[int, int, int, int, float], list[int]] = {}
     for b, delay in enumerate(delays):
         if delay != 0.0 and whole[b]:
-            before = min(CONTEXT, int(last[b - 1])) if one_motion(b - 1) else 0
-            after = min(CONTEXT, int(last[b + 1])) if one_motion(b) else 0
+            before, after = seen(b - 1, b), seen(b + 1, b)
             first = before if uniform else int(windows[b, 0])
             groups.setdefault((int(last[b]), before, after, first, float(delay)), []).append(b)
     for (end, before, after, first, delay), group in groups.items():
@@ -67,9 +68,11 @@ def shifted(record: Record, y: Array, windows: NDArray[Any], delays: Array) -> A
         parts = [flat[lanes, : end + 1]]
         if before:
             at = last[lanes - 1][:, None] - before + np.arange(before)
-            parts.insert(0, flat[lanes[:, None] - 1, at])
+            step = flat[lanes, 0] - flat[lanes - 1, last[lanes - 1]]
+            parts.insert(0, flat[lanes[:, None] - 1, at] + step[:, None])
         if after:
-            parts.append(flat[lanes + 1, 1 : after + 1])
+            step = flat[lanes, end] - flat[lanes + 1, 0]
+            parts.append(flat[lanes + 1, 1 : after + 1] + step[:, None])
         span = np.arange(first - before, first + end + after + 1)
         time = span * record.interval if uniform else record.time[span]
         want = time[before : before + end + 1] - delay

@@ -39,6 +39,9 @@ TRUST = {
 }
 #: Share of the held-out gap that a name must close where an unknown rest was admitted.
 LEAST_CLOSED = 0.2
+#: Gap in units of noise below which the share of it that is closed says nothing, and factor by
+#: which a gap must grow to count as wider.
+NEAR = 1.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,12 +176,12 @@ def _name(facts: Facts) -> Decision:
         why = f"posterior {confidence:.2f}, expected {SURE} at least"
         return _unsure(facts, sure or tuple(unsure), why)
     far = facts.how_far
-    if (facts.unexplained and far.closed < LEAST_CLOSED) or far.high < 0.0:
-        why = f"closes {far.closed:.0%} of the held-out gap"
+    if _widens(far) or (facts.unexplained and far.closed < LEAST_CLOSED):
+        why = f"closes {far.closed:.0%} of the held-out gap{_band(far)}"
         return _unsure(facts, sure or tuple(unsure), why)
     left, _, _ = misfit(best.fit, facts.rest, estimated=facts.gates.estimated, bar=REST)
     left = left or facts.unexplained or facts.leftover > 1.0
-    closed = _closing(facts)
+    closed = _closing(facts, sure or tuple(unsure))
     rest = (
         f" What is left is {_floor(facts)}; nothing tested explains it."
         if left
@@ -202,17 +205,28 @@ def _name(facts: Facts) -> Decision:
     return Decision(verdict, text + rest, sure, tuple(unsure), trust * confidence, belief)
 
 
-def _closing(facts: Facts) -> str:
-    """What the best set does for the held-out records, in words."""
+def _widens(far: HowFar) -> bool:
+    """Whether the held-out gap grows, beyond chance and by more than a trifle."""
+    before, after = far.waterfall[0][1], far.waterfall[-2][1] + far.waterfall[-1][1]
+    return far.high < 0.0 and after > NEAR * before
+
+
+def _band(far: HowFar) -> str:
+    return f", 95% from {far.low:.0%} to {far.high:.0%}" if far.closed < 0.0 else ""
+
+
+def _closing(facts: Facts, names: tuple[str, ...]) -> str:
+    """What these effects do for the held-out records, in words."""
     far = facts.how_far
     gap = far.waterfall[0][1]
-    gains = [paired.gain for paired in facts.accepted.proof.values()]
-    if gap <= 1.0 and gains:
+    if not math.isfinite(gap):
+        return "The nominal cannot simulate the held-out records to their end."
+    gains = [paired.gain for name, paired in facts.accepted.proof.items() if name in names]
+    if gap < NEAR and gains:
         by = "by it" if len(gains) == 1 else "or more by each"
         least = f"{min(gains):.2g} nats {by}"
-        return f"Held-out records, whose gap is within their noise, gain {least}."
-    band = f", 95% from {far.low:.0%} to {far.high:.0%}" if far.closed < 0.0 else ""
-    return f"It closes {far.closed:.0%} of the held-out gap{band}."
+        return f"Held-out records, whose gap is hardly above their noise, gain {least}."
+    return f"It closes {far.closed:.0%} of the held-out gap{_band(far)}."
 
 
 def _unsure(facts: Facts, hinted: tuple[str, ...], why: str) -> Decision:

@@ -103,7 +103,7 @@ def split_records(
             held = kept[2::3]
             kept = [r for r in kept if r not in held]
     if held and kept:
-        return tuple(kept), tuple(held)
+        return _with_values(kept, held)
     if not kept:
         raise InvalidParameter("hold_out: every record is held out, none is left to fit")
     fit_parts: list[Record] = []
@@ -116,7 +116,21 @@ def split_records(
             part = r.cut(int(edges[b]), int(edges[b + 1]), f"{r.name}[{b + 1}/{blocks}]", role)
             if any(np.isfinite(y).any() for y in part.outputs.values()):
                 (held_parts if b % 2 else fit_parts).append(part)
-    return tuple(fit_parts), tuple(held_parts)
+    return _with_values(fit_parts, held_parts)
+
+
+def _with_values(
+    kept: Sequence[Record], held: Sequence[Record]
+) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
+    """Both sides, each with something measured in it."""
+    for side, what in ((kept, "to fit"), (held, "to hold out")):
+        if not any(np.isfinite(y).any() for r in side for y in r.outputs.values()):
+            names = ", ".join(r.name for r in side) or "none is left"
+            raise DataError(
+                f"records {what} ({names}): no output has a measured value; "
+                "hold out another record, or give a longer one"
+            )
+    return tuple(kept), tuple(held)
 
 
 def prepare(

@@ -77,8 +77,8 @@ def _advice(fit: Fit, a: Term, b: Term, size: float) -> Advice:
     now = _confusion(shared, a, b, size)
     if now < CLEAR:
         text = (
-            f"the noise of these records is low enough to tell {a.name} from {b.name}; what "
-            "neither explains hides the difference, so look at that first"
+            f"by the noise of these records alone {a.name} could be told from {b.name}: what hides "
+            "the difference is another form of one of them, or something that neither is"
         )
         return Advice(text=text, separates=(a.name, b.name), confusion_now=now, confusion_then=now)
     trials = []

@@ -90,23 +90,48 @@ class Paired:
     by_record: dict[str, float]
 
 
-def evaluate(held: HeldOut, model: Fit, settings: FitSettings, *, windowed_level: float) -> Outcome:
-    """A fitted model on held-out shots."""
+def evaluate(
+    held: HeldOut,
+    model: Fit,
+    settings: FitSettings,
+    *,
+    windowed_level: float,
+    like: Outcome | None = None,
+) -> Outcome:
+    """A fitted model on held-out shots.
+
+    ``like``: another model there, whose start states are tried where the own ones lead nowhere.
+    """
     base = replace(
         model.problem,
         shots=held.shots,
         frozen=True,
         state_scale=held.state_scale if held.state_scale.size else None,
     )
-    point = _settle(base, model)
-    fit = polish(base, point, model.level, replace(settings, chain=True))
-    return Outcome(fit, _density(base, fit, model), settings, windowed_level)
+    way = replace(settings, chain=True)
+    fit = polish(base, _settle(base, model), model.level, way)
+    density = _density(base, fit, model)
+    if fit.gap_sd.size and not fit.explains:
+        # Gaps that are tight enough for the records of the fit may tear another motion, a repeated
+        # blow say: then no model can be told from another by it. Looser ones have their price.
+        looser = [v for v in settings.levels if 1.5 * model.level < v < 1.0]
+        tries = [(level, fit.point) for level in looser]
+        if like is not None:
+            point = like.fit.problem.carry(like.fit.point, base.terms, model.point.sizes)
+            point = replace(point, theta=model.point.theta, memo={})
+            tries += [(level, point) for level in (model.level, *looser)]
+        for level, point in tries:
+            other = polish(base, point, level, way)
+            worth = _density(base, other, model)
+            if np.sum(worth) > np.sum(density):
+                fit, density = other, worth
+    return Outcome(fit, density, settings, windowed_level)
 
 
 def _density(base: Problem, fit: Fit, model: Fit) -> Array:
     """Log predictive density by window, parameters and sizes from the posterior of the fit."""
     loose = replace(base, frozen=False)
-    normal = loose.normal(fit.point, loose.linear(fit.point), fit.gap_sd)
+    normal = loose.normal(fit.point, loose.linear(fit.point), fit.gap_sd, keep_heads=True)
     count = normal.shared
     covariance = model.covariance
     sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
@@ -134,25 +159,32 @@ def _density(base: Problem, fit: Fit, model: Fit) -> Array:
         for j, (_, _, s) in enumerate(shot.nuisances):
             right[at] -= place.nuisances[j] / s
             at += 1
+    gaps = float(np.sum(np.log(fit.gap_sd))) if fit.gap_sd.size else 0.0
     out = []
-    _, before = np.linalg.slogdet(height)
-    power = float(right @ solve_scaled(height, right))
+    known_so_far, before = 0.0, 0.5 * float(right @ solve_scaled(height, right))
+    before -= 0.5 * float(np.linalg.slogdet(height)[1])
     for shot, chain, own in zip(base.shots, normal.chains, normal.columns, strict=True):
-        gaps = float(np.sum(np.log(fit.gap_sd))) if fit.gap_sd.size else 0.0
-        for w, gram in enumerate(chain.grams):
-            mine = units[own]
+        assert chain.heads is not None
+        mine = units[own]
+        _, sd = base.start_prior(shot)
+        known_so_far -= float(np.sum(np.log(np.maximum(sd[np.isfinite(sd)], 1e-12))))
+        for gram, log_det, head, head_log_det in zip(
+            chain.grams, chain.log_dets, *chain.heads, strict=True
+        ):
+            # All that was seen, with this window as the last one of its record.
+            high = height + mine.T @ head[:-1, :-1] @ mine
+            if not np.all(np.isfinite(high)):
+                return np.full(sum(s.count for s in base.shots), -1e6)
+            side = right + mine.T @ head[:-1, -1]
+            seen = known_so_far - 0.5 * head[-1, -1] - head_log_det
+            seen += 0.5 * float(side @ solve_scaled(high, side) - np.linalg.slogdet(high)[1])
+            out.append(seen - before)
+            before = seen
+            # The same window with the gap to the next one.
             height = height + mine.T @ gram[:-1, :-1] @ mine
             right = right + mine.T @ gram[:-1, -1]
-            if not np.all(np.isfinite(height)):
-                return np.full(sum(s.count for s in base.shots), -1e6)
-            _, after = np.linalg.slogdet(height)
-            now = float(right @ solve_scaled(height, right))
-            value = -0.5 * (gram[-1, -1] - (now - power)) - chain.log_dets[w]
-            value -= 0.5 * (after - before)
-            if w < shot.count - 1:
-                value -= gaps
-            out.append(value)
-            before, power = after, now
+            known_so_far += -0.5 * gram[-1, -1] - log_det - gaps
+        known_so_far += gaps  # the last window has none
     return np.array(out)
 
 

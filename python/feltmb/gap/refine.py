@@ -20,6 +20,10 @@ Progress = Callable[[str, int, int], None]
 #: Share of the evidence gained so far below which a further effect ends the search: it would not be
 #: told from an error in the form of a larger one.
 SMALL = 0.02
+#: Nats by which a fit may fall short of what a larger set foretells before it is made again.
+SHORT = 1.0
+#: Gaps, as a share of the spread of the states, that let parameters come back from their priors.
+LOOSE = 0.1
 #: Linear log evidence below which a set is not refitted where the nominal explains the records.
 PROMISE = -3.0
 #: Log evidence that tight gaps may cost before their fit is tried from another start.
@@ -172,7 +176,9 @@ def search(
         if progress is not None:
             progress("refine: " + " + ".join(t.name for t in chosen), len(done), 0)
         fit = refit(base, chosen, sizes, quick)
-        key = tuple(sorted(t.name for t in chosen))
+        if len(chosen) == 1:
+            fit = _from_priors(fit, quick)
+        key = _key(chosen)
         if not np.isfinite(fit.cost):
             failed[" + ".join(key)] = "could not be simulated"
             return None
@@ -196,7 +202,7 @@ def search(
             if s.evidence < least:
                 break
             new = tuple(at.terms[i] for i in s.index)
-            key = tuple(sorted(t.name for t in new))
+            key = _key(new)
             if key in seen or any(n in have for n in key):
                 continue
             seen.add(key)
@@ -269,24 +275,61 @@ def search(
             # Nothing more to add: does the set need all of its effects?
             for k, term in enumerate(best.fit.terms):
                 rest = tuple(t for t in best.fit.terms if t is not term)
-                if rest and tuple(sorted(t.name for t in rest)) not in done:
+                if rest and _short(done.get(_key(rest)), best, k):
                     attempt(best.fit, rest, np.delete(best.fit.point.sizes, k))
             if max(c.evidence for c in done.values()) <= best.evidence:
                 break
     if done:  # the winner must not be a stuck fit
         best = max(done.values(), key=lambda c: c.evidence)
-        if not best.fit.explains:
-            fit = polish(
-                best.fit.problem, best.fit.point, best.fit.level, replace(settings, chain=True)
-            )
-            again = Candidate(fit, full_evidence(fit, total))
-            if again.evidence > best.evidence:
-                done[best.key] = again
+        fit = best.fit
+        if not fit.explains:
+            fit = polish(fit.problem, fit.point, fit.level, replace(settings, chain=True))
+        again = Candidate(fit := _from_priors(fit, quick), full_evidence(fit, total))
+        if again.evidence > best.evidence:
+            done[best.key] = again
     other = freed() if len(done) > first else None
     if other is not None:
         return anew(other)
     ordered = tuple(sorted(done.values(), key=lambda c: (-c.evidence, c.key)))
     return Search(nominal, scores, tight, tight_fit, ordered, start, tuple(failed.items()))
+
+
+def _key(terms: Sequence[Term]) -> tuple[str, ...]:
+    return tuple(sorted(t.name for t in terms))
+
+
+def _short(known: Candidate | None, best: Candidate, k: int) -> bool:
+    """Whether the best set without its term k is still to be fitted from there.
+
+    So it is where its known fit falls short of what the best one foretells to first order: half the
+    square of the size over its deviation is lost. Such a fit is stuck in another valley.
+    """
+    if known is None:
+        return True
+    size = best.fit.intervals()[k - len(best.fit.terms)]
+    loss = 0.5 * (size.value / size.sd) ** 2 if size.sd > 0.0 else np.inf
+    return known.evidence < best.evidence - loss - SHORT
+
+
+def _from_priors(fit: Fit, settings: FitSettings) -> Fit:
+    """A doubtful fit once more, its parameters back at their priors, its windows where they are.
+
+    Doubtful is a fit that did not converge, or whose parameters lie far from their priors: they may
+    still hold what the nominal without the effect needed.
+    """
+    problem = fit.problem
+    free = [problem.nominal.parameters[i] for i in problem.free]
+    known = [i for i, p in zip(problem.free, free, strict=True) if np.isfinite(p.sd)]
+    if problem.frozen or not fit.gap_sd.size or not known:
+        return fit
+    z = [(fit.point.theta[i] - p.value) / p.sd for i, p in zip(problem.free, free, strict=True)]
+    strained = float(np.sum(np.square(z))) > len(known) + 4.0 * np.sqrt(2.0 * len(known))
+    if fit.converged and not strained:
+        return fit
+    theta = fit.point.theta.copy()
+    theta[known] = problem.start().theta[known]
+    again = refit_at(problem, replace(fit.point, theta=theta, memo={}), LOOSE, settings)
+    return again if again.log_evidence > fit.log_evidence else fit
 
 
 def tighten(fit: Fit, settings: FitSettings) -> Fit | None:

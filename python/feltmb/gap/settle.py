@@ -136,7 +136,11 @@ class _Trial:
             if self.progress is not None:
                 self.progress("held out: " + (" + ".join(key) or "nominal"), len(self.outcomes), 0)
             self.outcomes[key] = evaluate(
-                self.held, fit, self.settings, windowed_level=self.windowed_level
+                self.held,
+                fit,
+                self.settings,
+                windowed_level=self.windowed_level,
+                like=self.outcomes.get(()),
             )
         return self.outcomes[key]
 

@@ -80,15 +80,21 @@ def test_the_statement_tells_what_held_out_records_say(monkeypatch):
     gain = f"{facts.accepted.proof['power 3'].gain:.2g}"
     said = decide(replace(facts, how_far=within))
     assert said.named == ("power 3",)
-    assert f"within their noise, gain {gain} nats by it" in said.statement
+    assert f"hardly above their noise, gain {gain} nats by it" in said.statement
+    stopped = replace(within, waterfall=(("nominal", np.inf), *far.waterfall[1:]))
+    assert "cannot simulate" in decide(replace(facts, how_far=stopped)).statement
     # Held-out records that surely get worse refuse a name; those that may do not.
     maybe = decide(replace(facts, how_far=replace(far, closed=-0.1, low=-0.4, high=0.2)))
     assert maybe.named == ("power 3",)
     assert "closes -10% of the held-out gap, 95% from -40% to 20%" in maybe.statement
-    worse = decide(replace(facts, how_far=replace(far, closed=-0.3, low=-0.5, high=-0.1)))
+    grown = replace(far, closed=-0.3, low=-0.5, high=-0.1)
+    trifle = (("nominal", 1.3), ("power 3", 0.01), ("unexplained", 0.31), ("floor", 1.0))
+    assert decide(replace(facts, how_far=replace(grown, waterfall=trifle))).named == ("power 3",)
+    wider = (("nominal", 1.3), ("power 3", 0.5), ("unexplained", 0.8), ("floor", 1.0))
+    worse = decide(replace(facts, how_far=replace(grown, waterfall=wider)))
     assert worse.named == ()
     assert worse.verdict == Verdict.UNKNOWN
-    assert "closes -30% of the held-out gap" in worse.statement
+    assert "closes -30% of the held-out gap, 95% from -50% to -10%" in worse.statement
 
 
 def test_what_mends_the_form_of_a_larger_effect_is_small_print():

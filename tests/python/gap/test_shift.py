@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 
 from feltmb.data import Record, Sensor
+from feltmb.fit import OdeNominal
 from feltmb.fit.linear import LinearNominal
-from feltmb.fit.nominal import Lanes, Parameter
+from feltmb.fit.nominal import Lanes, Parameter, State
 from feltmb.fit.observe import observe_lanes
+from feltmb.fit.problem import Problem
 from feltmb.fit.shift import shifted
+from feltmb.fit.shots import Noise, make_shot
+from feltmb.fit.solve import fit_problem
 
 SAMPLES = 101
 
@@ -54,7 +58,7 @@ def test_windows_of_one_motion_see_into_one_another(even, delay):
     assert np.allclose(seen, cut(whole, windows), atol=2e-7)
 
 
-def test_windows_with_a_gap_keep_to_themselves():
+def test_a_gap_between_windows_makes_no_step():
     time = np.linspace(0.0, 1.0, SAMPLES)
     windows = np.array([[0, 50], [50, 100]])
     y = cut(motion(time), windows)
@@ -63,11 +67,20 @@ def test_windows_with_a_gap_keep_to_themselves():
     seen = shifted(record(time), y, windows, delays)
     want = cut(motion(time - 4e-3), windows)
     want[1] += 1.0
-    assert np.allclose(seen, want, atol=5e-5)
-    # Lanes of other sizes are not one motion, and none is lost.
+    assert np.allclose(seen[1], want[1], atol=2e-7)
+    # Lanes of other sizes keep to themselves, and none is lost.
     other = shifted(record(time), y, windows, np.array([4e-3, 0.0]))
-    assert np.array_equal(other[0], seen[0])
+    assert np.allclose(other[0], want[0], atol=5e-5)
     assert np.array_equal(other[1], y[1])
+    turned = shifted(record(time), y[::-1], windows[::-1], delays)
+    assert np.allclose(turned[1], other[0])
+
+
+def test_a_lag_longer_than_what_a_spline_remembers():
+    time = np.linspace(0.0, 1.0, SAMPLES)
+    windows = np.array([[0, 50], [50, 100]])
+    seen = shifted(record(time), cut(motion(time), windows), windows, np.full(2, 0.3))
+    assert np.allclose(seen[1], motion(time - 0.3)[50:], atol=2e-7)
 
 
 def test_what_failed_stays_and_two_dimensions_do():
@@ -103,3 +116,50 @@ def test_a_known_delay_does_not_depend_on_the_windows():
     want = motion(time - 0.004)[:, 0]
     assert np.allclose(seen[0, :41, 0], want[:41], atol=5e-5)
     assert np.allclose(seen[1, :61, 0], want[40:], atol=5e-5)
+
+
+OSCILLATOR = OdeNominal(
+    states=[State(name="x", start_sd=1.0), State(name="v", start_sd=100.0, scale=50.0)],
+    rates=lambda t, x, u, p: (x.v, p.k * (u.u - x.x) - 20.0 * x.v),
+    outputs={"y": "x"},
+    inputs=["u"],
+    parameters=[Parameter(name="k", value=1e4, sd=2e3)],
+    substeps=4,
+    name="oscillator",
+)
+
+
+def shaken(noise=1e-3, **known):
+    """Record of the oscillator with k = 10000 by a sensor of these properties."""
+    time = np.arange(401) * 1e-3
+    u = np.sin(40.0 * time) + 0.5 * np.sin(130.0 * time)
+    sensor = Sensor(name="y", unit="m", sigma=1e-3, **known)
+    r = Record(
+        name="r",
+        time=time,
+        inputs={"u": u},
+        outputs={"y": np.zeros(time.size)},
+        sensors={"y": sensor},
+    )
+    whole = Lanes.at_point(np.array([1e4]), np.array([[0, 400]]), np.zeros((1, 2)), (), np.zeros(0))
+    y = observe_lanes(OSCILLATOR, r, whole).outputs[0, :, 0]
+    return replace(r, outputs={"y": y + noise * np.random.default_rng(0).standard_normal(401)})
+
+
+@pytest.mark.parametrize(
+    "known", [{"delay": 2e-3}, {"delay": 5e-3}, {"bandwidth": 60.0, "delay": 5e-3}]
+)
+def test_fits_do_not_depend_on_windows_where_a_sensor_lags(known):
+    r = shaken(**known)
+    every = np.arange(0, 400, 25)
+    values = []
+    for windows in (np.array([[0, 400]]), np.column_stack([every, every + 25])):
+        shot = make_shot(OSCILLATOR, r, {"y": Noise(1e-3)}, None, windows)
+        fit = fit_problem(Problem(OSCILLATOR, (shot,)))
+        assert fit.explains
+        assert fit.converged
+        values.append(fit.intervals()[0])
+    one, many = values
+    assert abs(one.value - 1e4) < 2.5 * one.sd
+    assert abs(many.value - one.value) < 0.5 * one.sd
+    assert many.sd == pytest.approx(one.sd, rel=0.2)
