@@ -79,8 +79,13 @@ def refit(base: Fit, terms: tuple[Term, ...], sizes: Array, settings: FitSetting
     return refit_at(problem, _reachable(problem, base, terms, sizes), base.level, settings)
 
 
-def refit_at(problem: Problem, point: Point, level: float, settings: FitSettings) -> Fit:
-    """Fit from a good start; the gap level is made tighter while that helps."""
+def refit_at(
+    problem: Problem, point: Point, level: float, settings: FitSettings, *, patient: bool = False
+) -> Fit:
+    """Fit from a good start; the gap level is made tighter while that helps.
+
+    ``patient``: a tighter level is given all iterations before it is said not to help.
+    """
     fit = polish(problem, point, level, settings)
     if not fit.gap_sd.size:
         return fit
@@ -89,6 +94,8 @@ def refit_at(problem: Problem, point: Point, level: float, settings: FitSettings
     quick = replace(settings, iterations=min(settings.iterations, 4))
     for tighter in levels[at + 1 :]:
         trial = polish(problem, fit.point, tighter, quick)
+        if patient and not trial.converged:
+            trial = polish(problem, trial.point, tighter, settings)
         if trial.log_evidence < fit.log_evidence - 0.5:
             break
         fit = trial
@@ -284,7 +291,9 @@ def search(
         fit = best.fit
         if not fit.explains:
             fit = polish(fit.problem, fit.point, fit.level, replace(settings, chain=True))
-        again = Candidate(fit := _from_priors(fit, quick), full_evidence(fit, total))
+        fit = refit_at(fit.problem, fit.point, fit.level, settings, patient=True)
+        fit = _from_priors(fit, quick)
+        again = Candidate(fit, full_evidence(fit, total))
         if again.evidence > best.evidence:
             done[best.key] = again
     other = freed() if len(done) > first else None

@@ -1,0 +1,46 @@
+"""The search ends in the right valley: cases of the blind bench in which it once did not."""
+
+import pytest
+
+from feltmb.blind.bench import Bench, _make_records, read_records
+from feltmb.blind.nominal import KeyHammer, effects
+from feltmb.fit.problem import Problem
+from feltmb.fit.shots import Noise, make_shot
+from feltmb.fit.solve import FitSettings, fit_problem
+from feltmb.gap.refine import search
+
+
+def searched(folder, number, *names):
+    """Search of a case of seed 20261124, with these effects alone."""
+    bench = Bench(folder / "b")
+    bench.seal(number + 1, 20261124)
+    _make_records(bench.folder, None, [number])
+    nominal = KeyHammer()
+    shots = tuple(
+        make_shot(nominal, r, {c: Noise(5e-5, 7.5e-4) for c in nominal.outputs}, None)
+        for r in read_records(bench.folder / "records" / f"{number}.npz")
+        if r.role == "fit"
+    )
+    chosen = [e for e in effects() if e.name in names]
+    return search(fit_problem(Problem(nominal, shots)), chosen, FitSettings())
+
+
+def assert_size(candidate, name, true):
+    size = next(i for i in candidate.fit.intervals() if i.name == name)
+    assert abs(size.value - true) < 2.5 * size.sd
+
+
+@pytest.mark.slow
+def test_parameters_come_back_from_where_the_nominal_without_the_effect_had_put_them(tmp_path):
+    # The butt spring had gone 6 standard deviations from its prior; the size had the wrong sign.
+    best = searched(tmp_path, 560, "spring_preload").candidates[0]
+    assert best.fit.converged
+    assert_size(best, "spring_preload", 0.016825)
+
+
+@pytest.mark.slow
+def test_a_set_is_fitted_again_from_a_larger_one_that_got_further(tmp_path):
+    # The effect alone was stuck at three quarters of its size until another stood beside it.
+    found = searched(tmp_path, 456, "key_flexibility", "shank_flexibility")
+    assert found.candidates[0].names == ("key_flexibility",)
+    assert_size(found.candidates[0], "key_flexibility", 6.877e-5)
