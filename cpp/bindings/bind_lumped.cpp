@@ -117,9 +117,11 @@ void bind_lumped(py::module_& m) {
               throw InvalidParameter("lumped network: segments must have the shape (n, 4)");
             }
             std::vector<Segment> pieces;
+            py::ssize_t rows = 0;
             for (py::ssize_t i = 0; i < segments.shape(0); ++i) {
               const int* s = segments.data(i, 0);
               pieces.push_back({s[0], s[1], s[2], s[3]});
+              rows += s[2] + 1;
             }
             std::vector<std::span<const double>> signals;
             for (const Doubles& u : inputs) {
@@ -127,7 +129,11 @@ void bind_lumped(py::module_& m) {
             }
             Request request{view(parameters), signals, pieces, view(starts), wanted, wanted_states,
                             forces,           0,       {}};
-            if (unknown && unknown->ndim() == 3) {
+            if (unknown) {
+              if (unknown->ndim() != 3) {
+                throw InvalidParameter(
+                    "lumped network: unknown forces must have the shape (segments, masses, knots)");
+              }
               request.knots = static_cast<int>(unknown->shape(2));
               request.unknown = view(*unknown);
             }
@@ -137,7 +143,6 @@ void bind_lumped(py::module_& m) {
               b = simulate(net, request);
             }
             const auto n_y = static_cast<py::ssize_t>(net.sensors.size());
-            const auto rows = static_cast<py::ssize_t>(b.outputs.size()) / (n_y > 0 ? n_y : 1);
             const auto n_g = static_cast<py::ssize_t>(pieces.size());
             const auto n_e = static_cast<py::ssize_t>(net.elements.size());
             return py::make_tuple(array(b.outputs, {rows, n_y}), array(b.ends, {n_g, net.states()}),

@@ -49,6 +49,10 @@ void Network::check() const {
   for (const Element& e : elements) {
     travel(e.travel, "an element");
     sums({&e.a, &e.b, &e.c, &e.d}, "an element");
+    if (e.kind == Kind::friction && !e.b.empty() && e.c.empty()) {
+      throw InvalidParameter(
+          "lumped network: dry friction needs the speed over which it turns (sliding_speed)");
+    }
     for (const Gate& g : e.gates) {
       travel(g.travel, "a gate");
       sums({&g.width}, "a gate");

@@ -79,6 +79,15 @@ def test_network_agrees_with_another_integrator():
             "no coordinate 'z'",
         ),
         ({"elements": [{"name": "a", "kind": "rope", "coordinates": {"x": 1.0}}]}, "kind 'rope'"),
+        (
+            {
+                "elements": [
+                    {"name": "a", "kind": "friction", "coordinates": {"x": 1.0}, "coulomb": "m"}
+                ],
+                "sensors": {"x": {"coordinates": {"x": 1.0}}},
+            },
+            "sliding_speed",
+        ),
     ],
 )
 def test_bad_description_is_told(change, message):

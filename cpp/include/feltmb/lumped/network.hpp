@@ -4,7 +4,9 @@
 /// drive) along linear combinations of coordinates, hidden states (lag, vibration mode) fed by
 /// element forces, sensors with scale, offset and delay. Everything is a function of one parameter
 /// vector. Fixed-step RK4; the sensitivities are those of the discrete scheme itself, so they agree
-/// with differences of the result to rounding. Made for fits that restart at many windows.
+/// with differences of the result to rounding wherever it has a derivative: it has none by the
+/// delay of the input where that puts a stage on a sample, at zero delay say. Made for fits that
+/// restart at many windows.
 #pragma once
 
 #include <span>
