@@ -311,6 +311,9 @@ class Nominal(ABC):
         be explained.
         """
 
+    def forget(self) -> None:  # noqa: B027
+        """Drop what earlier fits left behind, so that a fit does not depend on those before it."""
+
     def accepts(self, effect: Effect) -> bool:
         """Whether it can simulate the effect. Sensor and input effects need no help from it."""
         return effect.observe is not None or effect.excite is not None

@@ -47,6 +47,11 @@ class Shot:
         """Number of windows."""
         return len(self.windows)
 
+    def louder(self, factor: float) -> Shot:
+        """The shot as if its noise were larger by a factor."""
+        noise = tuple(replace(n, sigma=factor * n.sigma) for n in self.noise)
+        return replace(self, weight=self.weight / factor, noise=noise)
+
     @property
     def samples(self) -> Array:
         """Valid samples by window and channel, (W, ny)."""

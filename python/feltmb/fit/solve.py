@@ -31,6 +31,11 @@ COARSE = 3e-5
 #: Shares of the records that a fit without gaps is led along, steps at each, and the sum of squares
 #: over the number of samples from which it is.
 HORIZONS, LED, NEAR = (0.5, 0.65, 0.8, 0.9), 5, 4.0
+#: Prior standard deviations from which a parameter makes a fit doubtful, and the factors of the
+#: noise from which a doubtful one is cooled.
+STRAINED, HEAT = 3.3, (30.0, 10.0, 5.0, 2.5)
+#: Note of a fit that came down with the noise.
+ANNEALED = "fitted from much noise to little"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -462,6 +467,33 @@ def _descend(
     return replace(fit, levels=tuple(table)), loose, loosest
 
 
+def _strained(fit: Fit) -> bool:
+    """Whether a parameter lies where its prior says that it is not."""
+    named = [i for i in fit.problem.free if np.isfinite(fit.problem.nominal.parameters[i].sd)]
+    for i in named:
+        p = fit.problem.nominal.parameters[i]
+        if abs(fit.point.theta[i] - p.value) > STRAINED * p.sd:
+            return True
+    return False
+
+
+def _annealed(fit: Fit, settings: FitSettings) -> Fit:
+    """A doubtful fit without gaps once more, from the priors, with noise that is lowered by steps.
+
+    Under much noise only the plain parts of a motion count, and the priors hold what they do not
+    show; what is fine is fitted from there. The better of the two is kept.
+    """
+    problem = fit.problem
+    point = problem.start()
+    for factor in HEAT:
+        hot = replace(problem, shots=tuple(s.louder(factor) for s in problem.shots))
+        point = polish(hot, replace(point, memo={}), fit.level, settings).point
+    again = polish(problem, replace(point, memo={}), fit.level, settings)
+    if not again.cost < fit.cost - 1.0:
+        return fit
+    return replace(again, levels=fit.levels, notes=(*fit.notes, ANNEALED))
+
+
 def _stuck(fit: Fit) -> list[Array]:
     """Windows whose misfit stands far above the others': a state may sit in a wrong valley."""
     zs = []
@@ -521,6 +553,9 @@ def fit_problem(
     first = point or problem.start()
     fit, loose, loosest = _descend(problem, first, settings, progress, label)
     fit = _rescue(fit, settings)
+    sound = fit.explains and fit.converged
+    if not fit.gap_sd.size and not problem.frozen and (not sound or _strained(fit)):
+        fit = _annealed(fit, settings)
     if fit.explains and fit.converged:
         return fit
     free = [i for i in problem.free]

@@ -65,6 +65,8 @@ class Facts:
     """Largest score of the other effects after the accepted ones, over its family-wise bar."""
     unexplained: bool
     """Whether effects were judged against an unknown rest as well as noise."""
+    beyond: float | None = None
+    """Sum of squares, of its expectation, of a gap that only the held-out records show."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,14 @@ def decide(facts: Facts) -> Decision:
     hint = p < facts.alpha
     best = accepted.candidate
     gap = _refuted(facts) or (hint and best is not None)
+    if not gap and facts.beyond is not None:
+        return _silent(
+            facts,
+            Verdict.UNKNOWN,
+            "The records of the fit show no gap, but the held-out ones do: fitted to them alone "
+            f"the nominal leaves {facts.beyond:.3g} times the sum of squares of noise. They reach "
+            "what the others do not. Give some of them to the fit, and hold out others.",
+        )
     if not gap:
         if hint or (p < 5.0 * facts.alpha and search.best is not None):
             reason = _refusals(accepted) or f"family-wise p = {p:.2g}"

@@ -19,21 +19,23 @@ from feltmb.fit.solve import Fit, FitSettings, fit_problem
 from feltmb.gap.assemble import amended, how_far_rows, ranked
 from feltmb.gap.calibrate import calibrate
 from feltmb.gap.components import component_table
-from feltmb.gap.decide import Facts, decide
+from feltmb.gap.decide import Facts, decide, misfit
 from feltmb.gap.experiments import advise
 from feltmb.gap.gates import Gates, check_against, check_records
 from feltmb.gap.proof import HeldOut
-from feltmb.gap.refine import Search, search
+from feltmb.gap.refine import Search, search, tighten
 from feltmb.gap.report import Advice, NotTested, Report, Verdict, Where
 from feltmb.gap.rest import rest_of, settled, with_noise
 from feltmb.gap.score import all_terms, family_threshold, score_fit
-from feltmb.gap.settle import accept, posterior, shapley
+from feltmb.gap.settle import Accepted, accept, posterior, shapley
 from feltmb.gap.trial import try_effects
 from feltmb.gap.where import event_ledger, first_act, ledger, split_gap
 
 __all__ = ["Options", "diagnose", "fit_nominal", "prepare", "split_records"]
 
 Progress = Callable[[str, int, int], None]
+#: Held-out gap of the nominal [sigma] from which it is asked whether parameters could close it.
+NEARLY = 1.33
 #: Rounds in which the unknown rest is estimated again.
 ROUNDS = 4
 
@@ -224,6 +226,7 @@ def diagnose(
             progress(stage, done, total)
 
     say("gates")
+    nominal.forget()
     whole = check_against(nominal, records)
     fit_records, held_records = split_records(records, hold_out)
     gates = _inherit(check_records([*fit_records, *held_records], nominal.outputs), whole, records)
@@ -327,6 +330,10 @@ def diagnose(
     lap("null")
     if accepted.candidate is not None:
         where = replace(where, onset={**where.onset, **first_act(accepted.candidate.fit)})
+    beyond = None
+    if accepted.candidate is None:
+        beyond = _beyond(accepted, held_shots, settings, gates, cache, say)
+        lap("how far")
     model = amended(nominal, found, accepted)
     how_far = how_far_rows(accepted, sensed, shares, which_gap, options.seed)
     facts = Facts(
@@ -342,6 +349,7 @@ def diagnose(
         first=first,
         unexplained=rest_noise is not None,
         leftover=leftover,
+        beyond=beyond,
     )
     decision = decide(facts)
     which = ranked(found, accepted, decision.belief, null, decision.named, decision.one_of)
@@ -400,6 +408,36 @@ def _inherit(gates: Gates, whole: Gates, records: Sequence[Record]) -> Gates:
     )
 
 
+def _beyond(
+    accepted: Accepted,
+    shots: tuple[Shot, ...],
+    settings: FitSettings,
+    gates: Gates,
+    cache: Cache | None,
+    say: Callable[[str], None],
+) -> float | None:
+    """Sum of squares, of its expectation, that the nominal leaves of the held-out records alone.
+
+    Only where they show a gap that is none of the parameters: not even fitted to them does the
+    nominal explain them. Else None.
+    """
+    nominal = accepted.before.fit.problem.nominal
+    which = "windowed" if nominal.chaotic else "open_loop"
+    if not accepted.before.gap(shots, which) > NEARLY:
+        return None
+    say("held-out records alone")
+    problem = Problem(nominal, shots, cache=cache)
+    here = replace(accepted.before.fit.point, memo={})
+    fit = fit_problem(problem, settings, point=here)
+    if not fit.explains:
+        other = fit_problem(problem, settings)
+        fit = other if other.log_evidence > fit.log_evidence else fit
+    tight = tighten(fit, settings)
+    left, _, _ = misfit(fit, tight, estimated=gates.estimated)
+    reference = tight or fit
+    return reference.chi2 / reference.dof if left and fit.converged else None
+
+
 def _primary(nominal: Nominal, accepted: object, shots: Sequence[Shot]) -> str:
     """The metric that people read first: open loop, unless that is chaotic or fails."""
     before, after = accepted.before, accepted.after  # type: ignore[attr-defined]
@@ -422,6 +460,7 @@ def fit_nominal(
 
     ``resume`` is a folder for finished optimizations, from which a cut-off fit goes on.
     """
+    nominal.forget()
     gates = check_against(nominal, records)
     shots = prepare(nominal, records, gates, window)
     cache = None if resume is None else Cache(resume)

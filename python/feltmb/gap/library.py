@@ -18,6 +18,7 @@ from feltmb.fit.shift import shifted
 
 __all__ = [
     "backlash",
+    "bent_input",
     "dead_zone_input",
     "delay_input",
     "dry_friction",
@@ -35,6 +36,7 @@ __all__ = [
     "power_outflow",
     "quadratic_friction",
     "saturation_input",
+    "sensor_bend",
     "sensor_delay",
     "sensor_gain",
     "sensor_offset",
@@ -158,15 +160,19 @@ def backlash(c: Coordinate, *, stiffness: float, travel: float) -> Effect:
 
 
 def hysteresis(c: Coordinate, *, scale: float, travel: float) -> Effect:
-    """Rate-independent hysteresis: a play element of width b (hidden state) behind a spring.
+    """Rate-independent hysteresis: a spring behind a slip z (hidden state), F = F_h (q - z) / b.
 
-    F = k_h (q - z) with z following q once |q - z| > b: an elastic-plastic (Jenkins) element.
-    The slip is smoothed over a tenth of b.
+    While the spring is strained further the slip takes the share |(q - z) / b|^n of the motion, and
+    none when it turns back: the law of Bouc (1967) and Wen (1976) with beta = gamma. The shape is
+    (b, n): the stretch [position unit] at which all slips, and how sharply it begins. n = 10 is
+    nearly elastic-plastic (Jenkins), n = 2 round; n = 1 with a small b nears pre-sliding friction
+    (Dahl 1968).
     """
 
-    def rate(t: Any, x: Named, u: Named, p: Named, size: Any, b: Any) -> Mapping[str, Array]:
+    def rate(t: Any, x: Named, u: Named, p: Named, size: Any, shape: Any) -> Mapping[str, Array]:
+        b, n = shape
         gap = x[c.position] - x["slip"]
-        share = 0.5 * (1.0 + np.tanh((np.abs(gap) / b - 1.0) / 0.1))
+        share = np.minimum(np.abs(gap) / b, 1.0) ** n
         forward = np.where(gap * x[c.speed] > 0.0, share, 0.0)
         force = -size * gap / b
         return {c.speed: c.acceleration(force, t, x, u, p), "slip": forward * x[c.speed]}
@@ -179,7 +185,7 @@ def hysteresis(c: Coordinate, *, scale: float, travel: float) -> Effect:
         sign=1,
         kind="state",
         mechanism="Force depends on the direction of the last reversal, not on the speed.",
-        shapes=tuple(travel * f for f in (0.03, 0.2)),
+        shapes=tuple((travel * f, n) for f in (0.03, 0.2) for n in (2.0, 10.0)),
         remedy="Use a law with memory.",
         hidden=(State(name="slip", hidden=True, scale=travel, start_sd=0.3 * travel),),
         rate=rate,
@@ -334,6 +340,23 @@ def gain_input(name: str) -> Effect:
     )
 
 
+def bent_input(name: str, *, level: float) -> Effect:
+    """The input is larger by size u^2 / level ("even") or size u |u| / level ("odd")."""
+    return _input(
+        name,
+        "nonlinearity of input",
+        lambda u, size, shape, r: u + size * u * _curve(u, shape) / level,
+        scale=0.05,
+        shapes=("odd", "even"),
+        mechanism="What arrives of the input is not in proportion to it.",
+        remedy="Calibrate the drive over its range.",
+    )
+
+
+def _curve(values: Array, shape: str) -> Array:
+    return np.abs(values) if shape == "odd" else values
+
+
 def offset_input(name: str, *, unit: str, scale: float) -> Effect:
     """The input is larger by the size."""
     return _input(
@@ -384,16 +407,15 @@ def _sensor(
     outputs: Sequence[str],
     name: str,
     label: str,
-    change: Callable[[Array, Array, Record, Array], Array],
+    change: Callable[[Array, Array, Record, Array, Any], Array],
     **fields: Any,
 ) -> Effect:
-    """``change(values (B, L), sizes (B,), record, windows (B, 2))`` of one channel."""
+    """``change(values (B, L), sizes (B,), record, windows (B, 2), shape)`` of one channel."""
     channel = list(outputs).index(name)
 
     def observe(record: Record, values: Array, windows: Array, sizes: Array, shape: Any) -> Array:
-        del shape
         out = values.copy()
-        out[:, :, channel] = change(values[:, :, channel], sizes, record, windows)
+        out[:, :, channel] = change(values[:, :, channel], sizes, record, windows, shape)
         return out
 
     return Effect(
@@ -407,10 +429,24 @@ def sensor_gain(outputs: Sequence[str], name: str) -> Effect:
         outputs,
         name,
         "gain of sensor",
-        lambda y, size, r, w: (1.0 + size[:, None]) * y,
+        lambda y, size, r, w, shape: (1.0 + size[:, None]) * y,
         scale=0.05,
         mechanism="The sensor has another gain.",
         remedy="Calibrate the sensor.",
+    )
+
+
+def sensor_bend(outputs: Sequence[str], name: str, *, level: float) -> Effect:
+    """The channel shows y + size y^2 / level ("even") or y + size y |y| / level ("odd")."""
+    return _sensor(
+        outputs,
+        name,
+        "nonlinearity of sensor",
+        lambda y, size, r, w, shape: y + size[:, None] * y * _curve(y, shape) / level,
+        scale=0.05,
+        shapes=("odd", "even"),
+        mechanism="The sensor is not linear.",
+        remedy="Calibrate the sensor over its range.",
     )
 
 
@@ -420,7 +456,7 @@ def sensor_offset(outputs: Sequence[str], name: str, *, unit: str, scale: float)
         outputs,
         name,
         "offset of sensor",
-        lambda y, size, r, w: y + size[:, None],
+        lambda y, size, r, w, shape: y + size[:, None],
         unit=unit,
         scale=scale,
         mechanism="The sensor has an offset.",
@@ -434,7 +470,7 @@ def sensor_delay(outputs: Sequence[str], name: str, *, scale: float) -> Effect:
         outputs,
         name,
         "delay of sensor",
-        lambda y, size, r, w: shifted(r, y, w, size),
+        lambda y, size, r, w, shape: shifted(r, y, w, size),
         unit="s",
         scale=scale,
         mechanism="The sensor lags.",
@@ -472,6 +508,7 @@ def for_input(name: str, record: Record, *, unit: str = "1") -> tuple[Effect, ..
     return (
         delay_input(name, scale=record.interval),
         gain_input(name),
+        bent_input(name, level=size),
         offset_input(name, unit=unit, scale=0.02 * size),
         saturation_input(name, levels=tuple(size * f for f in (0.5, 0.8))),
         dead_zone_input(name, levels=tuple(size * f for f in (0.05, 0.2))),
@@ -485,6 +522,7 @@ def for_sensor(outputs: Sequence[str], name: str, record: Record) -> tuple[Effec
     unit = record.sensors[name].unit
     return (
         sensor_gain(outputs, name),
+        sensor_bend(outputs, name, level=float(np.nanmax(np.abs(y))) or 1.0),
         sensor_offset(outputs, name, unit=unit, scale=0.05 * spread),
         sensor_delay(outputs, name, scale=record.interval),
     )

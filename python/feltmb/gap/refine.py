@@ -12,6 +12,7 @@ from feltmb.fit.nominal import Effect, Term
 from feltmb.fit.problem import Point, Problem
 from feltmb.fit.solve import Fit, FitSettings, at_level, chained, polish
 from feltmb.gap.score import Scores, all_terms, prior_of, score_fit, screen_sets
+from feltmb.gap.shape import between, movable, off_grid
 
 __all__ = ["Candidate", "Search", "full_evidence", "refit", "search", "tighten"]
 
@@ -24,6 +25,8 @@ SMALL = 0.02
 SHORT = 1.0
 #: Gaps, as a share of the spread of the states, that let parameters come back from their priors.
 LOOSE = 0.1
+#: Share of the best set's gain of evidence from which the shape of a single effect is fitted.
+NEAR = 0.5
 #: Linear log evidence below which a set is not refitted where the nominal explains the records.
 PROMISE = -3.0
 #: Log evidence that tight gaps may cost before their fit is tried from another start.
@@ -176,6 +179,7 @@ def search(
     terms = all_terms(effects)
     # Sets are ranked by whole nats: a twentieth of one is near enough.
     quick = replace(settings, iterations=15, decrement=max(settings.decrement, 0.1))
+    brief = replace(quick, iterations=6)
     done: dict[tuple[str, ...], Candidate] = {}
     failed: dict[str, str] = {}
 
@@ -198,7 +202,7 @@ def search(
     tight = None if tight_fit is None else score_fit(tight_fit, terms)
     fits = (nominal, *([] if tight_fit is None else [tight_fit]))
     least = PROMISE if all(f.explains for f in fits) else -np.inf
-    tried: set[tuple[tuple[str, int], ...]] = set()
+    tried: set[tuple[tuple[str, str], ...]] = set()
 
     def survivors(base: Fit, at: Scores, count: int) -> list[tuple[tuple[Term, ...], Array]]:
         """Best sets by linear evidence, added to what the base holds."""
@@ -221,7 +225,7 @@ def search(
 
     def run(base: Fit, at: Scores, count: int) -> None:
         for chosen, sizes in survivors(base, at, count):
-            mark = tuple(sorted((t.name, t.effect.shapes.index(t.shape)) for t in chosen))
+            mark = tuple(sorted((t.name, repr(t.shape)) for t in chosen))
             if mark not in tried:
                 tried.add(mark)
                 attempt(base, chosen, sizes)
@@ -265,14 +269,46 @@ def search(
             reseeds=reseeds - 1,
         )
 
+    settled: set[tuple[str, ...]] = set()
+
+    def moved(c: Candidate) -> None:
+        """Fit the shapes of a set where those of the lists may not be enough."""
+        if c.key in settled or not any(movable(t.effect) for t in c.fit.terms):
+            return
+        settled.add(c.key)
+        loose = not c.fit.explains or (c.fit.gap_sd.size and c.fit.level > settings.levels[-1])
+        if not loose and not off_grid(c.fit):
+            return
+        if progress is not None:
+            progress("shapes: " + " + ".join(c.names), len(done), 0)
+
+        def make(near: Fit, new: tuple[Term, ...]) -> Fit:
+            point = near.problem.carry(near.point, new, near.point.sizes)
+            return polish(near.problem.with_terms(new), point, near.level, brief)
+
+        fit = between(c.fit, make, lambda f: full_evidence(f, total))
+        fit = refit_at(fit.problem, fit.point, fit.level, quick)
+        again = Candidate(fit, full_evidence(fit, total))
+        if again.evidence > c.evidence:
+            done[c.key] = again
+            if fit.level < c.fit.level:  # tighter gaps see more of the shape
+                settled.discard(c.key)
+                moved(again)
+
     first = len(done)
     other = freed()
     if other is not None:
         return anew(other)
+    alone = sorted((c for c in done.values() if len(c.names) == 1), key=lambda c: -c.evidence)
+    for c in alone[:2]:
+        if c.evidence - start > NEAR * (max(d.evidence for d in done.values()) - start) > 0.0:
+            moved(c)
     for _ in range(2 * most):
         best = max(done.values(), key=lambda c: c.evidence, default=None)
         if best is None or best.evidence < start:
             break
+        moved(best)
+        best = max(done.values(), key=lambda c: c.evidence)
         before = best.evidence
         left = tuple(t for t in terms if t.name not in best.names)
         if left and len(best.fit.terms) < most:

@@ -25,6 +25,7 @@ from feltmb.fit.problem import solve_scaled
 from feltmb.fit.solve import Fit
 
 __all__ = [
+    "FITTED_SHAPE",
     "ScoredSet",
     "Scores",
     "all_terms",
@@ -34,6 +35,8 @@ __all__ = [
     "screen_sets",
 ]
 
+#: Nats that a shape costs which is fitted: known to a twentieth of its range.
+FITTED_SHAPE = 3.0
 #: Share of a candidate's signature that must survive the projection to be tested at all.
 LEAST_SURVIVING = 1e-7
 
@@ -180,11 +183,12 @@ def set_evidence(b: Array, gram: Array, sizes: Array, inflation: float) -> float
 
 def prior_of(terms: Sequence[Term], total_weight: float) -> float:
     """Log prior of a set: every effect costs the size of the library and of its shapes."""
-    return float(
-        sum(
-            math.log(t.effect.weight / total_weight) - math.log(len(t.effect.shapes)) for t in terms
-        )
-    )
+    value = 0.0
+    for t in terms:
+        value += math.log(t.effect.weight / total_weight) - math.log(len(t.effect.shapes))
+        if t.shape not in t.effect.shapes:
+            value -= FITTED_SHAPE
+    return value
 
 
 def screen_sets(

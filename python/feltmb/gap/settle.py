@@ -24,6 +24,9 @@ LEAST_GAIN = math.log(10.0)
 #: Share of the remaining held-out gap that makes more than small print of an effect where an
 #: unknown rest was admitted.
 CLOSES = 0.05
+#: The same share from which an effect stands though an unknown force would still bring more: what
+#: is left then is small beside it, however sure it is.
+MOST = 0.8
 #: Standard deviations by which a size must differ from zero, or the score of the effect alone.
 WALD = 3.0
 
@@ -176,6 +179,11 @@ class _Trial:
         tight = self.tightest[c.key]
         return 0.0 if tight is None else c.fit.log_evidence - tight.log_evidence
 
+    def _gain(self, c: Candidate) -> float:
+        """Held-out gain of a whole set over the nominal [nats]."""
+        after = self.outcome(c.fit)
+        return compare(self.before, after, self.held.shots, self.inflation, seed=self.seed).gain
+
     def faults(self, c: Candidate) -> tuple[dict[str, Paired], dict[str, str]]:
         """Gain by effect over the set without it, and why some do not stand."""
         after = self.outcome(c.fit)
@@ -210,7 +218,9 @@ class _Trial:
                 f"its size is {certain:.1f} of its standard deviations, and its score alone "
                 f"{alone:.1f}"
             )
-        if paired.gain < unknown:
+        if paired.gain < unknown and not (
+            _improves(paired, self.inflation) and self.closes(c, name) >= MOST
+        ):
             return f"{gain}, less than the {unknown:.1f} that an unknown force would still explain"
         small = paired.gain < self.least_share * most
         if small and not (self.unknown_rest and self.closes(c, name) >= CLOSES):
@@ -232,8 +242,9 @@ class _Trial:
         """
         strongest = max(first.names, key=lambda n: proof[n].gain)
         needed = set() if strongest in bad else {strongest}
-        # A smaller set leaves more to unknown forces: where they beat every effect, it is over.
-        if max(t.gain for t in proof.values()) < self.unexplained(first) / self.inflation:
+        # A smaller set leaves more to unknown forces: where they beat the whole set, it is over.
+        # (Effects that stand in for each other gain little each over the set without them.)
+        if self._gain(first) < self.unexplained(first) / self.inflation:
             return None, proof
         for size in range(len(first.names) - 1, 0, -1):
             standing = []

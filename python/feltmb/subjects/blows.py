@@ -154,6 +154,10 @@ class BlowNominal(Nominal):
         del terms
         return ()
 
+    def forget(self) -> None:
+        """See :class:`~feltmb.fit.Nominal`: the derivatives that are kept."""
+        self.reuse.clear()
+
     def accepts(self, effect: Effect) -> bool:
         """Effects that carry an :class:`Entry`."""
         return isinstance(effect.data, Entry) or super().accepts(effect)

@@ -220,6 +220,10 @@ class MechanismNominal(Nominal):
             extra += list(term.effect.hidden)
         return (*self._states, *extra)
 
+    def forget(self) -> None:
+        """See :class:`~feltmb.fit.Nominal`: the derivatives that are kept."""
+        self.reuse.clear()
+
     def accepts(self, effect: Effect) -> bool:
         """Effects that carry an :class:`Entry`, and all sensor and input effects."""
         return isinstance(effect.data, Entry) or super().accepts(effect)

@@ -87,6 +87,11 @@ class Reuse:
         self.hits = 0
         self.misses = 0
 
+    def clear(self) -> None:
+        """Forget all derivatives."""
+        with self._lock:
+            self._kept.clear()
+
     def ask(
         self,
         nominal: Nominal,

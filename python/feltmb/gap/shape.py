@@ -1,0 +1,135 @@
+"""Shapes between those of an effect's list: a width, level or time is fitted like a size.
+
+The list is a coarse net: a play that is half as wide as its nearest entry leaves a rest behind, and
+the search would mend that rest with effects that are not there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from feltmb.fit.nominal import Effect, Term
+from feltmb.fit.solve import Fit
+from feltmb.gap.score import FITTED_SHAPE, score_fit
+
+__all__ = ["between", "movable", "off_grid"]
+
+#: Factor by which a shape may leave the range of its list.
+BEYOND = 5.0
+#: Steps to a bracket of the top, and within it.
+STEPS, FINER = 3, 6
+#: Relative accuracy of a shape.
+CLOSE = 0.002
+#: Log evidence that another shape must promise beyond what it costs.
+WORTH = 2.0
+#: Log evidence of what cannot be simulated.
+WORST = 1e30
+
+Make = Callable[[Fit, tuple[Term, ...]], Fit]
+
+
+def movable(effect: Effect) -> tuple[int, ...]:
+    """Places of the shape whose number may take any value: (0,) where the shape is one number.
+
+    Such are positive floats of which the list has two or more values; whole numbers, zeros, words
+    and what the list holds only once stay as they are.
+    """
+    rows = [s if isinstance(s, tuple) else (s,) for s in effect.shapes]
+    if len({len(r) for r in rows}) != 1:
+        return ()
+    return tuple(
+        k
+        for k, column in enumerate(zip(*rows, strict=True))
+        if all(isinstance(v, float) and 0.0 < v < math.inf for v in column) and len(set(column)) > 1
+    )
+
+
+def off_grid(fit: Fit) -> bool:
+    """Whether a second shape of one of its effects would help a fit: the true one is elsewhere."""
+    terms = [
+        Term(t.effect, s)
+        for t in fit.terms
+        if movable(t.effect)
+        for s in t.effect.shapes
+        if s != t.shape
+    ]
+    if not terms:
+        return False
+    scores = score_fit(fit, tuple(terms))
+    gram = np.where(scores.testable, np.diag(scores.gram), np.inf)
+    # A mixture may need a negative share of either, so that signs do not count.
+    return bool(np.max(scores.b**2 / gram) > 2.0 * (FITTED_SHAPE + WORTH))
+
+
+def between(fit: Fit, make: Make, value: Callable[[Fit], float]) -> Fit:
+    """The fit with the shapes of its effects moved to where its value is largest.
+
+    Parameters
+    ----------
+    fit
+        A set of effects, fitted.
+    make
+        ``make(near, terms)``: fits the same effects with other shapes, from a fit that is near.
+    value
+        Log evidence of a fit.
+    """
+    best = fit
+    for k, term in enumerate(fit.terms):
+        for place in movable(term.effect):
+            best = _along(best, k, place, make, value)
+    return best
+
+
+def _along(fit: Fit, k: int, place: int, make: Make, value: Callable[[Fit], float]) -> Fit:
+    """The best fit along the logarithm of one number: a bracket by steps, then Brent's method."""
+    from scipy.optimize import minimize_scalar
+
+    effect = fit.terms[k].effect
+    listed = sorted({_number(s, place) for s in effect.shapes})
+    low, high = math.log(listed[0] / BEYOND), math.log(listed[-1] * BEYOND)
+    here = math.log(_number(fit.terms[k].shape, place))
+    fits = {here: fit}
+    values = {here: value(fit)}
+
+    def loss(x: float) -> float:
+        x = float(x)
+        if x not in values:
+            near = fits[min(fits, key=lambda known: abs(known - x))]
+            terms = list(near.terms)
+            terms[k] = Term(effect, _moved(terms[k].shape, place, math.exp(x)))
+            fits[x] = make(near, tuple(terms))
+            values[x] = value(fits[x]) if math.isfinite(fits[x].cost) else -WORST
+        return -values[x]
+
+    # Half of the way to the next of the list, so that both sides of its net are seen.
+    step = 0.5 * float(np.min(np.diff(np.log(listed))))
+    left, top, right = max(here - step, low), here, min(here + step, high)
+    for _ in range(STEPS):
+        if loss(left) < loss(top) and left > low:
+            left, top, right = max(left - step, low), left, top
+        elif loss(right) < loss(top) and right < high:
+            left, top, right = top, right, min(right + step, high)
+        else:
+            break
+    if left < top < right and loss(top) < min(loss(left), loss(right)):
+        minimize_scalar(
+            loss,
+            bracket=(left, top, right),
+            method="brent",
+            options={"xtol": CLOSE / max(abs(top), 1.0), "maxiter": FINER},
+        )
+    return fits[max(values, key=lambda x: values[x])]
+
+
+def _number(shape: Any, place: int) -> float:
+    return float(shape[place]) if isinstance(shape, tuple) else float(shape)
+
+
+def _moved(shape: Any, place: int, number: float) -> Any:
+    if not isinstance(shape, tuple):
+        return number
+    return (*shape[:place], number, *shape[place + 1 :])
