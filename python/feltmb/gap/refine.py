@@ -27,6 +27,8 @@ SHORT = 1.0
 LOOSE = 0.1
 #: Share of the best set's gain of evidence from which the shape of a single effect is fitted.
 NEAR = 0.5
+#: Correlation of traces from which an effect is tried in the place of another, and how many are.
+ALIKE, SWAPS = 0.7, 3
 #: Linear log evidence below which a set is not refitted where the nominal explains the records.
 PROMISE = -3.0
 #: Log evidence that tight gaps may cost before their fit is tried from another start.
@@ -320,6 +322,16 @@ def search(
                 rest = tuple(t for t in best.fit.terms if t is not term)
                 if rest and _short(done.get(_key(rest)), best, k):
                     attempt(best.fit, rest, np.delete(best.fit.point.sizes, k))
+                # Could another effect stand in its place? A screen at a poor nominal may have
+                # overlooked it.
+                for other, share in _alike(tight or scores, term):
+                    swapped = (*rest, other)
+                    if other.name in best.names or _key(swapped) in done:
+                        continue
+                    size = np.clip(share * best.fit.point.sizes[k], *other.effect.bounds)
+                    if size == 0.0:
+                        continue
+                    attempt(best.fit, swapped, np.append(np.delete(best.fit.point.sizes, k), size))
             if max(c.evidence for c in done.values()) <= best.evidence:
                 break
     if done:  # the winner must not be a stuck fit
@@ -341,6 +353,28 @@ def search(
 
 def _key(terms: Sequence[Term]) -> tuple[str, ...]:
     return tuple(sorted(t.name for t in terms))
+
+
+def _alike(scores: Scores, term: Term) -> list[tuple[Term, float]]:
+    """Effects whose trace is most like that of a term, and their size for one of it."""
+    own = [i for i, t in enumerate(scores.terms) if t.name == term.name]
+    i = max(own, key=lambda j: (scores.terms[j].shape == term.shape, scores.strength[j]))
+    rho = np.abs(scores.correlation()[i])
+    found: dict[str, int] = {}
+    for j in np.argsort(-rho, kind="stable"):
+        t = scores.terms[j]
+        if rho[j] < ALIKE or len(found) == SWAPS:
+            break
+        if t.name != term.name and scores.testable[j]:
+            found.setdefault(t.name, int(j))
+    unit = 1.0 / scores.terms[i].effect.scale
+    return [
+        (
+            scores.terms[j],
+            float(scores.gram[i, j] / scores.gram[j, j]) * scores.terms[j].effect.scale * unit,
+        )
+        for j in found.values()
+    ]
 
 
 def _short(known: Candidate | None, best: Candidate, k: int) -> bool:

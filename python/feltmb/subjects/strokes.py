@@ -129,6 +129,12 @@ class StrokeNominal(MechanismNominal):
         self.computed = 0
         """Columns taken by differences so far."""
 
+    def forget(self) -> None:
+        """See :class:`~feltmb.fit.Nominal`: the columns that are kept."""
+        super().forget()
+        self._columns_kept.clear()
+        self._scored_at.clear()
+
     # --- the floor --------------------------------------------------------------------------------
 
     def with_floor(

@@ -125,3 +125,35 @@ def test_an_effect_that_a_tolerance_can_take_up_does_not_stand_out():
     assert 1.0 < shank < 0.259 / 0.08 * 1.1
     assert channel > 5.0
     assert noncentralities(action_truth.plain_case()) == []
+
+
+@pytest.mark.slow
+def test_the_fit_of_the_nominal_is_not_stuck(tmp_path):
+    # No effect, yet from the priors the fit ended where effects seemed to be worth 380 nats.
+    from feltmb.fit.problem import Problem
+    from feltmb.fit.solve import FitSettings, fit_problem
+    from feltmb.gap.diagnose import prepare, split_records
+    from feltmb.gap.gates import check_records
+    from feltmb.subjects import mechanism_nominal
+
+    (truth,) = action_bench.draw_all(20261125, 78)[77:]
+    assert not truth["parts"]
+    action_bench.make_records(truth, tmp_path / "77.npz")
+    records = action_bench.read_records(tmp_path / "77.npz")
+    action, _, library, _ = action_truth.setup()
+    nominal, _ = mechanism_nominal(
+        action,
+        library=library,
+        effects=["input_gain"],
+        shooting="single",
+        rtol=action_bench.RTOL,
+        workers=1,
+    )
+    nominal = nominal.with_floor(records, action_truth.VARIATION)
+    shots = prepare(nominal, split_records(records, None)[0], check_records(records), None)
+    fit = fit_problem(Problem(nominal, shots), FitSettings(restarts=0))
+    assert fit.explains
+    assert fit.cost < 5200.0  # stuck: 5790; from the truth: 5028
+    far = [i.value - i.prior for i in fit.intervals() if np.isfinite(i.prior_sd)]
+    sds = [i.prior_sd for i in fit.intervals() if np.isfinite(i.prior_sd)]
+    assert np.max(np.abs(far) / np.array(sds)) < 3.3

@@ -94,6 +94,11 @@ def test_columns_are_kept_nearby_and_agree_with_central_differences(subject):
     again = nominal.sensitivities(record, theta, whole(record), none, candidates=terms)
     assert nominal.computed == taken
     assert np.array_equal(again.d_theta, s.d_theta)
+    nominal.forget()
+    fresh = nominal.sensitivities(record, theta, whole(record), none, candidates=terms)
+    assert nominal.computed == 2 * taken
+    assert np.array_equal(fresh.d_theta, s.d_theta)
+    taken = nominal.computed
 
     def motion(theta):
         lanes = Lanes.at_point(theta, whole(record), none, (), np.zeros(0))
