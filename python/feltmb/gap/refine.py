@@ -324,11 +324,11 @@ def search(
                     attempt(best.fit, rest, np.delete(best.fit.point.sizes, k))
                 # Could another effect stand in its place? A screen at a poor nominal may have
                 # overlooked it.
-                for other, share in _alike(tight or scores, term):
-                    swapped = (*rest, other)
-                    if other.name in best.names or _key(swapped) in done:
+                for like, share in _alike(tight or scores, term):
+                    swapped = (*rest, like)
+                    if like.name in best.names or _key(swapped) in done:
                         continue
-                    size = np.clip(share * best.fit.point.sizes[k], *other.effect.bounds)
+                    size = np.clip(share * best.fit.point.sizes[k], *like.effect.bounds)
                     if size == 0.0:
                         continue
                     attempt(best.fit, swapped, np.append(np.delete(best.fit.point.sizes, k), size))
