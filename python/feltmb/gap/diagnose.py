@@ -12,12 +12,14 @@ import numpy as np
 from feltmb.data import Record, Role
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.cache import Cache
+from feltmb.fit.noise import Noise
 from feltmb.fit.nominal import Effect, Nominal
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Shot, make_shot
 from feltmb.fit.solve import Fit, FitSettings, fit_problem
 from feltmb.gap.assemble import amended, how_far_rows, ranked
 from feltmb.gap.calibrate import calibrate
+from feltmb.gap.color import SURE
 from feltmb.gap.components import component_table
 from feltmb.gap.decide import Facts, decide, misfit
 from feltmb.gap.experiments import advise
@@ -25,7 +27,7 @@ from feltmb.gap.gates import Gates, check_against, check_records
 from feltmb.gap.proof import HeldOut
 from feltmb.gap.refine import Search, search, tighten
 from feltmb.gap.report import Advice, NotTested, Report, Verdict, Where
-from feltmb.gap.rest import rest_of, settled, with_noise
+from feltmb.gap.rest import color_of_rest, rest_of, settled, with_color, with_noise
 from feltmb.gap.score import all_terms, family_threshold, score_fit
 from feltmb.gap.settle import Accepted, accept, posterior, shapley
 from feltmb.gap.trial import try_effects
@@ -242,6 +244,12 @@ def diagnose(
     try_effects(nominal, usable, fit_records[0])
     sensed = held_shots
     first = _investigate(nominal, shots, usable, options, settings, cache, progress)
+    color = None if gates.estimated else _recolored(first, shots, settings, cache)
+    if color is not None:
+        gates = _with_color(gates, color)
+        shots = tuple(with_color(nominal, s, color) for s in shots)
+        sensed = held_shots = tuple(with_color(nominal, s, color) for s in held_shots)
+        first = _investigate(nominal, shots, usable, options, settings, cache, progress)
     found, rest_noise = first, None
     plain = shots
     for _ in range(ROUNDS):
@@ -406,6 +414,52 @@ def _inherit(gates: Gates, whole: Gates, records: Sequence[Record]) -> Gates:
         repeatability=whole.repeatability,
         estimated=whole.estimated,
     )
+
+
+def _recolored(
+    first: Search, shots: tuple[Shot, ...], settings: FitSettings, cache: Cache | None
+) -> dict[str, Noise] | None:
+    """Colors that noise must have for the nominal to explain the records; None: no need, or no use.
+
+    They must leave nothing to explain, and be more likely than white noise with an unknown force or
+    signal, or with the best set of effects.
+    """
+    fit = first.nominal
+    left, _, other = misfit(fit, first.tight_fit, estimated=False)
+    color = color_of_rest(first, shots) if left else None
+    if color is None:
+        return None
+    nominal = fit.problem.nominal
+    colored = tuple(with_color(nominal, s, color) for s in shots)
+    again = fit_problem(Problem(nominal, colored, cache=cache), settings)
+    tight = tighten(again, settings)
+    if misfit(again, tight, estimated=False)[0]:
+        return None
+    white = fit.log_evidence + (0.0 if fit.gap_sd.size else other)
+    if first.best is not None:
+        white = max(white, first.best.fit.log_evidence)
+    gain = again.log_evidence + _log_weights(colored) - white - _log_weights(shots)
+    return color if gain > SURE else None
+
+
+def _log_weights(shots: Sequence[Shot]) -> float:
+    """What the size of the noise adds to a log likelihood."""
+    return sum(float(np.sum(np.log(s.weight[s.valid]))) for s in shots)
+
+
+def _with_color(gates: Gates, color: dict[str, Noise]) -> Gates:
+    """The gates with what the fit of the nominal said of the noise."""
+    channels = tuple(
+        replace(c, correlation_time=color[c.channel].correlation_time) if c.channel in color else c
+        for c in gates.channels
+    )
+    warnings = tuple(
+        f"{name}: what the nominal leaves is no larger than the noise of its sensor, but it is not "
+        f"white: it remembers itself for {noise.correlation_time:.3g} s, and no force or effect "
+        "explains that as well. It is taken for noise; if that is so, give its correlation_time"
+        for name, noise in color.items()
+    )
+    return replace(gates, channels=channels, warnings=(*gates.warnings, *warnings))
 
 
 def _beyond(

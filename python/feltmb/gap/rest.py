@@ -1,4 +1,4 @@
-"""The unknown rest: what the best set leaves, as noise that effects must beat."""
+"""What is left after the best set: noise of another color, or an unknown rest to beat."""
 
 from __future__ import annotations
 
@@ -13,10 +13,15 @@ from feltmb.fit.shots import Noise, Shot, make_shot
 from feltmb.fit.solve import Fit, FitSettings, polish
 from feltmb.gap.refine import Search
 
-__all__ = ["Rest", "rest_of", "settled", "with_noise"]
+__all__ = ["Rest", "color_of_rest", "rest_of", "settled", "with_color", "with_noise"]
 
 #: Ratio of the sum of squares to its expectation beyond which there is an unknown rest.
 MISFIT = 1.33**2
+
+
+#: Size of the rest, in that of white noise of which a sensor tells, up to which it may be that
+#: noise, and the correlation of neighbors from which its color is asked.
+AS_TOLD, COLORED = 1.15, 0.2
 
 
 @dataclass(frozen=True)
@@ -64,6 +69,36 @@ def rest_of(
             memory = _memory(values) * sensed[0].record.interval
         out[name] = Rest(max(sigma, given), memory)
     return out if more else None
+
+
+def color_of_rest(search: Search, sensed: tuple[Shot, ...]) -> dict[str, Noise] | None:
+    """Noise by channel, colored as what the nominal leaves; None: it is white, or no noise.
+
+    Only where sensors tell white noise, and what is left is no larger than they say: then it is the
+    color that is in question, first-order noise of the correlation that neighbors have.
+    """
+    fit = search.tight_fit or search.nominal
+    parts = _residuals(fit)
+    out = {}
+    for c, name in enumerate(fit.problem.nominal.outputs):
+        told = sensed[0].noise[c]
+        if told.correlation_time > 0.0 or told.averaged > 1:
+            continue
+        rest = [np.nan_to_num(p[:, c]) for p in parts]
+        count = sum(int(np.isfinite(p[:, c]).sum()) for p in parts)
+        square = sum(float(v @ v) for v in rest)
+        if count == 0 or square > count * (AS_TOLD * told.sigma) ** 2:
+            return None
+        rho = sum(float(v[1:] @ v[:-1]) for v in rest) / square if square > 0.0 else 0.0
+        if rho > COLORED:
+            out[name] = replace(told, correlation_time=-sensed[0].record.interval / np.log(rho))
+    return out or None
+
+
+def with_color(nominal: Nominal, shot: Shot, color: dict[str, Noise]) -> Shot:
+    """The shot with the noise of some of its sensors replaced."""
+    noise = dict(zip(nominal.outputs, shot.noise, strict=True)) | color
+    return make_shot(nominal, shot.record, noise, None, shot.windows)
 
 
 def settled(old: dict[str, Rest], new: dict[str, Rest]) -> bool:

@@ -10,11 +10,13 @@ import pytest
 from feltmb.blind.bench import Bench, _make_records, read_records
 from feltmb.blind.nominal import KeyHammer
 from feltmb.data import Record, Sensor
+from feltmb.fit import Effect, Parameter
+from feltmb.fit.linear import LinearNominal
 from feltmb.fit.noise import WHITE, Noise
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import make_shot
 from feltmb.fit.solve import FitSettings, fit_problem
-from feltmb.gap import calibrate
+from feltmb.gap import Verdict, calibrate, diagnose
 from feltmb.gap.color import AVERAGES, BLOCK, color_at_rest, quiet_blocks
 from feltmb.gap.gates import check_records
 from feltmb.gap.refine import tighten
@@ -226,3 +228,65 @@ def test_a_stuck_fit_with_tight_gaps_is_no_unknown_force(tmp_path):
     tight = tighten(fit, FitSettings())
     assert tight is not None
     assert tight.log_evidence > fit.log_evidence - 6.0
+
+
+LINE = LinearNominal(
+    output="y",
+    columns={"slope": lambda r: r.inputs["x"]},
+    parameters=[Parameter(name="slope", value=1.0, sd=0.2)],
+    name="line",
+)
+CUBIC = Effect(
+    name="cubic", component="spring", scale=0.1, regressor=lambda r, s: r.inputs["x"] ** 3
+)
+
+
+def runs(noise, law=lambda x: x):
+    """Four records of a line in noise of which the sensors say that it is white, of 0.01."""
+    out = []
+    for k in range(4):
+        random = np.random.default_rng([7, k])
+        x = random.uniform(-1.0, 1.0, 400)
+        out.append(
+            Record(
+                name=f"run {k}",
+                time=np.arange(400) * 0.01,
+                inputs={"x": x},
+                outputs={"y": law(x) + noise(random)},
+                sensors={"y": Sensor(name="y", sigma=0.01)},
+            )
+        )
+    return out
+
+
+def remembered(random):
+    """First-order noise of 0.01 that remembers itself for four samples."""
+    share = np.exp(-0.25)
+    noise = 0.01 * random.standard_normal(400)
+    for i in range(1, 400):
+        noise[i] = share * noise[i - 1] + np.sqrt(1.0 - share**2) * noise[i]
+    return noise
+
+
+def test_colored_noise_that_is_told_as_white_is_no_gap_and_warned_of():
+    report = diagnose(LINE, [CUBIC], runs(remembered))
+    assert report.verdict is Verdict.NO_GAP
+    (warning,) = report.gates.warnings
+    assert "correlation_time" in warning
+    assert report.gates.channels[0].correlation_time == pytest.approx(0.04, rel=0.4)
+
+
+def test_an_effect_is_named_through_such_noise():
+    report = diagnose(LINE, [CUBIC], runs(remembered, lambda x: x + 0.1 * x**3))
+    assert report.named == ("cubic",)
+
+
+def test_a_smooth_rest_in_white_noise_is_not_taken_for_its_color():
+    # Noise and rest together are as large as the noise that is told.
+    def swaying(random):
+        wave = np.sin(2.0 * np.pi * np.arange(400) / 80.0 + random.uniform(0.0, 6.0))
+        return 0.007 * np.sqrt(2.0) * wave + 0.007 * random.standard_normal(400)
+
+    report = diagnose(LINE, [CUBIC], runs(swaying))
+    assert report.verdict is Verdict.UNKNOWN
+    assert not report.gates.warnings

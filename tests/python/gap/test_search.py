@@ -1,13 +1,18 @@
 """The search ends in the right valley: cases of the blind bench in which it once did not."""
 
+import numpy as np
 import pytest
 
 from feltmb.blind.bench import Bench, _make_records, read_records
 from feltmb.blind.nominal import KeyHammer, effects
+from feltmb.data import Record, Sensor
+from feltmb.fit import Effect, Parameter, Term
+from feltmb.fit.linear import LinearNominal
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Noise, make_shot
 from feltmb.fit.solve import FitSettings, fit_problem
-from feltmb.gap.refine import search
+from feltmb.gap.refine import _alike, search
+from feltmb.gap.score import score_fit
 
 
 def searched(folder, number, *names):
@@ -44,3 +49,32 @@ def test_a_set_is_fitted_again_from_a_larger_one_that_got_further(tmp_path):
     found = searched(tmp_path, 456, "key_flexibility", "shank_flexibility")
     assert found.candidates[0].names == ("key_flexibility",)
     assert_size(found.candidates[0], "key_flexibility", 6.877e-5)
+
+
+def test_an_effect_with_a_like_trace_is_found_with_its_size():
+    line = LinearNominal(
+        output="y",
+        columns={"slope": lambda r: r.inputs["x"]},
+        parameters=[Parameter(name="slope", value=1.0, sd=0.2)],
+        name="line",
+    )
+    x = np.linspace(-1.0, 1.0, 101)
+    record = Record(
+        name="run",
+        time=np.arange(101) * 0.01,
+        inputs={"x": x},
+        outputs={"y": x},
+        sensors={"y": Sensor(name="y", sigma=0.01)},
+    )
+    traces = {"cubic": x**3, "quintic": 2.0 * x**5, "even": x**2}
+    terms = tuple(
+        Term(Effect(name=n, component="spring", scale=0.5, regressor=lambda r, s, v=v: v))
+        for n, v in traces.items()
+    )
+    shot = make_shot(line, record, {"y": Noise(0.01)}, None)
+    scores = score_fit(fit_problem(Problem(line, (shot,))), terms)
+    ((like, share),) = _alike(scores, terms[0])
+    assert like.name == "quintic"  # the even one is orthogonal
+    # What the slope cannot take up of either.
+    cubic, quintic = (v - x * (v @ x) / (x @ x) for v in (traces["cubic"], traces["quintic"]))
+    assert share == pytest.approx((cubic @ quintic) / (quintic @ quintic), rel=1e-3)
