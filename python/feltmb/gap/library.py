@@ -22,6 +22,7 @@ __all__ = [
     "dead_zone_input",
     "delay_input",
     "dry_friction",
+    "end_stop",
     "for_coordinate",
     "for_force_balance",
     "for_input",
@@ -156,6 +157,29 @@ def backlash(c: Coordinate, *, stiffness: float, travel: float) -> Effect:
         shapes=tuple(travel * f for f in (0.03, 0.1, 0.3)),
         remedy="Model the clearance, or close it.",
         rate=_force(c, lambda q, v, b: -stiffness * np.clip(q, -b, b)),
+    )
+
+
+def end_stop(c: Coordinate, *, stiffness: float, travel: float) -> Effect:
+    """A spring that is met at one end of the travel: F = k max(q - b, 0), or its mirror image.
+
+    The shape is (side, b): +1 the stop at q = b, -1 the one at q = -b.
+    """
+
+    def law(q: Any, v: Any, shape: Any) -> Any:
+        side, level = shape
+        return side * np.maximum(side * q - level, 0.0)
+
+    return Effect(
+        name=f"end stop {c.name}",
+        component=c.name,
+        unit=f"{c.unit}/m",
+        scale=stiffness,
+        sign=1,
+        mechanism="At one end of the travel a further spring is met.",
+        shapes=tuple((side, travel * f) for side in (1.0, -1.0) for f in (0.3, 0.7)),
+        remedy="Model the stop.",
+        rate=_force(c, law),
     )
 
 
@@ -495,6 +519,7 @@ def for_coordinate(
         polynomial_stiffness(c, 2, scale=0.1 * force / travel**2),
         polynomial_stiffness(c, 3, scale=0.1 * force / travel**3),
         backlash(c, stiffness=force / travel, travel=travel),
+        end_stop(c, stiffness=0.3 * force / travel, travel=travel),
         hysteresis(c, scale=0.1 * force, travel=travel),
         creep(c, scale=0.1 * force / travel, times=(0.3 * time, 3.0 * time)),
         offset_force(c, scale=0.1 * force),

@@ -163,6 +163,18 @@ def test_hysteresis_follows_its_loading_curve():
     assert force[rising] == pytest.approx(np.tanh(q[rising] / b), abs=5e-3)
 
 
+def test_an_end_stop_acts_beyond_its_end_alone():
+    stop = library.end_stop(SLIDE, stiffness=2.0, travel=1.0)
+    assert movable(stop) == (1,)  # the side is what it is
+    assert stop.rate is not None
+    q = np.array([-1.0, -0.2, 0.0, 0.2, 1.0])
+    x = Named({"q": q, "v": np.zeros(5)})
+    upper = stop.rate(0.0, x, Named({}), Named({}), 3.0, (1.0, 0.5))["v"]
+    lower = stop.rate(0.0, x, Named({}), Named({}), 3.0, (-1.0, 0.5))["v"]
+    assert upper == pytest.approx([0.0, 0.0, 0.0, 0.0, -1.5])
+    assert lower == pytest.approx([1.5, 0.0, 0.0, 0.0, 0.0])
+
+
 def test_a_bent_sensor_and_a_bent_input_are_the_nominal_at_size_zero_and_bend_as_they_say():
     run = records(lambda x: x, count=1)[0]
     bent = library.bent_input("x", level=2.0)
