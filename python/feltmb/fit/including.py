@@ -95,6 +95,10 @@ class Including(Nominal):
         mine = len(self._base.states(self._own))
         return tuple(replace(s, hidden=False) if i < mine else s for i, s in enumerate(states))
 
+    def forget(self) -> None:
+        """That of the nominal."""
+        self._base.forget()
+
     def accepts(self, effect: Effect) -> bool:
         """What the nominal accepts, but for what it includes."""
         return effect.name not in [t.name for t in self._own] and self._base.accepts(effect)

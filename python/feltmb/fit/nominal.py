@@ -115,7 +115,11 @@ class Effect:
     """One sentence: what happens in the machine."""
     kind: EffectKind = "force"
     shapes: tuple[Any, ...] = (None,)
-    """Grid of shape parameters that mean nothing at size zero; each is tried, the best is kept."""
+    """Shape parameters that mean nothing at size zero; each is tried, the best is kept.
+
+    Positive floats of which the list has two or more values are a net: values between and near
+    them are tried as well. Use whole numbers or words for what only the listed values mean.
+    """
     remedy: str = ""
     """What to do about it."""
     lower: float = -math.inf

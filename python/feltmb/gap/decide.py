@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from feltmb.fit.solve import Fit
 from feltmb.gap.gates import Gates
@@ -113,8 +113,10 @@ def decide(facts: Facts) -> Decision:
     best = accepted.candidate
     gap = _refuted(facts) or (hint and best is not None)
     if not gap and facts.beyond is not None:
+        # What the fitted records say of a gap does not hold for those that reach further.
+        belief = replace(facts.belief, none=0.0, other=facts.belief.none + facts.belief.other)
         return _silent(
-            facts,
+            replace(facts, belief=belief),
             Verdict.UNKNOWN,
             "The records of the fit show no gap, but the held-out ones do: fitted to them alone "
             f"the nominal leaves {facts.beyond:.3g} times the sum of squares of noise. They reach "

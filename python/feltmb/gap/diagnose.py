@@ -12,7 +12,6 @@ import numpy as np
 from feltmb.data import Record, Role
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.cache import Cache
-from feltmb.fit.noise import Noise
 from feltmb.fit.nominal import Effect, Nominal
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Shot, make_shot
@@ -21,7 +20,7 @@ from feltmb.gap.assemble import amended, how_far_rows, ranked
 from feltmb.gap.calibrate import calibrate
 from feltmb.gap.color import SURE
 from feltmb.gap.components import component_table
-from feltmb.gap.decide import Facts, decide, misfit
+from feltmb.gap.decide import EXCESS, Facts, decide, misfit
 from feltmb.gap.experiments import advise
 from feltmb.gap.gates import Gates, check_against, check_records
 from feltmb.gap.proof import HeldOut
@@ -339,7 +338,10 @@ def diagnose(
     if accepted.candidate is not None:
         where = replace(where, onset={**where.onset, **first_act(accepted.candidate.fit)})
     beyond = None
-    if accepted.candidate is None:
+    if (
+        accepted.candidate is None
+        and not misfit(first.nominal, first.tight_fit, estimated=gates.estimated)[0]
+    ):
         beyond = _beyond(accepted, held_shots, settings, gates, cache, say)
         lap("how far")
     model = amended(nominal, found, accepted)
@@ -418,8 +420,8 @@ def _inherit(gates: Gates, whole: Gates, records: Sequence[Record]) -> Gates:
 
 def _recolored(
     first: Search, shots: tuple[Shot, ...], settings: FitSettings, cache: Cache | None
-) -> dict[str, Noise] | None:
-    """Colors that noise must have for the nominal to explain the records; None: no need, or no use.
+) -> dict[str, float] | None:
+    """Correlation times [s] of noise with which the nominal explains the records; None: of no use.
 
     They must leave nothing to explain, and be more likely than white noise with an unknown force or
     signal, or with the best set of effects.
@@ -447,17 +449,17 @@ def _log_weights(shots: Sequence[Shot]) -> float:
     return sum(float(np.sum(np.log(s.weight[s.valid]))) for s in shots)
 
 
-def _with_color(gates: Gates, color: dict[str, Noise]) -> Gates:
+def _with_color(gates: Gates, color: dict[str, float]) -> Gates:
     """The gates with what the fit of the nominal said of the noise."""
     channels = tuple(
-        replace(c, correlation_time=color[c.channel].correlation_time) if c.channel in color else c
+        replace(c, correlation_time=color[c.channel]) if c.channel in color else c
         for c in gates.channels
     )
     warnings = tuple(
         f"{name}: what the nominal leaves is no larger than the noise of its sensor, but it is not "
-        f"white: it remembers itself for {noise.correlation_time:.3g} s, and no force or effect "
+        f"white: it remembers itself for {time:.3g} s, and no force or effect "
         "explains that as well. It is taken for noise; if that is so, give its correlation_time"
-        for name, noise in color.items()
+        for name, time in color.items()
     )
     return replace(gates, channels=channels, warnings=(*gates.warnings, *warnings))
 
@@ -487,9 +489,9 @@ def _beyond(
         other = fit_problem(problem, settings)
         fit = other if other.log_evidence > fit.log_evidence else fit
     tight = tighten(fit, settings)
-    left, _, _ = misfit(fit, tight, estimated=gates.estimated)
+    _, excess, _ = misfit(fit, tight, estimated=gates.estimated)
     reference = tight or fit
-    return reference.chi2 / reference.dof if left and fit.converged else None
+    return reference.chi2 / reference.dof if excess > EXCESS and fit.converged else None
 
 
 def _primary(nominal: Nominal, accepted: object, shots: Sequence[Shot]) -> str:

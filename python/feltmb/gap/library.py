@@ -198,7 +198,7 @@ def hysteresis(c: Coordinate, *, scale: float, travel: float) -> Effect:
         gap = x[c.position] - x["slip"]
         share = np.minimum(np.abs(gap) / b, 1.0) ** n
         forward = np.where(gap * x[c.speed] > 0.0, share, 0.0)
-        force = -size * gap / b
+        force = -size * np.clip(gap / b, -1.0, 1.0)
         return {c.speed: c.acceleration(force, t, x, u, p), "slip": forward * x[c.speed]}
 
     return Effect(

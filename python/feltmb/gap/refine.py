@@ -358,7 +358,9 @@ def _key(terms: Sequence[Term]) -> tuple[str, ...]:
 def _alike(scores: Scores, term: Term) -> list[tuple[Term, float]]:
     """Effects whose trace is most like that of a term, and their size for one of it."""
     own = [i for i, t in enumerate(scores.terms) if t.name == term.name]
-    i = max(own, key=lambda j: (scores.terms[j].shape == term.shape, scores.strength[j]))
+    i = max(
+        own, key=lambda j: (repr(scores.terms[j].shape) == repr(term.shape), scores.strength[j])
+    )
     rho = np.abs(scores.correlation()[i])
     found: dict[str, int] = {}
     for j in np.argsort(-rho, kind="stable"):

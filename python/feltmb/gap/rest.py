@@ -71,8 +71,8 @@ def rest_of(
     return out if more else None
 
 
-def color_of_rest(search: Search, sensed: tuple[Shot, ...]) -> dict[str, Noise] | None:
-    """Noise by channel, colored as what the nominal leaves; None: it is white, or no noise.
+def color_of_rest(search: Search, sensed: tuple[Shot, ...]) -> dict[str, float] | None:
+    """Correlation time [s] by channel of what the nominal leaves; None: it is white, or no noise.
 
     Only where sensors tell white noise, and what is left is no larger than they say: then it is the
     color that is in question, first-order noise of the correlation that neighbors have.
@@ -81,23 +81,31 @@ def color_of_rest(search: Search, sensed: tuple[Shot, ...]) -> dict[str, Noise] 
     parts = _residuals(fit)
     out = {}
     for c, name in enumerate(fit.problem.nominal.outputs):
-        told = sensed[0].noise[c]
-        if told.correlation_time > 0.0 or told.averaged > 1:
+        rest = [
+            (p[:, c] / s.noise[c].sigma, np.diff(s.record.time))
+            for p, s in zip(parts, sensed, strict=True)
+            if np.isfinite(p[:, c]).any()
+        ]
+        own = [s.noise[c] for s in sensed if name in s.record.outputs]
+        if not rest or any(n.correlation_time > 0.0 or n.averaged > 1 for n in own):
             continue
-        rest = [np.nan_to_num(p[:, c]) for p in parts]
-        count = sum(int(np.isfinite(p[:, c]).sum()) for p in parts)
-        square = sum(float(v @ v) for v in rest)
-        if count == 0 or square > count * (AS_TOLD * told.sigma) ** 2:
+        if np.nanmean(np.concatenate([v for v, _ in rest]) ** 2) > AS_TOLD**2:
             return None
-        rho = sum(float(v[1:] @ v[:-1]) for v in rest) / square if square > 0.0 else 0.0
+        # Pairs of neighbors, both measured, and how far apart they are.
+        pairs = np.concatenate([np.column_stack([v[1:], v[:-1], dt]) for v, dt in rest])
+        late, early, lag = pairs[np.isfinite(pairs).all(axis=1)].T
+        power = 0.5 * float(late @ late + early @ early)
+        rho = float(late @ early) / power if power > 0.0 else 0.0
         if rho > COLORED:
-            out[name] = replace(told, correlation_time=-sensed[0].record.interval / np.log(rho))
+            out[name] = -float(np.median(lag)) / float(np.log(min(rho, 0.999)))
     return out or None
 
 
-def with_color(nominal: Nominal, shot: Shot, color: dict[str, Noise]) -> Shot:
-    """The shot with the noise of some of its sensors replaced."""
-    noise = dict(zip(nominal.outputs, shot.noise, strict=True)) | color
+def with_color(nominal: Nominal, shot: Shot, color: dict[str, float]) -> Shot:
+    """The shot with the noise of some of its sensors given a correlation time [s]."""
+    noise = dict(zip(nominal.outputs, shot.noise, strict=True))
+    for name, time in color.items():
+        noise[name] = replace(noise[name], correlation_time=time)
     return make_shot(nominal, shot.record, noise, None, shot.windows)
 
 

@@ -35,7 +35,7 @@ __all__ = [
     "screen_sets",
 ]
 
-#: Nats that a shape costs which is fitted: known to a twentieth of its range.
+#: Nats that a number of a shape costs which is fitted: known to a twentieth of its range.
 FITTED_SHAPE = 3.0
 #: Share of a candidate's signature that must survive the projection to be tested at all.
 LEAST_SURVIVING = 1e-7
@@ -181,13 +181,22 @@ def set_evidence(b: Array, gram: Array, sizes: Array, inflation: float) -> float
     return float(-0.5 * log_det + 0.5 * scaled @ np.linalg.solve(inner, scaled))
 
 
+def fitted_numbers(term: Term) -> int:
+    """Numbers of the shape of a term that are not those of any shape of its list."""
+    shapes = [s if isinstance(s, tuple) else (s,) for s in term.effect.shapes]
+    own = term.shape if isinstance(term.shape, tuple) else (term.shape,)
+    listed = {repr(s) for s in shapes}
+    if repr(own) in listed:
+        return 0
+    return sum(repr(v) not in {repr(s[k]) for s in shapes if len(s) > k} for k, v in enumerate(own))
+
+
 def prior_of(terms: Sequence[Term], total_weight: float) -> float:
     """Log prior of a set: every effect costs the size of the library and of its shapes."""
     value = 0.0
     for t in terms:
         value += math.log(t.effect.weight / total_weight) - math.log(len(t.effect.shapes))
-        if t.shape not in t.effect.shapes:
-            value -= FITTED_SHAPE
+        value -= FITTED_SHAPE * fitted_numbers(t)
     return value
 
 

@@ -27,6 +27,8 @@ CLOSES = 0.05
 #: The same share from which an effect stands though an unknown force would still bring more: what
 #: is left then is small beside it, however sure it is.
 MOST = 0.8
+#: Held-out gap [sigma] from which such a share counts.
+WIDE = 1.33
 #: Standard deviations by which a size must differ from zero, or the score of the effect alone.
 WALD = 3.0
 
@@ -218,9 +220,7 @@ class _Trial:
                 f"its size is {certain:.1f} of its standard deviations, and its score alone "
                 f"{alone:.1f}"
             )
-        if paired.gain < unknown and not (
-            _improves(paired, self.inflation) and self.closes(c, name) >= MOST
-        ):
+        if paired.gain < unknown and not self._carries(c, name, paired):
             return f"{gain}, less than the {unknown:.1f} that an unknown force would still explain"
         small = paired.gain < self.least_share * most
         if small and not (self.unknown_rest and self.closes(c, name) >= CLOSES):
@@ -231,6 +231,13 @@ class _Trial:
         if not _improves(paired, self.inflation):
             return f"{gain}, p = {paired.p:.2g}"
         return ""
+
+    def _carries(self, c: Candidate, name: str, paired: Paired) -> bool:
+        """Whether an effect closes most of a held-out gap that is one, and surely."""
+        without = self._outcome_without(c, name)
+        gaps = [without.gap(self.held.sensed, w) for w in ("open_loop", "windowed")]
+        wide = max((g for g in gaps if np.isfinite(g)), default=0.0) > WIDE
+        return wide and _improves(paired, self.inflation) and self.closes(c, name) >= MOST
 
     def standing(
         self, first: Candidate, proof: dict[str, Paired], bad: dict[str, str]
@@ -244,7 +251,9 @@ class _Trial:
         needed = set() if strongest in bad else {strongest}
         # A smaller set leaves more to unknown forces: where they beat the whole set, it is over.
         # (Effects that stand in for each other gain little each over the set without them.)
-        if self._gain(first) < self.unexplained(first) / self.inflation:
+        if self._gain(first) < self.unexplained(first) / self.inflation and not any(
+            self._carries(first, name, proof[name]) for name in first.names
+        ):
             return None, proof
         for size in range(len(first.names) - 1, 0, -1):
             standing = []

@@ -53,9 +53,9 @@ def off_grid(fit: Fit) -> bool:
     terms = [
         Term(t.effect, s)
         for t in fit.terms
-        if movable(t.effect)
+        if movable(t.effect) and _adds(t.effect)
         for s in t.effect.shapes
-        if s != t.shape
+        if repr(s) != repr(t.shape)
     ]
     if not terms:
         return False
@@ -63,6 +63,12 @@ def off_grid(fit: Fit) -> bool:
     gram = np.where(scores.testable, np.diag(scores.gram), np.inf)
     # A mixture may need a negative share of either, so that signs do not count.
     return bool(np.max(scores.b**2 / gram) > 2.0 * (FITTED_SHAPE + WORTH))
+
+
+def _adds(effect: Effect) -> bool:
+    """Whether two shapes of it add up; those of an effect that the model itself knows may not."""
+    ways = (effect.rate, effect.regressor, effect.observe, effect.excite)
+    return any(w is not None for w in ways)
 
 
 def between(fit: Fit, make: Make, value: Callable[[Fit], float]) -> Fit:
@@ -132,4 +138,6 @@ def _number(shape: Any, place: int) -> float:
 def _moved(shape: Any, place: int, number: float) -> Any:
     if not isinstance(shape, tuple):
         return number
+    if hasattr(shape, "_make"):  # a named tuple keeps its names
+        return shape._make((*shape[:place], number, *shape[place + 1 :]))
     return (*shape[:place], number, *shape[place + 1 :])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from feltmb.data import Record, Sensor
-from feltmb.fit import Effect, Named, Parameter
+from feltmb.fit import Effect, Named, Parameter, Term
 from feltmb.fit.linear import LinearNominal
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Noise, make_shot
@@ -72,6 +72,9 @@ def test_a_shape_off_the_list_is_fitted_and_costs_what_it_says():
     assert term.shape == pytest.approx(truth, rel=0.05)
     assert best.fit.point.sizes[0] == pytest.approx(0.5, rel=0.05)
     assert best.fit.explains
+    two = effect(((0.1, 2.0), (0.2, 10.0)))
+    costs = [prior_of([Term(two, s)], 1.0) for s in ((0.1, 2.0), (0.3, 2.0), (0.3, 5.0))]
+    assert np.diff(costs) == pytest.approx([-FITTED_SHAPE, -FITTED_SHAPE])
     listed = replace(term, shape=0.15)
     assert prior_of([listed], 1.0) - prior_of([term], 1.0) == pytest.approx(FITTED_SHAPE)
 
@@ -106,6 +109,8 @@ def test_a_gap_that_only_held_out_records_show_is_told():
     report = diagnose(LINE, [stop], runs, hold_out="far")
     assert report.verdict is Verdict.UNKNOWN
     assert "held-out ones do" in report.statement
+    assert report.which.none == 0.0
+    assert report.confidence > 0.5
     # Parameters that the fitted records do not show are no gap.
     near = [replace(r, inputs={"x": 1e-3 * r.inputs["x"]}) for r in runs[:3]]
     flat = [replace(r, outputs={"y": r.outputs["y"] - law(r.inputs["x"])}) for r in runs[:3]]
