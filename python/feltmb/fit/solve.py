@@ -115,6 +115,14 @@ class Fit:
         total = inverse_scaled(self.normal.matrix)
         return np.asarray(total[:count, :count])
 
+    @property
+    def strain(self) -> Array:
+        """Free parameters that have a prior: distance from it in its standard deviations."""
+        everything = self.problem.nominal.parameters
+        known = [i for i in self.problem.free if np.isfinite(everything[i].sd)]
+        far = [(self.point.theta[i] - everything[i].value) / everything[i].sd for i in known]
+        return np.array(far, dtype=np.float64)
+
     def intervals(self) -> tuple[Interval, ...]:
         """Parameters and sizes with 95 % intervals."""
         sd = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
@@ -467,16 +475,6 @@ def _descend(
     return replace(fit, levels=tuple(table)), loose, loosest
 
 
-def _strained(fit: Fit) -> bool:
-    """Whether a parameter lies where its prior says that it is not."""
-    named = [i for i in fit.problem.free if np.isfinite(fit.problem.nominal.parameters[i].sd)]
-    for i in named:
-        p = fit.problem.nominal.parameters[i]
-        if abs(fit.point.theta[i] - p.value) > STRAINED * p.sd:
-            return True
-    return False
-
-
 def _annealed(fit: Fit, settings: FitSettings) -> Fit:
     """A doubtful fit without gaps once more, from the priors, with noise that is lowered by steps.
 
@@ -553,8 +551,8 @@ def fit_problem(
     first = point or problem.start()
     fit, loose, loosest = _descend(problem, first, settings, progress, label)
     fit = _rescue(fit, settings)
-    sound = fit.explains and fit.converged
-    if not fit.gap_sd.size and not problem.frozen and (not sound or _strained(fit)):
+    sound = fit.explains and fit.converged and not np.any(np.abs(fit.strain) > STRAINED)
+    if not fit.gap_sd.size and not problem.frozen and not sound:
         fit = _annealed(fit, settings)
     if fit.explains and fit.converged:
         return fit

@@ -28,15 +28,13 @@ from feltmb.gap.refine import Search, search, tighten
 from feltmb.gap.report import Advice, NotTested, Report, Verdict, Where
 from feltmb.gap.rest import color_of_rest, rest_of, settled, with_color, with_noise
 from feltmb.gap.score import all_terms, family_threshold, score_fit
-from feltmb.gap.settle import Accepted, accept, posterior, shapley
+from feltmb.gap.settle import WIDE, Accepted, accept, posterior, shapley
 from feltmb.gap.trial import try_effects
 from feltmb.gap.where import event_ledger, first_act, ledger, split_gap
 
 __all__ = ["Options", "diagnose", "fit_nominal", "prepare", "split_records"]
 
 Progress = Callable[[str, int, int], None]
-#: Held-out gap of the nominal [sigma] from which it is asked whether parameters could close it.
-NEARLY = 1.33
 #: Rounds in which the unknown rest is estimated again.
 ROUNDS = 4
 
@@ -479,7 +477,7 @@ def _beyond(
     """
     nominal = accepted.before.fit.problem.nominal
     which = "windowed" if nominal.chaotic else "open_loop"
-    if not accepted.before.gap(shots, which) > NEARLY:
+    if not accepted.before.gap(shots, which) > WIDE:
         return None
     say("held-out records alone")
     problem = Problem(nominal, shots, cache=cache)

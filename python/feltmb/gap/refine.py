@@ -399,12 +399,10 @@ def _from_priors(fit: Fit, settings: FitSettings) -> Fit:
     still hold what the nominal without the effect needed.
     """
     problem = fit.problem
-    free = [problem.nominal.parameters[i] for i in problem.free]
-    known = [i for i, p in zip(problem.free, free, strict=True) if np.isfinite(p.sd)]
+    known = [i for i in problem.free if np.isfinite(problem.nominal.parameters[i].sd)]
     if problem.frozen or not fit.gap_sd.size or not known:
         return fit
-    z = [(fit.point.theta[i] - p.value) / p.sd for i, p in zip(problem.free, free, strict=True)]
-    strained = float(np.sum(np.square(z))) > len(known) + 4.0 * np.sqrt(2.0 * len(known))
+    strained = float(np.sum(fit.strain**2)) > len(known) + 4.0 * np.sqrt(2.0 * len(known))
     if fit.converged and not strained:
         return fit
     theta = fit.point.theta.copy()

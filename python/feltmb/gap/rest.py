@@ -103,9 +103,15 @@ def color_of_rest(search: Search, sensed: tuple[Shot, ...]) -> dict[str, float] 
 
 def with_color(nominal: Nominal, shot: Shot, color: dict[str, float]) -> Shot:
     """The shot with the noise of some of its sensors given a correlation time [s]."""
-    noise = dict(zip(nominal.outputs, shot.noise, strict=True))
-    for name, time in color.items():
-        noise[name] = replace(noise[name], correlation_time=time)
+    told = dict(zip(nominal.outputs, shot.noise, strict=True))
+    return _renoised(
+        nominal, shot, {n: replace(told[n], correlation_time=t) for n, t in color.items()}
+    )
+
+
+def _renoised(nominal: Nominal, shot: Shot, new: dict[str, Noise]) -> Shot:
+    """The shot with the noise of some channels replaced, on the same windows."""
+    noise = dict(zip(nominal.outputs, shot.noise, strict=True)) | new
     return make_shot(nominal, shot.record, noise, None, shot.windows)
 
 
@@ -116,13 +122,14 @@ def settled(old: dict[str, Rest], new: dict[str, Rest]) -> bool:
 
 def with_noise(nominal: Nominal, shot: Shot, rest: dict[str, Rest]) -> Shot:
     """The shot with the noise of its sensors replaced by an unknown rest."""
-    noise = dict(zip(nominal.outputs, shot.noise, strict=True))
-    for name, own in rest.items():
-        if own.correlation_time is None:
-            noise[name] = replace(noise[name], sigma=own.sigma)
-        else:
-            noise[name] = Noise(own.sigma, own.correlation_time)
-    return make_shot(nominal, shot.record, noise, None, shot.windows)
+    told = dict(zip(nominal.outputs, shot.noise, strict=True))
+    new = {
+        name: replace(told[name], sigma=own.sigma)
+        if own.correlation_time is None
+        else Noise(own.sigma, own.correlation_time)
+        for name, own in rest.items()
+    }
+    return _renoised(nominal, shot, new)
 
 
 def _residuals(fit: Fit) -> list[Array]:

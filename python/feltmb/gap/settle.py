@@ -13,7 +13,7 @@ from feltmb.fit.solve import Fit, FitSettings
 from feltmb.gap.proof import HeldOut, Outcome, Paired, compare, evaluate
 from feltmb.gap.refine import Candidate, Search, full_evidence, refit, tighten
 
-__all__ = ["Accepted", "Posterior", "accept", "posterior", "shapley"]
+__all__ = ["WIDE", "Accepted", "Posterior", "accept", "posterior", "shapley"]
 
 Progress = Callable[[str, int, int], None]
 
@@ -27,7 +27,8 @@ CLOSES = 0.05
 #: The same share from which an effect stands though an unknown force would still bring more: what
 #: is left then is small beside it, however sure it is.
 MOST = 0.8
-#: Held-out gap [sigma] from which such a share counts.
+#: Held-out gap [sigma] from which such a share counts, and it is asked whether parameters of the
+#: nominal could close it.
 WIDE = 1.33
 #: Standard deviations by which a size must differ from zero, or the score of the effect alone.
 WALD = 3.0
@@ -167,12 +168,18 @@ class _Trial:
     def closes(self, c: Candidate, name: str) -> float:
         """Share of the held-out gap without an effect that it closes."""
         without, after = self._outcome_without(c, name), self.outcome(c.fit)
-        shares = []
-        for which in ("open_loop", "windowed"):
-            old, new = without.gap(self.held.sensed, which), after.gap(self.held.sensed, which)
-            if np.isfinite(old) and np.isfinite(new) and old > 1.0:
-                shares.append((old - new) / (old - 1.0))
+        gaps = zip(self._gaps(without), self._gaps(after), strict=True)
+        shares = [
+            (old - new) / (old - 1.0)
+            for old, new in gaps
+            if np.isfinite(old) and np.isfinite(new) and old > 1.0
+        ]
         return max(shares, default=0.0)
+
+    def _gaps(self, outcome: Outcome) -> tuple[float, float]:
+        """Held-out gaps, open loop and windowed [sigma]."""
+        sensed = self.held.sensed
+        return outcome.gap(sensed, "open_loop"), outcome.gap(sensed, "windowed")
 
     def unexplained(self, c: Candidate) -> float:
         """Log evidence that unknown forces still bring to a set."""
@@ -234,9 +241,8 @@ class _Trial:
 
     def _carries(self, c: Candidate, name: str, paired: Paired) -> bool:
         """Whether an effect closes most of a held-out gap that is one, and surely."""
-        without = self._outcome_without(c, name)
-        gaps = [without.gap(self.held.sensed, w) for w in ("open_loop", "windowed")]
-        wide = max((g for g in gaps if np.isfinite(g)), default=0.0) > WIDE
+        gaps = self._gaps(self._outcome_without(c, name))
+        wide = any(WIDE < g < np.inf for g in gaps)
         return wide and _improves(paired, self.inflation) and self.closes(c, name) >= MOST
 
     def standing(
