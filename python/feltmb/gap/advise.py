@@ -6,8 +6,8 @@ import numpy as np
 from scipy import stats
 
 from feltmb.data import Array
-from feltmb.gap.refine import Search
 from feltmb.gap.score import Scores
+from feltmb.gap.search import Search
 
 #: Standardized size that is seen in nine of ten records at one false alarm in a hundred.
 SHOWS = 3.7

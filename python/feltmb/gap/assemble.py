@@ -12,8 +12,9 @@ from feltmb.fit.shots import Shot
 from feltmb.gap.advise import confusion
 from feltmb.gap.calibrate import Null
 from feltmb.gap.proof import Outcome
-from feltmb.gap.refine import Candidate, Search
+from feltmb.gap.refine import Candidate
 from feltmb.gap.report import Amended, GapRow, HowFar, Ranked, RankedSet, Which
+from feltmb.gap.search import Search
 from feltmb.gap.settle import Accepted, Posterior
 
 __all__ = ["amended", "how_far_rows", "ranked"]

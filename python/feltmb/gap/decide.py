@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 from feltmb.fit.solve import Fit
 from feltmb.gap.gates import Gates
-from feltmb.gap.refine import Search
 from feltmb.gap.report import HowFar, Verdict, Where
+from feltmb.gap.search import Search
 from feltmb.gap.settle import Accepted, Posterior
 from feltmb.gap.smooth import smooth_rest
 

@@ -24,10 +24,11 @@ from feltmb.gap.decide import EXCESS, Facts, decide, misfit
 from feltmb.gap.experiments import advise
 from feltmb.gap.gates import Gates, check_against, check_records
 from feltmb.gap.proof import HeldOut
-from feltmb.gap.refine import Search, search, tighten
+from feltmb.gap.refine import tighten
 from feltmb.gap.report import Advice, NotTested, Report, Verdict, Where
 from feltmb.gap.rest import color_of_rest, rest_of, settled, with_color, with_noise
 from feltmb.gap.score import all_terms, family_threshold, score_fit
+from feltmb.gap.search import Search, search
 from feltmb.gap.settle import WIDE, Accepted, accept, posterior, shapley
 from feltmb.gap.trial import try_effects
 from feltmb.gap.where import event_ledger, first_act, ledger, split_gap

@@ -23,8 +23,8 @@ from feltmb.fit.shots import Noise, Shot, make_shot
 from feltmb.fit.solve import Fit
 from feltmb.gap.advise import confused
 from feltmb.gap.foresee import planned
-from feltmb.gap.refine import Search
 from feltmb.gap.report import Advice
+from feltmb.gap.search import Search
 from feltmb.gap.settle import Accepted
 
 __all__ = ["advise"]

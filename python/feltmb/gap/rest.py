@@ -11,7 +11,7 @@ from feltmb.fit.linearize import predict
 from feltmb.fit.nominal import Nominal
 from feltmb.fit.shots import Noise, Shot, make_shot
 from feltmb.fit.solve import Fit, FitSettings, polish
-from feltmb.gap.refine import Search
+from feltmb.gap.search import Search
 
 __all__ = ["Rest", "color_of_rest", "rest_of", "settled", "with_color", "with_noise"]
 

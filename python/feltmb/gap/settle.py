@@ -11,7 +11,8 @@ import numpy as np
 
 from feltmb.fit.solve import Fit, FitSettings
 from feltmb.gap.proof import HeldOut, Outcome, Paired, compare, evaluate
-from feltmb.gap.refine import Candidate, Search, full_evidence, refit, tighten
+from feltmb.gap.refine import Candidate, full_evidence, refit, tighten
+from feltmb.gap.search import Search
 
 __all__ = ["WIDE", "Accepted", "Posterior", "accept", "posterior", "shapley"]
 

@@ -11,8 +11,8 @@ from feltmb.fit.linear import LinearNominal
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Noise, make_shot
 from feltmb.fit.solve import FitSettings, fit_problem
-from feltmb.gap.refine import _alike, search
 from feltmb.gap.score import score_fit
+from feltmb.gap.search import _alike, search
 
 
 def searched(folder, number, *names):

@@ -12,8 +12,8 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Noise, make_shot
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Coordinate, Verdict, diagnose, library
-from feltmb.gap.refine import search
 from feltmb.gap.score import FITTED_SHAPE, prior_of
+from feltmb.gap.search import search
 from feltmb.gap.shape import movable
 
 NOISE = 0.01

@@ -1,0 +1,348 @@
+"""The search for the set of effects that records ask for: screen, refit, add, drop and swap."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from feltmb.data import Array
+from feltmb.fit.nominal import Effect, Term
+from feltmb.fit.solve import Fit, FitSettings, polish
+from feltmb.gap.refine import (
+    Candidate,
+    freed,
+    from_priors,
+    full_evidence,
+    refit,
+    refit_at,
+    tighten,
+)
+from feltmb.gap.score import Scores, all_terms, score_fit, screen_sets
+from feltmb.gap.shape import between, movable, off_grid
+
+__all__ = ["Search", "search"]
+
+Progress = Callable[[str, int, int], None]
+
+#: Share of the evidence gained so far below which a further effect ends the search: it would not be
+#: told from an error in the form of a larger one.
+SMALL = 0.02
+#: Nats by which a fit may fall short of what a larger set foretells before it is made again.
+SHORT = 1.0
+#: Share of the best set's gain of evidence from which the shape of a single effect is fitted.
+NEAR = 0.5
+#: Correlation of traces from which an effect is tried in the place of another, and how many are.
+ALIKE, SWAPS = 0.7, 3
+#: Linear log evidence below which a set is not refitted where the nominal explains the records.
+PROMISE = -3.0
+#: Score below which an effect alone is not refitted.
+FAINT = 4.0
+#: Note of a nominal that does best with the tightest gaps, though the descent left them.
+CLOSED = "gaps closed again"
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """What the search over sets found."""
+
+    nominal: Fit
+    scores: Scores
+    """At the nominal's own gap level."""
+    tight: Scores | None
+    """At the tightest level, if that is another one."""
+    tight_fit: Fit | None
+    candidates: tuple[Candidate, ...]
+    """Refitted sets, best evidence first."""
+    nominal_evidence: float
+    failed: tuple[tuple[str, str], ...]
+
+    @property
+    def best(self) -> Candidate | None:
+        """Best refitted set that beats the nominal, if there is one."""
+        if self.candidates and self.candidates[0].evidence > self.nominal_evidence:
+            return self.candidates[0]
+        return None
+
+
+def search(
+    nominal: Fit,
+    effects: Sequence[Effect],
+    settings: FitSettings,
+    *,
+    most: int = 4,
+    width: int = 4,
+    progress: Progress | None = None,
+    reseeds: int = 3,
+) -> Search:
+    """Screen, refit the survivors, then add, drop and swap until nothing helps.
+
+    ``most`` effects make the largest set; of the ranked sets and of the ranked single effects
+    ``width`` are refitted. ``reseeds``: times that the search may begin again because a set has led
+    the nominal out of a wrong valley.
+    """
+    while True:
+        better: Fit | None = tighten(nominal, settings)
+        hunt = _Hunt(nominal, better, effects, settings, most, width, progress)
+        if better is not None and reseeds and better.log_evidence > nominal.log_evidence + 1.0:
+            # The descent of the gaps had left the valley in which they close.
+            notes = (*nominal.notes, CLOSED)
+            better = replace(better, levels=nominal.levels, notes=notes)
+        else:
+            better = hunt.run(may_restart=reseeds > 0)
+        if better is None:
+            return hunt.found()
+        nominal, reseeds = better, reseeds - 1
+
+
+class _Hunt:
+    """One search, from one fit of the nominal."""
+
+    def __init__(
+        self,
+        nominal: Fit,
+        tight: Fit | None,
+        effects: Sequence[Effect],
+        settings: FitSettings,
+        most: int,
+        width: int,
+        progress: Progress | None,
+    ) -> None:
+        self.nominal, self.tight_fit = nominal, tight
+        self.settings, self.most, self.width, self.progress = settings, most, width, progress
+        # Sets are ranked by whole nats: a twentieth of one is near enough.
+        self.quick = replace(settings, iterations=15, decrement=max(settings.decrement, 0.1))
+        self.total = sum(e.weight for e in effects)
+        self.terms = all_terms(effects)
+        self.done: dict[tuple[str, ...], Candidate] = {}
+        self.failed: dict[str, str] = {}
+        self.tried: set[tuple[tuple[str, str], ...]] = set()
+        self.shaped: set[tuple[str, ...]] = set()
+
+    def run(self, *, may_restart: bool) -> Fit | None:
+        """Search; a fit of the nominal that does better, if the search led there."""
+        self.scores = score_fit(self.nominal, self.terms)
+        self.tight = None if self.tight_fit is None else score_fit(self.tight_fit, self.terms)
+        self.start = full_evidence(self.nominal, self.total)
+        fits = [self.nominal] + ([] if self.tight_fit is None else [self.tight_fit])
+        self.least = PROMISE if all(f.explains for f in fits) else -np.inf
+        self._screen()
+        first = len(self.done)
+        if may_restart and (better := self._freed()) is not None:
+            return better
+        self._climb()
+        self._finish()
+        if may_restart and len(self.done) > first:
+            return self._freed()
+        return None
+
+    def found(self) -> Search:
+        """What the search found."""
+        ordered = tuple(sorted(self.done.values(), key=lambda c: (-c.evidence, c.key)))
+        return Search(
+            self.nominal,
+            self.scores,
+            self.tight,
+            self.tight_fit,
+            ordered,
+            self.start,
+            tuple(self.failed.items()),
+        )
+
+    def _tell(self, what: str) -> None:
+        if self.progress is not None:
+            self.progress(what, len(self.done), 0)
+
+    def _best(self) -> Candidate:
+        return max(self.done.values(), key=lambda c: c.evidence)
+
+    def _keep(self, fit: Fit) -> Candidate:
+        """Note a fit, if its set has no better one."""
+        candidate = Candidate(fit, full_evidence(fit, self.total))
+        known = self.done.get(candidate.key)
+        if known is None or candidate.evidence > known.evidence:
+            self.done[candidate.key] = candidate
+        return candidate
+
+    def _attempt(self, base: Fit, chosen: tuple[Term, ...], sizes: Array) -> None:
+        """Refit a set from a fit that is near it."""
+        self._tell("refine: " + " + ".join(t.name for t in chosen))
+        fit = refit(base, chosen, sizes, self.quick)
+        if len(chosen) == 1:
+            fit = from_priors(fit, self.quick)
+        if np.isfinite(fit.cost):
+            self._keep(fit)
+        else:
+            self.failed[" + ".join(_key(chosen))] = "could not be simulated"
+
+    def _screen(self) -> None:
+        """Refit the sets, and the single effects, that the linear ranking promises most of."""
+        self._extend(self.nominal, self.scores, self.width)
+        if self.tight is not None and self.tight_fit is not None:
+            base = replace(self.tight_fit, level=self.nominal.level)
+            self._extend(base, self.tight, self.width)
+        # The best singles are always among the refitted, so that a class is judged on equal terms.
+        for at in (self.scores, self.tight):
+            if at is None:
+                continue
+            single, size = at.singles(), at.one_step()
+            promised = {t.name: -np.inf for t in at.terms}
+            for s in screen_sets(at, largest=1):
+                name = at.terms[s.index[0]].name
+                promised[name] = max(promised[name], s.evidence)
+            names: list[str] = []
+            for i in np.argsort(-single, kind="stable"):
+                t = at.terms[i]
+                if t.name in names or single[i] <= FAINT or promised[t.name] < self.least:
+                    continue
+                names.append(t.name)
+                if (t.name,) not in self.done:
+                    self._attempt(self.nominal, (t,), np.array([size[i] * t.effect.scale]))
+                if len(names) >= self.width:
+                    break
+
+    def _extend(self, base: Fit, at: Scores, count: int) -> None:
+        """Refit what the base holds and the sets that rank best beside it."""
+        for chosen, sizes in self._survivors(base, at, count):
+            mark = tuple(sorted((t.name, repr(t.shape)) for t in chosen))
+            if mark not in self.tried:
+                self.tried.add(mark)
+                self._attempt(base, chosen, sizes)
+
+    def _survivors(self, base: Fit, at: Scores, count: int) -> list[tuple[tuple[Term, ...], Array]]:
+        """Best sets by linear evidence, added to what the base holds."""
+        out = []
+        have = {t.name for t in base.terms}
+        seen: set[tuple[str, ...]] = set()
+        for s in screen_sets(at, largest=max(1, min(3, self.most - len(base.terms)))):
+            if s.evidence < self.least:
+                break
+            new = tuple(at.terms[i] for i in s.index)
+            key = _key(new)
+            if key in seen or any(n in have for n in key):
+                continue
+            seen.add(key)
+            sizes = np.array(s.sizes) * np.array([t.effect.scale for t in new])
+            out.append(((*base.terms, *new), np.concatenate([base.point.sizes, sizes])))
+            if len(out) >= count:
+                break
+        return out
+
+    def _freed(self) -> Fit | None:
+        """The nominal from where the best sets are, if it does better from there."""
+        best = sorted(self.done.values(), key=lambda c: -c.evidence)[:2]
+        fits = [c.fit for c in best if c.evidence > self.start]
+        return freed(self.nominal, fits, self.quick)
+
+    def _climb(self) -> None:
+        """Fit shapes, add, drop and swap effects until nothing helps."""
+        alone = sorted(
+            (c for c in self.done.values() if len(c.names) == 1), key=lambda c: -c.evidence
+        )
+        for c in alone[:2]:
+            if c.evidence - self.start > NEAR * (self._best().evidence - self.start) > 0.0:
+                self._shape(c)
+        for _ in range(2 * self.most):
+            if not self.done or self._best().evidence < self.start:
+                break
+            self._shape(self._best())
+            best = self._best()
+            before = best.evidence
+            left = tuple(t for t in self.terms if t.name not in best.names)
+            if left and len(best.fit.terms) < self.most:
+                self._extend(best.fit, score_fit(best.fit, left), 3)
+                best = self._best()
+            if best.evidence <= before + max(1e-9, SMALL * (before - self.start)):
+                self._vary(best)
+                if self._best().evidence <= best.evidence:
+                    break
+
+    def _vary(self, best: Candidate) -> None:
+        """Try the best set without each of its effects, and with another in its place."""
+        for k, term in enumerate(best.fit.terms):
+            rest = tuple(t for t in best.fit.terms if t is not term)
+            others = np.delete(best.fit.point.sizes, k)
+            if rest and _short(self.done.get(_key(rest)), best, k):
+                self._attempt(best.fit, rest, others)
+            # A screen at a poor nominal may have overlooked what could stand in its place.
+            for like, share in _alike(self.tight or self.scores, term):
+                swapped = (*rest, like)
+                size = np.clip(share * best.fit.point.sizes[k], *like.effect.bounds)
+                if like.name in best.names or _key(swapped) in self.done or size == 0.0:
+                    continue
+                self._attempt(best.fit, swapped, np.append(others, size))
+
+    def _shape(self, c: Candidate) -> None:
+        """Fit the shapes of a set where those of the lists may not be enough."""
+        if c.key in self.shaped or not any(movable(t.effect) for t in c.fit.terms):
+            return
+        self.shaped.add(c.key)
+        tightest = self.settings.levels[-1]
+        loose = not c.fit.explains or (c.fit.gap_sd.size and c.fit.level > tightest)
+        if not loose and not off_grid(c.fit):
+            return
+        self._tell("shapes: " + " + ".join(c.names))
+        brief = replace(self.quick, iterations=6)
+
+        def make(near: Fit, new: tuple[Term, ...]) -> Fit:
+            point = near.problem.carry(near.point, new, near.point.sizes)
+            return polish(near.problem.with_terms(new), point, near.level, brief)
+
+        fit = between(c.fit, make, lambda f: full_evidence(f, self.total))
+        again = self._keep(refit_at(fit.problem, fit.point, fit.level, self.quick))
+        # Tighter gaps see more of the shape.
+        if again.evidence > c.evidence and again.fit.level < c.fit.level:
+            self.shaped.discard(c.key)
+            self._shape(again)
+
+    def _finish(self) -> None:
+        """Make sure that the best set is not a stuck fit."""
+        if not self.done:
+            return
+        fit = self._best().fit
+        if not fit.explains:
+            fit = polish(fit.problem, fit.point, fit.level, replace(self.settings, chain=True))
+        fit = refit_at(fit.problem, fit.point, fit.level, self.settings, patient=True)
+        self._keep(from_priors(fit, self.quick))
+
+
+def _key(terms: Sequence[Term]) -> tuple[str, ...]:
+    return tuple(sorted(t.name for t in terms))
+
+
+def _alike(scores: Scores, term: Term) -> list[tuple[Term, float]]:
+    """Effects whose trace is most like that of a term, and their size for one of it."""
+    own = [i for i, t in enumerate(scores.terms) if t.name == term.name]
+    i = max(
+        own, key=lambda j: (repr(scores.terms[j].shape) == repr(term.shape), scores.strength[j])
+    )
+    rho = np.abs(scores.correlation()[i])
+    found: dict[str, int] = {}
+    for j in np.argsort(-rho, kind="stable"):
+        t = scores.terms[j]
+        if rho[j] < ALIKE or len(found) == SWAPS:
+            break
+        if t.name != term.name and scores.testable[j]:
+            found.setdefault(t.name, int(j))
+    unit = 1.0 / scores.terms[i].effect.scale
+    return [
+        (
+            scores.terms[j],
+            float(scores.gram[i, j] / scores.gram[j, j]) * scores.terms[j].effect.scale * unit,
+        )
+        for j in found.values()
+    ]
+
+
+def _short(known: Candidate | None, best: Candidate, k: int) -> bool:
+    """Whether the best set without its term k is still to be fitted from there.
+
+    So it is where its known fit falls short of what the best one foretells to first order: half the
+    square of the size over its deviation is lost. Such a fit is stuck in another valley.
+    """
+    if known is None:
+        return True
+    size = best.fit.intervals()[k - len(best.fit.terms)]
+    loss = 0.5 * (size.value / size.sd) ** 2 if size.sd > 0.0 else np.inf
+    return known.evidence < best.evidence - loss - SHORT
