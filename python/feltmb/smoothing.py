@@ -15,10 +15,12 @@ if TYPE_CHECKING:
 
     Array = npt.NDArray[np.float64]
 
-__all__ = ["noise_of_record", "smooth_record"]
+__all__ = ["LEAST_SAMPLES", "noise_of_record", "smooth_record"]
 
 #: Fewer samples say nothing about noise.
-_LEAST = 12
+LEAST_SAMPLES = 12
+#: Decades of the penalty that are searched, on a clock of samples, and how closely.
+_WEAKEST, _STRONGEST, _CLOSE = -6.0, 12.0, 0.02
 
 
 def noise_of_record(value: npt.ArrayLike) -> float:
@@ -31,14 +33,18 @@ def noise_of_record(value: npt.ArrayLike) -> float:
     import numpy as np
 
     values = np.asarray(value, dtype=float)
-    if values.size < _LEAST:
+    if values.size < LEAST_SAMPLES:
         return 0.0
     fourth = np.diff(values, 4)
     return float(np.median(np.abs(fourth)) / 0.6745 / np.sqrt(70.0))
 
 
 def smooth_record(time: npt.ArrayLike, value: npt.ArrayLike, noise: float) -> Array:
-    """Quintic smoothing spline through a record, at the same times.
+    """Cubic smoothing spline through a record, at the same times.
+
+    It minimizes ``sum (x_i - s(t_i))^2 + lambda int s''(t)^2 dt`` with the largest lambda for which
+    what it takes away is no more than the noise in root mean square: smoothing ends where the noise
+    does, whatever the rate of the samples is, and changes continuously with the record.
 
     Parameters
     ----------
@@ -47,27 +53,32 @@ def smooth_record(time: npt.ArrayLike, value: npt.ArrayLike, noise: float) -> Ar
     value
         The record, at least 12 samples.
     noise
-        Standard deviation of its noise, in its unit, > 0: the spline has the fewest knots with
-        which the sum of the squared deviations stays below N noise^2 (P. Dierckx, FITPACK).
+        Standard deviation of its noise, in its unit, > 0.
 
     Raises
     ------
     InvalidParameter
         Noise that is not positive, or too few samples.
     """
-    import warnings
-
     import numpy as np
 
     t, x = np.asarray(time, dtype=float), np.asarray(value, dtype=float)
     if not (np.isfinite(noise) and noise > 0):
         raise InvalidParameter(f"noise = {noise!r}, must be > 0")
-    if t.size < _LEAST:
-        raise InvalidParameter(f"smoothing: got {t.size} samples, expected at least {_LEAST}")
-    from scipy.interpolate import UnivariateSpline
+    if t.size < LEAST_SAMPLES:
+        raise InvalidParameter(
+            f"smoothing: got {t.size} samples, expected at least {LEAST_SAMPLES}"
+        )
+    from scipy.interpolate import make_smoothing_spline
 
-    with warnings.catch_warnings():
-        # FITPACK says when it cannot reach the sum exactly; the caller sees the deviation.
-        warnings.simplefilter("ignore")
-        spline = UnivariateSpline(t, x, w=np.full(t.size, 1.0 / noise), k=5, s=float(t.size))
-    return np.asarray(spline(t))
+    clock = (t - t[0]) / float(np.mean(np.diff(t)))
+
+    def spline(decades: float) -> Array:
+        return np.asarray(make_smoothing_spline(clock, x, lam=10.0**decades)(clock))
+
+    low, high = _WEAKEST, _STRONGEST
+    while high - low > _CLOSE:
+        middle = 0.5 * (low + high)
+        taken = float(np.sqrt(np.mean((x - spline(middle)) ** 2)))
+        low, high = (middle, high) if taken <= noise else (low, middle)
+    return spline(low)

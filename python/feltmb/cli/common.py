@@ -35,6 +35,7 @@ __all__ = [
     "save_figure",
     "say_written",
     "set_option",
+    "subject_set_option",
     "tables_as_json",
 ]
 
@@ -230,6 +231,19 @@ def set_option(function: F) -> F:
         metavar="PATH=VALUE",
         help="Change a value of the mechanism by its dotted path, such as string.modes=80 or "
         "contacts.*.law=printed. Repeatable.",
+    )(function)
+
+
+def subject_set_option(function: F) -> F:
+    """Option ``--set NAME=VALUE`` of what is fitted or diagnosed, any number of times."""
+    return click.option(
+        "--set",
+        "settings",
+        multiple=True,
+        metavar="NAME=VALUE",
+        help="Setting of a packaged mechanism or mechanism file: channels=key,hammer, effects=all, "
+        "tolerances=felt.*, library, shooting, until, floor, rtol, window, derivatives; or a value "
+        "of the mechanism by its dotted path, such as string.modes=80. Repeatable.",
     )(function)
 
 

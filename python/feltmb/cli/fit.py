@@ -14,7 +14,7 @@ from feltmb.cli.common import (
     new_table,
     print_json,
     say_written,
-    set_option,
+    subject_set_option,
 )
 from feltmb.cli.completing import actions
 
@@ -33,7 +33,7 @@ __all__ = ["command"]
     help="Further starting points at most.",
 )
 @click.option("--out", "-o", "output", type=click.Path(path_type=Path), help="Folder of fit.json.")
-@set_option
+@subject_set_option
 @json_option
 @force_option
 def command(

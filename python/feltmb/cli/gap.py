@@ -6,7 +6,6 @@ import importlib
 import textwrap
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +21,7 @@ from feltmb.cli.common import (
     new_table,
     print_json,
     say_written,
-    set_option,
+    subject_set_option,
 )
 from feltmb.cli.completing import actions, effects
 
@@ -111,7 +110,7 @@ def check(data: tuple[Path, ...], as_json: bool) -> None:
 @click.argument("model", shell_complete=actions)
 @click.argument("data", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--channels", help="Outputs that will be measured, comma-separated.")
-@set_option
+@subject_set_option
 @json_option
 def foresee_command(
     model: str,
@@ -228,7 +227,7 @@ def foresee_command(
     show_default=True,
     help="Of the refits for the null law.",
 )
-@set_option
+@subject_set_option
 @json_option
 @force_option
 def run(
@@ -268,12 +267,7 @@ def run(
         inputs=tuple(getattr(subject.nominal, "inputs", ())),
         outputs=subject.nominal.outputs,
     )
-    nominal = subject.nominal
-    if hasattr(nominal, "with_floor"):  # what differs from stroke to stroke without a cause
-        nominal = nominal.with_floor(records)
-    # Floor first: the nominal with effects has none to ask for.
-    subject = replace(subject, nominal=nominal).including(included)
-    nominal = subject.nominal
+    subject = subject.including(included)
     by_file = {str(p): r.name for p, r in zip(data, records, strict=True)}
     by_file |= {p.name: r.name for p, r in zip(data, records, strict=True)}
     held = [by_file.get(h, h) for h in hold_out] or None
@@ -286,7 +280,7 @@ def run(
         seed=seed,
         resume=resume,
     )
-    report = diagnose(nominal, subject.effects, records, held, options, progress_line())
+    report = diagnose(subject.nominal, subject.effects, records, held, options, progress_line())
     if is_terminal():
         click.echo("\r\x1b[2K", nl=False, err=True)
     if as_json:
@@ -294,7 +288,7 @@ def run(
     else:
         _print(report)
     if output is not None:
-        viewers = record_viewers(report, subject.nominal, records)
+        viewers = record_viewers(report, records)
         for path in write_report(report, output, force=force, viewers=viewers):
             say_written(path)
         if resume is not None and resume.is_dir():

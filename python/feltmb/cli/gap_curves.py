@@ -20,18 +20,19 @@ __all__ = ["record_viewers"]
 MOST_RECORDS = 8
 
 
-def record_viewers(report: Report, nominal: Nominal, records: Sequence[Record]) -> str:
+def record_viewers(report: Report, records: Sequence[Record]) -> str:
     """HTML of one viewer for each record: measured, the fitted model, the amended model.
 
-    Each is an open-loop simulation over the whole record. A record that a model cannot follow to
-    its end is left out.
+    Each is an open-loop simulation over all of the record that was used. A record that a model
+    cannot follow to its end is left out.
     """
     from feltmb.errors import FeltmbError
     from feltmb.viewer import Curves, assets, fragment
 
+    nominal = report.fit.problem.nominal
     fitted = _fitted(report, nominal)
     parts = []
-    for record in records[:MOST_RECORDS]:
+    for record in nominal.ready(records[:MOST_RECORDS]).records:
         units = {name: record.sensors[name].unit for name in record.outputs}
         shown = [Curves("measured", record.time, record.outputs, units)]
         try:

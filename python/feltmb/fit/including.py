@@ -15,6 +15,7 @@ from feltmb.fit.nominal import (
     Lanes,
     Nominal,
     Parameter,
+    Ready,
     Sensitivity,
     Simulated,
     State,
@@ -67,6 +68,7 @@ class Including(Nominal):
     def __init__(self, nominal: Nominal, terms: tuple[Term, ...], sizes: Array):
         self._base = nominal
         self._own = terms
+        self._sizes = sizes
         self.name = f"{nominal.name} with {', '.join(t.name for t in terms)}"
         self.parameters = nominal.parameters + tuple(
             Parameter(
@@ -87,6 +89,7 @@ class Including(Nominal):
         self.window = nominal.window
         self.difference_step = nominal.difference_step
         self.chaotic = nominal.chaotic
+        self.from_rest = nominal.from_rest
         self.inputs = tuple(getattr(nominal, "inputs", ()))
 
     def states(self, terms: Sequence[Term] = ()) -> tuple[State, ...]:
@@ -98,6 +101,11 @@ class Including(Nominal):
     def forget(self) -> None:
         """That of the nominal."""
         self._base.forget()
+
+    def ready(self, records: Sequence[Record]) -> Ready:
+        """The ready nominal with the same effects."""
+        base = self._base.ready(records)
+        return replace(base, nominal=Including(base.nominal, self._own, self._sizes))
 
     def accepts(self, effect: Effect) -> bool:
         """What the nominal accepts, but for what it includes."""

@@ -27,6 +27,7 @@ __all__ = [
     "Nominal",
     "Parameter",
     "Port",
+    "Ready",
     "Sensitivity",
     "Simulated",
     "State",
@@ -277,6 +278,16 @@ class Sensitivity:
     """(W, nx, c)"""
 
 
+@dataclass(frozen=True, eq=False)
+class Ready:
+    """A nominal and records as a fit takes them; see :meth:`Nominal.ready`."""
+
+    nominal: Nominal
+    records: tuple[Record, ...]
+    notes: tuple[str, ...] = ()
+    """What was left out, in words, for the report."""
+
+
 class Nominal(ABC):
     """Base of all that can be fitted and diagnosed.
 
@@ -302,6 +313,9 @@ class Nominal(ABC):
     states. Larger where the simulation is noisy."""
     chaotic: bool = False
     """Whether it has impacts after which a small error of the state grows strongly."""
+    from_rest: bool = False
+    """Whether it can only simulate a record from its first sample on: records are then split by
+    leaving out values instead of cutting them into blocks."""
 
     @abstractmethod
     def states(self, terms: Sequence[Term] = ()) -> tuple[State, ...]:
@@ -317,6 +331,13 @@ class Nominal(ABC):
 
     def forget(self) -> None:  # noqa: B027
         """Drop what earlier fits left behind, so that a fit does not depend on those before it."""
+
+    def ready(self, records: Sequence[Record]) -> Ready:
+        """Itself made ready for all records of a fit or diagnosis, and what it can use of them.
+
+        Default: as they are. What is ready already comes back as it is.
+        """
+        return Ready(self, tuple(records))
 
     def accepts(self, effect: Effect) -> bool:
         """Whether it can simulate the effect. Sensor and input effects need no help from it."""

@@ -80,12 +80,13 @@ class Options:
 
 
 def split_records(
-    records: Sequence[Record], hold_out: Sequence[str] | str | None
+    records: Sequence[Record], hold_out: Sequence[str] | str | None, *, masked: bool = False
 ) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
     """Records to fit and records to hold out.
 
     Named ones; else those whose role says so; else, of four or more records, every third; else
-    every record is cut into five blocks of which the second and fourth are held out.
+    every record is cut into five blocks of which the second and fourth are held out. ``masked``:
+    instead of being cut, records keep their clock, and lose the outputs of the other blocks.
     """
     if isinstance(hold_out, str):
         hold_out = [hold_out]
@@ -113,6 +114,13 @@ def split_records(
     for r in kept:
         blocks = 5 if r.samples >= 100 else 2
         edges = np.linspace(0, r.samples, blocks + 1).astype(int)
+        if masked:
+            block = np.searchsorted(edges, np.arange(r.samples), side="right") - 1
+            for parts, odd, name in ((fit_parts, 0, "fit"), (held_parts, 1, "held out")):
+                outputs = {k: np.where(block % 2 == odd, v, np.nan) for k, v in r.outputs.items()}
+                part_role: Role = "held_out" if odd else "fit"
+                parts.append(replace(r, name=f"{r.name}[{name}]", outputs=outputs, role=part_role))
+            continue
         for b in range(blocks):
             role: Role = "held_out" if b % 2 else "fit"
             part = r.cut(int(edges[b]), int(edges[b + 1]), f"{r.name}[{b + 1}/{blocks}]", role)
@@ -133,6 +141,29 @@ def _with_values(
                 "hold out another record, or give a longer one"
             )
     return tuple(kept), tuple(held)
+
+
+def _ready(
+    nominal: Nominal, records: Sequence[Record]
+) -> tuple[Nominal, tuple[Record, ...], Gates]:
+    """The nominal and the part of the records that it can use, and what the gates say of them.
+
+    Raises
+    ------
+    DataError
+        All that makes the records unusable, in one message.
+    """
+    gates = check_against(nominal, records)
+    told = []
+    for record in records:
+        noise = gates.noise(record.name)
+        sensors = {
+            name: replace(s, sigma=noise[name].sigma) if s.sigma is None and name in noise else s
+            for name, s in record.sensors.items()
+        }
+        told.append(replace(record, sensors=sensors))
+    ready = nominal.ready(told)
+    return ready.nominal, ready.records, replace(gates, warnings=(*gates.warnings, *ready.notes))
 
 
 def prepare(
@@ -227,8 +258,8 @@ def diagnose(
 
     say("gates")
     nominal.forget()
-    whole = check_against(nominal, records)
-    fit_records, held_records = split_records(records, hold_out)
+    nominal, records, whole = _ready(nominal, records)
+    fit_records, held_records = split_records(records, hold_out, masked=nominal.from_rest)
     gates = _inherit(check_records([*fit_records, *held_records], nominal.outputs), whole, records)
     if gates.problems:
         raise DataError("records: " + "; ".join(gates.problems))
@@ -516,7 +547,7 @@ def fit_nominal(
     ``resume`` is a folder for finished optimizations, from which a cut-off fit goes on.
     """
     nominal.forget()
-    gates = check_against(nominal, records)
+    nominal, records, gates = _ready(nominal, records)
     shots = prepare(nominal, records, gates, window)
     cache = None if resume is None else Cache(resume)
     return fit_problem(Problem(nominal, shots, cache=cache), settings, progress=progress)

@@ -8,10 +8,32 @@ import numpy as np
 
 from feltmb.data import Array
 
-__all__ = ["landmarks"]
+__all__ = ["first_turn", "landmarks"]
 
 #: Travel at which a part counts as moving [m].
 START = 1e-4
+#: Share of its largest travel that a part has to reach, and to give back, before its turn counts.
+REACHED, RETURNED = 0.5, 0.1
+
+
+def first_turn(time: Array, values: Array) -> float | None:
+    """When a part first turns back from where it went [s]; None: it hardly moves, or never does.
+
+    Parameters
+    ----------
+    time, values
+        (n,) [s] and displacement from rest [m]; NaN is missing.
+    """
+    seen = np.isfinite(values)
+    clock, travel = time[seen], np.abs(values[seen])
+    if travel.size == 0 or np.max(travel) < 10 * START:
+        return None
+    far = float(np.max(travel))
+    highest = np.maximum.accumulate(travel)
+    back = (highest >= REACHED * far) & (travel < highest - RETURNED * far)
+    if not np.any(back):
+        return None
+    return float(clock[np.argmax(travel[: int(np.argmax(back))])])
 
 
 def landmarks(time: Array, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:

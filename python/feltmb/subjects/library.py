@@ -24,7 +24,7 @@ from feltmb.subjects import felt
 from feltmb.subjects.changes import Change, read_entry
 from feltmb.subjects.insertions import Insertion
 
-__all__ = ["Condition", "Entry", "Library", "Signal", "load_library"]
+__all__ = ["Condition", "Entry", "Library", "Signal", "Until", "load_library"]
 
 Each = Literal[
     "",
@@ -125,9 +125,15 @@ class _Table(Schema):
     note: str = ""
 
 
+class _UntilTable(Schema):
+    output: str
+    after_turn: Annotated[float, SI("s"), Field(ge=0)]
+
+
 class _Defaults(Schema):
     channels: list[str] = []
     window: Annotated[float, SI("s"), Field(gt=0)] | None = None
+    until: _UntilTable | None = None
     without_tolerances: list[str] = []
     effects: list[str] = []
 
@@ -204,6 +210,16 @@ class Entry:
     source: str = ""
 
 
+@dataclass(frozen=True)
+class Until:
+    """How much of a record counts where it is simulated in one go."""
+
+    output: str
+    """Whose first turn ends the stroke."""
+    after_turn: float
+    """Time after that turn [s]."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Library:
     """All that is known of a mechanism as a subject."""
@@ -215,6 +231,7 @@ class Library:
     default_channels: tuple[str, ...]
     default_effects: tuple[str, ...]
     window: float | None
+    until: Until | None
     origin: str
 
     def effect(self, name: str) -> Entry:
@@ -344,6 +361,9 @@ def load_library(action: Action, name_or_path: str | Path | None = None) -> Libr
     if faults:
         raise InvalidParameter(fault_text(path.name, list(dict.fromkeys(faults))))
     known = {e.name for e in effects}
+    until = file.defaults.until
+    if until is not None and until.output.rpartition(".")[0] not in config.points:
+        until = None  # a mechanism without that point has another stroke
     library = Library(
         name=file.name,
         tolerances=tuple(tolerances),
@@ -352,6 +372,7 @@ def load_library(action: Action, name_or_path: str | Path | None = None) -> Libr
         default_channels=tuple(file.defaults.channels) or tuple(_all_points(config)),
         default_effects=tuple(e for e in file.defaults.effects if e in known),
         window=file.defaults.window,
+        until=None if until is None else Until(until.output, until.after_turn),
         origin=path.name,
     )
     missing = sorted(set(file.defaults.effects) - known)

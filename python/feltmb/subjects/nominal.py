@@ -13,7 +13,7 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -28,15 +28,18 @@ from feltmb.fit import (
     Lanes,
     Nominal,
     Parameter,
+    Ready,
     Sensitivity,
     Simulated,
     State,
     Term,
 )
 from feltmb.subjects.effects import effect_of
+from feltmb.subjects.landmarks import first_turn, landmarks
 from feltmb.subjects.library import Entry, Library, load_library
 from feltmb.subjects.reuse import Question, Reuse
 from feltmb.subjects.signals import columns_of
+from feltmb.subjects.smoothing import Smoother
 from feltmb.subjects.variants import Variant, Workshop
 
 __all__ = ["MechanismNominal", "mechanism_nominal"]
@@ -94,13 +97,16 @@ class MechanismNominal(Nominal):
     tolerances
         Parameters to be estimated; default: all of the library.
     rtol
-        Relative tolerance of the integrator.
+        Relative tolerance of the integrator; default: 1e-6 with single shooting, else 1e-7.
     window
         Length of shooting windows [s].
     shooting
-        ``multiple``: windows with start states of their own, tied to one another, which keeps a
-        record linear through impacts and noise of the input. ``single``: every record in one go
-        from rest; ten times cheaper, for records whose input is known well.
+        ``single``: every record in one go from rest. ``multiple``: windows with start states of
+        their own, tied to one another, which keeps a record linear through impacts and noise of the
+        input, for ten times the time.
+    until
+        How long after the first turn of the library's ``until.output`` (the blow) samples count
+        with single shooting [s]; infinite: to their end. Default: that of the library.
     derivatives
         ``differences``, or ``forward``: exact, at about twice the cost.
     workers
@@ -121,14 +127,17 @@ class MechanismNominal(Nominal):
         outputs: Sequence[str],
         *,
         tolerances: Sequence[Entry] | None = None,
-        rtol: float = 1e-7,
+        rtol: float | None = None,
         window: float | None = None,
-        shooting: Literal["multiple", "single"] = "multiple",
+        shooting: Literal["single", "multiple"] = "single",
+        until: float | None = None,
         derivatives: Literal["differences", "forward"] = "differences",
         workers: int | None = None,
     ):
         if shooting not in ("multiple", "single"):
-            raise InvalidParameter(f"shooting = {shooting!r}, expected multiple or single")
+            raise InvalidParameter(f"shooting = {shooting!r}, expected single or multiple")
+        if until is not None and not until >= 0.0:
+            raise InvalidParameter(f"until = {until!r} s, expected >= 0")
         if derivatives not in ("differences", "forward"):
             raise InvalidParameter(
                 f"derivatives = {derivatives!r}, expected differences or forward"
@@ -153,12 +162,16 @@ class MechanismNominal(Nominal):
             for e in self.tolerances
         )
         self.window = library.window if window is None else window
-        self.rtol = rtol
-        self.single = shooting == "single"
+        self.rtol = rtol or (1e-6 if shooting == "single" else 1e-7)
+        self.single = self.from_rest = shooting == "single"
+        self.until = library.until
+        if until is not None and library.until is not None:
+            self.until = None if math.isinf(until) else replace(library.until, after_turn=until)
         self.chaotic = not self.single
         self.forward = derivatives == "forward"
         self.workers = workers or min(8, os.cpu_count() or 1)
         self.reuse = Reuse()
+        self._smoother = Smoother()
         self._workshop = Workshop(action)
         base = self._base()
         condensed = {
@@ -223,6 +236,40 @@ class MechanismNominal(Nominal):
     def forget(self) -> None:
         """See :class:`~feltmb.fit.Nominal`: the derivatives that are kept."""
         self.reuse.clear()
+
+    def ready(self, records: Sequence[Record]) -> Ready:
+        """With single shooting the records up to shortly after the blow."""
+        if not self.single or self.until is None:
+            return Ready(self, tuple(records))
+        cut, notes = [], []
+        for record in records:
+            turn = self._turn(record)
+            last = record.time[-1] if turn is None else turn + self.until.after_turn
+            kept = int(np.searchsorted(record.time, last + 1e-9, side="right"))
+            if kept < record.samples:
+                notes.append(
+                    f"{record.name}: samples after {record.time[kept - 1]:.4g} s are not used, "
+                    f"{self.until.after_turn:g} s after {self.until.output} turned: what follows "
+                    "hangs on the smallest things (--set until=end uses them)"
+                )
+                record = record.cut(0, kept)
+            cut.append(record)
+        return Ready(self, tuple(cut), tuple(notes))
+
+    def _turn(self, record: Record) -> float | None:
+        """When the stroke of a record turns [s]: measured, else as the nominal moves."""
+        assert self.until is not None
+        name = self.until.output
+        if name in record.outputs and np.isfinite(record.outputs[name]).sum() > 10:
+            return first_turn(record.time, record.outputs[name])
+        base = self._base()
+        job = _Job(0, base, 0, record.samples - 1, np.zeros(0))
+        run = self._integrate(record, self.drive(record), job, ())
+        if run is None:
+            return None
+        result = run[2]
+        column = np.array(result.data)[:, list(result.names).index(name)]
+        return first_turn(record.time[0] + result.time, column - self.at_rest(base, name))
 
     def accepts(self, effect: Effect) -> bool:
         """Effects that carry an :class:`Entry`, and all sensor and input effects."""
@@ -353,8 +400,6 @@ class MechanismNominal(Nominal):
 
     def events(self, record: Record, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:
         """Key start, key landing and turn of the hammer, as far as channels show them."""
-        from feltmb.subjects.landmarks import landmarks
-
         return landmarks(record.time, outputs)
 
     # --- what it rests on -------------------------------------------------------------------------
@@ -452,9 +497,9 @@ class MechanismNominal(Nominal):
                 f"(inputs are {', '.join(record.inputs) or 'none'}); "
                 f"input_mode {record.input_mode!r} needs it"
             )
-        value = record.inputs[wanted]
-        if motion and record.input_sigma.get(wanted, 0.0) > 0.0:
-            value = _smoothed(value)
+        value, sigma = record.inputs[wanted], record.input_sigma.get(wanted, 0.0)
+        if motion and sigma > 0.0:
+            value = self._smoother(record.time, value, sigma)
         return Drive(record.time, value, motion)
 
     def in_parallel(self, work: Callable[[Any], None], jobs: Sequence[Any]) -> None:
@@ -557,16 +602,6 @@ class MechanismNominal(Nominal):
         return out
 
 
-def _smoothed(value: Array) -> Array:
-    """Cubic fits over 11 samples: linear in the record, 250 Hz at 2 kHz."""
-    from scipy.signal import savgol_filter
-
-    if value.size < 11:
-        return value
-    out: Array = savgol_filter(value, 11, 3)
-    return out
-
-
 def _resample(old: Array, values: Array, new: Array) -> Array:
     from scipy.interpolate import CubicHermiteSpline
 
@@ -605,7 +640,7 @@ def mechanism_nominal(
     if not isinstance(library, Library):
         library = load_library(action, library)
     kind = MechanismNominal
-    if options.get("shooting") == "single" and options.get("derivatives") != "forward":
+    if options.get("shooting", "single") == "single" and options.get("derivatives") != "forward":
         from feltmb.subjects.strokes import StrokeNominal
 
         kind = StrokeNominal

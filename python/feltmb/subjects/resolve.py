@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -19,9 +20,11 @@ SETTINGS = {
     "effects": "names or patterns, with commas: felt_*,let_off_button; all (default: a core set)",
     "tolerances": "parameters to estimate, names or patterns (default: all of the library)",
     "library": "packaged library of effects or TOML file (default: that of the mechanism)",
-    "rtol": "relative tolerance of the integrator (default 1e-7)",
-    "window": "length of shooting windows in s",
-    "shooting": "multiple (default) or single: every record in one go from rest",
+    "rtol": "relative tolerance of the integrator (default 1e-6, with multiple shooting 1e-7)",
+    "shooting": "single (default): every record in one go from rest; or multiple",
+    "until": "with single shooting: how long after the blow samples count in s, or end: all of "
+    "them (default: that of the library, 0.01)",
+    "window": "with multiple shooting: length of shooting windows in s",
     "derivatives": "differences (default) or forward",
     "floor": "with single shooting: change of felt and friction from stroke to stroke as a share "
     "(default 0.01), none: no floor",
@@ -72,6 +75,8 @@ def resolve(name: str, settings: Mapping[str, str]) -> tuple[Nominal, tuple[Effe
             options[key] = float(settings[key])
         except ValueError:
             raise InvalidParameter(f"{key}: got {settings[key]!r}, expected a number") from None
+    if "until" in settings:
+        options["until"] = _until(settings)
     if "floor" in settings:
         options["variation"] = _floor(settings)
     library = load_library(action, settings.get("library"))
@@ -86,10 +91,30 @@ def resolve(name: str, settings: Mapping[str, str]) -> tuple[Nominal, tuple[Effe
     )
 
 
+def _single(settings: Mapping[str, str]) -> bool:
+    return settings.get("shooting", "single") == "single"
+
+
+def _until(settings: Mapping[str, str]) -> float:
+    """Time after the blow [s]; infinite: to the end."""
+    text = settings["until"]
+    if not _single(settings):
+        raise InvalidParameter("until: works with shooting=single")
+    if text == "end":
+        return math.inf
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 <= value < math.inf:
+        raise InvalidParameter(f"until: got {text!r}, expected seconds >= 0, or end")
+    return value
+
+
 def _floor(settings: Mapping[str, str]) -> float | None:
     """Variation from stroke to stroke; None: no floor."""
     text = settings["floor"]
-    if settings.get("shooting") != "single" or settings.get("derivatives") == "forward":
+    if not _single(settings) or settings.get("derivatives") == "forward":
         raise InvalidParameter("floor: works with shooting=single and derivatives=differences")
     if text == "none":
         return None

@@ -22,7 +22,7 @@ import math
 import threading
 from collections import OrderedDict, deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError
-from feltmb.fit import Lanes, Parameter, Sensitivity, Simulated, Term
+from feltmb.fit import Lanes, Parameter, Ready, Sensitivity, Simulated, Term
 from feltmb.subjects.finer import KINDS, finer
 from feltmb.subjects.nominal import MechanismNominal
 from feltmb.subjects.shifter import Shifter
@@ -167,6 +167,13 @@ class StrokeNominal(MechanismNominal):
         )
         return out
 
+    def ready(self, records: Sequence[Record]) -> Ready:
+        """Records up to shortly after the blow, with their floor where they have none."""
+        base = super().ready(records)
+        if all(r.name in self.floors for r in base.records):
+            return base
+        return replace(base, nominal=self.with_floor(base.records))
+
     def _floor(self, record: Record, variation: float) -> Array:
         """Directions that stand out of the sensors' noise, (n, ny, k)."""
         base = self._motion(record, np.zeros(self.mechanical), (), np.zeros(0))
@@ -254,13 +261,25 @@ class StrokeNominal(MechanismNominal):
         at = self._floor_place(record)
         if at is None or not np.any(theta[at]):
             return None
-        return np.asarray(self.floors[record.name].columns @ theta[at])
+        return np.asarray(self._floor_columns(record) @ theta[at])
+
+    def _floor_of(self, record: Record) -> Floor | None:
+        """The floor of a record, or of the one that it is a part of."""
+        return self.floors.get(record.name) or self.floors.get(record.name.rpartition("[")[0])
+
+    def _floor_columns(self, record: Record) -> Array:
+        """Its directions over the record; none are known beyond its end."""
+        floor = self._floor_of(record)
+        assert floor is not None
+        columns = floor.columns[: record.samples]
+        more = record.samples - len(columns)
+        return np.pad(columns, ((0, more), (0, 0), (0, 0)))
 
     def _floor_place(self, record: Record) -> slice | None:
-        at = self.mechanical
-        for name, floor in self.floors.items():
+        at, own = self.mechanical, self._floor_of(record)
+        for floor in self.floors.values():
             width = floor.columns.shape[2]
-            if name == record.name:
+            if floor is own:
                 return slice(at, at + width)
             at += width
         return None
@@ -396,7 +415,7 @@ class StrokeNominal(MechanismNominal):
         out[..., inner] = self._theta_columns(record, base, theta, terms, sizes, which, travel)
         place = self._floor_place(record)
         if place is not None:
-            columns = self.floors[record.name].columns
+            columns = self._floor_columns(record)
             for c, i in enumerate(wanted):
                 if place.start <= i < place.stop:
                     out[..., c] = columns[..., i - place.start]

@@ -30,7 +30,9 @@ def record_of(nominal, stroke, duration):
 def subject():
     action = feltmb.load_action("steinway45")
     channels = ["key", "key_lift", "whippen", "hammer_tip", "backcheck", "jack", "damper"]
-    nominal, effects = mechanism_nominal(action, channels=channels, effects=["all"], rtol=1e-6)
+    nominal, effects = mechanism_nominal(
+        action, channels=channels, effects=["all"], rtol=1e-6, shooting="multiple"
+    )
     records = [record_of(nominal, "forte", 0.14), record_of(nominal, "staccato", 0.18)]
     return nominal, {e.name: e for e in effects}, records
 

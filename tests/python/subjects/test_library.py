@@ -143,7 +143,7 @@ def test_a_pivot_that_gives_tends_to_the_ideal_one():
 
 
 def test_windows_go_on_where_the_last_one_ended():
-    nominal, _ = mechanism_nominal(ACTION, rtol=1e-8)
+    nominal, _ = mechanism_nominal(ACTION, rtol=1e-8, shooting="multiple")
     stroke = feltmb.load_stroke("forte")
     time = np.arange(0.0, 0.13, 5e-4)
     from feltmb.data import Record

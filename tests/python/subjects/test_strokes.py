@@ -190,7 +190,7 @@ def test_finer_changes_what_it_says():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"floor": "0.01"}, "shooting=single"),
+        ({"floor": "0.01", "shooting": "multiple"}, "shooting=single"),
         ({"floor": "many", "shooting": "single"}, "a share from 0 to 0.5, or none"),
         ({"floor": "0.9", "shooting": "single"}, "got '0.9'"),
     ],

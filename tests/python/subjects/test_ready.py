@@ -1,0 +1,183 @@
+"""What a mechanism makes of records before a fit: their useful part, their floor, smooth motion."""
+
+import math
+
+import numpy as np
+import pytest
+
+import feltmb
+from feltmb.data import Record, Sensor
+from feltmb.errors import InvalidParameter
+from feltmb.fit import Lanes, including
+from feltmb.gap.diagnose import split_records
+from feltmb.smoothing import smooth_record
+from feltmb.subjects import mechanism_nominal
+from feltmb.subjects.landmarks import first_turn
+from feltmb.subjects.resolve import resolve
+
+ACTION = feltmb.load_action("steinway45")
+FEW = {"tolerances": "let_off_button,felt.03", "channels": "key,hammer", "effects": "camera_skew"}
+
+
+@pytest.fixture(scope="module")
+def forte():
+    """The nominal's own forte stroke, to its end."""
+    run = feltmb.simulate(ACTION, feltmb.load_stroke("forte"), rtol=1e-7, ledger=False)
+    time = np.arange(0.0, 0.3, 1e-3)
+    outputs = {
+        name: np.interp(time, run.time, run[name]) - run[name][0]
+        for name in ("key_front.y", "hammer_tip.x")
+    }
+    return Record(
+        name="forte",
+        time=time,
+        inputs={"force": feltmb.load_stroke("forte").at(time)},
+        outputs=outputs,
+        sensors={o: Sensor(name=o, unit="m", sigma=2e-5) for o in outputs},
+        input_sigma={"force": 0.01},
+    )
+
+
+def test_the_first_turn_is_that_of_the_first_blow():
+    time = np.linspace(0.0, 0.4, 401)
+    there = np.interp(time, [0.0, 0.1, 0.2, 0.3, 0.4], [0.0, 0.04, 0.01, 0.05, 0.0])
+    assert first_turn(time, -there) == pytest.approx(0.1)
+    there[95:106] = np.nan  # the camera missed it
+    assert first_turn(time, there) == pytest.approx(0.1, abs=0.01)
+    assert first_turn(time, np.minimum(there, 5e-4)) is None  # hardly moves
+    assert first_turn(time[:90], there[:90]) is None  # on its way
+    assert first_turn(time, np.full(401, np.nan)) is None
+
+
+def test_records_end_shortly_after_the_blow(forte):
+    nominal, _ = resolve("steinway45", FEW)
+    ready = nominal.ready([forte])
+    turn = forte.time[np.argmax(np.abs(forte.outputs["hammer_tip.x"]))]
+    assert ready.records[0].time[-1] == pytest.approx(turn + 0.01)
+    assert "samples after" in ready.notes[0]
+    # Without a camera on the hammer the nominal says when.
+    blind = Record(
+        name="forte",
+        time=forte.time,
+        inputs=forte.inputs,
+        outputs={"key_front.y": forte.outputs["key_front.y"]},
+        sensors={"key_front.y": forte.sensors["key_front.y"]},
+    )
+    assert nominal.ready([blind]).records[0].time[-1] == pytest.approx(turn + 0.01, abs=1.5e-3)
+    for until, last in (("0.02", turn + 0.02), ("end", forte.time[-1])):
+        other, _ = resolve("steinway45", {**FEW, "until": until})
+        assert other.ready([forte]).records[0].time[-1] == pytest.approx(last)
+    windows, _ = resolve("steinway45", {**FEW, "shooting": "multiple"})
+    assert windows.ready([forte]).records[0] is forte
+
+
+def test_what_is_ready_stays_as_it_is(forte):
+    nominal, _ = resolve("steinway45", FEW)
+    once = nominal.ready([forte])
+    twice = once.nominal.ready(once.records)
+    assert twice.nominal is once.nominal
+    assert twice.notes == ()
+    assert twice.records[0].samples == once.records[0].samples
+    # The floor of the record; nothing is known of it beyond its end.
+    floor = once.nominal.floors["forte"].columns
+    theta = np.zeros(len(once.nominal.parameters))
+    theta[-1] = 3.0
+    window = np.array([[0, forte.samples - 1]])
+    y = once.nominal.simulate(
+        forte, Lanes.at_point(theta, window, np.zeros((1, 0)), (), np.zeros(0))
+    )
+    bare = nominal.simulate(
+        forte, Lanes.at_point(theta[:2], window, np.zeros((1, 0)), (), np.zeros(0))
+    )
+    shift = (y.outputs - bare.outputs)[0]
+    n = once.records[0].samples
+    assert shift[:n] == pytest.approx(3.0 * floor[..., -1], abs=1e-12)
+    assert np.all(shift[n:] == 0.0)
+
+
+def test_effects_that_are_included_get_the_floor_as_well(forte):
+    nominal, effects = resolve("steinway45", {**FEW, "effects": "coulomb_friction.butt"})
+    ready = including(nominal, effects).ready([forte])
+    names = [p.name for p in ready.nominal.parameters]
+    assert names[-1] == "coulomb_friction.butt"
+    assert any(n.startswith("floor.forte.") for n in names)
+    assert ready.records[0].samples < forte.samples
+
+
+def test_a_single_record_is_held_out_in_blocks_without_being_cut(forte):
+    nominal, _ = resolve("steinway45", FEW)
+    ready = nominal.ready([forte])
+    fit, held = split_records(ready.records, None, masked=nominal.from_rest)
+    assert [r.name for r in (*fit, *held)] == ["forte[fit]", "forte[held out]"]
+    for name, values in ready.records[0].outputs.items():
+        seen = [np.isfinite(r.outputs[name]) for r in (*fit, *held)]
+        assert np.array_equal(seen[0], ~seen[1])
+        assert 0.5 < np.mean(seen[0]) < 0.7
+        assert np.array_equal(fit[0].outputs[name][seen[0]], values[seen[0]])
+    # Both parts have the floor of the whole.
+    theta = np.zeros(len(ready.nominal.parameters))
+    theta[-1] = 1.0
+    window = np.array([[0, held[0].samples - 1]])
+    lanes = Lanes.at_point(theta, window, np.zeros((1, 0)), (), np.zeros(0))
+    part, whole = (ready.nominal.simulate(r, lanes).outputs for r in (held[0], ready.records[0]))
+    assert np.array_equal(part, whole)
+
+
+@pytest.mark.parametrize("rate", [500.0, 1000.0, 4000.0])
+def test_smoothing_takes_noise_and_leaves_the_stroke(rate):
+    """Eleven samples at 1 kHz took a staccato stroke with them: 0.2 mm of it."""
+    time = np.arange(0.0, 0.1, 1.0 / rate)
+    down = 9e-3 / (1.0 + np.exp(-(time - 0.04) / 2.5e-3))
+    noise = 2e-6
+    noisy = down + noise * np.random.default_rng(2).standard_normal(time.size)
+    smooth = smooth_record(time, noisy, noise)
+    assert np.std(smooth - noisy) == pytest.approx(noise, rel=0.05)
+    assert np.sqrt(np.mean((smooth - down) ** 2)) < 1.5 * noise
+    # It follows the record: a small change of it is a small change of what is left.
+    moved = smooth_record(time, noisy + 0.1 * noise * np.cos(300.0 * time), noise)
+    assert np.max(np.abs(moved - smooth)) < 0.3 * noise
+
+
+def test_a_noisy_motion_drives_the_mechanism_as_the_clean_one():
+    """At the true numbers a motion with noise must leave no more than that noise would."""
+    nominal, _ = resolve("steinway45", FEW)
+    time = np.arange(0.0, 0.06, 1e-3)
+    down = 9e-3 * np.sin(0.5 * np.pi * np.clip((time - 0.01) / 0.045, 0.0, 1.0)) ** 2
+    outputs = {o: np.zeros(time.size) for o in nominal.outputs}
+    window, none = np.array([[0, time.size - 1]]), np.zeros((1, 0))
+    seen = []
+    for noise in (0.0, 2e-6):
+        record = Record(
+            name="motion",
+            time=time,
+            input_mode="motion",
+            inputs={"displacement": down + noise * np.random.default_rng(1).standard_normal(60)},
+            input_sigma={"displacement": 2e-6 if noise else 0.0},
+            outputs=outputs,
+        )
+        lanes = Lanes.at_point(np.zeros(2), window, none, (), np.zeros(0))
+        seen.append(nominal.simulate(record, lanes).outputs[0])
+    assert np.all(np.isfinite(seen))
+    assert np.max(np.abs(seen[0][:, 1])) > 5e-3  # the hammer is on its way
+    assert np.sqrt(np.mean((seen[1] - seen[0]) ** 2, axis=0)) == pytest.approx(0.0, abs=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"until": "soon"}, "got 'soon', expected seconds >= 0, or end"),
+        ({"until": "-1"}, "got '-1'"),
+        ({"until": "nan"}, "got 'nan'"),
+        ({"until": "0.01", "shooting": "multiple"}, "until: works with shooting=single"),
+        ({"shooting": "double"}, "expected single or multiple"),
+    ],
+)
+def test_faults_of_the_settings(settings, message):
+    with pytest.raises(InvalidParameter, match=message):
+        resolve("steinway45", settings)
+
+
+def test_faults_in_python():
+    with pytest.raises(InvalidParameter, match=r"until = -1\.0 s"):
+        mechanism_nominal(ACTION, until=-1.0)
+    assert mechanism_nominal(ACTION, until=math.inf)[0].until is None
