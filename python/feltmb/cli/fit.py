@@ -56,7 +56,6 @@ def command(
 
     from feltmb.cli.gap import progress_line
     from feltmb.cli.gap_subjects import load_subject
-    from feltmb.data import read_records
     from feltmb.files import check_writable, write_text
     from feltmb.fit.solve import FitSettings
     from feltmb.gap import fit_nominal
@@ -66,11 +65,7 @@ def command(
         check_writable(output / "fit.json", force=force)
 
     subject = load_subject(model, settings)
-    records = read_records(
-        data,
-        inputs=tuple(getattr(subject.nominal, "inputs", ())),
-        outputs=subject.nominal.outputs,
-    )
+    records = subject.read(data)
     fit = fit_nominal(
         subject.nominal,
         records,

@@ -109,7 +109,7 @@ def check(data: tuple[Path, ...], as_json: bool) -> None:
 )
 @click.argument("model", shell_complete=actions)
 @click.argument("data", nargs=-1, type=click.Path(path_type=Path))
-@click.option("--channels", help="Outputs that will be measured, comma-separated.")
+@click.option("--channels", help="Channels or outputs that will be measured, comma-separated.")
 @subject_set_option
 @json_option
 def foresee_command(
@@ -121,26 +121,26 @@ def foresee_command(
 ) -> None:
     """Before any measurement: which effects of MODEL could be told apart.
 
-    DATA are files whose inputs are planned; without them the model's own planned runs are taken.
-    Further runs of the model and outputs that are not measured are ranked as next experiments.
+    DATA are files whose inputs are planned; without them the first of the model's own planned runs
+    is taken (of a mechanism: the packaged forte stroke, cameras that read to 0.02 mm). Further runs
+    of the model and outputs that are not measured are ranked as next experiments.
     """
     from feltmb.cli.gap_subjects import load_subject
-    from feltmb.data import read_records
     from feltmb.errors import InvalidParameter
     from feltmb.gap import foresee
     from feltmb.gap.files import plain
 
-    subject = load_subject(model, settings)
+    chosen = [c.strip() for c in channels.split(",") if c.strip()] if channels else []
+    subject = load_subject(model, settings, chosen)
     planned = subject.planned
-    records = read_records(data) if data else planned
+    records = subject.read(data) if data else planned
     if not records:
         raise InvalidParameter(f"{model}: has no planned runs; give measured or planned files")
-    chosen = None if channels is None else [c.strip() for c in channels.split(",")]
     found = foresee(
         subject.nominal,
         subject.effects,
         records if data else records[:1],
-        channels=chosen,
+        channels=subject.outputs_of(chosen) if chosen else None,
         candidates=planned if data else records[1:],
     )
     if as_json:
@@ -253,7 +253,6 @@ def run(
 
     from feltmb.cli.gap_curves import record_viewers
     from feltmb.cli.gap_subjects import load_subject
-    from feltmb.data import read_records
     from feltmb.files import check_writable
     from feltmb.gap import Options, diagnose
     from feltmb.gap.files import report_json, write_report
@@ -262,11 +261,7 @@ def run(
         for name in ("report.html", "report.json"):
             check_writable(output / name, force=force)
     subject = load_subject(model, settings)
-    records = read_records(
-        data,
-        inputs=tuple(getattr(subject.nominal, "inputs", ())),
-        outputs=subject.nominal.outputs,
-    )
+    records = subject.read(data)
     subject = subject.including(included)
     by_file = {str(p): r.name for p, r in zip(data, records, strict=True)}
     by_file |= {p.name: r.name for p, r in zip(data, records, strict=True)}

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from feltmb.data import Record
+from feltmb.data import Record, read_records
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Effect, Nominal, including
 
@@ -22,6 +22,17 @@ class Subject:
     effects: tuple[Effect, ...]
     planned: tuple[Record, ...] = ()
     """Runs that could be made, for ``feltmb gap foresee``."""
+    outputs_of: Callable[[Sequence[str]], tuple[str, ...]] = tuple
+    """Outputs behind names of channels."""
+
+    def read(self, data: Sequence[Path]) -> tuple[Record, ...]:
+        """Measured files as records of the nominal."""
+        return read_records(
+            data,
+            inputs=tuple(getattr(self.nominal, "inputs", ())),
+            outputs=self.nominal.outputs,
+            modes=self.nominal.input_modes,
+        )
 
     def including(self, names: Sequence[str]) -> Subject:
         """The same with effects of the library as part of the model."""
@@ -41,20 +52,26 @@ class Subject:
         )
 
 
-def _mechanism(name: str, settings: Mapping[str, str]) -> Subject | None:
+def _mechanism(name: str, settings: Mapping[str, str], channels: Sequence[str]) -> Subject | None:
     """Packaged mechanism or mechanism file, see :mod:`feltmb.subjects.resolve`."""
+    from feltmb.subjects import planned_strokes
     from feltmb.subjects.resolve import resolve
 
-    found = resolve(name, settings)
-    return None if found is None else Subject(*found)
+    found = resolve(name, settings, channels)
+    if found is None:
+        return None
+    nominal, effects = found
+    return Subject(nominal, effects, planned_strokes(nominal), nominal.library.outputs)
 
 
-#: Each is asked for a name with settings in turn; None: not mine.
-RESOLVERS: list[Callable[[str, Mapping[str, str]], Subject | None]] = [_mechanism]
+#: Each is asked for a name with settings and channels in turn; None: not mine.
+RESOLVERS: list[Callable[[str, Mapping[str, str], Sequence[str]], Subject | None]] = [_mechanism]
 
 
-def load_subject(name: str, settings: Sequence[str] = ()) -> Subject:
+def load_subject(name: str, settings: Sequence[str] = (), channels: Sequence[str] = ()) -> Subject:
     """Subject by name of a packaged mechanism or path of a Python file.
+
+    ``channels`` are wanted besides those that a mechanism has by default.
 
     The file defines ``nominal`` (a :class:`feltmb.fit.Nominal`) and ``effects`` (a sequence of
     :class:`feltmb.fit.Effect`), and may define ``planned`` (records that could be made). It is
@@ -72,7 +89,7 @@ def load_subject(name: str, settings: Sequence[str] = ()) -> Subject:
             raise InvalidParameter(f"{name}: --set works with packaged mechanisms, not with a file")
         return _from_file(path)
     for resolver in RESOLVERS:
-        found = resolver(name, values)
+        found = resolver(name, values, channels)
         if found is not None:
             return found
     raise InvalidParameter(

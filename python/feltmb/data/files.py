@@ -6,7 +6,7 @@ called for by name and has its unit in the header, ``hammer [mm]``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -84,13 +84,17 @@ class _Sheet(Schema):
 
 
 def read_records(
-    paths: Sequence[str | Path], *, inputs: Sequence[str] = (), outputs: Sequence[str] = ()
+    paths: Sequence[str | Path],
+    *,
+    inputs: Sequence[str] = (),
+    outputs: Sequence[str] = (),
+    modes: Mapping[InputMode, Sequence[str]] | None = None,
 ) -> tuple[Record, ...]:
-    """Read several files; all faults in one message."""
+    """Read several files; all faults in one message. See :func:`read_record`."""
     found, faults = [], []
     for path in paths:
         try:
-            found.append(read_record(path, inputs=inputs, outputs=outputs))
+            found.append(read_record(path, inputs=inputs, outputs=outputs, modes=modes))
         except DataError as error:
             faults.append(str(error))
     if faults:
@@ -101,7 +105,11 @@ def read_records(
 
 
 def read_record(
-    path: str | Path, *, inputs: Sequence[str] = (), outputs: Sequence[str] = ()
+    path: str | Path,
+    *,
+    inputs: Sequence[str] = (),
+    outputs: Sequence[str] = (),
+    modes: Mapping[InputMode, Sequence[str]] | None = None,
 ) -> Record:
     """Read one measured file.
 
@@ -111,7 +119,10 @@ def read_record(
         ``.csv`` (comma, semicolon or tab; lines with # are comments; empty cells and nan are
         missing), ``.mat``, ``.nc``.
     inputs, outputs
-        Names of the signals when there is no TOML beside the file; they are columns then.
+        Names of the signals when there is no TOML beside the file; they are columns then. All
+        inputs must be there, and one of the outputs: the others were not measured.
+    modes
+        Further inputs by input mode; the first mode whose inputs the file has counts.
 
     Raises
     ------
@@ -136,10 +147,27 @@ def read_record(
                 f"{path}: there is no {beside.name} beside it that says which columns are inputs "
                 "and outputs; write one, or name them"
             )
-        sheet = _Sheet(
-            inputs={n: _Input() for n in inputs}, outputs={n: _Output() for n in outputs}
-        )
+        columns = read_columns(path)
+        return _build(path, _plain_sheet(columns, inputs, outputs, modes or {}), columns)
     return _build(path, sheet, read_columns(path))
+
+
+def _plain_sheet(
+    columns: Columns,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    modes: Mapping[InputMode, Sequence[str]],
+) -> _Sheet:
+    """What a file without a sheet says by the names of its columns."""
+    there = columns.values
+    fitting = [m for m, names in modes.items() if all(n in there for n in names)]
+    mode: InputMode = next(iter([*fitting, *modes]), "force")
+    seen = [n for n in outputs if n in there] or outputs
+    return _Sheet(
+        input_mode=mode,
+        inputs={n: _Input() for n in (*inputs, *modes.get(mode, tuple[str, ...]()))},
+        outputs={n: _Output() for n in seen},
+    )
 
 
 def _build(path: Path, sheet: _Sheet, columns: Columns) -> Record:

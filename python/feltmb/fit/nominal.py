@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.data import Array, Record
+from feltmb.data import Array, InputMode, Record
 from feltmb.errors import InvalidParameter
 
 __all__ = [
@@ -138,6 +138,9 @@ class Effect:
     regressor: Callable[..., Array] | None = None
     observe: Callable[..., Array] | None = None
     excite: Callable[..., Mapping[str, Array]] | None = None
+    beyond: str = ""
+    """Name of the parameter that it is more of: within its tolerance the departure is the
+    parameter's, a diagnosis calls what goes far beyond it this effect."""
     data: Any = None
     """Anything the nominal wants to find again; the engine does not look at it."""
 
@@ -302,6 +305,9 @@ class Nominal(ABC):
     units: Mapping[str, str] = MappingProxyType({})
     """SI units of outputs and inputs by name, as far as the model knows them: records that say
     otherwise are refused."""
+    input_modes: Mapping[InputMode, Sequence[str]] = MappingProxyType({})
+    """Inputs by the mode of a record, where it reads others in each: what a measured file without a
+    sheet is searched for."""
     least_samples: int = 8
     """Samples that a record must have at least; fewer only where an output is a single number."""
     ports: tuple[Port, ...] = ()

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from feltmb.data import Array
 from feltmb.fit.cache import Cache
@@ -268,19 +269,27 @@ class Problem:
                 right[c] += (p.value - point.theta[i]) / p.sd**2
         return Normal(matrix, right, tuple(chains), tuple(columns), shared)
 
+    def room(self, point: Point) -> tuple[Array, Array]:
+        """How far free parameters and sizes may go down and up, (p + k,) each."""
+        parameters = [self.nominal.parameters[i] for i in self.free]
+        limits = [(p.lower, p.upper) for p in parameters]
+        limits += [t.effect.bounds for t in self.terms]
+        at = np.concatenate([point.theta[self.free], point.sizes])
+        low, high = np.array(limits, dtype=np.float64).reshape(-1, 2).T
+        return low - at, high - at
+
+    def pressed(self, point: Point, normal: Normal) -> NDArray[np.bool_]:
+        """Free parameters and sizes that sit at a limit and would go beyond it, (p + k,)."""
+        low, high = self.room(point)
+        push = normal.right[: low.size]
+        return np.asarray(((low >= 0.0) & (push < 0.0)) | ((high <= 0.0) & (push > 0.0)))
+
     def newton(self, point: Point, normal: Normal, lam: float = 0.0) -> Array:
         """Levenberg step of the globals within the limits of parameters and sizes."""
-        free = self.free
-        count = len(free) + len(self.terms)
+        count = len(self.free) + len(self.terms)
         low = np.full(normal.right.size, -np.inf)
         high = np.full(normal.right.size, np.inf)
-        for c, i in enumerate(free):
-            p = self.nominal.parameters[i]
-            low[c], high[c] = p.lower - point.theta[i], p.upper - point.theta[i]
-        for k, term in enumerate(self.terms):
-            a, b = term.effect.bounds
-            c = len(free) + k
-            low[c], high[c] = a - point.sizes[k], b - point.sizes[k]
+        low[:count], high[:count] = self.room(point)
         matrix = normal.matrix + lam * np.diag(np.diag(normal.matrix))
         held = np.zeros(normal.right.size, dtype=bool)
         held[count : normal.shared] = True  # candidates take no step

@@ -193,6 +193,7 @@ def _optimize(
         settings.worth,
         problem.frozen,
         [(t.name, t.shape) for t in problem.terms],
+        *problem.room(point),
     )
     known = problem.cache.get(key)
     if known is not None:

@@ -11,6 +11,7 @@ from feltmb.gap.report import HowFar, Verdict, Where
 from feltmb.gap.search import Search
 from feltmb.gap.settle import Accepted, Posterior
 from feltmb.gap.smooth import smooth_rest
+from feltmb.gap.tolerance import strained
 
 __all__ = ["Decision", "Facts", "decide", "misfit"]
 
@@ -136,7 +137,7 @@ def decide(facts: Facts) -> Decision:
             Verdict.NO_GAP,
             "The nominal explains the records: what is left is noise "
             f"(sum of squares {search.nominal.chi2 / search.nominal.dof:.2f} of its expectation, "
-            f"largest score family-wise p = {p:.2g}).",
+            f"largest score family-wise p = {p:.2g}).{_far_off(search.nominal)}",
         )
     if best is None and not facts.first.nominal.converged and not hint:
         return _silent(
@@ -153,10 +154,19 @@ def decide(facts: Facts) -> Decision:
     return _name(facts)
 
 
+def _far_off(fit: Fit) -> str:
+    """Parameters of the nominal that are not what they were said to be, in words."""
+    far = strained(fit)
+    if not far:
+        return ""
+    told = ", ".join(f"{name} by {abs(z):.2g}" for name, z in far.items())
+    return f" But parameters lie beyond their priors, in their standard deviations: {told}."
+
+
 def _refuted(facts: Facts) -> bool:
     """Whether the nominal cannot be right, whatever is wrong with it."""
     first = facts.first
-    left, _, _ = misfit(first.nominal, first.tight_fit, estimated=facts.gates.estimated)
+    left, _, _ = misfit(first.bare, first.tight_fit, estimated=facts.gates.estimated)
     return left or facts.p <= REFUTED
 
 
@@ -260,8 +270,8 @@ def _signs(facts: Facts) -> str:
     """What says that there is a gap."""
     first = facts.first
     text = f"sum of squares {_ratio(first):.3g} of its expectation"
-    _, _, other = misfit(first.nominal, first.tight_fit, estimated=facts.gates.estimated)
-    if other > OTHER and not first.nominal.gap_sd.size:
+    _, _, other = misfit(first.bare, first.tight_fit, estimated=facts.gates.estimated)
+    if other > OTHER and not first.bare.gap_sd.size:
         text += f", but what is left is smoother than noise, by {other:.0f} nats"
     if facts.p > REFUTED:
         return text
@@ -269,7 +279,7 @@ def _signs(facts: Facts) -> str:
 
 
 def _ratio(search: Search) -> float:
-    fit = search.tight_fit or search.nominal
+    fit = search.tight_fit or search.bare
     return fit.chi2 / fit.dof
 
 

@@ -30,6 +30,7 @@ from feltmb.gap.rest import color_of_rest, rest_of, settled, with_color, with_no
 from feltmb.gap.score import all_terms, family_threshold, score_fit
 from feltmb.gap.search import Search, search
 from feltmb.gap.settle import WIDE, Accepted, accept, posterior, shapley
+from feltmb.gap.tolerance import within_tolerance
 from feltmb.gap.trial import try_effects
 from feltmb.gap.where import event_ledger, first_act, ledger, split_gap
 
@@ -201,7 +202,7 @@ def _investigate(
     fit = fit_problem(
         Problem(nominal, shots, cache=cache), settings, progress=progress, label="nominal fit"
     )
-    return search(
+    found = search(
         fit,
         effects,
         replace(settings, restarts=0),
@@ -209,6 +210,7 @@ def _investigate(
         width=options.width,
         progress=progress,
     )
+    return within_tolerance(found, settings)
 
 
 def diagnose(
@@ -306,10 +308,10 @@ def diagnose(
             )
     lap("which")
     say("where")
-    seen = tight_fit if tight_fit is not None and not nominal.chaotic else fit
+    seen = tight_fit if tight_fit is not None and not nominal.chaotic else found.bare
     cells, onset = ledger(seen)
     events = event_ledger(seen)
-    components = component_table(fit)
+    components = component_table(found.bare)
     where = Where(
         ledger=cells, events=events, components=components, onset=onset, split=split_gap(seen)
     )

@@ -193,6 +193,7 @@ def foresee(
         for n, s in r.sensors.items():
             known.setdefault(n, s)
     tested = [e for e in effects if nominal.accepts(e) or e.observe or e.excite]
+    nominal, records, candidates = _ready(nominal, records, candidates, known)
 
     def plan(some: Sequence[Record], names: Sequence[str]) -> list[Record]:
         seen = {n: known.get(n, Sensor(name=n)) for n in names}
@@ -254,6 +255,28 @@ def foresee(
         confusion=tuple(tuple(float(v) for v in row) for row in matrix),
         experiments=tuple(experiments),
     )
+
+
+def _ready(
+    nominal: Nominal,
+    records: Sequence[Record],
+    candidates: Sequence[Record],
+    known: Mapping[str, Sensor],
+) -> tuple[Nominal, Sequence[Record], Sequence[Record]]:
+    """The nominal and all runs as a fit would take them, with what the nominal would show."""
+    sensors = {n: known.get(n, Sensor(name=n)) for n in nominal.outputs}
+    shown = []
+    for r in (*records, *candidates):
+        full = planned(nominal, r, sensors)
+        noise = _noise(full)
+        told = {
+            n: replace(s, sigma=noise[n].sigma) if s.sigma is None else s
+            for n, s in full.sensors.items()
+        }
+        shown.append(replace(full, sensors=told))
+    ready = nominal.ready(shown)
+    count = len(records)
+    return ready.nominal, ready.records[:count], ready.records[count:]
 
 
 def _classes(names: Sequence[str], matrix: Array) -> tuple[tuple[str, ...], ...]:

@@ -126,7 +126,9 @@ def score_fit(fit: Fit, terms: tuple[Term, ...]) -> Scores:
     known = len(problem.free) + len(problem.terms)
     k = len(terms)
     e = np.arange(known, known + k)
-    s = np.concatenate([np.arange(known), np.arange(normal.shared, normal.right.size)])
+    # What sits at a limit and would go beyond it can take up nothing.
+    open_ = np.flatnonzero(~problem.pressed(fit.point, normal))
+    s = np.concatenate([open_, np.arange(normal.shared, normal.right.size)])
     scale = np.array([t.effect.scale for t in terms])
     h_ss = normal.matrix[np.ix_(s, s)]
     h_se = normal.matrix[np.ix_(s, e)]
@@ -146,7 +148,7 @@ def score_fit(fit: Fit, terms: tuple[Term, ...]) -> Scores:
         for column, g in enumerate(own):
             if known <= g < known + k:
                 mix[column, g - known] = 1.0
-            else:
+            elif int(g) in place:
                 mix[column, :k] = -absorb[place[int(g)]]
                 mix[column, k] = -delta[place[int(g)]]
         mix[-1, k] = 1.0

@@ -57,6 +57,13 @@ class Search:
     """Refitted sets, best evidence first."""
     nominal_evidence: float
     failed: tuple[tuple[str, str], ...]
+    held: Fit | None = None
+    """The nominal held within the tolerance that the best set goes beyond, if it does."""
+
+    @property
+    def bare(self) -> Fit:
+        """What the nominal can do without effects."""
+        return self.held or self.nominal
 
     @property
     def best(self) -> Candidate | None:

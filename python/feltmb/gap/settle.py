@@ -134,7 +134,7 @@ class _Trial:
             if scores is not None:
                 for term, value in zip(scores.terms, scores.singles(), strict=True):
                     self.alone[term.name] = max(self.alone.get(term.name, 0.0), float(value))
-        self.before = self.outcome(search.nominal)
+        self.before = self.outcome(search.bare)
 
     def outcome(self, fit: Fit) -> Outcome:
         """What the held-out records say of a fit."""
@@ -356,9 +356,9 @@ def accept(
 
 
 def _part(search: Search, fit: Fit, kept: Sequence[int], settings: FitSettings) -> Fit:
-    """Some effects of a fit, fitted again from the nominal."""
+    """Some effects of a fit, fitted again from what the nominal does without them."""
     terms = tuple(fit.terms[k] for k in kept)
-    return refit(search.nominal, terms, fit.point.sizes[list(kept)], settings)
+    return refit(search.bare, terms, fit.point.sizes[list(kept)], settings)
 
 
 def _certainty(fit: Fit) -> dict[str, float]:

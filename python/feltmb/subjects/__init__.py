@@ -9,6 +9,7 @@ from feltmb.subjects.blows import BlowNominal, blow_record, load_blows
 from feltmb.subjects.effects import effect_of
 from feltmb.subjects.library import Entry, Library, load_library
 from feltmb.subjects.nominal import MechanismNominal, mechanism_nominal
+from feltmb.subjects.planned import planned_strokes
 
 __all__ = [
     "BlowNominal",
@@ -21,4 +22,5 @@ __all__ = [
     "load_blows",
     "load_library",
     "mechanism_nominal",
+    "planned_strokes",
 ]

@@ -19,6 +19,7 @@ def effect_of(
     channels: Mapping[str, Sequence[str]],
     *,
     states: bool = True,
+    beyond: str = "",
 ) -> Effect:
     """Effect for the engine.
 
@@ -30,6 +31,8 @@ def effect_of(
         Outputs behind the names of channels.
     states
         Whether the states that it brings are shown; not where records are simulated whole.
+    beyond
+        Tolerance that it is more of.
     """
     hidden = [
         State(name=name, unit=unit, scale=size, start_sd=0.0, hidden=True)
@@ -71,5 +74,6 @@ def effect_of(
         step=entry.step,
         observe=observe,
         excite=excite,
+        beyond=beyond,
         data=data,
     )

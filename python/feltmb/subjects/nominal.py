@@ -14,6 +14,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -34,6 +35,7 @@ from feltmb.fit import (
     State,
     Term,
 )
+from feltmb.subjects.aliases import Alias, alias_of
 from feltmb.subjects.effects import effect_of
 from feltmb.subjects.landmarks import first_turn, landmarks
 from feltmb.subjects.library import Entry, Library, load_library
@@ -119,6 +121,7 @@ class MechanismNominal(Nominal):
     """
 
     difference_step = 0.1
+    input_modes = MappingProxyType({"force": ("force",), "motion": ("displacement",)})
 
     def __init__(
         self,
@@ -172,6 +175,7 @@ class MechanismNominal(Nominal):
         self.workers = workers or min(8, os.cpu_count() or 1)
         self.reuse = Reuse()
         self._smoother = Smoother()
+        self._aliases: dict[str, Alias | None] = {}
         self._workshop = Workshop(action)
         base = self._base()
         condensed = {
@@ -401,6 +405,12 @@ class MechanismNominal(Nominal):
     def events(self, record: Record, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:
         """Key start, key landing and turn of the hammer, as far as channels show them."""
         return landmarks(record.time, outputs)
+
+    def alias(self, entry: Entry) -> Alias | None:
+        """The tolerance that an effect of the library is more of, if there is one."""
+        if entry.name not in self._aliases:
+            self._aliases[entry.name] = alias_of(self.action.config, entry, self.tolerances)
+        return self._aliases[entry.name]
 
     # --- what it rests on -------------------------------------------------------------------------
 
@@ -646,9 +656,19 @@ def mechanism_nominal(
         kind = StrokeNominal
     nominal = kind(action, library, library.outputs(channels), **options)
     chosen = [e for e in library.select(effects) if _can_show(nominal, e)]
-    return nominal, tuple(
-        effect_of(e, nominal.outputs, library.channels, states=not nominal.single) for e in chosen
-    )
+    ready = []
+    for e in chosen:
+        alias = nominal.alias(e)
+        ready.append(
+            effect_of(
+                e,
+                nominal.outputs,
+                library.channels,
+                states=not nominal.single,
+                beyond="" if alias is None else alias.tolerance.name,
+            )
+        )
+    return nominal, tuple(ready)
 
 
 def _can_show(nominal: MechanismNominal, entry: Entry) -> bool:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from feltmb.config import Action, load_action, packaged_actions, parse_setting
 from feltmb.errors import InvalidParameter
-from feltmb.fit import Effect, Nominal
+from feltmb.fit import Effect
 from feltmb.subjects.library import load_library
-from feltmb.subjects.nominal import mechanism_nominal
+from feltmb.subjects.nominal import MechanismNominal, mechanism_nominal
 
 __all__ = ["SETTINGS", "resolve"]
 
@@ -39,13 +39,17 @@ def _mechanism(name: str) -> Action | None:
     return load_action(name)
 
 
-def resolve(name: str, settings: Mapping[str, str]) -> tuple[Nominal, tuple[Effect, ...]] | None:
+def resolve(
+    name: str, settings: Mapping[str, str], also: Sequence[str] = ()
+) -> tuple[MechanismNominal, tuple[Effect, ...]] | None:
     """Nominal and effects of a packaged mechanism or a mechanism file; None for other names.
 
     Parameters
     ----------
     settings
         Those of :data:`SETTINGS`; a name with a dot is a path of the mechanism, ``string.modes``.
+    also
+        Channels besides those of the settings.
 
     Raises
     ------
@@ -82,9 +86,10 @@ def resolve(name: str, settings: Mapping[str, str]) -> tuple[Nominal, tuple[Effe
     library = load_library(action, settings.get("library"))
     if "tolerances" in settings:
         options["tolerances"] = library.choose_tolerances(_list(settings["tolerances"]))
+    channels = _list(settings.get("channels", "")) or list(library.default_channels)
     return mechanism_nominal(
         action,
-        channels=_list(settings.get("channels", "")),
+        channels=[*channels, *also],
         effects=_list(settings.get("effects", "")),
         library=library,
         **options,

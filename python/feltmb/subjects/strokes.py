@@ -31,7 +31,9 @@ from numpy.typing import NDArray
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError
 from feltmb.fit import Lanes, Parameter, Ready, Sensitivity, Simulated, Term
+from feltmb.subjects.aliases import Alias
 from feltmb.subjects.finer import KINDS, finer
+from feltmb.subjects.library import Entry
 from feltmb.subjects.nominal import MechanismNominal
 from feltmb.subjects.shifter import Shifter
 
@@ -379,9 +381,19 @@ class StrokeNominal(MechanismNominal):
         missing = [i for i in wanted if i not in scored.parameters]
         found = self._by_parameters(record, base, theta, terms, sizes, missing, travel)
         scored.parameters.update({i: found[..., k] for k, i in enumerate(missing)})
-        fresh = tuple(c for c in candidates if (c.name, c.shape) not in scored.candidates)
-        columns = self._effect_columns(record, base, theta, terms, sizes, fresh, 0.0)
-        scored.candidates.update({(c.name, c.shape): columns[..., k] for k, c in enumerate(fresh)})
+        fresh = [c for c in candidates if (c.name, c.shape) not in scored.candidates]
+        own = tuple(c for c in fresh if self._alias(c) is None)
+        columns = self._effect_columns(record, base, theta, terms, sizes, own, 0.0)
+        scored.candidates.update({(c.name, c.shape): columns[..., k] for k, c in enumerate(own)})
+        for c in fresh:
+            alias = self._alias(c)
+            if alias is not None and alias.index in scored.parameters:
+                column = scored.parameters[alias.index]
+                ratio = alias.ratio(float(theta[alias.index]), 0.0)
+                scored.candidates[c.name, c.shape] = ratio * column
+            elif alias is not None:
+                lone = self._effect_columns(record, base, theta, terms, sizes, (c,), 0.0)
+                scored.candidates[c.name, c.shape] = lone[..., 0]
         by = [scored.parameters[i] for i in wanted]
         at = [scored.candidates[c.name, c.shape] for c in candidates]
         empty = np.zeros((*base.shape, 0))
@@ -461,8 +473,19 @@ class StrokeNominal(MechanismNominal):
         wanted: tuple[Term, ...],
         travel: float,
     ) -> Array:
-        """Columns by sizes of effects: at the size that they have, at zero if they are new."""
+        """Columns by sizes of effects: at the size that they have, at zero if they are new.
+
+        That of an effect that is more of a tolerance is the column of the tolerance.
+        """
         out = np.zeros((*base.shape, len(wanted)))
+        aliases = [self._alias(t) for t in wanted]
+        which = sorted({a.index for a in aliases if a is not None})
+        found = self._theta_columns(record, base, theta, terms, sizes, which, travel)
+        for c, (term, alias) in enumerate(zip(wanted, aliases, strict=True)):
+            if alias is not None:
+                size = float(sizes[terms.index(term)]) if term in terms else 0.0
+                ratio = alias.ratio(float(theta[alias.index]), size)
+                out[..., c] = ratio * found[..., which.index(alias.index)]
 
         def one(c: int) -> None:
             term = wanted[c]
@@ -484,8 +507,12 @@ class StrokeNominal(MechanismNominal):
             key = (record.name, "effect", term.name, term.shape)
             out[..., c] = self._kept(key, record, base, travel, term.effect.scale, take)
 
-        self.in_parallel(one, range(len(wanted)))
+        self.in_parallel(one, [c for c, a in enumerate(aliases) if a is None])
         return out
+
+    def _alias(self, term: Term) -> Alias | None:
+        entry = term.effect.data
+        return self.alias(entry) if isinstance(entry, Entry) else None
 
     def _kept(
         self,
