@@ -3,9 +3,12 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import feltmb
 from feltmb.cli import main
+from feltmb.gap.advise import SHOWS
 
 ROOT = Path(__file__).resolve().parents[3]
 EXAMPLES = ROOT / "examples" / "gap"
@@ -45,6 +48,48 @@ def test_check_foresee_and_fit(capsys):
     assert run("fit", EXAMPLES / "emps.py", EMPS[0], "--json") == 0
     rows = json.loads(capsys.readouterr().out)["parameters"]
     assert {r["name"] for r in rows} == {"mass", "viscous"}
+
+
+FEW = [
+    *("--set", "tolerances=let_off_button,felt.03"),
+    *("--set", "effects=let_off_button,camera_skew,viscous_friction.butt"),
+]
+
+
+def test_a_mechanism_needs_no_files_to_foresee(capsys):
+    said = ("gap", "foresee", "steinway45", "--channels", "key,hammer_tip,jack", *FEW, "--json")
+    assert run(*said) == 0
+    found = json.loads(capsys.readouterr().out)
+    rows = {r["effect"]: r for r in found["effects"]}
+    # More of a tolerance: nothing but its size tells it.
+    assert rows["let_off_button"]["smallest"] == pytest.approx(SHOWS * 2e-4, rel=0.01)
+    further = {e["name"] for e in found["experiments"]}
+    assert further == {"piano", "staccato", "whippen.y", "key_balance.y", "backcheck.x"}
+    assert run("gap", "foresee", "steinway45", "--channels", "nose") == 2
+    assert "channel 'nose' is unknown; known are key" in capsys.readouterr().err
+
+
+def test_a_stroke_without_a_sheet(tmp_path, capsys):
+    """One record, columns by the names of the model, noise unknown."""
+    action = feltmb.load_action("steinway45")
+    stroke = feltmb.load_stroke("forte")
+    motion = feltmb.simulate(action, stroke, ledger=False)
+    noise = np.random.default_rng(5)
+    time = np.arange(0.0, 0.2, 1e-3)
+    columns = {"time [s]": time, "force [N]": stroke.at(time)}
+    for name in ("key_front.y", "hammer_tip.x"):
+        moved = np.interp(time, motion.time, motion[name]) - motion[name][0]
+        columns[f"{name} [mm]"] = 1e3 * moved + 0.02 * noise.standard_normal(time.size)
+    rows = np.column_stack(list(columns.values()))
+    np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header=",".join(columns), comments="")
+    assert run("gap", "diagnose", "steinway45", tmp_path / "a.csv", *FEW, "--json") == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["verdict"] == "NO GAP"
+    assert any("samples after" in w for w in report["gates"]["warnings"])
+    assert run("fit", "steinway45", tmp_path / "a.csv", *FEW, "--json") == 0
+    rows = {r["name"]: r for r in json.loads(capsys.readouterr().out)["parameters"]}
+    assert abs(rows["let_off_button"]["value"]) < 1e-4
+    assert "floor.a.1" in rows
 
 
 @pytest.mark.parametrize(

@@ -323,3 +323,27 @@ def test_two_samples_are_no_time_series():
     for work in (diagnose, lambda n, e, r: fit_nominal(n, r)):
         with pytest.raises(DataError, match="a: 2 samples; the model oscillator needs at least 8"):
             work(models.NOMINAL, models.EFFECTS, [short])
+
+
+MODES = {"force": ("force",), "motion": ("displacement",)}
+
+
+@pytest.mark.parametrize(
+    ("head", "mode", "driven"),
+    [("t,force,a,extra", "force", "force"), ("t,displacement,a,extra", "motion", "displacement"),
+     ("t,a,force,displacement", "force", "force")],
+)  # fmt: skip
+def test_without_a_sheet_the_names_of_the_model_are_read(tmp_path, head, mode, driven):
+    (tmp_path / "a.csv").write_text(head + "\n0,1,2,3\n1,2,3,4\n2,3,4,5\n")
+    record = read_record(tmp_path / "a.csv", outputs=("a", "b"), modes=MODES)
+    assert record.input_mode == mode
+    assert list(record.inputs) == [driven]
+    assert list(record.outputs) == ["a"]  # b was not measured
+
+
+def test_without_a_sheet_something_must_be_there(tmp_path):
+    (tmp_path / "a.csv").write_text("t,f\n0,1\n1,2\n2,3\n")
+    with pytest.raises(DataError) as error:
+        read_record(tmp_path / "a.csv", outputs=("a", "b"), modes=MODES)
+    for fault in ("no column 'force'", "no column 'a'", "no column 'b'"):
+        assert fault in str(error.value)
