@@ -116,6 +116,8 @@ def command(
         f"sum of squares {fit.chi2 / fit.dof:.3g} of its expectation, "
         f"{'converged' if fit.converged else 'NOT converged'}"
     )
+    for note in fit.notes:
+        click.echo(f"note: {note}")
     if fit.chi2 > 1.5 * fit.dof:
         click.echo(
             "the model does not explain the records: intervals are too narrow; try gap diagnose"

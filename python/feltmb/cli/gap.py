@@ -334,6 +334,8 @@ def _print(report: Report) -> None:
         click.echo(f"next: {advice.text}")
     if report.not_tested:
         click.echo("not tested: " + ", ".join(n.name for n in report.not_tested))
+    for warning in report.gates.warnings:
+        click.echo(f"warning: {warning}")
 
 
 def _add(name: str) -> None:

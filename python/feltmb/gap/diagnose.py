@@ -546,10 +546,12 @@ def fit_nominal(
 ) -> Fit:
     """Fit the nominal alone to all records: parameters, intervals, what the data said.
 
+    The notes of the fit hold the warnings of the gates, and what of the records is not used.
     ``resume`` is a folder for finished optimizations, from which a cut-off fit goes on.
     """
     nominal.forget()
     nominal, records, gates = _ready(nominal, records)
     shots = prepare(nominal, records, gates, window)
     cache = None if resume is None else Cache(resume)
-    return fit_problem(Problem(nominal, shots, cache=cache), settings, progress=progress)
+    fit = fit_problem(Problem(nominal, shots, cache=cache), settings, progress=progress)
+    return replace(fit, notes=(*fit.notes, *gates.warnings))
