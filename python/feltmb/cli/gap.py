@@ -130,7 +130,9 @@ def foresee_command(
     from feltmb.gap import foresee
     from feltmb.gap.files import plain
 
-    chosen = [c.strip() for c in channels.split(",") if c.strip()] if channels else []
+    chosen = [c.strip() for c in (channels or "").split(",") if c.strip()]
+    if channels is not None and not chosen:
+        raise InvalidParameter(f"--channels: got {channels!r}, expected names with commas")
     subject = load_subject(model, settings, chosen)
     planned = subject.planned
     records = subject.read(data) if data else planned

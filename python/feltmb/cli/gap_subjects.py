@@ -32,6 +32,7 @@ class Subject:
             inputs=tuple(getattr(self.nominal, "inputs", ())),
             outputs=self.nominal.outputs,
             modes=self.nominal.input_modes,
+            units=self.nominal.units if self.nominal.input_modes else None,
         )
 
     def including(self, names: Sequence[str]) -> Subject:

@@ -89,12 +89,15 @@ def read_records(
     inputs: Sequence[str] = (),
     outputs: Sequence[str] = (),
     modes: Mapping[InputMode, Sequence[str]] | None = None,
+    units: Mapping[str, str] | None = None,
 ) -> tuple[Record, ...]:
     """Read several files; all faults in one message. See :func:`read_record`."""
     found, faults = [], []
     for path in paths:
         try:
-            found.append(read_record(path, inputs=inputs, outputs=outputs, modes=modes))
+            found.append(
+                read_record(path, inputs=inputs, outputs=outputs, modes=modes, units=units)
+            )
         except DataError as error:
             faults.append(str(error))
     if faults:
@@ -110,6 +113,7 @@ def read_record(
     inputs: Sequence[str] = (),
     outputs: Sequence[str] = (),
     modes: Mapping[InputMode, Sequence[str]] | None = None,
+    units: Mapping[str, str] | None = None,
 ) -> Record:
     """Read one measured file.
 
@@ -123,6 +127,8 @@ def read_record(
         inputs must be there, and one of the outputs: the others were not measured.
     modes
         Further inputs by input mode; the first mode whose inputs the file has counts.
+    units
+        Units of the model by signal: without TOML their columns must say theirs in the header.
 
     Raises
     ------
@@ -148,21 +154,36 @@ def read_record(
                 "and outputs; write one, or name them"
             )
         columns = read_columns(path)
-        return _build(path, _plain_sheet(columns, inputs, outputs, modes or {}), columns)
+        sheet = _plain_sheet(path, columns, inputs, outputs, modes or {}, units or {})
+        return _build(path, sheet, columns)
     return _build(path, sheet, read_columns(path))
 
 
 def _plain_sheet(
+    path: Path,
     columns: Columns,
     inputs: Sequence[str],
     outputs: Sequence[str],
     modes: Mapping[InputMode, Sequence[str]],
+    units: Mapping[str, str],
 ) -> _Sheet:
     """What a file without a sheet says by the names of its columns."""
     there = columns.values
     fitting = [m for m, names in modes.items() if all(n in there for n in names)]
+    faults = []
+    if modes and not fitting:
+        wanted = " or ".join(" and ".join(names) for names in modes.values())
+        faults.append(f"no column {wanted} for the input; there are {columns}")
+    if not any(n in there for n in outputs):
+        faults.append(f"none of the outputs {', '.join(outputs)}; there are {columns}")
+    for name in there:
+        unit = units.get(name, "1")
+        if unit != "1" and not columns.units.get(name):
+            faults.append(f"column {name} has no unit in the header, expected such as [{unit}]")
+    if faults:
+        raise DataError(fault_text(str(path), faults))
     mode: InputMode = next(iter([*fitting, *modes]), "force")
-    seen = [n for n in outputs if n in there] or outputs
+    seen = [n for n in outputs if n in there]
     return _Sheet(
         input_mode=mode,
         inputs={n: _Input() for n in (*inputs, *modes.get(mode, tuple[str, ...]()))},

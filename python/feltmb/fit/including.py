@@ -90,6 +90,7 @@ class Including(Nominal):
         self.difference_step = nominal.difference_step
         self.chaotic = nominal.chaotic
         self.from_rest = nominal.from_rest
+        self.input_modes = nominal.input_modes
         self.inputs = tuple(getattr(nominal, "inputs", ()))
 
     def states(self, terms: Sequence[Term] = ()) -> tuple[State, ...]:

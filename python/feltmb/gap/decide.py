@@ -11,7 +11,7 @@ from feltmb.gap.report import HowFar, Verdict, Where
 from feltmb.gap.search import Search
 from feltmb.gap.settle import Accepted, Posterior
 from feltmb.gap.smooth import smooth_rest
-from feltmb.gap.tolerance import strained
+from feltmb.gap.tolerance import strain_told
 
 __all__ = ["Decision", "Facts", "decide", "misfit"]
 
@@ -137,7 +137,8 @@ def decide(facts: Facts) -> Decision:
             Verdict.NO_GAP,
             "The nominal explains the records: what is left is noise "
             f"(sum of squares {search.nominal.chi2 / search.nominal.dof:.2f} of its expectation, "
-            f"largest score family-wise p = {p:.2g}).{_far_off(search.nominal)}",
+            f"largest score family-wise p = {p:.2g})."
+            + (f" But {told}." if (told := strain_told(search.nominal)) else ""),
         )
     if best is None and not facts.first.nominal.converged and not hint:
         return _silent(
@@ -152,15 +153,6 @@ def decide(facts: Facts) -> Decision:
         text += f"; held-out records refused {refused}." if refused else "."
         return _silent(facts, Verdict.UNKNOWN, text + _place(facts))
     return _name(facts)
-
-
-def _far_off(fit: Fit) -> str:
-    """Parameters of the nominal that are not what they were said to be, in words."""
-    far = strained(fit)
-    if not far:
-        return ""
-    told = ", ".join(f"{name} by {abs(z):.2g}" for name, z in far.items())
-    return f" But parameters lie beyond their priors, in their standard deviations: {told}."
 
 
 def _refuted(facts: Facts) -> bool:

@@ -30,7 +30,7 @@ from feltmb.gap.rest import color_of_rest, rest_of, settled, with_color, with_no
 from feltmb.gap.score import all_terms, family_threshold, score_fit
 from feltmb.gap.search import Search, search
 from feltmb.gap.settle import WIDE, Accepted, accept, posterior, shapley
-from feltmb.gap.tolerance import within_tolerance
+from feltmb.gap.tolerance import strain_told, within_tolerance
 from feltmb.gap.trial import try_effects
 from feltmb.gap.where import event_ledger, first_act, ledger, split_gap
 
@@ -394,6 +394,9 @@ def diagnose(
         beyond=beyond,
     )
     decision = decide(facts)
+    told = strain_told(found.nominal)
+    if told:
+        gates = replace(gates, warnings=(*gates.warnings, f"fit of the nominal: {told}"))
     which = ranked(found, accepted, decision.belief, null, decision.named, decision.one_of)
     lap("verdict")
     advice: tuple[Advice, ...] = ()

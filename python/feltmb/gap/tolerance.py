@@ -13,22 +13,40 @@ from feltmb.fit.nominal import Nominal, Parameter
 from feltmb.fit.solve import Fit, FitSettings, polish
 from feltmb.gap.search import Search
 
-__all__ = ["TOLERATED", "strained", "within_tolerance"]
+__all__ = ["TOLERATED", "strain_told", "strained", "within_tolerance"]
 
 #: Standard deviations from its prior that a parameter may take up: of fifty parameters one goes
 #: beyond in one machine of 300.
 TOLERATED = 4.0
+#: Component of parameters that stand for what differs from record to record.
+FLOOR = "floor"
 #: Note of a nominal whose parameters were held within their tolerance.
 HELD = "parameters held within their tolerance"
 
 
 def strained(fit: Fit) -> dict[str, float]:
-    """Parameters that had to go beyond their tolerance, and by how many standard deviations."""
-    return {
-        i.name: (i.value - i.prior) / i.prior_sd
-        for i in fit.intervals()[: len(fit.problem.free)]
-        if 0.0 < i.prior_sd < math.inf and abs(i.value - i.prior) > TOLERATED * i.prior_sd
-    }
+    """Parameters that had to go beyond their tolerance, and by how many standard deviations.
+
+    Those of a floor are no numbers of the machine and are left out.
+    """
+    out = {}
+    for i in fit.problem.free:
+        p = fit.problem.nominal.parameters[i]
+        if not 0.0 < p.sd < math.inf or p.component == FLOOR:
+            continue
+        far = (float(fit.point.theta[i]) - p.value) / p.sd
+        if abs(far) > TOLERATED:
+            out[p.name] = far
+    return out
+
+
+def strain_told(fit: Fit) -> str:
+    """Parameters that are not what they were said to be, in words; empty: there are none."""
+    far = strained(fit)
+    if not far:
+        return ""
+    told = ", ".join(f"{name} by {z:.2g}" for name, z in far.items())
+    return f"parameters lie beyond their priors, in their standard deviations: {told}"
 
 
 def within_tolerance(found: Search, settings: FitSettings) -> Search:

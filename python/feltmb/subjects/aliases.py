@@ -12,15 +12,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from feltmb.config import MechanismFile
 from feltmb.subjects.changes import read_entry
 from feltmb.subjects.library import Entry
 
 __all__ = ["Alias", "alias_of"]
 
-#: Sine of the angle between two directions that are one.
+#: Relative difference of the ratios of two directions that are one.
 SAME = 1e-9
 
 
@@ -62,9 +60,11 @@ def alias_of(config: MechanismFile, effect: Entry, tolerances: Sequence[Entry]) 
             continue
         ours = _slopes(config, effect, 0.0, tolerance, 0.0)
         theirs = _slopes(config, tolerance, 0.0, effect, 0.0)
-        a, b = np.array(list(ours.values())), np.array([theirs[p] for p in ours])
-        norm = float(np.linalg.norm(a) * np.linalg.norm(b))
-        if norm > 0.0 and 1.0 - abs(float(a @ b)) / norm < SAME:
+        moved = [p for p in ours if ours[p] != 0.0 or theirs[p] != 0.0]
+        if not moved or any(theirs[p] == 0.0 for p in moved):
+            continue
+        ratios = [ours[p] / theirs[p] for p in moved]
+        if max(ratios) - min(ratios) <= SAME * max(abs(r) for r in ratios) and ratios[0] != 0.0:
             return Alias(i, tolerance, effect, config)
     return None
 
@@ -74,6 +74,8 @@ def _plain(entry: Entry) -> bool:
     return (
         bool(entry.changes)
         and entry.insertion is None
+        and entry.sensor is None
+        and entry.input is None
         and entry.condition is None
         and not entry.shape_path
     )

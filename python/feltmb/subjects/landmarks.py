@@ -14,6 +14,8 @@ __all__ = ["first_turn", "landmarks"]
 START = 1e-4
 #: Share of its largest travel that a part has to reach, and to give back, before its turn counts.
 REACHED, RETURNED = 0.5, 0.1
+#: Width of the median that takes bad samples away.
+BAD = 5
 
 
 def first_turn(time: Array, values: Array) -> float | None:
@@ -22,10 +24,13 @@ def first_turn(time: Array, values: Array) -> float | None:
     Parameters
     ----------
     time, values
-        (n,) [s] and displacement from rest [m]; NaN is missing.
+        (n,) [s] and displacement from rest [m]; NaN is missing. One or two bad samples in a row
+        are passed over.
     """
+    from scipy.ndimage import median_filter
+
     seen = np.isfinite(values)
-    clock, travel = time[seen], np.abs(values[seen])
+    clock, travel = time[seen], median_filter(np.abs(values[seen]), BAD)
     if travel.size == 0 or np.max(travel) < 10 * START:
         return None
     far = float(np.max(travel))

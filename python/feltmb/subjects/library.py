@@ -327,8 +327,18 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> LibraryFile:
             "channels": base.channels | own.channels,
             "tolerances": base.tolerances | own.tolerances,
             "effects": base.effects | own.effects,
+            "defaults": own.defaults.model_copy(
+                update={"until": own.defaults.until or base.defaults.until}
+            ),
         }
     )
+
+
+def _library_of(name: str) -> str:
+    """The packaged library of a mechanism, or of that which it is a variant of."""
+    packaged = params.names("subjects")
+    fitting = [n for n in packaged if name == n or name.startswith(f"{n}_")]
+    return max(fitting, key=len, default="mechanism")
 
 
 def load_library(action: Action, name_or_path: str | Path | None = None) -> Library:
@@ -337,8 +347,8 @@ def load_library(action: Action, name_or_path: str | Path | None = None) -> Libr
     Parameters
     ----------
     name_or_path
-        Packaged library or TOML file; default: the packaged one of the mechanism's name, else
-        ``mechanism``, which fits any.
+        Packaged library or TOML file; default: the packaged one of the mechanism's name or of the
+        one that it is a variant of (``steinway45_felt``), else ``mechanism``, which fits any.
 
     Raises
     ------
@@ -346,7 +356,7 @@ def load_library(action: Action, name_or_path: str | Path | None = None) -> Libr
         Faults of the file, all at once; a path that the mechanism does not have.
     """
     if name_or_path is None:
-        name_or_path = action.name if action.name in params.names("subjects") else "mechanism"
+        name_or_path = _library_of(action.name)
     path = _resolve(name_or_path)
     file = _read(path)
     config = action.config
@@ -358,12 +368,19 @@ def load_library(action: Action, name_or_path: str | Path | None = None) -> Libr
         if e.name not in file.defaults.without_tolerances
     ]
     effects = list(_entries(config, file.effects, outputs, faults, tolerance=False))
+    until = file.defaults.until
+    if until is not None:
+        point, _, axis = until.output.rpartition(".")
+        if axis not in ("x", "y") or (point not in config.points and file.name == action.name):
+            faults.append(
+                f"defaults.until.output: got {until.output!r}, expected POINT.x or POINT.y of "
+                f"{', '.join(config.points) or 'a mechanism with tracking points'}"
+            )
+        if point not in config.points:
+            until = None  # another mechanism has another stroke
     if faults:
         raise InvalidParameter(fault_text(path.name, list(dict.fromkeys(faults))))
     known = {e.name for e in effects}
-    until = file.defaults.until
-    if until is not None and until.output.rpartition(".")[0] not in config.points:
-        until = None  # a mechanism without that point has another stroke
     library = Library(
         name=file.name,
         tolerances=tuple(tolerances),

@@ -35,6 +35,7 @@ from feltmb.fit import (
     State,
     Term,
 )
+from feltmb.smoothing import noise_of_record
 from feltmb.subjects.aliases import Alias, alias_of
 from feltmb.subjects.effects import effect_of
 from feltmb.subjects.landmarks import first_turn, landmarks
@@ -50,6 +51,8 @@ __all__ = ["MechanismNominal", "mechanism_nominal"]
 DEPARTURE = 0.05
 #: The same of the rate: departures last for some milliseconds [1/s].
 DEPARTURE_RATE = 50.0
+#: Estimated noise of a motion from which it is told [m].
+AUDIBLE = 2e-7
 
 
 @dataclass(frozen=True)
@@ -139,6 +142,8 @@ class MechanismNominal(Nominal):
     ):
         if shooting not in ("multiple", "single"):
             raise InvalidParameter(f"shooting = {shooting!r}, expected single or multiple")
+        if rtol is not None and not 0.0 < rtol < 1.0:
+            raise InvalidParameter(f"rtol = {rtol!r}, expected in (0, 1)")
         if until is not None and not until >= 0.0:
             raise InvalidParameter(f"until = {until!r} s, expected >= 0")
         if derivatives not in ("differences", "forward"):
@@ -165,9 +170,14 @@ class MechanismNominal(Nominal):
             for e in self.tolerances
         )
         self.window = library.window if window is None else window
-        self.rtol = rtol or (1e-6 if shooting == "single" else 1e-7)
+        self.rtol = (1e-6 if shooting == "single" else 1e-7) if rtol is None else rtol
         self.single = self.from_rest = shooting == "single"
         self.until = library.until
+        if until is not None and math.isfinite(until) and library.until is None:
+            raise InvalidParameter(
+                f"until: the library {library.name} does not say where a stroke turns "
+                "(defaults.until); all of a record counts"
+            )
         if until is not None and library.until is not None:
             self.until = None if math.isinf(until) else replace(library.until, after_turn=until)
         self.chaotic = not self.single
@@ -242,15 +252,22 @@ class MechanismNominal(Nominal):
         self.reuse.clear()
 
     def ready(self, records: Sequence[Record]) -> Ready:
-        """With single shooting the records up to shortly after the blow."""
-        if not self.single or self.until is None:
-            return Ready(self, tuple(records))
-        cut, notes = [], []
+        """With single shooting the records up to shortly after the blow.
+
+        The noise of a measured motion is estimated where nothing is said of it.
+        """
+        cut: list[Record] = []
+        notes: list[str] = []
         for record in records:
+            if record.input_mode == "motion" and "displacement" in record.inputs:
+                record = _with_noise(record, notes)
+            if not self.single or self.until is None:
+                cut.append(record)
+                continue
             turn = self._turn(record)
             last = record.time[-1] if turn is None else turn + self.until.after_turn
             kept = int(np.searchsorted(record.time, last + 1e-9, side="right"))
-            if kept < record.samples:
+            if self.least_samples <= kept < record.samples:
                 notes.append(
                     f"{record.name}: samples after {record.time[kept - 1]:.4g} s are not used, "
                     f"{self.until.after_turn:g} s after {self.until.output} turned: what follows "
@@ -610,6 +627,21 @@ class MechanismNominal(Nominal):
             column = data[:, where[name]] if name in where else np.full(data.shape[0], np.nan)
             out[:, o] = column - self.at_rest(v, name)
         return out
+
+
+def _with_noise(record: Record, notes: list[str]) -> Record:
+    """A motion whose noise is told; estimated, and noted, where it was not."""
+    if "displacement" in record.input_sigma:
+        return record
+    sigma = noise_of_record(record.inputs["displacement"])
+    if not sigma > 0.0:
+        return record
+    if sigma > AUDIBLE:
+        notes.append(
+            f"{record.name}: nothing is said of the noise of displacement; {sigma:.2g} m are "
+            "estimated and taken out (sigma in the TOML tells better)"
+        )
+    return replace(record, input_sigma={**record.input_sigma, "displacement": sigma})
 
 
 def _resample(old: Array, values: Array, new: Array) -> Array:

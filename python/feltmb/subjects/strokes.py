@@ -64,8 +64,17 @@ VARYING = ("felt.*", "joint_friction.*", "contact_friction.*")
 class Floor:
     """Directions in which a record may depart without a cause: (n, ny, k), each N(0, 1)."""
 
-    record: str
+    record: Record
     columns: Array
+
+    def covers(self, record: Record) -> bool:
+        """Whether it is that of a record, or of a part of it from its beginning."""
+        n = min(record.samples, self.record.samples)
+        known = [self.record.time, *self.record.inputs.values()]
+        given = [record.time, *record.inputs.values()]
+        return self.record.inputs.keys() == record.inputs.keys() and all(
+            np.array_equal(a[:n], b[:n]) for a, b in zip(known, given, strict=True)
+        )
 
 
 @dataclass(frozen=True)
@@ -161,7 +170,7 @@ class StrokeNominal(MechanismNominal):
         if variation is None:
             return self
         out = copy.copy(self)
-        out.floors = {r.name: Floor(r.name, self._floor(r, variation)) for r in records}
+        out.floors = {r.name: Floor(r, self._floor(r, variation)) for r in records}
         out.parameters = self.parameters[: self.mechanical] + tuple(
             Parameter(name=f"floor.{r.name}.{k + 1}", value=0.0, sd=1.0, component="floor")
             for r in records
@@ -172,7 +181,7 @@ class StrokeNominal(MechanismNominal):
     def ready(self, records: Sequence[Record]) -> Ready:
         """Records up to shortly after the blow, with their floor where they have none."""
         base = super().ready(records)
-        if all(r.name in self.floors for r in base.records):
+        if all(r.name in self.floors and self.floors[r.name].covers(r) for r in base.records):
             return base
         return replace(base, nominal=self.with_floor(base.records))
 
@@ -205,14 +214,15 @@ class StrokeNominal(MechanismNominal):
         if not columns:
             return empty
         stacked = np.nan_to_num(np.stack(columns, axis=-1))
-        sigma_out = np.array(
-            [record.sensors[o].sigma if o in record.sensors else np.nan for o in self.outputs]
-        )
-        sigma_out = np.where(np.isfinite(sigma_out), sigma_out, np.inf)
-        flat = (stacked / sigma_out[None, :, None]).reshape(-1, stacked.shape[2])
+        flat = (stacked / self._noise_of(record)[None, :, None]).reshape(-1, stacked.shape[2])
         values, vectors = np.linalg.eigh(flat.T @ flat)
         keep = np.flatnonzero(values > LEAST_FLOOR**2)[::-1]
         return np.asarray(stacked @ vectors[:, keep])
+
+    def _noise_of(self, record: Record) -> Array:
+        """Noise of the outputs; infinite where there is no sensor, or nothing is known of it."""
+        sigma = [record.sensors[o].sigma if o in record.sensors else None for o in self.outputs]
+        return np.array([math.inf if s is None or not s < math.inf else s for s in sigma])
 
     def _input_columns(self, record: Record, base: Array, name: str, sigma: float) -> list[Array]:
         """Motion by the noise of an input: hats whose integral varies as that of the noise."""
@@ -531,9 +541,7 @@ class StrokeNominal(MechanismNominal):
         self.computed += 1
         if not np.all(np.isfinite(value)):
             return value  # a run that failed is not remembered
-        sigma = np.array([record.sensors[o].sigma if o in record.sensors else np.inf
-                          for o in self.outputs])  # fmt: skip
-        seen = float(np.linalg.norm(np.nan_to_num(value / np.nan_to_num(sigma, nan=np.inf))))
+        seen = float(np.linalg.norm(value / self._noise_of(record)))
         patience = min(max(LEAST, CLEAR / max(size * seen, 1e-3)), MOST)
         known.append(_Column(base, value, patience))
         return value

@@ -65,6 +65,8 @@ def test_a_mechanism_needs_no_files_to_foresee(capsys):
     assert rows["let_off_button"]["smallest"] == pytest.approx(SHOWS * 2e-4, rel=0.01)
     further = {e["name"] for e in found["experiments"]}
     assert further == {"piano", "staccato", "whippen.y", "key_balance.y", "backcheck.x"}
+    assert run("gap", "foresee", "steinway45", "--channels", ",") == 2
+    assert "expected names with commas" in capsys.readouterr().err
     assert run("gap", "foresee", "steinway45", "--channels", "nose") == 2
     assert "channel 'nose' is unknown; known are key" in capsys.readouterr().err
 
@@ -90,6 +92,8 @@ def test_a_stroke_without_a_sheet(tmp_path, capsys):
     rows = {r["name"]: r for r in json.loads(capsys.readouterr().out)["parameters"]}
     assert abs(rows["let_off_button"]["value"]) < 1e-4
     assert "floor.a.1" in rows
+    assert run("gap", "foresee", "steinway45", tmp_path / "a.csv", *FEW, "--json") == 0
+    assert json.loads(capsys.readouterr().out)["effects"]
 
 
 @pytest.mark.parametrize(

@@ -345,5 +345,11 @@ def test_without_a_sheet_something_must_be_there(tmp_path):
     (tmp_path / "a.csv").write_text("t,f\n0,1\n1,2\n2,3\n")
     with pytest.raises(DataError) as error:
         read_record(tmp_path / "a.csv", outputs=("a", "b"), modes=MODES)
-    for fault in ("no column 'force'", "no column 'a'", "no column 'b'"):
+    for fault in ("no column force or displacement for the input", "none of the outputs a, b"):
         assert fault in str(error.value)
+
+
+def test_without_a_sheet_the_header_says_the_units(tmp_path):
+    (tmp_path / "a.csv").write_text("t,force [N],a\n0,1,2\n1,2,3\n2,3,4\n")
+    with pytest.raises(DataError, match=r"column a has no unit in the header, .* \[m\]"):
+        read_record(tmp_path / "a.csv", outputs=("a",), modes=MODES, units={"a": "m", "force": "N"})

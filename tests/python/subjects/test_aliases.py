@@ -18,7 +18,7 @@ from feltmb.gap.score import all_terms, score_fit
 from feltmb.gap.tolerance import TOLERATED, strained
 from feltmb.subjects import load_library, mechanism_nominal, planned_strokes
 from feltmb.subjects.aliases import alias_of
-from feltmb.subjects.changes import read_entry
+from feltmb.subjects.changes import Change, read_entry
 from feltmb.subjects.variants import changed_config
 
 ACTION = feltmb.load_action("steinway45")
@@ -44,6 +44,19 @@ LIBRARY = load_library(ACTION)
 def test_who_is_more_of_what(effect, tolerance):
     found = alias_of(ACTION.config, LIBRARY.effect(effect), LIBRARY.tolerances)
     assert (None if found is None else found.tolerance.name) == tolerance
+
+
+def test_numbers_of_other_units_count_as_well():
+    """Two entries that both move a stiffness, but only one its exponent, are two."""
+    stiffness, exponent = "contacts.03.loading.a", "contacts.03.loading.b"
+    tolerance = replace(
+        LIBRARY.tolerances[0],
+        changes=(Change(path=stiffness, scale=1.0), Change(path=exponent, scale=1e-3)),
+    )
+    effect = replace(LIBRARY.effect("felt_stiffness.03"), changes=tolerance.changes)
+    assert alias_of(ACTION.config, effect, [tolerance]).index == 0
+    other = (Change(path=stiffness, scale=1.0), Change(path=exponent, scale=2e-3))
+    assert alias_of(ACTION.config, replace(effect, changes=other), [tolerance]) is None
 
 
 @pytest.mark.parametrize("name", ["let_off_button", "coulomb_friction.key", "felt_stiffness.03",

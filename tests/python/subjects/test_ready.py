@@ -1,6 +1,7 @@
 """What a mechanism makes of records before a fit: their useful part, their floor, smooth motion."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -41,9 +42,13 @@ def forte():
 def test_the_first_turn_is_that_of_the_first_blow():
     time = np.linspace(0.0, 0.4, 401)
     there = np.interp(time, [0.0, 0.1, 0.2, 0.3, 0.4], [0.0, 0.04, 0.01, 0.05, 0.0])
-    assert first_turn(time, -there) == pytest.approx(0.1)
+    assert first_turn(time, -there) == pytest.approx(0.1, abs=0.0015)
     there[95:106] = np.nan  # the camera missed it
     assert first_turn(time, there) == pytest.approx(0.1, abs=0.01)
+    bad = np.interp(time, [0.0, 0.1, 0.2, 0.3, 0.4], [0.0, 0.04, 0.01, 0.05, 0.0])
+    bad[70] = 0.0  # a lost marker
+    bad[5:7] = 1.0  # a glitch
+    assert first_turn(time, bad) == pytest.approx(0.1, abs=0.002)
     assert first_turn(time, np.minimum(there, 5e-4)) is None  # hardly moves
     assert first_turn(time[:90], there[:90]) is None  # on its way
     assert first_turn(time, np.full(401, np.nan)) is None
@@ -53,7 +58,7 @@ def test_records_end_shortly_after_the_blow(forte):
     nominal, _ = resolve("steinway45", FEW)
     ready = nominal.ready([forte])
     turn = forte.time[np.argmax(np.abs(forte.outputs["hammer_tip.x"]))]
-    assert ready.records[0].time[-1] == pytest.approx(turn + 0.01)
+    assert ready.records[0].time[-1] == pytest.approx(turn + 0.01, abs=2e-3)
     assert "samples after" in ready.notes[0]
     # Without a camera on the hammer the nominal says when.
     blind = Record(
@@ -66,7 +71,7 @@ def test_records_end_shortly_after_the_blow(forte):
     assert nominal.ready([blind]).records[0].time[-1] == pytest.approx(turn + 0.01, abs=1.5e-3)
     for until, last in (("0.02", turn + 0.02), ("end", forte.time[-1])):
         other, _ = resolve("steinway45", {**FEW, "until": until})
-        assert other.ready([forte]).records[0].time[-1] == pytest.approx(last)
+        assert other.ready([forte]).records[0].time[-1] == pytest.approx(last, abs=2e-3)
     windows, _ = resolve("steinway45", {**FEW, "shooting": "multiple"})
     assert windows.ready([forte]).records[0] is forte
 
@@ -132,7 +137,13 @@ def test_smoothing_takes_noise_and_leaves_the_stroke(rate):
     noisy = down + noise * np.random.default_rng(2).standard_normal(time.size)
     smooth = smooth_record(time, noisy, noise)
     assert np.std(smooth - noisy) == pytest.approx(noise, rel=0.05)
-    assert np.sqrt(np.mean((smooth - down) ** 2)) < 1.5 * noise
+    wrong = [np.sqrt(np.mean((x - down) ** 2)) for x in (smooth, noisy)]
+    bend = [np.sqrt(np.mean(np.diff(x - down, 2) ** 2)) for x in (smooth, noisy)]
+    if rate > 2000.0:
+        assert wrong[0] < 0.5 * wrong[1]
+        assert bend[0] < 0.05 * bend[1]  # it is the second derivative that drives
+    else:  # few samples a rise: what noise leaves of it is kept
+        assert wrong[0] < 1.5 * wrong[1]
     # It follows the record: a small change of it is a small change of what is left.
     moved = smooth_record(time, noisy + 0.1 * noise * np.cos(300.0 * time), noise)
     assert np.max(np.abs(moved - smooth)) < 0.3 * noise
@@ -162,9 +173,44 @@ def test_a_noisy_motion_drives_the_mechanism_as_the_clean_one():
     assert np.sqrt(np.mean((seen[1] - seen[0]) ** 2, axis=0)) == pytest.approx(0.0, abs=2e-5)
 
 
+def test_the_noise_of_a_motion_is_estimated_where_it_is_not_told():
+    nominal, _ = resolve("steinway45", FEW)
+    time = np.arange(0.0, 0.1, 5e-4)
+    down = 9e-3 * np.sin(0.5 * np.pi * np.clip((time - 0.01) / 0.06, 0.0, 1.0)) ** 2
+    noisy = down + 1e-5 * np.random.default_rng(1).standard_normal(time.size)
+    record = Record(
+        name="m",
+        time=time,
+        input_mode="motion",
+        inputs={"displacement": noisy},
+        outputs={"key_front.y": -down},
+        sensors={"key_front.y": Sensor(name="key_front.y", unit="m", sigma=2e-5)},
+    )
+    ready = nominal.ready([record])
+    assert ready.records[0].input_sigma["displacement"] == pytest.approx(1e-5, rel=0.2)
+    assert "nothing is said of the noise of displacement" in ready.notes[0]
+    told = replace(record, input_sigma={"displacement": 3e-6})
+    assert nominal.ready([told]).records[0].input_sigma["displacement"] == 3e-6
+
+
+def test_a_floor_is_that_of_its_record(forte):
+    nominal, _ = resolve("steinway45", FEW)
+    once = nominal.ready([forte])
+    other = forte.with_inputs({"force": 0.8 * forte.inputs["force"]})
+    assert once.nominal.ready([other]).nominal is not once.nominal
+
+
+def test_a_variant_of_a_mechanism_takes_its_library():
+    nominal, _ = resolve("steinway45_printed", {"until": "0.02"})
+    assert nominal.until.after_turn == 0.02
+    assert nominal.library.name == "steinway45"
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
+        ({"rtol": "0"}, "rtol = 0.0"),
+        ({"library": "mechanism", "until": "0.01"}, "does not say where a stroke turns"),
         ({"until": "soon"}, "got 'soon', expected seconds >= 0, or end"),
         ({"until": "-1"}, "got '-1'"),
         ({"until": "nan"}, "got 'nan'"),
