@@ -394,9 +394,9 @@ def diagnose(
         beyond=beyond,
     )
     decision = decide(facts)
-    told = strain_told(found.nominal)
+    told = strain_told(fit if accepted.candidate is None else accepted.candidate.fit)
     if told:
-        gates = replace(gates, warnings=(*gates.warnings, f"fit of the nominal: {told}"))
+        gates = replace(gates, warnings=(*gates.warnings, told))
     which = ranked(found, accepted, decision.belief, null, decision.named, decision.one_of)
     lap("verdict")
     advice: tuple[Advice, ...] = ()

@@ -173,6 +173,7 @@ def test_within_its_tolerance_it_is_none(slope, verdict):
         assert size.low < 1.0 < size.high
         assert size.high - size.low > 0.3  # the tolerance is part of it
         assert report.how_far.closed > 0.9
+        assert not report.gates.warnings  # with the effect it is where it should be
 
 
 def test_without_such_an_effect_the_strain_is_told():
@@ -180,6 +181,7 @@ def test_without_such_an_effect_the_strain_is_told():
     report = diagnose(nominal, [], records, hold_out=["r2"])
     assert report.verdict is Verdict.NO_GAP
     assert "slope by 9.9" in report.statement
+    assert any("slope by 9.9" in w for w in report.gates.warnings)
     nominal, records = line(1.0 + 0.9 * TOLERATED * 0.1, 0.1)
     assert diagnose(nominal, [], records, hold_out=["r2"]).statement.endswith(").")
 
