@@ -222,26 +222,24 @@ NOT_NEGATIVE = Number(0)
 FRACTION = Number(0, 1, min_open=True, max_open=True)
 
 
+def _settings(metavar: str, text: str) -> Callable[[F], F]:
+    return click.option("--set", "settings", multiple=True, metavar=metavar, help=text)
+
+
 def set_option(function: F) -> F:
     """Option ``--set PATH=VALUE``, any number of times."""
-    return click.option(
-        "--set",
-        "settings",
-        multiple=True,
-        metavar="PATH=VALUE",
-        help="Change a value of the mechanism by its dotted path, such as string.modes=80 or "
+    return _settings(
+        "PATH=VALUE",
+        "Change a value of the mechanism by its dotted path, such as string.modes=80 or "
         "contacts.*.law=printed. Repeatable.",
     )(function)
 
 
 def subject_set_option(function: F) -> F:
     """Option ``--set NAME=VALUE`` of what is fitted or diagnosed, any number of times."""
-    return click.option(
-        "--set",
-        "settings",
-        multiple=True,
-        metavar="NAME=VALUE",
-        help="Setting of a packaged mechanism or mechanism file: channels=key,hammer, effects=all, "
+    return _settings(
+        "NAME=VALUE",
+        "Setting of a packaged mechanism or mechanism file: channels=key,hammer, effects=all, "
         "tolerances=felt.*, library, shooting, until, floor, rtol, window, derivatives; or a value "
         "of the mechanism by its dotted path, such as string.modes=80. Repeatable.",
     )(function)

@@ -3,6 +3,7 @@
 from feltmb.fit.including import Including, including
 from feltmb.fit.linear import FunctionNominal, LinearNominal
 from feltmb.fit.nominal import (
+    FLOOR,
     Effect,
     EffectKind,
     Lanes,
@@ -18,6 +19,7 @@ from feltmb.fit.nominal import (
 from feltmb.fit.ode import Coordinate, Named, OdeNominal
 
 __all__ = [
+    "FLOOR",
     "Coordinate",
     "Effect",
     "EffectKind",

@@ -21,6 +21,7 @@ from feltmb.data import Array, InputMode, Record
 from feltmb.errors import InvalidParameter
 
 __all__ = [
+    "FLOOR",
     "Effect",
     "EffectKind",
     "Lanes",
@@ -33,6 +34,9 @@ __all__ = [
     "State",
     "Term",
 ]
+
+#: Component of parameters that stand for what differs from record to record without a cause.
+FLOOR = "floor"
 
 EffectKind = Literal["force", "kinematic", "state", "parameter", "sensor", "input", "drift"]
 Integers = NDArray[np.intp]

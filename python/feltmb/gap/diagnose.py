@@ -22,7 +22,7 @@ from feltmb.gap.color import SURE
 from feltmb.gap.components import component_table
 from feltmb.gap.decide import EXCESS, Facts, decide, misfit
 from feltmb.gap.experiments import advise
-from feltmb.gap.gates import Gates, check_against, check_records
+from feltmb.gap.gates import Gates, check_against, check_records, with_sigma
 from feltmb.gap.proof import HeldOut
 from feltmb.gap.refine import tighten
 from feltmb.gap.report import Advice, NotTested, Report, Verdict, Where
@@ -155,15 +155,7 @@ def _ready(
         All that makes the records unusable, in one message.
     """
     gates = check_against(nominal, records)
-    told = []
-    for record in records:
-        noise = gates.noise(record.name)
-        sensors = {
-            name: replace(s, sigma=noise[name].sigma) if s.sigma is None and name in noise else s
-            for name, s in record.sensors.items()
-        }
-        told.append(replace(record, sensors=sensors))
-    ready = nominal.ready(told)
+    ready = nominal.ready([with_sigma(r, gates.noise(r.name)) for r in records])
     return ready.nominal, ready.records, replace(gates, warnings=(*gates.warnings, *ready.notes))
 
 

@@ -15,7 +15,7 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Noise, make_shot
 from feltmb.fit.solve import FitSettings, finish
 from feltmb.gap.advise import SHOWS, confusion_at
-from feltmb.gap.gates import faults_against
+from feltmb.gap.gates import faults_against, with_sigma
 from feltmb.gap.score import Scores, all_terms, score_fit
 
 __all__ = [
@@ -268,12 +268,7 @@ def _ready(
     shown = []
     for r in (*records, *candidates):
         full = planned(nominal, r, sensors)
-        noise = _noise(full)
-        told = {
-            n: replace(s, sigma=noise[n].sigma) if s.sigma is None else s
-            for n, s in full.sensors.items()
-        }
-        shown.append(replace(full, sensors=told))
+        shown.append(with_sigma(full, _noise(full)))
     ready = nominal.ready(shown)
     count = len(records)
     return ready.nominal, ready.records[:count], ready.records[count:]

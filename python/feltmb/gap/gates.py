@@ -148,6 +148,15 @@ def check_against(nominal: Nominal, records: Sequence[Record]) -> Gates:
     return gates
 
 
+def with_sigma(record: Record, noise: Mapping[str, Noise]) -> Record:
+    """A record whose sensors say the noise that was found where they say none."""
+    sensors = {
+        name: replace(s, sigma=noise[name].sigma) if s.sigma is None and name in noise else s
+        for name, s in record.sensors.items()
+    }
+    return replace(record, sensors=sensors)
+
+
 def faults_against(nominal: Nominal, records: Sequence[Record]) -> list[str]:
     """Records whose units or lengths are none for the model."""
     problems = []

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from feltmb.fit.nominal import Nominal, Parameter
+from feltmb.fit.nominal import FLOOR, Nominal, Parameter
 from feltmb.fit.solve import Fit, FitSettings, polish
 from feltmb.gap.search import Search
 
@@ -18,8 +18,6 @@ __all__ = ["TOLERATED", "strain_told", "strained", "within_tolerance"]
 #: Standard deviations from its prior that a parameter may take up: of fifty parameters one goes
 #: beyond in one machine of 300.
 TOLERATED = 4.0
-#: Component of parameters that stand for what differs from record to record.
-FLOOR = "floor"
 #: Note of a nominal whose parameters were held within their tolerance.
 HELD = "parameters held within their tolerance"
 

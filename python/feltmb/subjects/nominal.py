@@ -35,14 +35,14 @@ from feltmb.fit import (
     State,
     Term,
 )
-from feltmb.smoothing import noise_of_record
+from feltmb.smoothing import LEAST_SAMPLES, noise_of_record, smooth_record
 from feltmb.subjects.aliases import Alias, alias_of
 from feltmb.subjects.effects import effect_of
 from feltmb.subjects.landmarks import first_turn, landmarks
+from feltmb.subjects.latest import Latest
 from feltmb.subjects.library import Entry, Library, load_library
 from feltmb.subjects.reuse import Question, Reuse
 from feltmb.subjects.signals import columns_of
-from feltmb.subjects.smoothing import Smoother
 from feltmb.subjects.variants import Variant, Workshop
 
 __all__ = ["MechanismNominal", "mechanism_nominal"]
@@ -51,6 +51,8 @@ __all__ = ["MechanismNominal", "mechanism_nominal"]
 DEPARTURE = 0.05
 #: The same of the rate: departures last for some milliseconds [1/s].
 DEPARTURE_RATE = 50.0
+#: Smoothed motions that are kept: a diagnosis asks for each of them thousands of times.
+SMOOTHED = 256
 #: Estimated noise of a motion from which it is told [m].
 AUDIBLE = 2e-7
 
@@ -184,7 +186,7 @@ class MechanismNominal(Nominal):
         self.forward = derivatives == "forward"
         self.workers = workers or min(8, os.cpu_count() or 1)
         self.reuse = Reuse()
-        self._smoother = Smoother()
+        self._smoothed: Latest[tuple[object, ...], Array] = Latest(SMOOTHED)
         self._aliases: dict[str, Alias | None] = {}
         self._workshop = Workshop(action)
         base = self._base()
@@ -525,8 +527,10 @@ class MechanismNominal(Nominal):
                 f"input_mode {record.input_mode!r} needs it"
             )
         value, sigma = record.inputs[wanted], record.input_sigma.get(wanted, 0.0)
-        if motion and sigma > 0.0:
-            value = self._smoother(record.time, value, sigma)
+        if motion and sigma > 0.0 and value.size >= LEAST_SAMPLES:
+            key = (record.time.tobytes(), value.tobytes(), sigma)
+            noisy = value
+            value = self._smoothed.get(key, lambda: smooth_record(record.time, noisy, sigma))
         return Drive(record.time, value, motion)
 
     def in_parallel(self, work: Callable[[Any], None], jobs: Sequence[Any]) -> None:

@@ -19,8 +19,7 @@ from __future__ import annotations
 import copy
 import fnmatch
 import math
-import threading
-from collections import OrderedDict, deque
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -30,9 +29,10 @@ from numpy.typing import NDArray
 
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError
-from feltmb.fit import Lanes, Parameter, Ready, Sensitivity, Simulated, Term
+from feltmb.fit import FLOOR, Lanes, Parameter, Ready, Sensitivity, Simulated, Term
 from feltmb.subjects.aliases import Alias
 from feltmb.subjects.finer import KINDS, finer
+from feltmb.subjects.latest import Latest
 from feltmb.subjects.library import Entry
 from feltmb.subjects.nominal import MechanismNominal
 from feltmb.subjects.shifter import Shifter
@@ -47,6 +47,8 @@ TRAVEL, CLEAR, LEAST, MOST = 2e-5, 20.0, 0.5, 10.0
 TRAVEL_LATER, TRAVEL_SCORES = 5e-5, 1.5e-3
 #: Columns of one number that are kept: fits with and without an effect come back.
 KEPT = 8
+#: Simulated motions that are kept.
+RUNS = 64
 #: Step of a parameter as a share of its natural size: over a tenth of it an integrator at 1e-5
 #: would be heard.
 STEP = 0.25
@@ -96,29 +98,6 @@ class _Scored:
     candidates: dict[tuple[str, Any], Array]
 
 
-class _Runs:
-    """The last few simulated motions."""
-
-    def __init__(self, keep: int = 64):
-        self._keep = keep
-        self._made: OrderedDict[tuple[object, ...], Array | None] = OrderedDict()
-        self._lock = threading.Lock()
-        self.count = 0
-
-    def get(self, key: tuple[object, ...], make: Callable[[], Array | None]) -> Array | None:
-        with self._lock:
-            if key in self._made:
-                self._made.move_to_end(key)
-                return self._made[key]
-        made = make()
-        with self._lock:
-            self.count += 1
-            self._made[key] = made
-            while len(self._made) > self._keep:
-                self._made.popitem(last=False)
-        return made
-
-
 class StrokeNominal(MechanismNominal):
     """A mechanism whose records are simulated in one go from rest; see :class:`MechanismNominal`.
 
@@ -132,7 +111,7 @@ class StrokeNominal(MechanismNominal):
         self.variation = variation
         self.mechanical = len(self.parameters)
         self.floors: dict[str, Floor] = {}
-        self._runs = _Runs()
+        self._runs: Latest[tuple[object, ...], Array | None] = Latest(RUNS)
         self._shifter = Shifter(self.action.config)
         self._scored_at: dict[str, _Scored] = {}
         self._columns_kept: dict[tuple[object, ...], deque[_Column]] = {}
@@ -172,7 +151,7 @@ class StrokeNominal(MechanismNominal):
         out = copy.copy(self)
         out.floors = {r.name: Floor(r, self._floor(r, variation)) for r in records}
         out.parameters = self.parameters[: self.mechanical] + tuple(
-            Parameter(name=f"floor.{r.name}.{k + 1}", value=0.0, sd=1.0, component="floor")
+            Parameter(name=f"floor.{r.name}.{k + 1}", value=0.0, sd=1.0, component=FLOOR)
             for r in records
             for k in range(out.floors[r.name].columns.shape[2])
         )
@@ -285,7 +264,7 @@ class StrokeNominal(MechanismNominal):
         assert floor is not None
         columns = floor.columns[: record.samples]
         more = record.samples - len(columns)
-        return np.pad(columns, ((0, more), (0, 0), (0, 0)))
+        return np.pad(columns, ((0, more), (0, 0), (0, 0))) if more else columns
 
     def _floor_place(self, record: Record) -> slice | None:
         at, own = self.mechanical, self._floor_of(record)

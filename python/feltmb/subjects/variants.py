@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -15,6 +13,7 @@ from feltmb.config import Action, MechanismFile, describe
 from feltmb.errors import FeltmbError
 from feltmb.subjects.changes import Change, apply_changes, replace_entry
 from feltmb.subjects.insertions import Insertion, insert
+from feltmb.subjects.latest import Latest
 from feltmb.subjects.library import Entry
 
 __all__ = ["Variant", "Workshop", "changed_config"]
@@ -76,9 +75,7 @@ class Workshop:
 
     def __init__(self, action: Action, keep: int = 600):
         self.action = action
-        self._keep = keep
-        self._made: OrderedDict[bytes, Variant | None] = OrderedDict()
-        self._lock = threading.Lock()
+        self._made: Latest[bytes, Variant | None] = Latest(keep)
 
     def variant(
         self,
@@ -87,19 +84,14 @@ class Workshop:
         conditions: Mapping[str, float | str],
     ) -> Variant | None:
         """Variant of a key; None if these numbers make no mechanism or no rest."""
-        with self._lock:
-            if key in self._made:
-                self._made.move_to_end(key)
-                return self._made[key]
-        try:
-            made = self.build(changed_config(self.action.config, entries, conditions))
-        except FeltmbError:
-            made = None
-        with self._lock:
-            self._made[key] = made
-            while len(self._made) > self._keep:
-                self._made.popitem(last=False)
-        return made
+
+        def make() -> Variant | None:
+            try:
+                return self.build(changed_config(self.action.config, entries, conditions))
+            except FeltmbError:
+                return None
+
+        return self._made.get(key, make)
 
     def build(self, config: MechanismFile) -> Variant:
         """Assemble a configuration and find its rest.
