@@ -302,9 +302,15 @@ def _print(report: Report) -> None:
     for r in report.which.effects[:8]:
         mark = "* " if r.named else ("? " if r.effect in report.one_of else "  ")
         unit = "" if r.unit == "1" else f" {r.unit}"
+        left = [f"{mark}{r.effect}", *(f"  {b}" for b in textwrap.wrap(r.component, room))]
+        right = [f"{r.size:.4g}{unit}", f"{r.low:.3g} .. {r.high:.3g}"]
+        right += [""] * (len(left) - len(right))
+        if r.named or r.effect in report.one_of:
+            left += [f"  {n.name} {n.value:.4g}" for n in r.numbers]
+            right += [f"{n.low:.4g} .. {n.high:.4g}" if n.low < n.high else "" for n in r.numbers]
         table.add_row(
-            f"{mark}{r.effect}\n{textwrap.indent(textwrap.fill(r.component, room), '  ')}",
-            f"{r.size:.4g}{unit}\n{r.low:.3g} .. {r.high:.3g}",
+            "\n".join(left),
+            "\n".join(right),
             f"{r.statistic:.{0 if r.statistic > 1000 else 1}f}",
             f"{r.posterior:.0%}",
         )

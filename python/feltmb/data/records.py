@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -188,10 +189,15 @@ class Record:
         """Number of samples."""
         return int(self.time.size)
 
-    @property
+    @cached_property
     def interval(self) -> float:
         """Median step of the clock [s]."""
         return float(np.median(np.diff(self.time)))
+
+    @cached_property
+    def even(self) -> bool:
+        """Whether all steps of the clock are alike."""
+        return bool(np.allclose(np.diff(self.time), self.interval, rtol=1e-6, atol=0.0))
 
     def output_array(self, names: Iterable[str]) -> Array:
         """Outputs as (n, len(names)); a name that was not measured is all NaN."""

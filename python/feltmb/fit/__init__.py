@@ -1,5 +1,6 @@
 """Fits of anything that simulates: parameters with priors, windows, intervals."""
 
+from feltmb.fit.coordinates import Coordinate, Coupling, Named
 from feltmb.fit.including import Including, including
 from feltmb.fit.linear import FunctionNominal, LinearNominal
 from feltmb.fit.nominal import (
@@ -16,11 +17,12 @@ from feltmb.fit.nominal import (
     State,
     Term,
 )
-from feltmb.fit.ode import Coordinate, Named, OdeNominal
+from feltmb.fit.ode import OdeNominal
 
 __all__ = [
     "FLOOR",
     "Coordinate",
+    "Coupling",
     "Effect",
     "EffectKind",
     "FunctionNominal",

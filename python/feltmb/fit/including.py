@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import copy
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from feltmb.errors import InvalidParameter
 from feltmb.fit.nominal import (
     Effect,
     Integers,
+    Job,
     Lanes,
     Nominal,
     Parameter,
@@ -90,6 +92,7 @@ class Including(Nominal):
         self.difference_step = nominal.difference_step
         self.chaotic = nominal.chaotic
         self.from_rest = nominal.from_rest
+        self.together = nominal.together
         self.input_modes = nominal.input_modes
         self.inputs = tuple(getattr(nominal, "inputs", ()))
 
@@ -126,17 +129,34 @@ class Including(Nominal):
 
     def simulate(self, record: Record, lanes: Lanes) -> Simulated:
         """See :class:`~feltmb.fit.Nominal`."""
+        return self._base.simulate(record, self._inner(lanes))
+
+    def _inner(self, lanes: Lanes) -> Lanes:
+        """Lanes of the nominal: what is included is among its terms."""
         count = len(self._base.parameters)
         sizes = lanes.sizes if lanes.terms else np.zeros((lanes.count, 0))
-        return self._base.simulate(
-            record,
-            replace(
-                lanes,
-                theta=lanes.theta[:, :count],
-                terms=(*self._own, *lanes.terms),
-                sizes=np.hstack([lanes.theta[:, count:], sizes]),
-            ),
+        return replace(
+            lanes,
+            theta=lanes.theta[:, :count],
+            terms=(*self._own, *lanes.terms),
+            sizes=np.hstack([lanes.theta[:, count:], sizes]),
         )
+
+    def finer(self, jobs: Sequence[Job]) -> Nominal:
+        """See :class:`~feltmb.fit.Nominal`."""
+        base = self._base.finer([(record, self._inner(lanes)) for record, lanes in jobs])
+        return self if base is self._base else Including(base, self._own, self._sizes)
+
+    @property
+    def core(self) -> Nominal:
+        """That of the nominal."""
+        return self._base.core
+
+    def asking(self, ask: Callable[[Sequence[Job]], list[Simulated]]) -> Nominal:
+        """See :class:`~feltmb.fit.Nominal`."""
+        out = copy.copy(self)
+        out._base = self._base.asking(ask)
+        return out
 
     def sensitivities(
         self,

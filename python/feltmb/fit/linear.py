@@ -9,8 +9,8 @@ import numpy as np
 
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
+from feltmb.fit.coordinates import Named
 from feltmb.fit.nominal import Effect, Lanes, Nominal, Parameter, Simulated, State, Term
-from feltmb.fit.ode import Named
 
 __all__ = ["FunctionNominal", "LinearNominal"]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from feltmb.data import Array
 from feltmb.fit.nominal import Lanes, Nominal, Sensitivity, Term
-from feltmb.fit.observe import machine_terms, observe_lanes, observed_sensitivities
+from feltmb.fit.observe import machine_terms, observe_all, observe_lanes, observed_sensitivities
 from feltmb.fit.shots import Shot
 
 __all__ = ["Linear", "Place", "linearize", "predict"]
@@ -213,7 +213,7 @@ def _input_noise(
         stretch[first:last] = (record.time[last] - record.time[first]) / (knots - 1)
     phase[-1], stretch[-1] = knots - 1, stretch[-2]
     lanes = Lanes.at_point(theta, shot.windows, place.starts, terms, sizes)
-    columns, ends = [], []
+    jobs = []
     for name in noisy:
         tau = record.input_correlation_time.get(name, 0.0)
         share = (record.interval + 2.0 * tau) / stretch
@@ -224,9 +224,9 @@ def _input_noise(
                 hat[shot.windows[:, 1]] = sd[shot.windows[:, 1]]
             if k == 0:
                 hat[shot.windows[1:, 0]] = 0.5 * sd[shot.windows[1:, 0]]
-            run = observe_lanes(
-                nominal, record.with_inputs({name: record.inputs[name] + hat}), lanes
-            )
-            columns.append(run.outputs - base.outputs)
-            ends.append(run.ends - base.ends)
-    return np.stack(columns, axis=3), np.stack(ends, axis=2)
+            jobs.append((record.with_inputs({name: record.inputs[name] + hat}), lanes))
+    runs = observe_all(nominal, jobs)
+    return (
+        np.stack([run.outputs - base.outputs for run in runs], axis=3),
+        np.stack([run.ends - base.ends for run in runs], axis=2),
+    )

@@ -7,6 +7,7 @@ theta, phi and start, so that a batch of windows and finite differences is one c
 
 from __future__ import annotations
 
+import copy
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -24,6 +25,7 @@ __all__ = [
     "FLOOR",
     "Effect",
     "EffectKind",
+    "Job",
     "Lanes",
     "Nominal",
     "Parameter",
@@ -125,6 +127,8 @@ class Effect:
     Positive floats of which the list has two or more values are a net: values between and near
     them are tried as well. Use whole numbers or words for what only the listed values mean.
     """
+    shape_names: tuple[str, ...] = ()
+    """What the numbers of a shape are, with their unit: ``("half width [m]",)``."""
     remedy: str = ""
     """What to do about it."""
     lower: float = -math.inf
@@ -245,6 +249,10 @@ class Lanes:
         return int(np.max(self.windows[:, 1] - self.windows[:, 0])) + 1
 
 
+#: Lanes of a record to be simulated.
+Job = tuple[Record, Lanes]
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Simulated:
     """What every lane gave; a lane that failed holds NaN."""
@@ -327,6 +335,9 @@ class Nominal(ABC):
     """Whether it can only simulate a record from its first sample on: records are then split by
     leaving out values instead of cutting them into blocks."""
 
+    together: bool = False
+    """Whether :meth:`simulate_all` is faster than its records one after the other."""
+
     @abstractmethod
     def states(self, terms: Sequence[Term] = ()) -> tuple[State, ...]:
         """States, then the hidden states of the terms in their order; () if it has none."""
@@ -338,6 +349,29 @@ class Nominal(ABC):
         Inputs are ``record.inputs``. The measured outputs are not to be used: they are what is to
         be explained.
         """
+
+    def simulate_all(self, jobs: Sequence[Job]) -> list[Simulated]:
+        """Simulate lanes of several records; see ``together``. Default: one after the other."""
+        return [self.simulate(record, lanes) for record, lanes in jobs]
+
+    def finer(self, jobs: Sequence[Job]) -> Nominal:
+        """Itself in steps that are fine enough for these lanes, whose terms may need smaller ones.
+
+        Default: as it is.
+        """
+        del jobs
+        return self
+
+    @property
+    def core(self) -> Nominal:
+        """What simulates: itself, or the nominal that it is made of."""
+        return self
+
+    def asking(self, ask: Callable[[Sequence[Job]], list[Simulated]]) -> Nominal:
+        """A copy whose core's simulations are made by ``ask``."""
+        out = copy.copy(self)
+        vars(out).update(simulate=lambda record, lanes: ask([(record, lanes)])[0], simulate_all=ask)
+        return out
 
     def forget(self) -> None:  # noqa: B027
         """Drop what earlier fits left behind, so that a fit does not depend on those before it."""

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import InvalidParameter
-from feltmb.fit.nominal import Lanes, Nominal, Sensitivity, Simulated, Term
+from feltmb.fit.nominal import Job, Lanes, Nominal, Sensitivity, Simulated, Term
 from feltmb.fit.shift import shifted
 
-__all__ = ["machine_terms", "observe_lanes", "observed_sensitivities"]
+__all__ = ["machine_terms", "observe_all", "observe_lanes", "observed_sensitivities"]
 
 
 def machine_terms(terms: tuple[Term, ...]) -> tuple[Term, ...]:
@@ -22,27 +22,39 @@ def machine_terms(terms: tuple[Term, ...]) -> tuple[Term, ...]:
 
 
 def observe_lanes(nominal: Nominal, record: Record, lanes: Lanes) -> Simulated:
-    """Simulate lanes as the sensors of the record would show them.
+    """Simulate lanes as the sensors of the record would show them; see :func:`observe_all`."""
+    return observe_all(nominal, [(record, lanes)])[0]
+
+
+def observe_all(nominal: Nominal, jobs: Sequence[Job]) -> list[Simulated]:
+    """Simulate lanes as the sensors of their records would show them.
 
     Input effects change the inputs before, sensor effects and the known part of the sensors (gain,
     delay, low-pass, offset) change the outputs after the nominal's own simulation.
     """
-    inner = [k for k, t in enumerate(lanes.terms) if t in machine_terms(lanes.terms)]
-    excite = [k for k, t in enumerate(lanes.terms) if t.effect.excite is not None]
-    observe = [k for k, t in enumerate(lanes.terms) if t.effect.observe is not None]
-    plain = replace(
-        lanes,
-        terms=tuple(lanes.terms[k] for k in inner),
-        sizes=lanes.sizes[:, inner] if lanes.terms else lanes.sizes,
-    )
-    if not excite:
-        run = nominal.simulate(record, plain)
+    excited = [_excited(record, lanes) for record, lanes in jobs]
+    runs = iter(nominal.simulate_all([job for parts in excited for _, job in parts]))
+    return [
+        _observed(nominal, record, lanes, [(rows, next(runs)) for rows, _ in parts])
+        for (record, lanes), parts in zip(jobs, excited, strict=True)
+    ]
+
+
+def _observed(
+    nominal: Nominal, record: Record, lanes: Lanes, parts: list[tuple[NDArray[np.intp], Simulated]]
+) -> Simulated:
+    """What the sensors show of lanes that were simulated in parts: which rows, and their run."""
+    if len(parts) == 1:
+        outputs, ends = parts[0][1].outputs, parts[0][1].ends
     else:
-        run = _excited(nominal, record, lanes, plain, excite)
-    outputs = run.outputs
-    for k in observe:
-        term = lanes.terms[k]
-        assert term.effect.observe is not None
+        outputs = np.full((lanes.count, lanes.longest, len(nominal.outputs)), np.nan)
+        ends = np.full((lanes.count, lanes.starts.shape[1]), np.nan)
+        for rows, run in parts:
+            outputs[rows, : run.outputs.shape[1]] = run.outputs
+            ends[rows] = run.ends
+    for k, term in enumerate(lanes.terms):
+        if term.effect.observe is None:
+            continue
         seen = term.effect.observe(record, outputs, lanes.windows, lanes.sizes[:, k], term.shape)
         if np.shape(seen) != outputs.shape:
             raise InvalidParameter(
@@ -50,17 +62,25 @@ def observe_lanes(nominal: Nominal, record: Record, lanes: Lanes) -> Simulated:
                 f"the outputs, {outputs.shape}"
             )
         outputs = seen
-    return Simulated(outputs=_sensed(nominal, record, lanes, outputs), ends=run.ends)
+    return Simulated(outputs=_sensed(nominal, record, lanes, outputs), ends=ends)
 
 
-def _excited(
-    nominal: Nominal, record: Record, lanes: Lanes, plain: Lanes, excite: list[int]
-) -> Simulated:
-    """Lanes with input effects: one simulation for each different set of sizes."""
+def _excited(record: Record, lanes: Lanes) -> list[tuple[NDArray[np.intp], Job]]:
+    """Lanes as the machine sees them, by each different set of sizes of the input effects.
+
+    Which rows, and what is to be simulated: the record with the changed inputs.
+    """
+    inner = [k for k, t in enumerate(lanes.terms) if t in machine_terms(lanes.terms)]
+    excite = [k for k, t in enumerate(lanes.terms) if t.effect.excite is not None]
+    plain = replace(
+        lanes,
+        terms=tuple(lanes.terms[k] for k in inner),
+        sizes=lanes.sizes[:, inner] if lanes.terms else lanes.sizes,
+    )
+    if not excite:
+        return [(np.arange(lanes.count), (record, plain))]
     sizes, which = np.unique(lanes.sizes[:, excite], axis=0, return_inverse=True)
-    which = which.reshape(-1)
-    outputs = np.full((lanes.count, lanes.longest, len(nominal.outputs)), np.nan)
-    ends = np.full((lanes.count, lanes.starts.shape[1]), np.nan)
+    parts = []
     for v, row in enumerate(sizes):
         changed = record
         for k, size in zip(excite, row, strict=True):
@@ -68,7 +88,7 @@ def _excited(
             assert term.effect.excite is not None
             if size != 0.0:
                 changed = changed.with_inputs(term.effect.excite(changed, size, term.shape))
-        rows = np.flatnonzero(which == v)
+        rows = np.flatnonzero(which.reshape(-1) == v)
         part = replace(
             plain,
             theta=plain.theta[rows],
@@ -77,10 +97,8 @@ def _excited(
             sizes=plain.sizes[rows] if plain.terms else plain.sizes,
             forces=None if plain.forces is None else plain.forces[rows],
         )
-        run = nominal.simulate(changed, part)
-        outputs[rows, : run.outputs.shape[1]] = run.outputs
-        ends[rows] = run.ends
-    return Simulated(outputs=outputs, ends=ends)
+        parts.append((rows, (changed, part)))
+    return parts
 
 
 def _sensed(nominal: Nominal, record: Record, lanes: Lanes, outputs: Array) -> Array:
@@ -207,39 +225,49 @@ def observed_sensitivities(
             out[rows] = push(columns[rows], rows)
         return out
 
-    def simulated(term: Term, size: float, active: int | None) -> tuple[Array, Array]:
-        """Outputs and ends with one input effect at another size."""
+    def offsets(term: Term, at: float) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Two changes of a size, and their weights in the derivative."""
+        step = term.effect.step * term.effect.scale
+        low, high = term.effect.bounds
+        if at + step <= high and at - step >= low:
+            return (step, -step), (0.5 / step, -0.5 / step)
+        side = step if at + 2.0 * step <= high else -step
+        return (side, 2.0 * side), (2.0 / side, -0.5 / side)
+
+    def job(term: Term, size: float, active: int | None) -> Job:
+        """All windows with one input effect at another size."""
         all_terms = terms if active is not None else (*terms, term)
         row = sizes.copy() if active is not None else np.append(sizes, size)
         if active is not None:
             row[active] = size
-        run = observe_lanes(
-            nominal,
-            record,
-            replace(lanes, terms=all_terms, sizes=np.tile(row, (count, 1))),
-        )
-        return run.outputs, run.ends
+        return record, replace(lanes, terms=all_terms, sizes=np.tile(row, (count, 1)))
+
+    asked: list[tuple[Term, float, int | None]] = [
+        (term, float(sizes[k]), k) for k, term in enumerate(terms)
+    ]
+    asked += [(term, 0.0, None) for term in candidates]
+    asked = [a for a in asked if a[0].effect.excite is not None and a[0].effect.observe is None]
+    runs = observe_all(
+        nominal,
+        [job(term, at + o, active) for term, at, active in asked for o in offsets(term, at)[0]],
+    )
+    simulated = {
+        (id(term), active): runs[2 * i : 2 * i + 2] for i, (term, _, active) in enumerate(asked)
+    }
 
     def outer(term: Term, at: float, active: int | None) -> tuple[Array, Array]:
-        step = term.effect.step * term.effect.scale
-        low, high = term.effect.bounds
-        if at + step <= high and at - step >= low:
-            offsets, weights = (step, -step), (0.5 / step, -0.5 / step)
-        else:
-            side = step if at + 2.0 * step <= high else -step
-            offsets, weights = (side, 2.0 * side), (2.0 / side, -0.5 / side)
         y, x = np.zeros_like(shown), np.zeros_like(s.ends)
-        for offset, weight in zip(offsets, weights, strict=True):
-            if term.effect.observe is not None:
-                if active is None:
-                    value = show(s.outputs, (term, at + offset))
-                else:
-                    value = _swapped(show, observing, term, at + offset, s.outputs)
-                y += weight * (value - shown)
+        for i, (offset, weight) in enumerate(zip(*offsets(term, at), strict=True)):
+            if term.effect.observe is None:
+                run = simulated[id(term), active][i]
+                y += weight * (run.outputs[:, : shown.shape[1]] - shown)
+                x += weight * (run.ends - s.ends)
+                continue
+            if active is None:
+                value = show(s.outputs, (term, at + offset))
             else:
-                outputs, ends = simulated(term, at + offset, active)
-                y += weight * (outputs[:, : shown.shape[1]] - shown)
-                x += weight * (ends - s.ends)
+                value = _swapped(show, observing, term, at + offset, s.outputs)
+            y += weight * (value - shown)
         return y, x
 
     d_sizes = np.zeros((*shown.shape, len(terms)))

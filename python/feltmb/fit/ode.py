@@ -10,66 +10,22 @@ import numpy as np
 
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
+from feltmb.fit.coordinates import Coordinate, Coupling, Named
 from feltmb.fit.nominal import (
     Effect,
+    Job,
     Lanes,
     Nominal,
     Parameter,
     Port,
+    Ready,
     Simulated,
     State,
     Term,
 )
+from feltmb.fit.resolution import BETWEEN, refined, resolved
 
-__all__ = ["Coordinate", "Named", "OdeNominal"]
-
-
-class Named:
-    """Values by name: ``x.q`` or ``x["q"]``; arrays with one entry a lane, (B,)."""
-
-    __slots__ = ("_values",)
-
-    def __init__(self, values: Mapping[str, Any]):
-        self._values = values
-
-    def __getitem__(self, name: str) -> Any:
-        return self._values[name]
-
-    def __getattr__(self, name: str) -> Any:
-        try:
-            return self._values[name]
-        except KeyError:
-            raise AttributeError(f"no {name!r}; known are {', '.join(self._values)}") from None
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._values
-
-
-@dataclass(frozen=True, kw_only=True)
-class Coordinate:
-    """A coordinate of a second-order system: generic effects act on it.
-
-    A force F [unit] on it changes its acceleration by F / inertia.
-    """
-
-    name: str
-    position: str
-    """State that holds the position."""
-    speed: str
-    """State that holds the speed."""
-    inertia: str | float | Callable[[Any, Named, Named, Named], Array] = 1.0
-    """Name of a parameter, a number, or a function (t, x, u, p) -> (B,)."""
-    unit: str = "N"
-    scale: float = 1.0
-    """Natural size of a force on it [unit]."""
-
-    def acceleration(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> Any:
-        """Acceleration that a force gives."""
-        if isinstance(self.inertia, str):
-            return force / p[self.inertia]
-        if callable(self.inertia):
-            return force / self.inertia(t, x, u, p)
-        return force / self.inertia
+__all__ = ["OdeNominal"]
 
 
 class OdeNominal(Nominal):
@@ -87,17 +43,25 @@ class OdeNominal(Nominal):
     inputs
         Names of the inputs that it reads; a record must have them.
     coordinates
-        Coordinates of a second-order system; each is also a port for unknown forces.
+        Coordinates of a second-order system, and couplings between them; each is also a port for
+        unknown forces.
     ports
         Name -> state whose rate an unknown quantity may change, for systems of first order.
     method
         ``"rk4"``: classical Runge-Kutta, ``substeps`` steps a sample.
         ``"rosenbrock"``: linearly implicit of order 2 (L-stable), for stiff systems.
+    substeps
+        Steps a sample; None: for a fit or a diagnosis as few as are not heard above the noise of
+        the sensors (1 to 16), else one.
     hold
         Input between samples: ``"linear"``; ``"zero"`` (held at the value of the last sample, as a
         converter does); ``"spline"`` (cubic, for a smooth signal that was sampled sparsely: a
-        straight line weakens what has less than ten samples a period).
+        straight line weakens what has less than ten samples a period). ``"auto"``: straight lines;
+        where a fit or a diagnosis could hear the difference to a spline, it is a parameter
+        ``between.INPUT`` of the fit, 0: lines, 1: spline.
     """
+
+    together = True
 
     def __init__(
         self,
@@ -107,11 +71,11 @@ class OdeNominal(Nominal):
         outputs: Mapping[str, str | Callable[[Any, Named, Named, Named], Any]],
         parameters: Sequence[Parameter] = (),
         inputs: Sequence[str] = (),
-        coordinates: Sequence[Coordinate] = (),
+        coordinates: Sequence[Coordinate | Coupling] = (),
         ports: Mapping[str, str] | None = None,
         method: Literal["rk4", "rosenbrock"] = "rk4",
-        substeps: int = 1,
-        hold: Literal["linear", "zero", "spline"] = "linear",
+        substeps: int | None = None,
+        hold: Literal["auto", "linear", "zero", "spline"] = "auto",
         name: str = "model",
         window: float | None = None,
         chaotic: bool = False,
@@ -124,15 +88,15 @@ class OdeNominal(Nominal):
         self.inputs = tuple(inputs)
         self.coordinates = tuple(coordinates)
         self.substeps = substeps
-        self.hold = hold
+        self.hold: Literal["auto", "linear", "zero", "spline", "between"] = hold
         self.method = method
+        self._resolved = self._free_steps = False
         self._states = tuple(states)
         self._rates = rates
         self._outputs = dict(outputs)
         units = {s.name: s.unit for s in states}
         self.units = {k: units[v] for k, v in outputs.items() if isinstance(v, str) and v in units}
-        self._port_states = {c.name: c.speed for c in coordinates} | dict(ports or {})
-        self._port_coordinates = {c.name: c for c in coordinates}
+        self._port_states = dict(ports or {})
         self.ports = tuple(
             Port(
                 name=c.name,
@@ -163,13 +127,14 @@ class OdeNominal(Nominal):
         for c in self.coordinates:
             faults.extend(
                 f"coordinate {c.name}: {n!r} is no state; known are {', '.join(names)}"
-                for n in (c.position, c.speed)
+                for part in c.parts
+                for n in (part.position, part.speed)
                 if n not in names
             )
         for port, state in self._port_states.items():
             if state not in names:
                 faults.append(f"port {port}: {state!r} is no state; known are {', '.join(names)}")
-        if self.substeps < 1:
+        if self.substeps is not None and self.substeps < 1:
             faults.append(f"substeps = {self.substeps}, expected >= 1")
         if faults:
             raise InvalidParameter(f"model {self.name}: " + "; ".join(faults))
@@ -178,44 +143,130 @@ class OdeNominal(Nominal):
         """States, then hidden ones of the terms."""
         return self._states + tuple(h for t in terms for h in t.effect.hidden)
 
+    def ready(self, records: Sequence[Record]) -> Ready:
+        """With substeps that are fine enough for the records, and inputs as they run between."""
+        if self._resolved:
+            return Ready(self, tuple(records))
+        try:
+            out, notes = resolved(self, records)
+        except Exception:  # a fault of the user's functions: the first simulation tells it better
+            return Ready(self, tuple(records))
+        out._resolved, out._free_steps = True, self.substeps is None
+        return Ready(out, tuple(records), tuple(notes))
+
+    def finer(self, jobs: Sequence[Job]) -> Nominal:
+        """With more substeps, if they were not given and these lanes ask for them."""
+        return refined(self, jobs) if self._free_steps else self
+
     def accepts(self, effect: Effect) -> bool:
         """Effects with a ``rate``, besides sensor and input effects."""
         return effect.rate is not None or super().accepts(effect)
 
     def simulate(self, record: Record, lanes: Lanes) -> Simulated:
         """See :class:`~feltmb.fit.Nominal`."""
-        missing = [n for n in self.inputs if n not in record.inputs]
-        if missing:
-            raise InvalidParameter(
-                f"record {record.name}: model {self.name} needs the input {', '.join(missing)}; "
-                f"there is {', '.join(record.inputs) or 'none'}"
-            )
+        return self.simulate_all([(record, lanes)])[0]
+
+    def simulate_all(self, jobs: Sequence[Job]) -> list[Simulated]:
+        """Lanes with the same terms are integrated together, whatever their record."""
+        for record, _ in jobs:
+            missing = [n for n in self.inputs if n not in record.inputs]
+            if missing:
+                raise InvalidParameter(
+                    f"record {record.name}: model {self.name} needs the input "
+                    f"{', '.join(missing)}; there is {', '.join(record.inputs) or 'none'}"
+                )
+        groups: dict[object, list[int]] = {}
+        for i, (_, lanes) in enumerate(jobs):
+            terms = tuple((id(t.effect), repr(t.shape)) for t in lanes.terms)
+            knots = None if lanes.forces is None else lanes.forces.shape[2]
+            groups.setdefault((terms, knots), []).append(i)
+        runs: dict[int, Simulated] = {}
         with np.errstate(all="ignore"):
-            return _integrate(self, record, lanes)
+            for group in groups.values():
+                runs.update(zip(group, _integrate(self, [jobs[i] for i in group]), strict=True))
+        return [runs[i] for i in range(len(jobs))]
 
 
-def _integrate(model: OdeNominal, record: Record, lanes: Lanes) -> Simulated:
-    """Fixed steps between the samples; see the class for the methods."""
-    count, longest = lanes.count, lanes.longest
-    first, last = lanes.windows[:, 0], lanes.windows[:, 1]
-    p = Named({q.name: lanes.theta[:, i] for i, q in enumerate(model.parameters)})
+@dataclass(frozen=True, eq=False)
+class _Clock:
+    """Time and inputs of lanes, sample by sample: (longest, B); beyond its end a record stands."""
+
+    time: Array
+    signals: list[Array]
+    bends: list[Array]
+    """Second derivatives of the cubic splines through the inputs; empty: not asked for."""
+
+    @classmethod
+    def of(cls, model: OdeNominal, jobs: Sequence[Job], longest: int) -> _Clock:
+        """That of all lanes of some jobs, one after the other."""
+        times: list[Array] = []
+        signals: list[list[Array]] = [[] for _ in model.inputs]
+        bends: list[list[Array]] = [[] for _ in model.inputs]
+        for record, lanes in jobs:
+            at = np.minimum(lanes.windows[:, 0] + np.arange(longest)[:, None], record.samples - 1)
+            times.append(record.time[at])
+            values = [record.inputs[n] for n in model.inputs]
+            for k, value in enumerate(values):
+                signals[k].append(value[at])
+            if model.hold in ("spline", "between"):
+                for k, bend in enumerate(_bends(record, values)):
+                    bends[k].append(bend[at])
+        return cls(
+            np.hstack(times),
+            [np.hstack(parts) for parts in signals],
+            [np.hstack(parts) for parts in bends if parts],
+        )
+
+    def inputs(self, model: OdeNominal, j: int, share: float, p: Named) -> Named:
+        """Inputs between samples j and j + 1 of the lanes."""
+        values = {}
+        nxt = min(j + 1, len(self.time) - 1)
+        for i, (name, signal) in enumerate(zip(model.inputs, self.signals, strict=True)):
+            value = signal[j]
+            if share != 0.0 and model.hold != "zero":
+                value = value + share * (signal[nxt] - signal[j])
+            if share != 0.0 and self.bends:
+                rest, square = 1.0 - share, (self.time[nxt] - self.time[j]) ** 2 / 6.0
+                bent = square * (
+                    (rest**3 - rest) * self.bends[i][j] + (share**3 - share) * self.bends[i][nxt]
+                )
+                value = value + (p[BETWEEN + name] * bent if model.hold == "between" else bent)
+            values[name] = value
+        return Named(values)
+
+
+def _integrate(model: OdeNominal, jobs: Sequence[Job]) -> list[Simulated]:
+    """Fixed steps between the samples; see the class for the methods.
+
+    The jobs have the same terms, and unknown forces with the same knots or none.
+    """
+    longest = max(lanes.longest for _, lanes in jobs)
+    clock = _Clock.of(model, jobs, longest)
+    theta = np.vstack([lanes.theta for _, lanes in jobs])
+    windows = np.vstack([lanes.windows for _, lanes in jobs])
+    terms = jobs[0][1].terms
+    sizes = np.vstack([lanes.sizes for _, lanes in jobs]) if terms else np.zeros((len(theta), 0))
+    forces = None
+    if jobs[0][1].forces is not None:
+        forces = np.concatenate([lanes.forces for _, lanes in jobs if lanes.forces is not None])
+    x = np.ascontiguousarray(np.vstack([lanes.starts for _, lanes in jobs]).T)
+    count = x.shape[1]
+    last = windows[:, 1] - windows[:, 0]
+    p = Named({q.name: theta[:, i] for i, q in enumerate(model.parameters)})
     names = [s.name for s in model._states]
     base = len(names)
-    states = model.states(lanes.terms)
-    x = np.ascontiguousarray(lanes.starts.T)
-    outputs = np.full((count, longest, len(model.outputs)), np.nan)
+    states = model.states(terms)
+    outputs = np.full((longest, count, len(model.outputs)), np.nan)
     ends = np.full((count, len(states)), np.nan)
-    signals = [record.inputs[n] for n in model.inputs]
     inverse = {n: i for i, n in enumerate(names)}
-    ports = [
-        (inverse[model._port_states[q.name]], model._port_coordinates.get(q.name))
-        for q in model.ports
-    ]
-    knots = 0 if lanes.forces is None else lanes.forces.shape[2]
-    span = record.time[last] - record.time[first]
+    coordinates = {c.name: c for c in model.coordinates}
+    knots = 0 if forces is None else forces.shape[2]
+    lane = np.arange(count)
+    begin = clock.time[0]
+    span = clock.time[last, lane] - begin
 
     def view(x: Array) -> Named:
-        return Named({n: x[i] for i, n in enumerate(names)})
+        return Named(dict(zip(names, x, strict=False)))
 
     def rates(t: Array, x: Array, u: Named) -> Array:
         named = view(x)
@@ -229,15 +280,14 @@ def _integrate(model: OdeNominal, record: Record, lanes: Lanes) -> Simulated:
         for i, value in enumerate(own_rates):
             out[i] = value
         at = base
-        for k, term in enumerate(lanes.terms):
+        for k, term in enumerate(terms):
             own = term.effect.hidden
             seen = named
             if own:
                 out[at : at + len(own)] = 0.0
                 seen = Named({**named._values, **{h.name: x[at + j] for j, h in enumerate(own)}})
             assert term.effect.rate is not None
-            size = lanes.sizes[:, k]
-            change: Any = term.effect.rate(t, seen, u, p, size, term.shape)
+            change: Any = term.effect.rate(t, seen, u, p, sizes[:, k], term.shape)
             if not isinstance(change, Mapping):
                 raise InvalidParameter(
                     f"effect {term.name}: rate returned {type(change).__name__}, expected a "
@@ -258,65 +308,57 @@ def _integrate(model: OdeNominal, record: Record, lanes: Lanes) -> Simulated:
                     )
                 out[row] += value
             at += len(own)
-        if lanes.forces is not None:
-            place = np.clip((t - record.time[first]) / span, 0.0, 1.0) * (knots - 1)
+        if forces is not None:
+            place = np.clip((t - begin) / span, 0.0, 1.0) * (knots - 1)
             left = np.minimum(place.astype(np.intp), knots - 2)
             share = place - left
-            lane = np.arange(count)
-            for j, (state, coordinate) in enumerate(ports):
-                force = (1.0 - share) * lanes.forces[lane, j, left]
-                force = force + share * lanes.forces[lane, j, left + 1]
-                if coordinate is not None:
-                    force = coordinate.acceleration(force, t, named, u, p)
-                out[state] += force
+            for j, port in enumerate(model.ports):
+                force = (1.0 - share) * forces[lane, j, left]
+                force = force + share * forces[lane, j, left + 1]
+                if port.name in coordinates:
+                    pushed = coordinates[port.name].push(force, t, named, u, p)
+                else:
+                    pushed = {model._port_states[port.name]: force}
+                for state, value in pushed.items():
+                    out[inverse[state]] += value
         return out
 
-    bends = _bends(record, signals) if model.hold == "spline" else []
-
-    def inputs_at(at: Array, nxt: Array, share: float) -> Named:
-        values = {}
-        for i, (name, signal) in enumerate(zip(model.inputs, signals, strict=True)):
-            value = signal[at]
-            if model.hold != "zero":
-                value = value + share * (signal[nxt] - signal[at])
-            if bends:
-                rest, square = 1.0 - share, (record.time[nxt] - record.time[at]) ** 2 / 6.0
-                value = value + square * (
-                    (rest**3 - rest) * bends[i][at] + (share**3 - share) * bends[i][nxt]
-                )
-            values[name] = value
-        return Named(values)
-
-    end = record.samples - 1
+    ending = set(last.tolist())
+    substeps = model.substeps or 1
+    u1 = clock.inputs(model, 0, 0.0, p)
     for j in range(longest):
-        at = np.minimum(first + j, end)
-        nxt = np.minimum(at + 1, end)
-        t = record.time[at]
-        u = inputs_at(at, nxt, 0.0)
+        t = clock.time[j]
+        u = clock.inputs(model, j, 0.0, p)
         named = view(x)
         for o, name in enumerate(model.outputs):
             of = model._outputs[name]
-            outputs[:, j, o] = named[of] if isinstance(of, str) else of(t, named, u, p)
-        done = last - first == j
-        if done.any():
-            ends[done] = x.T[done]
+            outputs[j, :, o] = named[of] if isinstance(of, str) else of(t, named, u, p)
+        if j in ending:
+            ends[last == j] = x.T[last == j]
         if j == longest - 1:
             break
-        h = (record.time[nxt] - t) / model.substeps
-        for s in range(model.substeps):
-            a, b = s / model.substeps, (s + 1) / model.substeps
-            u0, u1 = inputs_at(at, nxt, a), inputs_at(at, nxt, b)
-            um = inputs_at(at, nxt, 0.5 * (a + b))
+        h = (clock.time[j + 1] - t) / substeps
+        for s in range(substeps):
+            a, b = s / substeps, (s + 1) / substeps
+            u0 = u if s == 0 else u1
+            um, u1 = clock.inputs(model, j, 0.5 * (a + b), p), clock.inputs(model, j, b, p)
             t0 = t + s * h
             if model.method == "rk4":
+                half = 0.5 * h
                 k1 = rates(t0, x, u0)
-                k2 = rates(t0 + 0.5 * h, x + 0.5 * h * k1, um)
-                k3 = rates(t0 + 0.5 * h, x + 0.5 * h * k2, um)
+                k2 = rates(t0 + half, x + half * k1, um)
+                k3 = rates(t0 + half, x + half * k2, um)
                 k4 = rates(t0 + h, x + h * k3, u1)
                 x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
             else:
                 x = _rosenbrock(rates, states, t0, h, x, u0, u1)
-    return Simulated(outputs=outputs, ends=ends)
+    out, at = [], 0
+    for _, lanes in jobs:
+        own = slice(at, at + lanes.count)
+        part = np.ascontiguousarray(np.moveaxis(outputs[: lanes.longest, own], 0, 1))
+        out.append(Simulated(outputs=part, ends=ends[own]))
+        at += lanes.count
+    return out
 
 
 def _bends(record: Record, signals: Sequence[Array]) -> list[Array]:

@@ -15,6 +15,7 @@ from feltmb.fit.linearize import Linear, Place, linearize, predict
 from feltmb.fit.nominal import Nominal, Term
 from feltmb.fit.observe import machine_terms
 from feltmb.fit.shots import Shot
+from feltmb.fit.together import each
 
 __all__ = ["Normal", "Point", "Problem"]
 
@@ -78,12 +79,14 @@ class Problem:
         if theta is None:
             theta = np.array([p.value for p in self.nominal.parameters], dtype=np.float64)
         states = self.nominal.states(machine_terms(self.terms))
-        places = []
-        for shot in self.shots:
-            guess = self.nominal.guess(shot.record, shot.windows)
+
+        def of(nominal: Nominal, shot: Shot) -> Place:
+            guess = nominal.guess(shot.record, shot.windows)
             starts = np.array([[s.start for s in states]] * shot.count).reshape(shot.count, -1)
             starts[:, : guess.shape[1]] = guess
-            places.append(Place(starts, np.zeros(len(shot.nuisances))))
+            return Place(starts, np.zeros(len(shot.nuisances)))
+
+        places = each(self.nominal, of, self.shots)
         size = np.zeros(len(self.terms)) if sizes is None else sizes
         return Point(theta, size, tuple(places))
 
@@ -128,12 +131,12 @@ class Problem:
         The noise of the inputs is integrated out with the derivatives of ``linears``, as the
         steps do: otherwise steps and their acceptance would not mean the same function.
         """
-        seen = []
-        for shot, place in zip(self.shots, point.places, strict=True):
-            _, residual, gap = predict(
-                self.nominal, shot, point.theta, self.terms, point.sizes, place
-            )
-            seen.append((residual, gap))
+
+        def see(nominal: Nominal, at: tuple[Shot, Place]) -> tuple[Array, Array]:
+            shot, place = at
+            return predict(nominal, shot, point.theta, self.terms, point.sizes, place)[1:]
+
+        seen = each(self.nominal, see, list(zip(self.shots, point.places, strict=True)))
         return self._cost(point, gap_sd, linears, seen)
 
     def cost_at(
@@ -203,9 +206,10 @@ class Problem:
     def _linear(
         self, point: Point, candidates: tuple[Term, ...], known: Sequence[Linear] | None
     ) -> list[Linear]:
-        return [
-            linearize(
-                self.nominal,
+        def of(nominal: Nominal, at: tuple[Shot, Place, Linear | None]) -> Linear:
+            shot, place, near = at
+            return linearize(
+                nominal,
                 shot,
                 point.theta,
                 self.free,
@@ -214,10 +218,11 @@ class Problem:
                 place,
                 candidates,
                 self.input_knots,
-                None if known is None else known[i],
+                near,
             )
-            for i, (shot, place) in enumerate(zip(self.shots, point.places, strict=True))
-        ]
+
+        nearby = [None] * len(self.shots) if known is None else known
+        return each(self.nominal, of, list(zip(self.shots, point.places, nearby, strict=True)))
 
     def normal(
         self,
@@ -340,10 +345,11 @@ class Problem:
         Hidden states that are new start at their prior mean; those that stay are kept.
         """
         base = len(self.nominal.states())
-        places = []
         old = machine_terms(self.terms)
         new = machine_terms(terms)
-        for shot, place in zip(self.shots, point.places, strict=True):
+
+        def of(nominal: Nominal, which: tuple[Shot, Place]) -> Place:
+            shot, place = which
             blocks = [place.starts[:, :base]]
             fresh = []
             for term in new:
@@ -358,8 +364,10 @@ class Problem:
                     fresh.append(term)
             starts = np.hstack(blocks)
             if fresh:
-                starts = _run_hidden(self.nominal, shot, point.theta, new, starts, base)
-            places.append(Place(starts, place.nuisances))
+                starts = _run_hidden(nominal, shot, point.theta, new, starts, base)
+            return Place(starts, place.nuisances)
+
+        places = each(self.nominal, of, list(zip(self.shots, point.places, strict=True)))
         return Point(point.theta, np.asarray(sizes, dtype=np.float64), tuple(places))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,9 @@ __all__ = ["shifted"]
 
 #: Samples of a neighbor that a window takes along beyond the lag: a spline forgets what is farther.
 CONTEXT = 12
+#: Samples up to which a spline on an even clock is applied as a matrix, which is kept: the same lag
+#: is asked for column by column.
+MATRIX = 400
 
 
 def shifted(record: Record, y: Array, windows: NDArray[Any], delays: Array) -> Array:
@@ -43,41 +47,53 @@ def shifted(record: Record, y: Array, windows: NDArray[Any], delays: Array) -> A
     flat = y.reshape(y.shape[0], y.shape[1], -1).astype(np.float64)
     out = flat.copy()
     last = windows[:, 1] - windows[:, 0]
-    whole = [bool(np.all(np.isfinite(flat[b, : n + 1]))) for b, n in enumerate(last)]
-    uniform = np.allclose(np.diff(record.time), record.interval, rtol=1e-6, atol=0.0)
-
-    def seen(b: int, own: int) -> int:
-        """Samples that window ``own`` sees of its neighbor b."""
-        if not 0 <= b < len(last) or not whole[b] or delays[b] != delays[own]:
-            return 0
-        first, second = min(b, own), max(b, own)
-        if windows[first, 1] != windows[second, 0]:
-            return 0
-        reach = CONTEXT + int(np.ceil(abs(delays[own]) / record.interval))
-        return int(min(reach, last[b]))
+    inside = np.arange(y.shape[1]) <= last[:, None]
+    whole = np.all(np.isfinite(flat) | ~inside[:, :, None], axis=(1, 2))
+    # How many samples of its neighbors a window sees.
+    tied = np.zeros(len(last) + 1, dtype=bool)
+    tied[1:-1] = windows[:-1, 1] == windows[1:, 0]
+    tied[1:-1] &= (delays[:-1] == delays[1:]) & whole[:-1] & whole[1:]
+    reach = CONTEXT + np.ceil(np.abs(delays) / record.interval).astype(np.intp)
+    before = np.where(tied[:-1], np.minimum(reach, np.roll(last, 1)), 0)
+    after = np.where(tied[1:], np.minimum(reach, np.roll(last, -1)), 0)
+    first = before if record.even else windows[:, 0]
 
     # Windows of one length on one clock are one spline.
     groups: dict[tuple[int, int, int, int, float], list[int]] = {}
-    for b, delay in enumerate(delays):
-        if delay != 0.0 and whole[b]:
-            before, after = seen(b - 1, b), seen(b + 1, b)
-            first = before if uniform else int(windows[b, 0])
-            groups.setdefault((int(last[b]), before, after, first, float(delay)), []).append(b)
-    for (end, before, after, first, delay), group in groups.items():
+    keys = zip(*(v.tolist() for v in (last, before, after, first, delays)), strict=True)
+    for b, key in enumerate(keys):
+        if key[-1] != 0.0 and whole[b]:
+            groups.setdefault(key, []).append(b)
+    for (end, ahead, behind, begin, delay), group in groups.items():
         lanes = np.array(group)
         parts = [flat[lanes, : end + 1]]
-        if before:
-            at = last[lanes - 1][:, None] - before + np.arange(before)
+        if ahead:
+            at = last[lanes - 1][:, None] - ahead + np.arange(ahead)
             step = flat[lanes, 0] - flat[lanes - 1, last[lanes - 1]]
             parts.insert(0, flat[lanes[:, None] - 1, at] + step[:, None])
-        if after:
+        if behind:
             step = flat[lanes, end] - flat[lanes + 1, 0]
-            parts.append(flat[lanes + 1, 1 : after + 1] + step[:, None])
-        span = np.arange(first - before, first + end + after + 1)
-        time = span * record.interval if uniform else record.time[span]
-        want = time[before : before + end + 1] - delay
-        out[lanes, : end + 1] = _continued(time, np.concatenate(parts, axis=1), want)
+            parts.append(flat[lanes + 1, 1 : behind + 1] + step[:, None])
+        values = np.concatenate(parts, axis=1)
+        span = np.arange(begin - ahead, begin + end + behind + 1)
+        if record.even and span.size <= MATRIX:
+            matrix = _matrix(ahead, end, behind, record.interval, delay)
+            out[lanes, : end + 1] = np.moveaxis(np.tensordot(values, matrix, (1, 1)), 1, 2)
+            continue
+        time = span * record.interval if record.even else record.time[span]
+        want = time[ahead : ahead + end + 1] - delay
+        out[lanes, : end + 1] = _continued(time, values, want)
     return out.reshape(y.shape)
+
+
+@lru_cache(maxsize=128)
+def _matrix(before: int, end: int, after: int, interval: float, delay: float) -> Array:
+    """What takes the samples of a window and of its neighbors to the delayed ones of the window."""
+    size = before + end + 1 + after
+    time = np.arange(size) * interval
+    out: Array = _continued(time, np.eye(size)[None], time[before : before + end + 1] - delay)[0]
+    out.setflags(write=False)
+    return out
 
 
 def _continued(time: NDArray[Any], values: Array, want: NDArray[Any]) -> Array:

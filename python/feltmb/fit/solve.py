@@ -10,9 +10,11 @@ import numpy as np
 from feltmb.data import Array
 from feltmb.fit.cache import Cache
 from feltmb.fit.linearize import Linear, Place
-from feltmb.fit.nominal import Lanes, Term
+from feltmb.fit.nominal import Lanes, Nominal, Term
 from feltmb.fit.observe import machine_terms, observe_lanes
 from feltmb.fit.problem import Normal, Point, Problem
+from feltmb.fit.shots import Shot
+from feltmb.fit.together import each
 
 __all__ = [
     "Fit",
@@ -34,6 +36,8 @@ HORIZONS, LED, NEAR = (0.5, 0.65, 0.8, 0.9), 5, 4.0
 #: Prior standard deviations from which a parameter makes a fit doubtful, and the factors of the
 #: noise from which a doubtful one is cooled.
 STRAINED, HEAT = 3.3, (30.0, 10.0, 5.0, 2.5)
+#: Log evidence within which two fits are one.
+SAME = 0.5
 #: Note of a fit that came down with the noise.
 ANNEALED = "fitted from much noise to little"
 
@@ -365,18 +369,21 @@ def polish(problem: Problem, point: Point, level: float, settings: FitSettings) 
 
 def chained(problem: Problem, point: Point) -> Point:
     """The point whose windows start where the window before ends."""
-    places = []
-    for shot, place in zip(problem.shots, point.places, strict=True):
+
+    def of(nominal: Nominal, at: tuple[Shot, Place]) -> Place:
+        shot, place = at
         starts = place.starts.copy()
         for w in range(shot.count - 1):
             one = slice(w, w + 1)
             lanes = Lanes.at_point(
                 point.theta, shot.windows[one], starts[one], problem.terms, point.sizes
             )
-            ends = observe_lanes(problem.nominal, shot.record, lanes).ends[0]
+            ends = observe_lanes(nominal, shot.record, lanes).ends[0]
             if np.all(np.isfinite(ends)):
                 starts[w + 1] = ends
-        places.append(Place(starts, place.nuisances))
+        return Place(starts, place.nuisances)
+
+    places = each(problem.nominal, of, list(zip(problem.shots, point.places, strict=True)))
     return replace(point, places=tuple(places), memo={})
 
 
@@ -546,7 +553,7 @@ def fit_problem(
     Gaps go from loose to tight; the level with the largest marginal likelihood is kept. A fit that
     is not good is tried again from other starts, so that a stuck fit is not taken for a gap:
     windows that stand out are restarted from their neighbors, and the parameters from draws of
-    their priors.
+    their priors, until the best fit is reached a second time.
     """
     settings = settings or FitSettings()
     first = point or problem.start()
@@ -571,6 +578,8 @@ def fit_problem(
             theta[j] = np.clip(theta[j] + sd * generator.standard_normal(), p.lower, p.upper)
         moved = replace(loose, theta=theta, memo={})
         trial, _, _ = _descend(fit.problem, moved, settings, progress, f"{label}, restart {i + 1}")
-        if trial.log_evidence > fit.log_evidence + 0.5:
+        if trial.log_evidence > fit.log_evidence + SAME:
             fit = replace(trial, notes=(*fit.notes, f"restart {i + 1} was better"))
+        elif trial.log_evidence > fit.log_evidence - SAME:
+            break  # reached from two starts
     return fit

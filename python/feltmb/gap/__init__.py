@@ -6,6 +6,7 @@ It knows time series and parameters, not any particular machine.
 from feltmb.data import Record, Sensor, StartPrior
 from feltmb.fit import (
     Coordinate,
+    Coupling,
     Effect,
     FunctionNominal,
     Lanes,
@@ -45,6 +46,7 @@ __all__ = [
     "Amended",
     "ComponentRow",
     "Coordinate",
+    "Coupling",
     "Effect",
     "EventRow",
     "Foresight",

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.fit.nominal import Nominal
+from feltmb.fit.nominal import Effect, Nominal
 from feltmb.fit.shots import Shot
 from feltmb.gap.advise import confusion
 from feltmb.gap.calibrate import Null
 from feltmb.gap.proof import Outcome
 from feltmb.gap.refine import Candidate
-from feltmb.gap.report import Amended, GapRow, HowFar, Ranked, RankedSet, Which
+from feltmb.gap.report import Amended, GapRow, HowFar, Ranked, RankedSet, ShapeNumber, Which
 from feltmb.gap.search import Search
 from feltmb.gap.settle import Accepted, Posterior
+from feltmb.gap.spread import Spread, spread
 
 __all__ = ["amended", "how_far_rows", "ranked"]
 
@@ -45,6 +48,7 @@ def ranked(
             weights[n] += weight
     classes = _classes(search)
     member = {n: c for c in classes for n in c}
+    spreads: dict[tuple[str, ...], Spread] = {}
     rows = []
     for name in names:
         own = [i for i, t in enumerate(reference.terms) if t.name == name]
@@ -55,12 +59,20 @@ def ranked(
         size = sizes[i] * scale
         sd = scale / strength[i] if strength[i] > 0.0 else np.inf
         shape = term.shape
+        wide: dict[int, float] = {}
         if refitted is not None:
             k = refitted.names.index(name)
             shape = refitted.fit.terms[k].shape
             size = float(refitted.fit.point.sizes[k])
-            at = len(refitted.fit.problem.free) + k
-            sd = float(np.sqrt(max(refitted.fit.covariance[at, at], 0.0)))
+            if name in named or name in one_of:
+                if refitted.key not in spreads:
+                    spreads[refitted.key] = spread(refitted.fit)
+                found = spreads[refitted.key]
+                sd = float(found.sizes[k])
+                wide = {i: v for (j, i), v in found.shapes.items() if j == k}
+            else:
+                at = len(refitted.fit.problem.free) + k
+                sd = float(np.sqrt(max(refitted.fit.covariance[at, at], 0.0)))
         low, high = term.effect.bounds
         confused = tuple(n for n in member.get(name, ()) if n != name)
         rows.append(
@@ -85,6 +97,7 @@ def ranked(
                 confusable=confused,
                 named=name in named,
                 remedy=term.effect.remedy,
+                numbers=_numbers(term.effect, shape, wide),
             )
         )
     rows.sort(
@@ -104,6 +117,20 @@ def ranked(
     return Which(
         effects=tuple(rows), sets=sets, none=belief.none, other=belief.other, classes=classes
     )
+
+
+def _numbers(effect: Effect, shape: Any, wide: Mapping[int, float]) -> tuple[ShapeNumber, ...]:
+    """Numbers of a shape; ``wide``: standard deviations of the logarithms of those that move."""
+    values = shape if isinstance(shape, tuple) else (shape,)
+    out = []
+    for i, value in enumerate(values):
+        if not isinstance(value, (int, float)) or isinstance(value, bool):
+            continue
+        name = effect.shape_names[i] if i < len(effect.shape_names) else "shape"
+        factor = math.exp(min(1.96 * wide.get(i, 0.0), 50.0))
+        low, high = sorted((value / factor, value * factor))
+        out.append(ShapeNumber(name=name, value=float(value), low=float(low), high=float(high)))
+    return tuple(out)
 
 
 def _where_refitted(search: Search, accepted: Accepted, name: str) -> Candidate | None:

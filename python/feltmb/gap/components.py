@@ -30,6 +30,8 @@ __all__ = ["component_table"]
 
 KNOTS = 5
 TRACES = 3
+#: Share of a recovered force from which it is said what it looks like.
+LIKE = 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,8 +161,8 @@ def _recover(
     states = [s.name for s in fit.problem.nominal.states()]
     inverse = np.linalg.inv(prior + 1e-8 * np.eye(len(prior))) / variance
     traces: dict[str, dict[str, list[float]]] = {}
-    forces, positions, speeds = [], [], []
-    for shot, place, part in zip(fit.problem.shots, fit.point.places, parts, strict=True):
+    seen = []
+    for i, (shot, part) in enumerate(zip(fit.problem.shots, parts, strict=True)):
         cover = np.linalg.inv(inverse + part.g)
         value = np.einsum("wij,wj->wi", cover, part.u) * port.scale
         sd = np.sqrt(np.maximum(np.einsum("wii->wi", cover), 0.0)) * port.scale
@@ -170,34 +172,57 @@ def _recover(
             "force": [float(v) for v in value.ravel()],
             "sd": [float(s) for s in sd.ravel()],
         }
-        middle = value.mean(axis=1)
-        forces.append(middle)
-        if port.position in states:
-            positions.append(place.starts[:, states.index(port.position)])
-        if port.speed in states:
-            speeds.append(place.starts[:, states.index(port.speed)])
-    force = np.concatenate(forces)
-    shapes: dict[str, Array] = {"a constant": np.ones_like(force)}
-    if positions:
-        q = np.concatenate(positions)
-        shapes |= {"the position": q, "the cube of the position": q**3, "position squared": q**2}
-    if speeds:
-        v = np.concatenate(speeds)
-        shapes |= {
-            "the speed": v,
-            "the sign of the speed": np.sign(v),
-            "speed times its size": v * np.abs(v),
-        }
-    power = float(force @ force)
+        there = _at_knots(fit, i)
+        columns = [value, sd]
+        for name in (port.position, port.speed):
+            columns.append(there[..., states.index(name)] if name in states else 0.0 * value)
+        seen.append(np.stack(columns, axis=-1).reshape(-1, 4))
+    return traces, _likeness(np.concatenate(seen))
+
+
+def _at_knots(fit: Fit, i: int) -> Array:
+    """States of a shot at the knots of every window, (W, KNOTS, nx)."""
+    shot, place = fit.problem.shots[i], fit.point.places[i]
+    length = shot.windows[:, 1] - shot.windows[:, 0]
+    out = np.repeat(place.starts[:, None, :], KNOTS, axis=1)
+    for k in range(1, KNOTS):
+        windows = shot.windows.copy()
+        windows[:, 1] = windows[:, 0] + np.maximum(1, length * k // (KNOTS - 1))
+        lanes = Lanes.at_point(fit.point.theta, windows, place.starts, fit.terms, fit.point.sizes)
+        out[:, k] = observe_lanes(fit.problem.nominal, shot.record, lanes).ends
+    return out
+
+
+def _likeness(seen: Array) -> str:
+    """What a force, its standard deviation, position and speed (n, 4) look like together.
+
+    What is in proportion to position or speed the parameters of the nominal have taken up: other
+    laws are compared without that part of them.
+    """
+    force, sd, q, v = seen[np.all(np.isfinite(seen), axis=1) & (seen[:, 1] > 0.0)].T
+    weight = 1.0 / np.maximum(sd, 1e-300)
+    taken = np.column_stack([q * weight, v * weight])
     best, share = "", 0.0
-    for name, shape in shapes.items():
-        size = float(shape @ shape)
-        if size > 0.0 and power > 0.0:
-            explained = float(shape @ force) ** 2 / (size * power)
+    for name, law, linear in (
+        ("a constant", np.ones_like(q), True),
+        ("the position", q, True),
+        ("the speed", v, True),
+        ("position squared", q**2, False),
+        ("the cube of the position", q**3, False),
+        ("the sign of the speed", np.sign(v), False),
+        ("speed times its size", v * np.abs(v), False),
+    ):
+        shape, trace = law * weight, force * weight
+        if not linear:
+            shape, trace = (
+                a - taken @ np.linalg.lstsq(taken, a, rcond=None)[0] for a in (shape, trace)
+            )
+        size, power = float(shape @ shape), float(trace @ trace)
+        if size > 1e-12 * float((law * weight) @ (law * weight)) and power > 0.0:
+            explained = float(shape @ trace) ** 2 / (size * power)
             if explained > share:
                 best, share = name, explained
-    text = f"most like {best} ({share:.0%} of it)" if share > 0.3 else "no simple form"
-    return traces, text
+    return f"most like {best} ({share:.0%} of it)" if share > LIKE else "no simple form"
 
 
 def _knot_times(shot: Shot) -> Array:

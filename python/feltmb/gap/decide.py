@@ -21,6 +21,9 @@ EXCESS = 4.0
 REST = 3.0
 #: Log evidence for unknown forces or signals that is a gap whatever causes it.
 OTHER = 6.0
+#: Amplitude of what is left, as a share of what the named effects explain, up to which it is
+#: their form.
+FORM = 0.003
 #: Posterior that a name needs.
 SURE = 0.9
 #: Family-wise p of the largest score at which the nominal is refuted, whatever held-out records
@@ -83,9 +86,12 @@ class Decision:
 
 
 def misfit(
-    fit: Fit, tight: Fit | None, *, estimated: bool, bar: float = EXCESS
+    fit: Fit, tight: Fit | None, *, estimated: bool, bar: float = EXCESS, explained: float = 0.0
 ) -> tuple[bool, float, float]:
     """Is something left: (yes, standardized excess, log evidence for something unknown).
+
+    ``explained`` is the gain of log evidence of the effects in the fit. What is left must be more
+    than ``FORM`` of that motion: no law is right to the last digit, nor is an integrator.
 
     The unknown are forces at every window's joint, or, where a fit has no gaps between windows, a
     smooth signal in every output. Where the noise itself was estimated from the records, an excess
@@ -103,7 +109,9 @@ def misfit(
         other = smooth_rest(reference)
     if estimated and ratio < 1.33**2:
         other = 0.0
-    return excess > bar or other > OTHER, float(excess), float(other)
+    form = FORM**2 * max(0.0, explained)
+    far = excess > bar and 0.5 * (reference.chi2 - reference.dof) > form
+    return far or other > OTHER + form, float(excess), float(other)
 
 
 def decide(facts: Facts) -> Decision:
@@ -193,7 +201,13 @@ def _name(facts: Facts) -> Decision:
     if _widens(far) or (facts.unexplained and far.closed < LEAST_CLOSED):
         why = f"closes {far.closed:.0%} of the held-out gap{_band(far)}"
         return _unsure(facts, sure or tuple(unsure), why)
-    left, _, _ = misfit(best.fit, facts.rest, estimated=facts.gates.estimated, bar=REST)
+    left, _, _ = misfit(
+        best.fit,
+        facts.rest,
+        estimated=facts.gates.estimated,
+        bar=REST,
+        explained=best.evidence - facts.search.tight_evidence,
+    )
     left = left or facts.unexplained or facts.leftover > 1.0
     closed = _closing(facts, sure or tuple(unsure))
     rest = (
@@ -204,7 +218,7 @@ def _name(facts: Facts) -> Decision:
     if not sure:
         verdict = Verdict.ONE_OF
         text = f"One of {_list(unsure)}; these records cannot tell which. {closed}"
-    elif all(n in data for n in sure) and not left:
+    elif all(n in data for n in (*sure, *unsure)) and not left:
         # With an unknown rest it is not said that the machine is as modeled.
         verdict = Verdict.DATA_PROBLEM
         text = f"The records, not the machine: {_list(sure)}. {closed}"
@@ -212,8 +226,8 @@ def _name(facts: Facts) -> Decision:
         verdict = Verdict.NAMED_UNKNOWN_REST if left or unsure else Verdict.NAMED
         where = "records show" if all(n in data for n in sure) else "model lacks"
         text = f"The {where}: {_list(sure)}. {closed}"
-        if unsure:
-            text += f" Besides, one of {_list(unsure)}, which these records cannot tell apart."
+    if sure and unsure:
+        text += f" Besides, one of {_list(unsure)}, which these records cannot tell apart."
     trust = TRUST[verdict]
     belief = facts.belief.trusted(trust)
     return Decision(verdict, text + rest, sure, tuple(unsure), trust * confidence, belief)
@@ -281,7 +295,7 @@ def _floor(facts: Facts) -> str:
     if not rows:
         return "more than noise"
     worst = max(rows, key=lambda r: r.after / r.floor)
-    return f"{worst.after / worst.floor:.2g} times the noise of {worst.channel}"
+    return f"{worst.after / worst.floor:.3g} times the noise of {worst.channel}"
 
 
 def _refusals(accepted: Accepted) -> str:

@@ -28,7 +28,7 @@ from feltmb.gap.refine import tighten
 from feltmb.gap.report import Advice, NotTested, Report, Verdict, Where
 from feltmb.gap.rest import color_of_rest, rest_of, settled, with_color, with_noise
 from feltmb.gap.score import all_terms, family_threshold, score_fit
-from feltmb.gap.search import Search, search
+from feltmb.gap.search import Search, in_finer_steps, search
 from feltmb.gap.settle import WIDE, Accepted, accept, posterior, shapley
 from feltmb.gap.tolerance import strain_told, within_tolerance
 from feltmb.gap.trial import try_effects
@@ -202,7 +202,7 @@ def _investigate(
         width=options.width,
         progress=progress,
     )
-    return within_tolerance(found, settings)
+    return within_tolerance(in_finer_steps(found, settings, progress=progress), settings)
 
 
 def diagnose(
@@ -267,12 +267,14 @@ def diagnose(
     try_effects(nominal, usable, fit_records[0])
     sensed = held_shots
     first = _investigate(nominal, shots, usable, options, settings, cache, progress)
+    nominal = first.nominal.problem.nominal
     color = None if gates.estimated else _recolored(first, shots, settings, cache)
     if color is not None:
         gates = _with_color(gates, color)
         shots = tuple(with_color(nominal, s, color) for s in shots)
         sensed = held_shots = tuple(with_color(nominal, s, color) for s in held_shots)
         first = _investigate(nominal, shots, usable, options, settings, cache, progress)
+        nominal = first.nominal.problem.nominal
     found, rest_noise = first, None
     plain = shots
     for _ in range(ROUNDS):
@@ -285,7 +287,8 @@ def diagnose(
         shots = tuple(with_noise(nominal, s, new) for s in plain)
         held_shots = tuple(with_noise(nominal, s, new) for s in sensed)
         found = _investigate(nominal, shots, usable, options, settings, cache, progress)
-    fit, tight_fit = found.nominal, found.tight_fit
+        nominal = found.nominal.problem.nominal
+    fit = found.nominal
     for name, why in found.failed:
         not_tested.append(NotTested(name=name, why=why))
     blind = [t for t, ok in zip(found.scores.terms, found.scores.testable, strict=True) if not ok]
@@ -300,10 +303,11 @@ def diagnose(
             )
     lap("which")
     say("where")
-    seen = tight_fit if tight_fit is not None and not nominal.chaotic else found.bare
+    # With the noise of the sensors: an unknown rest that is taken for noise hides where it lies.
+    seen = first.bare if first.tight_fit is None or nominal.chaotic else first.tight_fit
     cells, onset = ledger(seen)
     events = event_ledger(seen)
-    components = component_table(found.bare)
+    components = component_table(first.bare)
     where = Where(
         ledger=cells, events=events, components=components, onset=onset, split=split_gap(seen)
     )
@@ -338,13 +342,16 @@ def diagnose(
     reference_fit = found.tight_fit if found.tight_fit is not None else fit
     alarm = float(np.max(reference.singles())) if reference.terms else 0.0
     bar, _ = family_threshold(reference, options.alpha, seed=options.seed)
+    # A correction can only raise the bar: it matters for what passed it by little, and where
+    # nothing else says that the nominal is wrong.
+    near = bar < alarm < 6.0 * bar
+    near = near and not misfit(first.bare, first.tight_fit, estimated=gates.estimated)[0]
     null = calibrate(
         reference_fit,
         reference,
         usable,
         options.alpha,
-        # A correction can only raise the bar: it matters for what passed it by little.
-        options.bootstrap if bar < alarm < 6.0 * bar else 0,
+        options.bootstrap if near else 0,
         seed=options.seed,
         progress=progress,
     )

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from feltmb.data import Array, Record
-from feltmb.fit import Coordinate, Effect, Named, State
+from feltmb.fit import Coordinate, Coupling, Effect, EffectKind, Named, State
 from feltmb.fit.shift import shifted
 
 __all__ = [
@@ -46,20 +46,21 @@ __all__ = [
     "viscous_friction",
 ]
 
+#: What an effect may act on.
+Part = Coordinate | Coupling
 Rate = Callable[[Any, Named, Named, Named, Any, Any], Mapping[str, Any]]
 
 
-def _force(c: Coordinate, law: Callable[[Any, Any, Any], Any]) -> Rate:
+def _force(c: Part, law: Callable[[Any, Any, Any], Any]) -> Rate:
     """Rate of a force law f(position, speed, shape) per unit of size, against the motion."""
 
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, shape: Any) -> Mapping[str, Array]:
-        value = -size * law(x[c.position], x[c.speed], shape)
-        return {c.speed: c.acceleration(value, t, x, u, p)}
+        return c.push(-size * law(*c.motion(x), shape), t, x, u, p)
 
     return rate
 
 
-def dry_friction(c: Coordinate, *, scale: float, speed: float) -> Effect:
+def dry_friction(c: Part, *, scale: float, speed: float) -> Effect:
     """Coulomb friction F = F_c tanh(v / v_0), v_0 a hundredth of the typical speed or less."""
     return Effect(
         name=f"dry friction {c.name}",
@@ -69,12 +70,13 @@ def dry_friction(c: Coordinate, *, scale: float, speed: float) -> Effect:
         sign=1,
         mechanism="A force of constant size acts against the motion.",
         shapes=(0.003 * speed, 0.03 * speed),
+        shape_names=("v_0 [position unit/s]",),
         remedy="Add the friction, or clean and lubricate the guide.",
         rate=_force(c, lambda q, v, v0: np.tanh(v / v0)),
     )
 
 
-def dry_friction_asymmetry(c: Coordinate, *, scale: float, speed: float) -> Effect:
+def dry_friction_asymmetry(c: Part, *, scale: float, speed: float) -> Effect:
     """Coulomb friction that differs between the directions: F = F_a |tanh(v / v_0)|."""
     return Effect(
         name=f"one-sided friction {c.name}",
@@ -83,12 +85,13 @@ def dry_friction_asymmetry(c: Coordinate, *, scale: float, speed: float) -> Effe
         scale=scale,
         mechanism="Dry friction is stronger in one direction than in the other.",
         shapes=(0.01 * speed,),
+        shape_names=("v_0 [position unit/s]",),
         remedy="Use two levels of dry friction.",
         rate=_force(c, lambda q, v, v0: np.abs(np.tanh(v / v0))),
     )
 
 
-def static_friction(c: Coordinate, *, scale: float, speed: float) -> Effect:
+def static_friction(c: Part, *, scale: float, speed: float) -> Effect:
     """Stribeck excess at low speed: F = F_s exp(-(v / v_s)^2) tanh(v / v_0)."""
     return Effect(
         name=f"Stribeck friction {c.name}",
@@ -98,12 +101,13 @@ def static_friction(c: Coordinate, *, scale: float, speed: float) -> Effect:
         sign=1,
         mechanism="Friction is larger at low speed than in full motion.",
         shapes=((0.05 * speed, 0.003 * speed), (0.3 * speed, 0.01 * speed)),
+        shape_names=("v_s [position unit/s]", "v_0 [position unit/s]"),
         remedy="Add the Stribeck term, or change the lubricant.",
         rate=_force(c, lambda q, v, s: np.exp(-((v / s[0]) ** 2)) * np.tanh(v / s[1])),
     )
 
 
-def viscous_friction(c: Coordinate, *, scale: float) -> Effect:
+def viscous_friction(c: Part, *, scale: float) -> Effect:
     """F = d v."""
     return Effect(
         name=f"viscous friction {c.name}",
@@ -116,7 +120,7 @@ def viscous_friction(c: Coordinate, *, scale: float) -> Effect:
     )
 
 
-def quadratic_friction(c: Coordinate, *, scale: float) -> Effect:
+def quadratic_friction(c: Part, *, scale: float) -> Effect:
     """F = c v |v|: drag of air or of a turbulent fluid."""
     return Effect(
         name=f"quadratic friction {c.name}",
@@ -130,7 +134,7 @@ def quadratic_friction(c: Coordinate, *, scale: float) -> Effect:
     )
 
 
-def polynomial_stiffness(c: Coordinate, power: int, *, scale: float) -> Effect:
+def polynomial_stiffness(c: Part, power: int, *, scale: float) -> Effect:
     """F = k_n q^n; n = 2 makes a spring asymmetric, n = 3 hardens (> 0) or softens it."""
     name = {1: "linear", 2: "quadratic", 3: "cubic", 5: "quintic"}.get(power, f"power-{power}")
     return Effect(
@@ -144,7 +148,7 @@ def polynomial_stiffness(c: Coordinate, power: int, *, scale: float) -> Effect:
     )
 
 
-def backlash(c: Coordinate, *, stiffness: float, travel: float) -> Effect:
+def backlash(c: Part, *, stiffness: float, travel: float) -> Effect:
     """Dead zone of a stiffness: a share s of k q is missing within +-b (b: the shapes)."""
     return Effect(
         name=f"dead zone {c.name}",
@@ -152,15 +156,15 @@ def backlash(c: Coordinate, *, stiffness: float, travel: float) -> Effect:
         unit="1",
         scale=0.3,
         sign=1,
-        upper=1.0,
         mechanism="Within a clearance the spring does not act.",
         shapes=tuple(travel * f for f in (0.03, 0.1, 0.3)),
+        shape_names=("half width [position unit]",),
         remedy="Model the clearance, or close it.",
         rate=_force(c, lambda q, v, b: -stiffness * np.clip(q, -b, b)),
     )
 
 
-def end_stop(c: Coordinate, *, stiffness: float, travel: float) -> Effect:
+def end_stop(c: Part, *, stiffness: float, travel: float) -> Effect:
     """A spring that is met at one end of the travel: F = k max(q - b, 0), or its mirror image.
 
     The shape is (side, b): +1 the stop at q = b, -1 the one at q = -b.
@@ -178,12 +182,13 @@ def end_stop(c: Coordinate, *, stiffness: float, travel: float) -> Effect:
         sign=1,
         mechanism="At one end of the travel a further spring is met.",
         shapes=tuple((side, travel * f) for side in (1.0, -1.0) for f in (0.3, 0.7)),
+        shape_names=("side", "level [position unit]"),
         remedy="Model the stop.",
         rate=_force(c, law),
     )
 
 
-def hysteresis(c: Coordinate, *, scale: float, travel: float) -> Effect:
+def hysteresis(c: Part, *, scale: float, travel: float) -> Effect:
     """Rate-independent hysteresis: a spring behind a slip z (hidden state), F = F_h (q - z) / b.
 
     While the spring is strained further the slip takes the share |(q - z) / b|^n of the motion, and
@@ -195,11 +200,12 @@ def hysteresis(c: Coordinate, *, scale: float, travel: float) -> Effect:
 
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, shape: Any) -> Mapping[str, Array]:
         b, n = shape
-        gap = x[c.position] - x["slip"]
+        q, v = c.motion(x)
+        gap = q - x["slip"]
         share = np.minimum(np.abs(gap) / b, 1.0) ** n
-        forward = np.where(gap * x[c.speed] > 0.0, share, 0.0)
+        forward = np.where(gap * v > 0.0, share, 0.0)
         force = -size * np.clip(gap / b, -1.0, 1.0)
-        return {c.speed: c.acceleration(force, t, x, u, p), "slip": forward * x[c.speed]}
+        return {**c.push(force, t, x, u, p), "slip": forward * v}
 
     return Effect(
         name=f"hysteresis {c.name}",
@@ -210,21 +216,19 @@ def hysteresis(c: Coordinate, *, scale: float, travel: float) -> Effect:
         kind="state",
         mechanism="Force depends on the direction of the last reversal, not on the speed.",
         shapes=tuple((travel * f, n) for f in (0.03, 0.2) for n in (2.0, 10.0)),
+        shape_names=("stretch [position unit]", "sharpness"),
         remedy="Use a law with memory.",
         hidden=(State(name="slip", hidden=True, scale=travel, start_sd=0.3 * travel),),
         rate=rate,
     )
 
 
-def creep(c: Coordinate, *, scale: float, times: Sequence[float]) -> Effect:
+def creep(c: Part, *, scale: float, times: Sequence[float]) -> Effect:
     """A Maxwell branch: F = k (q - z), dz/dt = (q - z) / tau."""
 
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, tau: Any) -> Mapping[str, Array]:
-        stretch = x[c.position] - x["creep"]
-        return {
-            c.speed: c.acceleration(-size * stretch, t, x, u, p),
-            "creep": stretch / tau,
-        }
+        stretch = c.motion(x)[0] - x["creep"]
+        return {**c.push(-size * stretch, t, x, u, p), "creep": stretch / tau}
 
     return Effect(
         name=f"creep {c.name}",
@@ -235,13 +239,14 @@ def creep(c: Coordinate, *, scale: float, times: Sequence[float]) -> Effect:
         kind="state",
         mechanism="The spring relaxes with time.",
         shapes=tuple(times),
+        shape_names=("time [s]",),
         remedy="Add a relaxing branch.",
         hidden=(State(name="creep", hidden=True),),
         rate=rate,
     )
 
 
-def offset_force(c: Coordinate, *, scale: float) -> Effect:
+def offset_force(c: Part, *, scale: float) -> Effect:
     """A constant force: gravity, preload, an offset of the drive."""
     return Effect(
         name=f"constant force {c.name}",
@@ -328,13 +333,22 @@ def constant_rate(state: str, *, scale: float) -> Effect:
 
 
 def _input(
-    name: str, label: str, change: Callable[[Array, float, Any, Record], Array], **fields: Any
+    name: str,
+    label: str,
+    change: Callable[[Array, float, Any, Record], Array],
+    kind: EffectKind = "input",
+    **fields: Any,
 ) -> Effect:
+    """``change(values, size, shape, record)`` of one input.
+
+    The kind is "input" where the record may be wrong, "force" where the drive is.
+    """
+
     def excite(record: Record, size: float, shape: Any) -> Mapping[str, Array]:
         return {name: change(record.inputs[name], size, shape, record)}
 
     return Effect(
-        name=f"{label} {name}", component=f"input {name}", kind="input", excite=excite, **fields
+        name=f"{label} {name}", component=f"input {name}", kind=kind, excite=excite, **fields
     )
 
 
@@ -370,6 +384,7 @@ def bent_input(name: str, *, level: float) -> Effect:
         name,
         "nonlinearity of input",
         lambda u, size, shape, r: u + size * u * _curve(u, shape) / level,
+        kind="force",
         scale=0.05,
         shapes=("odd", "even"),
         mechanism="What arrives of the input is not in proportion to it.",
@@ -400,10 +415,12 @@ def saturation_input(name: str, *, levels: Sequence[float]) -> Effect:
         name,
         "saturation of input",
         lambda u, size, level, r: u - size * (u - np.clip(u, -level, level)),
+        kind="force",
         scale=0.3,
         sign=1,
         upper=1.0,
         shapes=tuple(levels),
+        shape_names=("level [input unit]",),
         mechanism="Large inputs do not arrive in full.",
         remedy="Lower the drive, or model its limit.",
     )
@@ -415,10 +432,12 @@ def dead_zone_input(name: str, *, levels: Sequence[float]) -> Effect:
         name,
         "dead zone of input",
         lambda u, size, level, r: u - size * np.clip(u, -level, level),
+        kind="force",
         scale=0.3,
         sign=1,
         upper=1.0,
         shapes=tuple(levels),
+        shape_names=("level [input unit]",),
         mechanism="Small inputs do not arrive in full.",
         remedy="Model the dead zone.",
     )
@@ -506,7 +525,7 @@ def sensor_delay(outputs: Sequence[str], name: str, *, scale: float) -> Effect:
 
 
 def for_coordinate(
-    c: Coordinate, *, force: float, travel: float, speed: float, time: float = 0.1
+    c: Part, *, force: float, travel: float, speed: float, time: float = 0.1
 ) -> tuple[Effect, ...]:
     """All force effects of a coordinate, scaled by its typical force, travel and speed."""
     return (
@@ -556,7 +575,7 @@ def for_sensor(outputs: Sequence[str], name: str, record: Record) -> tuple[Effec
 def standard_effects(
     outputs: Sequence[str],
     inputs: Sequence[str],
-    coordinates: Sequence[Coordinate],
+    coordinates: Sequence[Part],
     record: Record,
     *,
     force: float,

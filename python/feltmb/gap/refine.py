@@ -97,12 +97,12 @@ def _reachable(problem: Problem, base: Fit, terms: tuple[Term, ...], sizes: Arra
     """The warm start; its new sizes are cut back where one linear step promised too much."""
     old = {t.name: s for t, s in zip(base.terms, base.point.sizes, strict=True)}
     kept = np.array([old.get(t.name, 0.0) for t in terms])
-    gap_sd = base.level * problem.scale(base.problem.carry(base.point, terms, kept))
     plain = base.problem.carry(base.point, terms, kept)
+    gap_sd = base.level * problem.scale(plain)
     linears = problem.linear(plain)
     best, least = plain, problem.cost_at(plain, gap_sd, linears)[0]
     for share in (1.0, 0.3, 0.1):
-        point = base.problem.carry(base.point, terms, kept + share * (sizes - kept))
+        point = replace(plain, sizes=kept + share * (sizes - kept), memo={})
         cost = problem.cost(point, gap_sd, linears)[0]
         if cost < 4.0 * least:
             return point

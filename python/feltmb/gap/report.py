@@ -128,6 +128,17 @@ class Where:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ShapeNumber:
+    """One number of the shape of an effect."""
+
+    name: str
+    value: float
+    low: float
+    """95 % interval; the value itself where it was not fitted."""
+    high: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class Ranked:
     """One candidate."""
 
@@ -160,6 +171,8 @@ class Ranked:
     """Effects that these records cannot tell from it."""
     named: bool
     remedy: str = ""
+    numbers: tuple[ShapeNumber, ...] = ()
+    """Numbers of the shape."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.fit.nominal import Effect, Term
+from feltmb.fit.nominal import Effect, Job, Lanes, Term
+from feltmb.fit.observe import machine_terms
 from feltmb.fit.solve import Fit, FitSettings, polish
 from feltmb.gap.refine import (
     Candidate,
@@ -22,7 +23,7 @@ from feltmb.gap.refine import (
 from feltmb.gap.score import Scores, all_terms, score_fit, screen_sets
 from feltmb.gap.shape import between, movable, off_grid
 
-__all__ = ["Search", "search"]
+__all__ = ["Search", "in_finer_steps", "search"]
 
 Progress = Callable[[str, int, int], None]
 
@@ -66,6 +67,14 @@ class Search:
         return self.held or self.nominal
 
     @property
+    def tight_evidence(self) -> float:
+        """Log evidence of the nominal that closes its gaps between windows."""
+        if self.tight_fit is None:
+            return self.nominal_evidence
+        value = full_evidence(self.tight_fit, 1.0)
+        return value if np.isfinite(value) else -np.inf
+
+    @property
     def best(self) -> Candidate | None:
         """Best refitted set that beats the nominal, if there is one."""
         if self.candidates and self.candidates[0].evidence > self.nominal_evidence:
@@ -101,6 +110,56 @@ def search(
         if better is None:
             return hunt.found()
         nominal, reseeds = better, reseeds - 1
+
+
+def in_finer_steps(
+    found: Search, settings: FitSettings, *, progress: Progress | None = None
+) -> Search:
+    """The search with its best sets fitted again, if they ask for finer steps of the integrator.
+
+    Steps that are fine enough for the nominal may be too coarse for an effect, dry friction say:
+    what they do wrong would look like one more cause.
+    """
+    if found.best is None:
+        return found
+    coarse = found.best.fit.problem.nominal
+    nominal = coarse.finer(_jobs(found.best.fit))
+    if nominal is coarse:
+        return found
+
+    def moved(fit: Fit) -> Fit:
+        return replace(fit, problem=replace(fit.problem, nominal=nominal))
+
+    def again(fit: Fit) -> Fit:
+        problem = replace(fit.problem, nominal=nominal)
+        new = polish(problem, replace(fit.point, memo={}), fit.level, settings)
+        return replace(new, levels=fit.levels, notes=fit.notes)
+
+    effects = list({t.effect.name: t.effect for t in found.scores.terms}.values())
+    tight = None if found.tight_fit is None else again(found.tight_fit)
+    hunt = _Hunt(again(found.nominal), tight, effects, settings, 0, 0, progress)
+    hunt.scores, hunt.tight = found.scores, found.tight
+    hunt.start = full_evidence(hunt.nominal, hunt.total)
+    hunt.failed.update(found.failed)
+    # Larger sets may only explain what coarse steps did wrong: they have to come from the best one.
+    for c in found.candidates:
+        if len(c.names) == 1:
+            hunt.done[c.key] = Candidate(moved(c.fit), c.evidence)
+    hunt._keep(again(found.best.fit))
+    hunt._shrink()
+    hunt._shape(hunt._best())
+    hunt._finish()
+    return hunt.found()
+
+
+def _jobs(fit: Fit) -> list[Job]:
+    """What the machine of a fit simulates."""
+    terms = machine_terms(fit.terms)
+    sizes = np.array([fit.point.sizes[fit.terms.index(t)] for t in terms])
+    return [
+        (s.record, Lanes.at_point(fit.point.theta, s.windows, place.starts, terms, sizes))
+        for s, place in zip(fit.problem.shots, fit.point.places, strict=True)
+    ]
 
 
 class _Hunt:
@@ -279,6 +338,16 @@ class _Hunt:
                 if like.name in best.names or _key(swapped) in self.done or size == 0.0:
                     continue
                 self._attempt(best.fit, swapped, np.append(others, size))
+
+    def _shrink(self) -> None:
+        """Leave effects of the best set out as long as that helps."""
+        while True:
+            best = self._best()
+            for k in range(len(best.fit.terms) if len(best.fit.terms) > 1 else 0):
+                rest = tuple(t for i, t in enumerate(best.fit.terms) if i != k)
+                self._attempt(best.fit, rest, np.delete(best.fit.point.sizes, k))
+            if self._best() is best:
+                return
 
     def _shape(self, c: Candidate) -> None:
         """Fit the shapes of a set where those of the lists may not be enough."""

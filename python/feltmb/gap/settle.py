@@ -61,8 +61,7 @@ def posterior(search: Search, *, none: float = 0.5, other: float = 0.1) -> Poste
     """
     fits = [search.nominal, *(c.fit for c in search.candidates)]
     inflation = max(1.0, min(f.chi2 / f.dof for f in fits))
-    floor = search.nominal_evidence if search.tight_fit is None else _tight_evidence(search)
-    values = [floor / inflation + math.log(none)]
+    values = [search.tight_evidence / inflation + math.log(none)]
     values.append(
         search.nominal_evidence / inflation + math.log(other)
         if search.tight_fit is not None
@@ -76,12 +75,6 @@ def posterior(search: Search, *, none: float = 0.5, other: float = 0.1) -> Poste
     return Posterior(
         float(weights[0]), float(weights[1]), tuple(float(w) for w in weights[2:]), inflation
     )
-
-
-def _tight_evidence(search: Search) -> float:
-    assert search.tight_fit is not None
-    value = full_evidence(search.tight_fit, 1.0)
-    return value if math.isfinite(value) else -math.inf
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from feltmb.fit.nominal import Effect, Term
 from feltmb.fit.solve import Fit
 from feltmb.gap.score import FITTED_SHAPE, score_fit
 
-__all__ = ["between", "movable", "off_grid"]
+__all__ = ["between", "movable", "moved_shape", "off_grid", "shape_number"]
 
 #: Factor by which a shape may leave the range of its list.
 BEYOND = 5.0
@@ -95,9 +95,9 @@ def _along(fit: Fit, k: int, place: int, make: Make, value: Callable[[Fit], floa
     from scipy.optimize import minimize_scalar
 
     effect = fit.terms[k].effect
-    listed = sorted({_number(s, place) for s in effect.shapes})
+    listed = sorted({shape_number(s, place) for s in effect.shapes})
     low, high = math.log(listed[0] / BEYOND), math.log(listed[-1] * BEYOND)
-    here = math.log(_number(fit.terms[k].shape, place))
+    here = math.log(shape_number(fit.terms[k].shape, place))
     fits = {here: fit}
     values = {here: value(fit)}
 
@@ -106,7 +106,7 @@ def _along(fit: Fit, k: int, place: int, make: Make, value: Callable[[Fit], floa
         if x not in values:
             near = fits[min(fits, key=lambda known: abs(known - x))]
             terms = list(near.terms)
-            terms[k] = Term(effect, _moved(terms[k].shape, place, math.exp(x)))
+            terms[k] = Term(effect, moved_shape(terms[k].shape, place, math.exp(x)))
             fits[x] = make(near, tuple(terms))
             values[x] = value(fits[x]) if math.isfinite(fits[x].cost) else -WORST
         return -values[x]
@@ -131,11 +131,13 @@ def _along(fit: Fit, k: int, place: int, make: Make, value: Callable[[Fit], floa
     return fits[max(values, key=lambda x: values[x])]
 
 
-def _number(shape: Any, place: int) -> float:
+def shape_number(shape: Any, place: int) -> float:
+    """One number of a shape."""
     return float(shape[place]) if isinstance(shape, tuple) else float(shape)
 
 
-def _moved(shape: Any, place: int, number: float) -> Any:
+def moved_shape(shape: Any, place: int, number: float) -> Any:
+    """The shape with another number in one place."""
     if not isinstance(shape, tuple):
         return number
     if hasattr(shape, "_make"):  # a named tuple keeps its names

@@ -8,7 +8,8 @@ from feltmb.subjects.amend import amended_action
 from feltmb.subjects.blows import BlowNominal, blow_record, load_blows
 from feltmb.subjects.effects import effect_of
 from feltmb.subjects.library import Entry, Library, load_library
-from feltmb.subjects.nominal import MechanismNominal, mechanism_nominal
+from feltmb.subjects.mechanism import mechanism_nominal
+from feltmb.subjects.nominal import MechanismNominal
 from feltmb.subjects.planned import planned_strokes
 
 __all__ = [

@@ -19,6 +19,7 @@ from feltmb import _core
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError
 from feltmb.fit import Sensitivity, Term
+from feltmb.subjects.drives import follow
 from feltmb.subjects.library import Entry
 from feltmb.subjects.variants import Variant
 
@@ -82,7 +83,7 @@ def forward_sensitivities(
     place = np.array([base.place[name] for name in names], dtype=int)
     held = [] if nominal.single else nominal.condensed_places(base)
     directions = np.concatenate([place, np.array(held, dtype=int)]).astype(int)
-    drive = nominal.drive(record)
+    drive = nominal.drives.of(record)
     clock = record.time - record.time[0]
     profile = drive.profile(float(record.time[0]), float(clock[-1]))
     matrix = np.zeros((base.rest.size, directions.size))
@@ -105,7 +106,8 @@ def forward_sensitivities(
             full = base.rest.copy()
             full[place] += start
             if drive.motion:
-                nominal.follow(base, full, drive.profile(float(record.time[first]), end - begin))
+                own = drive.profile(float(record.time[first]), end - begin)
+                follow(nominal.action, base, full, own)
             state, memory = list(full), list(base.memory)
         prepared.append(_core.SensitivityWindow(begin, end, state, memory, matrix))
     parameters = [

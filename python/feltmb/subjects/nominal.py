@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from feltmb import _core
 from feltmb.config import Action
 from feltmb.data import Array, Record
-from feltmb.errors import DataError, FeltmbError, InvalidParameter, ModelError
+from feltmb.errors import FeltmbError, InvalidParameter, ModelError
 from feltmb.fit import (
     Effect,
     Lanes,
@@ -35,48 +35,19 @@ from feltmb.fit import (
     State,
     Term,
 )
-from feltmb.smoothing import LEAST_SAMPLES, noise_of_record, smooth_record
 from feltmb.subjects.aliases import Alias, alias_of
-from feltmb.subjects.effects import effect_of
+from feltmb.subjects.drives import Drive, Drives, follow, with_noise
 from feltmb.subjects.landmarks import first_turn, landmarks
-from feltmb.subjects.latest import Latest
-from feltmb.subjects.library import Entry, Library, load_library
+from feltmb.subjects.library import Entry, Library
 from feltmb.subjects.reuse import Question, Reuse
-from feltmb.subjects.signals import columns_of
 from feltmb.subjects.variants import Variant, Workshop
 
-__all__ = ["MechanismNominal", "mechanism_nominal"]
+__all__ = ["MechanismNominal"]
 
 #: Natural size of a departure from the nominal motion, as a share of 1 mm of felt travel.
 DEPARTURE = 0.05
 #: The same of the rate: departures last for some milliseconds [1/s].
 DEPARTURE_RATE = 50.0
-#: Smoothed motions that are kept: a diagnosis asks for each of them thousands of times.
-SMOOTHED = 256
-#: Estimated noise of a motion from which it is told [m].
-AUDIBLE = 2e-7
-
-
-@dataclass(frozen=True)
-class Drive:
-    """What a record puts in: force of the finger [N], or displacement of the key's front [m]."""
-
-    time: Array
-    value: Array
-    motion: bool
-
-    def profile(self, begin: float, duration: float) -> _core.Profile:
-        """Input on the clock of a window that begins at ``begin`` [s].
-
-        A force goes through its samples without overshoot; a motion, whose acceleration counts,
-        as a spline through the whole record.
-        """
-        low, high = 0, self.time.size
-        if not self.motion:
-            low = max(0, int(np.searchsorted(self.time, begin - 1e-12)) - 2)
-            high = min(high, int(np.searchsorted(self.time, begin + duration + 1e-12)) + 3)
-        kind = _core.Interpolation.spline if self.motion else _core.Interpolation.monotone
-        return _core.Profile(list(self.time[low:high] - begin), list(self.value[low:high]), kind)
 
 
 @dataclass(frozen=True)
@@ -186,7 +157,7 @@ class MechanismNominal(Nominal):
         self.forward = derivatives == "forward"
         self.workers = workers or min(8, os.cpu_count() or 1)
         self.reuse = Reuse()
-        self._smoothed: Latest[tuple[object, ...], Array] = Latest(SMOOTHED)
+        self.drives = Drives()
         self._aliases: dict[str, Alias | None] = {}
         self._workshop = Workshop(action)
         base = self._base()
@@ -262,7 +233,7 @@ class MechanismNominal(Nominal):
         notes: list[str] = []
         for record in records:
             if record.input_mode == "motion" and "displacement" in record.inputs:
-                record = _with_noise(record, notes)
+                record = with_noise(record, notes)
             if not self.single or self.until is None:
                 cut.append(record)
                 continue
@@ -287,7 +258,7 @@ class MechanismNominal(Nominal):
             return first_turn(record.time, record.outputs[name])
         base = self._base()
         job = _Job(0, base, 0, record.samples - 1, np.zeros(0))
-        run = self._integrate(record, self.drive(record), job, ())
+        run = self._integrate(record, self.drives.of(record), job, ())
         if run is None:
             return None
         result = run[2]
@@ -318,7 +289,7 @@ class MechanismNominal(Nominal):
                 continue
             first, last = (int(i) for i in lanes.windows[b])
             jobs.append(_Job(b, variant, first, last, lanes.starts[b]))
-        drive = self.drive(record)
+        drive = self.drives.of(record)
 
         def work(job: _Job) -> None:
             out = self._run(record, drive, job, names)
@@ -337,7 +308,7 @@ class MechanismNominal(Nominal):
             sizes = lanes.sizes[b] if lanes.terms else np.zeros(0)
             key = self._key(record, lanes.theta[b], lanes.terms, sizes)
             groups.setdefault(key, []).append(b)
-        drive = self.drive(record)
+        drive = self.drives.of(record)
 
         def work(item: tuple[bytes, list[int]]) -> None:
             key, rows = item
@@ -359,7 +330,7 @@ class MechanismNominal(Nominal):
     def whole(self, record: Record, variant: Variant) -> Array | None:
         """Outputs of a version over the whole record from rest, (n, ny); None if it failed."""
         job = _Job(0, variant, 0, record.samples - 1, np.zeros(0))
-        run = self._integrate(record, self.drive(record), job, ())
+        run = self._integrate(record, self.drives.of(record), job, ())
         return None if run is None else run[1]
 
     def sensitivities(
@@ -412,7 +383,7 @@ class MechanismNominal(Nominal):
         last = int(np.max(windows[:, 1]))
         names = [s.name for s in self.states()]
         job = _Job(0, self._base(), 0, last, np.zeros(len(names)))
-        run = self._integrate(record, self.drive(record), job, names)
+        run = self._integrate(record, self.drives.of(record), job, names)
         starts = np.zeros((len(windows), len(names)))
         if run is None:
             return starts
@@ -510,29 +481,6 @@ class MechanismNominal(Nominal):
         point, _, axis = output.rpartition(".")
         return variant.points[point]["xy".index(axis)] if point in variant.points else 0.0
 
-    def drive(self, record: Record) -> Drive:
-        """What the record puts in.
-
-        Raises
-        ------
-        DataError
-            The input that its mode needs is missing.
-        """
-        motion = record.input_mode == "motion"
-        wanted = "displacement" if motion else "force"
-        if wanted not in record.inputs:
-            raise DataError(
-                f"record {record.name}: input {wanted!r} is missing "
-                f"(inputs are {', '.join(record.inputs) or 'none'}); "
-                f"input_mode {record.input_mode!r} needs it"
-            )
-        value, sigma = record.inputs[wanted], record.input_sigma.get(wanted, 0.0)
-        if motion and sigma > 0.0 and value.size >= LEAST_SAMPLES:
-            key = (record.time.tobytes(), value.tobytes(), sigma)
-            noisy = value
-            value = self._smoothed.get(key, lambda: smooth_record(record.time, noisy, sigma))
-        return Drive(record.time, value, motion)
-
     def in_parallel(self, work: Callable[[Any], None], jobs: Sequence[Any]) -> None:
         """Do the jobs on the threads of the nominal; the results do not depend on their number."""
         if self.workers <= 1 or len(jobs) < 2:
@@ -570,7 +518,7 @@ class MechanismNominal(Nominal):
         options.finger_reference = v.finger_reference
         profile = drive.profile(float(record.time[job.first]), float(time[-1]))
         if drive.motion:
-            self.follow(v, full, profile)
+            follow(self.action, v, full, profile)
         try:
             result = _core.simulate(
                 v.mechanism,
@@ -596,34 +544,6 @@ class MechanismNominal(Nominal):
         x[:, known] = states[:, index[known]] - v.rest[index[known]]
         return x, self._columns(result, data, v), result
 
-    def follow(self, v: Variant, full: Array, profile: _core.Profile) -> None:
-        """Put the joint of the finger's body where the prescribed motion wants it, and its rate.
-
-        The start state of that joint has no say under motion input.
-        """
-        finger = self.action.config.finger
-        assert finger is not None
-        name = self.action.config.bodies[finger.body].coordinate
-        k, n = v.place[name], len(v.mechanism.coordinates)
-        wanted = v.finger_reference + float(profile.value(0.0))
-
-        def place(q: Array) -> float:
-            return float(_core.finger_place(v.mechanism, q))
-
-        step = 1e-6
-        for _ in range(4):
-            here = place(full[:n])
-            ahead = full[:n].copy()
-            ahead[k] += step
-            full[k] -= (here - wanted) * step / (place(ahead) - here)
-        full[n + k] = 0.0
-        here = place(full[:n])
-        ahead = full[:n].copy()
-        ahead[k] += step
-        lever = (place(ahead) - here) / step
-        drift = (place(full[:n] + step * full[n : 2 * n]) - here) / step
-        full[n + k] = (float(profile.rate(0.0)) - drift) / lever
-
     def _columns(self, result: Any, data: Array, v: Variant) -> Array:
         where = {name: i for i, name in enumerate(result.names)}
         out = np.empty((data.shape[0], len(self.outputs)))
@@ -633,83 +553,9 @@ class MechanismNominal(Nominal):
         return out
 
 
-def _with_noise(record: Record, notes: list[str]) -> Record:
-    """A motion whose noise is told; estimated, and noted, where it was not."""
-    if "displacement" in record.input_sigma:
-        return record
-    sigma = noise_of_record(record.inputs["displacement"])
-    if not sigma > 0.0:
-        return record
-    if sigma > AUDIBLE:
-        notes.append(
-            f"{record.name}: nothing is said of the noise of displacement; {sigma:.2g} m are "
-            "estimated and taken out (sigma in the TOML tells better)"
-        )
-    return replace(record, input_sigma={**record.input_sigma, "displacement": sigma})
-
-
 def _resample(old: Array, values: Array, new: Array) -> Array:
     from scipy.interpolate import CubicHermiteSpline
 
     slope = np.gradient(values, old, axis=0)
     out: Array = CubicHermiteSpline(old, values, slope, axis=0)(new)
     return out
-
-
-def mechanism_nominal(
-    action: Action,
-    *,
-    channels: Sequence[str] = (),
-    library: Library | str | None = None,
-    effects: Sequence[str] = (),
-    **options: Any,
-) -> tuple[MechanismNominal, tuple[Effect, ...]]:
-    """A mechanism with its tolerances and its library of effects, ready for a fit or a diagnosis.
-
-    Parameters
-    ----------
-    channels
-        Names of the library (``key``, ``hammer_tip``) or outputs (``hammer_tip.x``); default:
-        those of the library.
-    library
-        A library, its name or path; default: that of the mechanism.
-    effects
-        Names or patterns (``felt_*``, ``all``); default: the default set of the library.
-    options
-        Of :class:`MechanismNominal`.
-
-    Raises
-    ------
-    InvalidParameter
-        Unknown names, with the nearest known ones.
-    """
-    if not isinstance(library, Library):
-        library = load_library(action, library)
-    kind = MechanismNominal
-    if options.get("shooting", "single") == "single" and options.get("derivatives") != "forward":
-        from feltmb.subjects.strokes import StrokeNominal
-
-        kind = StrokeNominal
-    nominal = kind(action, library, library.outputs(channels), **options)
-    chosen = [e for e in library.select(effects) if _can_show(nominal, e)]
-    ready = []
-    for e in chosen:
-        alias = nominal.alias(e)
-        ready.append(
-            effect_of(
-                e,
-                nominal.outputs,
-                library.channels,
-                states=not nominal.single,
-                beyond="" if alias is None else alias.tolerance.name,
-            )
-        )
-    return nominal, tuple(ready)
-
-
-def _can_show(nominal: MechanismNominal, entry: Entry) -> bool:
-    """Whether a sensor effect has a channel to act on."""
-    if entry.sensor is None:
-        moved = {c.path.split(".")[1] for c in entry.changes if c.path.startswith("points.")}
-        return not moved or any(o.rpartition(".")[0] in moved for o in nominal.outputs)
-    return bool(columns_of(entry.sensor, nominal.outputs, nominal.library.channels))

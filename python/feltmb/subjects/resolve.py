@@ -10,7 +10,8 @@ from feltmb.config import Action, load_action, packaged_actions, parse_setting
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Effect
 from feltmb.subjects.library import load_library
-from feltmb.subjects.nominal import MechanismNominal, mechanism_nominal
+from feltmb.subjects.mechanism import mechanism_nominal
+from feltmb.subjects.nominal import MechanismNominal
 
 __all__ = ["SETTINGS", "resolve"]
 

@@ -1,0 +1,109 @@
+"""Where a force may act in a model of one's own: coordinates, and couplings between them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from feltmb.data import Array
+
+__all__ = ["Coordinate", "Coupling", "Named"]
+
+
+class Named:
+    """Values by name: ``x.q`` or ``x["q"]``; arrays with one entry a lane, (B,)."""
+
+    __slots__ = ("_values",)
+
+    def __init__(self, values: Mapping[str, Any]):
+        self._values = values
+
+    def __getitem__(self, name: str) -> Any:
+        return self._values[name]
+
+    def __getattr__(self, name: str) -> Any:
+        try:
+            return self._values[name]
+        except KeyError:
+            raise AttributeError(f"no {name!r}; known are {', '.join(self._values)}") from None
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._values
+
+
+@dataclass(frozen=True, kw_only=True)
+class Coordinate:
+    """A coordinate of a second-order system: generic effects act on it.
+
+    A force F [unit] on it changes its acceleration by F / inertia.
+    """
+
+    name: str
+    position: str
+    """State that holds the position."""
+    speed: str
+    """State that holds the speed."""
+    inertia: str | float | Callable[[Any, Named, Named, Named], Array] = 1.0
+    """Name of a parameter, a number, or a function (t, x, u, p) -> (B,)."""
+    unit: str = "N"
+    scale: float = 1.0
+    """Natural size of a force on it [unit]."""
+
+    @property
+    def parts(self) -> tuple[Coordinate, ...]:
+        """Coordinates that it is made of: itself."""
+        return (self,)
+
+    def motion(self, x: Named) -> tuple[Any, Any]:
+        """Position and speed."""
+        return x[self.position], x[self.speed]
+
+    def push(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> dict[str, Any]:
+        """Rates by name of the state that a force gives."""
+        return {self.speed: self._acceleration(force, t, x, u, p)}
+
+    def _acceleration(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> Any:
+        if isinstance(self.inertia, str):
+            return force / p[self.inertia]
+        if callable(self.inertia):
+            return force / self.inertia(t, x, u, p)
+        return force / self.inertia
+
+
+@dataclass(frozen=True, kw_only=True)
+class Coupling:
+    """What lies between two coordinates: a spring, a gear, a joint. Generic effects act on it.
+
+    Its position is that of the first coordinate less ``ratio`` times that of the second, its speed
+    likewise. A force F on it acts as F on the first and as -ratio F on the second.
+    """
+
+    name: str
+    first: Coordinate
+    second: Coordinate
+    ratio: float = 1.0
+    """Travel of the first in one of the second."""
+    unit: str = "N"
+    scale: float = 1.0
+    """Natural size of a force in it [unit]."""
+    position: str = ""
+    """No state holds its position or its speed."""
+    speed: str = ""
+
+    @property
+    def parts(self) -> tuple[Coordinate, ...]:
+        """Coordinates that it is made of."""
+        return self.first, self.second
+
+    def motion(self, x: Named) -> tuple[Any, Any]:
+        """Position and speed."""
+        (q, v), (r, w) = self.first.motion(x), self.second.motion(x)
+        return q - self.ratio * r, v - self.ratio * w
+
+    def push(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> dict[str, Any]:
+        """Rates by name of the state that a force gives."""
+        return {
+            **self.first.push(force, t, x, u, p),
+            **self.second.push(-self.ratio * force, t, x, u, p),
+        }

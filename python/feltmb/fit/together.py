@@ -1,0 +1,103 @@
+"""Several records at once: what is done for each of them, with their simulations in common.
+
+A nominal in Python spends its time on the overhead of single array operations, not on their length:
+the windows of all records in one batch take hardly longer than those of one. So what is to be done
+for each record runs in a thread of its own, every call of ``simulate`` waits until all of them have
+asked or are through, and the questions of a round are answered by one call of ``simulate_all``.
+Rounds depend on nothing but what is asked: the results are the same in every run.
+"""
+
+from __future__ import annotations
+
+import contextvars
+import threading
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    from feltmb.fit.nominal import Job, Nominal, Simulated
+
+__all__ = ["each"]
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+def each(nominal: Nominal, work: Callable[[Nominal, T], R], items: Sequence[T]) -> list[R]:
+    """``work(nominal, item)`` for all items, in their order.
+
+    Raises
+    ------
+    Exception
+        That of the first item, in their order, whose work failed.
+    """
+    if not nominal.together or len(items) < 2:
+        return [work(nominal, item) for item in items]
+    meeting = _Meeting(nominal.core, len(items))
+    results: list[R | None] = [None] * len(items)
+    faults: list[BaseException | None] = [None] * len(items)
+
+    def one(i: int) -> None:
+        try:
+            results[i] = work(nominal.asking(partial(meeting.ask, i)), items[i])
+        except BaseException as fault:
+            faults[i] = fault
+        finally:
+            meeting.leave()
+
+    threads = [
+        threading.Thread(target=contextvars.copy_context().run, args=(one, i), daemon=True)
+        for i in range(len(items))
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for fault in faults:
+        if fault is not None:
+            raise fault
+    return results  # type: ignore[return-value]
+
+
+class _Meeting:
+    """Where threads meet to have their simulations made in one go."""
+
+    def __init__(self, nominal: Nominal, count: int) -> None:
+        self._nominal = nominal
+        self._present = count
+        self._asked: dict[int, Sequence[Job]] = {}
+        self._answers: dict[int, list[Simulated] | Exception] = {}
+        self._round = threading.Condition()
+
+    def ask(self, i: int, jobs: Sequence[Job]) -> list[Simulated]:
+        """Simulate, together with what the others ask."""
+        with self._round:
+            self._asked[i] = jobs
+            self._answer_all()
+            while i not in self._answers:
+                self._round.wait()
+            answer = self._answers.pop(i)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    def leave(self) -> None:
+        """Nothing more is asked by this one."""
+        with self._round:
+            self._present -= 1
+            self._answer_all()
+
+    def _answer_all(self) -> None:
+        """Answer, if nobody is waited for."""
+        if not self._asked or len(self._asked) < self._present:
+            return
+        who = sorted(self._asked)
+        try:
+            runs = iter(self._nominal.simulate_all([job for i in who for job in self._asked[i]]))
+            for i in who:
+                self._answers[i] = [next(runs) for _ in self._asked[i]]
+        except Exception as fault:
+            self._answers.update((i, fault) for i in who)
+        self._asked.clear()
+        self._round.notify_all()

@@ -1,0 +1,120 @@
+"""Simulations of several records in one go are those of each by itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from feltmb.errors import InvalidParameter
+from feltmb.fit import Effect, Lanes, State, Term, including
+from feltmb.fit.together import each
+from feltmb.gap import Coordinate, OdeNominal, Parameter, Record, library
+
+SLIDE = Coordinate(name="slide", position="q", speed="v", inertia="m")
+
+
+def model(**options: object) -> OdeNominal:
+    return OdeNominal(
+        states=[State(name="q", unit="m", scale=0.01), State(name="v", unit="m/s", scale=0.1)],
+        parameters=[Parameter(name="m", value=1.0, sd=0.1)],
+        inputs=["f"],
+        rates=lambda t, x, u, p: (x.v, (u.f - 50.0 * x.q - 0.4 * x.v) / p.m),
+        outputs={"q": "q"},
+        coordinates=[SLIDE],
+        **options,  # type: ignore[arg-type]
+    )
+
+
+def record(name: str, samples: int, pitch: float) -> Record:
+    time = np.linspace(0.0, 0.01 * (samples - 1), samples)
+    return Record(
+        name=name, time=time, inputs={"f": np.sin(pitch * time)}, outputs={"q": np.zeros(samples)}
+    )
+
+
+RECORDS = [record("slow", 120, 2.0), record("fast", 90, 9.0), record("short", 40, 5.0)]
+
+
+def lanes(r: Record, term: Term) -> Lanes:
+    half = r.samples // 2
+    return Lanes(
+        theta=np.array([[1.0], [1.1]]),
+        windows=np.array([[0, half], [half, r.samples - 1]]),
+        starts=np.array([[0.01, 0.0, 0.0], [0.0, 0.1, 0.002]]),
+        terms=(term,),
+        sizes=np.array([[0.2], [0.4]]),
+    )
+
+
+@pytest.mark.parametrize("hold", ["linear", "zero", "spline"])
+def test_records_together_are_records_one_by_one(hold: str) -> None:
+    nominal = model(hold=hold)
+    term = Term(library.hysteresis(SLIDE, scale=0.1, travel=0.02), (0.002, 2.0))
+    jobs = [(r, lanes(r, term)) for r in RECORDS]
+    for one, (r, own) in zip(nominal.simulate_all(jobs), jobs, strict=True):
+        alone = nominal.simulate(r, own)
+        assert one.outputs.shape == alone.outputs.shape
+        assert np.allclose(one.outputs, alone.outputs, rtol=1e-13, atol=1e-16)
+        assert np.allclose(one.ends, alone.ends, rtol=1e-13, atol=1e-16)
+
+
+def test_all_that_is_asked_at_once_is_one_simulation() -> None:
+    nominal = model()
+    asked: list[int] = []
+    plain = nominal.simulate_all
+
+    def counted(jobs):  # type: ignore[no-untyped-def]
+        asked.append(len(jobs))
+        return plain(jobs)
+
+    nominal.simulate_all = counted  # type: ignore[method-assign]
+    windows = [np.array([[0, 10], [10, 20], [20, r.samples - 1]]) for r in RECORDS]
+    found = each(nominal, lambda m, i: m.guess(RECORDS[i], windows[i]), [0, 1, 2])
+    assert asked == [3, 3, 3]
+    for i, starts in enumerate(found):
+        assert np.allclose(starts, nominal.guess(RECORDS[i], windows[i]), rtol=1e-13, atol=1e-16)
+
+
+def test_who_asks_less_often_is_not_waited_for() -> None:
+    nominal = model()
+    windows = [np.array([[0, 10], [10, 20]][: 1 + i]) for i in range(2)]
+    found = each(nominal, lambda m, i: m.guess(RECORDS[i], windows[i]).shape, [0, 1])
+    assert found == [(1, 2), (2, 2)]
+
+
+def test_a_model_that_includes_an_effect_asks_its_core() -> None:
+    effect = library.viscous_friction(SLIDE, scale=0.1)
+    nominal = including(model(), [effect], [0.3])
+    windows = np.array([[0, 20], [20, 39]])
+    found = each(nominal, lambda m, r: m.guess(r, windows), RECORDS)
+    for r, starts in zip(RECORDS, found, strict=True):
+        assert np.allclose(starts, nominal.guess(r, windows), rtol=1e-13, atol=1e-16)
+
+
+def test_a_fault_is_raised_and_nobody_waits() -> None:
+    bad = Effect(
+        name="bad",
+        component="slide",
+        unit="N",
+        scale=1.0,
+        mechanism="Wrong.",
+        rate=lambda t, x, u, p, size, shape: {"w": size},
+    )
+    nominal = model()
+
+    def work(m: OdeNominal, r: Record) -> int:
+        own = lanes(r, Term(bad, None))
+        m.simulate(
+            r,
+            Lanes(
+                theta=own.theta,
+                windows=own.windows,
+                starts=own.starts[:, :2],
+                terms=own.terms,
+                sizes=own.sizes,
+            ),
+        )
+        return 0
+
+    with pytest.raises(InvalidParameter, match="'w', which is no state"):
+        each(nominal, work, RECORDS)
