@@ -131,6 +131,14 @@ class OdeNominal(Nominal):
                 for n in (part.position, part.speed)
                 if n not in names
             )
+        own = [p.name for p in self.parameters]
+        faults += [
+            f"coordinate {part.name}: inertia {part.inertia!r} is no parameter; known are "
+            f"{', '.join(own) or 'none'}"
+            for c in self.coordinates
+            for part in c.parts
+            if isinstance(part.inertia, str) and part.inertia not in own
+        ]
         for port, state in self._port_states.items():
             if state not in names:
                 faults.append(f"port {port}: {state!r} is no state; known are {', '.join(names)}")

@@ -307,7 +307,7 @@ def diagnose(
     seen = first.bare if first.tight_fit is None or nominal.chaotic else first.tight_fit
     cells, onset = ledger(seen)
     events = event_ledger(seen)
-    components = component_table(first.bare)
+    components = component_table(first.bare, None if seen is first.bare else seen)
     where = Where(
         ledger=cells, events=events, components=components, onset=onset, split=split_gap(seen)
     )

@@ -158,9 +158,19 @@ def with_sigma(record: Record, noise: Mapping[str, Noise]) -> Record:
 
 
 def faults_against(nominal: Nominal, records: Sequence[Record]) -> list[str]:
-    """Records whose units or lengths are none for the model."""
+    """Records whose units, lengths or start states are none for the model."""
     problems = []
+    states = [s.name for s in nominal.states()]
     for record in records:
+        known = record.start
+        unknown = (
+            [] if known is None else [n for n in {**known.mean, **known.sd} if n not in states]
+        )
+        if states and unknown:
+            problems.append(
+                f"{record.name}: start of {', '.join(unknown)}, no state of the model "
+                f"{nominal.name} ({', '.join(states)})"
+            )
         if record.samples < nominal.least_samples:
             problems.append(
                 f"{record.name}: {record.samples} samples; the model {nominal.name} needs at least "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -31,7 +32,7 @@ def try_effects(nominal: Nominal, effects: Sequence[Effect], record: Record) -> 
     except InvalidParameter:
         raise
     except Exception as error:  # whatever a callable of the user raises
-        raise InvalidParameter(f"model {nominal.name}: {type(error).__name__}: {error}") from error
+        raise InvalidParameter(f"model {nominal.name}: {_told(error)}") from error
     faults = []
     for e in effects:
         if e.rate is None and e.observe is None and e.excite is None:
@@ -52,14 +53,36 @@ def _fault(nominal: Nominal, term: Term, record: Record) -> str:
         if e.excite is not None:
             # The changed record checks names and lengths; a whole run would cost too much.
             record.with_inputs(e.excite(record, _size(e), term.shape))
-            return ""
-        observe_lanes(nominal, record, _begin(nominal, term, record))
+            same = record.with_inputs(e.excite(record, 0.0, term.shape))
+            moved = [n for n, v in record.inputs.items() if not _alike(same.inputs[n], v)]
+            return f"at size zero it changes the input {', '.join(moved)}" if moved else ""
+        lanes = _begin(nominal, term, record)
+        observe_lanes(nominal, record, lanes)
+        without = observe_lanes(nominal, record, _begin(nominal, None, record)).outputs
+        zero = observe_lanes(nominal, record, replace(lanes, sizes=0.0 * lanes.sizes)).outputs
+        if not _alike(zero, without):
+            return "at size zero it is not the nominal: what it adds must vanish with its size"
     except InvalidParameter as error:
         return str(error).removeprefix(f"effect {e.name}: ")
     except Exception as error:  # whatever a callable of the user raises
         what = "rate" if e.rate is not None else "observe" if e.observe is not None else "excite"
-        return f"its {what} raises {type(error).__name__}: {error}"
+        return f"its {what} raises {_told(error)}"
     return ""
+
+
+def _told(error: Exception) -> str:
+    """An error of a user's callable, with what it mostly comes from."""
+    text = f"{type(error).__name__}: {error}"
+    if "truth value of an array" in text or "only length-1 arrays" in text:
+        text += " (it is called with whole arrays: use np.where, np.maximum, np.sin)"
+    return text
+
+
+def _alike(one: Array, other: Array) -> bool:
+    """Equal but for rounding."""
+    finite = np.abs(other[np.isfinite(other)])
+    size = float(np.max(finite)) if finite.size else 0.0
+    return bool(np.allclose(one, other, rtol=1e-9, atol=1e-9 * size, equal_nan=True))
 
 
 def _begin(nominal: Nominal, term: Term | None, record: Record) -> Lanes:

@@ -97,6 +97,22 @@ def test_an_effect_outside_the_library_is_not_named():
     report = diagnose(models.NOMINAL, [models.CUBIC], data)
     assert report.verdict is Verdict.UNKNOWN
     assert report.named == ()
+    # Where it lies is told with the noise of the sensors, though the rest was admitted as noise.
+    mass = report.where.components[0]
+    assert mass.component == "mass"
+    assert mass.significant
+    assert mass.explained > 0.5
+    assert "An unknown force at mass would explain most of it" in report.statement
+    assert sum(c.significant for c in report.where.ledger) > len(report.where.ledger) / 4
+
+
+def test_a_recovered_force_is_told_by_its_form():
+    for what, told in (({"dry": 0.3}, "the sign of the speed"), ({"cubic": 2e5}, "the cube of")):
+        data = models.records(3, **what)
+        report = diagnose(models.NOMINAL, models.EFFECTS, data, None, Options(bootstrap=0))
+        mass = report.where.components[0]
+        assert mass.explained > 0.9
+        assert told in mass.signature
 
 
 def test_report_is_the_same_bytes_and_escapes_text():

@@ -97,6 +97,20 @@ def test_the_statement_tells_what_held_out_records_say(monkeypatch):
     assert "closes -30% of the held-out gap, 95% from -50% to -10%" in worse.statement
 
 
+def test_a_data_problem_holds_nothing_of_the_machine():
+    cube, square = replace(power(3), kind="sensor"), replace(power(2), kind="sensor")
+    both = records(lambda u: u + 0.3 * u**3 + 0.2 * u**2)
+    said = diagnose(LINE, [cube, square], both, options=Options(bootstrap=0))
+    assert said.verdict is Verdict.DATA_PROBLEM
+    # The square may as well be of the machine.
+    like = replace(power(2), name="square of the machine")
+    said = diagnose(LINE, [cube, square, like], both, options=Options(bootstrap=0))
+    assert said.named == ("power 3",)
+    assert set(said.one_of) == {"power 2", "square of the machine"}
+    assert said.verdict is Verdict.NAMED_UNKNOWN_REST
+    assert "Besides, one of power 2 and square of the machine" in said.statement
+
+
 def test_what_mends_the_form_of_a_larger_effect_is_small_print():
     # The truth is a cube whose law bends a little; the fifth power alone would mend that.
     bent = records(lambda u: u + 0.5 * u**3 + 0.06 * u**5)

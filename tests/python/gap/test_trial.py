@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from feltmb.data import Record
-from feltmb.errors import InvalidParameter
+from feltmb.data import Record, StartPrior
+from feltmb.errors import DataError, InvalidParameter
 from feltmb.gap import Coordinate, Effect, OdeNominal, Parameter, State, diagnose, library
 
 ARM = Coordinate(name="arm", position="q", speed="v")
@@ -78,3 +78,36 @@ def test_later_shapes_are_tried_as_well():
     magnet = rate("magnet", lambda t, x, u, p, size, shape: {"v": size / shape["far"]})
     text = message(model(), [replace(magnet, shapes=({"far": 1.0}, None))])
     assert "magnet: its rate raises TypeError" in text
+
+
+def test_an_effect_that_is_not_the_nominal_at_size_zero_is_told():
+    text = message(
+        model(),
+        [
+            library.dry_friction(ARM, scale=0.1, speed=0.1),
+            rate("bias", lambda t, x, u, p, size, shape: {"v": size + 0.1}),
+            Effect(name="lift", component="q", observe=lambda r, y, w, size, shape: y + 1e-3),
+            Effect(name="more", component="f", excite=lambda r, size, s: {"f": r.inputs["f"] + 1}),
+            rate("one by one", lambda t, x, u, p, size, shape: {"v": size if x.q > 0 else 0.0}),
+        ],
+    )
+    assert "dry friction" not in text
+    assert "bias: at size zero it is not the nominal" in text
+    assert "lift: at size zero it is not the nominal" in text
+    assert "more: at size zero it changes the input f" in text
+    assert "it is called with whole arrays: use np.where" in text
+
+
+def test_names_that_are_none_are_told_before_the_fit():
+    with pytest.raises(InvalidParameter, match="inertia 'M' is no parameter; known are k"):
+        OdeNominal(
+            name="arm",
+            states=[State(name="q"), State(name="v")],
+            parameters=[Parameter(name="k", value=1.0)],
+            rates=lambda t, x, u, p: (x.v, -p.k * x.q),
+            outputs={"q": "q"},
+            coordinates=[replace(ARM, inertia="M")],
+        )
+    late = [replace(r, start=StartPrior(mean={"zz": 1.0}, sd={"q": 0.1})) for r in records()]
+    with pytest.raises(DataError, match=r"a: start of zz, no state of the model arm \(q, v\)"):
+        diagnose(model(), [], late, hold_out="b")
