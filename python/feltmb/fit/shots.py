@@ -115,7 +115,7 @@ class Shot:
 
 
 def choose_windows(
-    record: Record, length: float | None, *, most: int = 60, least: int = 12
+    record: Record, length: float | None, *, most: int = 200, least: int = 12
 ) -> Integers:
     """Windows of about ``length`` [s] whose boundaries lie where the outputs are quiet.
 
@@ -124,7 +124,8 @@ def choose_windows(
     """
     n = record.samples
     if length is None:
-        size = int(np.clip(n / 40, 16, max(16, n // least)))
+        # Windows are simulated side by side: long ones take time, many of them hardly more.
+        size = int(np.clip(n / 40, 16, max(16, min(n // least, 200))))
         size = max(size, n // most)
     else:
         if not (math.isfinite(length) and length > 0.0):

@@ -21,6 +21,7 @@ __all__ = [
     "bent_input",
     "dead_zone_input",
     "delay_input",
+    "drifting_stiffness",
     "dry_friction",
     "end_stop",
     "for_coordinate",
@@ -242,6 +243,30 @@ def creep(c: Part, *, scale: float, times: Sequence[float]) -> Effect:
         shape_names=("time [s]",),
         remedy="Add a relaxing branch.",
         hidden=(State(name="creep", hidden=True),),
+        rate=rate,
+    )
+
+
+def drifting_stiffness(c: Part, *, scale: float, times: Sequence[float]) -> Effect:
+    """A stiffness that comes within a record: F = k (1 - exp(-t / tau)) q; warming, settling.
+
+    The time [s] is that of the record, which should begin with the drift; the shapes are tau [s].
+    """
+
+    def rate(t: Any, x: Named, u: Named, p: Named, size: Any, tau: Any) -> Mapping[str, Array]:
+        q, _ = c.motion(x)
+        return c.push(size * np.expm1(-t / tau) * q, t, x, u, p)
+
+    return Effect(
+        name=f"drifting stiffness {c.name}",
+        component=c.name,
+        unit=f"{c.unit}/m",
+        scale=scale,
+        kind="drift",
+        mechanism="The spring changes while the record runs.",
+        shapes=tuple(float(v) for v in times),
+        shape_names=("time [s]",),
+        remedy="Warm up before measuring, or model the change.",
         rate=rate,
     )
 

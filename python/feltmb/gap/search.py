@@ -188,6 +188,7 @@ class _Hunt:
 
     def run(self, *, may_restart: bool) -> Fit | None:
         """Search; a fit of the nominal that does better, if the search led there."""
+        self._tell("score")
         self.scores = score_fit(self.nominal, self.terms)
         self.tight = None if self.tight_fit is None else score_fit(self.tight_fit, self.terms)
         self.start = full_evidence(self.nominal, self.total)
