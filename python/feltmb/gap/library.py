@@ -312,6 +312,7 @@ def overflow(state: str, *, levels: Sequence[float], rate_scale: float, into: st
         upper=100.0 * rate_scale,
         mechanism="Above a level the store spills.",
         shapes=tuple((float(level), share) for level in levels for share in shares),
+        shape_names=("level [state unit]", "share"),
         remedy="Limit the level, or model the overflow.",
         rate=rate,
     )
