@@ -40,6 +40,8 @@ ALIKE, SWAPS = 0.7, 3
 PROMISE = -3.0
 #: Score below which an effect alone is not refitted.
 FAINT = 4.0
+#: Nats below the best set from which a single effect is not fitted again in finer steps.
+NEAR_BEST = 50.0
 #: Note of a nominal that does best with the tightest gaps, though the descent left them.
 CLOSED = "gaps closed again"
 
@@ -143,9 +145,12 @@ def in_finer_steps(
     hunt.failed.update(found.failed)
     # Larger sets may only explain what coarse steps did wrong: they have to come from the best one.
     for c in found.candidates:
-        if len(c.names) == 1:
+        if c is found.best or (len(c.names) == 1 and c.evidence > found.best.evidence - NEAR_BEST):
+            hunt._tell("finer steps: " + " + ".join(c.names))
+            fit = again(c.fit)
+            hunt.done[c.key] = Candidate(fit, full_evidence(fit, hunt.total))
+        elif len(c.names) == 1:
             hunt.done[c.key] = Candidate(moved(c.fit), c.evidence)
-    hunt._keep(again(found.best.fit))
     hunt._shrink()
     hunt._shape(hunt._best())
     hunt._finish()

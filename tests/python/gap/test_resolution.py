@@ -50,8 +50,11 @@ def drive(t: object, i: int) -> object:
     return 4.0 * np.sum(np.sin(2.0 * np.pi * np.multiply.outer(t, tones) + phase), axis=-1)
 
 
-def runs(held: str, k: float = 400.0, samples: int = 400) -> list[Record]:
-    """Records of the true machine whose input is smooth, or straight between samples."""
+def runs(held: str, k: float = 400.0, samples: int = 400, dry: float = 0.0) -> list[Record]:
+    """Records of the true machine whose input is smooth, or straight between samples.
+
+    ``dry`` is a friction that turns over within 0.5 mm/s [N].
+    """
     time = 0.02 * np.arange(samples)
     noise = np.random.default_rng(5)
     out = []
@@ -62,8 +65,10 @@ def runs(held: str, k: float = 400.0, samples: int = 400) -> list[Record]:
             return float(drive(t, i)) if held == "smooth" else float(np.interp(t, time, f))  # type: ignore[arg-type]
 
         y = solve_ivp(
-            lambda t, x, force=force: (x[1], force(t) - k * x[0] - 2.0 * x[1]),
-            (0.0, time[-1]), (0.0, 0.0), t_eval=time, rtol=1e-9, atol=1e-11, max_step=0.02,
+            lambda t, x, force=force: (
+                x[1], force(t) - k * x[0] - 2.0 * x[1] - dry * np.tanh(x[1] / 5e-4)
+            ),
+            (0.0, time[-1]), (0.0, 0.0), "LSODA", time, rtol=1e-9, atol=1e-11, max_step=0.02,
         ).y[0]  # fmt: skip
         out.append(
             Record(
@@ -102,6 +107,28 @@ def test_substeps_are_as_many_as_it_takes() -> None:
     told = model(k=1e4, substeps=1).ready(runs("straight", k=1e4))
     assert "substeps = 1: half the step changes the outputs by" in told.notes[0]
     assert told.nominal.substeps == 1  # type: ignore[attr-defined]
+
+
+def test_an_effect_that_is_sharper_than_the_nominal_gets_finer_steps() -> None:
+    """Friction: in the steps of the nominal its error would look like a further cause."""
+    records = runs("straight", k=40.0, dry=0.3)
+    nominal = model(k=40.0)
+    coarse = nominal.ready(records).nominal.substeps  # type: ignore[attr-defined]
+    effects = [
+        library.dry_friction(SLIDE, scale=0.1, speed=0.3),
+        library.static_friction(SLIDE, scale=0.1, speed=0.3),
+        library.viscous_friction(SLIDE, scale=0.5),
+        library.polynomial_stiffness(SLIDE, 3, scale=1e4),
+    ]
+    report = diagnose(nominal, effects, records, options=Options(bootstrap=0))
+    assert report.verdict is Verdict.NAMED, report.statement
+    assert report.named == ("dry friction slide",)
+    assert report.model.nominal.substeps > coarse  # type: ignore[attr-defined]
+    row = report.which.effects[0]
+    assert row.low < 0.3 < row.high
+    # Where the user says how many, that many are taken.
+    told = model(k=40.0, substeps=1).ready(records).nominal
+    assert told.finer([]) is told
 
 
 def test_what_is_ready_comes_back_as_it_is() -> None:
