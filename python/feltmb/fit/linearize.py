@@ -130,17 +130,18 @@ def linearize(
     ask = nominal.sensitivities if _plain(nominal, shot, (*terms, *candidates)) else None
     if ask is None:
         ask = partial(observed_sensitivities, nominal)
-    s = ask(
-        shot.record,
-        theta,
-        shot.windows,
-        place.starts,
-        terms,
-        sizes,
-        by_theta=free,
-        by_starts=place.starts.shape[1] > 0,
-        candidates=candidates,
-    )
+    with np.errstate(invalid="ignore", over="ignore"):  # windows that failed are no numbers
+        s = ask(
+            shot.record,
+            theta,
+            shot.windows,
+            place.starts,
+            terms,
+            sizes,
+            by_theta=free,
+            by_starts=place.starts.shape[1] > 0,
+            candidates=candidates,
+        )
     if known is not None:
         by_input, ends_by_input = np.zeros((*s.outputs.shape, 0)), known.ends_by_input
     else:
