@@ -333,10 +333,9 @@ def _integrate(model: OdeNominal, jobs: Sequence[Job]) -> list[Simulated]:
 
     ending = set(last.tolist())
     substeps = model.substeps or 1
-    u1 = clock.inputs(model, 0, 0.0, p)
     for j in range(longest):
         t = clock.time[j]
-        u = clock.inputs(model, j, 0.0, p)
+        u = u1 = clock.inputs(model, j, 0.0, p)
         named = view(x)
         for o, name in enumerate(model.outputs):
             of = model._outputs[name]
@@ -348,8 +347,8 @@ def _integrate(model: OdeNominal, jobs: Sequence[Job]) -> list[Simulated]:
         h = (clock.time[j + 1] - t) / substeps
         for s in range(substeps):
             a, b = s / substeps, (s + 1) / substeps
-            u0 = u if s == 0 else u1
-            um, u1 = clock.inputs(model, j, 0.5 * (a + b), p), clock.inputs(model, j, b, p)
+            u0, u1 = u1, clock.inputs(model, j, b, p)
+            um = clock.inputs(model, j, 0.5 * (a + b), p)
             t0 = t + s * h
             if model.method == "rk4":
                 half = 0.5 * h

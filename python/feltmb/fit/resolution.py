@@ -85,10 +85,10 @@ def refined(model: OdeNominal, jobs: Sequence[Job]) -> OdeNominal:
     fine = max(FINE, FORM * done) if np.isfinite(done) else FINE
 
     def heard(one: OdeNominal, other: OdeNominal) -> float:
-        return float(np.sqrt(_heard(one, other, jobs))) * FINE / fine
+        return float(np.sqrt(_heard(one, other, jobs)))
 
     now = model.substeps or 1
-    substeps, _ = _substeps(model, now, heard)
+    substeps, _ = _substeps(model, now, heard, fine)
     return model if substeps == now else _with_substeps(model, substeps)
 
 
@@ -103,12 +103,15 @@ def _with_substeps(model: OdeNominal, substeps: int) -> OdeNominal:
 
 
 def _substeps(
-    model: OdeNominal, substeps: int, heard: Callable[[OdeNominal, OdeNominal], float]
+    model: OdeNominal,
+    substeps: int,
+    heard: Callable[[OdeNominal, OdeNominal], float],
+    fine: float = FINE,
 ) -> tuple[int, float]:
     """Fewest substeps whose halves are not heard, from some on, and how loud they are."""
     while True:
         loud = heard(_with_substeps(model, substeps), _with_substeps(model, 2 * substeps))
-        if loud <= FINE or substeps >= MOST:
+        if loud <= fine or substeps >= MOST:
             return substeps, loud
         substeps *= 2
 

@@ -85,15 +85,11 @@ def component_table(
     near = np.abs(knots[:, None] - knots[None, :]) * np.sqrt(3.0) / 0.5
     prior = (1.0 + near) * np.exp(-near)
     tables = [_tested(f, prior) for f in (fit, tight) if f is not None]
-    best = {port.name: max((t[j] for t in tables), key=lambda x: x.gain)
-            for j, port in enumerate(ports)}  # fmt: skip
-    order = sorted(
-        range(len(ports)),
-        key=lambda j: (-best[ports[j].name].gain, -best[ports[j].name].z, ports[j].name),
-    )
+    best = [max(tested, key=lambda x: x.gain) for tested in zip(*tables, strict=True)]
+    order = sorted(range(len(ports)), key=lambda j: (-best[j].gain, -best[j].z, ports[j].name))
     out = []
     for rank, j in enumerate(order):
-        port, row = ports[j], best[ports[j].name]
+        port, row = ports[j], best[j]
         significant = row.p < level / len(ports)
         trace: Mapping[str, Mapping[str, list[float]]] = {}
         signature = ""

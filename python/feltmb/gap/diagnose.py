@@ -304,10 +304,11 @@ def diagnose(
     lap("which")
     say("where")
     # With the noise of the sensors: an unknown rest that is taken for noise hides where it lies.
-    seen = first.bare if first.tight_fit is None or nominal.chaotic else first.tight_fit
+    tight = None if nominal.chaotic else first.tight_fit
+    seen = tight or first.bare
     cells, onset = ledger(seen)
     events = event_ledger(seen)
-    components = component_table(first.bare, None if seen is first.bare else seen)
+    components = component_table(first.bare, tight)
     where = Where(
         ledger=cells, events=events, components=components, onset=onset, split=split_gap(seen)
     )

@@ -28,7 +28,7 @@ def try_effects(nominal: Nominal, effects: Sequence[Effect], record: Record) -> 
         used, all of them.
     """
     try:
-        observe_lanes(nominal, record, _begin(nominal, None, record))
+        bare = observe_lanes(nominal, record, _begin(nominal, None, record)).outputs
     except InvalidParameter:
         raise
     except Exception as error:  # whatever a callable of the user raises
@@ -38,7 +38,7 @@ def try_effects(nominal: Nominal, effects: Sequence[Effect], record: Record) -> 
         if e.rate is None and e.observe is None and e.excite is None:
             continue
         for shape in e.shapes:
-            fault = _fault(nominal, Term(e, shape), record)
+            fault = _fault(nominal, Term(e, shape), record, bare)
             if fault:
                 faults.append(f"{e.name}: {fault}")
                 break
@@ -46,8 +46,8 @@ def try_effects(nominal: Nominal, effects: Sequence[Effect], record: Record) -> 
         raise InvalidParameter("effects: " + "; ".join(faults))
 
 
-def _fault(nominal: Nominal, term: Term, record: Record) -> str:
-    """What is wrong with a term, or nothing."""
+def _fault(nominal: Nominal, term: Term, record: Record, bare: Array) -> str:
+    """What is wrong with a term, or nothing; ``bare``: outputs without it."""
     e = term.effect
     try:
         if e.excite is not None:
@@ -58,9 +58,8 @@ def _fault(nominal: Nominal, term: Term, record: Record) -> str:
             return f"at size zero it changes the input {', '.join(moved)}" if moved else ""
         lanes = _begin(nominal, term, record)
         observe_lanes(nominal, record, lanes)
-        without = observe_lanes(nominal, record, _begin(nominal, None, record)).outputs
         zero = observe_lanes(nominal, record, replace(lanes, sizes=0.0 * lanes.sizes)).outputs
-        if not _alike(zero, without):
+        if not _alike(zero, bare):
             return "at size zero it is not the nominal: what it adds must vanish with its size"
     except InvalidParameter as error:
         return str(error).removeprefix(f"effect {e.name}: ")
