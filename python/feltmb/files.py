@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
+import shutil
 import tomllib
 import zipfile
 import zlib
@@ -100,7 +101,10 @@ def check_writable(path: Path, *, force: bool) -> None:
 
 
 def write_file(path: Path, write: Callable[[Path], None], *, force: bool = False) -> Path:
-    """Write through a temporary file in the same folder and rename it into place.
+    """Write under a hidden temporary folder beside the target and rename into place.
+
+    A process killed in between leaves the hidden folder, never a file that a listing of the
+    target's folder (``glob("*.json")``, which finds hidden files too) takes for a result.
 
     Parameters
     ----------
@@ -116,18 +120,18 @@ def write_file(path: Path, write: Callable[[Path], None], *, force: bool = False
     temporary: Path | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        # Not mkstemp, whose files are private: results are for everyone that the umask allows, and
-        # the umask of a process with threads cannot be read.
-        new = path.parent / f".feltmb{secrets.token_hex(8)}{path.suffix}"
-        new.touch(exist_ok=False)
+        # Not mkdtemp, whose folders are private: results are for everyone that the umask allows,
+        # and the umask of a process with threads cannot be read.
+        new = path.parent / f".feltmb{secrets.token_hex(8)}"
+        new.mkdir()
         temporary = new
-        write(temporary)
-        temporary.replace(path)
+        write(temporary / path.name)
+        (temporary / path.name).replace(path)
     except OSError as error:
         raise FeltmbError(f"{path}: cannot be written: {error.strerror or error}") from None
     finally:
-        if temporary is not None and temporary.exists():
-            temporary.unlink()
+        if temporary is not None:
+            shutil.rmtree(temporary, ignore_errors=True)
     return path
 
 

@@ -149,6 +149,15 @@ def test_nothing_left_behind_on_failure(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_half_written_file_is_never_listed_as_a_result(tmp_path):
+    def write(path):
+        path.write_text("half")  # a process killed here leaves what is there now
+        assert list(tmp_path.glob("*.json")) == []
+
+    write_file(tmp_path / "member.json", write)
+    assert list(tmp_path.iterdir()) == [tmp_path / "member.json"]
+
+
 def test_a_failed_write_keeps_the_old_file(tmp_path):
     path = tmp_path / "run.nc"
     path.write_text("old")
