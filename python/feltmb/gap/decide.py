@@ -7,23 +7,16 @@ from dataclasses import dataclass, replace
 
 from feltmb.fit.solve import Fit
 from feltmb.gap.gates import Gates
+from feltmb.gap.misfit import OTHER, Misfit, misfit
 from feltmb.gap.report import HowFar, Verdict, Where
 from feltmb.gap.search import Search
 from feltmb.gap.settle import Accepted, Posterior
-from feltmb.gap.smooth import smooth_rest
 from feltmb.gap.tolerance import strain_told
 
-__all__ = ["Decision", "Facts", "decide", "misfit"]
+__all__ = ["Decision", "Facts", "decide"]
 
-#: Standardized excess of the sum of squares that is a gap whatever causes it (p = 3e-5).
-EXCESS = 4.0
-#: The same for what is left after effects were named.
+#: Standardized excess of the sum of squares for what is left after effects were named.
 REST = 3.0
-#: Log evidence for unknown forces or signals that is a gap whatever causes it.
-OTHER = 6.0
-#: Amplitude of what is left, as a share of what the named effects explain, up to which it is
-#: their form.
-FORM = 0.003
 #: Posterior that a name needs.
 SURE = 0.9
 #: Family-wise p of the largest score at which the nominal is refuted, whatever held-out records
@@ -65,6 +58,8 @@ class Facts:
     """The accepted model fitted with the tightest gaps."""
     first: Search
     """The search with the noise of the sensors alone."""
+    misfit: Misfit
+    """What the nominal leaves in that search."""
     leftover: float
     """Largest score of the other effects after the accepted ones, over its family-wise bar."""
     unexplained: bool
@@ -83,35 +78,6 @@ class Decision:
     one_of: tuple[str, ...]
     confidence: float
     belief: Posterior
-
-
-def misfit(
-    fit: Fit, tight: Fit | None, *, estimated: bool, bar: float = EXCESS, explained: float = 0.0
-) -> tuple[bool, float, float]:
-    """Is something left: (yes, standardized excess, log evidence for something unknown).
-
-    ``explained`` is the gain of log evidence of the effects in the fit. What is left must be more
-    than ``FORM`` of that motion: no law is right to the last digit, nor is an integrator.
-
-    The unknown are forces at every window's joint, or, where a fit has no gaps between windows, a
-    smooth signal in every output. Where the noise itself was estimated from the records, an excess
-    within a third of it is not held against the model.
-    """
-    reference = tight if tight is not None else fit
-    ratio = reference.chi2 / reference.dof
-    excess = (reference.chi2 - reference.dof) / math.sqrt(2.0 * reference.dof)
-    if estimated and ratio < 1.33**2:
-        excess = 0.0
-    other = 0.0
-    if tight is not None and tight is not fit:
-        other = fit.log_evidence - tight.log_evidence
-    elif not reference.gap_sd.size:
-        other = smooth_rest(reference)
-    if estimated and ratio < 1.33**2:
-        other = 0.0
-    form = FORM**2 * max(0.0, explained)
-    far = excess > bar and 0.5 * (reference.chi2 - reference.dof) > form
-    return far or other > OTHER + form, float(excess), float(other)
 
 
 def decide(facts: Facts) -> Decision:
@@ -165,9 +131,7 @@ def decide(facts: Facts) -> Decision:
 
 def _refuted(facts: Facts) -> bool:
     """Whether the nominal cannot be right, whatever is wrong with it."""
-    first = facts.first
-    left, _, _ = misfit(first.bare, first.tight_fit, estimated=facts.gates.estimated)
-    return left or facts.p <= REFUTED
+    return facts.misfit.left or facts.p <= REFUTED
 
 
 def _silent(facts: Facts, verdict: Verdict, text: str) -> Decision:
@@ -201,14 +165,14 @@ def _name(facts: Facts) -> Decision:
     if _widens(far) or (facts.unexplained and far.closed < LEAST_CLOSED):
         why = f"closes {far.closed:.0%} of the held-out gap{_band(far)}"
         return _unsure(facts, sure or tuple(unsure), why)
-    left, _, _ = misfit(
+    after = misfit(
         best.fit,
         facts.rest,
         estimated=facts.gates.estimated,
         bar=REST,
         explained=best.evidence - facts.search.tight_evidence,
     )
-    left = left or facts.unexplained or facts.leftover > 1.0
+    left = after.left or facts.unexplained or facts.leftover > 1.0
     closed = _closing(facts, sure or tuple(unsure))
     rest = (
         f" What is left is {_floor(facts)}; nothing tested explains it."
@@ -276,7 +240,7 @@ def _signs(facts: Facts) -> str:
     """What says that there is a gap."""
     first = facts.first
     text = f"sum of squares {_ratio(first):.3g} of its expectation"
-    _, _, other = misfit(first.bare, first.tight_fit, estimated=facts.gates.estimated)
+    other = facts.misfit.other
     if other > OTHER and not first.bare.gap_sd.size:
         text += f", but what is left is smoother than noise, by {other:.0f} nats"
     if facts.p > REFUTED:

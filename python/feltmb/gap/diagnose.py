@@ -20,9 +20,10 @@ from feltmb.gap.assemble import amended, how_far_rows, ranked
 from feltmb.gap.calibrate import calibrate
 from feltmb.gap.color import SURE
 from feltmb.gap.components import component_table
-from feltmb.gap.decide import EXCESS, Facts, decide, misfit
+from feltmb.gap.decide import Facts, decide
 from feltmb.gap.experiments import advise
 from feltmb.gap.gates import Gates, check_against, check_records, with_sigma
+from feltmb.gap.misfit import EXCESS, misfit
 from feltmb.gap.proof import HeldOut
 from feltmb.gap.refine import tighten
 from feltmb.gap.report import Advice, NotTested, Report, Verdict, Where
@@ -346,7 +347,8 @@ def diagnose(
     # A correction can only raise the bar: it matters for what passed it by little, and where
     # nothing else says that the nominal is wrong.
     near = bar < alarm < 6.0 * bar
-    near = near and not misfit(first.bare, first.tight_fit, estimated=gates.estimated)[0]
+    bare_misfit = misfit(first.bare, first.tight_fit, estimated=gates.estimated)
+    near = near and not bare_misfit.left
     null = calibrate(
         reference_fit,
         reference,
@@ -370,10 +372,7 @@ def diagnose(
     if accepted.candidate is not None:
         where = replace(where, onset={**where.onset, **first_act(accepted.candidate.fit)})
     beyond = None
-    if (
-        accepted.candidate is None
-        and not misfit(first.nominal, first.tight_fit, estimated=gates.estimated)[0]
-    ):
+    if accepted.candidate is None and not bare_misfit.left:
         beyond = _beyond(accepted, held_shots, settings, gates, cache, say)
         lap("how far")
     model = amended(nominal, found, accepted)
@@ -389,6 +388,7 @@ def diagnose(
         where=where,
         rest=rest,
         first=first,
+        misfit=bare_misfit,
         unexplained=rest_noise is not None,
         leftover=leftover,
         beyond=beyond,
@@ -462,20 +462,20 @@ def _recolored(
     signal, or with the best set of effects.
     """
     fit = first.nominal
-    left, _, other = misfit(fit, first.tight_fit, estimated=False)
-    color = color_of_rest(first, shots) if left else None
+    white = misfit(fit, first.tight_fit, estimated=False)
+    color = color_of_rest(first, shots) if white.left else None
     if color is None:
         return None
     nominal = fit.problem.nominal
     colored = tuple(with_color(nominal, s, color) for s in shots)
     again = fit_problem(Problem(nominal, colored, cache=cache), settings)
     tight = tighten(again, settings)
-    if misfit(again, tight, estimated=False)[0]:
+    if misfit(again, tight, estimated=False).left:
         return None
-    white = fit.log_evidence + (0.0 if fit.gap_sd.size else other)
+    plain = fit.log_evidence + (0.0 if fit.gap_sd.size else white.other)
     if first.best is not None:
-        white = max(white, first.best.fit.log_evidence)
-    gain = again.log_evidence + _log_weights(colored) - white - _log_weights(shots)
+        plain = max(plain, first.best.fit.log_evidence)
+    gain = again.log_evidence + _log_weights(colored) - plain - _log_weights(shots)
     return color if gain > SURE else None
 
 
@@ -524,7 +524,7 @@ def _beyond(
         other = fit_problem(problem, settings)
         fit = other if other.log_evidence > fit.log_evidence else fit
     tight = tighten(fit, settings)
-    _, excess, _ = misfit(fit, tight, estimated=gates.estimated)
+    excess = misfit(fit, tight, estimated=gates.estimated).excess
     reference = tight or fit
     return reference.chi2 / reference.dof if excess > EXCESS and fit.converged else None
 

@@ -14,7 +14,7 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Noise, make_shot
 from feltmb.fit.solve import Fit, fit_problem
 from feltmb.gap import smooth
-from feltmb.gap.decide import FORM, OTHER, misfit
+from feltmb.gap.misfit import FORM, OTHER, misfit
 
 TIME = np.linspace(0.0, 1.0, 201)
 SIGMA = 0.02
@@ -97,15 +97,17 @@ def test_noise_alone_is_no_smooth_rest() -> None:
 
 def test_a_smooth_gap_is_seen_that_the_sum_of_squares_cannot_see() -> None:
     fit = fitted(3, extra=0.45)
-    gap, excess, other = misfit(fit, None, estimated=False)
-    assert excess < 4.0
-    assert other > OTHER
-    assert gap
+    gap = misfit(fit, None, estimated=False)
+    assert gap.excess < 4.0
+    assert gap.other > OTHER
+    assert gap.left
     calm = fitted(3)
-    assert not misfit(calm, None, estimated=False)[0]
+    assert not misfit(calm, None, estimated=False).left
     # Beside what named effects explain it may be their form: a share of the motion, 0.3 % of it.
-    assert not misfit(fit, None, estimated=False, explained=1.01 * (other - OTHER) / FORM**2)[0]
-    assert misfit(fit, None, estimated=False, explained=0.99 * (other - OTHER) / FORM**2)[0]
+    assert not misfit(
+        fit, None, estimated=False, explained=1.01 * (gap.other - OTHER) / FORM**2
+    ).left
+    assert misfit(fit, None, estimated=False, explained=0.99 * (gap.other - OTHER) / FORM**2).left
 
 
 def test_windows_and_missing_samples_are_allowed() -> None:

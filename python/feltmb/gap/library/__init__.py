@@ -1,0 +1,156 @@
+"""Generic effects: for any coordinate of a second-order system, any level, sensor and input.
+
+Every function returns an :class:`~feltmb.fit.Effect` that is exactly the nominal at size zero.
+Lengths and speeds that give an effect its shape are taken from ranges that the caller knows from
+the records (``travel`` [position unit], ``speed`` [position unit/s]).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from feltmb.data import Record
+from feltmb.fit import Effect
+from feltmb.gap.library.balance import for_force_balance
+from feltmb.gap.library.forces import (
+    Part,
+    backlash,
+    creep,
+    drifting_stiffness,
+    dry_friction,
+    dry_friction_asymmetry,
+    end_stop,
+    hysteresis,
+    offset_force,
+    polynomial_stiffness,
+    quadratic_friction,
+    static_friction,
+    viscous_friction,
+)
+from feltmb.gap.library.inputs import (
+    bent_input,
+    dead_zone_input,
+    delay_input,
+    gain_input,
+    offset_input,
+    saturation_input,
+)
+from feltmb.gap.library.levels import (
+    constant_rate,
+    leak,
+    overflow,
+    power_outflow,
+)
+from feltmb.gap.library.sensors import (
+    sensor_bend,
+    sensor_delay,
+    sensor_gain,
+    sensor_offset,
+)
+
+__all__ = [
+    "backlash",
+    "bent_input",
+    "constant_rate",
+    "creep",
+    "dead_zone_input",
+    "delay_input",
+    "drifting_stiffness",
+    "dry_friction",
+    "dry_friction_asymmetry",
+    "end_stop",
+    "for_coordinate",
+    "for_force_balance",
+    "for_input",
+    "for_sensor",
+    "gain_input",
+    "hysteresis",
+    "leak",
+    "offset_force",
+    "offset_input",
+    "overflow",
+    "polynomial_stiffness",
+    "power_outflow",
+    "quadratic_friction",
+    "saturation_input",
+    "sensor_bend",
+    "sensor_delay",
+    "sensor_gain",
+    "sensor_offset",
+    "standard_effects",
+    "static_friction",
+    "viscous_friction",
+]
+
+
+def for_coordinate(
+    c: Part, *, force: float, travel: float, speed: float, time: float = 0.1
+) -> tuple[Effect, ...]:
+    """All force effects of a coordinate, scaled by its typical force, travel and speed."""
+    return (
+        dry_friction(c, scale=0.1 * force, speed=speed),
+        dry_friction_asymmetry(c, scale=0.1 * force, speed=speed),
+        static_friction(c, scale=0.1 * force, speed=speed),
+        viscous_friction(c, scale=0.1 * force / speed),
+        quadratic_friction(c, scale=0.1 * force / speed**2),
+        polynomial_stiffness(c, 1, scale=0.1 * force / travel),
+        polynomial_stiffness(c, 2, scale=0.1 * force / travel**2),
+        polynomial_stiffness(c, 3, scale=0.1 * force / travel**3),
+        backlash(c, stiffness=force / travel, travel=travel),
+        end_stop(c, stiffness=0.3 * force / travel, travel=travel),
+        hysteresis(c, scale=0.1 * force, travel=travel),
+        creep(c, scale=0.1 * force / travel, times=(0.3 * time, 3.0 * time)),
+        offset_force(c, scale=0.1 * force),
+    )
+
+
+def for_input(name: str, record: Record, *, unit: str = "1") -> tuple[Effect, ...]:
+    """All input effects, scaled by a record."""
+    u = record.inputs[name]
+    size = float(np.quantile(np.abs(u), 0.98)) or 1.0
+    return (
+        delay_input(name, scale=record.interval),
+        gain_input(name),
+        bent_input(name, level=size),
+        offset_input(name, unit=unit, scale=0.02 * size),
+        saturation_input(name, levels=tuple(size * f for f in (0.5, 0.8))),
+        dead_zone_input(name, levels=tuple(size * f for f in (0.05, 0.2))),
+    )
+
+
+def for_sensor(outputs: Sequence[str], name: str, record: Record) -> tuple[Effect, ...]:
+    """All sensor effects, scaled by a record."""
+    y = record.outputs[name]
+    spread = float(np.nanstd(y)) or 1.0
+    unit = record.sensors[name].unit
+    return (
+        sensor_gain(outputs, name),
+        sensor_bend(outputs, name, level=float(np.nanmax(np.abs(y))) or 1.0),
+        sensor_offset(outputs, name, unit=unit, scale=0.05 * spread),
+        sensor_delay(outputs, name, scale=record.interval),
+    )
+
+
+def standard_effects(
+    outputs: Sequence[str],
+    inputs: Sequence[str],
+    coordinates: Sequence[Part],
+    record: Record,
+    *,
+    force: float,
+    travel: float,
+    speed: float,
+    time: float = 0.1,
+) -> tuple[Effect, ...]:
+    """Generic effects of a whole second-order model, scaled by a record."""
+    out: list[Effect] = []
+    for c in coordinates:
+        out.extend(for_coordinate(c, force=force, travel=travel, speed=speed, time=time))
+    for name in inputs:
+        out.extend(for_input(name, record))
+    for name in outputs:
+        if name in record.outputs:
+            out.extend(for_sensor(outputs, name, record))
+    return tuple(out)

@@ -1,0 +1,247 @@
+"""Forces on a coordinate: friction, stiffness, play, memory, drift."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from feltmb.data import Array
+from feltmb.fit import Coordinate, Coupling, Effect, Named, State
+
+#: What an effect may act on.
+Part = Coordinate | Coupling
+Rate = Callable[[Any, Named, Named, Named, Any, Any], Mapping[str, Any]]
+
+
+def _force(c: Part, law: Callable[[Any, Any, Any], Any]) -> Rate:
+    """Rate of a force law f(position, speed, shape) per unit of size, against the motion."""
+
+    def rate(t: Any, x: Named, u: Named, p: Named, size: Any, shape: Any) -> Mapping[str, Array]:
+        return c.push(-size * law(*c.motion(x), shape), t, x, u, p)
+
+    return rate
+
+
+def dry_friction(c: Part, *, scale: float, speed: float) -> Effect:
+    """Coulomb friction F = F_c tanh(v / v_0), v_0 a hundredth of the typical speed or less."""
+    return Effect(
+        name=f"dry friction {c.name}",
+        component=c.name,
+        unit=c.unit,
+        scale=scale,
+        sign=1,
+        mechanism="A force of constant size acts against the motion.",
+        shapes=(0.003 * speed, 0.03 * speed),
+        shape_names=("v_0 [position unit/s]",),
+        remedy="Add the friction, or clean and lubricate the guide.",
+        rate=_force(c, lambda q, v, v0: np.tanh(v / v0)),
+    )
+
+
+def dry_friction_asymmetry(c: Part, *, scale: float, speed: float) -> Effect:
+    """Coulomb friction that differs between the directions: F = F_a |tanh(v / v_0)|."""
+    return Effect(
+        name=f"one-sided friction {c.name}",
+        component=c.name,
+        unit=c.unit,
+        scale=scale,
+        mechanism="Dry friction is stronger in one direction than in the other.",
+        shapes=(0.01 * speed,),
+        shape_names=("v_0 [position unit/s]",),
+        remedy="Use two levels of dry friction.",
+        rate=_force(c, lambda q, v, v0: np.abs(np.tanh(v / v0))),
+    )
+
+
+def static_friction(c: Part, *, scale: float, speed: float) -> Effect:
+    """Stribeck excess at low speed: F = F_s exp(-(v / v_s)^2) tanh(v / v_0)."""
+    return Effect(
+        name=f"Stribeck friction {c.name}",
+        component=c.name,
+        unit=c.unit,
+        scale=scale,
+        sign=1,
+        mechanism="Friction is larger at low speed than in full motion.",
+        shapes=((0.05 * speed, 0.003 * speed), (0.3 * speed, 0.01 * speed)),
+        shape_names=("v_s [position unit/s]", "v_0 [position unit/s]"),
+        remedy="Add the Stribeck term, or change the lubricant.",
+        rate=_force(c, lambda q, v, s: np.exp(-((v / s[0]) ** 2)) * np.tanh(v / s[1])),
+    )
+
+
+def viscous_friction(c: Part, *, scale: float) -> Effect:
+    """F = d v."""
+    return Effect(
+        name=f"viscous friction {c.name}",
+        component=c.name,
+        unit=f"{c.unit} s/m",
+        scale=scale,
+        mechanism="A force in proportion to the speed acts against the motion.",
+        remedy="Add the damping.",
+        rate=_force(c, lambda q, v, s: v),
+    )
+
+
+def quadratic_friction(c: Part, *, scale: float) -> Effect:
+    """F = c v |v|: drag of air or of a turbulent fluid."""
+    return Effect(
+        name=f"quadratic friction {c.name}",
+        component=c.name,
+        unit=f"{c.unit} s^2/m^2",
+        scale=scale,
+        sign=1,
+        mechanism="Drag grows with the square of the speed.",
+        remedy="Add the drag.",
+        rate=_force(c, lambda q, v, s: v * np.abs(v)),
+    )
+
+
+def polynomial_stiffness(c: Part, power: int, *, scale: float) -> Effect:
+    """F = k_n q^n; n = 2 makes a spring asymmetric, n = 3 hardens (> 0) or softens it."""
+    name = {1: "linear", 2: "quadratic", 3: "cubic", 5: "quintic"}.get(power, f"power-{power}")
+    return Effect(
+        name=f"{name} stiffness {c.name}",
+        component=c.name,
+        unit=f"{c.unit}/m^{power}",
+        scale=scale,
+        mechanism=f"The spring has a part that grows with the power {power} of the displacement.",
+        remedy="Use the nonlinear characteristic of the spring.",
+        rate=_force(c, lambda q, v, s: q**power),
+    )
+
+
+def backlash(c: Part, *, stiffness: float, travel: float) -> Effect:
+    """Dead zone of a stiffness: a share s of k q is missing within +-b (b: the shapes)."""
+    return Effect(
+        name=f"dead zone {c.name}",
+        component=c.name,
+        unit="1",
+        scale=0.3,
+        sign=1,
+        mechanism="Within a clearance the spring does not act.",
+        shapes=tuple(travel * f for f in (0.03, 0.1, 0.3)),
+        shape_names=("half width [position unit]",),
+        remedy="Model the clearance, or close it.",
+        rate=_force(c, lambda q, v, b: -stiffness * np.clip(q, -b, b)),
+    )
+
+
+def end_stop(c: Part, *, stiffness: float, travel: float) -> Effect:
+    """A spring that is met at one end of the travel: F = k max(q - b, 0), or its mirror image.
+
+    The shape is (side, b): +1 the stop at q = b, -1 the one at q = -b.
+    """
+
+    def law(q: Any, v: Any, shape: Any) -> Any:
+        side, level = shape
+        return side * np.maximum(side * q - level, 0.0)
+
+    return Effect(
+        name=f"end stop {c.name}",
+        component=c.name,
+        unit=f"{c.unit}/m",
+        scale=stiffness,
+        sign=1,
+        mechanism="At one end of the travel a further spring is met.",
+        shapes=tuple((side, travel * f) for side in (1.0, -1.0) for f in (0.3, 0.7)),
+        shape_names=("side", "level [position unit]"),
+        remedy="Model the stop.",
+        rate=_force(c, law),
+    )
+
+
+def hysteresis(c: Part, *, scale: float, travel: float) -> Effect:
+    """Rate-independent hysteresis: a spring behind a slip z (hidden state), F = F_h (q - z) / b.
+
+    While the spring is strained further the slip takes the share |(q - z) / b|^n of the motion, and
+    none when it turns back: the law of Bouc (1967) and Wen (1976) with beta = gamma. The shape is
+    (b, n): the stretch [position unit] at which all slips, and how sharply it begins. n = 10 is
+    nearly elastic-plastic (Jenkins), n = 2 round; n = 1 with a small b nears pre-sliding friction
+    (Dahl 1968).
+    """
+
+    def rate(t: Any, x: Named, u: Named, p: Named, size: Any, shape: Any) -> Mapping[str, Array]:
+        b, n = shape
+        q, v = c.motion(x)
+        gap = q - x["slip"]
+        share = np.minimum(np.abs(gap) / b, 1.0) ** n
+        forward = np.where(gap * v > 0.0, share, 0.0)
+        force = -size * np.clip(gap / b, -1.0, 1.0)
+        return {**c.push(force, t, x, u, p), "slip": forward * v}
+
+    return Effect(
+        name=f"hysteresis {c.name}",
+        component=c.name,
+        unit=c.unit,
+        scale=scale,
+        sign=1,
+        kind="state",
+        mechanism="Force depends on the direction of the last reversal, not on the speed.",
+        shapes=tuple((travel * f, n) for f in (0.03, 0.2) for n in (2.0, 10.0)),
+        shape_names=("stretch [position unit]", "sharpness"),
+        remedy="Use a law with memory.",
+        hidden=(State(name="slip", hidden=True, scale=travel, start_sd=0.3 * travel),),
+        rate=rate,
+    )
+
+
+def creep(c: Part, *, scale: float, times: Sequence[float]) -> Effect:
+    """A Maxwell branch: F = k (q - z), dz/dt = (q - z) / tau."""
+
+    def rate(t: Any, x: Named, u: Named, p: Named, size: Any, tau: Any) -> Mapping[str, Array]:
+        stretch = c.motion(x)[0] - x["creep"]
+        return {**c.push(-size * stretch, t, x, u, p), "creep": stretch / tau}
+
+    return Effect(
+        name=f"creep {c.name}",
+        component=c.name,
+        unit=f"{c.unit}/m",
+        scale=scale,
+        sign=1,
+        kind="state",
+        mechanism="The spring relaxes with time.",
+        shapes=tuple(times),
+        shape_names=("time [s]",),
+        remedy="Add a relaxing branch.",
+        hidden=(State(name="creep", hidden=True),),
+        rate=rate,
+    )
+
+
+def drifting_stiffness(c: Part, *, scale: float, times: Sequence[float]) -> Effect:
+    """A stiffness that comes within a record: F = k (1 - exp(-t / tau)) q; warming, settling.
+
+    The time [s] is that of the record, which should begin with the drift; the shapes are tau [s].
+    """
+
+    def rate(t: Any, x: Named, u: Named, p: Named, size: Any, tau: Any) -> Mapping[str, Array]:
+        q, _ = c.motion(x)
+        return c.push(size * np.expm1(-t / tau) * q, t, x, u, p)
+
+    return Effect(
+        name=f"drifting stiffness {c.name}",
+        component=c.name,
+        unit=f"{c.unit}/m",
+        scale=scale,
+        kind="drift",
+        mechanism="The spring changes while the record runs.",
+        shapes=tuple(float(v) for v in times),
+        shape_names=("time [s]",),
+        remedy="Warm up before measuring, or model the change.",
+        rate=rate,
+    )
+
+
+def offset_force(c: Part, *, scale: float) -> Effect:
+    """A constant force: gravity, preload, an offset of the drive."""
+    return Effect(
+        name=f"constant force {c.name}",
+        component=c.name,
+        unit=c.unit,
+        scale=scale,
+        mechanism="A constant force acts that the model lacks.",
+        remedy="Add the force; look for gravity, preload or an offset of the drive.",
+        rate=_force(c, lambda q, v, s: -np.ones_like(q)),
+    )

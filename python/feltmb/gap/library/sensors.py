@@ -1,0 +1,86 @@
+"""Sensors: gain, bend, offset and delay of a channel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from feltmb.data import Array, Record
+from feltmb.fit import Effect
+from feltmb.fit.shift import shifted
+from feltmb.gap.library.curve import curve
+
+
+def _sensor(
+    outputs: Sequence[str],
+    name: str,
+    label: str,
+    change: Callable[[Array, Array, Record, Array, Any], Array],
+    **fields: Any,
+) -> Effect:
+    """``change(values (B, L), sizes (B,), record, windows (B, 2), shape)`` of one channel."""
+    channel = list(outputs).index(name)
+
+    def observe(record: Record, values: Array, windows: Array, sizes: Array, shape: Any) -> Array:
+        out = values.copy()
+        out[:, :, channel] = change(values[:, :, channel], sizes, record, windows, shape)
+        return out
+
+    return Effect(
+        name=f"{label} {name}", component=f"sensor {name}", kind="sensor", observe=observe, **fields
+    )
+
+
+def sensor_gain(outputs: Sequence[str], name: str) -> Effect:
+    """The channel shows (1 + size) times the output."""
+    return _sensor(
+        outputs,
+        name,
+        "gain of sensor",
+        lambda y, size, r, w, shape: (1.0 + size[:, None]) * y,
+        scale=0.05,
+        mechanism="The sensor has another gain.",
+        remedy="Calibrate the sensor.",
+    )
+
+
+def sensor_bend(outputs: Sequence[str], name: str, *, level: float) -> Effect:
+    """The channel shows y + size y^2 / level ("even") or y + size y |y| / level ("odd")."""
+    return _sensor(
+        outputs,
+        name,
+        "nonlinearity of sensor",
+        lambda y, size, r, w, shape: y + size[:, None] * y * curve(y, shape) / level,
+        scale=0.05,
+        shapes=("odd", "even"),
+        mechanism="The sensor is not linear.",
+        remedy="Calibrate the sensor over its range.",
+    )
+
+
+def sensor_offset(outputs: Sequence[str], name: str, *, unit: str, scale: float) -> Effect:
+    """The channel shows the output plus the size."""
+    return _sensor(
+        outputs,
+        name,
+        "offset of sensor",
+        lambda y, size, r, w, shape: y + size[:, None],
+        unit=unit,
+        scale=scale,
+        mechanism="The sensor has an offset.",
+        remedy="Zero the sensor.",
+    )
+
+
+def sensor_delay(outputs: Sequence[str], name: str, *, scale: float) -> Effect:
+    """The channel lags the output by the size [s]."""
+    return _sensor(
+        outputs,
+        name,
+        "delay of sensor",
+        lambda y, size, r, w, shape: shifted(r, y, w, size),
+        unit="s",
+        scale=scale,
+        mechanism="The sensor lags.",
+        remedy="Synchronize the clocks.",
+    )

@@ -1,0 +1,58 @@
+"""Whether a fit leaves more than noise, whatever causes it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from feltmb.fit.solve import Fit
+from feltmb.gap.smooth import smooth_rest
+
+__all__ = ["EXCESS", "FORM", "OTHER", "Misfit", "misfit"]
+
+#: Standardized excess of the sum of squares that is a gap whatever causes it (p = 3e-5).
+EXCESS = 4.0
+#: Log evidence for unknown forces or signals that is a gap whatever causes it.
+OTHER = 6.0
+#: Amplitude of what is left, as a share of what the named effects explain, up to which it is
+#: their form.
+FORM = 0.003
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """What a fit leaves."""
+
+    left: bool
+    """Whether that is more than noise."""
+    excess: float
+    """Sum of squares beyond its expectation, in standard deviations."""
+    other: float
+    """Log evidence for something unknown."""
+
+
+def misfit(
+    fit: Fit, tight: Fit | None, *, estimated: bool, bar: float = EXCESS, explained: float = 0.0
+) -> Misfit:
+    """What a fit leaves, and whether that is more than noise.
+
+    ``explained`` is the gain of log evidence of the effects in the fit. What is left must be more
+    than ``FORM`` of that motion: no law is right to the last digit, nor is an integrator.
+
+    The unknown are forces at every window's joint, or, where a fit has no gaps between windows, a
+    smooth signal in every output. Where the noise itself was estimated from the records, an excess
+    within a third of it is not held against the model.
+    """
+    reference = tight if tight is not None else fit
+    if estimated and reference.chi2 / reference.dof < 1.33**2:
+        return Misfit(False, 0.0, 0.0)
+    beyond = reference.chi2 - reference.dof
+    excess = beyond / math.sqrt(2.0 * reference.dof)
+    other = 0.0
+    if tight is not None and tight is not fit:
+        other = fit.log_evidence - tight.log_evidence
+    elif not reference.gap_sd.size:
+        other = smooth_rest(reference)
+    form = FORM**2 * max(0.0, explained)
+    far = excess > bar and 0.5 * beyond > form
+    return Misfit(bool(far or other > OTHER + form), float(excess), float(other))
