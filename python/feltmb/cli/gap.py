@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import textwrap
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,8 +24,10 @@ from feltmb.cli.common import (
     subject_set_option,
 )
 from feltmb.cli.completing import actions, effects
+from feltmb.errors import InvalidParameter
 
 if TYPE_CHECKING:
+    from feltmb.data import Record
     from feltmb.gap import Report
 
 __all__ = ["command"]
@@ -265,9 +267,7 @@ def run(
     subject = load_subject(model, settings)
     records = subject.read(data)
     subject = subject.including(included)
-    by_file = {str(p): r.name for p, r in zip(data, records, strict=True)}
-    by_file |= {p.name: r.name for p, r in zip(data, records, strict=True)}
-    held = [by_file.get(h, h) for h in hold_out] or None
+    held = _held_out(hold_out, data, records) or None
     resume = None if output is None else output / ".resume"
     options = Options(
         alpha=alpha,
@@ -358,3 +358,24 @@ def _add(name: str) -> None:
 
 
 _add("gap_blind")
+
+
+def _held_out(given: tuple[str, ...], data: Sequence[Path], records: Sequence[Record]) -> list[str]:
+    """Names of the records that are held out, each given by its name, its file or the file's name.
+
+    Raises
+    ------
+    InvalidParameter
+        One of them means several files.
+    """
+    out = []
+    for h in given:
+        paths = [r.name for p, r in zip(data, records, strict=True) if str(p) == h]
+        files = [r.name for p, r in zip(data, records, strict=True) if p.name == h]
+        if not paths and len(files) > 1:
+            raise InvalidParameter(
+                f"--hold-out {h}: is the name of {len(files)} files; give the whole path of one, "
+                "as it stands among the data"
+            )
+        out.append((paths or files or [h])[0])
+    return out

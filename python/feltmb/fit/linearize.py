@@ -27,6 +27,14 @@ class Place:
 
 
 @dataclass(frozen=True, eq=False)
+class InputColumns:
+    """Derivatives of one shot by the noise of its inputs; see :class:`Linear`."""
+
+    by_input: Array
+    ends_by_input: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Linear:
     """Whitened residual and derivatives of one shot at one place; rows are samples x channels.
 
@@ -120,11 +128,11 @@ def linearize(
     place: Place,
     candidates: tuple[Term, ...] = (),
     input_knots: int = 6,
-    known: Linear | None = None,
+    known: Linear | InputColumns | None = None,
 ) -> Linear:
     """Residual and derivatives by states, free parameters, sizes, candidates and nuisances.
 
-    ``known``: a linearization nearby, whose columns of the input noise are taken over.
+    ``known``: those of a linearization nearby, whose columns of the input noise are taken over.
     """
     count = shot.count
     ask = nominal.sensitivities if _plain(nominal, shot, (*terms, *candidates)) else None

@@ -10,10 +10,15 @@ from numpy.typing import NDArray
 
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import InvalidParameter
+from feltmb.fit.calling import calling
 from feltmb.fit.nominal import Job, Lanes, Nominal, Sensitivity, Simulated, Term
 from feltmb.fit.shift import shifted
 
 __all__ = ["machine_terms", "observe_all", "observe_lanes", "observed_sensitivities"]
+
+
+#: All windows.
+ALL = slice(None)
 
 
 def machine_terms(terms: tuple[Term, ...]) -> tuple[Term, ...]:
@@ -55,14 +60,30 @@ def _observed(
     for k, term in enumerate(lanes.terms):
         if term.effect.observe is None:
             continue
-        seen = term.effect.observe(record, outputs, lanes.windows, lanes.sizes[:, k], term.shape)
-        if np.shape(seen) != outputs.shape:
-            raise InvalidParameter(
-                f"effect {term.name}: observe returned shape {np.shape(seen)}, expected that of "
-                f"the outputs, {outputs.shape}"
-            )
-        outputs = seen
+        outputs = _seen(term, record, outputs, lanes.windows, lanes.sizes[:, k])
     return Simulated(outputs=_sensed(nominal, record, lanes, outputs), ends=ends)
+
+
+def _seen(
+    term: Term, record: Record, outputs: Array, windows: NDArray[np.intp], sizes: Array
+) -> Array:
+    """What a sensor effect makes of outputs, which it may change in place: they are a copy."""
+    assert term.effect.observe is not None
+    with calling(f"effect {term.name}: its observe"):
+        seen = term.effect.observe(record, outputs.copy(), windows, sizes, term.shape)
+    if np.shape(seen) != outputs.shape:
+        raise InvalidParameter(
+            f"effect {term.name}: observe returned shape {np.shape(seen)}, expected that of "
+            f"the outputs, {outputs.shape}"
+        )
+    return seen
+
+
+def _changed(term: Term, record: Record, size: float) -> Record:
+    """A record with the inputs that an input effect makes."""
+    assert term.effect.excite is not None
+    with calling(f"effect {term.name}: its excite"):
+        return record.with_inputs(term.effect.excite(record, size, term.shape))
 
 
 def _excited(record: Record, lanes: Lanes) -> list[tuple[NDArray[np.intp], Job]]:
@@ -87,7 +108,7 @@ def _excited(record: Record, lanes: Lanes) -> list[tuple[NDArray[np.intp], Job]]
             term = lanes.terms[k]
             assert term.effect.excite is not None
             if size != 0.0:
-                changed = changed.with_inputs(term.effect.excite(changed, size, term.shape))
+                changed = _changed(term, changed, size)
         rows = np.flatnonzero(which.reshape(-1) == v)
         part = replace(
             plain,
@@ -101,7 +122,13 @@ def _excited(record: Record, lanes: Lanes) -> list[tuple[NDArray[np.intp], Job]]
     return parts
 
 
-def _sensed(nominal: Nominal, record: Record, lanes: Lanes, outputs: Array) -> Array:
+def _sensed(
+    nominal: Nominal,
+    record: Record,
+    lanes: Lanes,
+    outputs: Array,
+    going_on: NDArray[np.bool_] | None = None,
+) -> Array:
     """Known part of the sensors."""
     changed = outputs
     for o, name in enumerate(nominal.outputs):
@@ -111,7 +138,7 @@ def _sensed(nominal: Nominal, record: Record, lanes: Lanes, outputs: Array) -> A
         y = changed[:, :, o]
         new = y
         if np.isfinite(sensor.bandwidth):
-            new = _low_pass(record, lanes, new, sensor)
+            new = _low_pass(record, lanes, new, sensor, going_on)
         if sensor.delay != 0.0:
             new = shifted(record, new, lanes.windows, np.full(lanes.count, sensor.delay))
         if sensor.gain != 1.0 or sensor.offset != 0.0:
@@ -128,11 +155,19 @@ def _times(record: Record, lanes: Lanes, length: int) -> Array:
     return np.asarray(record.time[at])
 
 
-def _low_pass(record: Record, lanes: Lanes, y: Array, sensor: Sensor) -> Array:
+def _low_pass(
+    record: Record,
+    lanes: Lanes,
+    y: Array,
+    sensor: Sensor,
+    going_on: NDArray[np.bool_] | None = None,
+) -> Array:
     """First-order low-pass, exact for a signal that is linear between samples.
 
     A window that follows another in the list from the sample that both share goes on with what the
     filter held there; any other starts as if the signal had always had its first slope.
+    ``going_on``: windows that go on with what windows held that are not among the lanes; the filter
+    then starts with their first value.
     """
     time = _times(record, lanes, y.shape[1])
     rate = 2.0 * np.pi * sensor.bandwidth
@@ -145,6 +180,9 @@ def _low_pass(record: Record, lanes: Lanes, y: Array, sensor: Sensor) -> Array:
         ramp = np.divide(y[:, j] - y[:, j - 1], h, out=np.zeros_like(h), where=h > 0.0)
         steady = y[:, j] - ramp / rate
         out[:, j] = steady + (out[:, j - 1] - (y[:, j - 1] - ramp / rate)) * decay
+    if going_on is not None:
+        change = np.where(going_on, y[:, 0] - out[:, 0], 0.0)
+        return np.asarray(out + change[:, None] * np.exp(-rate * (time - time[:, :1])))
     for b in range(1, len(y)):
         end = lanes.windows[b - 1, 1] - lanes.windows[b - 1, 0]
         if lanes.windows[b - 1, 1] != lanes.windows[b, 0] or not np.isfinite(out[b - 1, end]):
@@ -178,7 +216,7 @@ def observed_sensitivities(
     changed = record
     for k, term in enumerate(terms):
         if term.effect.excite is not None and sizes[k] != 0.0:
-            changed = changed.with_inputs(term.effect.excite(changed, sizes[k], term.shape))
+            changed = _changed(term, changed, float(sizes[k]))
     s = nominal.sensitivities(
         changed,
         theta,
@@ -193,22 +231,19 @@ def observed_sensitivities(
     lanes = Lanes(theta=np.tile(theta, (count, 1)), windows=windows, starts=starts)
     observing = [(t, float(sizes[k])) for k, t in enumerate(terms) if t.effect.observe is not None]
 
-    def show(
-        outputs: Array, extra: tuple[Term, float] | None = None, rows: slice = slice(None)
-    ) -> Array:
+    follows = np.append(False, windows[:-1, 1] == windows[1:, 0])
+
+    def show(outputs: Array, extra: tuple[Term, float] | None = None, rows: slice = ALL) -> Array:
         """Outputs of the windows of these rows as the record would hold them."""
         part = replace(lanes, theta=lanes.theta[rows], windows=windows[rows], starts=starts[rows])
         for term, size in [*observing, *([extra] if extra else [])]:
-            assert term.effect.observe is not None
-            outputs = term.effect.observe(
-                record, outputs, part.windows, np.full(part.count, size), term.shape
-            )
-        return _sensed(nominal, record, part, outputs)
+            outputs = _seen(term, record, outputs, part.windows, np.full(part.count, size))
+        return _sensed(nominal, record, part, outputs, None if rows == ALL else follows[rows])
 
     shown = show(s.outputs)
     spread = float(np.nanmax(np.abs(s.outputs))) if s.outputs.size else 1.0
 
-    def push(columns: Array, rows: slice = slice(None)) -> Array:
+    def push(columns: Array, rows: slice = ALL) -> Array:
         """Derivatives through the map of the sensors."""
         out, base = np.empty_like(columns), s.outputs[rows]
         for i in range(columns.shape[3]):

@@ -10,6 +10,7 @@ import numpy as np
 
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
+from feltmb.fit.calling import calling
 from feltmb.fit.coordinates import Coordinate, Coupling, Named
 from feltmb.fit.nominal import (
     Effect,
@@ -142,8 +143,27 @@ class OdeNominal(Nominal):
         for port, state in self._port_states.items():
             if state not in names:
                 faults.append(f"port {port}: {state!r} is no state; known are {', '.join(names)}")
-        if self.substeps is not None and self.substeps < 1:
-            faults.append(f"substeps = {self.substeps}, expected >= 1")
+        ports = [p.name for p in self.ports]
+        faults += [
+            f"{n!r} names two coordinates or ports"
+            for n in dict.fromkeys(ports)
+            if ports.count(n) > 1
+        ]
+        faults += [
+            f"coupling {c.name}: lies between {c.first.name} and itself"
+            for c in self.coordinates
+            if isinstance(c, Coupling) and c.first.speed == c.second.speed
+        ]
+        if self.substeps is not None and not (
+            isinstance(self.substeps, int | np.integer) and self.substeps >= 1
+        ):
+            faults.append(f"substeps = {self.substeps!r}, expected a whole number >= 1, or None")
+        for what, given, known in (
+            ("method", self.method, ("rk4", "rosenbrock")),
+            ("hold", self.hold, ("auto", "linear", "zero", "spline")),
+        ):
+            if given not in known:
+                faults.append(f"{what} = {given!r}, expected one of {', '.join(known)}")
         if faults:
             raise InvalidParameter(f"model {self.name}: " + "; ".join(faults))
 
@@ -172,10 +192,15 @@ class OdeNominal(Nominal):
 
     def simulate(self, record: Record, lanes: Lanes) -> Simulated:
         """See :class:`~feltmb.fit.Nominal`."""
-        return self.simulate_all([(record, lanes)])[0]
+        return self._simulated([(record, lanes)])[0]
 
     def simulate_all(self, jobs: Sequence[Job]) -> list[Simulated]:
         """Lanes with the same terms are integrated together, whatever their record."""
+        if type(self).simulate is not OdeNominal.simulate:  # a subclass has one of its own
+            return super().simulate_all(jobs)
+        return self._simulated(jobs)
+
+    def _simulated(self, jobs: Sequence[Job]) -> list[Simulated]:
         for record, _ in jobs:
             missing = [n for n in self.inputs if n not in record.inputs]
             if missing:
@@ -273,13 +298,24 @@ def _integrate(model: OdeNominal, jobs: Sequence[Job]) -> list[Simulated]:
     begin = clock.time[0]
     span = clock.time[last, lane] - begin
 
+    ours = calling(f"model {model.name}: its rates function")
+    theirs = [calling(f"effect {t.name}: its rate") for t in terms]
+    for term in terms:
+        taken = [h.name for h in term.effect.hidden if h.name in inverse]
+        if taken:
+            raise InvalidParameter(
+                f"effect {term.name}: its hidden state {taken[0]!r} has the name of a state of "
+                f"model {model.name}; rename one of them"
+            )
+
     def view(x: Array) -> Named:
         return Named(dict(zip(names, x, strict=False)))
 
     def rates(t: Array, x: Array, u: Named) -> Array:
         named = view(x)
         out = np.empty_like(x)
-        own_rates = tuple(model._rates(t, named, u, p))
+        with ours:
+            own_rates = tuple(model._rates(t, named, u, p))
         if len(own_rates) != base:
             raise InvalidParameter(
                 f"model {model.name}: rates returned {len(own_rates)} values, expected one for "
@@ -289,19 +325,21 @@ def _integrate(model: OdeNominal, jobs: Sequence[Job]) -> list[Simulated]:
             out[i] = value
         at = base
         for k, term in enumerate(terms):
-            own = term.effect.hidden
+            memory = term.effect.hidden
             seen = named
-            if own:
-                out[at : at + len(own)] = 0.0
-                seen = Named({**named._values, **{h.name: x[at + j] for j, h in enumerate(own)}})
+            if memory:
+                out[at : at + len(memory)] = 0.0
+                held = {h.name: x[at + j] for j, h in enumerate(memory)}
+                seen = Named({**named._values, **held})
             assert term.effect.rate is not None
-            change: Any = term.effect.rate(t, seen, u, p, sizes[:, k], term.shape)
+            with theirs[k]:
+                change: Any = term.effect.rate(t, seen, u, p, sizes[:, k], term.shape)
             if not isinstance(change, Mapping):
                 raise InvalidParameter(
                     f"effect {term.name}: rate returned {type(change).__name__}, expected a "
                     "dictionary of rates by name of the state"
                 )
-            hidden = {h.name: at + j for j, h in enumerate(own)}
+            hidden = {h.name: at + j for j, h in enumerate(memory)}
             for name, value in change.items():
                 row = inverse.get(name, hidden.get(name))
                 if row is None:
@@ -315,7 +353,7 @@ def _integrate(model: OdeNominal, jobs: Sequence[Job]) -> list[Simulated]:
                         f"a number or one value a lane, ({count},)"
                     )
                 out[row] += value
-            at += len(own)
+            at += len(memory)
         if forces is not None:
             place = np.clip((t - begin) / span, 0.0, 1.0) * (knots - 1)
             left = np.minimum(place.astype(np.intp), knots - 2)
@@ -339,7 +377,11 @@ def _integrate(model: OdeNominal, jobs: Sequence[Job]) -> list[Simulated]:
         named = view(x)
         for o, name in enumerate(model.outputs):
             of = model._outputs[name]
-            outputs[j, :, o] = named[of] if isinstance(of, str) else of(t, named, u, p)
+            if isinstance(of, str):
+                outputs[j, :, o] = named[of]
+            else:
+                with calling(f"model {model.name}: its output {name}"):
+                    outputs[j, :, o] = of(t, named, u, p)
         if j in ending:
             ends[last == j] = x.T[last == j]
         if j == longest - 1:

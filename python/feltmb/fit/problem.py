@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from feltmb.data import Array
 from feltmb.fit.cache import Cache
 from feltmb.fit.filter import Chain, reduce_chain
-from feltmb.fit.linearize import Linear, Place, linearize, predict
+from feltmb.fit.linearize import InputColumns, Linear, Place, linearize, predict
 from feltmb.fit.nominal import Nominal, Term
 from feltmb.fit.observe import machine_terms
 from feltmb.fit.shots import Shot
@@ -183,7 +183,7 @@ class Problem:
         self,
         point: Point,
         candidates: tuple[Term, ...] = (),
-        known: Sequence[Linear] | None = None,
+        known: Sequence[Linear | InputColumns] | None = None,
     ) -> list[Linear]:
         """Residuals and derivatives of all shots; made once a point.
 
@@ -204,9 +204,12 @@ class Problem:
         return made
 
     def _linear(
-        self, point: Point, candidates: tuple[Term, ...], known: Sequence[Linear] | None
+        self,
+        point: Point,
+        candidates: tuple[Term, ...],
+        known: Sequence[Linear | InputColumns] | None,
     ) -> list[Linear]:
-        def of(nominal: Nominal, at: tuple[Shot, Place, Linear | None]) -> Linear:
+        def of(nominal: Nominal, at: tuple[Shot, Place, Linear | InputColumns | None]) -> Linear:
             shot, place, near = at
             return linearize(
                 nominal,

@@ -114,10 +114,22 @@ class Shot:
         ]
 
 
+#: Time constants of a slow sensor that a window holds at least: what it still shows of the window
+#: before is no more than exp(-6) of it.
+SETTLED = 6.0
+
+
 def choose_windows(
-    record: Record, length: float | None, *, most: int = 200, least: int = 12
+    record: Record,
+    length: float | None,
+    *,
+    most: int = 200,
+    least: int = 12,
+    shortest: float = 0.0,
 ) -> Integers:
     """Windows of about ``length`` [s] whose boundaries lie where the outputs are quiet.
+
+    None: as long as suits the number of samples, and ``shortest`` [s] at least.
 
     A boundary inside an impact would put all of its uncertainty into one start state, so each one
     is moved, by up to a quarter of a window, to the sample with the smallest bend of the outputs.
@@ -126,7 +138,7 @@ def choose_windows(
     if length is None:
         # Windows are simulated side by side: long ones take time, many of them hardly more.
         size = int(np.clip(n / 40, 16, max(16, min(n // least, 200))))
-        size = max(size, n // most)
+        size = max(size, n // most, math.ceil(shortest / record.interval))
     else:
         if not (math.isfinite(length) and length > 0.0):
             raise InvalidParameter(f"window = {length!r} s, expected a finite number > 0")
@@ -169,7 +181,11 @@ def make_shot(
 ) -> Shot:
     """Cut a record into windows and prepare its whitening."""
     if windows is None:
-        windows = choose_windows(record, window if window is not None else nominal.window)
+        slowest = min((s.bandwidth for s in record.sensors.values()), default=math.inf)
+        shortest = SETTLED / (2.0 * math.pi * slowest)
+        if window is None and nominal.window is not None:
+            window = max(nominal.window, shortest)
+        windows = choose_windows(record, window, shortest=shortest)
     longest = int(np.max(windows[:, 1] - windows[:, 0])) + 1
     all_measured = record.output_array(nominal.outputs)
     at = windows[:, :1] + np.arange(longest)

@@ -9,7 +9,7 @@ import numpy as np
 
 from feltmb.data import Array
 from feltmb.fit.cache import Cache
-from feltmb.fit.linearize import Linear, Place
+from feltmb.fit.linearize import InputColumns, Linear, Place
 from feltmb.fit.nominal import Lanes, Nominal, Term
 from feltmb.fit.observe import machine_terms, observe_lanes
 from feltmb.fit.problem import Normal, Point, Problem
@@ -196,7 +196,9 @@ def _optimize(
         settings.decrement,
         settings.worth,
         problem.frozen,
+        settings.chain,
         [(t.name, t.shape) for t in problem.terms],
+        [(p.name, p.value, p.sd, p.lower, p.upper) for p in problem.nominal.parameters],
         *problem.room(point),
     )
     known = problem.cache.get(key)
@@ -205,12 +207,19 @@ def _optimize(
             Place(known[f"starts{i}"], known[f"nuisances{i}"]) for i in range(len(problem.shots))
         )
         found = Point(known["theta"], known["sizes"], places)
-        return found, float(known["cost"]), problem.linear(found), bool(known["converged"])
+        noise = [
+            InputColumns(known[f"by_input{i}"], known[f"ends_by_input{i}"])
+            for i in range(len(problem.shots))
+        ]
+        linears = problem.linear(found, known=noise)
+        return found, float(known["cost"]), linears, bool(known["converged"])
     found, cost, linears, converged = _minimize(problem, point, gap_sd, settings, iterations)
     arrays = {"theta": found.theta, "sizes": found.sizes}
     arrays |= {"cost": np.array(cost), "converged": np.array(float(converged))}
     for i, place in enumerate(found.places):
         arrays |= {f"starts{i}": place.starts, f"nuisances{i}": place.nuisances}
+    for i, linear in enumerate(linears):
+        arrays |= {f"by_input{i}": linear.by_input, f"ends_by_input{i}": linear.ends_by_input}
     problem.cache.put(key, arrays)
     return found, cost, linears, converged
 
@@ -570,14 +579,29 @@ def fit_problem(
     if loosest < problem.samples + 4.0 * np.sqrt(2.0 * problem.samples):
         return fit  # window by window the model can follow: no other start would change that
     generator = np.random.default_rng(settings.seed)
+    way = replace(settings, decrement=max(settings.decrement, 0.3))
+
+    def loosened(point: Point) -> Fit:
+        return at_level(fit.problem, point, settings.levels[0], None, way, 40)
+
+    lowest = loosened(replace(loose, memo={})).cost if settings.restarts else 0.0
     for i in range(settings.restarts):
         theta = fit.point.theta.copy()
         for j in free:
             p = problem.nominal.parameters[j]
             sd = p.sd if np.isfinite(p.sd) else 0.3 * p.size
             theta[j] = np.clip(theta[j] + sd * generator.standard_normal(), p.lower, p.upper)
-        moved = replace(loose, theta=theta, memo={})
-        trial, _, _ = _descend(fit.problem, moved, settings, progress, f"{label}, restart {i + 1}")
+        name = f"{label}, restart {i + 1}"
+        if progress is not None:
+            progress(name, 0, len(settings.levels))
+        # A start that ends no lower with the loosest gaps ends no lower with tight ones.
+        tried = loosened(replace(loose, theta=theta, memo={}))
+        if tried.cost > lowest + 2.0 * SAME:
+            continue
+        if tried.cost > lowest - 2.0 * SAME:
+            break  # reached from two starts
+        lowest = tried.cost
+        trial, _, _ = _descend(fit.problem, replace(tried.point, memo={}), settings, progress, name)
         if trial.log_evidence > fit.log_evidence + SAME:
             fit = replace(trial, notes=(*fit.notes, f"restart {i + 1} was better"))
         elif trial.log_evidence > fit.log_evidence - SAME:

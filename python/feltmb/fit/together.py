@@ -67,7 +67,7 @@ class _Meeting:
         self._nominal = nominal
         self._present = count
         self._asked: dict[int, Sequence[Job]] = {}
-        self._answers: dict[int, list[Simulated] | Exception] = {}
+        self._answers: dict[int, list[Simulated] | BaseException] = {}
         self._round = threading.Condition()
 
     def ask(self, i: int, jobs: Sequence[Job]) -> list[Simulated]:
@@ -78,7 +78,7 @@ class _Meeting:
             while i not in self._answers:
                 self._round.wait()
             answer = self._answers.pop(i)
-        if isinstance(answer, Exception):
+        if isinstance(answer, BaseException):
             raise answer
         return answer
 
@@ -97,7 +97,7 @@ class _Meeting:
             runs = iter(self._nominal.simulate_all([job for i in who for job in self._asked[i]]))
             for i in who:
                 self._answers[i] = [next(runs) for _ in self._asked[i]]
-        except Exception as fault:
+        except BaseException as fault:  # an exit too: it is for those who wait
             self._answers.update((i, fault) for i in who)
         self._asked.clear()
         self._round.notify_all()

@@ -174,11 +174,12 @@ def _name(facts: Facts) -> Decision:
     )
     left = after.left or facts.unexplained or facts.leftover > 1.0
     closed = _closing(facts, sure or tuple(unsure))
-    rest = (
-        f" What is left is {_floor(facts)}; nothing tested explains it."
-        if left
-        else " What is left is noise."
-    )
+    if left:
+        refused = _refusals(accepted)
+        why = f"held-out records refused {refused}" if refused else "nothing tested explains it"
+        rest = f" What is left is {_floor(facts)}; {why}."
+    else:
+        rest = " What is left is noise."
     if not sure:
         verdict = Verdict.ONE_OF
         text = f"One of {_list(unsure)}; these records cannot tell which. {closed}"
@@ -192,6 +193,7 @@ def _name(facts: Facts) -> Decision:
         text = f"The {where}: {_list(sure)}. {closed}"
     if sure and unsure:
         text += f" Besides, one of {_list(unsure)}, which these records cannot tell apart."
+        rest = rest if left else " What is left with it is noise."
     trust = TRUST[verdict]
     belief = facts.belief.trusted(trust)
     return Decision(verdict, text + rest, sure, tuple(unsure), trust * confidence, belief)

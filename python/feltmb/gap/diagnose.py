@@ -13,7 +13,7 @@ from feltmb.data import Record, Role
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.cache import Cache
 from feltmb.fit.nominal import Effect, Nominal
-from feltmb.fit.problem import Problem
+from feltmb.fit.problem import Point, Problem
 from feltmb.fit.shots import Shot, make_shot
 from feltmb.fit.solve import Fit, FitSettings, fit_problem
 from feltmb.gap.assemble import amended, how_far_rows, ranked
@@ -190,11 +190,23 @@ def _investigate(
     settings: FitSettings,
     cache: Cache | None,
     progress: Progress | None,
+    near: Point | None = None,
 ) -> Search:
-    """Fit the nominal and search the effects with the noise of the shots."""
-    fit = fit_problem(
-        Problem(nominal, shots, cache=cache), settings, progress=progress, label="nominal fit"
-    )
+    """Fit the nominal and search the effects with the noise of the shots.
+
+    ``near``: where the nominal was fitted with less noise. From there it is soon fitted again; it
+    begins at its priors only if that does not explain the records.
+    """
+    problem, label = Problem(nominal, shots, cache=cache), "nominal fit"
+    fit: Fit | None = None
+    if near is not None:
+        point = replace(near, memo={})
+        brief = replace(settings, restarts=0)
+        fit = fit_problem(problem, brief, point=point, progress=progress, label=label)
+    if fit is None or not fit.explains:
+        way = settings if fit is None else replace(settings, restarts=0)
+        other = fit_problem(problem, way, progress=progress, label=label)
+        fit = other if fit is None or other.log_evidence > fit.log_evidence else fit
     found = search(
         fit,
         effects,
@@ -287,7 +299,8 @@ def diagnose(
         rest_noise = new
         shots = tuple(with_noise(nominal, s, new) for s in plain)
         held_shots = tuple(with_noise(nominal, s, new) for s in sensed)
-        found = _investigate(nominal, shots, usable, options, settings, cache, progress)
+        near = found.nominal.point
+        found = _investigate(nominal, shots, usable, options, settings, cache, progress, near)
         nominal = found.nominal.problem.nominal
     fit = found.nominal
     for name, why in found.failed:
@@ -346,15 +359,15 @@ def diagnose(
     bar, _ = family_threshold(reference, options.alpha, seed=options.seed)
     # A correction can only raise the bar: it matters for what passed it by little, and where
     # nothing else says that the nominal is wrong.
-    near = bar < alarm < 6.0 * bar
+    close = bar < alarm < 6.0 * bar
     bare_misfit = misfit(first.bare, first.tight_fit, estimated=gates.estimated)
-    near = near and not bare_misfit.left
+    close = close and not bare_misfit.left
     null = calibrate(
         reference_fit,
         reference,
         usable,
         options.alpha,
-        options.bootstrap if near else 0,
+        options.bootstrap if close else 0,
         seed=options.seed,
         progress=progress,
     )
@@ -554,7 +567,9 @@ def fit_nominal(
     """
     nominal.forget()
     nominal, records, gates = _ready(nominal, records)
+    try_effects(nominal, (), records[0])
     shots = prepare(nominal, records, gates, window)
     cache = None if resume is None else Cache(resume)
     fit = fit_problem(Problem(nominal, shots, cache=cache), settings, progress=progress)
-    return replace(fit, notes=(*fit.notes, *gates.warnings))
+    told = strain_told(fit)
+    return replace(fit, notes=(*fit.notes, *([told] if told else []), *gates.warnings))

@@ -9,6 +9,7 @@ import numpy as np
 
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import DataError, InvalidParameter
+from feltmb.fit.calling import calling
 from feltmb.fit.nominal import Effect, Lanes, Nominal
 from feltmb.fit.observe import observe_lanes
 from feltmb.fit.problem import Problem
@@ -17,6 +18,7 @@ from feltmb.fit.solve import FitSettings, finish
 from feltmb.gap.advise import SHOWS, confusion_at
 from feltmb.gap.gates import faults_against, with_sigma
 from feltmb.gap.score import Scores, all_terms, score_fit
+from feltmb.gap.trial import try_effects
 
 __all__ = [
     "Experiment",
@@ -193,7 +195,9 @@ def foresee(
         for n, s in r.sensors.items():
             known.setdefault(n, s)
     tested = [e for e in effects if nominal.accepts(e) or e.observe or e.excite]
-    nominal, records, candidates = _ready(nominal, records, candidates, known)
+    with calling(f"model {nominal.name}: its simulation"):
+        nominal, records, candidates = _ready(nominal, records, candidates, known)
+    try_effects(nominal, tested, records[0])
 
     def plan(some: Sequence[Record], names: Sequence[str]) -> list[Record]:
         seen = {n: known.get(n, Sensor(name=n)) for n in names}

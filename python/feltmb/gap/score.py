@@ -238,9 +238,8 @@ def screen_sets(
     pivot = scores.gram[best, best]
     rest_b = scores.b - scores.gram[:, best] * scores.b[best] / pivot
     rest_g = np.diag(scores.gram) - scores.gram[:, best] ** 2 / pivot
-    given = np.where(
-        rest_g > 1e-6 * np.diag(scores.gram), rest_b**2 / np.maximum(rest_g, 1e-300), 0
-    )
+    own = rest_g > 1e-6 * np.diag(scores.gram)
+    given = np.where(own, rest_b**2 / np.where(own, rest_g, 1.0), 0.0)
     order = usable[np.argsort(-np.maximum(single, given)[usable], kind="stable")]
     if largest >= 2:
         for pair in itertools.combinations(sorted(order[:pairs_from].tolist()), 2):

@@ -6,9 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from feltmb.data import Array
-from feltmb.fit.nominal import Effect, Job, Lanes, Term
+from feltmb.fit.nominal import Effect, Job, Lanes, Nominal, Term
 from feltmb.fit.observe import machine_terms
 from feltmb.fit.solve import Fit, FitSettings, polish
 from feltmb.gap.refine import (
@@ -122,12 +123,20 @@ def in_finer_steps(
     Steps that are fine enough for the nominal may be too coarse for an effect, dry friction say:
     what they do wrong would look like one more cause.
     """
-    if found.best is None:
-        return found
-    coarse = found.best.fit.problem.nominal
-    nominal = coarse.finer(_jobs(found.best.fit))
-    if nominal is coarse:
-        return found
+    while found.best is not None:
+        coarse = found.best.fit.problem.nominal
+        nominal = coarse.finer(_jobs(found.best.fit, settings))
+        if nominal is coarse:
+            break
+        # Finer steps move shapes, which may ask for finer steps again.
+        found = _again(found, nominal, settings, progress)
+    return found
+
+
+def _again(
+    found: Search, nominal: Nominal, settings: FitSettings, progress: Progress | None
+) -> Search:
+    """The search with its best sets fitted again with another nominal."""
 
     def moved(fit: Fit) -> Fit:
         return replace(fit, problem=replace(fit.problem, nominal=nominal))
@@ -144,8 +153,9 @@ def in_finer_steps(
     hunt.start = full_evidence(hunt.nominal, hunt.total)
     hunt.failed.update(found.failed)
     # Larger sets may only explain what coarse steps did wrong: they have to come from the best one.
+    best = found.candidates[0]
     for c in found.candidates:
-        if c is found.best or (len(c.names) == 1 and c.evidence > found.best.evidence - NEAR_BEST):
+        if len(c.names) <= len(best.names) and c.evidence > best.evidence - NEAR_BEST:
             hunt._tell("finer steps: " + " + ".join(c.names))
             fit = again(c.fit)
             hunt.done[c.key] = Candidate(fit, full_evidence(fit, hunt.total))
@@ -153,18 +163,32 @@ def in_finer_steps(
             hunt.done[c.key] = Candidate(moved(c.fit), c.evidence)
     hunt._shrink()
     hunt._shape(hunt._best())
+    hunt._vary(hunt._best())
     hunt._finish()
     return hunt.found()
 
 
-def _jobs(fit: Fit) -> list[Job]:
-    """What the machine of a fit simulates."""
+def _jobs(fit: Fit, settings: FitSettings) -> list[Job]:
+    """What the machine of a fit simulates: records from their start where its gaps are closed.
+
+    There the error of the steps adds up from window to window.
+    """
     terms = machine_terms(fit.terms)
     sizes = np.array([fit.point.sizes[fit.terms.index(t)] for t in terms])
-    return [
-        (s.record, Lanes.at_point(fit.point.theta, s.windows, place.starts, terms, sizes))
-        for s, place in zip(fit.problem.shots, fit.point.places, strict=True)
-    ]
+    places = list(zip(fit.problem.shots, fit.point.places, strict=True))
+    nominal = fit.problem.nominal
+
+    def lanes(windows: NDArray[np.intp], starts: Array) -> Lanes:
+        return Lanes.at_point(fit.point.theta, windows, starts, terms, sizes)
+
+    if fit.level <= settings.levels[-1] and not nominal.chaotic:
+        whole = [
+            (s.record, lanes(s.windows[[0, -1], [0, 1]][None, :], place.starts[:1]))
+            for s, place in places
+        ]
+        if all(np.isfinite(run.ends).all() for run in nominal.simulate_all(whole)):
+            return whole
+    return [(s.record, lanes(s.windows, place.starts)) for s, place in places]
 
 
 class _Hunt:
@@ -341,7 +365,8 @@ class _Hunt:
             for like, share in _alike(self.tight or self.scores, term):
                 swapped = (*rest, like)
                 size = np.clip(share * best.fit.point.sizes[k], *like.effect.bounds)
-                if like.name in best.names or _key(swapped) in self.done or size == 0.0:
+                known = self.done.get(_key(swapped))
+                if like.name in best.names or size == 0.0 or (known and _holds(known, rest)):
                     continue
                 self._attempt(best.fit, swapped, np.append(others, size))
 
@@ -391,6 +416,12 @@ class _Hunt:
 
 def _key(terms: Sequence[Term]) -> tuple[str, ...]:
     return tuple(sorted(t.name for t in terms))
+
+
+def _holds(c: Candidate, terms: Sequence[Term]) -> bool:
+    """Whether a set holds terms with just these shapes."""
+    shapes = {t.name: repr(t.shape) for t in c.fit.terms}
+    return all(shapes.get(t.name) == repr(t.shape) for t in terms)
 
 
 def _alike(scores: Scores, term: Term) -> list[tuple[Term, float]]:

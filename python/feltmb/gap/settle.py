@@ -25,6 +25,10 @@ LEAST_GAIN = math.log(10.0)
 #: Share of the remaining held-out gap that makes more than small print of an effect where an
 #: unknown rest was admitted.
 CLOSES = 0.05
+#: The same share from which an effect is no small print in any case, and the gap [sigma] that it
+#: must then close. The error of another effect's form, in which it would stand in for that, is not
+#: mended to a hundredth by an effect that is not there.
+ALL, DEEP = 0.99, 10.0
 #: The same share from which an effect stands though an unknown force would still bring more: what
 #: is left then is small beside it, however sure it is.
 MOST = 0.8
@@ -224,7 +228,7 @@ class _Trial:
         if paired.gain < unknown and not self._carries(c, name, paired):
             return f"{gain}, less than the {unknown:.1f} that an unknown force would still explain"
         small = paired.gain < self.least_share * most
-        if small and not (self.unknown_rest and self.closes(c, name) >= CLOSES):
+        if small and not self._completes(c, name):
             return (
                 f"{gain} beside {most:.0f}: no more than an error in the form of the larger effect "
                 "would bring"
@@ -232,6 +236,14 @@ class _Trial:
         if not _improves(paired, self.inflation):
             return f"{gain}, p = {paired.p:.2g}"
         return ""
+
+    def _completes(self, c: Candidate, name: str) -> bool:
+        """Whether an effect that is small beside another is more than an error in its form."""
+        share = self.closes(c, name)
+        if self.unknown_rest and share >= CLOSES:
+            return True
+        gaps = self._gaps(self._outcome_without(c, name))
+        return share >= ALL and any(DEEP < g < np.inf for g in gaps)
 
     def _carries(self, c: Candidate, name: str, paired: Paired) -> bool:
         """Whether an effect closes most of a held-out gap that is one, and surely."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
+from feltmb.fit.calling import calling
 from feltmb.fit.nominal import Effect, Lanes, Nominal, Term
 from feltmb.fit.observe import machine_terms, observe_lanes
 
@@ -27,12 +28,9 @@ def try_effects(nominal: Nominal, effects: Sequence[Effect], record: Record) -> 
         The model cannot be simulated, or effects whose callable raises or returns what cannot be
         used, all of them.
     """
-    try:
+    with calling(f"model {nominal.name}: its simulation"):
         bare = observe_lanes(nominal, record, _begin(nominal, None, record)).outputs
-    except InvalidParameter:
-        raise
-    except Exception as error:  # whatever a callable of the user raises
-        raise InvalidParameter(f"model {nominal.name}: {_told(error)}") from error
+        _check_numbers(nominal, record, bare)
     faults = []
     for e in effects:
         if e.rate is None and e.observe is None and e.excite is None:
@@ -51,30 +49,49 @@ def _fault(nominal: Nominal, term: Term, record: Record, bare: Array) -> str:
     e = term.effect
     try:
         if e.excite is not None:
-            # The changed record checks names and lengths; a whole run would cost too much.
-            record.with_inputs(e.excite(record, _size(e), term.shape))
-            same = record.with_inputs(e.excite(record, 0.0, term.shape))
+            # The changed record checks lengths; a whole run would cost too much.
+            with calling("its excite"):
+                change = e.excite(record, _size(e), term.shape)
+                same = record.with_inputs(e.excite(record, 0.0, term.shape))
+            new = [n for n in record.with_inputs(change).inputs if n not in record.inputs]
+            if new:
+                return (
+                    f"its excite changes {new[0]!r}, which is no input of the record; known are "
+                    f"{', '.join(record.inputs)}"
+                )
             moved = [n for n, v in record.inputs.items() if not _alike(same.inputs[n], v)]
             return f"at size zero it changes the input {', '.join(moved)}" if moved else ""
         lanes = _begin(nominal, term, record)
-        observe_lanes(nominal, record, lanes)
+        seen = observe_lanes(nominal, record, lanes).outputs
+        if _runs(bare) and not _runs(seen):
+            return f"at size {lanes.sizes[0, 0]:.3g} the model gives no numbers with it"
         zero = observe_lanes(nominal, record, replace(lanes, sizes=0.0 * lanes.sizes)).outputs
         if not _alike(zero, bare):
             return "at size zero it is not the nominal: what it adds must vanish with its size"
     except InvalidParameter as error:
         return str(error).removeprefix(f"effect {e.name}: ")
-    except Exception as error:  # whatever a callable of the user raises
-        what = "rate" if e.rate is not None else "observe" if e.observe is not None else "excite"
-        return f"its {what} raises {_told(error)}"
     return ""
 
 
-def _told(error: Exception) -> str:
-    """An error of a user's callable, with what it mostly comes from."""
-    text = f"{type(error).__name__}: {error}"
-    if "truth value of an array" in text or "only length-1 arrays" in text:
-        text += " (it is called with whole arrays: use np.where, np.maximum, np.sin)"
-    return text
+def _check_numbers(nominal: Nominal, record: Record, bare: Array) -> None:
+    """The model must give numbers at its priors, from its start or from one that it guesses."""
+    if _runs(bare):
+        return
+    windows = np.array([[0, min(SAMPLES, record.samples) - 1]])
+    theta = np.array([p.value for p in nominal.parameters])
+    starts = nominal.guess(record, windows)
+    lanes = Lanes.at_point(theta, windows, starts, (), np.zeros(0))
+    if not _runs(observe_lanes(nominal, record, lanes).outputs):
+        raise InvalidParameter(
+            f"model {nominal.name}: gives no numbers at the beginning of record {record.name} with "
+            "its parameters at their priors: all outputs are NaN or infinite"
+        )
+
+
+def _runs(outputs: Array) -> bool:
+    """Whether there are numbers beyond the start."""
+    later = outputs[:, 1:] if outputs.shape[1] > 1 else outputs
+    return bool(np.any(np.isfinite(later)))
 
 
 def _alike(one: Array, other: Array) -> bool:

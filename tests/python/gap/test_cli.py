@@ -96,6 +96,20 @@ def test_a_stroke_without_a_sheet(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["effects"]
 
 
+def test_a_held_out_file_is_told_from_another_of_its_name(tmp_path, capsys):
+    data = []
+    for folder, source in zip("ab", EMPS, strict=False):
+        (tmp_path / folder).mkdir()
+        for suffix in (".csv", ".toml"):
+            text = Path(source).with_suffix(suffix).read_text()
+            (tmp_path / folder / f"r{suffix}").write_text(text)
+        data.append(tmp_path / folder / "r.csv")
+    assert run("gap", "diagnose", EXAMPLES / "emps.py", *data, "--hold-out", "r.csv") == 2
+    assert (
+        "--hold-out r.csv: is the name of 2 files; give the whole path" in capsys.readouterr().err
+    )
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -1,7 +1,9 @@
 """Verdicts on records whose truth is known, and on measured ones."""
 
+import copy
 import importlib.util
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,7 @@ from feltmb.data import read_records
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Noise, make_shot
 from feltmb.fit.solve import fit_problem
-from feltmb.gap import Options, Verdict, diagnose, including
+from feltmb.gap import Options, Verdict, diagnose, fit_nominal, including
 from feltmb.gap.files import report_json
 from feltmb.gap.page import page
 from feltmb.gap.refine import refit
@@ -126,8 +128,9 @@ def test_report_is_the_same_bytes_and_escapes_text():
     assert "<against>" not in page(first)
 
 
-def test_cut_off_run_resumes(tmp_path):
-    data = models.records(4, dry=0.02)
+@pytest.mark.parametrize("noise", [{}, {"f": 0.01}])
+def test_cut_off_run_resumes(tmp_path, noise):
+    data = [replace(r, input_sigma=noise) for r in models.records(4, dry=0.02)]
     options = Options(bootstrap=0, restarts=0, resume=tmp_path / "resume")
 
     class Stop(Exception):
@@ -147,6 +150,17 @@ def test_cut_off_run_resumes(tmp_path):
     assert page(resumed) == page(fresh)
 
 
+def test_an_edited_prior_is_not_taken_from_a_cut_off_run(tmp_path):
+    data = models.records(4)
+    for sd in (1e-4, 10.0):  # at its start a fit does not feel the tolerance
+        free = [replace(p, sd=sd) if p.name == "k" else p for p in models.NOMINAL.parameters]
+        nominal = copy.copy(models.NOMINAL)
+        nominal.parameters = tuple(free)
+        found = fit_nominal(nominal, data, resume=tmp_path / "resume")
+        fresh = fit_nominal(nominal, data)
+        assert [i.value for i in found.intervals()] == [i.value for i in fresh.intervals()]
+
+
 def test_emps_names_dry_friction():
     """Measured: mass and viscous friction only; withheld is the dry friction of the guide."""
     subject = load(EXAMPLES / "emps.py")
@@ -161,8 +175,6 @@ def test_emps_names_dry_friction():
 
 
 def test_a_late_input_is_a_data_problem():
-    from dataclasses import replace
-
     from feltmb.gap import library
 
     late = []
@@ -177,8 +189,6 @@ def test_a_late_input_is_a_data_problem():
 
 
 def test_known_sensors_are_applied_to_the_model():
-    from dataclasses import replace
-
     from feltmb.gap import Sensor
 
     seen = []

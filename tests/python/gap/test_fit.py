@@ -1,17 +1,30 @@
 """The filter against dense algebra, derivatives against their definition, fits against truth."""
 
+import copy
 import importlib.util
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from feltmb.errors import InvalidParameter
 from feltmb.fit.filter import reduce_chain
 from feltmb.fit.linearize import Linear
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Noise, choose_windows, make_shot
 from feltmb.fit.solve import fit_problem
-from feltmb.gap import Lanes, Record, Sensor, Term
+from feltmb.gap import (
+    Coordinate,
+    Coupling,
+    Lanes,
+    OdeNominal,
+    Record,
+    Sensor,
+    State,
+    Term,
+    fit_nominal,
+)
 
 HERE = Path(__file__).parent
 spec = importlib.util.spec_from_file_location("gap_models", HERE / "models.py")
@@ -212,3 +225,37 @@ def test_a_window_in_a_wrong_valley_is_not_taken_for_a_gap():
     bad = Point(good.theta, good.sizes, (Place(starts, good.places[0].nuisances),))
     fit = fit_problem(problem, point=bad)
     assert fit.chi2 < fit.dof + 4.0 * np.sqrt(2.0 * fit.dof)
+
+
+def test_all_that_is_wrong_with_a_model_is_told_at_once():
+    arm = Coordinate(name="arm", position="q", speed="v")
+    with pytest.raises(InvalidParameter) as error:
+        OdeNominal(
+            name="arm",
+            states=[State(name="q"), State(name="v")],
+            rates=lambda t, x, u, p: (x.v, -x.q),
+            outputs={"q": "q"},
+            coordinates=[arm, arm, Coupling(name="joint", first=arm, second=arm)],
+            method="euler",
+            hold="cubic",
+            substeps=2.5,
+        )
+    text = str(error.value)
+    for part in (
+        "'arm' names two coordinates or ports",
+        "coupling joint: lies between arm and itself",
+        "substeps = 2.5, expected a whole number >= 1, or None",
+        "method = 'euler', expected one of rk4, rosenbrock",
+        "hold = 'cubic', expected one of auto, linear, zero, spline",
+    ):
+        assert part in text
+
+
+def test_a_parameter_far_off_its_prior_is_told():
+    data = models.records(4)
+    nominal = copy.copy(models.NOMINAL)
+    nominal.parameters = tuple(
+        replace(p, value=70.0, sd=1.0) if p.name == "k" else p for p in nominal.parameters
+    )
+    notes = fit_nominal(nominal, data).notes
+    assert any("beyond their priors" in note and "k by" in note for note in notes)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 
 from feltmb.gap import (
     Coordinate,
     Coupling,
+    Effect,
     OdeNominal,
     Options,
     Parameter,
@@ -50,10 +52,12 @@ def drive(t: object, i: int) -> object:
     return 4.0 * np.sum(np.sin(2.0 * np.pi * np.multiply.outer(t, tones) + phase), axis=-1)
 
 
-def runs(held: str, k: float = 400.0, samples: int = 400, dry: float = 0.0) -> list[Record]:
+def runs(
+    held: str, k: float = 400.0, samples: int = 400, dry: float = 0.0, cubic: float = 0.0
+) -> list[Record]:
     """Records of the true machine whose input is smooth, or straight between samples.
 
-    ``dry`` is a friction that turns over within 0.5 mm/s [N].
+    ``dry`` is a friction that turns over within 0.5 mm/s [N], ``cubic`` a spring [N/m^3].
     """
     time = 0.02 * np.arange(samples)
     noise = np.random.default_rng(5)
@@ -66,7 +70,8 @@ def runs(held: str, k: float = 400.0, samples: int = 400, dry: float = 0.0) -> l
 
         y = solve_ivp(
             lambda t, x, force=force: (
-                x[1], force(t) - k * x[0] - 2.0 * x[1] - dry * np.tanh(x[1] / 5e-4)
+                x[1],
+                force(t) - k * x[0] - cubic * x[0]**3 - 2.0 * x[1] - dry * np.tanh(x[1] / 5e-4),
             ),
             (0.0, time[-1]), (0.0, 0.0), "LSODA", time, rtol=1e-9, atol=1e-11, max_step=0.02,
         ).y[0]  # fmt: skip
@@ -209,3 +214,25 @@ def test_a_clearance_between_two_masses_is_named() -> None:
     assert isinstance(found.shape, float)
     assert abs(found.shape - gap) < 0.05 * gap
     assert report.how_far.closed > 0.9
+
+
+@pytest.mark.slow
+def test_rivals_stay_rivals_in_finer_steps() -> None:
+    """Two laws alike to a thousandth, beside a sharp friction that asks for finer steps."""
+    records = runs("straight", k=40.0, dry=0.3, cubic=2e3)
+    cube = library.polynomial_stiffness(SLIDE, 3, scale=1e3)
+    twin = Effect(
+        name="twin",
+        component="slide",
+        unit="N/m^3",
+        scale=1e3,
+        rate=lambda t, x, u, p, size, shape: SLIDE.push(
+            -size * x.q**3 * (1.0 + 1e-3 * np.cos(5.0 * x.q)), t, x, u, p
+        ),
+    )
+    effects = [library.dry_friction(SLIDE, scale=0.1, speed=0.3), cube, twin]
+    report = diagnose(model(k=40.0), effects, records, options=Options(bootstrap=0))
+    assert report.named == ("dry friction slide",), report.statement
+    assert set(report.one_of) == {cube.name, "twin"}
+    friction = report.which["dry friction slide"]
+    assert friction.size == pytest.approx(0.3, rel=0.01)

@@ -43,23 +43,23 @@ def power(n):
     )
 
 
-def record(name, seed, law, role="fit", samples=400):
+def record(name, seed, law, role="fit", samples=400, noise=NOISE):
     generator = np.random.default_rng(seed)
     u = np.sin(np.linspace(0.0, 40.0, samples) + seed) * (0.6 + 0.4 * generator.random())
-    y = law(u) + NOISE * generator.standard_normal(samples)
+    y = law(u) + noise * generator.standard_normal(samples)
     return Record(
         name=name,
         time=np.arange(samples) * 1e-3,
         inputs={"u": u},
         outputs={"y": y},
-        sensors={"y": Sensor(name="y", unit="1", sigma=NOISE)},
+        sensors={"y": Sensor(name="y", unit="1", sigma=noise)},
         role=role,
     )
 
 
-def records(law):
+def records(law, noise=NOISE):
     roles = ("fit", "fit", "fit", "held_out", "held_out")
-    return [record(f"r{i}", i, law, role) for i, role in enumerate(roles)]
+    return [record(f"r{i}", i, law, role, noise=noise) for i, role in enumerate(roles)]
 
 
 def test_the_statement_tells_what_held_out_records_say(monkeypatch):
@@ -272,3 +272,15 @@ def test_what_a_limit_forbids_is_not_explained():
         report = diagnose(line, [], steep, options=Options(bootstrap=0))
         assert report.verdict == verdict
         assert report.fit.intervals()[0].at_limit == (upper < 2.0)
+
+
+def test_a_small_effect_that_explains_all_that_is_left_is_no_small_print():
+    both = records(lambda u: u + 0.3 * u**3 + 0.03 * u**2, noise=1e-4)
+    said = diagnose(LINE, [power(3), power(2)], both, options=Options(bootstrap=0))
+    assert said.verdict is Verdict.NAMED
+    assert set(said.named) == {"power 2", "power 3"}
+    # Where it leaves more than noise it may mend the form of the larger one.
+    more = records(lambda u: u + 0.3 * u**3 + 0.03 * u**2 + 3e-3 * np.sin(9.0 * u), noise=1e-4)
+    said = diagnose(LINE, [power(3), power(2)], more, options=Options(bootstrap=0))
+    assert said.verdict is not Verdict.NAMED
+    assert "nothing tested explains it" not in said.statement or not said.refused

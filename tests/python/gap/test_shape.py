@@ -135,10 +135,10 @@ def cycled(shape, amplitude, steps=4000, turns=2):
     q, v = amplitude * np.sin(t), amplitude * np.cos(t)
     slip, force = 0.0, []
     for k in range(steps):
-        x = Named({"q": np.array(q[k]), "v": np.array(v[k]), "slip": np.array(slip)})
+        x = Named({"q": np.array(q[k]), "v": np.array(v[k]), "hysteresis.slip": np.array(slip)})
         rate = law.rate(0.0, x, Named({}), Named({}), 1.0, shape)
         force.append(-float(rate["v"]))
-        slip += float(rate["slip"]) * (t[1] - t[0])
+        slip += float(rate["hysteresis.slip"]) * (t[1] - t[0])
     return q, np.array(force)
 
 

@@ -8,6 +8,7 @@ import pytest
 from feltmb.data import Record, Sensor
 from feltmb.fit import OdeNominal
 from feltmb.fit.linear import LinearNominal
+from feltmb.fit.linearize import predict
 from feltmb.fit.nominal import Lanes, Parameter, State
 from feltmb.fit.observe import observe_lanes
 from feltmb.fit.problem import Problem
@@ -163,3 +164,31 @@ def test_fits_do_not_depend_on_windows_where_a_sensor_lags(known):
     assert abs(one.value - 1e4) < 2.5 * one.sd
     assert abs(many.value - one.value) < 0.5 * one.sd
     assert many.sd == pytest.approx(one.sd, rel=0.2)
+
+
+@pytest.mark.parametrize("bandwidth", [1.0, 30.0])
+def test_derivatives_through_a_slow_sensor_are_those_of_a_window_alone(bandwidth):
+    r = shaken(bandwidth=bandwidth)
+    windows = np.array([[0, 100], [100, 220], [220, 400]])
+    shot = make_shot(OSCILLATOR, r, {"y": Noise(1e-3)}, None, windows)
+    problem = Problem(OSCILLATOR, (shot,))
+    point = problem.start()
+    by_state = problem.linear(point)[0].by_state
+    for w in range(3):
+        ends = []
+        for h in (1e-4, -1e-4):
+            starts = point.places[0].starts.copy()
+            starts[w, 0] += h
+            place = replace(point.places[0], starts=starts)
+            ends.append(predict(OSCILLATOR, shot, point.theta, (), point.sizes, place)[1][w])
+        numeric = -(ends[0] - ends[1]) / 2e-4
+        assert np.allclose(by_state[w, :, 0], numeric, rtol=1e-4, atol=1e-4 * np.max(abs(numeric)))
+
+
+def test_windows_hold_six_time_constants_of_a_slow_sensor():
+    for bandwidth, least in ((1e4, 0.0), (10.0, 0.095), (1.0, 0.4)):
+        windows = make_shot(OSCILLATOR, shaken(bandwidth=bandwidth), {}, None).windows
+        assert np.all(np.diff(windows, axis=1) * 1e-3 >= 0.75 * least)
+        # A length that is asked for is kept.
+        asked = make_shot(OSCILLATOR, shaken(bandwidth=bandwidth), {}, 0.05).windows
+        assert len(asked) == 8

@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from feltmb.errors import InvalidParameter
-from feltmb.fit import Effect, Lanes, State, Term, including
+from feltmb.fit import Effect, Lanes, Simulated, State, Term, including
 from feltmb.fit.together import each
 from feltmb.gap import Coordinate, OdeNominal, Parameter, Record, library
 
 SLIDE = Coordinate(name="slide", position="q", speed="v", inertia="m")
 
 
-def model(**options: object) -> OdeNominal:
-    return OdeNominal(
+def model(of: type[OdeNominal] = OdeNominal, **options: object) -> OdeNominal:
+    rates = options.pop("rates", lambda t, x, u, p: (x.v, (u.f - 50.0 * x.q - 0.4 * x.v) / p.m))
+    return of(
         states=[State(name="q", unit="m", scale=0.01), State(name="v", unit="m/s", scale=0.1)],
         parameters=[Parameter(name="m", value=1.0, sd=0.1)],
         inputs=["f"],
-        rates=lambda t, x, u, p: (x.v, (u.f - 50.0 * x.q - 0.4 * x.v) / p.m),
+        rates=rates,  # type: ignore[arg-type]
         outputs={"q": "q"},
         coordinates=[SLIDE],
         **options,  # type: ignore[arg-type]
@@ -118,3 +121,27 @@ def test_a_fault_is_raised_and_nobody_waits() -> None:
 
     with pytest.raises(InvalidParameter, match="'w', which is no state"):
         each(nominal, work, RECORDS)
+
+
+@pytest.mark.parametrize("kind", [SystemExit, KeyboardInterrupt])
+def test_an_exit_within_a_model_is_raised_and_nobody_waits(kind: type[BaseException]) -> None:
+    def rates(*_: object) -> object:
+        raise kind
+
+    nominal = model(rates=rates)
+    windows = np.array([[0, 10], [10, 20]])
+    with pytest.raises(kind):
+        each(nominal, lambda m, r: m.guess(r, windows), RECORDS)
+
+
+def test_a_subclass_with_a_simulation_of_its_own_is_asked_for_it() -> None:
+    class Doubled(OdeNominal):
+        def simulate(self, record: Record, lanes: Lanes) -> Simulated:
+            run = super().simulate(record, lanes)
+            return Simulated(outputs=2.0 * run.outputs, ends=run.ends)
+
+    term = Term(library.viscous_friction(SLIDE, scale=0.1))
+    jobs = [(r, replace(lanes(r, term), starts=lanes(r, term).starts[:, :2])) for r in RECORDS]
+    plain, doubled = model(), model(of=Doubled)
+    for one, other in zip(plain.simulate_all(jobs), doubled.simulate_all(jobs), strict=True):
+        assert np.array_equal(2.0 * one.outputs, other.outputs, equal_nan=True)

@@ -1,5 +1,6 @@
 """Effects and models whose callables are wrong are told before anything is fitted."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,18 @@ import pytest
 
 from feltmb.data import Record, StartPrior
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.gap import Coordinate, Effect, OdeNominal, Parameter, State, diagnose, library
+from feltmb.gap import (
+    Coordinate,
+    Effect,
+    OdeNominal,
+    Options,
+    Parameter,
+    State,
+    diagnose,
+    fit_nominal,
+    foresee,
+    library,
+)
 
 ARM = Coordinate(name="arm", position="q", speed="v")
 
@@ -71,7 +83,47 @@ def test_a_model_at_fault_is_not_put_on_the_effects():
     text = message(model(lambda t, x, u, p: (x.v,)), [dry])
     assert text == "model arm: rates returned 1 values, expected one for each state: q, v"
     text = message(model(lambda t, x, u, p: (x.v, x.nope)), [dry])
-    assert text == "model arm: AttributeError: no 'nope'; known are q, v"
+    said = "model arm: its rates function raises AttributeError: no 'nope'; known are q, v"
+    assert text == said
+    # All that use the model say the same.
+    faulty, planned = model(lambda t, x, u, p: (x.v, x.nope)), records()
+    for use in (fit_nominal, lambda nominal, records: foresee(nominal, [dry], records)):
+        with pytest.raises(InvalidParameter) as error:
+            use(faulty, planned)
+        assert str(error.value) == said
+
+
+def test_a_model_that_gives_no_numbers_is_told():
+    text = message(model(lambda t, x, u, p: (x.v + np.nan, -x.q)), [])
+    assert "gives no numbers at the beginning of record" in text
+
+
+def test_what_fails_for_some_parameters_should_be_nan():
+    text = message(model(lambda t, x, u, p: (x.v, math.sqrt(-1.0))), [])
+    assert "raises ValueError" in text
+    assert "let it return NaN" in text
+
+
+def test_what_a_callable_may_not_do_is_told():
+    nothing = rate("nothing", lambda t, x, u, p, size, shape: {"v": np.where(size == 0, 0, np.nan)})
+    other = Effect(name="other", component="f", excite=lambda r, size, s: {"g": r.inputs["f"]})
+    text = message(model(), [nothing, other])
+    assert "nothing: at size 1 the model gives no numbers with it" in text
+    assert "other: its excite changes 'g', which is no input of the record; known are f" in text
+    twin = replace(nothing, name="twin", hidden=(State(name="q", hidden=True),))
+    assert "its hidden state 'q' has the name of a state of model arm" in message(model(), [twin])
+
+
+def test_a_sensor_effect_may_change_its_outputs_in_place():
+    seen = []
+    for law in (
+        lambda r, y, w, size, shape: np.add(y, size[:, None, None], out=y),
+        lambda r, y, w, size, shape: y + size[:, None, None],
+    ):
+        effect = Effect(name="lift", component="q", scale=0.1, kind="sensor", observe=law)
+        report = diagnose(model(), [effect], records(), options=Options(bootstrap=0))
+        seen.append(report.which.effects[0].size)
+    assert seen[0] == seen[1]
 
 
 def test_later_shapes_are_tried_as_well():

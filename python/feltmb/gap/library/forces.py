@@ -165,11 +165,11 @@ def hysteresis(c: Part, *, scale: float, travel: float) -> Effect:
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, shape: Any) -> Mapping[str, Array]:
         b, n = shape
         q, v = c.motion(x)
-        gap = q - x["slip"]
+        gap = q - x["hysteresis.slip"]
         share = np.minimum(np.abs(gap) / b, 1.0) ** n
         forward = np.where(gap * v > 0.0, share, 0.0)
         force = -size * np.clip(gap / b, -1.0, 1.0)
-        return {**c.push(force, t, x, u, p), "slip": forward * v}
+        return {**c.push(force, t, x, u, p), "hysteresis.slip": forward * v}
 
     return Effect(
         name=f"hysteresis {c.name}",
@@ -182,7 +182,7 @@ def hysteresis(c: Part, *, scale: float, travel: float) -> Effect:
         shapes=tuple((travel * f, n) for f in (0.03, 0.2) for n in (2.0, 10.0)),
         shape_names=("stretch [position unit]", "sharpness"),
         remedy="Use a law with memory.",
-        hidden=(State(name="slip", hidden=True, scale=travel, start_sd=0.3 * travel),),
+        hidden=(State(name="hysteresis.slip", hidden=True, scale=travel, start_sd=0.3 * travel),),
         rate=rate,
     )
 
@@ -191,8 +191,8 @@ def creep(c: Part, *, scale: float, times: Sequence[float]) -> Effect:
     """A Maxwell branch: F = k (q - z), dz/dt = (q - z) / tau."""
 
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, tau: Any) -> Mapping[str, Array]:
-        stretch = c.motion(x)[0] - x["creep"]
-        return {**c.push(-size * stretch, t, x, u, p), "creep": stretch / tau}
+        stretch = c.motion(x)[0] - x["creep.stretch"]
+        return {**c.push(-size * stretch, t, x, u, p), "creep.stretch": stretch / tau}
 
     return Effect(
         name=f"creep {c.name}",
@@ -205,7 +205,7 @@ def creep(c: Part, *, scale: float, times: Sequence[float]) -> Effect:
         shapes=tuple(times),
         shape_names=("time [s]",),
         remedy="Add a relaxing branch.",
-        hidden=(State(name="creep", hidden=True),),
+        hidden=(State(name="creep.stretch", hidden=True),),
         rate=rate,
     )
 
