@@ -37,6 +37,7 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 TOLERANCE = 2e-3
+BROWSERS = ("chromium-headless-shell", "chromium", "google-chrome")
 
 LOOSE = {"right-hand sides": float("inf"), "energy not accounted for": 3.0}
 """Relative tolerance of lines that hold these words: work, wall time, error of the integration."""
@@ -285,7 +286,12 @@ def _picture(page: Path, block: Block, *, write: bool) -> None:
 def screenshot(page: Path) -> Path:
     """First screen of an HTML page, drawn by Chromium."""
     picture = page.with_suffix(".screen.png").resolve()
-    command = ["chromium", "--headless", "--no-sandbox", "--hide-scrollbars", "--disable-gpu"]
+    program = next((n for n in BROWSERS if shutil.which(n)), None)
+    if program is None:
+        raise Mismatch(
+            f"{page.name}: its picture needs Chromium; on Debian: apt-get install chromium"
+        )
+    command = [program, "--headless", "--no-sandbox", "--hide-scrollbars", "--disable-gpu"]
     command += ["--window-size=1000,900", f"--screenshot={picture}", page.resolve().as_uri()]
     subprocess.run(command, check=True, capture_output=True, timeout=120)
     return picture

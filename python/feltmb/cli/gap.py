@@ -293,17 +293,20 @@ def run(
 
 
 def _print(report: Report) -> None:
+    from feltmb.gap.digits import digits
+
     click.echo(f"{report.verdict}: {report.statement}")
     out = console()
     table = new_table(
         "which", "effect", "size, 95 %", "T", "belief", right=(1, 2, 3), whole=(0, 1, 2, 3)
     )
-    room = max(27, out.width - 47)
+    room = max(27, out.width - 50)
     for r in report.which.effects[:8]:
         mark = "* " if r.named else ("? " if r.effect in report.one_of else "  ")
         unit = "" if r.unit == "1" else f" {r.unit}"
         left = [f"{mark}{r.effect}", *(f"  {b}" for b in textwrap.wrap(r.component, room))]
-        right = [f"{r.size:.4g}{unit}", f"{r.low:.3g} .. {r.high:.3g}"]
+        shown = digits(r.size, r.sd, 3)
+        right = [f"{r.size:.{max(4, shown)}g}{unit}", f"{r.low:.{shown}g} .. {r.high:.{shown}g}"]
         right += [""] * (len(left) - len(right))
         if r.named or r.effect in report.one_of:
             left += [f"  {n.name} {n.value:.4g}" for n in r.numbers]

@@ -175,9 +175,8 @@ def _name(facts: Facts) -> Decision:
     left = after.left or facts.unexplained or facts.leftover > 1.0
     closed = _closing(facts, sure or tuple(unsure))
     if left:
-        refused = _refusals(accepted)
-        why = f"held-out records refused {refused}" if refused else "nothing tested explains it"
-        rest = f" What is left is {_floor(facts)}; {why}."
+        what = "that held-out records confirm" if accepted.rejected else "tested"
+        rest = f" What is left is {_floor(facts)}; nothing {what} explains it."
     else:
         rest = " What is left is noise."
     if not sure:

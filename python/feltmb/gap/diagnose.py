@@ -23,7 +23,7 @@ from feltmb.gap.components import component_table
 from feltmb.gap.decide import Facts, decide
 from feltmb.gap.experiments import advise
 from feltmb.gap.gates import Gates, check_against, check_records, with_sigma
-from feltmb.gap.misfit import EXCESS, misfit
+from feltmb.gap.misfit import EXCESS, form_of, misfit
 from feltmb.gap.proof import HeldOut
 from feltmb.gap.refine import tighten
 from feltmb.gap.report import Advice, NotTested, Report, Verdict, Where
@@ -380,7 +380,9 @@ def diagnose(
             limit, _ = family_threshold(after, options.alpha, seed=options.seed)
             # Robust as well: what one window alone asks for is not a trend.
             both = np.minimum(after.singles(), after.robust())
-            leftover = float(np.max(both) / limit) if np.isfinite(limit) else 0.0
+            form = form_of(accepted.candidate.evidence - found.tight_evidence)
+            least = max(limit, 2.0 * form)
+            leftover = float(np.max(both) / least) if np.isfinite(limit) else 0.0
     lap("null")
     if accepted.candidate is not None:
         where = replace(where, onset={**where.onset, **first_act(accepted.candidate.fit)})

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from html import escape
 
+from feltmb.gap.digits import digits
 from feltmb.gap.report import ComponentRow, HowFar, LedgerCell, Ranked
 
 __all__ = ["bars", "force_traces", "ledger_map", "waterfall"]
@@ -96,11 +97,12 @@ def bars(
             f"<title>{escape(r.mechanism or r.effect)}</title></rect>"
         )
         unit = "" if r.unit == "1" else f" {r.unit}"
+        size = f"{r.size:.{digits(r.size, r.sd, 4)}g}"
         parts.append(
             _text(
                 left + w + 8,
                 y + 13,
-                f"{note}{r.posterior:.0%}; {r.size:.4g} ± {1.96 * r.sd:.2g}{unit}",
+                f"{note}{r.posterior:.0%}; {size} ± {1.96 * r.sd:.2g}{unit}",
                 color=SOFT,
             )
         )

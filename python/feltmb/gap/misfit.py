@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from feltmb.fit.solve import Fit
 from feltmb.gap.smooth import smooth_rest
 
-__all__ = ["EXCESS", "FORM", "OTHER", "Misfit", "misfit"]
+__all__ = ["EXCESS", "FORM", "OTHER", "Misfit", "form_of", "misfit"]
 
 #: Standardized excess of the sum of squares that is a gap whatever causes it (p = 3e-5).
 EXCESS = 4.0
@@ -17,6 +17,11 @@ OTHER = 6.0
 #: Amplitude of what is left, as a share of what the named effects explain, up to which it is
 #: their form.
 FORM = 0.003
+
+
+def form_of(explained: float) -> float:
+    """What is left of effects that explain so much is their form up to this [nats]."""
+    return FORM**2 * max(0.0, explained)
 
 
 @dataclass(frozen=True)
@@ -53,6 +58,6 @@ def misfit(
         other = fit.log_evidence - tight.log_evidence
     elif not reference.gap_sd.size:
         other = smooth_rest(reference)
-    form = FORM**2 * max(0.0, explained)
+    form = form_of(explained)
     far = excess > bar and 0.5 * beyond > form
     return Misfit(bool(far or other > OTHER + form), float(excess), float(other))

@@ -6,6 +6,7 @@ import math
 from importlib import resources
 from typing import Any
 
+from feltmb.gap.digits import digits
 from feltmb.gap.drawing import bars, force_traces, ledger_map, waterfall
 from feltmb.gap.report import Report, Verdict
 
@@ -50,6 +51,7 @@ def page(report: Report, viewers: str = "") -> str:
     )
     environment.filters["number"] = number
     environment.filters["percent"] = percent
+    environment.globals["digits"] = digits
     where = report.where
     significant = [c for c in where.ledger if c.significant]
     context: dict[str, Any] = {

@@ -28,6 +28,7 @@ def for_force_balance(
         unit_of: str,
         sign: int = 0,
         shapes: tuple[Any, ...] = (None,),
+        shape_names: tuple[str, ...] = (),
     ) -> Effect:
         return Effect(
             name=name,
@@ -36,6 +37,7 @@ def for_force_balance(
             scale=scale,
             sign=sign,  # type: ignore[arg-type]
             shapes=shapes,
+            shape_names=shape_names,
             mechanism=mechanism,
             regressor=lambda r, s: column(r.inputs[position], r.inputs[speed], s),
         )
@@ -50,6 +52,7 @@ def for_force_balance(
             unit,
             1,
             (0.003 * pace, 0.03 * pace),
+            ("v_0 [speed unit]",),
         ),
         effect(
             "one-sided friction",
@@ -59,6 +62,7 @@ def for_force_balance(
             unit,
             0,
             (0.01 * pace,),
+            ("v_0 [speed unit]",),
         ),
         effect(
             "Stribeck friction",
@@ -68,6 +72,7 @@ def for_force_balance(
             unit,
             1,
             ((0.05 * pace, 0.003 * pace), (0.3 * pace, 0.01 * pace)),
+            ("v_s [speed unit]", "v_0 [speed unit]"),
         ),
         effect(
             "quadratic friction",
@@ -106,5 +111,6 @@ def for_force_balance(
             f"{unit}/m",
             0,
             (0.01 * pace,),
+            ("v_0 [speed unit]",),
         ),
     )
