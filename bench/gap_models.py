@@ -427,7 +427,8 @@ def main() -> None:
             "verdict": str(report.verdict),
             "named": list(report.named),
             "one_of": list(report.one_of),
-            "right": set(report.named) == set(case.named),
+            "right": set(report.named) <= set(case.named)
+            and set(case.named) <= {*report.named, *report.one_of},
             "size": None if first is None else [first.low, first.size, first.high],
             "true_size": case.size,
             "closed": report.how_far.closed,
@@ -438,9 +439,10 @@ def main() -> None:
         }
         rows.append(row)
         size = "" if first is None else f", {first.size:.4g} [{first.low:.4g}, {first.high:.4g}]"
+        either = f" and one of {', '.join(report.one_of)}" if report.one_of else ""
         print(
-            f"{name}: {case.truth}\n    {report.verdict} {', '.join(report.named)}{size}, closes "
-            f"{report.how_far.closed:.0%}, {row['looks'] or '-'}, {spent:.0f} s",
+            f"{name}: {case.truth}\n    {report.verdict} {', '.join(report.named)}{either}{size}, "
+            f"closes {report.how_far.closed:.0%}, {row['looks'] or '-'}, {spent:.0f} s",
             flush=True,
         )
     if chosen.json is not None:
