@@ -1,6 +1,6 @@
 """Fits of anything that simulates: parameters with priors, windows, intervals."""
 
-from feltmb.fit.coordinates import Coordinate, Coupling, Named
+from feltmb.fit.coordinates import Coordinate, Coupling, Named, Rate
 from feltmb.fit.including import Including, including
 from feltmb.fit.linear import FunctionNominal, LinearNominal
 from feltmb.fit.nominal import (
@@ -34,6 +34,7 @@ __all__ = [
     "OdeNominal",
     "Parameter",
     "Port",
+    "Rate",
     "Ready",
     "Sensitivity",
     "Simulated",

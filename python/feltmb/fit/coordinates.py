@@ -8,7 +8,7 @@ from typing import Any
 
 from feltmb.data import Array
 
-__all__ = ["Coordinate", "Coupling", "Named"]
+__all__ = ["Coordinate", "Coupling", "Named", "Rate"]
 
 
 class Named:
@@ -30,6 +30,16 @@ class Named:
 
     def __contains__(self, name: object) -> bool:
         return name in self._values
+
+
+@dataclass(frozen=True)
+class Rate:
+    """An output that shows the rate of a state: that of a speed is what an accelerometer sees.
+
+    Effects and unknown forces count, which a function of the states knows nothing of.
+    """
+
+    state: str
 
 
 @dataclass(frozen=True, kw_only=True)

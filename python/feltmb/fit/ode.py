@@ -11,7 +11,7 @@ import numpy as np
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
 from feltmb.fit.calling import calling
-from feltmb.fit.coordinates import Coordinate, Coupling, Named
+from feltmb.fit.coordinates import Coordinate, Coupling, Named, Rate
 from feltmb.fit.nominal import (
     Effect,
     Job,
@@ -40,7 +40,8 @@ class OdeNominal(Nominal):
         ``rates(t, x, u, p)`` returns the rates in the order of the states, each a number or (B,).
         ``x.q``, ``u.force``, ``p.mass`` are arrays with one entry a lane.
     outputs
-        Name -> name of a state, or function ``(t, x, u, p) -> (B,)``.
+        Name -> name of a state, ``Rate("v")``, the rate of a state with all effects, or function
+        ``(t, x, u, p) -> (B,)``, which sees the states of the model and no effect.
     inputs
         Names of the inputs that it reads; a record must have them.
     coordinates
@@ -69,7 +70,7 @@ class OdeNominal(Nominal):
         *,
         states: Sequence[State],
         rates: Callable[[Any, Named, Named, Named], Any],
-        outputs: Mapping[str, str | Callable[[Any, Named, Named, Named], Any]],
+        outputs: Mapping[str, str | Rate | Callable[[Any, Named, Named, Named], Any]],
         parameters: Sequence[Parameter] = (),
         inputs: Sequence[str] = (),
         coordinates: Sequence[Coordinate | Coupling] = (),
@@ -97,6 +98,11 @@ class OdeNominal(Nominal):
         self._outputs = dict(outputs)
         units = {s.name: s.unit for s in states}
         self.units = {k: units[v] for k, v in outputs.items() if isinstance(v, str) and v in units}
+        self.units |= {
+            k: _per_second(units[v.state])
+            for k, v in outputs.items()
+            if isinstance(v, Rate) and units.get(v.state, "1") != "1"
+        }
         self._port_states = dict(ports or {})
         self.ports = tuple(
             Port(
@@ -123,8 +129,11 @@ class OdeNominal(Nominal):
             f"{n!r} is used twice" for n in dict.fromkeys(everything) if everything.count(n) > 1
         ]
         for output, of in self._outputs.items():
-            if isinstance(of, str) and of not in names:
-                faults.append(f"output {output}: {of!r} is no state; known are {', '.join(names)}")
+            state = of.state if isinstance(of, Rate) else of
+            if isinstance(state, str) and state not in names:
+                faults.append(
+                    f"output {output}: {state!r} is no state; known are {', '.join(names)}"
+                )
         for c in self.coordinates:
             faults.extend(
                 f"coordinate {c.name}: {n!r} is no state; known are {', '.join(names)}"
@@ -282,7 +291,7 @@ def _integrate(model: OdeNominal, jobs: Sequence[Job]) -> list[Simulated]:
     forces = None
     if jobs[0][1].forces is not None:
         forces = np.concatenate([lanes.forces for _, lanes in jobs if lanes.forces is not None])
-    x = np.ascontiguousarray(np.vstack([lanes.starts for _, lanes in jobs]).T)
+    x = np.ascontiguousarray(np.vstack([lanes.starts for _, lanes in jobs]).T, dtype=np.float64)
     count = x.shape[1]
     last = windows[:, 1] - windows[:, 0]
     p = Named({q.name: theta[:, i] for i, q in enumerate(model.parameters)})
@@ -369,16 +378,21 @@ def _integrate(model: OdeNominal, jobs: Sequence[Job]) -> list[Simulated]:
                     out[inverse[state]] += value
         return out
 
+    shows_rates = any(isinstance(of, Rate) for of in model._outputs.values())
     ending = set(last.tolist())
     substeps = model.substeps or 1
     for j in range(longest):
         t = clock.time[j]
         u = u1 = clock.inputs(model, j, 0.0, p)
         named = view(x)
+        slopes = rates(t, x, u) if shows_rates else None
         for o, name in enumerate(model.outputs):
             of = model._outputs[name]
             if isinstance(of, str):
                 outputs[j, :, o] = named[of]
+            elif isinstance(of, Rate):
+                assert slopes is not None
+                outputs[j, :, o] = slopes[inverse[of.state]]
             else:
                 with calling(f"model {model.name}: its output {name}"):
                     outputs[j, :, o] = of(t, named, u, p)
@@ -415,6 +429,10 @@ def _bends(record: Record, signals: Sequence[Array]) -> list[Array]:
     from scipy.interpolate import CubicSpline
 
     return [np.asarray(CubicSpline(record.time, s)(record.time, 2)) for s in signals]
+
+
+def _per_second(unit: str) -> str:
+    return f"{unit}^2" if unit.endswith("/s") else f"{unit}/s"
 
 
 GAMMA = 1.0 - np.sqrt(0.5)

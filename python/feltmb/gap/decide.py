@@ -193,6 +193,8 @@ def _name(facts: Facts) -> Decision:
     if sure and unsure:
         text += f" Besides, one of {_list(unsure)}, which these records cannot tell apart."
         rest = rest if left else " What is left with it is noise."
+    if left and (told := strain_told(best.fit)):
+        rest += f" Besides, {told}: what is left may have been paid with them."
     trust = TRUST[verdict]
     belief = facts.belief.trusted(trust)
     return Decision(verdict, text + rest, sure, tuple(unsure), trust * confidence, belief)

@@ -223,7 +223,8 @@ def screen_sets(
             scale = scores.terms[j].effect.scale
             if not low / scale <= size <= high / scale or size == 0.0:
                 return  # on its limit: a smaller set says the same
-        rho = gram / np.sqrt(np.outer(np.diag(gram), np.diag(gram)))
+        length = np.sqrt(np.diag(gram))
+        rho = gram / np.outer(length, length)
         if len(i) > 1 and np.linalg.eigvalsh(rho)[0] < 1e-4:
             return  # cannot be told apart
         statistic = float(b @ sizes)

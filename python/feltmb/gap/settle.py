@@ -256,6 +256,8 @@ class _Trial:
     ) -> tuple[Candidate | None, dict[str, Paired]]:
         """The largest part of a set all of whose effects stand, and the proof of it.
 
+        What is against the others in the smallest part that held them is noted in ``bad``.
+
         Effects of a set can stand in for each other, so that the first refusal must not decide: of
         the largest parts that stand, the one with the best evidence is kept.
         """
@@ -280,6 +282,7 @@ class _Trial:
                 if part.evidence < self.search.nominal_evidence:
                     continue
                 found, wrong = self.faults(part)
+                bad |= wrong
                 if not wrong:
                     standing.append((part, found))
             if standing:
@@ -341,13 +344,10 @@ def accept(
     if first is not None:
         proof, bad = trial.faults(first)
         if bad:
+            without = "does not stand without " + " and ".join(bad)
             best, proof = trial.standing(first, proof, bad)
             kept = () if best is None else best.names
-            rejected = [
-                (n, bad.get(n, "does not stand without " + " and ".join(bad)))
-                for n in first.names
-                if n not in kept
-            ]
+            rejected = [(n, bad.get(n, without)) for n in first.names if n not in kept]
     return Accepted(
         best,
         trial.before,

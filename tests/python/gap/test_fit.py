@@ -19,11 +19,14 @@ from feltmb.gap import (
     Coupling,
     Lanes,
     OdeNominal,
+    Parameter,
+    Rate,
     Record,
     Sensor,
     State,
     Term,
     fit_nominal,
+    library,
 )
 
 HERE = Path(__file__).parent
@@ -259,3 +262,39 @@ def test_a_parameter_far_off_its_prior_is_told():
     )
     notes = fit_nominal(nominal, data).notes
     assert any("beyond their priors" in note and "k by" in note for note in notes)
+
+
+def test_an_accelerometer_feels_effects_and_unknown_forces():
+    slide = Coordinate(name="slide", position="q", speed="v", inertia="m")
+    nominal = OdeNominal(
+        states=[State(name="q", unit="m", start=0), State(name="v", unit="m/s", scale=1)],
+        parameters=[Parameter(name="m", value=2.0), Parameter(name="k", value=100.0)],
+        inputs=["f"],
+        rates=lambda t, x, u, p: (x.v, (u.f - p.k * x.q) / p.m),
+        outputs={"a": Rate("v"), "v": "v"},
+        coordinates=[slide],
+        substeps=4,
+    )
+    assert nominal.units == {"a": "m/s^2", "v": "m/s"}
+    time = np.arange(401) * 2.5e-3
+    record = Record(name="r", time=time, inputs={"f": np.sin(20.0 * time)}, outputs={"a": 0 * time})
+    cube = library.polynomial_stiffness(slide, 3, scale=1.0)
+    lanes = Lanes(
+        theta=np.array([[2.0, 100.0]]),
+        windows=np.array([[0, 400]]),
+        starts=np.zeros((1, 2), dtype=int),
+        terms=(Term(cube),),
+        sizes=np.array([[2e6]]),
+        forces=np.array([[[0.0, 0.5]]]),
+    )
+    a, v = nominal.simulate(record, lanes).outputs[0].T
+    assert np.allclose(a[1:-1], (v[2:] - v[:-2]) / 5e-3, atol=2e-3 * np.max(abs(a)))
+    bare = replace(lanes, terms=(), sizes=np.zeros((1, 0)), forces=None)
+    without = nominal.simulate(record, bare).outputs[0, :, 0]
+    assert np.max(abs(a - without)) > 0.2 * np.max(abs(a))
+    with pytest.raises(InvalidParameter, match="output a: 'w' is no state; known are q, v"):
+        OdeNominal(
+            states=[State(name="q"), State(name="v")],
+            rates=lambda t, x, u, p: (x.v, -x.q),
+            outputs={"a": Rate("w")},
+        )
