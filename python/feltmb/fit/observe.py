@@ -69,7 +69,8 @@ def _seen(
 ) -> Array:
     """What a sensor effect makes of outputs, which it may change in place: they are a copy."""
     assert term.effect.observe is not None
-    with calling(f"effect {term.name}: its observe"):
+    # Lanes that failed hold NaN or infinity.
+    with calling(f"effect {term.name}: its observe"), np.errstate(all="ignore"):
         seen = term.effect.observe(record, outputs.copy(), windows, sizes, term.shape)
     if np.shape(seen) != outputs.shape:
         raise InvalidParameter(

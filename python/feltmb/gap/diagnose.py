@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from feltmb.data import Record, Role
+from feltmb.data import Record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.cache import Cache
 from feltmb.fit.nominal import Effect, Nominal
@@ -20,22 +20,23 @@ from feltmb.gap.assemble import amended, how_far_rows, ranked
 from feltmb.gap.calibrate import calibrate
 from feltmb.gap.color import SURE
 from feltmb.gap.components import component_table
-from feltmb.gap.decide import Facts, decide
+from feltmb.gap.decide import REST, Facts, decide
 from feltmb.gap.experiments import advise
 from feltmb.gap.gates import Gates, check_against, check_records, with_sigma
 from feltmb.gap.misfit import EXCESS, form_of, misfit
 from feltmb.gap.proof import HeldOut
-from feltmb.gap.refine import tighten
+from feltmb.gap.refine import Candidate, full_evidence, refit_at, tighten
 from feltmb.gap.report import Advice, NotTested, Report, Verdict, Where
 from feltmb.gap.rest import color_of_rest, rest_of, settled, with_color, with_noise
 from feltmb.gap.score import all_terms, family_threshold, score_fit
 from feltmb.gap.search import Search, in_finer_steps, search
 from feltmb.gap.settle import WIDE, Accepted, accept, posterior, shapley
+from feltmb.gap.split import split_records
 from feltmb.gap.tolerance import strain_told, within_tolerance
 from feltmb.gap.trial import try_effects
 from feltmb.gap.where import event_ledger, first_act, ledger, split_gap
 
-__all__ = ["Options", "diagnose", "fit_nominal", "prepare", "split_records"]
+__all__ = ["Options", "diagnose", "fit_nominal", "prepare"]
 
 Progress = Callable[[str, int, int], None]
 #: Rounds in which the unknown rest is estimated again.
@@ -79,70 +80,6 @@ class Options:
             faults.append(f"bootstrap = {self.bootstrap!r}, expected >= 0")
         if faults:
             raise InvalidParameter("options: " + "; ".join(faults))
-
-
-def split_records(
-    records: Sequence[Record], hold_out: Sequence[str] | str | None, *, masked: bool = False
-) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
-    """Records to fit and records to hold out.
-
-    Named ones; else those whose role says so; else, of four or more records, every third; else
-    every record is cut into five blocks of which the second and fourth are held out. ``masked``:
-    instead of being cut, records keep their clock, and lose the outputs of the other blocks.
-    """
-    if isinstance(hold_out, str):
-        hold_out = [hold_out]
-    names = [r.name for r in records]
-    if hold_out is not None:
-        unknown = [h for h in hold_out if h not in names]
-        if unknown:
-            raise InvalidParameter(
-                f"hold_out: no record {', '.join(unknown)}; there are {', '.join(names)}"
-            )
-        held = [r for r in records if r.name in hold_out]
-        kept = [r for r in records if r.name not in hold_out]
-    else:
-        held = [r for r in records if r.role == "held_out"]
-        kept = [r for r in records if r.role != "held_out"]
-        if not held and len(kept) >= 4:
-            held = kept[2::3]
-            kept = [r for r in kept if r not in held]
-    if held and kept:
-        return _with_values(kept, held)
-    if not kept:
-        raise InvalidParameter("hold_out: every record is held out, none is left to fit")
-    fit_parts: list[Record] = []
-    held_parts: list[Record] = []
-    for r in kept:
-        blocks = 5 if r.samples >= 100 else 2
-        edges = np.linspace(0, r.samples, blocks + 1).astype(int)
-        if masked:
-            block = np.searchsorted(edges, np.arange(r.samples), side="right") - 1
-            for parts, odd, name in ((fit_parts, 0, "fit"), (held_parts, 1, "held out")):
-                outputs = {k: np.where(block % 2 == odd, v, np.nan) for k, v in r.outputs.items()}
-                part_role: Role = "held_out" if odd else "fit"
-                parts.append(replace(r, name=f"{r.name}[{name}]", outputs=outputs, role=part_role))
-            continue
-        for b in range(blocks):
-            role: Role = "held_out" if b % 2 else "fit"
-            part = r.cut(int(edges[b]), int(edges[b + 1]), f"{r.name}[{b + 1}/{blocks}]", role)
-            if any(np.isfinite(y).any() for y in part.outputs.values()):
-                (held_parts if b % 2 else fit_parts).append(part)
-    return _with_values(fit_parts, held_parts)
-
-
-def _with_values(
-    kept: Sequence[Record], held: Sequence[Record]
-) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
-    """Both sides, each with something measured in it."""
-    for side, what in ((kept, "to fit"), (held, "to hold out")):
-        if not any(np.isfinite(y).any() for r in side for y in r.outputs.values()):
-            names = ", ".join(r.name for r in side) or "none is left"
-            raise DataError(
-                f"records {what} ({names}): no output has a measured value; "
-                "hold out another record, or give a longer one"
-            )
-    return tuple(kept), tuple(held)
 
 
 def _ready(
@@ -216,6 +153,35 @@ def _investigate(
         progress=progress,
     )
     return within_tolerance(in_finer_steps(found, settings, progress=progress), settings)
+
+
+def _explained(
+    first: Search,
+    found: Search,
+    effects: Sequence[Effect],
+    settings: FitSettings,
+    gates: Gates,
+    progress: Progress | None,
+) -> Search | None:
+    """The first search with the set that was found beside an unknown rest, if it leaves no rest.
+
+    Where the nominal is far off, linear scores may pass over a cause that explains all.
+    """
+    if found.best is None:
+        return None
+    base, near = first.nominal, found.best.fit
+    problem = base.problem.with_terms(near.terms)
+    fit = refit_at(problem, replace(near.point, memo={}), base.level, settings, patient=True)
+    best = Candidate(fit, full_evidence(fit, sum(e.weight for e in effects)))
+    if first.best is not None and not best.evidence > first.best.evidence:
+        return None
+    explained = best.evidence - first.tight_evidence
+    tight = tighten(fit, settings)
+    if misfit(fit, tight, estimated=gates.estimated, bar=REST, explained=explained).left:
+        return None
+    others = tuple(c for c in first.candidates if c.key != best.key)
+    whole = replace(first, candidates=(best, *others))
+    return within_tolerance(in_finer_steps(whole, settings, progress=progress), settings)
 
 
 def diagnose(
@@ -302,6 +268,11 @@ def diagnose(
         near = found.nominal.point
         found = _investigate(nominal, shots, usable, options, settings, cache, progress, near)
         nominal = found.nominal.problem.nominal
+    if rest_noise is not None:
+        clean = _explained(first, found, usable, settings, gates, progress)
+        if clean is not None:
+            found, rest_noise, shots, held_shots = clean, None, plain, sensed
+            nominal = found.nominal.problem.nominal
     fit = found.nominal
     for name, why in found.failed:
         not_tested.append(NotTested(name=name, why=why))

@@ -132,8 +132,9 @@ def test_the_fit_of_the_nominal_is_not_stuck(tmp_path):
     # No effect, yet from the priors the fit ended where effects seemed to be worth 380 nats.
     from feltmb.fit.problem import Problem
     from feltmb.fit.solve import FitSettings, fit_problem
-    from feltmb.gap.diagnose import prepare, split_records
+    from feltmb.gap.diagnose import prepare
     from feltmb.gap.gates import check_records
+    from feltmb.gap.split import split_records
     from feltmb.subjects import mechanism_nominal
 
     (truth,) = action_bench.draw_all(20261125, 78)[77:]

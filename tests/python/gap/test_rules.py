@@ -3,6 +3,7 @@
 import importlib.util
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -17,7 +18,9 @@ from feltmb.fit.shots import Noise, make_shot
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Options, Verdict, diagnose
 from feltmb.gap.decide import TRUST, decide
+from feltmb.gap.diagnose import _explained
 from feltmb.gap.refine import refit
+from feltmb.gap.search import search
 from feltmb.gap.settle import _certainty
 
 _spec = importlib.util.spec_from_file_location("models", Path(__file__).parent / "models.py")
@@ -284,3 +287,26 @@ def test_a_small_effect_that_explains_all_that_is_left_is_no_small_print():
     said = diagnose(LINE, [power(3), power(2)], more, options=Options(bootstrap=0))
     assert said.verdict is not Verdict.NAMED
     assert "nothing tested explains it" not in said.statement or not said.refused
+
+
+def test_a_set_found_beside_a_rest_is_asked_whether_there_is_one():
+    """Where the first search passed over a cause that explains all, no rest is told."""
+
+    def shots(law, noise):
+        runs = records(law)[:3]
+        return tuple(make_shot(LINE, r, {"y": Noise(noise)}, None) for r in runs)
+
+    settings, effects = FitSettings(), [power(2), power(3)]
+    for law, explains in (
+        (lambda u: u + 0.3 * u**3, True),
+        (lambda u: u + 0.3 * u**3 + 0.1 * np.sin(9.0 * u), False),
+    ):
+        sensed = fit_problem(Problem(LINE, shots(law, NOISE)))
+        first = search(sensed, [power(2)], settings)
+        beside = search(fit_problem(Problem(LINE, shots(law, 3.0 * NOISE))), effects, settings)
+        assert beside.best.names == ("power 3",)
+        found = _explained(first, beside, effects, settings, SimpleNamespace(estimated=False), None)
+        assert (found is not None) is explains
+        if explains:
+            assert found.best.names == ("power 3",)
+            assert found.nominal is first.nominal

@@ -10,7 +10,7 @@ import feltmb
 from feltmb.data import Record, Sensor
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Lanes, including
-from feltmb.gap.diagnose import split_records
+from feltmb.gap.split import split_records
 from feltmb.smoothing import smooth_record
 from feltmb.subjects import mechanism_nominal
 from feltmb.subjects.landmarks import first_turn
