@@ -256,7 +256,7 @@ class _Trial:
     ) -> tuple[Candidate | None, dict[str, Paired]]:
         """The largest part of a set all of whose effects stand, and the proof of it.
 
-        What is against the others in the smallest part that held them is noted in ``bad``.
+        What is against others in the largest parts is noted in ``bad``.
 
         Effects of a set can stand in for each other, so that the first refusal must not decide: of
         the largest parts that stand, the one with the best evidence is kept.
@@ -282,7 +282,8 @@ class _Trial:
                 if part.evidence < self.search.nominal_evidence:
                     continue
                 found, wrong = self.faults(part)
-                bad |= wrong
+                for name, why in wrong.items():
+                    bad.setdefault(name, why)
                 if not wrong:
                     standing.append((part, found))
             if standing:
