@@ -60,6 +60,14 @@ class FitSettings:
     """Sum of squares that another fit has. Where there are no gaps between windows, a search ends,
     unfinished, at a point whose linear model does not promise to get below it."""
 
+    def coarser(self, decrement: float, iterations: int | None = None) -> FitSettings:
+        """For a fit on the way to another: this decrement at least, other iterations if given."""
+        return replace(
+            self,
+            decrement=max(self.decrement, decrement),
+            iterations=self.iterations if iterations is None else iterations,
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
 class Interval:
@@ -424,7 +432,7 @@ def _led(problem: Problem, point: Point, settings: FitSettings) -> Point:
     gap_sd = np.zeros(0)
     if problem.cost_at(point, gap_sd, problem.linear(point))[0] < NEAR * problem.samples:
         return point
-    way = replace(settings, decrement=max(settings.decrement, 0.3))
+    way = settings.coarser(0.3)
     for share in HORIZONS:
         shots = tuple(s.until(share) for s in problem.shots)
         point, _, _, _ = _optimize(
@@ -459,7 +467,7 @@ def _descend(
     table: list[tuple[float, float]] = []
     poor = 0
     # A level that is left unfinished leads into a wrong valley of the next.
-    way = replace(settings, decrement=max(settings.decrement, 0.3))
+    way = settings.coarser(0.3)
     for i, level in enumerate(levels):
         if progress is not None:
             progress(label, i, len(levels))
@@ -579,7 +587,7 @@ def fit_problem(
     if loosest < problem.samples + 4.0 * np.sqrt(2.0 * problem.samples):
         return fit  # window by window the model can follow: no other start would change that
     generator = np.random.default_rng(settings.seed)
-    way = replace(settings, decrement=max(settings.decrement, 0.3))
+    way = settings.coarser(0.3)
 
     def loosened(point: Point) -> Fit:
         return at_level(fit.problem, point, settings.levels[0], None, way, 40)

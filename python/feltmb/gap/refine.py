@@ -136,7 +136,7 @@ def tighten(fit: Fit, settings: FitSettings) -> Fit | None:
         return None
     problem, tightest = fit.problem, settings.levels[-1]
     point = fit.point
-    way = replace(settings, iterations=12, decrement=max(settings.decrement, 0.3))
+    way = settings.coarser(0.3, iterations=12)
     for level in settings.levels[:-1]:
         if level < 0.99 * fit.level:  # all at once would tear a motion that hits something
             point = at_level(problem, point, level, None, way, 12).point

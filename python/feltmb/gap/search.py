@@ -207,7 +207,7 @@ class _Hunt:
         self.nominal, self.tight_fit = nominal, tight
         self.settings, self.most, self.width, self.progress = settings, most, width, progress
         # Sets are ranked by whole nats: a twentieth of one is near enough.
-        self.quick = replace(settings, iterations=15, decrement=max(settings.decrement, 0.1))
+        self.quick = settings.coarser(0.1, iterations=15)
         self.total = sum(e.weight for e in effects)
         self.terms = all_terms(effects)
         self.done: dict[tuple[str, ...], Candidate] = {}

@@ -70,7 +70,7 @@ def within_tolerance(found: Search, settings: FitSettings) -> Search:
         [p.lower for p in nominal.parameters],
         [p.upper for p in nominal.parameters],
     )
-    quick = replace(settings, iterations=15, decrement=max(settings.decrement, 0.1))
+    quick = settings.coarser(0.1, iterations=15)
     fit = polish(problem, replace(before.point, theta=theta, memo={}), before.level, quick)
     if not np.isfinite(fit.cost):
         return found

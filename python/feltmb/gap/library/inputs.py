@@ -87,16 +87,11 @@ def offset_input(name: str, *, unit: str, scale: float) -> Effect:
 
 def saturation_input(name: str, *, levels: Sequence[float]) -> Effect:
     """Of the input beyond +-level only the share 1 - size arrives."""
-    return _input(
+    return _part_lost(
         name,
         "saturation of input",
-        lambda u, size, level, r: u - size * (u - np.clip(u, -level, level)),
-        kind="force",
-        scale=0.3,
-        sign=1,
-        upper=1.0,
-        shapes=tuple(levels),
-        shape_names=("level [input unit]",),
+        lambda u, level: u - np.clip(u, -level, level),
+        levels,
         mechanism="Large inputs do not arrive in full.",
         remedy="Lower the drive, or model its limit.",
     )
@@ -104,16 +99,33 @@ def saturation_input(name: str, *, levels: Sequence[float]) -> Effect:
 
 def dead_zone_input(name: str, *, levels: Sequence[float]) -> Effect:
     """Of the input within +-level only the share 1 - size arrives."""
-    return _input(
+    return _part_lost(
         name,
         "dead zone of input",
-        lambda u, size, level, r: u - size * np.clip(u, -level, level),
+        lambda u, level: np.clip(u, -level, level),
+        levels,
+        mechanism="Small inputs do not arrive in full.",
+        remedy="Model the dead zone.",
+    )
+
+
+def _part_lost(
+    name: str,
+    label: str,
+    part: Callable[[Array, float], Array],
+    levels: Sequence[float],
+    **fields: str,
+) -> Effect:
+    """A drive that loses the share ``size`` of a part of its input, split at a level."""
+    return _input(
+        name,
+        label,
+        lambda u, size, level, r: u - size * part(u, level),
         kind="force",
         scale=0.3,
         sign=1,
         upper=1.0,
         shapes=tuple(levels),
         shape_names=("level [input unit]",),
-        mechanism="Small inputs do not arrive in full.",
-        remedy="Model the dead zone.",
+        **fields,
     )
