@@ -31,7 +31,7 @@ TABLES = (
     "points",
 )
 #: Numbers that count or choose; there is no derivative by them.
-_COUNTS = frozenset({"modes", "axial_shapes", "lateral_shapes"})
+_COUNTS = frozenset({"modes", "count", "axial_shapes", "lateral_shapes"})
 _AXES = ("x", "y")
 
 #: Size of a parameter whose value is zero, by unit: what a change of it is measured against.

@@ -29,6 +29,7 @@ from feltmb.units import conversion_factor
 __all__ = [
     "META_KEYS",
     "SI",
+    "Count",
     "SIVector",
     "Schema",
     "fault_lines",
@@ -171,6 +172,24 @@ class _InUnit(BeforeValidator):
 def SI(si_unit: str) -> BeforeValidator:
     """Annotation of a float field: any accepted way to write it becomes ``si_unit``."""
     return _InUnit(lambda node: parse_scalar(node, si_unit), si_unit=si_unit)
+
+
+def _parse_count(node: object) -> int:
+    """Whole number, bare or as a table with its source. Raises ValueError saying what is wrong."""
+    value: object = node
+    if isinstance(node, Mapping):
+        _check_table(node)
+        if node.get("unit", "1") != "1":
+            raise ValueError(f"got unit {node['unit']!r}, expected a count: no unit, or '1'")
+        value = node["value"]
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value // 1:
+        raise ValueError(f"got {shortened(repr(value))}, expected a whole number")
+    return int(value)
+
+
+def Count() -> BeforeValidator:
+    """Annotation of an int field that may carry a source: a whole number or a quantity table."""
+    return BeforeValidator(_parse_count)
 
 
 def SIVector(si_unit: str, length: int = 2) -> BeforeValidator:

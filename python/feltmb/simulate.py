@@ -374,6 +374,7 @@ def to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
                 "young_modulus",
                 "damping_ratio",
                 "modes",
+                "count",
             )
         }
     stats: dict[str, Any] = dict(result.counts)

@@ -18,7 +18,9 @@ using feltmb::StringParameters;
 
 constexpr double kPi = std::numbers::pi;
 
-StringParameters thesis(int modes) { return {0.99e-3, 654.0, 0.6315, 5.98e-3, 2e11, 0.07, modes}; }
+StringParameters thesis(int modes, int count = 1) {
+  return {0.99e-3, 654.0, 0.6315, 5.98e-3, 2e11, 0.07, modes, count};
+}
 
 double bending(const StringParameters& p) {
   return p.young_modulus * kPi * std::pow(p.diameter, 4) / 64.0;
@@ -205,12 +207,61 @@ TEST_CASE("energies and power are those of independent oscillators of unit mass"
         doctest::Approx(quadrature(density, 0.0, 0.6315, 8)).epsilon(1e-12));
 }
 
+TEST_CASE("n strings are one of n times the density, tension and bending stiffness") {
+  const int n = 3;
+  const ModalString many(thesis(30, n));
+  auto p = thesis(30);
+  p.linear_density *= n;
+  p.tension *= n;
+  p.young_modulus *= n;
+  const ModalString heavy(p);
+  CHECK(many.inharmonicity_index() == doctest::Approx(heavy.inharmonicity_index()).epsilon(1e-14));
+  CHECK(many.shape_scale() == doctest::Approx(heavy.shape_scale()).epsilon(1e-14));
+  std::vector<double> phi(30), dphi(30), phi_heavy(30), dphi_heavy(30), eta(30);
+  many.shapes(0.0694, phi, dphi);
+  heavy.shapes(0.0694, phi_heavy, dphi_heavy);
+  for (std::size_t i = 0; i < 30; ++i) {
+    CHECK(many.stiffness()[i] == doctest::Approx(heavy.stiffness()[i]).epsilon(1e-13));
+    CHECK(many.damping()[i] == doctest::Approx(heavy.damping()[i]).epsilon(1e-13));
+    CHECK(phi[i] == doctest::Approx(phi_heavy[i]).epsilon(1e-13));
+    eta[i] = 1e-4 / static_cast<double>(i + 1);
+  }
+  CHECK(many.bridge_force(eta) == doctest::Approx(heavy.bridge_force(eta)).epsilon(1e-13));
+}
+
+TEST_CASE("n strings under a force move as one under its n-th part; the rest is n times") {
+  const double load = 20.0;
+  const double c = 0.0694;
+  for (const int n : {2, 3, 5}) {
+    const ModalString one(thesis(60));
+    const ModalString many(thesis(60, n));
+    const auto eta_one = static_modes(one, load / n, c);
+    const auto eta_many = static_modes(many, load, c);
+    const std::vector<double> still(60, 0.0);
+    for (const double y : {0.02, 0.0694, 0.3, 0.6}) {
+      CHECK(many.point(y, eta_many, still).displacement ==
+            doctest::Approx(one.point(y, eta_one, still).displacement).epsilon(1e-12));
+    }
+    CHECK(many.bridge_force(eta_many) ==
+          doctest::Approx(n * one.bridge_force(eta_one)).epsilon(1e-12));
+    CHECK(many.elastic_energy(eta_many) ==
+          doctest::Approx(n * one.elastic_energy(eta_one)).epsilon(1e-12));
+    // The same motion as a speed.
+    CHECK(many.kinetic_energy(eta_many) ==
+          doctest::Approx(n * one.kinetic_energy(eta_one)).epsilon(1e-12));
+    CHECK(many.dissipated_power(eta_many) ==
+          doctest::Approx(n * one.dissipated_power(eta_one)).epsilon(1e-12));
+  }
+}
+
 TEST_CASE("parameters of a string out of range are named") {
   auto p = thesis(40);
   p.tension = -1.0;
   CHECK(message_of(p).find("tension [N] = -1, must be > 0") != std::string::npos);
   p = thesis(0);
   CHECK(message_of(p).find("modes") != std::string::npos);
+  p = thesis(40, 0);
+  CHECK(message_of(p).find("count = 0, must be >= 1") != std::string::npos);
   p = thesis(40);
   p.damping_ratio = 1.0;
   CHECK(message_of(p).find("damping_ratio = 1, must be in [0, 1)") != std::string::npos);

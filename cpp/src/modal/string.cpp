@@ -27,20 +27,22 @@ ModalString::ModalString(const StringParameters& p) : parameters_(p) {
   require(p.damping_ratio >= 0.0 && p.damping_ratio < 1.0, "damping_ratio", p.damping_ratio,
           "in [0, 1)");
   require(p.modes >= 1, "modes", p.modes, ">= 1");
+  require(p.count >= 1, "count", p.count, ">= 1");
 
   const double pi = std::numbers::pi;
-  const auto count = static_cast<std::size_t>(p.modes);
+  const auto modes = static_cast<std::size_t>(p.modes);
+  const double strings = p.count;
   const double d2 = p.diameter * p.diameter;
   inharmonicity_ = pi * d2 * d2 * p.young_modulus / (64.0 * p.length * p.length * p.tension);
-  shape_scale_ = std::sqrt(2.0 / (p.linear_density * p.length));
+  shape_scale_ = std::sqrt(2.0 / (strings * p.linear_density * p.length));
   const double bending = p.young_modulus * pi * d2 * d2 / 64.0;
-  wave_number_.resize(count);
-  wave_number_squared_.resize(count);
-  omega_.resize(count);
-  stiffness_.resize(count);
-  damping_.resize(count);
-  bridge_.resize(count);
-  for (std::size_t i = 0; i < count; ++i) {
+  wave_number_.resize(modes);
+  wave_number_squared_.resize(modes);
+  omega_.resize(modes);
+  stiffness_.resize(modes);
+  damping_.resize(modes);
+  bridge_.resize(modes);
+  for (std::size_t i = 0; i < modes; ++i) {
     const double j = static_cast<double>(i + 1);
     const double k = j * pi / p.length;
     wave_number_[i] = k;
@@ -50,7 +52,7 @@ ModalString::ModalString(const StringParameters& p) : parameters_(p) {
     stiffness_[i] = omega_[i] * omega_[i];
     damping_[i] = 2.0 * p.damping_ratio * omega_[i];
     const double end_cosine = (i % 2 == 0) ? -1.0 : 1.0;
-    bridge_[i] = -shape_scale_ * k * end_cosine * (p.tension + bending * k * k);
+    bridge_[i] = -strings * shape_scale_ * k * end_cosine * (p.tension + bending * k * k);
   }
   require(omega_.back() <= 1e12, "frequency of the last mode [rad/s]", omega_.back(),
           "<= 1e12; look at linear_density, tension and modes");

@@ -43,8 +43,7 @@ void FreeStrings::start(double t, std::span<const double> eta, std::span<const d
     const AttachedString& a = mechanism_.strings[s];
     const std::size_t count = at(a.string.modes());
     const std::size_t first = at(a.offset);
-    const auto& p = a.string.parameters();
-    const std::vector<double> shape(count, std::sqrt(2.0 / (p.linear_density * p.length)));
+    const std::vector<double> shape(count, a.string.shape_scale());
     reach_[s] = modal::reach(count, shape.data(), response_.stiffness().data() + first,
                              eta_.data() + first, rate_.data() + first);
     start_energy_[s] = energy(s);

@@ -780,8 +780,7 @@ std::vector<double> MechanismSystem::absolute_tolerances(double rtol) const {
   const std::size_t modal = 2 * n + at(law_states_);
   if (apart_) return atol;
   for (const auto& s : m.strings) {
-    const auto& p = s.string.parameters();
-    const double shape = std::sqrt(2.0 / (p.linear_density * p.length));
+    const double shape = s.string.shape_scale();
     for (int j = s.offset; j < s.offset + s.string.modes(); ++j) {
       atol[modal + at(j)] = rtol * felt / shape;
       atol[modal + at(modes_ + j)] = rtol * speed / shape;

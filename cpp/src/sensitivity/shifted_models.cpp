@@ -81,9 +81,11 @@ ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
           shift->stiffness[first + i] += p.weight * own.string.stiffness()[i];
           shift->damping[first + i] += p.weight * own.string.damping()[i];
         }
-        const StringParameters& a = own.string.parameters();
-        const StringParameters& b = mechanism->strings[s].string.parameters();
-        if (a.length != b.length || a.linear_density != b.linear_density) shift->shapes = true;
+        const ModalString& base = mechanism->strings[s].string;
+        if (own.string.parameters().length != base.parameters().length ||
+            own.string.shape_scale() != base.shape_scale()) {
+          shift->shapes = true;
+        }
       }
     }
     modal_.back() = std::move(shift);

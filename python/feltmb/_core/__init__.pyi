@@ -449,7 +449,10 @@ class StringParameters:
         young_modulus: typing.SupportsFloat | typing.SupportsIndex,
         damping_ratio: typing.SupportsFloat | typing.SupportsIndex,
         modes: typing.SupportsInt | typing.SupportsIndex,
+        count: typing.SupportsInt | typing.SupportsIndex = 1,
     ) -> None: ...
+    @property
+    def count(self) -> int: ...
     @property
     def damping_ratio(self) -> float: ...
     @property

@@ -160,8 +160,9 @@ def _tables(mechanism: object) -> None:
         screen.print(table)
     string = config.string
     if string is not None:
+        strings = f"{string.count} equal strings, each " if string.count > 1 else ""
         screen.print(
-            f"string: {string.kind}, {string.modes} modes, {string.tension:g} N, "
+            f"string: {string.kind}, {strings}{string.modes} modes, {string.tension:g} N, "
             f"{string.length:g} m, {1e3 * string.linear_density:g} g/m, "
             f"damping ratio {string.damping_ratio:g}",
         )

@@ -89,6 +89,8 @@ class Action:
         for table in ("motor", "dashpots"):
             if not tables[table]:
                 del tables[table]  # as before there were any: results keep their hash
+        if tables["string"] and tables["string"]["count"] == 1:
+            del tables["string"]["count"]  # likewise
         text = json.dumps(_without_texts(tables), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 

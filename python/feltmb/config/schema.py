@@ -12,6 +12,7 @@ from feltmb.layer import LayerParameters
 from feltmb.quantity import (
     META_KEYS,
     SI,
+    Count,
     Schema,
     SIVector,
     parse_scalar,
@@ -294,11 +295,18 @@ def _strike_point(node: object) -> object:
 
 
 class String(Schema):
-    """Stiff string of thesis Table 4.1."""
+    """Stiff string of thesis Table 4.1, or several equal ones (unisons) that are struck together.
+
+    ``diameter``, ``tension``, ``linear_density`` and ``young_modulus`` are those of one string.
+    ``count`` strings share the contact force equally and move alike: the striker sees ``count``
+    times the impedance of one, at the same frequencies and forms of vibration. The law of the
+    contact, the largest string force, the force on the bridge and the energy are of all of them.
+    """
 
     kind: Literal["modal", "rigid_stop"] = "modal"
     surface: str
     modes: Annotated[int, Field(ge=1, le=5000)] = 40
+    count: Annotated[int, Count(), Field(ge=1, le=1000)] = 1
     diameter: Annotated[float, SI("m"), Field(gt=0)]
     tension: Annotated[float, SI("N"), Field(gt=0)]
     length: Annotated[float, SI("m"), Field(gt=0)]

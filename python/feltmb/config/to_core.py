@@ -163,6 +163,7 @@ def _core_string(s: String) -> _core.StringDescription:
         young_modulus=s.young_modulus,
         damping_ratio=s.damping_ratio,
         modes=s.modes,
+        count=s.count,
     )
     d.anchor = s.anchor
     d.direction = s.direction

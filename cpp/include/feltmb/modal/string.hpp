@@ -1,4 +1,5 @@
-/// Stiff string with pinned ends in modal coordinates, thesis eqs 4.10-4.20.
+/// Equal stiff strings with pinned ends, struck together, in modal coordinates: thesis
+/// eqs 4.10-4.20.
 #pragma once
 
 #include <span>
@@ -6,7 +7,7 @@
 
 namespace feltmb {
 
-/// Parameters of the stiff string of thesis Table 4.1.
+/// Parameters of the stiff string of thesis Table 4.1; all but `count` are those of one string.
 struct StringParameters {
   double diameter = 0.0;        ///< d [m], > 0
   double tension = 0.0;         ///< T [N], > 0
@@ -15,6 +16,7 @@ struct StringParameters {
   double young_modulus = 0.0;   ///< E [Pa], >= 0
   double damping_ratio = 0.0;   ///< xi [-], the same for all modes, 0 <= xi < 1
   int modes = 40;               ///< number of modes N, >= 1
+  int count = 1;                ///< equal strings struck together n, >= 1
 };
 
 /// Mode shape sums at one point of the string.
@@ -26,12 +28,16 @@ struct StringPoint {
   double slope_rate = 0.0;    ///< d/dt of the slope at fixed y [1/s]
 };
 
-/// mu w_tt + E I w_yyyy - T w_yy = f(t) delta(y - y_c), thesis eq. 4.10, pinned at y = 0 and L.
+/// mu w_tt + E I w_yyyy - T w_yy = f(t)/n delta(y - y_c), thesis eq. 4.10, pinned at y = 0 and L:
+/// n equal strings share the force f and move alike. The striker sees n times the mass, tension and
+/// bending stiffness of one string; frequencies and the forms of vibration stay. No coupling of the
+/// strings by the bridge, no mistuning.
 ///
-/// w = sum phi_j(y) eta_j, phi_j = sqrt(2/(mu L)) sin(j pi y / L) [kg^-1/2], eta_j in m kg^1/2;
+/// w = sum phi_j(y) eta_j, phi_j = sqrt(2/(n mu L)) sin(j pi y / L) [kg^-1/2], eta_j in m kg^1/2;
 ///   eta_j'' + 2 xi w_j eta_j' + w_j^2 eta_j = phi_j(y_c) f,   eqs 4.13, 4.15;
 ///   w_j = (pi j / L) sqrt(T/mu (1 + eps pi^2 j^2)), eps = pi d^4 E / (64 L^2 T), eq. 4.14.
-/// Displacement w and force f have the same sense: positive away from the striker.
+/// Displacement w and force f have the same sense: positive away from the striker. f, the force on
+/// the bridge and the energies are of all strings together.
 class ModalString {
  public:
   /// Throws InvalidParameter naming the field, its value and the permitted range.
@@ -47,6 +53,9 @@ class ModalString {
   std::span<const double> stiffness() const { return stiffness_; }      ///< w_j^2 [1/s^2]
   std::span<const double> damping() const { return damping_; }          ///< 2 xi w_j [1/s]
 
+  /// Largest value of every mode shape, sqrt(2/(n mu L)) [kg^-1/2].
+  double shape_scale() const { return shape_scale_; }
+
   /// phi_j(y) [kg^-1/2] and dphi_j/dy for all modes at y [m]; both spans of length modes().
   void shapes(double y, std::span<double> phi, std::span<double> dphi) const;
 
@@ -57,8 +66,8 @@ class ModalString {
   StringPoint point(std::span<const double> phi, std::span<const double> dphi,
                     std::span<const double> eta, std::span<const double> eta_rate) const;
 
-  /// Transverse force of the string on the bridge at y = L [N],
-  /// -(T w_y - E I w_yyy)(L), positive in the sense of w.
+  /// Transverse force of all strings on the bridge at y = L [N],
+  /// -n (T w_y - E I w_yyy)(L), positive in the sense of w.
   double bridge_force(std::span<const double> eta) const;
 
   /// Bound on |w| anywhere: the sum of the modal amplitudes [m].
