@@ -28,7 +28,7 @@ CHOICES = {
     "03": ("synthetic_soft_red", {"kind": "circle_on_layer", "width": "9 mm"}, "capstan, 9 mm"),
     "04": ("synthetic_leather", {"kind": "circle_on_layer", "width": "8 mm"}, "jack, 8 mm"),
     "05": ("synthetic_soft_red", {"kind": "circle_on_layer", "width": "8 mm"}, "jack toe, 8 mm"),
-    "06": ("synthetic_hammer", {"kind": "crossed_cylinders"}, "nose of the hammer on one string"),
+    "06": ("synthetic_hammer", {"kind": "crossed_cylinders"}, "hammer on one string, felt for all"),
     "07": ("synthetic_soft_red", {"kind": "circle_on_layer", "width": "6 mm", "length": "20 mm"},
            "shank, 6 mm"),
     "08": ("synthetic_leather", {"kind": "circle_on_layer", "width": "12 mm"}, "butt, 12 mm"),

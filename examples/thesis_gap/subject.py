@@ -1,4 +1,6 @@
-"""The thesis's own gap: the numbers of two blows that its printed string does not reach.
+"""The thesis's own gap: the numbers of two blows that its one printed string does not reach.
+
+The diagnosis starts from one string and names the impedance of three, which `steinway45` has since.
 
 feltmb gap diagnose examples/thesis_gap/subject.py examples/thesis_gap/records/*.csv -o report/
 

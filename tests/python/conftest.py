@@ -13,8 +13,8 @@ DATA = Path(__file__).resolve().parents[1] / "data"
 ROOT = DATA.parents[1]
 
 
-#: Rigid members: fast, and what the independent models of the tests describe.
-RIGID = {"shank.rigid": True, "wire.rigid": True}
+#: Rigid members and one string: fast, and what the independent models of the tests describe.
+RIGID = {"shank.rigid": True, "wire.rigid": True, "string.count": 1}
 RIGID_STROKES = {
     "piano": feltmb.ramp_stroke(5.0, 0.083, 0.3475, duration=0.5, name="piano, rigid"),
     "forte": feltmb.ramp_stroke(25.0, 0.050, 0.0905, duration=0.4, name="forte, rigid"),
@@ -41,7 +41,7 @@ def action():
 
 @pytest.fixture(scope="session")
 def rigid():
-    """The packaged action with rigid members: six coordinates."""
+    """The packaged action with rigid members and one string: six coordinates."""
     return feltmb.load_action("steinway45").with_values(RIGID)
 
 
@@ -64,8 +64,8 @@ def _run(values, stroke, flexible, options):
 def run_of():
     """run_of(stroke, values={...}, flexible=False, rtol=...): a run, made once a session.
 
-    Of steinway45 with rigid members, whose piano and forte have the ramps of the rigid model, or
-    with ``flexible=True`` of the data set as it is.
+    Of steinway45 with rigid members and one string, whose piano and forte have the ramps of the
+    rigid model, or with ``flexible=True`` of the data set as it is.
     """
 
     def make(stroke, values=None, *, flexible=False, **options):

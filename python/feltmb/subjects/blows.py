@@ -347,6 +347,7 @@ class _BlowFile(Schema):
     schema_version: Annotated[Literal[1], Field(alias="schema")]
     about: str = ""
     action: str
+    values: dict[str, float | str | bool] = {}
     cite: str = ""
     tolerances: list[str] = []
     effects: list[str] = []
@@ -360,6 +361,7 @@ def load_blows(path: str | Path) -> tuple[BlowNominal, tuple[Effect, ...], tuple
     """Nominal, effects and records of a TOML file of blows.
 
     Every number is a table ``{ value, unit, sd }``; ``sd`` is in the same unit and required.
+    ``values`` at the top are values of the mechanism by dotted path, for all blows.
 
     Raises
     ------
@@ -372,6 +374,8 @@ def load_blows(path: str | Path) -> tuple[BlowNominal, tuple[Effect, ...], tuple
     except ValidationError as error:
         raise InvalidParameter(fault_text(path.name, fault_lines(error, _BlowFile))) from None
     action = load_action(file.action)
+    if file.values:
+        action = action.with_values(file.values)
     library = load_library(action)
     faults, records, used = [], [], []
     for table in file.records:

@@ -12,7 +12,9 @@ from feltmb.subjects import BlowNominal, blow_record, load_blows
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "thesis_gap"
 OUTPUTS = ["rebound_speed", "max_string_force", "string_contact_duration"]
+#: Three strings as one: three times the tension, density and bending stiffness.
 THREE = {"string.tension": 1962.0, "string.linear_density": 0.01794, "string.young_modulus": 6e11}
+ONE = {"string.count": 1}
 
 
 def record(values=None, speed=1.06):
@@ -30,10 +32,12 @@ def test_a_blow_is_that_of_the_stroke_at_its_own_speed():
 
 
 def test_a_blow_arrives_with_the_speed_given_and_three_strings_are_stiffer():
-    action = feltmb.load_action("steinway45")
+    action = feltmb.load_action("steinway45").with_values(ONE)
     nominal = BlowNominal(action, (), [*OUTPUTS, "impact_speed"])
     one = nominal.numbers(record(), np.zeros(0))
     three = nominal.numbers(record(THREE), np.zeros(0))
+    counted = nominal.numbers(record({"string.count": 3}), np.zeros(0))
+    assert counted == pytest.approx(three, rel=1e-6)
     assert one["impact_speed"] == pytest.approx(1.06, rel=1e-5)
     # docs/validation.md: 7.55 -> 11.6 N, 4.10 -> 2.87 ms at 1.051 m/s.
     assert three["max_string_force"] / one["max_string_force"] == pytest.approx(1.54, abs=0.02)
@@ -85,6 +89,7 @@ def test_the_gap_of_the_thesis_is_its_string():
     from feltmb.gap import Options, diagnose
 
     nominal, effects, records = load_blows(EXAMPLE / "table_4_3.toml")
+    assert nominal.action.config.string.count == 1
     options = Options(bootstrap=0, restarts=0, max_effects=2, width=4)
     report = diagnose(nominal, effects, records, options=options)
     assert report.verdict == "NAMED"
