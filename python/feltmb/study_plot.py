@@ -161,11 +161,13 @@ def _strokes(result: StudyResult, panel: Any, variant: str) -> list[str]:
     return [s for s in result.study.strokes_of(variant) if wanted is None or s in wanted]
 
 
-def _case_label(result: StudyResult, case: Case) -> str:
+def _case_label(result: StudyResult, case: Case, *, several: bool) -> str:
+    """Variant and, where a panel shows several points of the sweep, the point."""
     parts = [result.study.label(case.variant)] if len(result.study.spec.variants) > 1 else []
     parts += [
         f"{axis.label or axis.name} {_short(value)}"
         for axis, value in zip(_axes(result), case.point, strict=True)
+        if several
     ]
     return ", ".join(parts) or result.study.label(case.variant)
 
@@ -185,17 +187,12 @@ def _time(
     del spec
     missing: list[str] = []
     variants = list(result.study.spec.variants)
-    chosen = set(_variants(result, panel))
-    cases = [
-        case
-        for case in result.outcomes
-        if case.variant in chosen and case.stroke in _strokes(result, panel, case.variant)
-    ]
+    cases = [case for case in result.outcomes if result.study.shows(panel, case)]
     points = list(dict.fromkeys(case.point for case in cases))
     factor = to_unit(panel.unit)
     top = 0.0
     for case in cases:
-        label = _case_label(result, case)
+        label = _case_label(result, case, several=len(points) > 1)
         pair = result.series(panel, case)
         if pair is None or pair.shape[1] < 2:
             missing.append(label)
@@ -234,9 +231,7 @@ def _over_axis(
     lines: dict[tuple[Any, ...], tuple[list[Any], list[float]]] = {}
     absent = 0
     for case, outcome in result.outcomes.items():
-        if case.variant not in _variants(result, panel):
-            continue
-        if case.stroke not in _strokes(result, panel, case.variant):
+        if not result.study.shows(panel, case):
             continue
         rest = tuple(v for i, v in enumerate(case.point) if i != position)
         x, y = lines.setdefault((case.variant, case.stroke, rest), ([], []))
@@ -302,7 +297,12 @@ def _bars(
     for i, variant in enumerate(variants):
         for k, stroke in enumerate(strokes):
             case = next(
-                (c for c in result.outcomes if c.variant == variant and c.stroke == stroke), None
+                (
+                    c
+                    for c in result.outcomes
+                    if (c.variant, c.stroke) == (variant, stroke) and result.study.shows(panel, c)
+                ),
+                None,
             )
             if case is None:
                 continue

@@ -14,9 +14,9 @@ from feltmb.study_plot import DPI, png
 if TYPE_CHECKING:
     from feltmb.study import Case, FindingResult, StudyResult
 
-__all__ = ["Cell", "Table", "finding_sizes", "page", "tables"]
+__all__ = ["Cell", "Table", "by_claim", "finding_sizes", "outcome_text", "page", "tables"]
 
-OUTCOMES = ("agrees", "disagrees", "not tested")
+OUTCOMES = ("agrees", "depends", "disagrees", "not tested")
 
 
 @dataclass(frozen=True)
@@ -152,13 +152,38 @@ def finding_sizes(finding: FindingResult) -> tuple[str, str]:
     """Size here and there, with units."""
     unit = "" if finding.unit in ("", "1") else f" {finding.unit}"
     here = "" if finding.here is None else number_text(finding.here) + unit
+    if finding.low is not None and finding.high is not None:
+        here = (
+            f"{number_text(finding.low, digits=3)} to {number_text(finding.high, digits=3)}{unit}"
+        )
     there = "" if finding.thesis is None else number_text(finding.thesis) + unit
     return here, there
 
 
-def _counts(findings: Sequence[FindingResult]) -> dict[str, int]:
-    counts = {word: sum(f.outcome == word for f in findings) for word in OUTCOMES}
-    return {**counts, "total": len(findings)}
+def outcome_text(finding: FindingResult) -> str:
+    """Outcome; over an axis also at how many of its values the finding holds."""
+    return finding.outcome + (f", {finding.held} of {finding.of}" if finding.of else "")
+
+
+def by_claim(findings: Sequence[FindingResult], cite: str) -> dict[str, list[FindingResult]]:
+    """Findings by whose they are: claims of the source that is cited, and the study's own."""
+    groups = {
+        f"claims of: {cite}": [f for f in findings if f.claim == "thesis"],
+        "own findings": [f for f in findings if f.claim == "own"],
+    }
+    return {title: group for title, group in groups.items() if group}
+
+
+def _counts(findings: Sequence[FindingResult]) -> dict[str, dict[str, int]]:
+    """Numbers of findings by whose they are and by outcome."""
+    out = {}
+    for claim in ("thesis", "own"):
+        group = [f for f in findings if f.claim == claim]
+        out[claim] = {
+            **{word: sum(f.outcome == word for f in group) for word in OUTCOMES},
+            "total": len(group),
+        }
+    return out
 
 
 def _figures(result: StudyResult) -> list[dict[str, Any]]:
@@ -225,19 +250,22 @@ def page(results: Sequence[StudyResult], *, title: str = "") -> str:
                 ],
                 "failed": result.failed,
                 "counts": _counts(result.findings),
-                "findings": [
-                    {
-                        "says": f.says,
-                        "source": f.source,
-                        "note": f.note,
-                        "reason": f.reason,
-                        "here": finding_sizes(f)[0],
-                        "there": finding_sizes(f)[1],
-                        "outcome": f.outcome,
-                        "mark": f.outcome.replace(" ", "-"),
-                    }
-                    for f in result.findings
-                ],
+                "findings": {
+                    title: [
+                        {
+                            "says": f.says,
+                            "source": f.source,
+                            "note": f.note,
+                            "reason": f.reason,
+                            "here": finding_sizes(f)[0],
+                            "there": finding_sizes(f)[1],
+                            "outcome": outcome_text(f),
+                            "mark": f.outcome.replace(" ", "-"),
+                        }
+                        for f in group
+                    ]
+                    for title, group in by_claim(result.findings, spec.thesis.cite).items()
+                },
             }
         )
     actions: dict[str, str] = {}

@@ -19,7 +19,7 @@ from feltmb.cli.common import (
 from feltmb.cli.completing import packaged
 
 if TYPE_CHECKING:
-    from feltmb.study import Study, StudyResult
+    from feltmb.study import FindingResult, Study, StudyResult
     from feltmb.study_report import Table
 
 WIDTH = 80
@@ -145,7 +145,7 @@ def _write(results: list[StudyResult], out: Path, *, force: bool) -> None:
 
 
 def _print(result: StudyResult, screen: Any) -> None:
-    from feltmb.study_report import tables
+    from feltmb.study_report import by_claim, tables
 
     spec = result.study.spec
     source = f" ({spec.thesis.cite}, {spec.thesis.figure})" if spec.thesis.figure else ""
@@ -153,8 +153,8 @@ def _print(result: StudyResult, screen: Any) -> None:
     for table in tables(result):
         for part in _chunks(table):
             screen.print(_terminal_table(part, spec.thesis.cite), width=WIDTH)
-    if result.findings:
-        screen.print(_findings(result), width=WIDTH)
+    for title, group in by_claim(result.findings, spec.thesis.cite).items():
+        screen.print(_findings(title, group), width=WIDTH)
 
 
 def _widths(table: Table) -> list[int]:
@@ -207,15 +207,15 @@ def _right(table: Table) -> tuple[int, ...]:
     return tuple(i for i, cell in enumerate(table.head) if cell.num)
 
 
-def _findings(result: StudyResult) -> Any:
-    from feltmb.study_report import finding_sizes
+def _findings(title: str, findings: list[FindingResult]) -> Any:
+    from feltmb.study_report import finding_sizes, outcome_text
 
-    out = new_table("findings", "outcome", "finding", "here", "there", right=(2, 3))
+    out = new_table(title, "outcome", "finding", "here", "there", right=(2, 3))
     out.columns[0].no_wrap = True
-    for finding in result.findings:
+    for finding in findings:
         here, there = finding_sizes(finding)
         says = finding.says + (f" ({finding.reason})" if finding.reason else "")
-        out.add_row(finding.outcome, says, here, there)
+        out.add_row(outcome_text(finding), says, here, there)
     for column in out.columns[2:]:
         column.no_wrap = True
     return out

@@ -229,6 +229,8 @@ def reference_faults(spec: StudyFile, axes: Sequence[Axis]) -> list[str]:
                 need(stroke, strokes, f"{where}.strokes", "stroke")
             check_when(panel.start, f"{where}.from")
             check_when(panel.end, f"{where}.to")
+            for axis in panel.only:
+                need(axis, [a.name for a in axes], f"{where}.only", "axis")
             if figure.kind == "time":
                 if panel.output is None:
                     faults.append(f"{where}: a figure over time needs output")
@@ -253,6 +255,7 @@ def reference_faults(spec: StudyFile, axes: Sequence[Axis]) -> list[str]:
             finding.thesis is not None and finding.size is None
         ):
             faults.append(f"{where}: size, thesis and within belong together")
+        need(finding.over, [a.name for a in axes], f"{where}.over", "axis")
         for text in (finding.check, finding.size):
             formula = _formula(text, where, faults) if text is not None else None
             if formula is None:
@@ -263,7 +266,7 @@ def reference_faults(spec: StudyFile, axes: Sequence[Axis]) -> list[str]:
                 if name not in spec.numbers and name not in KNOWN and not name.endswith("_time"):
                     known = ", ".join([*spec.numbers, *KNOWN])
                     faults.append(f"{where}: number {name!r} is none of {known}")
-                faults += _call_faults(name, arguments, spec, strokes, axes, where)
+                faults += _call_faults(name, arguments, spec, strokes, axes, where, finding.over)
     return faults
 
 
@@ -274,6 +277,7 @@ def _call_faults(
     strokes: list[str],
     axes: Sequence[Axis],
     where: str,
+    over: str | None,
 ) -> Iterator[str]:
     text = f"{name}({', '.join(map(short, arguments))})"
     words = [a for a in arguments if isinstance(a, str)]
@@ -281,6 +285,7 @@ def _call_faults(
         if (
             word not in spec.variants
             and word not in strokes
+            and word != over
             and not any(word in map(str, a.values) for a in axes)
         ):
             yield f"{where}: {text}: {word!r} is no variant, no stroke and no value of an axis"

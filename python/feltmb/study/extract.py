@@ -137,7 +137,8 @@ def statistic(stat: str, time: Array, samples: Array, level: float | None = None
         ``variation``: sum of all changes; ``time_of_max time_of_min``; ``rises_above
         falls_below``: first time at which it does; ``time_above``: how long; ``pulses``: how
         often it is above ``level``, pauses of less than a hundredth of the stretch not counted;
-        ``settles``: from when on it stays within ``level`` of its last value; ``swing_back``: how
+        ``settles``: from when on it stays within ``level`` of its last value; ``returns``: of its
+        first value, which it does not if it is elsewhere at the end; ``swing_back``: how
         far it returns below its largest value; ``frequency``: largest line of the spectrum of at
         least three periods [Hz].
     time, samples
@@ -177,6 +178,11 @@ def statistic(stat: str, time: Array, samples: Array, level: float | None = None
     if stat == "settles":
         outside = np.nonzero(np.abs(samples - samples[-1]) > level)[0]
         return float(time[0] if outside.size == 0 else time[min(outside[-1] + 1, time.size - 1)])
+    if stat == "returns":
+        away = np.nonzero(np.abs(samples - samples[0]) > level)[0]
+        if away.size == 0:
+            return float(time[0])
+        return float(time[away[-1] + 1]) if away[-1] + 1 < time.size else math.nan
     above = samples > level
     if stat == "time_above":
         return float(np.count_nonzero(above) * (time[-1] - time[0]) / (time.size - 1))

@@ -178,10 +178,22 @@ class Study:
         ]
 
     def _has(self, variant: str, point: tuple[Any, ...]) -> bool:
-        only = self.spec.variants[variant].only
+        return self._among(self.spec.variants[variant].only, point)
+
+    def _among(self, only: Mapping[str, list[Any]], point: tuple[Any, ...]) -> bool:
+        """Whether a point has one of the values that ``only`` names for its axes."""
         return all(
             axis.name not in only or any(same(value, wanted) for wanted in only[axis.name])
             for axis, value in zip(self.axes, point, strict=True)
+        )
+
+    def shows(self, panel: PanelSpec, case: Case) -> bool:
+        """Whether a panel shows a case."""
+        return (
+            (panel.variants is None or case.variant in panel.variants)
+            and (panel.stroke is None or case.stroke == panel.stroke)
+            and (panel.stroke is not None or panel.strokes is None or case.stroke in panel.strokes)
+            and self._among(panel.only, case.point)
         )
 
     def number_spec(self, name: str) -> NumberSpec:
@@ -236,9 +248,7 @@ class Study:
             for panel in figure.panels:
                 if figure.kind != "time" or panel.output is None:
                     continue
-                if case.stroke in self._panel_strokes(panel) and (
-                    panel.variants is None or case.variant in panel.variants
-                ):
+                if case.stroke in self._panel_strokes(panel) and self.shows(panel, case):
                     series[series_key(panel)] = {
                         "output": panel.output,
                         "from": panel.start,

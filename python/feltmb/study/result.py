@@ -35,22 +35,34 @@ class FindingResult:
     ----------
     says, source, note
         As in the file.
+    claim
+        ``thesis``: a sentence of the source that the study cites; ``own``: of the study itself.
     outcome
-        ``agrees``, ``disagrees`` or ``not tested``.
+        ``agrees``, ``disagrees`` or ``not tested``; ``depends``: judged over an axis of the sweep,
+        it holds at some of its values and not at others.
     reason
-        Why it was not tested.
+        Why it was not tested, in whole or at some of the values.
     here, thesis
-        Sizes in ``unit``; None without.
+        Sizes in ``unit``; None without. Over an axis ``here`` is None.
+    low, high
+        Least and largest size over an axis, in ``unit``; None without.
+    held, of
+        At how many of how many values of the axis it holds; None without an axis.
     """
 
     says: str
     source: str
-    outcome: Literal["agrees", "disagrees", "not tested"]
+    outcome: Literal["agrees", "depends", "disagrees", "not tested"]
     here: float | None = None
     thesis: float | None = None
     unit: str = ""
     reason: str = ""
     note: str = ""
+    claim: Literal["thesis", "own"] = "own"
+    low: float | None = None
+    high: float | None = None
+    held: int | None = None
+    of: int | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data."""
@@ -76,7 +88,7 @@ class StudyResult:
     def __repr__(self) -> str:
         counts = ", ".join(
             f"{sum(f.outcome == word for f in self.findings)} {word}"
-            for word in ("agrees", "disagrees", "not tested")
+            for word in ("agrees", "depends", "disagrees", "not tested")
         )
         return f"StudyResult({self.study.name!r}, {len(self.outcomes)} runs; findings: {counts})"
 
@@ -129,10 +141,49 @@ class StudyResult:
         return [self._judge(finding) for finding in self.study.spec.findings]
 
     def _judge(self, finding: FindingSpec) -> FindingResult:
+        common: dict[str, Any] = {
+            "says": finding.says,
+            "source": finding.source,
+            "thesis": finding.thesis,
+            "unit": finding.unit,
+            "note": finding.note,
+            "claim": finding.claim,
+        }
+        if finding.over is None:
+            holds, here, reason = self._judge_at(finding, {})
+            return FindingResult(**common, outcome=_outcome(holds), here=here, reason=reason)
+        values = next(a.values for a in self.study.axes if a.name == finding.over)
+        judged = [self._judge_at(finding, {finding.over: value}) for value in values]
+        decided = [holds for holds, _, _ in judged if holds is not None]
+        sizes = [here for _, here, _ in judged if here is not None and math.isfinite(here)]
+        held = sum(decided)
+        missing = [reason for holds, _, reason in judged if holds is None]
+        return FindingResult(
+            **common,
+            outcome=_outcome(
+                None
+                if not decided
+                else held == len(decided)
+                if held in (0, len(decided))
+                else "some"
+            ),
+            low=min(sizes, default=None),
+            high=max(sizes, default=None),
+            held=held,
+            of=len(decided),
+            reason=f"not tested at {len(missing)} of {len(judged)}: {missing[0]}"
+            if missing
+            else "",
+        )
+
+    def _judge_at(
+        self, finding: FindingSpec, place: Mapping[str, Any]
+    ) -> tuple[bool | None, float | None, str]:
+        """Whether a finding holds, its size, why neither; ``place``: values by name of an axis."""
         reasons: list[str] = []
 
         def lookup(name: str, arguments: tuple[Any, ...] | None) -> float:
-            variant, stroke, point = self._arguments(arguments or ())
+            variant, stroke, point = self._arguments(arguments or (), place)
             outcome = self.outcomes.get(self._case(variant, stroke, point))
             value = None
             if outcome is not None and outcome.status == "done":
@@ -157,31 +208,15 @@ class StudyResult:
             if finding.check is not None:
                 holds = bool(Formula(finding.check)(lookup))
         except NotThere:
-            return FindingResult(
-                finding.says,
-                finding.source,
-                "not tested",
-                None,
-                finding.thesis,
-                finding.unit,
-                reasons[-1],
-                finding.note,
-            )
+            return None, None, reasons[-1]
         if finding.thesis is not None and finding.within is not None and here is not None:
             near = abs(here - finding.thesis) <= finding.within * abs(finding.thesis)
             holds = near if holds is None else holds and near
-        return FindingResult(
-            finding.says,
-            finding.source,
-            "not tested" if holds is None else "agrees" if holds else "disagrees",
-            here,
-            finding.thesis,
-            finding.unit,
-            "" if holds is not None else "no number decides it",
-            finding.note,
-        )
+        return holds, here, "" if holds is not None else "no number decides it"
 
-    def _arguments(self, arguments: tuple[Any, ...]) -> tuple[str, str, tuple[Any, ...]]:
+    def _arguments(
+        self, arguments: tuple[Any, ...], place: Mapping[str, Any]
+    ) -> tuple[str, str, tuple[Any, ...]]:
         """Variant, stroke and point of a call; what is the only one may be left out."""
         variants = list(self.study.spec.variants)
         variant = variants[0]
@@ -193,7 +228,7 @@ class StudyResult:
             elif isinstance(word, str) and word in self.study.strokes:
                 stroke = word
             else:
-                point.append(word)
+                point.append(place.get(word, word) if isinstance(word, str) else word)
         return variant, stroke or self.study.strokes_of(variant)[0], tuple(point)
 
     @property
@@ -273,6 +308,17 @@ class StudyResult:
             data, path = png(self, name), Path(folder) / f"{self.study.name}_{name}.png"
             written.append(write_file(path, partial(_write_bytes, data), force=force))
         return written
+
+
+def _outcome(
+    holds: bool | Literal["some"] | None,
+) -> Literal["agrees", "depends", "disagrees", "not tested"]:
+    """Word for what became of a finding; ``"some"``: it holds at some of several values."""
+    if holds is None:
+        return "not tested"
+    if holds == "some":
+        return "depends"
+    return "agrees" if holds else "disagrees"
 
 
 def _write_bytes(data: bytes, target: Path) -> None:

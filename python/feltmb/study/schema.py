@@ -11,8 +11,8 @@ from feltmb.quantity import Schema
 
 #: Numbers that every run may have: name -> (text, unit to show).
 KNOWN: dict[str, tuple[str, str]] = {
-    "impact_speed": ("impact speed", "m/s"),
-    "rebound_speed": ("rebound speed", "m/s"),
+    "impact_speed": ("impact speed (of the contact)", "m/s"),
+    "rebound_speed": ("rebound speed (of the contact)", "m/s"),
     "max_string_force": ("largest string force", "N"),
     "string_contact_duration": ("string contact lasts", "ms"),
     "let_off_gap": ("distance at let-off", "mm"),
@@ -41,11 +41,12 @@ Stat = Literal[
     "time_above",
     "pulses",
     "settles",
+    "returns",
     "swing_back",
     "frequency",
 ]
 #: Statistics that need ``level``.
-NEED_LEVEL = ("rises_above", "falls_below", "time_above", "pulses", "settles")
+NEED_LEVEL = ("rises_above", "falls_below", "time_above", "pulses", "settles", "returns")
 
 When = float | str
 
@@ -148,6 +149,7 @@ class PanelSpec(Schema):
     from_rest: bool = False
     log: bool = False
     marks: list[MarkSpec] = Field(default_factory=list)
+    only: dict[str, list[Any]] = Field(default_factory=dict)
 
 
 class FigureSpec(Schema):
@@ -163,10 +165,17 @@ class FigureSpec(Schema):
 
 
 class FindingSpec(Schema):
-    """Table ``[[findings]]``: a sentence, and the number that decides it."""
+    """Table ``[[findings]]``: a sentence, and the number that decides it.
+
+    ``claim`` says whose sentence it is: that of the source which ``[thesis]`` cites, or the study's
+    own. ``over`` names an axis of the sweep: the finding is judged at each of its values, for which
+    the name of the axis stands in ``check`` and ``size``.
+    """
 
     says: str
     source: str = ""
+    claim: Literal["thesis", "own"] = "own"
+    over: str | None = None
     check: str | None = None
     size: str | None = None
     unit: str = "1"
