@@ -119,7 +119,7 @@ def blow_table(result: Touch) -> Any:
         "",
         "level",
         "unit",
-        "hammer m/s",
+        "impact m/s",
         "key m/s",
         "travel ms",
         "bottom - string ms",

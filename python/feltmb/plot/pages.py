@@ -114,8 +114,8 @@ def _summary_line(run: Run) -> str:
     s = run.summary
     parts = []
     for key, text, factor, unit in (
-        ("impact_speed", "approach at impact", 1.0, "m/s"),
-        ("rebound_speed", "at rebound", 1.0, "m/s"),
+        ("impact_speed", "impact speed (of the contact)", 1.0, "m/s"),
+        ("rebound_speed", "rebound speed", 1.0, "m/s"),
         ("max_string_force", "largest string force", 1.0, "N"),
         ("string_contact_duration", "string contact", 1e3, "ms"),
         ("let_off_gap", "let-off gap", 1e3, "mm"),

@@ -135,19 +135,22 @@ def motion(run: Run) -> Figure:
 
 
 def draw_speed(ax: Axes, run: Run, *, marks: bool = True) -> None:
-    """Draw the speed of the hammer toward the string on axes."""
+    """Draw the horizontal speed of the hammer's tip toward the string on axes.
+
+    It is not the impact speed, which is that of the contact (``run.summary["impact_speed"]``).
+    """
     # x points to the player: the hammer runs toward the string with negative speed.
     speed = -run[speed_name(run)]
     ax.plot(1e3 * run.time, speed, color=RED, linewidth=1.3, label="hammer tip")
     ax.axhline(0.0, color=GRAY, linewidth=0.6)
-    style_axes(ax, "time, ms", "speed toward string, m/s")
+    style_axes(ax, "time, ms", "hammer tip toward string, m/s")
     if not marks:
         return
     top = float(np.max(speed))
     # After the impact the hammer runs away from the string: above zero there is room.
     for event, word, color, height in (
-        ("string_contact_on", "impact", BLACK, 0.97),
-        ("string_contact_off", "rebound", BLUE, 0.42),
+        ("string_contact_on", "string met", BLACK, 0.97),
+        ("string_contact_off", "string left", BLUE, 0.42),
     ):
         time = run.event_time(event)
         if time is None:
@@ -155,7 +158,7 @@ def draw_speed(ax: Axes, run: Run, *, marks: bool = True) -> None:
         value = float(np.interp(time, run.time, speed))
         ax.plot([1e3 * time], [value], "o", color=color, markersize=4, zorder=4)
         ax.annotate(
-            f"{word} {1e3 * time:.1f} ms, {value:.2f} m/s",
+            f"{word} at {1e3 * time:.1f} ms, tip {value:.2f} m/s",
             (1e3 * time, value),
             xytext=(14, height * top),
             textcoords=("offset points", "data"),
@@ -176,6 +179,9 @@ def draw_speed(ax: Axes, run: Run, *, marks: bool = True) -> None:
 def hammer_speed(run: Run) -> Figure:
     """Horizontal speed [m/s] of the hammer tip, positive toward the string; thesis Figs 4.9, 4.10.
 
+    The impact speed of a run, ``run.summary["impact_speed"]``, is the closing speed of the contact
+    along its normal, not this one of a tracking point.
+
     Raises
     ------
     InvalidParameter
@@ -184,7 +190,7 @@ def hammer_speed(run: Run) -> Figure:
     need_samples(run)
     speed_name(run)
     figure = new_figure(7.5, 4.2)
-    head_title(figure, run, "Hammer speed")
+    head_title(figure, run, "Speed of the hammer tip")
     ax = figure.subplots()
     draw_speed(ax, run)
     set_window(ax, action_window(run))

@@ -19,7 +19,7 @@ class Blow:
 
     kind: str  #: pressed or struck
     level: float  #: force level [N] or finger speed [m/s]
-    hammer_speed: float | None  #: at the string [m/s]; None: it does not reach the string
+    hammer_speed: float | None  #: impact speed, of the contact [m/s]; None: string not reached
     key_speed: float | None  #: largest speed of the key front up to then [m/s]
     travel_time: float | None  #: key start (0.1 mm) to string contact [s]
     bottom_after_start: float | None  #: key start to key bottom [s]
@@ -88,7 +88,7 @@ def fit_travel_time(blows: Sequence[Blow]) -> tuple[float, float, float] | None:
 
 
 def at_speed(blows: Sequence[Blow], field: str, speed: float) -> float | None:
-    """A number of a family at a hammer speed, interpolated in its logarithm."""
+    """A number of a family at an impact speed, interpolated in its logarithm."""
     import numpy as np
 
     pairs = sorted(

@@ -85,7 +85,7 @@ def _from_gram(weight: Any) -> Any:
 
 
 def dynamic_figure(result: Touch) -> Any:
-    """Hammer speed, key-bottom time and travel time of the families of blows."""
+    """Impact speed, key-bottom time and travel time of the families of blows."""
     import numpy as np
     from matplotlib.figure import Figure
     from matplotlib.ticker import FuncFormatter
@@ -113,7 +113,7 @@ def dynamic_figure(result: Touch) -> Any:
     for axes in (panels[0, 0], panels[0, 1]):
         axes.set_xscale("log")
         axes.set_yscale("log")
-        axes.set_ylabel("hammer speed at the string, m/s")
+        axes.set_ylabel("impact speed, m/s")
     panels[0, 1].legend(frameon=False, fontsize=9)
     axes = panels[1, 0]
     for kind, color, marker, blows in families:
@@ -123,7 +123,7 @@ def dynamic_figure(result: Touch) -> Any:
     axes.axhline(0.0, color="k", lw=0.6)
     axes.set_ylim(-8.0, 50.0)
     axes.set_xscale("log")
-    axes.set_xlabel("hammer speed at the string, m/s")
+    axes.set_xlabel("impact speed, m/s")
     axes.set_ylabel("key bottom after string contact, ms")
     axes.legend(frameon=False, fontsize=9, loc="upper right")
     axes = panels[1, 1]
@@ -145,7 +145,7 @@ def dynamic_figure(result: Touch) -> Any:
         axes.plot(x, a * x**b, color=MUTED, ls="--", lw=0.9, label="grands, " + _law(a, b))
     axes.set_xscale("log")
     axes.set_yscale("log")
-    axes.set_xlabel("hammer speed at the string, m/s")
+    axes.set_xlabel("impact speed, m/s")
     axes.set_ylabel("travel time, ms")
     axes.legend(frameon=False, fontsize=9)
     plain = FuncFormatter(lambda value, _pos: f"{value:g}")

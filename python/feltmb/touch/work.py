@@ -77,7 +77,7 @@ class Touch:
     blows : tuple of Blow
         Pressed, then struck, by level.
     fits : dict
-        By kind of blow, a [s] and b of travel time = a v^b, v the hammer speed in m/s, and the
+        By kind of blow, a [s] and b of travel time = a v^b, v the impact speed in m/s, and the
         largest relative residual.
     """
 

@@ -178,3 +178,41 @@ def test_a_count_is_no_parameter_to_derive_by(action):
     with pytest.raises(feltmb.InvalidParameter, match="names no real number"):
         find_parameters(action, "string.count")
     assert find_parameters(action, "string.tension")[0].value == TENSION
+
+
+# --- one impact speed ----------------------------------------------------------------------------
+
+
+def words_of(figure):
+    """Every text of a figure."""
+    from matplotlib.text import Text
+
+    return [t.get_text() for t in figure.findobj(Text) if t.get_text()]
+
+
+def test_impact_speed_is_that_of_the_contact_wherever_it_is_printed(action):
+    from feltmb import plot
+    from feltmb.cli.stroke import SUMMARY_ROWS
+    from feltmb.study.schema import KNOWN
+    from feltmb.touch.blows import simulate_blow
+
+    run = feltmb.simulate(action, "forte", duration=0.12, rtol=1e-5)
+    speed = run.summary["impact_speed"]
+    first = run.events[run.events["event"] == "string_contact_on"].iloc[0]
+    assert speed == pytest.approx(first["approach06"], rel=1e-12)
+    nose = float(np.interp(run.summary["impact_time"], run.time, -run["hammer_tip.vx"]))
+    assert f"{speed:.2f}" != f"{nose:.2f}"  # else the test shows nothing
+    for figure in (plot.hammer_speed(run), plot.overview(run)):
+        for text in words_of(figure):
+            if "impact speed" in text:
+                assert f"{speed:.3g} m/s" in text
+            if f"{nose:.2f} m/s" in text:
+                assert "tip" in text
+                assert "impact" not in text
+    assert any("impact speed (of the contact)" in t for t in words_of(plot.overview(run)))
+    assert SUMMARY_ROWS["impact_speed"][0] == KNOWN["impact_speed"][0]
+    assert "of the contact" in KNOWN["impact_speed"][0]
+    blow = simulate_blow(action, "pressed", 12.0, 10.5e-3)
+    stroke = feltmb.ramp_stroke(12.0, 0.020, 0.020, duration=0.45)
+    same = feltmb.simulate(action, stroke, ledger=False, output_rate=5000.0)
+    assert blow.hammer_speed == pytest.approx(same.summary["impact_speed"], rel=1e-12)
