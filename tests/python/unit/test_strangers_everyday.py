@@ -8,11 +8,20 @@ import pytest
 from rich.console import Console
 
 from feltmb import load_action
+from feltmb.blind.nominal import SAMPLE_TIME, KeyHammer, effects
+from feltmb.blind.truth import STROKES, Part, plain_case
+from feltmb.blind.truth_sensors import _input
 from feltmb.cli.stroke import summary_table
+from feltmb.data import Record
 from feltmb.errors import InvalidParameter
 from feltmb.events import Change, name_events
+from feltmb.fit import Lanes, Term
+from feltmb.gap import library
+from feltmb.gap.library.readings import acting
 from feltmb.quasistatic import SlowPress, simulated_press
 from feltmb.results import let_off_words
+from feltmb.subjects.library import Signal, load_library
+from feltmb.subjects.signals import excite_by, observe_by
 
 # --- friction of slow presses --------------------------------------------------------------------
 
@@ -203,3 +212,119 @@ def _text(table, width=80):
     stream = io.StringIO()
     Console(file=stream, width=width, highlight=False, markup=False, emoji=False).print(table)
     return stream.getvalue()
+
+
+# --- signs of sensors ----------------------------------------------------------------------------
+
+TIME = np.linspace(0.0, 1.0, 1001)
+
+
+def _truth(time):
+    return 5.0 + 2.0 * np.sin(9.0 * time)
+
+
+READINGS = {
+    "gain": (0.02, 1.02 * _truth(TIME)),
+    "offset": (0.05, _truth(TIME) + 0.05),
+    "delay": (0.003, _truth(TIME - 0.003)),
+}
+
+
+def _input_record(values):
+    return Record(name="r", time=TIME, inputs={"f": values}, outputs={"f": values})
+
+
+@pytest.mark.parametrize("error", list(READINGS))
+def test_an_input_is_taken_back_to_what_acted_by_both_libraries(error):
+    """5.1 N shown with a gain of +0.02 are 5.0 N; the same for offset and delay."""
+    size, reading = READINGS[error]
+    record = _input_record(reading)
+    generic = {
+        "gain": library.gain_input("f"),
+        "offset": library.offset_input("f", unit="N", scale=1.0),
+        "delay": library.delay_input("f", scale=1.0),
+    }[error]
+    mechanical = excite_by(Signal(kind=error))
+    inside = slice(10, -10)
+    for excite in (generic.excite, mechanical):
+        found = excite(record, size, None)["f"]
+        assert found[inside] == pytest.approx(_truth(TIME)[inside], abs=1e-4)
+
+
+@pytest.mark.parametrize("error", list(READINGS))
+def test_a_sensor_and_an_input_have_the_same_signs(error):
+    """What a sensor of the size makes of a truth, an input of the size takes back."""
+    size, reading = READINGS[error]
+    record = _input_record(reading)
+    sensor = {
+        "gain": library.sensor_gain(["f"], "f"),
+        "offset": library.sensor_offset(["f"], "f", unit="N", scale=1.0),
+        "delay": library.sensor_delay(["f"], "f", scale=1.0),
+    }[error]
+    windows = np.array([[0, TIME.size - 1]])
+    truth = _truth(TIME)[None, :, None]
+    mechanical = observe_by(Signal(kind=error, channels="f"), ["f"], {})
+    for observe in (sensor.observe, mechanical):
+        shown = observe(record, truth, windows, np.array([size]), None)[0, :, 0]
+        assert shown[10:-10] == pytest.approx(reading[10:-10], abs=1e-5)
+
+
+@pytest.mark.parametrize("mode", ["force", "motion"])
+@pytest.mark.parametrize("form", ["A", "B"])
+@pytest.mark.parametrize(("error", "size"), [("gain", 0.05), ("offset", 0.2), ("delay", 1e-3)])
+def test_the_blind_generator_misreads_inputs_with_the_same_signs(mode, form, error, size):
+    fine = np.arange(20001) * 2e-5
+    frames = np.arange(20, 700) * SAMPLE_TIME
+    part = Part(f"input_{error}", form, size, 0.0)
+    shown = _input(plain_case(mode, [part]), STROKES[0], fine, frames)
+    truth = _input(plain_case(mode), STROKES[0], fine, frames)
+    unit = 1e-3 if mode == "motion" and error == "offset" else 1.0
+    back = acting(frames, shown, error, unit * size, smooth=True)
+    # Form B is another function of the same mean sign and about the same size.
+    left, wrong = np.abs(back - truth)[20:-20], np.abs(shown - truth)[20:-20]
+    assert np.max(left) < (0.02 if form == "A" else 0.5) * np.max(wrong)
+
+
+@pytest.mark.parametrize(("error", "size"), [("gain", 0.05), ("offset", 0.2), ("delay", 2e-3)])
+def test_the_model_of_the_blind_bench_reads_inputs_with_the_same_signs(error, size):
+    """A record with an error, and the error in the model, are the motion without either."""
+    model = KeyHammer()
+    time = np.arange(400) * SAMPLE_TIME
+    truth = 3.0 * np.sin(30.0 * time) ** 2
+    shown = {
+        "gain": (1.0 + size) * truth,
+        "offset": truth + size,
+        "delay": 3.0 * np.sin(30.0 * (time - size)) ** 2,
+    }[error]
+    effect = next(e for e in effects() if e.name == f"input_{error}")
+    zero = np.full(time.size, np.nan)
+
+    def motion(values, with_effect):
+        record = Record(
+            name="r", time=time, inputs={"finger": values}, outputs={"key": zero, "hammer": zero}
+        )
+        terms = (Term(effect),) if with_effect else ()
+        lanes = Lanes.at_point(
+            np.array([p.value for p in model.parameters]),
+            np.array([[0, time.size - 1]]),
+            np.zeros((1, len(model.states(terms)))),
+            terms,
+            np.array([size] if with_effect else []),
+        )
+        return model.simulate(record, lanes).outputs[0]
+
+    plain, taken_back, misread = motion(truth, 0), motion(shown, 1), motion(shown, 0)
+    wrong = np.max(np.abs(misread - plain)[:200])
+    assert wrong > 1e-5
+    assert np.max(np.abs(taken_back - plain)[:200]) < 0.02 * wrong
+
+
+def test_the_library_refuses_a_tilt_of_an_input(tmp_path):
+    path = tmp_path / "own.toml"
+    path.write_text(
+        'schema = 1\nname = "own"\nextends = "mechanism"\n'
+        '[effects.bent]\ncomponent = "c"\nmechanism = "m"\nkind = "input"\nsize = 0.1\n'
+        'input = { kind = "tilt" }\n'
+    )
+    with pytest.raises(InvalidParameter, match=r"effects\.bent\.input\.kind"):
+        load_library(load_action("steinway45"), path)
