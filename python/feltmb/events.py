@@ -33,7 +33,8 @@ def name_events(changes: Sequence[Change], rules: Mapping[str, NamedEvent]) -> d
     """Index of the change that each named event stands for; events that did not happen are absent.
 
     A rule picks the first or last matching change, after and before other named events, within a
-    time of the event it comes after. If an event that it refers to did not happen, neither did it.
+    time of the event it comes after, unless another event happened. If an event that it comes after
+    or before did not happen, neither did it.
     """
     found: dict[str, int] = {}
     visiting: set[str] = set()
@@ -45,6 +46,8 @@ def name_events(changes: Sequence[Change], rules: Mapping[str, NamedEvent]) -> d
         if rule is None or name in visiting:
             return None
         visiting.add(name)
+        if rule.unless is not None and resolve(rule.unless) is not None:
+            return None
         low, high = float("-inf"), float("inf")
         if rule.after is not None:
             index = resolve(rule.after)

@@ -15,14 +15,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from feltmb import _core
-from feltmb.config import core_law, describe
+from feltmb.config import core_friction, core_law, describe
 from feltmb.errors import InvalidParameter, ModelError
 
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from feltmb.config import Action
+    from feltmb.config import Action, FrictionParameters
     from feltmb.results import Run
 
     Array = npt.NDArray[np.float64]
@@ -41,11 +41,14 @@ __all__ = [
 FrictionMode = Literal["law", "saturated", "breakaway", "none"]
 MODES = ("law", "saturated", "breakaway", "none")
 
-#: Scale of the pseudo time. Speeds are this much smaller than the real ones, the thresholds of
-#: friction and of hysteresis with them, so that centripetal terms vanish and friction does not.
-_SLOWNESS = 1e-4
-#: Threshold of the friction modes without a speed, as part of the press speed.
+#: Inertia is left out by masses this much lighter in a gravity this much stronger: every weight
+#: stays, to the last bit as it is a power of two, and centripetal forces vanish. Friction, felt,
+#: dashpots and damping see the real speeds, so that no law is scaled or written here again.
+_LIGHTNESS = 2.0**-27
+#: Threshold of Coulomb friction without a speed of its own, as part of the press speed.
 _SHARP = 1e-3
+#: Speed of the modes without a speed, as part of the press speed: what needs a speed vanishes.
+_STILL = 1e-4
 _FELT = 1e-3  # m; a coordinate scale moves a contact by this much
 
 
@@ -124,13 +127,15 @@ class SlowPress:
             raise InvalidParameter(f"slow press: mechanism {action.name!r} describes no finger")
         self.action = action
         self.speed = speed
+        # Of the path [m/s]: equilibria about to move, and without friction, have no speed.
+        self._pace = speed if friction in ("law", "saturated") else speed * _STILL
         self.scale = np.asarray(action.mechanism.coordinate_scale)
         self.n = self.scale.size
         self.direction = np.asarray(action.config.finger.direction)
         opened = frozenset(open_contacts)
         # From smooth to sharp: each stage starts from the one before.
         self._stages = [
-            _mechanism(action, speed, friction, blur, opened) for blur in (100.0, 10.0, 1.0)
+            _mechanism(action, self._pace, friction, blur, opened) for blur in (100.0, 10.0, 1.0)
         ]
         self._sharp = self._stages[-1]
         self._point = self._sharp.point_names.index(_POINT)
@@ -178,7 +183,7 @@ class SlowPress:
         step = travel - self.travel
         if step == 0.0:
             return True
-        self._tau = abs(step) / (self.speed * _SLOWNESS)
+        self._tau = abs(step) / self._pace
         found = self._settle(self.q + self._rate * step, self.q, self.force, travel, 0.0)
         if found is None:
             return False
@@ -215,7 +220,7 @@ class SlowPress:
         anchor, force = self.q, self.force
         eta = 1e4
         guess = anchor
-        self._tau = 1e-4 / (self.speed * _SLOWNESS)  # as if the finger moved by 0.1 mm
+        self._tau = 1e-4 / self._pace  # as if the finger moved by 0.1 mm
         for _ in range(500):
             found = self._settle(guess, anchor, force, travel, eta)
             moved = math.inf
@@ -303,9 +308,9 @@ _POINT = "quasistatic finger"
 
 
 def _mechanism(
-    action: Action, speed: float, friction: FrictionMode, blur: float, opened: frozenset[int]
+    action: Action, pace: float, friction: FrictionMode, blur: float, opened: frozenset[int]
 ) -> Any:
-    """The mechanism with friction and hysteresis at the pseudo speed, and the finger as a point."""
+    """The mechanism with weight but without inertia, and the finger as a point."""
     description = describe(action.config)
     finger = action.config.finger
     assert finger is not None
@@ -314,49 +319,76 @@ def _mechanism(
     point.body = finger.body
     point.point = finger.point
     description.points = [*description.points, point]
-
-    def slow(f: Any, reach: float) -> Any:
-        """Friction with its threshold at the pseudo speed; reach: slip a meter of finger travel."""
-        if friction == "law":
-            return _core.Friction(
-                amplitude=f.amplitude,
-                b1=f.b1,
-                b2=f.b2,
-                threshold_speed=f.threshold_speed * _SLOWNESS * blur,
-            )
-        factor = {"saturated": 1.0, "breakaway": _peak(f.b1, f.b2), "none": 0.0}[friction]
-        return _core.Friction(
-            amplitude=f.amplitude * factor,
-            b1=0.0,
-            b2=0.0,
-            threshold_speed=speed * _SHARP * reach * _SLOWNESS * blur,
-        )
+    x, y = description.gravity
+    description.gravity = (x / _LIGHTNESS, y / _LIGHTNESS)
 
     scale = dict(zip(action.coordinates, action.mechanism.coordinate_scale, strict=True))
     bodies = description.bodies
     for body in bodies:
+        body.mass *= _LIGHTNESS
+        body.inertia *= _LIGHTNESS
+        if body.beam is not None:
+            beam = body.beam
+            beam.linear_density *= _LIGHTNESS
+            body.beam = beam
         if body.coordinate:
-            body.friction = slow(body.friction, scale[body.coordinate] / _FELT)
+            # Slip of the joint a meter of finger travel.
+            reach = scale[body.coordinate] / _FELT
+            given = action.config.bodies[body.name].friction
+            where = f"bodies.{body.name}.friction"
+            body.friction = _friction(given, where, friction, pace * reach, blur)
     description.bodies = bodies
     contacts = description.contacts
     for contact in contacts:
-        contact.friction = slow(contact.friction, 1.0)
         data = action.config.contacts[f"{contact.number:02d}"]
-        # Without a speed felt follows its loading curve, the slow limit of eq. 4.22.
-        alpha = data.alpha * (1.0 / _SLOWNESS if friction == "law" else 1e-3)
-        contact.law = core_law(data.model_copy(update={"alpha": alpha}))
+        where = f"contacts.{contact.number:02d}.friction"
+        contact.friction = _friction(data.friction, where, friction, pace, blur)
+        if friction != "law":
+            # Without a speed felt follows its loading curve, the slow limit of eq. 4.22.
+            slow = {"alpha": data.alpha * 1e-3 * _STILL}
+            contact.law = core_law(data.model_copy(update=slow))
         if contact.number in opened:
             contact.enabled = False
     description.contacts = contacts
     return _core.assemble(description)
 
 
-def _peak(b1: float, b2: float) -> float:
-    """Largest friction of eq. A.1 over its saturated value."""
+def _friction(
+    given: FrictionParameters, where: str, mode: FrictionMode, speed: float, blur: float
+) -> _core.Friction:
+    """Friction of a mode: the law itself, but for the terms that the mode leaves out.
+
+    ``speed``: typical of the sliding; ``blur``: the law turns over at this many times its speed.
+    """
+    sharp = {"b1": 0.0, "b2": 0.0, "threshold_speed": speed * _SHARP * blur}
+    resting = {"viscous": 0.0, "quadratic": 0.0, "stribeck": 0.0}
+    change = {
+        "law": lambda: {"threshold_speed": given.threshold_speed * blur},
+        # The limit of a threshold speed of zero: the excess of eq. A.1 lies below it, that of
+        # Stribeck has a speed of its own.
+        "saturated": lambda: sharp,
+        "breakaway": lambda: {**sharp, **resting, "amplitude": _breakaway(given, where)},
+        "none": lambda: {**sharp, **resting, "amplitude": 0.0},
+    }[mode]()
+    return core_friction(given.model_copy(update=change))
+
+
+def _breakaway(given: FrictionParameters, where: str) -> float:
+    """Largest dry friction, of eq. A.1 and Stribeck's excess: what holds until it slides."""
     import numpy as np
 
-    x = np.linspace(0.0, 5.0, 5001)
-    return float(max(1.0, np.max(np.tanh(x) + b1 * x / (1.0 + b2 * x**4))))
+    if given.amplitude > 0.0 and given.b1 > 0.0 and given.b2 == 0.0:
+        raise InvalidParameter(
+            f"slow press: {where} has b1 = {given.b1:g} and b2 = 0, so that it grows with the "
+            f"speed without end and has no breakaway value; give b2 > 0, or use viscous"
+        )
+    dry = core_friction(given.model_copy(update={"viscous": 0.0, "quadratic": 0.0}))
+    # Beyond these the terms have died away; the bump of eq. A.1 is at B2^(-1/4) thresholds.
+    most = max(5.0 * given.threshold_speed, 3.0 * given.stribeck_speed)
+    if given.b2 > 0.0:
+        most = max(most, 3.0 * given.threshold_speed * given.b2**-0.25)
+    least = 1e-3 * min(given.threshold_speed, given.stribeck_speed)
+    return float(max(given.amplitude, np.max(dry.coefficient(np.geomspace(least, most, 20001)))))
 
 
 def slow_press(
@@ -376,13 +408,14 @@ def slow_press(
     travel
         Finger travels [m] from rest, positive pressing, in the order in which they are passed.
     speed
-        Finger speed [m/s] that friction and hysteresis see, > 0.
+        Finger speed [m/s] that friction, hysteresis and damping see, > 0.
     friction
-        ``law``: thesis eq. A.1 at the sliding speeds of the path. ``saturated``: Coulomb friction
-        with the coefficient A (eq. A.1 far beyond its threshold speed), ``breakaway``: with its
-        largest value, A (tanh x + B1 x / (1 + B2 x^4)) at its maximum. ``none``: no friction. The
-        last three do not depend on ``speed``: felt then follows its loading curve, which is the
-        slow limit of eq. 4.22.
+        ``law``: thesis eq. A.1 with the viscous, quadratic and Stribeck terms, at the sliding
+        speeds of the path. ``saturated``: the same with a threshold speed of zero, Coulomb friction
+        with the coefficient A and the three terms. ``breakaway``: Coulomb friction with the largest
+        value of the dry terms, A (tanh x + B1 x / (1 + B2 x^4)) and Stribeck's. ``none``: no
+        friction. In the last three felt follows its loading curve, the slow limit of eq. 4.22. The
+        last two do not depend on ``speed``: dashpots and damping have no force in them.
     open_contacts
         Contacts by number that are switched off, such as the damper spoon under a raised pedal.
 

@@ -26,10 +26,19 @@ if TYPE_CHECKING:
 
     Array = npt.NDArray[np.float64]
 
-__all__ = ["FILE_FORMAT", "Provenance", "Run", "load_run"]
+__all__ = ["FILE_FORMAT", "Provenance", "Run", "let_off_words", "load_run"]
 
 FILE_FORMAT = 1
 MOST_NUMBERS = 500_000_000  # of a file: 4 GB
+
+
+def let_off_words(summary: Mapping[str, float]) -> str:
+    """How a hammer that met the string left the jack without a let-off; "" if it did not."""
+    if "let_off_time" in summary or "impact_time" not in summary:
+        return ""
+    if "free_flight_time" in summary:
+        return "no let-off: thrown off"
+    return "no let-off: pushed to the string" if "jack_toe_time" in summary else ""
 
 
 class Provenance(dict[str, Any]):

@@ -1,5 +1,6 @@
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -343,7 +344,7 @@ TEST_CASE("lumped network: a delay beyond every index looks past the ends") {
   parameters[8] = -1e7;
   CHECK(run(n, parameters, {1e-3, 0.0}).outputs[120] == doctest::Approx(1e4 * far).epsilon(1e-3));
 
-  // An input that is delayed by more than it lasts is its first sample.
+  // A record that is late by more than it lasts says nothing but its last sample.
   Network driven = network();
   driven.elements = {driven.elements[0], driven.elements[3]};
   driven.hidden.clear();
@@ -353,4 +354,48 @@ TEST_CASE("lumped network: a delay beyond every index looks past the ends") {
   const Batch late = run(driven, parameters, {0.0, 0.0});
   parameters[8] = 1e30;
   CHECK(run(driven, parameters, {0.0, 0.0}).outputs == late.outputs);
+}
+
+TEST_CASE("lumped network: the record of the input is a reading of what acts") {
+  // y = (1 + gain) a(t - delay) + offset, for the input as for an output: a sensor in the path of
+  // the drive and a sensor of the drive with the same errors undo each other.
+  Network n;
+  n.masses = {p(0)};
+  const Travel x{{{0, 1.0}}, {}, 0.0, {}};
+  n.elements = {{Kind::spring, x, {}, p(1), p(2), {}, {}},
+                {Kind::drive, {{{0, 1.0}}, {}, 1.0, {}}, {}, {}, {}, {}, {}}};
+  n.sensors = {{x, {}, {}, {}, {}, -1}};
+  n.input = {p(3), p(4), p(5)};
+  n.parameters = 6;
+  n.sample_time = 5e-4;
+  n.substeps = 8;
+  const double gain = 0.02;
+  const double offset = 0.3;
+  const double delay = 1.5e-3;
+  const auto acts = [](double t) { return 2.0 * std::sin(100.0 * t); };
+  std::vector<double> truth;
+  std::vector<double> reading;
+  for (int i = 0; i < 200; ++i) {
+    truth.push_back(acts(i * n.sample_time));
+    reading.push_back((1.0 + gain) * acts(i * n.sample_time - delay) + offset);
+  }
+  const std::vector<Segment> segments{{0, 10, 120, 0}};
+  const std::vector<double> start{0.0, 0.0};
+  const auto answer = [&](const std::vector<double>& u, std::vector<double> parameters) {
+    const std::vector<std::span<const double>> inputs{u};
+    Request q;
+    q.parameters = parameters;
+    q.inputs = inputs;
+    q.segments = segments;
+    q.starts = start;
+    return simulate(n, q).outputs;
+  };
+  const auto expected = answer(truth, {0.1, 200.0, 0.3, 0.0, 0.0, 0.0});
+  const auto found = answer(reading, {0.1, 200.0, 0.3, gain, offset, delay});
+  double largest = 0.0;
+  for (const double y : expected) largest = std::max(largest, std::abs(y));
+  REQUIRE(largest > 1e-3);
+  for (std::size_t i = 0; i < expected.size(); ++i) {
+    CHECK(std::abs(found[i] - expected[i]) < 1e-4 * largest);
+  }
 }

@@ -23,6 +23,10 @@ FrictionValue extra_terms(const Friction& f, double v) {
 
 }  // namespace
 
+bool turns_over(const Friction& friction) {
+  return friction.amplitude != 0.0 || friction.stribeck != 0.0;
+}
+
 FrictionValue evaluate(const Friction& friction, double v) {
   const bool plain =
       friction.viscous == 0.0 && friction.quadratic == 0.0 && friction.stribeck == 0.0;

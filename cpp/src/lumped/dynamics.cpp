@@ -108,7 +108,7 @@ Number Dynamics::sum(const Sum& terms) const {
 
 void Dynamics::set_input(std::span<const double> u, double t) {
   const double h = net_.sample_time;
-  const double x = t - delay_.v / h;
+  const double x = t + delay_.v / h;
   const auto n = static_cast<std::ptrdiff_t>(u.size());
   const std::ptrdiff_t k = floor_within<std::ptrdiff_t>(x, -3, n + 2);
   const double s = x - std::floor(x);
@@ -125,16 +125,17 @@ void Dynamics::set_input(std::span<const double> u, double t) {
   const double u0 = b + s * (c1 + s * (c2 + s * c3));
   const double u1 = (c1 + s * (2.0 * c2 + s * 3.0 * c3)) / h;
   const double u2 = (2.0 * c2 + 6.0 * s * c3) / (h * h);
-  input_ = gain_.v * u0 + offset_.v;
-  input_rate_ = gain_.v * u1;
+  const double share = 1.0 / gain_.v;
+  input_ = share * (u0 - offset_.v);
+  input_rate_ = share * u1;
   if (with_slopes_) {
     input_d_.clear();
-    append(input_d_, u0, gain_.d);
-    append(input_d_, -gain_.v * u1, delay_.d);
-    append(input_d_, 1.0, offset_.d);
+    append(input_d_, -share * input_, gain_.d);
+    append(input_d_, share * u1, delay_.d);
+    append(input_d_, -share, offset_.d);
     input_rate_d_.clear();
-    append(input_rate_d_, u1, gain_.d);
-    append(input_rate_d_, -gain_.v * u2, delay_.d);
+    append(input_rate_d_, -share * input_rate_, gain_.d);
+    append(input_rate_d_, share * u2, delay_.d);
   }
 }
 

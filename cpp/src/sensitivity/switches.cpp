@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "feltmb/contact/branch.hpp"
+#include "feltmb/contact/friction.hpp"
 #include "feltmb/numeric/bracketing.hpp"
 
 namespace feltmb::detail {
@@ -91,7 +92,7 @@ class Finder {
     const Friction& friction = mechanism_.joint_friction[k];
     const double speed = y[mechanism_.coordinates.size() + k];
     out.zone[mechanism_.contacts.size() + k] =
-        friction.amplitude != 0.0 ? zone(speed, friction.threshold_speed) : 0;
+        turns_over(friction) ? zone(speed, friction.threshold_speed) : 0;
   }
 
   void look_at_contact(std::size_t c, Look& out) const {
@@ -101,7 +102,7 @@ class Finder {
     out.rate[c] = s.rate;
     out.piece[c] = 0;
     const Friction& friction = mechanism_.contacts[c].friction;
-    const bool slides = active_[c] && s.compression > 0.0 && friction.amplitude != 0.0;
+    const bool slides = active_[c] && s.compression > 0.0 && turns_over(friction);
     out.zone[c] = slides ? zone(s.slip, friction.threshold_speed) : 0;
     if (!active_[c]) return;
     const int piece = branch(mechanism_.contacts[c].law, s.compression, s.rate, dynamics.memory(c));

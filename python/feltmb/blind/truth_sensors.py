@@ -68,20 +68,20 @@ def _cameras(
 
 
 def _input(case: Case, stroke: str, fine: Array, frames: Array) -> Array:
-    """Recorded input, before noise. Sizes are what it must be changed by to be true."""
+    """Recorded input, before noise. Sizes are errors of the reading, as those of the cameras."""
     size = _Sizes(case)
     u = played(fine, case.mode, stroke, case.strokes[STROKES.index(stroke)])
     unit = 1e-3 if case.mode == "motion" else 1.0
     top = 10e-3 if case.mode == "motion" else 6.0
     gain = 1.0 + size("input_gain", "A")
-    shown = u / (gain + size("input_gain", "B") * (0.8 + 0.2 * u / top))
-    shown = shown - unit * size("input_offset", "A")
-    shown = shown - unit * size("input_offset", "B") * (0.7 + 0.6 * fine / LENGTH)
-    seen = np.interp(frames + size("input_delay", "A"), fine, shown)
+    shown = u * (gain + size("input_gain", "B") * (0.8 + 0.2 * u / top))
+    shown = shown + unit * size("input_offset", "A")
+    shown = shown + unit * size("input_offset", "B") * (0.7 + 0.6 * fine / LENGTH)
+    seen = np.interp(frames - size("input_delay", "A"), fine, shown)
     blur = size("input_delay", "B")
     if blur != 0.0:
         # A smear over twice the delay instead of a shift.
-        moments = frames[:, None] + blur * np.linspace(0.0, 2.0, 21)[None, :]
+        moments = frames[:, None] - blur * np.linspace(0.0, 2.0, 21)[None, :]
         seen = seen + np.interp(moments, fine, shown).mean(axis=1) - np.interp(frames, fine, shown)
     return np.asarray(seen)
 

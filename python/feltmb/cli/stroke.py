@@ -295,6 +295,7 @@ SUMMARY_ROWS = {
     "key_start_time": ("key starts", "s"),
     "damper_start_time": ("damper starts", "s"),
     "jack_toe_time": ("jack toe meets the button", "s"),
+    "free_flight_time": ("thrown off (free flight)", "s"),
     "let_off_time": ("let-off", "s"),
     "let_off_gap": ("hammer - string distance at let-off", "m"),
     "impact_time": ("hammer meets the string", "s"),
@@ -311,8 +312,12 @@ SUMMARY_ROWS = {
 
 def summary_table(run: Run, title: str) -> Any:
     """Table of the summary of a run, with its work counts below."""
+    from feltmb.results import let_off_words
+
     table = new_table(f"{title}: {run.provenance['action']}", "", "value", "unit", right=(1,))
     for key, (text, unit) in SUMMARY_ROWS.items():
+        if key == "let_off_time" and (words := let_off_words(run.summary)):
+            table.add_row(words, "none", "")
         if key not in run.summary:
             continue
         value = run.summary[key]

@@ -40,7 +40,7 @@ def _events_behind(name: str, events: Mapping[str, Any]) -> set[str]:
     ahead = [name]
     while ahead:
         node = events.get(ahead.pop())
-        for key in ("after", "before"):
+        for key in ("after", "before", "unless"):
             other = node.get(key) if isinstance(node, Mapping) else None
             if isinstance(other, str) and other not in behind:
                 behind.add(other)
@@ -101,8 +101,8 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
             continue
         where = f"events.{name}"
         need(node.get("point"), points, f"{where}.point", "point")
-        need(node.get("before"), events, f"{where}.before", "event")
-        need(node.get("after"), events, f"{where}.after", "event")
+        for key in ("before", "after", "unless"):
+            need(node.get(key), events, f"{where}.{key}", "event")
         listed = node.get("contact")
         for number in listed if isinstance(listed, list) else [listed]:
             if isinstance(number, int) and number not in numbers:
@@ -114,7 +114,7 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
         elif "point" in node and "travel" not in node:
             faults.append(f"{where}: a point event needs travel")
         if name in _events_behind(name, _table(raw, "events")):
-            faults.append(f"{where}: waits for itself through 'after' and 'before'")
+            faults.append(f"{where}: waits for itself through 'after', 'before' or 'unless'")
     summary = _table(raw, "summary")
     for key in ("strike_contact", "let_off_contact"):
         if isinstance(summary.get(key), int) and summary[key] not in numbers:

@@ -371,6 +371,7 @@ class NamedEvent(Schema):
     which: Literal["first", "last"] = "first"
     before: str | None = None
     after: str | None = None
+    unless: str | None = None
     within: Annotated[float, SI("s"), Field(gt=0)] | None = None
 
 

@@ -26,10 +26,11 @@ from feltmb.errors import InvalidParameter
 from feltmb.layer import LayerParameters
 from feltmb.units import conversion_factor
 
-__all__ = ["core_law", "describe", "describe_with_faults"]
+__all__ = ["core_friction", "core_law", "describe", "describe_with_faults"]
 
 
-def _core_friction(f: FrictionParameters) -> _core.Friction:
+def core_friction(f: FrictionParameters) -> _core.Friction:
+    """Friction of a joint or a contact for the core."""
     return _core.Friction(
         amplitude=f.amplitude,
         b1=f.b1,
@@ -120,7 +121,7 @@ def _core_body(name: str, b: Body) -> _core.BodyDescription:
     d.axis = b.axis
     d.angle = b.angle
     d.coordinate = b.coordinate
-    d.friction = _core_friction(b.friction)
+    d.friction = core_friction(b.friction)
     d.mass = b.mass
     d.center_of_mass = b.center_of_mass
     d.inertia = b.inertia
@@ -194,7 +195,7 @@ def _core_contact(key: str, c: Contact) -> _core.ContactDescription:
     d.label = c.label
     d.surface_a, d.surface_b = c.surfaces
     d.law = core_law(c)
-    d.friction = _core_friction(c.friction)
+    d.friction = core_friction(c.friction)
     d.enabled = c.enabled
     return d
 

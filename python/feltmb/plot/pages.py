@@ -17,6 +17,7 @@ from feltmb.plot.readings import (
     run_name,
 )
 from feltmb.plot.series import draw_finger, draw_motion, draw_speed, motion_curves
+from feltmb.results import let_off_words
 from feltmb.style import (
     CYCLE,
     GRAY,
@@ -123,6 +124,8 @@ def _summary_line(run: Run) -> str:
     ):
         if key in s:
             parts.append(f"{text} {factor * s[key]:.3g} {unit}")
+        elif key == "let_off_gap" and let_off_words(s):
+            parts.append(let_off_words(s))
     half = -(-len(parts) // 2)
     return "\n".join("   ".join(row) for row in (parts[:half], parts[half:]) if row)
 

@@ -68,6 +68,10 @@ class _SignalTable(Schema):
     channels: str = ""
 
 
+class _InputTable(Schema):
+    kind: Literal["delay", "gain", "offset"]
+
+
 class _ConditionTable(Schema):
     name: str
     reference: float
@@ -115,7 +119,7 @@ class _Table(Schema):
     joints_all: float = 0.0
     insert: _InsertTable | None = None
     sensor: _SignalTable | None = None
-    input: _SignalTable | None = None
+    input: _InputTable | None = None
     condition: _ConditionTable | None = None
     shape: _ShapeTable | None = None
     hidden: list[_HiddenTable] = []

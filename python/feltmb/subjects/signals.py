@@ -1,17 +1,17 @@
 """Sensor and input effects of a mechanism's records: delay, gain, offset, tilt.
 
-At size zero every one gives back its argument, to the last bit.
+Signs: a channel reads (1 + gain) times the truth plus offset, late by delay, the channel of the
+input too (:mod:`feltmb.gap.library.readings`). At size zero every one gives back its argument, to
+the last bit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-import numpy as np
-from scipy.interpolate import CubicSpline
-
 from feltmb.data import Array, Record
 from feltmb.fit.shift import shifted
+from feltmb.gap.library.readings import acting
 from feltmb.subjects.library import Signal
 
 __all__ = ["columns_of", "excite_by", "observe_by"]
@@ -69,20 +69,16 @@ def observe_by(
 
 def excite_by(signal: Signal) -> Callable[..., Mapping[str, Array]]:
     """Input effect for the engine: what the machine really got, given what was recorded."""
+    assert signal.kind != "tilt"
+    error = signal.kind
 
     def excite(record: Record, size: float, shape: object = None) -> Mapping[str, Array]:
         del shape
         if size == 0.0:
             return {}
-        out = {}
-        for name, recorded in record.inputs.items():
-            if signal.kind == "gain":
-                out[name] = recorded / (1.0 + size)
-            elif signal.kind == "offset":
-                out[name] = recorded - size
-            else:
-                t = record.time
-                out[name] = CubicSpline(t, recorded)(np.clip(t + size, t[0], t[-1]))
-        return out
+        return {
+            name: acting(record.time, recorded, error, size, smooth=True)
+            for name, recorded in record.inputs.items()
+        }
 
     return excite

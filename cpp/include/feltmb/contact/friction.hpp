@@ -31,6 +31,9 @@ struct FrictionValue {
   double slope;  ///< d mu / d v, unit of A per unit of v
 };
 
+/// Whether the law turns over within a few threshold speeds: a term with tanh(v/v_t) is there.
+bool turns_over(const Friction& friction);
+
 /// mu and its exact slope at sliding speed v [m/s or rad/s]. Never throws.
 FrictionValue evaluate(const Friction& friction, double v);
 

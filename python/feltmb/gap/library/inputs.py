@@ -1,4 +1,8 @@
-"""Inputs: the record of one may be wrong, or the drive that it feeds."""
+"""Inputs: the record of one may be wrong, or the drive that it feeds.
+
+Gain, offset and delay are errors of the record, with the signs of a sensor's
+(:mod:`feltmb.gap.library.readings`); nonlinearity, saturation and dead zone are of the drive.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,7 @@ import numpy as np
 from feltmb.data import Array, Record
 from feltmb.fit import Effect, EffectKind
 from feltmb.gap.library.curve import curve
+from feltmb.gap.library.readings import ReadingError, acting
 
 
 def _input(
@@ -33,27 +38,26 @@ def _input(
 
 
 def delay_input(name: str, *, scale: float) -> Effect:
-    """The input acts later by the size [s]."""
-    return _input(
+    """The record of the input lags what acts by the size [s]; below zero the input acts later."""
+    return _misread(
         name,
-        "delay of input",
-        lambda u, size, shape, r: np.interp(r.time - size, r.time, u),
+        "delay",
         unit="s",
         scale=scale,
         step=0.5,
-        mechanism="The input acts later than the record says.",
+        mechanism="The record of the input is late, or early: the input acts later.",
         remedy="Synchronize the clocks, or model the delay.",
     )
 
 
 def gain_input(name: str) -> Effect:
-    """The input is larger by the factor 1 + size."""
-    return _input(
+    """The record shows (1 + size) times the input that acts."""
+    return _misread(
         name,
-        "gain of input",
-        lambda u, size, shape, r: (1.0 + size) * u,
+        "gain",
         scale=0.05,
-        mechanism="The gain of the input is wrong.",
+        lower=-0.9,  # a record that shows nothing of the input says nothing about it
+        mechanism="The record of the input has another gain.",
         remedy="Calibrate the input.",
     )
 
@@ -73,15 +77,24 @@ def bent_input(name: str, *, level: float) -> Effect:
 
 
 def offset_input(name: str, *, unit: str, scale: float) -> Effect:
-    """The input is larger by the size."""
-    return _input(
+    """The record shows the input that acts plus the size."""
+    return _misread(
         name,
-        "offset of input",
-        lambda u, size, shape, r: u + size,
+        "offset",
         unit=unit,
         scale=scale,
-        mechanism="The input has an offset.",
+        mechanism="The record of the input has an offset.",
         remedy="Zero the input.",
+    )
+
+
+def _misread(name: str, error: ReadingError, **fields: Any) -> Effect:
+    """An error of the sensor of an input, in the convention of :mod:`readings`."""
+    return _input(
+        name,
+        f"{error} of input",
+        lambda u, size, shape, r: acting(r.time, u, error, size),
+        **fields,
     )
 
 
