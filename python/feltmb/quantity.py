@@ -140,9 +140,10 @@ def parse_scalar(node: object, si_unit: str) -> float:
     if isinstance(node, str):
         match = _TEXT.match(node)
         if match is None:
-            raise ValueError(f"got {node!r}, expected a number with a unit of {si_unit}")
+            unit = "" if si_unit == "1" else f" with a unit of {si_unit}"
+            raise ValueError(f"got {shortened(repr(node))}, expected a finite number{unit}")
         unit = match.group(2).strip()
-        return float(match.group(1)) * (_factor(unit, si_unit) if unit else 1.0)
+        return _number(float(match.group(1))) * (_factor(unit, si_unit) if unit else 1.0)
     if isinstance(node, Mapping):
         _check_table(node)
         return _number(node["value"]) * _factor(node.get("unit", si_unit), si_unit)

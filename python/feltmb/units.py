@@ -3,7 +3,7 @@
 A value in a file is a number (taken in the SI unit of its field), a text ``"10.5 mm"``, or a table
 ``{ value = 10.5, unit = "mm", source = "..." }``. Composite units are written with spaces or ``*``
 for products, ``/`` for one quotient and ``^`` for powers: ``"kg mm^2"``, ``"N m/rad"``,
-``"N/m^2.3"``.
+``"N/m^2.3"``. Powers may be written without the caret too: ``"mm2"``, ``"m/s2"``, ``"mm²"``.
 """
 
 from __future__ import annotations
@@ -46,16 +46,18 @@ ACCEPTED_UNITS: dict[str, tuple[float, tuple[float, float, float, float]]] = {
     "kPa": (1e3, (-1, 1, -2, 0)),
     "MPa": (1e6, (-1, 1, -2, 0)),
     "GPa": (1e9, (-1, 1, -2, 0)),
+    "bar": (1e5, (-1, 1, -2, 0)),
     "J": (1.0, (2, 1, -2, 0)),
     "mJ": (1e-3, (2, 1, -2, 0)),
     "%": (1e-2, (0, 0, 0, 0)),
 }
 
-_FACTOR = re.compile(r"^([A-Za-zµ%1]+)(?:\^(-?[0-9.]+))?$")
+_FACTOR = re.compile(r"^(1(?=\^|$)|[A-Za-zµ%]+)(?:\^?([-+]?\d*\.?\d+))?$")
+_RAISED = str.maketrans({"²": "^2", "³": "^3", "μ": "µ"})  # the letter mu is not the sign micro
 
 
 def _parse(unit: str) -> tuple[float, tuple[float, ...]]:
-    text = unit.strip()
+    text = unit.strip().translate(_RAISED)
     if text in ("", "-"):
         text = "1"
     parts = text.split("/")

@@ -10,14 +10,15 @@ import click
 
 from feltmb.cli.common import (
     FRACTION,
-    POSITIVE,
     check_targets,
     complain,
     console,
     force_option,
     json_option,
+    list_option,
     new_table,
     parse_damper,
+    positive,
     pretty,
     print_json,
     save_figure,
@@ -65,12 +66,11 @@ _damper = click.option(
     metavar="KIND[=C]",
     help="none, dashpot, one-sided; C in N m s/rad, default the thesis's.",
 )
-_set = click.option(
+_set = list_option(
     "--set",
     "settings",
-    multiple=True,
     metavar="PATH=VALUE",
-    help="Change a value of the actuator by its dotted path, such as tip.mass=0.05. Repeatable.",
+    help="Change a value of the actuator by its dotted path, such as tip.mass=0.05.",
 )
 
 
@@ -81,10 +81,14 @@ _set = click.option(
 @click.option("--elements", type=click.IntRange(1, 200), help="Finite elements of the arm.")
 @click.option("--torque", metavar="FILE", help="Torque by time, CSV or TOML; default: the file's.")
 @click.option(
-    "--duration", type=POSITIVE, default=0.2, show_default=True, help="Simulated time [s]."
+    "--duration", type=positive("s"), default=0.2, show_default=True, help="Simulated time [s]."
 )
 @click.option(
-    "--output-rate", type=POSITIVE, default=10000.0, show_default=True, help="Samples a second."
+    "--output-rate",
+    type=positive("Hz"),
+    default=10000.0,
+    show_default=True,
+    help="Samples a second [Hz].",
 )
 @click.option(
     "--tolerance",
@@ -240,10 +244,10 @@ def study_command(out: Path | None, force: bool, as_json: bool) -> None:
     help="Press this action instead of the actuator's stop.",
 )
 @click.option("--torque", metavar="FILE", help="Torque to start from; default: the actuator's.")
-@click.option(
+@list_option(
     "--fit",
-    metavar="NAMES",
-    default="stiffness,damping,torque",
+    metavar="NAME",
+    default=("stiffness", "damping", "torque"),
     show_default=True,
     help="What may change.",
 )
@@ -274,7 +278,7 @@ def match_command(
     settings: tuple[str, ...],
     action: str | None,
     torque: str | None,
-    fit: str,
+    fit: tuple[str, ...],
     knots: int,
     steps: int,
     out: Path | None,
@@ -296,7 +300,7 @@ def match_command(
         _load(arm, damper, settings),
         load_stroke(target),
         action=action,
-        fit=[name.strip() for name in fit.split(",") if name.strip()],
+        fit=list(fit),
         knots=knots,
         start_torque=load_stroke(torque) if torque is not None else None,
         max_evaluations=steps,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from feltmb.cli.common import POSITIVE, force_option, say_written, tables_as_json
+from feltmb.cli.common import POSITIVE, Quantity, force_option, say_written, tables_as_json
 
 
 @click.command("animate")
@@ -32,7 +32,9 @@ from feltmb.cli.common import POSITIVE, force_option, say_written, tables_as_jso
     show_default=True,
     help="Frames a second.",
 )
-@click.option("--window", type=(float, float), metavar="FROM TO", help="Only this time [s].")
+@click.option(
+    "--window", type=(Quantity("s"), Quantity("s")), metavar="FROM TO", help="Only this time [s]."
+)
 @force_option
 @tables_as_json
 def command(

@@ -7,6 +7,7 @@ import functools
 import json
 import math
 import os
+import re
 import sys
 from collections.abc import Callable
 from contextvars import ContextVar
@@ -22,19 +23,26 @@ if TYPE_CHECKING:
     from feltmb.config import Action
 
 __all__ = [
+    "ListOption",
+    "Quantity",
     "complain",
     "console",
+    "diameter_option",
     "force_option",
     "is_terminal",
     "json_option",
+    "list_option",
     "load_with_settings",
+    "modulus_option",
     "new_table",
     "parse_damper",
+    "positive",
     "pretty",
     "print_json",
     "save_figure",
     "say_written",
     "set_option",
+    "split_list",
     "subject_set_option",
     "tables_as_json",
 ]
@@ -204,26 +212,160 @@ def print_json(value: Any) -> None:
     click.echo(json.dumps(value, indent=2, sort_keys=True))
 
 
-class Number(click.FloatRange):
-    """A finite number within bounds, which the help shows."""
+#: SI unit of an option -> what the help calls its value.
+_KINDS = {
+    "m": "LENGTH",
+    "m^2": "AREA",
+    "s": "TIME",
+    "rad": "ANGLE",
+    "Hz": "RATE",
+    "Pa": "PRESSURE",
+    "N/m": "FORCE/LENGTH",
+}
+
+
+class Quantity(click.FloatRange):
+    """A finite number with its unit, such as 25um or "3 cm^2", within bounds in the SI unit.
+
+    A number without a unit is in the SI unit, which the help shows. The parser is that of the
+    files, so that every unit is written alike everywhere.
+
+    Parameters
+    ----------
+    unit
+        SI unit of the value; "1" of a plain number, which may also be given in %.
+    low, high
+        Bounds in that unit.
+    """
+
+    name = "quantity"
+
+    def __init__(
+        self,
+        unit: str,
+        low: float | None = None,
+        high: float | None = None,
+        *,
+        min_open: bool = False,
+        max_open: bool = False,
+    ) -> None:
+        super().__init__(low, high, min_open=min_open, max_open=max_open)
+        self.unit = unit
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str | None:
+        """What stands behind the option in the help."""
+        del ctx
+        if isinstance(param, click.Argument):
+            return None
+        return "NUMBER" if self.unit == "1" else f"{_KINDS.get(self.unit, 'NUMBER')}[{self.unit}]"
+
+    def _describe_range(self) -> str:
+        return "" if self.min is None and self.max is None else super()._describe_range()
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
-        """The number, or a message."""
-        number = float(super().convert(value, param, ctx))
-        if not math.isfinite(number):
-            self.fail(f"{number} is not a finite number.", param, ctx)
-        return number
+        """The number in the SI unit, or a message."""
+        from feltmb.quantity import parse_scalar
+
+        try:
+            number = parse_scalar(value, self.unit)
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+        return float(super().convert(number, param, ctx))
+
+
+class Number(Quantity):
+    """A plain number within bounds."""
+
+    def __init__(
+        self,
+        low: float | None = None,
+        high: float | None = None,
+        *,
+        min_open: bool = False,
+        max_open: bool = False,
+    ) -> None:
+        super().__init__("1", low, high, min_open=min_open, max_open=max_open)
+
+
+def positive(unit: str) -> Quantity:
+    """A quantity > 0 of this SI unit."""
+    return Quantity(unit, 0, min_open=True)
 
 
 POSITIVE = Number(0, min_open=True)
 NOT_NEGATIVE = Number(0)
 FRACTION = Number(0, 1, min_open=True, max_open=True)
 
+_BRACKETS = {"(": ")", "[": "]", "{": "}"}
+_ASSIGNMENT = re.compile(r"\s*[\w.*\[\]-]+\s*=")
+
+
+def split_list(text: str) -> list[str]:
+    """Items of a list with commas; commas in brackets or quotes belong to their item.
+
+    Where the list begins with NAME=VALUE, a comma ends an item only before the next NAME=, so that
+    a value may be a list itself: ``a=1,2,b=3`` are two.
+
+    Raises
+    ------
+    ValueError
+        An item is empty.
+    """
+    pairs = _ASSIGNMENT.match(text) is not None
+    items, start, quote = [], 0, ""
+    closing: list[str] = []
+    for i, letter in enumerate(text):
+        if quote:
+            quote = "" if letter == quote else quote
+        elif letter in "\"'":
+            quote = letter
+        elif letter in _BRACKETS:
+            closing.append(_BRACKETS[letter])
+        elif closing and letter == closing[-1]:
+            closing.pop()
+        elif letter == "," and not closing and (not pairs or _ASSIGNMENT.match(text, i + 1)):
+            items.append(text[start:i].strip())
+            start = i + 1
+    items.append(text[start:].strip())
+    if not all(items):
+        raise ValueError(f"got {text!r}, expected items between commas, none of them empty")
+    return items
+
+
+class ListOption(click.Option):
+    """Option that may be repeated and takes lists with commas: ``-x a -x b`` is ``-x a,b``."""
+
+    def type_cast_value(self, ctx: click.Context, value: Any) -> Any:
+        """All items, each converted."""
+        items: list[Any] = []
+        for given in value or ():
+            try:
+                # A file whose name holds a comma is meant as it stands.
+                whole = not isinstance(given, str) or Path(given).exists()
+                items += [given] if whole else split_list(given)
+            except ValueError as error:
+                raise click.BadParameter(str(error), ctx, self) from None
+            except OSError:  # too long for the name of a file
+                items += split_list(given)
+        return super().type_cast_value(ctx, tuple(items))
+
+
+def list_option(*declarations: str, **attributes: Any) -> Callable[[F], F]:
+    """Option of a list: repeated, with commas, or both; alike in every command."""
+    text = attributes.pop("help")
+    return click.option(
+        *declarations,
+        cls=ListOption,
+        multiple=True,
+        help=f"{text} Repeatable, or a list with commas.",
+        **attributes,
+    )
+
 
 def _settings(metavar: str, text: str) -> Callable[[F], F]:
-    return click.option("--set", "settings", multiple=True, metavar=metavar, help=text)
+    return list_option("--set", "settings", metavar=metavar, help=text)
 
 
 def set_option(function: F) -> F:
@@ -231,7 +373,7 @@ def set_option(function: F) -> F:
     return _settings(
         "PATH=VALUE",
         "Change a value of the mechanism by its dotted path, such as string.modes=80 or "
-        "contacts.*.law=printed. Repeatable.",
+        "contacts.*.law=printed.",
     )(function)
 
 
@@ -241,7 +383,7 @@ def subject_set_option(function: F) -> F:
         "NAME=VALUE",
         "Setting of a packaged mechanism or mechanism file: channels=key,hammer, effects=all, "
         "tolerances=felt.*, library, shooting, until, floor, rtol, window, derivatives; or a value "
-        "of the mechanism by its dotted path, such as string.modes=80. Repeatable.",
+        "of the mechanism by its dotted path, such as string.modes=80.",
     )(function)
 
 
@@ -255,6 +397,19 @@ def json_option(function: F) -> F:
     return click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")(
         function
     )
+
+
+modulus_option = click.option(
+    "--e-modulus",
+    "modulus",
+    type=positive("Pa"),
+    default="2.5 GPa",
+    show_default=True,
+    help="Fiber modulus [Pa].",
+)
+diameter_option = click.option(
+    "--d-f", type=positive("m"), default="25 um", show_default=True, help="Fiber diameter [m]."
+)
 
 
 def load_with_settings(name: str, settings: tuple[str, ...]) -> Action:

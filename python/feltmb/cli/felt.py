@@ -13,9 +13,11 @@ from feltmb.cli.common import (
     POSITIVE,
     check_targets,
     console,
+    diameter_option,
     force_option,
+    modulus_option,
     new_table,
-    parse_option,
+    positive,
     save_figure,
     say_written,
     tables_as_json,
@@ -107,11 +109,11 @@ def show_command(material: str, points: int, output: Path | None, force: bool) -
 @click.option("--to", "top", type=FRACTION, required=True, help="Largest volume fraction [-].")
 @click.option("--mu", type=NOT_NEGATIVE, default=0.35, show_default=True, help="Friction [-].")
 @click.option(
-    "--Wf0", "withdrawal", type=POSITIVE, default=1.0, show_default=True,
+    "--Wf0", "withdrawal", type=positive("N/m"), default=1.0, show_default=True,
     help="Withdrawal force per length [N/m].",
 )  # fmt: skip
-@click.option("--e-modulus", type=POSITIVE, default="2.5e9", show_default=True, help="Fiber [Pa].")
-@click.option("--d-f", type=POSITIVE, default=25e-6, show_default=True, help="Fiber diameter [m].")
+@modulus_option
+@diameter_option
 @click.option(
     "--gamma",
     type=POSITIVE,
@@ -153,7 +155,7 @@ def loop_command(
     top: float,
     mu: float,
     withdrawal: float,
-    e_modulus: float,
+    modulus: float,
     d_f: float,
     gamma: float,
     k_bend: float,
@@ -179,7 +181,7 @@ def loop_command(
         picture = None if output.suffix == ".csv" else output
         check_targets(output if picture is None else None, pictures=(picture,), force=force)
     v = np.linspace(v_f0, top, points)
-    made = carnaby_pan(v, mu, withdrawal, e_modulus, d_f, v_f0, gamma, k_bend, q, form=form)
+    made = carnaby_pan(v, mu, withdrawal, modulus, d_f, v_f0, gamma, k_bend, q, form=form)
     if not np.all(np.isfinite(made.P_loading)):
         raise InvalidParameter("loop: these numbers give pressures beyond any; check their units")
     if output is not None and output.suffix != ".csv":
@@ -221,7 +223,10 @@ def loop_command(
 @felt.command(name="envelope", short_help="Loop of a contact, force against compression.")
 @click.argument("material", shell_complete=felts)
 @click.option(
-    "--thickness", metavar="LENGTH", required=True, help="Of the felt without load, such as 6mm."
+    "--thickness",
+    type=positive("m"),
+    required=True,
+    help="Of the felt without load [m], such as 6mm.",
 )
 @click.option(
     "--area", required=True, metavar="LAW:NUMBERS",
@@ -233,8 +238,8 @@ def loop_command(
 )
 @click.option(
     "--largest",
-    metavar="LENGTH",
-    help="End of the loop, such as 2mm; default where v_f_max is reached.",
+    type=positive("m"),
+    help="End of the loop [m], such as 2mm; default where v_f_max is reached.",
 )
 @click.option(
     "--points",
@@ -273,10 +278,10 @@ def loop_command(
 @tables_as_json
 def envelope_command(
     material: str,
-    thickness: str,
+    thickness: float,
     area: str,
     columns: bool,
-    largest: str | None,
+    largest: float | None,
     points: int,
     action: str,
     contact: str | None,
@@ -304,10 +309,10 @@ def envelope_command(
             )
     made = envelope(
         load_material(material),
-        parse_option("--thickness", thickness, "m"),
+        thickness,
         parse_area(area),
         compression="columns" if columns else "even",
-        largest=None if largest is None else parse_option("--largest", largest, "m"),
+        largest=largest,
         points=points,
     )
     click.echo(made.about)

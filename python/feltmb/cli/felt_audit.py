@@ -12,7 +12,7 @@ from feltmb.cli.common import (
     force_option,
     json_option,
     new_table,
-    parse_option,
+    positive,
     print_json,
     save_figure,
     set_option,
@@ -65,7 +65,9 @@ def _print_audit(result: Audit) -> None:
 @click.option("--all", "everything", is_flag=True, help="All contacts of mechanism LAW.")
 @set_option
 @click.option(
-    "--largest", metavar="LENGTH", help="End of the audit of a law without a loop, such as 1mm."
+    "--largest",
+    type=positive("m"),
+    help="End of the audit of a law without a loop [m], such as 1mm.",
 )
 @click.option(
     "--plot",
@@ -79,7 +81,7 @@ def audit_command(
     law: str,
     everything: bool,
     settings: tuple[str, ...],
-    largest: str | None,
+    largest: float | None,
     folder: Path | None,
     as_json: bool,
     force: bool,
@@ -95,7 +97,6 @@ def audit_command(
     if everything and ":" in law:
         raise click.UsageError(f"--all is for all contacts of a mechanism; {law} is one of them")
     targets = audit_targets(law, settings, everything=everything)
-    end = None if largest is None else parse_option("--largest", largest, "m")
 
     def picture(name: str) -> Path:
         assert folder is not None
@@ -104,7 +105,7 @@ def audit_command(
     if folder is not None:
         for name, _ in targets:
             check_writable(picture(name), force=force)
-    results = [audit(item, name=name, largest=end) for name, item in targets]
+    results = [audit(item, name=name, largest=largest) for name, item in targets]
     if as_json:
         print_json([r.to_dict() for r in results])
     elif len(results) == 1:

@@ -15,7 +15,7 @@ from feltmb.cli.common import (
     force_option,
     json_option,
     new_table,
-    parse_option,
+    positive,
     print_json,
     save_figure,
     say_written,
@@ -48,9 +48,13 @@ __all__ = ["fit_command", "identify_command"]
 )  # fmt: skip
 @click.option("--v-f0", type=FRACTION, help="Volume fraction without load [-]; default the felt's.")
 @click.option(
-    "--thickness", metavar="LENGTH", help="Thickness at v_f0, such as 6mm, for thickness data."
+    "--thickness",
+    type=positive("m"),
+    help="Thickness without load [m], such as 6mm, for thickness data; default: estimated.",
 )
-@click.option("--area", metavar="AREA", help="Area of the sample, such as 4cm^2, for force data.")
+@click.option(
+    "--area", type=positive("m^2"), help="Area of the sample [m^2], such as 4cm2, for force data."
+)
 @click.option(
     "--relative", type=Number(0.0, 1e3), default=0.0, show_default=True, help="Relative weight [-]."
 )
@@ -63,8 +67,8 @@ def identify_command(
     output: Path | None,
     folder: Path | None,
     v_f0: float | None,
-    thickness: str | None,
-    area: str | None,
+    thickness: float | None,
+    area: float | None,
     relative: float,
     level: float,
     as_json: bool,
@@ -87,8 +91,8 @@ def identify_command(
     data = read_compression(
         test,
         v_f0=base.v_f0 if v_f0 is None else v_f0,
-        thickness0=None if thickness is None else parse_option("--thickness", thickness, "m"),
-        area=None if area is None else parse_option("--area", area, "m^2"),
+        thickness0=thickness,
+        area=area,
     )
     name = output.stem if output is not None else test.stem
     result = identify(data, material=base, relative=relative, level=level, name=name)
@@ -100,6 +104,8 @@ def identify_command(
                 "loss": result.material.loss(),
                 "closing_gap": result.closing_gap,
                 "warnings": list(result.warnings),
+                "thickness": result.thickness,
+                "thickness_interval": result.thickness_interval,
                 "v_f0": result.material.v_f0,
                 "v_f_max": result.material.end,
                 **{
@@ -134,6 +140,15 @@ def identify_command(
                 table.add_row(
                     b.which, title, f"{getattr(b, key):.5g}", f"{low:.5g}", f"{high:.5g}", fit
                 )
+        if result.thickness is not None and result.thickness_interval is not None:
+            low, high = (1e3 * x for x in result.thickness_interval)
+            table.add_row(
+                "both",
+                "thickness [mm]",
+                f"{1e3 * result.thickness:.5g}",
+                f"{low:.5g}",
+                f"{high:.5g}",
+            )
         console().print(table)
         click.echo(f"loss of the loop: {100 * result.material.loss():.2f} % of the loading work")
         for warning in result.warnings:
@@ -158,8 +173,8 @@ def identify_command(
 )
 @click.option(
     "--thickness",
-    metavar="LENGTH",
-    help="Without load, such as 3mm; default: fitted, gamma = pi/2.",
+    type=positive("m"),
+    help="Without load [m], such as 3mm; default: fitted, gamma = pi/2.",
 )
 @click.option(
     "--friction", type=Number(0, 1, max_open=True), default=0.1, show_default=True,
@@ -179,7 +194,7 @@ def fit_command(
     contact: str,
     area: str,
     fibers: str,
-    thickness: str | None,
+    thickness: float | None,
     friction: float,
     settings: tuple[str, ...],
     output: Path | None,
@@ -203,7 +218,7 @@ def fit_command(
         back,
         parse_area(area),
         fibers=load_material(fibers),
-        thickness=None if thickness is None else parse_option("--thickness", thickness, "m"),
+        thickness=thickness,
         friction_share=friction,
         name=output.stem if output is not None else name.replace(":", "_"),
         about=f"Felt fitted to the loop of {name}; fibers of {fibers}",

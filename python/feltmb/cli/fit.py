@@ -7,11 +7,11 @@ from pathlib import Path
 import click
 
 from feltmb.cli.common import (
-    POSITIVE,
     console,
     force_option,
     json_option,
     new_table,
+    positive,
     print_json,
     say_written,
     subject_set_option,
@@ -24,7 +24,7 @@ __all__ = ["command"]
 @click.command(name="fit")
 @click.argument("model", shell_complete=actions)
 @click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--window", type=POSITIVE, help="Length of shooting windows [s].")
+@click.option("--window", type=positive("s"), help="Length of shooting windows [s].")
 @click.option(
     "--restarts",
     type=click.IntRange(0, 10_000),

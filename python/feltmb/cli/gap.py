@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from feltmb.cli.common import (
-    POSITIVE,
     Number,
     console,
     force_option,
     is_terminal,
     json_option,
+    list_option,
     new_table,
+    positive,
     print_json,
     say_written,
     subject_set_option,
@@ -111,13 +112,13 @@ def check(data: tuple[Path, ...], as_json: bool) -> None:
 )
 @click.argument("model", shell_complete=actions)
 @click.argument("data", nargs=-1, type=click.Path(path_type=Path))
-@click.option("--channels", help="Channels or outputs that will be measured, comma-separated.")
+@list_option("--channels", metavar="NAME", help="Channel or output that will be measured.")
 @subject_set_option
 @json_option
 def foresee_command(
     model: str,
     data: tuple[Path, ...],
-    channels: str | None,
+    channels: tuple[str, ...],
     settings: tuple[str, ...],
     as_json: bool,
 ) -> None:
@@ -132,10 +133,7 @@ def foresee_command(
     from feltmb.gap import foresee
     from feltmb.gap.files import plain
 
-    chosen = [c.strip() for c in (channels or "").split(",") if c.strip()]
-    if channels is not None and not chosen:
-        raise InvalidParameter(f"--channels: got {channels!r}, expected names with commas")
-    subject = load_subject(model, settings, chosen)
+    subject = load_subject(model, settings, channels)
     planned = subject.planned
     records = subject.read(data) if data else planned
     if not records:
@@ -144,7 +142,7 @@ def foresee_command(
         subject.nominal,
         subject.effects,
         records if data else records[:1],
-        channels=subject.outputs_of(chosen) if chosen else None,
+        channels=subject.outputs_of(channels) if channels else None,
         candidates=planned if data else records[1:],
     )
     if as_json:
@@ -177,12 +175,11 @@ def foresee_command(
 @command.command("diagnose")
 @click.argument("model", shell_complete=actions)
 @click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option(
+@list_option(
     "--hold-out",
     "hold_out",
-    multiple=True,
     metavar="NAME",
-    help="Record (or its file) that proves what the others suggest. Repeatable. Default: the "
+    help="Record (or its file) that proves what the others suggest. Default: the "
     "records whose TOML says so, else some are chosen.",
 )
 @click.option(
@@ -193,14 +190,13 @@ def foresee_command(
     type=click.Path(path_type=Path),
     help="Folder of report.html, report.json.",
 )
-@click.option(
+@list_option(
     "--include",
     "included",
     shell_complete=effects,
-    multiple=True,
     metavar="EFFECT",
     help="Effect of the library that is made part of the model first, its size a parameter: is "
-    "there a gap left? Repeatable.",
+    "there a gap left?",
 )
 @click.option(
     "--alpha",
@@ -209,7 +205,7 @@ def foresee_command(
     show_default=True,
     help="Family-wise false alarm rate.",
 )
-@click.option("--window", type=POSITIVE, help="Length of shooting windows [s].")
+@click.option("--window", type=positive("s"), help="Length of shooting windows [s].")
 @click.option(
     "--max-effects",
     type=click.IntRange(1, 6),

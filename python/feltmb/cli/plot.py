@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from feltmb.cli.common import force_option, say_written, tables_as_json
+from feltmb.cli.common import force_option, list_option, say_written, tables_as_json
 
 
 @click.command("plot")
@@ -17,11 +17,10 @@ from feltmb.cli.common import force_option, say_written, tables_as_json
     type=click.Path(path_type=Path, file_okay=False),
     help="Folder; default: beside each run.",
 )
-@click.option(
+@list_option(
     "--compare",
-    multiple=True,
     metavar="OUTPUT",
-    help="Overlay this output of all runs instead, such as hammer_tip.x. Repeatable.",
+    help="Overlay this output of all runs instead, such as hammer_tip.x.",
 )
 @force_option
 @tables_as_json

@@ -8,15 +8,16 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from feltmb.cli.common import (
-    POSITIVE,
     Number,
     check_targets,
     console,
     force_option,
     is_terminal,
     json_option,
+    list_option,
     load_with_settings,
     new_table,
+    positive,
     pretty,
     print_json,
     save_figure,
@@ -34,12 +35,11 @@ _UNITS = (("_time", "s"), ("_duration", "s"), ("_speed", "m/s"), ("_force", "N")
 @click.command("sensitivity")
 @click.argument("action", shell_complete=actions)
 @click.argument("stroke", shell_complete=strokes)
-@click.option(
+@list_option(
     "--parameters",
     "paths",
-    multiple=True,
     metavar="PATH",
-    help="Dotted path as for --set; * for any name; stroke.scale, stroke.delay. Repeatable. "
+    help="Dotted path as for --set; * for any name; stroke.scale, stroke.delay. "
     "Default: every number of the mechanism, which takes a while.",
 )
 @click.option(
@@ -52,7 +52,9 @@ _UNITS = (("_time", "s"), ("_duration", "s"), ("_speed", "m/s"), ("_force", "N")
 @click.option(
     "--most", type=click.IntRange(1), default=20, show_default=True, help="Rows of the table."
 )
-@click.option("--duration", type=POSITIVE, help="Simulated time [s]; default: the stroke's own.")
+@click.option(
+    "--duration", type=positive("s"), help="Simulated time [s]; default: the stroke's own."
+)
 @click.option(
     "--rtol",
     type=Number(1e-13, 1e-2),

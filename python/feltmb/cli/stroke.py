@@ -9,16 +9,17 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from feltmb.cli.common import (
-    POSITIVE,
     Number,
     complain,
     console,
     force_option,
     json_option,
+    list_option,
     load_with_settings,
     new_table,
     parse_damper,
     parse_option,
+    positive,
     pretty,
     print_json,
     say_written,
@@ -50,12 +51,11 @@ if TYPE_CHECKING:
     help="Damper of the actuator: none, dashpot, one-sided; C in N m s/rad, default the thesis's.",
 )
 @click.option("--pad", metavar="NAME", help="What its finger wears: pulp (default) or felt.")
-@click.option(
+@list_option(
     "--torque",
     "torques",
-    multiple=True,
     metavar="FILE",
-    help="Torque of its motor by time, CSV or TOML; default: that of the actuator. Repeatable.",
+    help="Torque of its motor by time, CSV or TOML; default: that of the actuator.",
 )
 @click.option(
     "--out",
@@ -65,7 +65,9 @@ if TYPE_CHECKING:
 )
 @click.option("--plot", is_flag=True, help="Also draw plots beside --out (or here).")
 @click.option("--wav", is_flag=True, help="Also write the string as WAV beside --out (or here).")
-@click.option("--duration", type=POSITIVE, help="Simulated time [s]; default: the stroke's own.")
+@click.option(
+    "--duration", type=positive("s"), help="Simulated time [s]; default: the stroke's own."
+)
 @click.option(
     "--rtol", type=Number(1e-13, 1e-2), default=1e-6, show_default=True, help="Relative tolerance."
 )
@@ -83,12 +85,16 @@ if TYPE_CHECKING:
     help="cvode: all states by CVODES; modal: a free string vibrates exactly outside of it.",
 )
 @click.option(
-    "--output-rate", type=POSITIVE, default=10000.0, show_default=True, help="Samples a second."
+    "--output-rate",
+    type=positive("Hz"),
+    default=10000.0,
+    show_default=True,
+    help="Samples a second [Hz].",
 )
 @click.option(
     "--max-wall",
-    type=POSITIVE,
-    help="Give up after this many seconds of wall time a stroke; what was simulated is saved.",
+    type=positive("s"),
+    help="Give up after this wall time a stroke [s]; what was simulated is saved.",
 )
 @click.option(
     "--start",

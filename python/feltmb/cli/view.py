@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from feltmb.cli.common import POSITIVE, force_option, say_written, tables_as_json
+from feltmb.cli.common import POSITIVE, Quantity, force_option, say_written, tables_as_json
 
 
 @click.command("view")
@@ -25,13 +25,15 @@ from feltmb.cli.common import POSITIVE, force_option, say_written, tables_as_jso
     show_default=True,
     help="How many times slower than life; can be changed in the page.",
 )
-@click.option("--window", type=(float, float), metavar="FROM TO", help="Only this time [s].")
+@click.option(
+    "--window", type=(Quantity("s"), Quantity("s")), metavar="FROM TO", help="Only this time [s]."
+)
 @click.option(
     "--align",
     metavar="EVENT",
     help="Let this event, such as string_contact_on, happen at the same time in all runs.",
 )
-@click.option("--at", type=float, metavar="TIME", help="Begin at this time [s].")
+@click.option("--at", type=Quantity("s"), help="Begin at this time [s].")
 @force_option
 @tables_as_json
 def command(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from feltmb.cli.common import POSITIVE, force_option, say_written, tables_as_json
+from feltmb.cli.common import POSITIVE, Quantity, force_option, say_written, tables_as_json
 
 
 @click.command("wav")
@@ -20,7 +20,7 @@ from feltmb.cli.common import POSITIVE, force_option, say_written, tables_as_jso
 )
 @click.option(
     "--position",
-    type=float,
+    type=Quantity("m"),
     help="Listen to the string's displacement here [m] from "
     "its end y = 0; default: the force at the bridge end.",
 )

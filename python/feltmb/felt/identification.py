@@ -10,7 +10,7 @@ point, for each branch by itself.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from feltmb._core import fiber as _core
 from feltmb.errors import DataError, InvalidParameter, ModelError
 from feltmb.fiber import CompressionData
+from feltmb.fiber.data import slack_fault
 from feltmb.material import (
     Branch,
     BranchCurve,
@@ -102,6 +103,10 @@ class Identification:
     warnings: tuple[str, ...]
     name: str
     """Of the test."""
+    thickness: float | None = None
+    """Without load [m], of a test by thickness that did not know it: estimated."""
+    thickness_interval: tuple[float, float] | None = None
+    """Confidence interval of the estimated thickness [m]."""
 
     @property
     def closing_gap(self) -> float:
@@ -124,6 +129,12 @@ class Identification:
             f"| branch | parameter | value | {percent} interval |",
             "|---|---|---|---|",
         ]
+        if self.thickness is not None and self.thickness_interval is not None:
+            low, high = self.thickness_interval
+            lines.append(
+                f"| both | unloaded thickness [mm], estimated | {self.thickness * 1e3:.5g} | "
+                f"{low * 1e3:.5g} to {high * 1e3:.5g} |"
+            )
         for b in (self.loading, self.unloading):
             for key, unit in (("K_p", "Pa"), ("gamma", "-")):
                 low, high = b.interval[key]
@@ -210,7 +221,21 @@ def _fit_elastic(
     return best_K(found)[0], found
 
 
-def _intervals(
+@dataclass(frozen=True)
+class _Linear:
+    """A branch to first order: how its parameters follow the scatter of its pressures."""
+
+    gain: Array
+    """d (log K_p, log gamma) / dP, shape (2, n)."""
+    variance: Array
+    """Of each pressure [Pa^2]."""
+    weight: Array
+    """Of each sample [-]."""
+    freedom: int
+    """Samples less parameters."""
+
+
+def _linear(
     v: Array,
     pressure: Array,
     fitted: Array,
@@ -218,15 +243,12 @@ def _intervals(
     material: FeltMaterial,
     which: BranchName,
     branch: Branch,
-    level: float,
-) -> tuple[dict[str, tuple[float, float]], float]:
-    """Intervals of the whole procedure, friction and fixed point included, to first order.
+) -> _Linear:
+    """The whole procedure, friction and fixed point included, to first order.
 
     The estimate solves J^T W (sigma(P, gamma) - f(K_p, gamma)) = 0 with J = df/d(log K_p, log
     gamma); its scatter follows from that of P by the implicit function theorem.
     """
-    from scipy.stats import t as student
-
     q, v0 = material.fiber.Q, material.v_f0
     f = branch.K_p * _shape(v, v0, q, branch.gamma)
     jacobian = np.column_stack([f, branch.K_p * _shape_slope(v, v0, q, branch.gamma)])
@@ -247,22 +269,40 @@ def _intervals(
     moved[:, 1] -= by_gamma
     weighted = (weight**2)[:, None] * jacobian
     normal = weighted.T @ moved
-    gain = np.linalg.solve(normal, weighted.T * by_pressure)
+    gain = np.asarray(np.linalg.solve(normal, weighted.T * by_pressure), dtype=float)
     freedom = len(v) - 2
     residual = weight * (pressure - fitted)
     variance = float(residual @ residual) / freedom / weight**2
-    covariance = (gain * variance) @ gain.T
+    return _Linear(gain, variance, weight, freedom)
+
+
+def _with_intervals(fit: BranchFit, covariance: Array, freedom: int, level: float) -> BranchFit:
+    """The fit with the intervals of this covariance of log K_p and log gamma.
+
+    Raises
+    ------
+    ModelError
+        The data say nothing of gamma.
+    """
+    from scipy.stats import t as student
+
     deviation = np.sqrt(np.diag(covariance))
-    factor = float(student.ppf(0.5 + 0.5 * level, freedom))
-    out = {}
-    for key, value, sd in (
-        ("K_p", branch.K_p, deviation[0]),
-        ("gamma", branch.gamma, deviation[1]),
-    ):
-        reach = min(factor * float(sd), 700.0)
-        out[key] = (value * math.exp(-reach), value * math.exp(reach))
+    reach = float(student.ppf(0.5 + 0.5 * level, freedom)) * deviation
+    low, high = (math.log(x / fit.gamma) for x in _GAMMA_RANGE)
+    if -reach[1] <= low and reach[1] >= high:
+        raise ModelError(
+            f"identify: {fit.which}: gamma is undetermined: {100 * level:g} % of its values cover "
+            f"all that was searched, {_GAMMA_RANGE[0]:g} to {_GAMMA_RANGE[1]:g}, and K_p goes with "
+            "it. More compression, less scatter or more samples are needed; check the unloaded "
+            "thickness and v_f0 too"
+        )
+    interval = {
+        key: (value * math.exp(-min(r, 700.0)), value * math.exp(min(r, 700.0)))
+        for key, value, r in zip(("K_p", "gamma"), (fit.K_p, fit.gamma), reach, strict=True)
+    }
     product = float(deviation[0] * deviation[1])
-    return out, float(covariance[0, 1]) / product if product > 0 else 0.0
+    correlation = float(covariance[0, 1]) / product if product > 0 else 0.0
+    return replace(fit, interval=interval, correlation=correlation)
 
 
 def _identify_branch(
@@ -271,9 +311,9 @@ def _identify_branch(
     pressure: Array,
     material: FeltMaterial,
     relative: float,
-    level: float,
     start: float,
-) -> BranchFit:
+) -> tuple[BranchFit, _Linear]:
+    """Fit one branch; the intervals are left out."""
     order = np.argsort(v, kind="stable")
     v, pressure = v[order], pressure[order]
     weight = 1.0 / (1.0 + relative * np.maximum(pressure, 0.0) / np.max(pressure))
@@ -303,13 +343,17 @@ def _identify_branch(
             f"identify: {which}: the best K_p = {K:.6g} Pa, expected > 0: the elastic part of the "
             "data does not grow with compression"
         )
+    if not 1.01 * _GAMMA_RANGE[0] < gamma < 0.99 * _GAMMA_RANGE[1]:
+        raise ModelError(
+            f"identify: {which}: gamma = {gamma:.4g} is at an end of its range, "
+            f"{_GAMMA_RANGE[0]:g} to {_GAMMA_RANGE[1]:g}: the data have not the shape of the law. "
+            "Check the unloaded thickness, v_f0, the area and the fibers of the material"
+        )
     rows = sliding_at_pressure(material, v, pressure, which, gamma)
     branch = Branch(K_p=K, gamma=gamma)
     curve: BranchCurve = material.model_copy(update={which: branch}).branch(which, v)
-    interval, correlation = _intervals(
-        v, pressure, curve.pressure, weight, material, which, branch, level
-    )
-    return BranchFit(
+    linear = _linear(v, pressure, curve.pressure, weight, material, which, branch)
+    fit = BranchFit(
         which=which,
         v_f=v,
         pressure=pressure,
@@ -321,11 +365,161 @@ def _identify_branch(
         fitted=curve.pressure,
         K_p=K,
         gamma=gamma,
-        interval=interval,
-        correlation=correlation,
+        interval={},
+        correlation=math.nan,
         rounds=tuple(rounds),
         ambiguous=int(np.sum(rows[:, 8] == 0.0)),
     )
+    return fit, linear
+
+
+@dataclass(frozen=True)
+class _Thickness:
+    """Unloaded thickness that the loading branch gives, by its logarithm s."""
+
+    value: float
+    """[m]."""
+    interval: tuple[float, float]
+    """[m]."""
+    row: Array
+    """ds/dP of the pressures of loading."""
+    variance: float
+    """Of s [-]."""
+
+
+def _estimate_thickness(
+    test: CompressionData, base: FeltMaterial, relative: float, level: float
+) -> _Thickness:
+    """Unloaded thickness with the least squares of loading, all else fitted to it.
+
+    Its scatter follows from the condition of the least squares to first order: D^T W^2 (P - F) = 0,
+    D the derivative of the fitted pressures by s along the fits, P the data.
+
+    Raises
+    ------
+    ModelError
+        The data do not determine it.
+    """
+    from scipy.optimize import minimize_scalar
+    from scipy.stats import t as student
+
+    assert test.thickness is not None
+    height, pressure = test.thickness[test.loading], test.pressure[test.loading]
+    bottom = test.thickest_loaded
+    # As far as fibers fill all but a part that friction and bending need.
+    top = 0.98 * float(np.min(test.thickness)) / base.v_f0
+    span = math.log(top / bottom) if top > bottom else 0.0
+    start = 1.5
+
+    def at(s: float) -> tuple[BranchFit, _Linear]:
+        v = base.v_f0 * bottom * math.exp(s) / height
+        inside = v > base.v_f0 * (1.0 + 1e-12)
+        return _identify_branch("loading", v[inside], pressure[inside], base, relative, start)
+
+    def cost(s: float) -> float:
+        try:
+            fit, linear = at(s)
+        except ModelError:
+            return math.inf
+        slack = pressure[height >= bottom * math.exp(s)]
+        return float(np.sum((linear.weight * fit.residuals) ** 2) + np.sum(slack**2))
+
+    grid = span * np.linspace(0.0, 1.0, 17) ** 2
+    costs = [cost(float(s)) for s in grid]
+    best = int(np.argmin(costs))
+    unknown = (
+        f"identify: {test.name}: the unloaded thickness was not given, and the data do not "
+        "determine it"
+    )
+    ask = (
+        f"The file is under load at {bottom * 1e3:.6g} mm: measure the thickness without load and "
+        "give it (thickness0 of read_compression, --thickness)"
+    )
+    if span <= 0.0 or not math.isfinite(costs[best]) or best == len(grid) - 1:
+        raise ModelError(f"{unknown}. {ask}")
+    around = (float(grid[max(best - 1, 0)]), float(grid[best + 1]))
+    found = float(
+        minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": 1e-7 * span}).x
+    )
+    fit, linear = at(found)
+    start = fit.gamma
+    h = min(1e-3, 0.1 * span)
+    left = max(found - h, 0.0)
+    (ahead, _), (behind, _) = at(found + h), at(left)
+    n = len(fit.v_f)
+    # The same samples, sorted by volume fraction; the loosest may be missing at the left.
+    kept = min(n, len(behind.v_f))
+    by_s = np.zeros(n)
+    by_s[n - kept :] = (ahead.fitted[-kept:] - behind.fitted[-kept:]) / (found + h - left)
+    by_parameters = np.column_stack(
+        [
+            (
+                _fitted(base, "loading", fit, *(1e-4 * e))
+                - _fitted(base, "loading", fit, *(-1e-4 * e))
+            )
+            / 2e-4
+            for e in np.eye(2)
+        ]
+    )
+    weighted = by_s * linear.weight**2
+    row = (weighted - (weighted @ by_parameters) @ linear.gain) / float(weighted @ by_s)
+    freedom = linear.freedom - 1
+    variance = float((row * linear.variance * linear.freedom / freedom) @ row)
+    reach = float(student.ppf(0.5 + 0.5 * level, freedom)) * math.sqrt(variance)
+    value = bottom * math.exp(found)
+    interval = (max(bottom, value * math.exp(-reach)), value * math.exp(min(reach, 700.0)))
+    if interval[1] >= top:
+        raise ModelError(
+            f"{unknown}: {interval[0] * 1e3:.5g} to {min(interval[1], top) * 1e3:.5g} mm would do. "
+            + ask
+        )
+    return _Thickness(value, interval, row, variance)
+
+
+def _fitted(
+    material: FeltMaterial, which: BranchName, fit: BranchFit, log_K: float, log_gamma: float
+) -> Array:
+    """Pressure with changed parameters."""
+    branch = Branch(K_p=fit.K_p * math.exp(log_K), gamma=fit.gamma * math.exp(log_gamma))
+    return material.model_copy(update={which: branch}).branch(which, fit.v_f).pressure
+
+
+def _spread(
+    fits: tuple[tuple[BranchFit, _Linear], tuple[BranchFit, _Linear]],
+    level: float,
+    test: CompressionData,
+    base: FeltMaterial,
+    relative: float,
+    thickness: _Thickness | None,
+) -> tuple[BranchFit, BranchFit]:
+    """Both branches with their intervals, that of an estimated thickness included."""
+    out = []
+    for fit, linear in fits:
+        if thickness is None:
+            covariance = (linear.gain * linear.variance) @ linear.gain.T
+            out.append(_with_intervals(fit, covariance, linear.freedom, level))
+            continue
+        keep = test.loading if fit.which == "loading" else ~test.loading
+        assert test.thickness is not None
+        h = 1e-3
+        moved = []
+        for side in (h, -h):
+            v = base.v_f0 * thickness.value * math.exp(side) / test.thickness[keep]
+            inside = v > base.v_f0 * (1.0 + 1e-12)
+            pressure = test.pressure[keep][inside]
+            other, _ = _identify_branch(fit.which, v[inside], pressure, base, relative, fit.gamma)
+            moved.append(np.log([other.K_p, other.gamma]))
+        by_s = (moved[0] - moved[1]) / (2 * h)
+        if fit.which == "loading":
+            gain = linear.gain + np.outer(by_s, thickness.row)
+            freedom = linear.freedom - 1
+            covariance = (gain * linear.variance * linear.freedom / freedom) @ gain.T
+        else:
+            freedom = linear.freedom
+            covariance = (linear.gain * linear.variance) @ linear.gain.T
+            covariance += thickness.variance * np.outer(by_s, by_s)
+        out.append(_with_intervals(fit, covariance, freedom, level))
+    return out[0], out[1]
 
 
 def _as_data(
@@ -378,6 +572,10 @@ def identify(
 ) -> Identification:
     """Identify a felt from a measured loading-unloading loop (thesis section 3.3.2).
 
+    A test by thickness that does not know its unloaded thickness (``reference_known`` is False)
+    gets it from the loading branch, by least squares, not below the largest thickness under load;
+    its uncertainty is part of all intervals.
+
     Parameters
     ----------
     data
@@ -408,7 +606,8 @@ def identify(
     InvalidParameter, DataError
         Arguments or data that cannot be used, all faults at once.
     ModelError
-        No fixed point, or an elastic part that does not grow.
+        No fixed point, an elastic part that does not grow, a parameter at an end of its range, or
+        data that do not determine gamma or the unloaded thickness.
     """
     where = "identify"
     faults: list[str] = []
@@ -425,6 +624,8 @@ def identify(
         raise InvalidParameter("\n".join(faults))
     test = _as_data(data, pressure, loading, v_f0 if v_f0 is not None else material.v_f0)
     reference = v_f0 if v_f0 is not None else test.v_f0
+    if v_f0 is None and not test.reference_known and test.thickness is None:
+        reference = material.v_f0  # that of the loosest sample is under load
     base = material.model_copy(
         update={
             "name": name or test.name,
@@ -438,11 +639,31 @@ def identify(
         }
     )
     warnings: list[str] = []
+    thickness: _Thickness | None = None
+    if test.thickness is not None and not test.reference_known:
+        if np.sum(test.loading) < 8:
+            raise DataError(
+                f"{test.name}: {int(np.sum(test.loading))} samples of loading, expected at least 8 "
+                "to estimate the unloaded thickness"
+            )
+        thickness = _estimate_thickness(test, base, relative, level)
+        low, high = (1e3 * x for x in thickness.interval)
+        warnings.append(
+            f"The unloaded thickness was not given: estimated as {thickness.value * 1e3:.5g} mm, "
+            f"{low:.5g} to {high:.5g} mm; the file is under load at "
+            f"{test.thickest_loaded * 1e3:.5g} mm. All intervals include this uncertainty."
+        )
+        v = reference * thickness.value / test.thickness
+        test = replace(test, v_f=v, v_f0=reference)
+    else:
+        slack = slack_fault(replace(test, v_f0=reference), None)
+        if slack:
+            raise DataError(f"{test.name}: {slack}")
     branches: dict[str, tuple[Array, Array]] = {}
     for which in ("loading", "unloading"):
         keep = test.loading if which == "loading" else ~test.loading
         v, p = test.v_f[keep], test.pressure[keep]
-        inside = v > reference
+        inside = v > reference * (1.0 + 1e-12)
         if np.sum(inside) < 5:
             faults.append(
                 f"{test.name}: {int(np.sum(inside))} samples of {which} above v_f0 = "
@@ -460,8 +681,9 @@ def identify(
     if faults:
         raise DataError("\n".join(faults))
 
-    load = _identify_branch("loading", *branches["loading"], base, relative, level, 1.5)
-    back = _identify_branch("unloading", *branches["unloading"], base, relative, level, load.gamma)
+    first = _identify_branch("loading", *branches["loading"], base, relative, 1.5)
+    second = _identify_branch("unloading", *branches["unloading"], base, relative, first[0].gamma)
+    load, back = _spread((first, second), level, test, base, relative, thickness)
     end = float(max(load.v_f[-1], back.v_f[-1]))
     grid = reference + (end - reference) * (np.arange(1, 66) / 65.0) ** 2
     found = base.with_branches(
@@ -474,8 +696,9 @@ def identify(
     )
     found = found.model_copy(update={"critical_angles": angles})
     result = Identification(found, load, back, level, (), test.name)
-    warnings += _doubts(result)
-    return Identification(found, load, back, level, tuple(warnings), test.name)
+    if thickness is not None:
+        result = replace(result, thickness=thickness.value, thickness_interval=thickness.interval)
+    return replace(result, warnings=(*warnings, *_doubts(result)))
 
 
 def _doubts(result: Identification) -> list[str]:

@@ -5,41 +5,41 @@ from __future__ import annotations
 import csv
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.errors import DataError
+from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import is_file, plain_text
 from feltmb.quantity import shortened
+from feltmb.units import conversion_factor, dimension_text
 
 Array = NDArray[np.float64]
 
-_UNITS: dict[str, dict[str, float]] = {
-    "v_f": {"-": 1.0, "1": 1.0, "": 1.0, "%": 0.01},
-    "strain": {"-": 1.0, "1": 1.0, "": 1.0, "%": 0.01},
-    "thickness": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6},
-    "pressure": {
-        "Pa": 1.0,
-        "kPa": 1e3,
-        "MPa": 1e6,
-        "N/m^2": 1.0,
-        "N/mm^2": 1e6,
-        "N/cm^2": 1e4,
-        "bar": 1e5,
-    },
-    "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
-    "branch": {"": 1.0, "-": 1.0},
+#: column -> SI unit of what is computed
+_UNITS = {
+    "v_f": "1",
+    "strain": "1",
+    "thickness": "m",
+    "pressure": "Pa",
+    "force": "N",
+    "branch": "1",
 }
+_RESOLUTION = 1e-3  # of a load cell over the largest load of a test [-]
 _FRACTIONS = ("v_f", "strain", "thickness")
 _LOADS = ("pressure", "force")
 
 
 @dataclass(frozen=True)
 class CompressionData:
-    """One compression test."""
+    """One compression test.
+
+    Where nothing says at which thickness (or volume fraction) the felt is unloaded,
+    ``reference_known`` is False. The reference is then that of the thickest sample, which may
+    already carry load; :func:`feltmb.fiber.fit` and :func:`feltmb.felt.identify` estimate it.
+    """
 
     v_f: Array
     """Volume fraction [-]."""
@@ -50,6 +50,44 @@ class CompressionData:
     v_f0: float
     """Volume fraction of zero pressure [-]."""
     name: str = "data"
+    thickness: Array | None = None
+    """Of the sample [m]; None of a test by volume fraction or strain."""
+    reference_known: bool = True
+    """Whether the unloaded state was given."""
+
+    @property
+    def thickest_loaded(self) -> float:
+        """Largest thickness of a sample that carries load [m]; nan without thicknesses."""
+        if self.thickness is None:
+            return math.nan
+        return float(np.max(self.thickness[self.is_loaded]))
+
+    @property
+    def loosest_loaded(self) -> float:
+        """Smallest volume fraction of a sample that carries load [-]."""
+        return float(np.min(self.v_f[self.is_loaded]))
+
+    @property
+    def is_loaded(self) -> NDArray[np.bool_]:
+        """Where the pressure is above its scatter and what a load cell resolves."""
+        top = float(np.max(self.pressure))
+        return np.asarray(self.pressure > max(5.0 * _scatter(self), _RESOLUTION * top))
+
+    def with_thickness(self, thickness0: float) -> CompressionData:
+        """Return the test with this thickness [m] at ``v_f0``.
+
+        Raises
+        ------
+        DataError
+            The test has no thicknesses, or carries load at a larger one.
+        """
+        if self.thickness is None:
+            raise DataError(f"{self.name}: has no thicknesses, expected a test with them")
+        made = replace(self, v_f=self.v_f0 * thickness0 / self.thickness, reference_known=True)
+        fault = slack_fault(made, thickness0)
+        if fault:
+            raise DataError(f"{self.name}: {fault}")
+        return made
 
     def branch(self, which: str) -> CompressionData:
         """Return only ``"loading"`` or ``"unloading"`` samples (``"both"``: everything)."""
@@ -60,9 +98,46 @@ class CompressionData:
         keep = self.loading if which == "loading" else ~self.loading
         if not keep.any():
             raise DataError(f"{self.name}: no samples on the {which} branch, expected at least 1")
-        return CompressionData(
-            self.v_f[keep], self.pressure[keep], self.loading[keep], self.v_f0, self.name
+        return replace(
+            self,
+            v_f=self.v_f[keep],
+            pressure=self.pressure[keep],
+            loading=self.loading[keep],
+            thickness=None if self.thickness is None else self.thickness[keep],
         )
+
+
+def _scatter(data: CompressionData) -> float:
+    """Standard deviation of the pressures about a smooth curve [Pa], by third differences.
+
+    The median of the absolute values: a kink or an outlier does not count.
+    """
+    found = []
+    for branch in (data.loading, ~data.loading):
+        p = data.pressure[branch]
+        if len(p) >= 8:
+            found.append(float(np.median(np.abs(np.diff(p[np.argsort(data.v_f[branch])], 3)))))
+    # Third differences of white noise have the variance 1 + 9 + 9 + 1.
+    return 1.4826 * min(found) / math.sqrt(20.0) if found else 0.0
+
+
+def slack_fault(data: CompressionData, thickness0: float | None) -> str:
+    """What is wrong with an unloaded state at which the test carries load; empty if nothing."""
+    beyond = data.is_loaded & (data.v_f < data.v_f0 * (1.0 - 1e-9))
+    if not beyond.any():
+        return ""
+    worst = int(np.argmax(np.where(beyond, data.pressure, -np.inf)))
+    carried = f"carries {data.pressure[worst]:.4g} Pa"
+    if data.thickness is not None and thickness0 is not None:
+        return (
+            f"thickness {thickness0 * 1e3:.6g} mm without load, but the test {carried} at "
+            f"{data.thickness[worst] * 1e3:.6g} mm; expected more than "
+            f"{data.thickest_loaded * 1e3:.6g} mm, the largest thickness under load in the file"
+        )
+    return (
+        f"v_f0 = {data.v_f0:.6g} without load, but the test {carried} at v_f = "
+        f"{data.v_f[worst]:.6g}; expected less than {data.loosest_loaded:.6g}"
+    )
 
 
 def _listed(faults: list[str], most: int = 20) -> str:
@@ -90,10 +165,11 @@ def read_compression(
     path
         CSV file, comma, semicolon or tab separated, decimal point.
     v_f0
-        Volume fraction of zero pressure [-]; needed with strain or thickness. With ``v_f``
-        data the smallest value of the file when not given.
+        Volume fraction of zero pressure [-]; needed with strain or thickness. If it is not given
+        with ``v_f`` data, that of the loosest sample stands in and ``reference_known`` is False.
     thickness0
-        Thickness at ``v_f0`` [m]; the largest of the file when not given.
+        Thickness at ``v_f0`` [m]. If it is not given, the largest of the file stands in and
+        ``reference_known`` is False: the thickest sample may already carry load.
     area
         Sample area [m^2]; needed with force.
 
@@ -133,14 +209,16 @@ def read_compression(
             continue
         if key in columns:
             fault(f'line {number}: column "{key}" appears twice, expected once')
-        if unit not in _UNITS[key]:
-            expected = ", ".join(u for u in _UNITS[key] if u)
+        try:
+            columns[key] = (position, conversion_factor(unit, _UNITS[key]))
+        except InvalidParameter:
+            si = _UNITS[key]
+            expected = "-, %" if si == "1" else dimension_text(si)
             fault(
                 f'line {number}: column "{title}" has unit "{unit}", expected one of {expected} '
                 f'(write it as "{key} [{expected.split(", ")[0]}]")'
             )
             continue
-        columns[key] = (position, _UNITS[key][unit])
     fractions = [c for c in _FRACTIONS if c in columns]
     loads = [c for c in _LOADS if c in columns]
     seen = ", ".join(f'"{h}"' for h in header)
@@ -200,8 +278,10 @@ def read_compression(
     if load == "force":
         assert area is not None
         p = p / area
+    known = True
     if fraction == "v_f":
         v = x
+        known = v_f0 is not None
         reference = float(np.min(v)) if v_f0 is None else v_f0
     else:
         assert v_f0 is not None
@@ -211,6 +291,7 @@ def read_compression(
                 fault(f"strain up to {np.max(x):.6g}, expected < 1 (compression positive)")
             v = v_f0 / np.where(x < 1, 1 - x, np.nan)
         else:
+            known = thickness0 is not None
             h0 = float(np.max(x)) if thickness0 is None else thickness0
             if not (h0 > 0 and np.all(x > 0)):
                 fault(f"thickness down to {np.min(x):.6g} m, expected > 0")
@@ -226,4 +307,9 @@ def read_compression(
         loading = np.array([word == "loading" for word in branches])
     else:
         loading = np.arange(len(v)) <= int(np.argmax(v))
-    return CompressionData(v, p, loading, reference, file.stem)
+    heights = x if fraction == "thickness" else None
+    made = CompressionData(v, p, loading, reference, file.stem, heights, known)
+    slack = slack_fault(made, thickness0) if known else ""
+    if slack:
+        raise DataError(f"{file}: {slack}")
+    return made

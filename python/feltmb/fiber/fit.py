@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -47,6 +48,9 @@ _SCALE: dict[str, tuple[str, ...]] = {
     "lee_carnaby": ("E",),
 }
 
+THICKNESS = "thickness0"
+"""Name of the unloaded thickness [m] among the parameters of a fit that estimates it."""
+
 WOOL_MODULUS = 2.5e9
 """Default fiber modulus [Pa]: wool, between 2.38 and 2.53 GPa."""
 
@@ -87,6 +91,11 @@ class Fit:
     branch: str
     name: str
     at_bound: tuple[str, ...] = field(default=())
+    undetermined: tuple[str, ...] = field(default=())
+    """Parameters of which the data say nothing: their interval covers all that was searched, or
+    the unloaded state reaches a state that no felt has."""
+    reference: str = "given"
+    """Where the unloaded state is from: "given" or "estimated"."""
 
     @property
     def residuals(self) -> Array:
@@ -95,7 +104,7 @@ class Fit:
 
     def law(self) -> _core.CompressionLaw:
         """Return the law with the fitted parameters."""
-        return law(self.model, **self.values)
+        return law(self.model, **{k: v for k, v in self.values.items() if k != THICKNESS})
 
 
 def _defaults(model: str, data: CompressionData) -> dict[str, float]:
@@ -126,6 +135,11 @@ def fit(
     level: float = 0.95,
 ) -> Fit:
     """Fit a compression law to one branch of a test.
+
+    Where the test does not know its unloaded state (``data.reference_known`` is False), that is a
+    further free parameter: ``"thickness0"`` of a test by thickness, not below the largest
+    thickness under load, or ``"v_f0"``, not above the smallest volume fraction under load. Its
+    uncertainty is part of all intervals.
 
     Minimizes the sum over samples of ``((P_law - P_data) / w)^2`` with
     ``w = 1 + relative * P_data / max(P_data)`` (relative = 0: equal weights), from several starts.
@@ -189,6 +203,12 @@ def fit(
         for name in given
         if name not in described
     ]
+    if THICKNESS in names or THICKNESS in fixed:
+        faults = [f for f in faults if f'"{THICKNESS}"' not in f]
+        faults.append(
+            f'fit: "{THICKNESS}" is no parameter of a law; give it to read_compression, or leave '
+            "it out there and it is estimated"
+        )
     faults += [f'fit: parameter "{n}" is both free and fixed' for n in names if n in fixed]
     if not names:
         faults.append("fit: no free parameter, expected at least one")
@@ -203,6 +223,15 @@ def fit(
 
     part = data.branch(branch)
     v, p = part.v_f, part.pressure
+    reference = "given"
+    if not data.reference_known and "v_f0" not in fixed and "v_f0" not in (bounds or {}):
+        reference = "estimated"
+        if part.thickness is not None:
+            names = (*names, THICKNESS)
+            described[THICKNESS] = _thickness_parameter(part)
+        elif "v_f0" not in names:
+            names = (*names, "v_f0")
+    unknown_thickness = THICKNESS in names
     n, k = len(v), len(names)
     if n <= k:
         raise InvalidParameter(
@@ -221,6 +250,9 @@ def fit(
             f'fit, model "{model}": {", ".join(missing)} neither free nor given, expected values'
         )
     low, high = _limits(names, described, bounds or {}, v, base)
+    if reference == "estimated" and not unknown_thickness:
+        at = names.index("v_f0")
+        high[at] = min(high[at], part.loosest_loaded)
     logs = np.array([described[m].log_scale and low[i] > 0 for i, m in enumerate(names)])
     weight = 1.0 / (1.0 + relative * np.maximum(p, 0) / np.max(p))
     scale = float(np.max(np.abs(p)))
@@ -232,10 +264,19 @@ def fit(
         inside = np.clip(u, encode(low), encode(high))
         return np.clip(np.where(logs, np.exp(np.where(logs, inside, 0.0)), inside), low, high)
 
+    def at_values(x: Array) -> tuple[_core.CompressionLaw, Array]:
+        """Law with these parameters, and the volume fractions at which it was measured."""
+        chosen = dict(zip(names, x.tolist(), strict=True))
+        h0 = chosen.pop(THICKNESS, None)
+        made = law(model, **base, **chosen)
+        if h0 is None or part.thickness is None:
+            return made, v
+        return made, np.minimum(part.v_f0 * h0 / part.thickness, 1.0)
+
     def curve(x: Array) -> Array:
         try:
-            made = law(model, **base, **dict(zip(names, x.tolist(), strict=True)))
-            result: Array = made.pressure(v, 1)
+            made, seen = at_values(x)
+            result: Array = made.pressure(seen, 1)
         except InvalidParameter:
             return np.full(n, 1e3 * scale)
         return np.clip(np.nan_to_num(result, nan=1e6 * scale), -1e6 * scale, 1e6 * scale)
@@ -244,7 +285,7 @@ def fit(
         return np.asarray((curve(decode(u)) - p) * weight / scale)
 
     curve(encode(low))  # a wrong fixed value must be reported, not absorbed by the residual
-    law(model, **base, **dict(zip(names, (0.5 * (low + high)).tolist(), strict=True)))
+    at_values(0.5 * (low + high))
     starts = _starts(
         model, names, low, high, encode, decode, curve, p, weight, start, n_starts, seed
     )
@@ -295,7 +336,16 @@ def fit(
         if min(best[i] - encode(low)[i], encode(high)[i] - best[i]) < 1e-4 * reach[i]
     )
     mean = float(np.sum((p - np.mean(p)) ** 2))
-    warnings = _warnings(model, names, values, interval, correlation, blind, at_bound, low, high)
+    # Down to its bound the unloaded state is one of the file; beyond the other no felt is.
+    told = [m for m in at_bound if not (reference == "estimated" and m in (THICKNESS, "v_f0"))]
+    warnings = _warnings(model, names, values, interval, correlation, blind, tuple(told), low, high)
+    undetermined = [
+        m
+        for i, m in enumerate(names)
+        if blind[i] or (interval[m][0] <= low[i] and interval[m][1] >= high[i])
+    ]
+    if reference == "estimated":
+        undetermined += _judge_reference(names, interval, low, high, undetermined, warnings)
     if n_best < max(1, len(starts) // 4) and len(starts) > 3:
         warnings.append(
             f"only {n_best} of {len(starts)} starts reached the best fit: several minima"
@@ -309,7 +359,7 @@ def fit(
         level=level,
         correlation=correlation,
         singular_values=ratio,
-        v_f=v,
+        v_f=at_values(x)[1],
         pressure=p,
         fitted=fitted,
         rmse=math.sqrt(ssr / n),
@@ -321,8 +371,52 @@ def fit(
         n_best=n_best,
         branch=branch,
         name=data.name,
-        at_bound=at_bound,
+        at_bound=tuple(told),
+        undetermined=tuple(undetermined),
+        reference=reference,
     )
+
+
+def _thickness_parameter(part: CompressionData) -> SimpleNamespace:
+    """Unloaded thickness as a parameter: from the largest under load to where fibers fill all."""
+    assert part.thickness is not None
+    low = part.thickest_loaded
+    high = float(np.min(part.thickness)) / part.v_f0
+    return SimpleNamespace(
+        name=THICKNESS, unit="m", default=math.nan, fit_low=low, fit_high=high, log_scale=True
+    )
+
+
+def _judge_reference(
+    names: tuple[str, ...],
+    interval: dict[str, tuple[float, float]],
+    low: Array,
+    high: Array,
+    known: Sequence[str],
+    warnings: list[str],
+) -> list[str]:
+    """Hold the unloaded state at its bound and say how it was found; its name if undetermined."""
+    name = THICKNESS if THICKNESS in names else "v_f0"
+    i = names.index(name)
+    bottom, top = interval[name]
+    thick = name == THICKNESS
+    far = top >= high[i] if thick else bottom <= low[i]
+    interval[name] = (max(bottom, low[i]), min(top, high[i]))
+    bottom, top = interval[name]
+    factor, unit, option = (1e3, " mm", "thickness0") if thick else (1.0, "", "v_f0")
+    bound = low[i] if thick else high[i]
+    what = (
+        f"{'unloaded thickness' if thick else 'v_f0'} was not given: estimated, between "
+        f"{bottom * factor:.5g} and {top * factor:.5g}{unit}; the file is under load at "
+        f"{bound * factor:.5g}{unit}"
+    )
+    if far or name in known:
+        warnings.insert(
+            0, f"{what}. The data do not determine it: measure it and give {option}, see --help"
+        )
+        return [] if name in known else [name]
+    warnings.insert(0, f"{what}. All intervals include this uncertainty")
+    return []
 
 
 def _limits(

@@ -86,7 +86,7 @@ def test_quantity(node, expected):
 @pytest.mark.parametrize(
     ("node", "message"),
     [
-        ("two mm", "expected a number with a unit of m"),
+        ("two mm", "expected a finite number with a unit of m"),
         ("2 kg", "does not measure"),
         (True, "expected a number"),
         (math.nan, "expected a finite number"),

@@ -9,13 +9,15 @@ from typing import Any
 
 import click
 
-from feltmb.cli.common import FRACTION, POSITIVE, force_option, save_figure
+from feltmb.cli.common import FRACTION, force_option, list_option, positive, save_figure
 from feltmb.cli.completing import fiber_laws
 from feltmb.cli.fiber.group import (
     fiber,
     guard,
     numbers,
+    parameter_units,
     print_table,
+    quantities,
     refuse_existing,
     seed_option,
     write_named,
@@ -26,9 +28,10 @@ def _fit_rows(f: Any) -> list[list[str]]:
     rows = []
     for name in f.free:
         low, high = f.interval[name]
-        rows.append(
-            [name, f.units[name] or "-", f"{f.values[name]:.6g}", f"{low:.4g}", f"{high:.4g}"]
-        )
+        ends = [f"{low:.4g}", f"{high:.4g}"]
+        if name in f.undetermined:
+            ends = ["undetermined", ""]
+        rows.append([name, f.units[name] or "-", f"{f.values[name]:.6g}", *ends])
     for name, value in f.values.items():
         if name not in f.free:
             rows.append([name, f.units.get(name) or "-", f"{value:.6g}", "fixed", ""])
@@ -48,6 +51,9 @@ def _fit_dictionary(f: Any) -> dict[str, Any]:
         "units": f.units,
         "level": f.level,
         "interval": {k: [safe(a), safe(b)] for k, (a, b) in f.interval.items()},
+        "undetermined": list(f.undetermined),
+        "at_bound": list(f.at_bound),
+        "reference": f.reference,
         "correlation": f.correlation.tolist(),
         "rmse [Pa]": f.rmse,
         "bic": f.bic,
@@ -76,9 +82,9 @@ def _fit_dictionary(f: Any) -> dict[str, Any]:
     show_default=True,
     help="each: one fit per branch in the file; both: one fit through both.",
 )
-@click.option("--free", multiple=True, help="Parameter to identify; repeat. Default by law.")
-@click.option("--fix", "-f", multiple=True, metavar="NAME=VALUE", help="Fixed parameter; repeat.")
-@click.option("--bound", "-b", multiple=True, metavar="NAME=LOW:HIGH", help="Bounds; repeat.")
+@list_option("--free", metavar="NAME", help="Parameter to identify. Default by law.")
+@list_option("--fix", "-f", metavar="NAME=VALUE", help="Fixed parameter, such as E=2.5GPa.")
+@list_option("--bound", "-b", metavar="NAME=LOW:HIGH", help="Bounds of a parameter.")
 @click.option(
     "--method",
     type=click.Choice(["least_squares", "nelder_mead"]),
@@ -95,9 +101,19 @@ def _fit_dictionary(f: Any) -> dict[str, Any]:
 )
 @seed_option
 @click.option("--level", type=FRACTION, default=0.95, show_default=True, help="Confidence level.")
-@click.option("--v-f0", type=FRACTION, help="Volume fraction of zero pressure [-].")
-@click.option("--thickness0", type=POSITIVE, help="Thickness at v_f0 [m].")
-@click.option("--area", type=POSITIVE, help="Sample area [m^2], with force data.")
+@click.option(
+    "--v-f0",
+    type=FRACTION,
+    help="Volume fraction of zero pressure [-]; default: estimated from v_f data.",
+)
+@click.option(
+    "--thickness0",
+    "--thickness",
+    "thickness0",
+    type=positive("m"),
+    help="Thickness at v_f0, without load [m]; default: estimated from thickness data.",
+)
+@click.option("--area", type=positive("m^2"), help="Sample area [m^2], with force data.")
 @click.option(
     "--plot", type=click.Path(dir_okay=False, path_type=Path), help="Picture of fit and residuals."
 )
@@ -133,29 +149,31 @@ def fit_command(
 
     Columns: v_f [-], strain [-] or thickness [mm]; pressure [kPa] or force [N]; optionally branch.
     """
-    from feltmb.errors import InvalidParameter
-    from feltmb.fiber import compare, fit, read_compression
+    from feltmb.errors import InvalidParameter, ModelError
+    from feltmb.fiber import compare, fit, models, read_compression
     from feltmb.fiber.plot import plot_fits
 
     for path in (plot, output):
         if path is not None:
             refuse_existing(path, force)
     test = read_compression(data, v_f0=v_f0, thickness0=thickness0, area=area)
+    known = models()
+    if model not in known:
+        raise InvalidParameter(f'--model = "{model}", must be one of {", ".join(known)}')
+    units = parameter_units(*(known.values() if every else [known[model]]))
     bounds: dict[str, tuple[float, float]] = {}
-    for text in bound:
-        name, _, span = text.partition("=")
-        try:
-            low, high = (float(x) for x in span.split(":"))
-        except ValueError:
+    for name, span in quantities(bound, "--bound", units, separator=":").items():
+        if len(span) != 2:
             raise InvalidParameter(
-                f'--bound: "{text}", expected name=low:high, for example gamma=0.5:5'
-            ) from None
-        bounds[name] = (low, high)
+                f"--bound: {name}: got {len(span)} values, expected name=low:high, for example "
+                "gamma=0.5:5"
+            )
+        bounds[name] = (span[0], span[1])
     branches = [branch]
     if branch == "each":
         branches = ["loading"] + (["unloading"] if (~test.loading).sum() >= 5 else [])
     common: dict[str, Any] = {
-        "fixed": numbers(fix, "--fix"),
+        "fixed": numbers(fix, "--fix", units),
         "method": method,
         "n_starts": starts,
         "seed": seed,
@@ -207,6 +225,17 @@ def fit_command(
             click.echo(f"warning: {f.model}, {f.branch}: {warning}")
     if plot is not None:
         save_figure(plot_fits(fits), plot, force=force)
+    # Beside others a law that does not fit is a result; alone its numbers mean nothing.
+    poor = [] if every else [f for f in fits if f.undetermined or f.at_bound]
     if output is not None:
         document = {"data": str(data.name), "fits": [_fit_dictionary(f) for f in fits]}
         write_named(output, json.dumps(document, indent=1) + "\n", force)
+    if poor:
+        raise ModelError(
+            "\n".join(
+                f"fit: {f.model}, {f.branch}: the data do not determine "
+                f"{', '.join(dict.fromkeys((*f.undetermined, *f.at_bound)))}; fix what is known "
+                "(--fix, --thickness0, --v-f0), widen a bound (--bound), or choose another law"
+                for f in poor
+            )
+        )

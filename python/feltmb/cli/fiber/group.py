@@ -6,13 +6,13 @@ import csv
 import functools
 import io
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-from feltmb.cli.common import POSITIVE, complain, console, new_table, say_written, tables_as_json
+from feltmb.cli.common import complain, console, new_table, say_written, tables_as_json
 
 __all__ = [
     "EXIT_BAD_INPUT",
@@ -20,22 +20,15 @@ __all__ = [
     "csv_text",
     "fiber",
     "guard",
-    "modulus_option",
     "numbers",
+    "parameter_units",
     "print_table",
+    "quantities",
     "refuse_existing",
     "seed_option",
     "write_named",
 ]
 
-modulus_option = click.option(
-    "--e-modulus",
-    "modulus",
-    type=POSITIVE,
-    default="2.5e9",
-    show_default=True,
-    help="Fiber modulus [Pa].",
-)
 seed_option = click.option(
     "--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all that is random."
 )
@@ -86,23 +79,66 @@ def refuse_existing(path: Path, force: bool) -> None:
     check_writable(path, force=force)
 
 
-def numbers(pairs: Sequence[str], what: str) -> dict[str, float]:
-    """``name=number`` pairs; all faults at once."""
+def parameter_units(*laws: Any) -> dict[str, str]:
+    """SI unit of each parameter of these laws, as ``models()`` describes them."""
+    return {p.name: p.unit or "1" for law in laws for p in law.parameters}
+
+
+def quantities(
+    pairs: Sequence[str], what: str, units: Mapping[str, str], *, separator: str = ""
+) -> dict[str, list[float]]:
+    """``name=value`` pairs with units, in SI; all faults at once.
+
+    ``separator`` parts the values of one parameter, if there may be several.
+    """
     from feltmb.errors import InvalidParameter
 
-    out: dict[str, float] = {}
-    faults = []
+    out: dict[str, list[float]] = {}
+    faults: list[str] = []
+    powers: list[tuple[str, str, str]] = []  # name, unit and text; the unit waits for an exponent
     for pair in pairs:
-        name, equals, value = pair.partition("=")
-        try:
-            if not equals:
-                raise ValueError
-            out[name.strip()] = float(value)
-        except ValueError:
-            faults.append(f'{what}: "{pair}", expected name=number, for example gamma=1.3')
+        name, equals, text = (part.strip() for part in pair.partition("="))
+        unit = units.get(name, "1")
+        if not equals:
+            faults.append(f'{what}: "{pair}", expected name=value, for example gamma=1.3')
+        elif name not in units:
+            known = ", ".join(units)
+            faults.append(f'{what}: parameter "{name}" is unknown, expected one of {known}')
+        elif unit.rpartition("^")[2] in units:
+            powers.append((name, unit, text))
+        else:
+            _add_values(out, faults, what, name, unit, text, separator)
+    for name, unit, text in powers:
+        head, _, exponent = unit.rpartition("^")
+        known_unit = f"{head}^{out[exponent][0]:g}" if exponent in out else "1"
+        _add_values(out, faults, what, name, known_unit, text, separator)
     if faults:
         raise InvalidParameter("\n".join(faults))
     return out
+
+
+def _add_values(
+    out: dict[str, list[float]],
+    faults: list[str],
+    what: str,
+    name: str,
+    unit: str,
+    text: str,
+    separator: str,
+) -> None:
+    from feltmb.quantity import parse_scalar
+
+    try:
+        out[name] = [
+            parse_scalar(v, unit) for v in (text.split(separator) if separator else [text])
+        ]
+    except ValueError as error:
+        faults.append(f"{what}: {name}: {error}")
+
+
+def numbers(pairs: Sequence[str], what: str, units: Mapping[str, str]) -> dict[str, float]:
+    """``name=value`` pairs, one value each."""
+    return {name: values[0] for name, values in quantities(pairs, what, units).items()}
 
 
 def csv_text(columns: Sequence[str], rows: Sequence[Sequence[float]]) -> str:

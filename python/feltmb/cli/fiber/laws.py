@@ -7,28 +7,38 @@ from typing import Any
 
 import click
 
-from feltmb.cli.common import FRACTION, NOT_NEGATIVE, POSITIVE, Number, force_option, save_figure
+from feltmb.cli.common import (
+    FRACTION,
+    NOT_NEGATIVE,
+    POSITIVE,
+    Number,
+    Quantity,
+    force_option,
+    list_option,
+    modulus_option,
+    save_figure,
+)
 from feltmb.cli.completing import fiber_laws
 from feltmb.cli.fiber.group import (
     csv_text,
     fiber,
     guard,
-    modulus_option,
     numbers,
+    parameter_units,
     print_table,
+    quantities,
     write_named,
 )
 
 
 @fiber.command(name="pressure", short_help="Pressure, modulus and energy against volume fraction.")
 @click.argument("model", shell_complete=fiber_laws)
-@click.option(
+@list_option(
     "--set",
     "-s",
     "given",
-    multiple=True,
     metavar="NAME=VALUE",
-    help="Parameter in SI units; repeat. See 'feltmb fiber models MODEL'.",
+    help="Parameter, such as E=2.5GPa, else in SI units; see 'feltmb fiber models MODEL'.",
 )
 @click.option(
     "--to", "top", type=FRACTION, default=0.5, show_default=True, help="Largest volume fraction."
@@ -52,10 +62,13 @@ def pressure_command(
     import numpy as np
 
     from feltmb.errors import InvalidParameter
-    from feltmb.fiber import law
+    from feltmb.fiber import law, models
     from feltmb.fiber.plot import plot_law
 
-    made = law(model, **numbers(given, "--set"))
+    known = models()
+    if model not in known:
+        law(model)  # names the laws that there are
+    made = law(model, **numbers(given, "--set", parameter_units(known[model])))
     if points < 2 or not top > made.v_f0:
         raise InvalidParameter(
             f"pressure: --points = {points}, --to = {top:.6g}; expected at least 2 points and "
@@ -232,7 +245,7 @@ def granular_command(
 )
 @click.option(
     "--slip-stress",
-    type=NOT_NEGATIVE,
+    type=Quantity("Pa", 0),
     default=0.0,
     show_default=True,
     help="Slip force over d_f^2 [Pa].",
@@ -287,13 +300,12 @@ def arcs_command(
 @fiber.command(name="history", short_help="Run a law with history over the samples of PATH.")
 @click.argument("model", shell_complete=fiber_laws)
 @click.argument("path", type=click.Path(dir_okay=False, path_type=Path))
-@click.option(
+@list_option(
     "--set",
     "-s",
     "given",
-    multiple=True,
     metavar="NAME=VALUE[,VALUE...]",
-    help="Parameter in SI units; lists with commas; repeat.",
+    help="Parameter, such as E=2.5GPa, else in SI units; its value may be a list.",
 )
 @click.option(
     "--spring",
@@ -320,15 +332,14 @@ def history_command(
     import numpy as np
 
     from feltmb.errors import DataError, InvalidParameter
-    from feltmb.fiber import history
+    from feltmb.fiber import history, history_models, models
 
-    params: dict[str, list[float]] = {}
-    for pair in given:
-        name, _, text = pair.partition("=")
-        try:
-            params[name.strip()] = [float(x) for x in text.split(",")]
-        except ValueError:
-            raise InvalidParameter(f'--set: "{pair}", expected name=number[,number...]') from None
+    laws = {**models(), **history_models()}
+    for what, name in (("MODEL", model), ("--spring", spring)):
+        if name not in laws:
+            raise InvalidParameter(f'history: {what} = "{name}", must be one of {", ".join(laws)}')
+    units = parameter_units(laws[spring], laws[model])
+    params = quantities(given, "--set", units, separator=",")
     try:
         with path.open(encoding="utf-8-sig") as stream:
             lines = [line for line in stream if line.strip() and not line.startswith("#")]

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from feltmb.cli.common import FRACTION, NOT_NEGATIVE, POSITIVE, Number
+from feltmb.cli.common import FRACTION, NOT_NEGATIVE, POSITIVE, Number, diameter_option, positive
 from feltmb.cli.completing import fiber_laws
 from feltmb.cli.fiber.group import fiber, guard, print_table, seed_option
 
@@ -90,7 +90,7 @@ def structure_command(ratio: tuple[float, ...], n: int | None, seed: int, spread
     name="contacts", short_help="Mean free length and contacts per volume by every model."
 )
 @click.option("--v-f", type=FRACTION, required=True, help="Volume fraction [-].")
-@click.option("--d-f", type=POSITIVE, default=25e-6, show_default=True, help="Fiber diameter [m].")
+@diameter_option
 @click.option("--ratio", type=POSITIVE, default=1.0, show_default=True, help="R = v_f/v_random.")
 @click.option(
     "--gamma",
@@ -106,7 +106,9 @@ def structure_command(ratio: tuple[float, ...], n: int | None, seed: int, spread
     show_default=True,
     help="Coefficient of variation of the diameters.",
 )
-@click.option("--length", type=POSITIVE, help="Mean fiber length [m]: also the numbers per fiber.")
+@click.option(
+    "--length", type=positive("m"), help="Mean fiber length [m]: also the numbers per fiber."
+)
 @click.option(
     "--length-cv",
     type=Number(0, 3),

@@ -13,15 +13,18 @@ from feltmb.cli.common import (
     NOT_NEGATIVE,
     POSITIVE,
     Number,
+    Quantity,
     console,
+    diameter_option,
     force_option,
+    modulus_option,
+    positive,
     save_figure,
     say_written,
 )
 from feltmb.cli.fiber.group import (
     fiber,
     guard,
-    modulus_option,
     print_table,
     refuse_existing,
     seed_option,
@@ -44,15 +47,15 @@ from feltmb.cli.fiber.group import (
     show_default=True,
     help="Beads per fiber.",
 )
-@click.option("--d-f", type=POSITIVE, default=25e-6, show_default=True, help="Fiber diameter [m].")
+@diameter_option
 @click.option(
-    "--segment", type=POSITIVE, default=62.5e-6, show_default=True, help="Segment length [m]."
+    "--segment", type=positive("m"), default=62.5e-6, show_default=True, help="Segment length [m]."
 )
 @click.option("--v-f", type=FRACTION, default=0.1, show_default=True, help="First volume fraction.")
 @click.option("--v-max", type=FRACTION, default=0.3, show_default=True, help="Turning point.")
 @click.option(
     "--crimp",
-    type=NOT_NEGATIVE,
+    type=Quantity("rad", 0),
     default=0.3,
     show_default=True,
     help="Turning angle per bead [rad].",
