@@ -1,5 +1,5 @@
 // Made by tools/make_bench_model.py from params/steinway45.toml. Do not edit.
-// Hash of the parameters: 5e46ed3abda83a3c
+// Hash of the parameters: c5461b7a991c33e3
 // clang-format off
 #pragma once
 
@@ -258,7 +258,7 @@ inline MechanismDescription steinway45(bool flexible) {
   d.strings.push_back({"string", "Gp6", false,
                        {0.00099, 654.0, 0.6315,
                         0.00598, 200000000000.0,
-                        0.07, 40},
+                        0.07, 40, 3},
                        0.0, {0.0, -1.0}, true, 0.0});
   d.finger = FingerDescription{"key", {0.225, 0.0251}, {0.0, -1.0},
                                HuntCrossley{110000.0, 1.5, 1.0}};

@@ -120,7 +120,7 @@ def make(config: MechanismFile, digest: str) -> str:
         f'  d.strings.push_back({{"string", "{s.surface}", false,\n'
         f"                       {{{number(s.diameter)}, {number(s.tension)}, {number(s.length)},\n"
         f"                        {number(s.linear_density)}, {number(s.young_modulus)},\n"
-        f"                        {number(s.damping_ratio)}, {s.modes}}},\n"
+        f"                        {number(s.damping_ratio)}, {s.modes}, {s.count}}},\n"
         f"                       {number(s.anchor)}, {vec(s.direction)}, true, 0.0}});"
     )
     f = config.finger
