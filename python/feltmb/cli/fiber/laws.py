@@ -18,6 +18,7 @@ from feltmb.cli.fiber.group import (
     print_table,
     write_named,
 )
+from feltmb.cli.saying import say
 
 
 @fiber.command(name="pressure", short_help="Pressure, modulus and energy against volume fraction.")
@@ -281,7 +282,7 @@ def arcs_command(
             )
         ],
     )
-    click.echo("bending, straightening, slipping: stored energy [J per m^3 of fiber], eq. 2.6")
+    say("bending, straightening, slipping: stored energy [J per m^3 of fiber], eq. 2.6")
 
 
 @fiber.command(name="history", short_help="Run a law with history over the samples of PATH.")
