@@ -65,8 +65,10 @@ def console(*, stderr: bool = False) -> Console:
     """
     from rich.console import Console
 
+    from feltmb.cli.tables import Screen
+
     if stderr or _collected.get() is None:
-        screen = Console(stderr=stderr, highlight=False, markup=False, emoji=False)
+        screen = Screen(stderr=stderr, highlight=False, markup=False, emoji=False)
         if not screen.is_terminal and "COLUMNS" not in os.environ:
             screen.width = UNFOLDED
         return screen
@@ -177,18 +179,15 @@ def save_figure(figure: Any, path: Path, *, force: bool) -> None:
 def new_table(
     title: str, *columns: str, right: tuple[int, ...] = (), whole: tuple[int, ...] = ()
 ) -> Table:
-    """Table that prints well at 80 columns.
+    """Table that prints well at 80 columns; see :mod:`feltmb.cli.tables`.
 
     ``right``: indices of right-aligned columns; ``whole``: of those whose cells are never folded.
     """
-    from rich import box
-    from rich.table import Table
+    from feltmb.cli.tables import FittingTable
 
-    table = Table(title=title, box=box.SIMPLE, title_justify="left", pad_edge=False)
+    table = FittingTable(title, whole)
     for i, column in enumerate(columns):
-        table.add_column(
-            column, justify="right" if i in right else "left", overflow="fold", no_wrap=i in whole
-        )
+        table.add_column(column, justify="right" if i in right else "left")
     return table
 
 

@@ -25,6 +25,7 @@ from feltmb.cli.common import (
 from feltmb.cli.completing import actions, felts
 from feltmb.cli.felt_audit import audit_command
 from feltmb.cli.felt_fit import fit_command, identify_command
+from feltmb.cli.saying import say
 
 __all__ = ["command", "felt"]
 
@@ -80,7 +81,7 @@ def show_command(material: str, points: int, output: Path | None, force: bool) -
     v = np.linspace(m.v_f0, m.end, points)
     load, back = m.branch("loading", v), m.branch("unloading", v)
     if m.about:
-        click.echo(m.about)
+        say(m.about)
     table = new_table(
         m.name, "v_f [-]", "P load [kPa]", "friction", "angle [deg]", "P unload [kPa]", "friction",
         "angle [deg]", right=tuple(range(7)),
@@ -99,7 +100,7 @@ def show_command(material: str, points: int, output: Path | None, force: bool) -
             ),
         )
     console().print(table)
-    click.echo(f"loss of the loop: {100 * m.loss():.2f} % of the loading work")
+    say(f"loss of the loop: {100 * m.loss():.2f} % of the loading work")
     if output is not None:
         save_figure(plot_material(m), output, force=force)
 
@@ -217,7 +218,7 @@ def loop_command(
                 f"{made.P_unloading[i] * 1e-3:.5g}",
             )
         console().print(table)
-    click.echo(f"loss: {100 * made.loss:.2f} % of the loading work")
+    say(f"loss: {100 * made.loss:.2f} % of the loading work")
 
 
 @felt.command(name="envelope", short_help="Loop of a contact, force against compression.")
@@ -315,7 +316,7 @@ def envelope_command(
         largest=largest,
         points=points,
     )
-    click.echo(made.about)
+    say(made.about)
     table = new_table(
         "Envelope", "compression [mm]", "loading [N]", "unloading [N]", right=(0, 1, 2)
     )
@@ -327,7 +328,7 @@ def envelope_command(
             f"{float(made.core.unloading(x, made.closing)):.5g}",
         )
     console().print(table)
-    click.echo(f"loss of the loop: {100 * made.loss:.2f} % of the loading work")
+    say(f"loss of the loop: {100 * made.loss:.2f} % of the loading work")
     if output is not None:
         text = made.to_toml(action, contact) if contact is not None else made.to_toml()
         say_written(write_text(output, text, force=force))

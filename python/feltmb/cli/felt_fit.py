@@ -22,6 +22,7 @@ from feltmb.cli.common import (
     set_option,
 )
 from feltmb.cli.completing import actions, felts
+from feltmb.cli.saying import say
 
 __all__ = ["fit_command", "identify_command"]
 
@@ -150,7 +151,7 @@ def identify_command(
                 f"{high:.5g}",
             )
         console().print(table)
-        click.echo(f"loss of the loop: {100 * result.material.loss():.2f} % of the loading work")
+        say(f"loss of the loop: {100 * result.material.loss():.2f} % of the loading work")
         for warning in result.warnings:
             complain(f"warning: {warning}")
     if output is not None:
@@ -252,7 +253,7 @@ def fit_command(
         ):
             table.add_row(which, f"{branch.K_p:.5g}", f"{branch.gamma:.4g}", f"{100 * rms:.2f} %")
         console().print(table)
-        click.echo(
+        say(
             f"withdrawal force {felt_made.fiber.withdrawal_force:.4g} N/m, friction "
             f"{100 * made.friction_share:.3g} % of the pressure at half the largest force"
         )

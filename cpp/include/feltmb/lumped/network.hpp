@@ -70,8 +70,8 @@ struct Sensor {
   int element = -1;
 };
 
-/// The record of the input is the reading of a sensor, u(t) = (1 + gain) a(t - delay) + offset of the
-/// input a that acts, as the outputs are; so a(t) = (u(t + delay) - offset) / (1 + gain).
+/// The record of the input is the reading of a sensor, u(t) = (1 + gain) a(t - delay) + offset of
+/// the input a that acts, as the outputs are; so a(t) = (u(t + delay) - offset) / (1 + gain).
 struct InputCorrection {
   Sum gain, offset, delay;
 };

@@ -22,6 +22,7 @@ from feltmb.cli.fiber.group import (
     seed_option,
     write_named,
 )
+from feltmb.cli.saying import say
 
 
 def _fit_rows(f: Any) -> list[list[str]]:
@@ -206,7 +207,7 @@ def fit_command(
                 ["parameter", "unit", "value", f"{100 * level:g} % from", "to"],
                 _fit_rows(f),
             )
-            click.echo(
+            say(
                 f"RMSE {f.rmse:.6g} Pa   R^2 {f.r_squared:.6f}   BIC {f.bic:.2f}   "
                 f"{f.n_best} of {f.n_starts} starts agree"
             )
@@ -222,7 +223,7 @@ def fit_command(
             fits.append(f)
     for f in fits:
         for warning in f.warnings:
-            click.echo(f"warning: {f.model}, {f.branch}: {warning}")
+            say(f"warning: {f.model}, {f.branch}: {warning}")
     if plot is not None:
         save_figure(plot_fits(fits), plot, force=force)
     # Beside others a law that does not fit is a result; alone its numbers mean nothing.

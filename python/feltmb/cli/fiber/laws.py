@@ -29,6 +29,7 @@ from feltmb.cli.fiber.group import (
     quantities,
     write_named,
 )
+from feltmb.cli.saying import say
 
 
 @fiber.command(name="pressure", short_help="Pressure, modulus and energy against volume fraction.")
@@ -294,7 +295,7 @@ def arcs_command(
             )
         ],
     )
-    click.echo("bending, straightening, slipping: stored energy [J per m^3 of fiber], eq. 2.6")
+    say("bending, straightening, slipping: stored energy [J per m^3 of fiber], eq. 2.6")
 
 
 @fiber.command(name="history", short_help="Run a law with history over the samples of PATH.")
