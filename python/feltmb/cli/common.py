@@ -15,9 +15,12 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
+from feltmb.errors import printable
+
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     from feltmb.config import Action
 
@@ -32,7 +35,9 @@ __all__ = [
     "parse_damper",
     "pretty",
     "print_json",
+    "redraw",
     "save_figure",
+    "say",
     "say_written",
     "set_option",
     "subject_set_option",
@@ -55,7 +60,11 @@ def console(*, stderr: bool = False) -> Console:
     Where no terminal is there are no colors, and no line is cut or folded unless COLUMNS says how
     long a line may be.
     """
-    from rich.console import Console
+    from rich.console import Console as Plain
+
+    class Console(Plain):
+        def render_str(self, text: str, **options: Any) -> Text:
+            return super().render_str(printable(text), **options)
 
     if stderr or _collected.get() is None:
         screen = Console(stderr=stderr, highlight=False, markup=False, emoji=False)
@@ -117,9 +126,22 @@ def tables_as_json(command: F) -> F:
     return json_option(cast(F, run))
 
 
+def say(text: str, *, err: bool = False, nl: bool = True) -> None:
+    """Print a text; names from files cannot command the terminal.
+
+    All commands print by this function or on :func:`console`.
+    """
+    click.echo(printable(text), err=err, nl=nl)
+
+
+def redraw(text: str, *, end: bool = False) -> None:
+    """Replace the line of progress on stderr."""
+    click.echo(f"\r\x1b[2K{printable(text)}", nl=end, err=True)
+
+
 def complain(text: str) -> None:
     """One message on stderr."""
-    click.echo(f"feltmb: {text}", err=True)
+    say(f"feltmb: {text}", err=True)
 
 
 def say_written(path: Path) -> None:
@@ -127,7 +149,7 @@ def say_written(path: Path) -> None:
     found = _collected.get()
     if found is not None:
         found["written"].append(str(path))
-    click.echo(f"wrote {path}", err=True)
+    say(f"wrote {path}", err=True)
 
 
 def _picture_kind(path: Path) -> str:

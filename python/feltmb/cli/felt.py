@@ -17,6 +17,7 @@ from feltmb.cli.common import (
     new_table,
     parse_option,
     save_figure,
+    say,
     say_written,
     tables_as_json,
 )
@@ -78,7 +79,7 @@ def show_command(material: str, points: int, output: Path | None, force: bool) -
     v = np.linspace(m.v_f0, m.end, points)
     load, back = m.branch("loading", v), m.branch("unloading", v)
     if m.about:
-        click.echo(m.about)
+        say(m.about)
     table = new_table(
         m.name, "v_f [-]", "P load [kPa]", "friction", "angle [deg]", "P unload [kPa]", "friction",
         "angle [deg]", right=tuple(range(7)),
@@ -97,7 +98,7 @@ def show_command(material: str, points: int, output: Path | None, force: bool) -
             ),
         )
     console().print(table)
-    click.echo(f"loss of the loop: {100 * m.loss():.2f} % of the loading work")
+    say(f"loss of the loop: {100 * m.loss():.2f} % of the loading work")
     if output is not None:
         save_figure(plot_material(m), output, force=force)
 
@@ -215,7 +216,7 @@ def loop_command(
                 f"{made.P_unloading[i] * 1e-3:.5g}",
             )
         console().print(table)
-    click.echo(f"loss: {100 * made.loss:.2f} % of the loading work")
+    say(f"loss: {100 * made.loss:.2f} % of the loading work")
 
 
 @felt.command(name="envelope", short_help="Loop of a contact, force against compression.")
@@ -310,7 +311,7 @@ def envelope_command(
         largest=None if largest is None else parse_option("--largest", largest, "m"),
         points=points,
     )
-    click.echo(made.about)
+    say(made.about)
     table = new_table(
         "Envelope", "compression [mm]", "loading [N]", "unloading [N]", right=(0, 1, 2)
     )
@@ -322,7 +323,7 @@ def envelope_command(
             f"{float(made.core.unloading(x, made.closing)):.5g}",
         )
     console().print(table)
-    click.echo(f"loss of the loop: {100 * made.loss:.2f} % of the loading work")
+    say(f"loss of the loop: {100 * made.loss:.2f} % of the loading work")
     if output is not None:
         text = made.to_toml(action, contact) if contact is not None else made.to_toml()
         say_written(write_text(output, text, force=force))

@@ -15,6 +15,7 @@ from feltmb.cli.common import (
     parse_option,
     print_json,
     save_figure,
+    say,
     set_option,
 )
 from feltmb.cli.completing import packaged
@@ -27,21 +28,19 @@ __all__ = ["audit_command"]
 
 
 def _print_audit(result: Audit) -> None:
-    click.echo(f"{result.name}: {result.about or result.law} (law {result.law})")
+    say(f"{result.name}: {result.about or result.law} (law {result.law})")
     if result.closing is not None:
-        click.echo(f"  loop ends at {result.closing * 1e3:.4g} mm")
+        say(f"  loop ends at {result.closing * 1e3:.4g} mm")
     if result.window is None:
-        click.echo("  valid window: none")
+        say("  valid window: none")
     else:
-        click.echo(
-            f"  valid window: {result.window[0] * 1e3:.4g} to {result.window[1] * 1e3:.4g} mm"
-        )
+        say(f"  valid window: {result.window[0] * 1e3:.4g} to {result.window[1] * 1e3:.4g} mm")
     for branch, (low, high) in result.stiffness_range.items():
-        click.echo(f"  tangent stiffness, {branch}: {low * 1e-3:.4g} to {high * 1e-3:.4g} N/mm")
+        say(f"  tangent stiffness, {branch}: {low * 1e-3:.4g} to {high * 1e-3:.4g} N/mm")
     for f in result.findings:
-        click.echo(f"  {f.kind}: {f.text}")
+        say(f"  {f.kind}: {f.text}")
     if not result.findings:
-        click.echo("  no faults")
+        say("  no faults")
     frequencies = sorted({c.frequency for c in result.cycles})
     table = new_table(
         "Loss of the second cycle, in brackets of the first [%]",
@@ -141,7 +140,7 @@ def audit_command(
         console().print(table)
         for r in results:
             for f in r.findings:
-                click.echo(f"{r.name.partition(':')[2] or r.name} {f.kind}: {f.text}")
+                say(f"{r.name.partition(':')[2] or r.name} {f.kind}: {f.text}")
     if folder is not None:
         for r in results:
             save_figure(plot_audit(r), picture(r.name), force=force)

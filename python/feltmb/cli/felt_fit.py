@@ -18,6 +18,7 @@ from feltmb.cli.common import (
     parse_option,
     print_json,
     save_figure,
+    say,
     say_written,
     set_option,
 )
@@ -135,7 +136,7 @@ def identify_command(
                     b.which, title, f"{getattr(b, key):.5g}", f"{low:.5g}", f"{high:.5g}", fit
                 )
         console().print(table)
-        click.echo(f"loss of the loop: {100 * result.material.loss():.2f} % of the loading work")
+        say(f"loss of the loop: {100 * result.material.loss():.2f} % of the loading work")
         for warning in result.warnings:
             complain(f"warning: {warning}")
     if output is not None:
@@ -237,7 +238,7 @@ def fit_command(
         ):
             table.add_row(which, f"{branch.K_p:.5g}", f"{branch.gamma:.4g}", f"{100 * rms:.2f} %")
         console().print(table)
-        click.echo(
+        say(
             f"withdrawal force {felt_made.fiber.withdrawal_force:.4g} N/m, friction "
             f"{100 * made.friction_share:.3g} % of the pressure at half the largest force"
         )

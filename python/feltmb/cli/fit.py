@@ -13,6 +13,7 @@ from feltmb.cli.common import (
     json_option,
     new_table,
     print_json,
+    say,
     say_written,
     subject_set_option,
 )
@@ -112,13 +113,11 @@ def command(
             f"{r.contraction:.0%}",
         )
     console().print(table)
-    click.echo(
+    say(
         f"sum of squares {fit.chi2 / fit.dof:.3g} of its expectation, "
         f"{'converged' if fit.converged else 'NOT converged'}"
     )
     for note in fit.notes:
-        click.echo(f"note: {note}")
+        say(f"note: {note}")
     if fit.chi2 > 1.5 * fit.dof:
-        click.echo(
-            "the model does not explain the records: intervals are too narrow; try gap diagnose"
-        )
+        say("the model does not explain the records: intervals are too narrow; try gap diagnose")

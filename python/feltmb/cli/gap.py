@@ -20,6 +20,8 @@ from feltmb.cli.common import (
     json_option,
     new_table,
     print_json,
+    redraw,
+    say,
     say_written,
     subject_set_option,
 )
@@ -49,10 +51,10 @@ def progress_line() -> Callable[[str, int, int], None] | None:
     def show(stage: str, done: int, total: int) -> None:
         text = f"{stage} {done + 1}/{total}" if total else stage
         if is_terminal():
-            click.echo(f"\r\x1b[2K{text[:100]}", nl=False, err=True)
+            redraw(text[:100])
         elif stage.split(":")[0] != last["stage"]:
             last["stage"] = stage.split(":")[0]
-            click.echo(f"feltmb: {last['stage']}", err=True)
+            say(f"feltmb: {last['stage']}", err=True)
         last["time"] = time.monotonic()
 
     return show
@@ -99,9 +101,9 @@ def check(data: tuple[Path, ...], as_json: bool) -> None:
             )
         console().print(table)
         for label, channel, sd in gates.repeatability:
-            click.echo(f"repeats {label}: {channel} differs by {sd:.3g}")
+            say(f"repeats {label}: {channel} differs by {sd:.3g}")
         for warning in gates.warnings:
-            click.echo(f"warning: {warning}")
+            say(f"warning: {warning}")
     if gates.problems:
         raise DataError("records: " + "; ".join(gates.problems))
 
@@ -166,12 +168,12 @@ def foresee_command(
         table.add_row(r.effect, size, f"{r.surviving:.0%}", *rival)
     console().print(table)
     for group in found.classes:
-        click.echo("cannot be told apart: " + ", ".join(group))
+        say("cannot be told apart: " + ", ".join(group))
     if found.unseen:
-        click.echo("cannot be seen: " + ", ".join(found.unseen))
+        say("cannot be seen: " + ", ".join(found.unseen))
     for e in found.experiments[:5]:
         text = "; ".join(f"{a} | {b} {x:.0%} -> {y:.0%}" for a, b, x, y in e.gains[:3])
-        click.echo(f"add {e.kind} {e.name}: {text or 'separates nothing new'}")
+        say(f"add {e.kind} {e.name}: {text or 'separates nothing new'}")
 
 
 @command.command("diagnose")
@@ -279,7 +281,7 @@ def run(
     )
     report = diagnose(subject.nominal, subject.effects, records, held, options, progress_line())
     if is_terminal():
-        click.echo("\r\x1b[2K", nl=False, err=True)
+        redraw("")
     if as_json:
         print_json(report_json(report))
     else:
@@ -295,7 +297,7 @@ def run(
 def _print(report: Report) -> None:
     from feltmb.gap.digits import digits
 
-    click.echo(f"{report.verdict}: {report.statement}")
+    say(f"{report.verdict}: {report.statement}")
     out = console()
     table = new_table(
         "which", "effect", "size, 95 %", "T", "belief", right=(1, 2, 3), whole=(0, 1, 2, 3)
@@ -319,7 +321,7 @@ def _print(report: Report) -> None:
         )
     out.print(table)
     for n in report.refused:
-        click.echo(f"refused by held-out records: {n.name} ({n.why})")
+        say(f"refused by held-out records: {n.name} ({n.why})")
     gap = new_table(
         "how far (held out)",
         "metric",
@@ -342,11 +344,11 @@ def _print(report: Report) -> None:
         )
     out.print(gap)
     for advice in report.next:
-        click.echo(f"next: {advice.text}")
+        say(f"next: {advice.text}")
     if report.not_tested:
-        click.echo("not tested: " + ", ".join(n.name for n in report.not_tested))
+        say("not tested: " + ", ".join(n.name for n in report.not_tested))
     for warning in report.gates.warnings:
-        click.echo(f"warning: {warning}")
+        say(f"warning: {warning}")
 
 
 def _add(name: str) -> None:

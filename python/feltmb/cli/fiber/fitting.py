@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from feltmb.cli.common import FRACTION, POSITIVE, force_option, save_figure
+from feltmb.cli.common import FRACTION, POSITIVE, force_option, save_figure, say
 from feltmb.cli.completing import fiber_laws
 from feltmb.cli.fiber.group import (
     fiber,
@@ -188,7 +188,7 @@ def fit_command(
                 ["parameter", "unit", "value", f"{100 * level:g} % from", "to"],
                 _fit_rows(f),
             )
-            click.echo(
+            say(
                 f"RMSE {f.rmse:.6g} Pa   R^2 {f.r_squared:.6f}   BIC {f.bic:.2f}   "
                 f"{f.n_best} of {f.n_starts} starts agree"
             )
@@ -204,7 +204,7 @@ def fit_command(
             fits.append(f)
     for f in fits:
         for warning in f.warnings:
-            click.echo(f"warning: {f.model}, {f.branch}: {warning}")
+            say(f"warning: {f.model}, {f.branch}: {warning}")
     if plot is not None:
         save_figure(plot_fits(fits), plot, force=force)
     if output is not None:

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
 import click
 
-from feltmb.cli.common import FRACTION, NOT_NEGATIVE, POSITIVE, Number, force_option, save_figure
+from feltmb.cli.common import (
+    FRACTION,
+    NOT_NEGATIVE,
+    POSITIVE,
+    Number,
+    force_option,
+    save_figure,
+    say,
+)
 from feltmb.cli.completing import fiber_laws
 from feltmb.cli.fiber.group import (
     csv_text,
@@ -281,7 +290,7 @@ def arcs_command(
             )
         ],
     )
-    click.echo("bending, straightening, slipping: stored energy [J per m^3 of fiber], eq. 2.6")
+    say("bending, straightening, slipping: stored energy [J per m^3 of fiber], eq. 2.6")
 
 
 @fiber.command(name="history", short_help="Run a law with history over the samples of PATH.")
@@ -321,6 +330,7 @@ def history_command(
 
     from feltmb.errors import DataError, InvalidParameter
     from feltmb.fiber import history
+    from feltmb.files import LARGEST_TABLE, read_text
 
     params: dict[str, list[float]] = {}
     for pair in given:
@@ -329,11 +339,8 @@ def history_command(
             params[name.strip()] = [float(x) for x in text.split(",")]
         except ValueError:
             raise InvalidParameter(f'--set: "{pair}", expected name=number[,number...]') from None
-    try:
-        with path.open(encoding="utf-8-sig") as stream:
-            lines = [line for line in stream if line.strip() and not line.startswith("#")]
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"{path}: cannot be read ({error}), expected a CSV file") from None
+    text = read_text(path, most=LARGEST_TABLE)
+    lines = [line for line in io.StringIO(text) if line.strip() and not line.startswith("#")]
     header = [h.strip() for h in lines[0].split(",")] if lines else []
     if header not in (["time [s]", "strain [-]"], ["time [s]", "compression [m]"]):
         raise DataError(
@@ -356,8 +363,8 @@ def history_command(
     result = history(model, time, x, spring=spring, **params)
     unit = "stress [Pa]" if header[1].startswith("strain") else "force [N]"
     if output is not None:
-        text = csv_text([*header, unit], np.column_stack([time, x, result]).tolist())
-        write_named(output, text, force)
+        table = csv_text([*header, unit], np.column_stack([time, x, result]).tolist())
+        write_named(output, table, force)
     work = float(np.sum(0.5 * (result[1:] + result[:-1]) * np.diff(x)))
     print_table(
         f"{model} over {len(time)} samples",

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from feltmb.cli.common import FRACTION, NOT_NEGATIVE, POSITIVE, Number
+from feltmb.cli.common import FRACTION, NOT_NEGATIVE, POSITIVE, Number, say
 from feltmb.cli.completing import fiber_laws
 from feltmb.cli.fiber.group import fiber, guard, print_table, seed_option
 
@@ -38,7 +38,7 @@ def models_command(name: str | None) -> None:
     if name not in laws:
         raise InvalidParameter(f'models: NAME = "{name}", must be one of {", ".join(laws)}')
     law = laws[name]
-    click.echo(f"{law.title}\nsource: {law.source}\nvalid: {law.validity}")
+    say(f"{law.title}\nsource: {law.source}\nvalid: {law.validity}")
     rows = []
     for p in law.parameters:
         default = "v_f0" if p.name == "v_random" and name != "bending_chain" else "required"
@@ -150,9 +150,9 @@ def contacts_command(
         ["model", "free length [um]", "over d_f [-]", "contacts [1/mm^3]"],
         rows,
     )
-    click.echo("toll counts a contact on both of its fibers (eq. 3.51), the others once.")
+    say("toll counts a contact on both of its fibers (eq. 3.51), the others once.")
     if diameter_cv != 0:
-        click.echo("the other models have no distribution of diameters.")
+        say("the other models have no distribution of diameters.")
     if length is not None:
         rows = []
         for name in ("poisson", "binomial"):

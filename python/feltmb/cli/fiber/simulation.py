@@ -16,6 +16,7 @@ from feltmb.cli.common import (
     console,
     force_option,
     save_figure,
+    say,
     say_written,
 )
 from feltmb.cli.fiber.group import (
@@ -197,7 +198,7 @@ def simulate_command(
         rows,
     )
     laid, relaxed = run.laid, run.relaxed
-    click.echo(
+    say(
         f"contacts as laid {laid['crossings']:.0f}, Toll {laid['toll']:.1f} "
         f"+- {math.sqrt(laid['toll']):.1f}; relaxed {relaxed['contacts']:.0f}"
     )
@@ -210,12 +211,12 @@ def simulate_command(
                 exponents.append(f"{run.pressure_exponent(bottom):.2f} above {bottom:.3g}")
             except InvalidParameter:
                 exponents.append(f"too few samples above {bottom:.3g}")
-        click.echo(
+        say(
             f"loop loss {100 * run.loop_loss:.2f} %\n"
             f"pressure exponent of loading: {', '.join(exponents)}"
         )
     else:
-        click.echo("unfinished; go on with --resume")
+        say("unfinished; go on with --resume")
     say_written(output)
     if plot is not None:
         save_figure(plot_simulation(run), plot, force=force)
