@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from feltmb import params
 from feltmb.config import Action
 from feltmb.errors import InvalidParameter
-from feltmb.files import is_file, read_toml
+from feltmb.files import is_file, read_toml, why_missing
 from feltmb.quantity import fault_lines, shortened
 from feltmb.stroke import Stroke
 from feltmb.study.checks import (
@@ -78,7 +78,7 @@ def load_study(name_or_path: str | Path) -> Study:
             f"packaged are {', '.join(packaged_studies())}; or give the path of a TOML file{hint}"
         )
     if not is_file(path):
-        raise InvalidParameter(f"study {text!r}: there is no such file")
+        raise InvalidParameter(f"study {shortened(repr(text))}: {why_missing(path)}")
     return Study.read(path)
 
 

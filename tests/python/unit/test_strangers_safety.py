@@ -21,6 +21,7 @@ import feltmb
 from feltmb import files, hdf5
 from feltmb.batch import simulate_many
 from feltmb.cli import cli
+from feltmb.cli import main as package_main
 from feltmb.data import columns, read_record
 from feltmb.fiber import read_compression
 from feltmb.quantity import parse_scalar, split_heading
@@ -639,6 +640,19 @@ def test_a_model_that_ends_the_program_later(tmp_path, monkeypatch, capsys):
         package.main(["list"])
     assert end.value.code == 1
     assert "late.py, line 3: ends the program (exit code 0)" in capsys.readouterr().err
+
+
+def test_no_command_ends_the_program_itself():
+    folder = Path(feltmb.__file__).parent
+    own = [p.name for p in folder.rglob("*.py") if "sys.exit(" in p.read_text()]
+    assert own == ["__init__.py"]  # of the command line: its end
+
+
+def test_commands_with_codes_of_their_own_still_end_with_them(capsys):
+    with pytest.raises(SystemExit) as end:
+        package_main(["fiber", "law", "van_wyk", "-p", "nothing=1"])
+    assert end.value.code == 2
+    assert "ends the program" not in capsys.readouterr().err
 
 
 # ---------------------------------------------------------------- options
