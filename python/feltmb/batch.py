@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from feltmb import _core
 from feltmb.config import Action
 from feltmb.errors import FeltmbError, IntegrationError, InvalidParameter, ModelError
+from feltmb.options import OPTIONS, check_options
 from feltmb.simulate import prepare, to_run
 from feltmb.stroke import Stroke
 
@@ -141,3 +142,4 @@ def _refuse(options: Mapping[str, Any]) -> None:
     for name in ("start", "progress"):
         if name in options:
             raise InvalidParameter(f"simulate_many: {name} is not for a batch")
+    check_options(options, known=(*OPTIONS, "summary_only", "error"))

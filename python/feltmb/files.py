@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import io
+import json
 import os
+import re
 import secrets
 import shutil
+import stat
 import tomllib
 import zipfile
 import zlib
@@ -12,41 +16,188 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from feltmb.errors import FeltmbError, FileExists, InvalidParameter
+from feltmb.errors import DataError, FeltmbError, FileExists, InvalidParameter
 
 __all__ = [
+    "LARGEST_TABLE",
     "NPZ_FAULTS",
+    "beside",
     "check_writable",
     "is_file",
+    "named_file",
+    "open_input",
     "plain_text",
+    "read_input",
+    "read_json",
+    "read_npz",
+    "read_text",
     "read_toml",
     "write_file",
     "write_text",
 ]
 
 LARGEST_TOML = 10_000_000  # bytes
+LARGEST_TABLE = 200_000_000  # bytes of a CSV file
+LARGEST_JSON = 100_000_000  # bytes
+LARGEST_ARRAYS = 1_000_000_000  # bytes of the arrays in one .npz file
+MOST_EXTENDS = 20  # files that extend one another
+DEEPEST_KEY = 50  # parts of a dotted key
 #: What numpy raises for a damaged file of arrays (.npz).
 NPZ_FAULTS = (OSError, ValueError, LookupError, TypeError, EOFError, zipfile.BadZipFile, zlib.error,
-              NotImplementedError)  # fmt: skip
+              NotImplementedError, MemoryError)  # fmt: skip
+
+
+def open_input(
+    path: Path, *, most: int, error: type[InvalidParameter] = DataError
+) -> io.BufferedReader:
+    """Open a file from outside for reading: a regular one of at most ``most`` bytes.
+
+    A pipe is not waited for and a device is not read: the kind is looked at once the file is open,
+    so that nobody can exchange it in between.
+
+    Raises
+    ------
+    error
+        There is no such file, it is no regular file, or it is too large.
+    """
+    flags = ("O_NONBLOCK", "O_CLOEXEC", "O_NOCTTY", "O_BINARY")  # those that the system has
+    try:
+        handle = os.open(path, os.O_RDONLY | sum(getattr(os, flag, 0) for flag in flags))
+    except (OSError, ValueError) as fault:  # ValueError: a name with a null character
+        reason = getattr(fault, "strerror", None) or fault
+        why = f"cannot be read: {reason}" if is_file(path) else why_missing(path)
+        raise error(f"{path}: {why}") from None
+    found = os.fstat(handle)
+    if not stat.S_ISREG(found.st_mode) or found.st_size > most:
+        os.close(handle)
+        if not stat.S_ISREG(found.st_mode):
+            raise error(f"{path}: {why_missing(path)}")
+        raise error(f"{path}: {found.st_size} bytes; the limit is {most} bytes")
+    return os.fdopen(handle, "rb")
+
+
+def read_input(path: Path, *, most: int, error: type[InvalidParameter] = DataError) -> bytes:
+    """Content of a file from outside; see :func:`open_input`."""
+    with open_input(path, most=most, error=error) as file:
+        try:
+            size = os.fstat(file.fileno()).st_size
+            data = file.read(size + 1)
+        except OSError as fault:
+            raise error(f"{path}: cannot be read: {fault.strerror or fault}") from None
+    if len(data) > size:  # a file that grows, or one of the system that states no size
+        raise error(f"{path}: is longer than the {size} bytes that it states")
+    return data
+
+
+def read_text(path: Path, *, most: int, error: type[InvalidParameter] = DataError) -> str:
+    """UTF-8 text of a file from outside; see :func:`open_input`."""
+    try:
+        return read_input(path, most=most, error=error).decode("utf-8-sig")
+    except UnicodeDecodeError as fault:
+        raise error(f"{path}: is no UTF-8 text (byte {fault.start})") from None
+
+
+def read_json(path: Path, *, most: int = LARGEST_JSON) -> Any:
+    """Content of a JSON file; see :func:`open_input`."""
+    text = read_text(path, most=most)
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as fault:
+        raise DataError(f"{path}: is no JSON: {fault}") from None
+
+
+def read_npz(path: Path, *, most: int = LARGEST_ARRAYS) -> dict[str, Any]:
+    """Arrays of a ``.npz`` file, which together take at most ``most`` bytes.
+
+    Raises
+    ------
+    DataError
+        As :func:`open_input`, or the file is damaged.
+    """
+    import numpy as np
+
+    with open_input(path, most=most) as file:
+        try:
+            with zipfile.ZipFile(file) as packed:
+                size = sum(entry.file_size for entry in packed.infolist())
+            if size > most:
+                raise DataError(f"{path}: arrays of {size} bytes; the limit is {most} bytes")
+            file.seek(0)
+            with np.load(file, allow_pickle=False) as arrays:
+                return {name: arrays[name] for name in arrays.files}
+        except DataError:
+            raise
+        except NPZ_FAULTS as fault:
+            raise DataError(f"{path}: is damaged: {fault or type(fault).__name__}") from None
+
+
+def named_file(folder: Path, name: str, where: str) -> str | Path:
+    """What a file names: the name of something packaged, or a path as in :func:`beside`."""
+    is_path = bool(Path(name).suffix) or len(Path(name).parts) > 1
+    return beside(folder, name, where) if is_path else name
+
+
+def beside(folder: Path, name: str, where: str) -> Path:
+    """Path of a file that another file names: in the folder of that one, or below it.
+
+    A mechanism from elsewhere thus names nothing but what came with it.
+
+    Raises
+    ------
+    InvalidParameter
+        The name leads out of the folder; ``where`` says in which file and entry it stands.
+    """
+    path = Path(name)
+    if path.is_absolute() or path.drive or ".." in path.parts:
+        raise InvalidParameter(
+            f"{where}: got {name[:200]!r}, expected a path in the folder of this file or below it"
+        )
+    return folder / path
 
 
 def read_toml(path: Path) -> dict[str, Any]:
     """Tables of a TOML file; one clear error if it cannot be read."""
+    text = read_text(path, most=LARGEST_TOML, error=InvalidParameter)
+    depth = _longest_key(text)
+    if depth > DEEPEST_KEY:
+        raise InvalidParameter(
+            f"{path}: tables are nested too deeply: a key has {depth} parts with dots between, "
+            f"the limit is {DEEPEST_KEY}"
+        )
     try:
-        size = path.stat().st_size
-        if size > LARGEST_TOML:
-            raise InvalidParameter(f"{path}: {size} bytes; the limit of a TOML file is 10 MB")
-        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except OSError as error:
-        raise InvalidParameter(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise InvalidParameter(f"{path}: is no UTF-8 text (byte {error.start})") from None
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InvalidParameter(f"{path}: is no TOML: {error}") from None
     except ValueError as error:  # such as an integer of thousands of digits
         raise InvalidParameter(f"{path}: a value cannot be read: {error}") from None
     except RecursionError:
         raise InvalidParameter(f"{path}: tables are nested too deeply") from None
+
+
+# Strings and comments as TOML has them, each to its end or that of its line or text. Possessive:
+# whatever the text, it is gone over once.
+_PARTS = re.compile(
+    r'''(?:"""(?:[^"\\]|\\.|"(?!""))*+(?:""")?'''
+    r"""|'''(?:[^']|'(?!''))*+(?:''')?"""
+    r"""|"(?:[^"\\\n]|\\.)*+"?"""
+    r"""|'[^'\n]*+'?|[A-Za-z0-9_-]++)"""
+    r"""(?P<dot>[ \t]*+\.)?|\#[^\n]*+""",
+    re.DOTALL,
+)
+
+
+def _longest_key(text: str) -> int:
+    """Parts of the longest chain of words with dots between them.
+
+    The reader of the standard library takes a time with the square of it.
+    """
+    longest = here = 0
+    for match in _PARTS.finditer(text):
+        here += 1
+        if match["dot"] is None:
+            longest = max(longest, here)
+            here = 0
+    return max(longest, here)
 
 
 def plain_text(value: object) -> str:
@@ -63,7 +214,7 @@ def is_file(path: Path) -> bool:
     """Whether there is such a file; a name that no file can have, or a closed folder, is none."""
     try:
         return path.is_file()
-    except OSError:
+    except (OSError, ValueError):
         return False
 
 
@@ -74,7 +225,7 @@ def why_missing(path: Path) -> str:
             return "is a folder, expected a file"
         if path.exists():
             return "is a device or a pipe, expected a file"
-    except OSError:
+    except (OSError, ValueError):
         pass
     return "there is no such file"
 

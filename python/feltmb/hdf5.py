@@ -1,60 +1,263 @@
-"""HDF5 files from outside, which NetCDF 4 and MAT 7.3 are too: opened after a look at their heaps.
+"""HDF5 files from outside, which NetCDF 4 and MAT 7.3 are too: the one reader of them.
 
-HDF5 reads the texts of a file from global heaps. A damaged length there lets version 2.0 go round
-for ever, and nothing in Python can stop it; so heaps are walked before the library sees them.
+An HDF5 file can name other files (external links, external storage, virtual datasets), claim sizes
+without holding the data, and unpack to a thousand times its size. HDF5 reads the texts of a file
+from global heaps, and a damaged length there lets version 2.0 go round for ever; nothing in Python
+can stop it. So all of this is looked at before the library acts on it. Only what the file itself
+holds at its top level is read.
 """
 
 from __future__ import annotations
 
+import math
 import mmap
 import struct
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-__all__ = ["HDF5_FAULTS", "open_hdf5"]
+from feltmb.files import open_input, plain_text
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+__all__ = ["HDF5_FAULTS", "Hdf5Dataset", "Hdf5File", "open_hdf5"]
 
 #: What h5py raises for a damaged file.
-HDF5_FAULTS = (OSError, ValueError, LookupError, TypeError, AttributeError, RuntimeError)
+HDF5_FAULTS = (OSError, ValueError, LookupError, TypeError, AttributeError, RuntimeError,
+               NotImplementedError, MemoryError)  # fmt: skip
+
+LARGEST_FILE = 4_000_000_000  # bytes
+MOST_NAMES = 100_000  # at the top level of a file, and attributes of one entry
+MOST_TEXTS = 1_000_000  # in the global heaps of a file
+MOST_CHUNKS = 1_000_000  # of one dataset
 
 _SIGNATURE = b"GCOL\x01\x00\x00\x00"
 _HEADER = 16  # bytes, of a heap and of each of its objects
 _SMALLEST = 4096  # bytes of a heap
 
+_DEFLATE = 1
+#: Filters that take nothing on trust: deflate (checked here), shuffle, fletcher32, lzf (whose
+#: output is at most 88 times its input).
+_FILTERS = (_DEFLATE, 2, 3, 32000)
 
-def open_hdf5(path: Path, **options: Any) -> Any:
-    """Open a file for reading, a context manager.
+
+class Hdf5File:
+    """What an open file holds at its top level.
+
+    Attributes
+    ----------
+    left_out : dict of str to str
+        Entries that are no dataset of this file, and why; complete after :meth:`datasets`.
+    """
+
+    def __init__(self, file: Any, most_bytes: int):
+        self._file = file
+        self._room = most_bytes
+        self.most_bytes = most_bytes
+        self.left_out: dict[str, str] = {}
+
+    def attributes(self) -> dict[str, Any]:
+        """Numbers and texts of the file by name."""
+        return {k: v for k in self._file.attrs if (v := self._attribute(self._file, k)) is not None}
+
+    def datasets(self) -> Iterator[Hdf5Dataset]:
+        """Datasets in the order of the file."""
+        import h5py
+
+        if len(self._file) > MOST_NAMES:
+            raise ValueError(f"{len(self._file)} entries; the limit is {MOST_NAMES}")
+        for key in self._file:
+            name = plain_text(key)
+            if not isinstance(self._file.get(key, getlink=True), h5py.HardLink):
+                self.left_out[name] = "a link to another place"
+                continue
+            item = self._file[key]
+            if not isinstance(item, h5py.Dataset):
+                self.left_out[name] = "a group"
+            elif item.external:
+                self.left_out[name] = "stored in another file"
+            elif item.is_virtual:
+                self.left_out[name] = "a view of other datasets"
+            else:
+                yield Hdf5Dataset(self, name, item)
+
+    def _attribute(self, item: Any, key: str) -> Any:
+        """Number, text or small array of an attribute; None if it is absent or something else."""
+        import h5py
+
+        if key not in item.attrs:
+            return None
+        kind = item.attrs.get_id(key)
+        if kind.shape is None or not (
+            kind.dtype.kind in "fiubSU" or h5py.check_string_dtype(kind.dtype) is not None
+        ):
+            return None
+        self.take(math.prod(kind.shape) * kind.dtype.itemsize, f"attribute {shown(key)}")
+        value = item.attrs[key]
+        if getattr(value, "size", 0) == 1:
+            value = value.ravel()[0]
+        if isinstance(value, bytes):
+            value = value.decode("utf-8", "replace")
+        # What is no text at all cannot be printed, nor written again.
+        return value.encode("utf-8", "replace").decode() if isinstance(value, str) else value
+
+    def take(self, size: int, what: str) -> None:
+        """Count bytes that are about to be read.
+
+        Raises
+        ------
+        ValueError
+            The file claims more than may be read from it.
+        """
+        self._room -= size
+        if self._room < 0:
+            raise ValueError(
+                f"{what}: the file claims more than {self.most_bytes} bytes, which is the limit"
+            )
+
+
+class Hdf5Dataset:
+    """A dataset that the file itself holds."""
+
+    def __init__(self, file: Hdf5File, name: str, item: Any):
+        self._file = file
+        self._item = item
+        self.name = name
+        self.shape: tuple[int, ...] | None = item.shape
+        self.dtype: np.dtype[Any] = item.dtype
+
+    @property
+    def is_numbers(self) -> bool:
+        """Whether it holds real numbers."""
+        return self.shape is not None and self.dtype.kind in "fiu"
+
+    def attribute(self, key: str) -> Any:
+        """Number, text or small array of an attribute; None if it is absent or something else."""
+        return self._file._attribute(self._item, key)
+
+    def read(self) -> npt.NDArray[Any]:
+        """The numbers.
+
+        Raises
+        ------
+        ValueError
+            The dataset is larger than the file may be, or packed in a way that is not read.
+        """
+        import numpy as np
+
+        assert self.shape is not None
+        size = math.prod(self.shape)
+        what = f"dataset {shown(self.name)}"
+        self._file.take(size * self.dtype.itemsize, what)
+        if self._item.chunks is not None and size:
+            self._check_chunks(what)
+        return np.asarray(self._item)
+
+    def _check_chunks(self, what: str) -> None:
+        """Refuse chunks that unpack to more than they are said to hold."""
+        chunk = math.prod(self._item.chunks) * self.dtype.itemsize
+        identity = self._item.id
+        recipe = identity.get_create_plist()
+        filters = [recipe.get_filter(i)[0] for i in range(recipe.get_nfilters())]
+        unknown = [f for f in filters if f not in _FILTERS]
+        if unknown or filters.count(_DEFLATE) > 1 or len(filters) > 4:
+            raise ValueError(f"{what}: packed by filters {filters}; known are {list(_FILTERS)}")
+        stored: list[Any] = []
+
+        def note(info: Any) -> None:
+            if len(stored) >= MOST_CHUNKS:
+                raise ValueError(f"{what}: more than {MOST_CHUNKS} chunks, which is the limit")
+            stored.append(info)
+
+        identity.chunk_iter(note)
+        if stored:
+            # The library holds one chunk at a time, whole, however little of it is wanted.
+            self._file.take(max(0, chunk - math.prod(self.shape or ()) * self.dtype.itemsize), what)
+        if _DEFLATE not in filters:
+            return
+        place = filters.index(_DEFLATE)
+        for info in stored:
+            if info.filter_mask & (1 << place):
+                continue
+            _, raw = identity.read_direct_chunk(info.chunk_offset)
+            unpacker = zlib.decompressobj()
+            try:
+                # Checksums of filters before this one are a few bytes.
+                done = len(unpacker.decompress(raw, chunk + 64))
+            except zlib.error as error:
+                raise ValueError(f"{what}: is damaged: {error}") from None
+            if done > chunk + 8 * len(filters) or unpacker.unconsumed_tail:
+                raise ValueError(f"{what}: a chunk unpacks to more than its {chunk} bytes")
+
+
+def shown(name: str) -> str:
+    """Name for a message."""
+    text = plain_text(name)
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+@contextmanager
+def open_hdf5(path: Path, *, most_bytes: int, track_order: bool = False) -> Iterator[Hdf5File]:
+    """Open a file for reading.
+
+    Parameters
+    ----------
+    most_bytes
+        That may be read from it, unpacked.
+    track_order
+        List datasets in the order in which they were made.
 
     Raises
     ------
+    DataError
+        It is no regular file, or too large.
     ValueError
         The file is empty, or one of its global heaps is damaged.
     """
     import h5py
 
-    if path.stat().st_size == 0:
-        raise ValueError("the file is empty")
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        _check_heaps(data)
-    return h5py.File(path, "r", **options)
+    with open_input(path, most=LARGEST_FILE) as stream:
+        if stream.seek(0, 2) == 0:
+            raise ValueError("the file is empty")
+        with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            _check_heaps(data)
+        stream.seek(0)
+        # The open file, not its name: no other file can come in between.
+        with h5py.File(stream, "r", track_order=track_order) as file:
+            yield Hdf5File(file, most_bytes)
 
 
 def _check_heaps(data: mmap.mmap | bytes) -> None:
+    """Walk the heaps; heaps of a sound file do not overlap, so that the work is limited."""
+    room = min(MOST_TEXTS, len(data) // _HEADER)
     at = data.find(_SIGNATURE)
     while at >= 0:
         if at + _HEADER <= len(data):
             (size,) = struct.unpack_from("<Q", data, at + 8)
             if size < _SMALLEST or size % 8 or at + size > len(data):
                 raise ValueError(f"global heap at byte {at} has a length of {size}")
-            _check_objects(data, at, at + size)
+            room -= _check_objects(data, at, at + size, room)
         at = data.find(_SIGNATURE, at + 8)
 
 
-def _check_objects(data: mmap.mmap | bytes, heap: int, end: int) -> None:
-    """Walk the objects of a heap; index 0 is the free space at its end."""
+def _check_objects(data: mmap.mmap | bytes, heap: int, end: int, room: int) -> int:
+    """Walk the objects of a heap; index 0 is the free space at its end. Returns their number."""
     at = heap + _HEADER
+    count = 0
     while at + _HEADER <= end:
         index, size = struct.unpack_from("<H6xQ", data, at)
         step = size if index == 0 else _HEADER + (size + 7) // 8 * 8
         if step < _HEADER or at + step > end:
             raise ValueError(f"global heap at byte {heap} has an object of {size} bytes")
+        count += 1
+        if count > room:
+            raise ValueError(
+                f"global heap at byte {heap}: the heaps overlap, or hold more than {MOST_TEXTS} "
+                "texts"
+            )
         at += step
+    return count

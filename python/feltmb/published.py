@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from feltmb import params
-from feltmb.files import is_file, read_toml
+from feltmb.files import read_toml
 
 if TYPE_CHECKING:
     from feltmb.results import Run
@@ -33,9 +33,10 @@ class Comparison:
 
 def compare_with_published(run: Run) -> list[Comparison]:
     """Published values for the mechanism and stroke of a run; empty if there are none."""
-    path = params.folder("published") / f"{run.provenance['action']}.toml"
-    if not is_file(path):
+    action = run.provenance.get("action")
+    if action not in params.names("published"):  # a saved run may hold any name
         return []
+    path = params.folder("published") / f"{action}.toml"
     name = run.provenance["stroke"]["name"]
     return [
         Comparison(

@@ -23,7 +23,7 @@ from pydantic import (
     field_validator,
 )
 
-from feltmb.errors import InvalidParameter
+from feltmb.errors import InvalidParameter, printable
 from feltmb.units import conversion_factor
 
 __all__ = [
@@ -37,12 +37,17 @@ __all__ = [
     "is_quantity",
     "parse_scalar",
     "shortened",
+    "split_heading",
     "unit_of",
 ]
 
 META_KEYS = frozenset({"value", "unit", "source", "status", "note", "printed", "sd"})
 STATUS = ("measured", "published", "digitised", "assumed", "fitted", "computed", "regulated")
-_TEXT = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)$")
+# Possessive (++, *+): no text makes them go back, so that their time grows with its length alone.
+_TEXT = re.compile(r"\s*+([-+]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][-+]?\d++)?)(.*)", re.DOTALL)
+_FORBIDDEN = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+)
 
 
 class Schema(BaseModel):
@@ -54,10 +59,32 @@ class Schema(BaseModel):
     @classmethod
     def _no_disguise(cls, value: object, info: ValidationInfo) -> object:
         """Refuse what pydantic would turn into another kind: true is no 1, "80" is no 80."""
+        _check_letters(value)
         field = cls.model_fields[str(info.field_name)]
         if not any(isinstance(m, BeforeValidator) for m in field.metadata):
             _check_kind(field.annotation, value)
         return value
+
+
+def _check_letters(value: object) -> None:
+    """Raise ValueError for a text, or a name of a table, with letters that command a terminal.
+
+    They are no part of a name or a remark: a file name, a label, a page would carry them on.
+    """
+    if isinstance(value, str):
+        found = _FORBIDDEN.search(value)
+        if found is not None:
+            raise ValueError(
+                f"got {shortened(repr(value))}, which holds the control character "
+                f"U+{ord(found[0]):04X}; expected printable text"
+            )
+    elif isinstance(value, Mapping):
+        for key in value:
+            _check_letters(key)
+    elif isinstance(value, (list, tuple)):
+        for item in value:
+            if isinstance(item, str):
+                _check_letters(item)
 
 
 def _check_kind(annotation: Any, value: object) -> None:
@@ -93,6 +120,15 @@ def _check_kind(annotation: Any, value: object) -> None:
 def shortened(text: str, most: int = 80) -> str:
     """Text for a message, cut where it would fill the screen."""
     return text if len(text) <= most else text[: most - 3] + "..."
+
+
+def split_heading(cell: str) -> tuple[str, str | None]:
+    """Name and unit of a column's heading such as ``force [N]``; None: no unit is stated."""
+    text = cell.strip()
+    name, mark, unit = text.partition("[")
+    if not mark or not text.endswith("]"):
+        return text, None
+    return name.rstrip(), unit[:-1].strip()
 
 
 def is_quantity(node: object) -> bool:
@@ -241,15 +277,10 @@ def _plain_input(node: object) -> str:
     return shortened(repr(node))
 
 
-def _printable(text: str) -> str:
-    """Text with letters that no terminal shows, or that command it, written as escapes."""
-    return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
-
-
 def fault_text(origin: str, faults: Sequence[str], most: int = 100) -> str:
     """Message that lists the faults of a file, at most ``most`` of them."""
     count = "1 fault" if len(faults) == 1 else f"{len(faults)} faults"
-    shown = [shortened(_printable(f), 1000) for f in faults[:most]]
+    shown = [shortened(printable(f), 1000) for f in faults[:most]]
     if len(faults) > most:
         shown.append(f"... and {len(faults) - most} more")
     return f"{origin}: {count}\n" + "\n".join(f"  {f}" for f in shown)

@@ -7,6 +7,7 @@ are asked for.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -14,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.files import is_file, why_missing, write_file
+from feltmb.files import plain_text, write_file
 from feltmb.hdf5 import HDF5_FAULTS, open_hdf5
 from feltmb.quantity import shortened
 
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 __all__ = ["FILE_FORMAT", "Provenance", "Run", "let_off_words", "load_run"]
 
 FILE_FORMAT = 1
-MOST_NUMBERS = 500_000_000  # of a file: 4 GB
+MOST_NUMBERS = 100_000_000  # of a file: 800 MB, which is what reading takes
 
 
 def let_off_words(summary: Mapping[str, float]) -> str:
@@ -309,6 +310,12 @@ class Run:
         """
         from feltmb.netcdf import Variable, encode
 
+        size = self.values.size + self.eta.size + self.time.size
+        if size > MOST_NUMBERS:
+            raise InvalidParameter(
+                f"{path}: the run holds {size} numbers, and a file at most {MOST_NUMBERS}; "
+                "simulate with a lower output_rate"
+            )
         provenance = self.provenance
         attributes: dict[str, str | int] = {
             "action": str(provenance.get("action", "")),
@@ -403,36 +410,61 @@ def _is_number(value: object) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
-def _read_file(path: Path) -> tuple[dict[str, Any], dict[str, Any], dict[str, dict[str, str]]]:
-    """Attributes, arrays in the order of the file, and attributes of the arrays."""
-    import h5py
+#: Arrays of a saved run that are no outputs.
+_SPECIAL = ("time", "string.eta", "end_state", "end_memory")
+
+
+def _read_file(path: Path) -> tuple[dict[str, Any], dict[str, Any], dict[str, tuple[str, str]]]:
+    """Attributes, arrays, and unit and long name of each output in the order of the file."""
     import numpy as np
 
-    def plain(value: Any) -> Any:
-        if isinstance(value, np.ndarray) and value.size == 1:
-            value = value.ravel()[0]
-        if isinstance(value, bytes):
-            value = value.decode("utf-8", "replace")
-        # What is no text at all cannot be printed, nor written again.
-        return value.encode("utf-8", "replace").decode() if isinstance(value, str) else value
-
     arrays: dict[str, Any] = {}
-    texts: dict[str, dict[str, str]] = {}
-    with open_hdf5(path, track_order=True) as file:
-        attributes = {str(k): plain(file.attrs[k]) for k in file.attrs if not k.startswith("_")}
-        variables = {
-            str(name): node
-            for name, node in file.items()
-            if isinstance(node, h5py.Dataset)
-            and b"not a netCDF variable" not in bytes(node.attrs.get("NAME", b""))
-        }
-        size = sum(int(node.size or 0) for node in variables.values())
+    texts: dict[str, tuple[str, str]] = {}
+    with open_hdf5(path, most_bytes=8 * MOST_NUMBERS, track_order=True) as file:
+        attributes = file.attributes()
+        outputs = []
+        faults = []
+        for item in file.datasets():
+            if "not a netCDF variable" in str(item.attribute("NAME")):
+                continue
+            if not item.is_numbers or item.dtype.kind != "f":
+                faults.append(f"{shortened(item.name)} is {item.dtype}, expected numbers")
+            elif item.name in _SPECIAL:
+                arrays[item.name] = item.read()
+            else:
+                outputs.append(item)
+        faults += [f"{shortened(n)} is {why}" for n, why in file.left_out.items()]
+        length = arrays["time"].size if "time" in arrays else 0
+        for item in outputs:
+            if item.shape != (length,):
+                faults.append(f"{shortened(item.name)} has shape {item.shape}, time has {length}")
+        size = length + sum(math.prod(item.shape or ()) for item in outputs)
         if size > MOST_NUMBERS:
             raise ValueError(f"{size} numbers; the limit of a run is {MOST_NUMBERS}")
-        for name, node in variables.items():
-            arrays[name] = np.asarray(node)
-            texts[name] = {k: str(plain(node.attrs.get(k, ""))) for k in ("units", "long_name")}
+        if faults:
+            raise DataError(f"{path}: is no complete run: " + "; ".join(faults[:20]))
+        arrays["values"] = np.empty((length, len(outputs)))
+        for i, item in enumerate(outputs):
+            arrays["values"][:, i] = item.read()
+            unit, text = (item.attribute(key) for key in ("units", "long_name"))
+            texts[item.name] = (plain_text("" if unit is None else unit),
+                                plain_text("" if text is None else text))  # fmt: skip
     return attributes, arrays, texts
+
+
+def _plain(node: Any) -> Any:
+    """Tables of a saved run with texts that can be shown and written."""
+    if isinstance(node, str):
+        return plain_text(node)
+    if isinstance(node, dict):
+        return {plain_text(key): _plain(value) for key, value in node.items()}
+    if isinstance(node, list):
+        return [_plain(value) for value in node] if _holds_text(node) else node
+    return node
+
+
+def _holds_text(values: list[Any]) -> bool:
+    return any(isinstance(value, (str, dict, list)) for value in values)
 
 
 def load_run(path: str | Path) -> Run:
@@ -446,12 +478,12 @@ def load_run(path: str | Path) -> Run:
     import numpy as np
 
     path = Path(path)
-    if not is_file(path):
-        raise DataError(f"{path}: {why_missing(path)}")
     try:
         attributes, arrays, texts = _read_file(path)
+    except DataError:
+        raise
     except HDF5_FAULTS as error:
-        reason = shortened(str(error), 200)
+        reason = shortened(str(error), 300)
         raise DataError(f"{path}: is no NetCDF file of a run: {reason}") from None
     form = attributes.get("feltmb_format")
     if not isinstance(form, (int, float, np.number)) or form != FILE_FORMAT:
@@ -461,20 +493,19 @@ def load_run(path: str | Path) -> Run:
         )
     try:
         meta = {
-            key: json.loads(attributes[key])
+            key: _plain(json.loads(attributes[key]))
             for key in ("coordinate_names", "summary", "energy", "stats", "provenance", "events")
         }
-        special = {n: arrays.pop(n) for n in ("time", "string.eta", "end_state", "end_memory")}
-        names = tuple(arrays)
-        special["values"] = np.stack([arrays[n] for n in names], axis=1)
+        special = {n: arrays[n] for n in (*_SPECIAL, "values")}
+        names = tuple(texts)
         faults = _run_faults(special, meta)
         if faults:
             raise ValueError("; ".join(faults[:20]))
         return Run(
             time=special["time"],
             names=names,
-            units=tuple(texts[n]["units"] for n in names),
-            long_names=tuple(texts[n]["long_name"] for n in names),
+            units=tuple(unit for unit, _ in texts.values()),
+            long_names=tuple(text for _, text in texts.values()),
             values=special["values"],
             eta=special["string.eta"],
             event_table=meta["events"],
@@ -485,8 +516,8 @@ def load_run(path: str | Path) -> Run:
             end_state=special["end_state"],
             end_memory=special["end_memory"],
             coordinates=tuple(map(str, meta["coordinate_names"])),
-            status=str(attributes["status"]),
-            message=str(attributes["message"]),
+            status=plain_text(attributes["status"]),
+            message=plain_text(attributes["message"]),
         )
     except KeyError as error:
         raise DataError(f"{path}: is no complete run: {error} is missing") from None

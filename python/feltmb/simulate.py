@@ -15,6 +15,7 @@ from feltmb.cautions import run_warnings
 from feltmb.config import Action, load_action
 from feltmb.errors import IntegrationError, InvalidParameter
 from feltmb.events import Change, name_events
+from feltmb.options import check_options
 from feltmb.results import Provenance, Run
 from feltmb.stroke import MOTORS, PRESCRIBED, Stroke, load_stroke
 
@@ -239,6 +240,7 @@ def prepare(
     memory, whether the motion is prescribed, whether a motor drives.
     """
     check_input(action, stroke)
+    check_options({"max_wall": max_wall, "max_step": max_step, "max_order": max_order})
     options = _core.SimulationOptions()
     options.duration = float(stroke.duration if duration is None else duration)
     options.rtol = (

@@ -15,7 +15,7 @@ ROOT = HERE.parents[2]
 BASE = "errors units quantity"
 MODEL = (
     f"{BASE} files hdf5 netcdf _core params config smoothing stroke events results cautions "
-    "simulate"
+    "options simulate"
 )
 STUDY = "sweep study study_expression study_plot study_report"
 TOOLS = "actuator quasistatic regulate touch felt subjects parameters sensitivity batch"
@@ -52,7 +52,7 @@ MAY_USE = {
         "units": "errors",
         "quantity": "errors units",
         "files": "errors",
-        "hdf5": "",
+        "hdf5": "errors files",
         "params": BASE,
         "mending": "",
         "fiber": f"{BASE} _core files",
@@ -66,7 +66,8 @@ MAY_USE = {
         "data": f"{BASE} files hdf5",
         "published": f"{BASE} files params results",
         "cautions": "config stroke",
-        "simulate": f"{BASE} _core params config stroke events results cautions",
+        "options": BASE,
+        "simulate": f"{BASE} _core params config stroke events results cautions options",
         "parameters": f"{BASE} _core config",
         "sensitivity": f"{MODEL} parameters",
         "batch": MODEL,

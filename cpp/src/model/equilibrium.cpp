@@ -101,6 +101,29 @@ double scaled_residual(const Mechanism& m, const Eigen::VectorXd& force) {
   return largest;
 }
 
+/// Steps of the coordinates [rad, m] by steps whose length is limited, in units of the scales: the
+/// length counts the turn of each joint and that of each body against the ground. In the angles of
+/// the joints alone the first joint of a long chain would be allowed a step that throws its end far
+/// off, and the search would take ten thousands of short steps.
+Eigen::MatrixXd from_turns(const Mechanism& m) {
+  const auto n = static_cast<Eigen::Index>(m.coordinates.size());
+  const auto turned_by = [&](const Link& link) {
+    return m.motions[static_cast<std::size_t>(link.motions[0])].coordinate;
+  };
+  Eigen::MatrixXd turns = Eigen::MatrixXd::Identity(n, n);
+  for (std::size_t i = 1; i < m.links.size(); ++i) {
+    if (m.links[i].kind != LinkKind::kRevolute) continue;
+    for (int a = m.links[i].parent; a > 0; a = m.links[static_cast<std::size_t>(a)].parent) {
+      const Link& above = m.links[static_cast<std::size_t>(a)];
+      if (above.kind == LinkKind::kRevolute) turns(turned_by(m.links[i]), turned_by(above)) = 1.0;
+    }
+  }
+  const Eigen::VectorXd scale = Eigen::Map<const Eigen::VectorXd>(m.coordinate_scale.data(), n);
+  const Eigen::MatrixXd both = 0.5 * (turns.transpose() * turns + Eigen::MatrixXd::Identity(n, n));
+  const Eigen::MatrixXd inverse = both.llt().matrixU().solve(Eigen::MatrixXd::Identity(n, n));
+  return scale.asDiagonal() * inverse;
+}
+
 }  // namespace
 
 Equilibrium find_equilibrium(const std::shared_ptr<const Mechanism>& mechanism, double finger_force,
@@ -115,6 +138,7 @@ Equilibrium find_equilibrium(const std::shared_ptr<const Mechanism>& mechanism, 
   Eigen::VectorXd q =
       Eigen::Map<const Eigen::VectorXd>(near.empty() ? m.start_pose.data() : near.data(), n);
   const Eigen::VectorXd scale = Eigen::Map<const Eigen::VectorXd>(m.coordinate_scale.data(), n);
+  const Eigen::MatrixXd way = from_turns(m);
   // 1e-13 J: a force of 0.1 nN on felt that moves by 1 mm.
   const double enough = near.empty() ? 1e-13 : 1e-18;
   constexpr int most = 20000;
@@ -122,12 +146,14 @@ Equilibrium find_equilibrium(const std::shared_ptr<const Mechanism>& mechanism, 
   double energy = rest.energy(q);
   int iteration = 0;
   bool stable = false;
+  bool moved = true;
+  Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(n);
   for (; iteration < most; ++iteration) {
     const Eigen::VectorXd force = scale.cwiseProduct(rest.force());
-    const Eigen::MatrixXd h = scale.asDiagonal() * rest.hessian() * scale.asDiagonal();
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(h);
+    if (moved) eigen.compute(way.transpose() * rest.hessian() * way);
     const Eigen::VectorXd& values = eigen.eigenvalues();
-    const Eigen::VectorXd along = eigen.eigenvectors().transpose() * force;
+    const Eigen::VectorXd along =
+        eigen.eigenvectors().transpose() * (way.transpose() * rest.force());
     if (force.cwiseAbs().maxCoeff() <= enough) {
       stable = values.minCoeff() > 0.0;
       if (stable) break;
@@ -136,9 +162,11 @@ Equilibrium find_equilibrium(const std::shared_ptr<const Mechanism>& mechanism, 
     const double floor = 1e-9 * std::max(1e-12, values.cwiseAbs().maxCoeff());
     Eigen::VectorXd step = along.cwiseQuotient(values.cwiseAbs().cwiseMax(floor));
     const double length = step.cwiseAbs().maxCoeff();
-    if (length > radius) step *= radius / length;
-    const Eigen::VectorXd dq = scale.cwiseProduct(eigen.eigenvectors() * step);
-    const double predicted = force.dot(dq.cwiseQuotient(scale));
+    // Each direction on its own: shortening all of them alike would let the softest one, which
+    // wants to go far, hold up the others.
+    step = step.cwiseMax(-radius).cwiseMin(radius);
+    const Eigen::VectorXd dq = way * (eigen.eigenvectors() * step);
+    const double predicted = along.dot(step);
     const double trial = rest.energy(q + dq);
     const double residual_before = force.cwiseAbs().maxCoeff();
     const double residual_after = scaled_residual(m, rest.force());
@@ -147,12 +175,14 @@ Equilibrium find_equilibrium(const std::shared_ptr<const Mechanism>& mechanism, 
       q += dq;
       energy = trial;
       radius = std::min(20.0, 2.0 * radius);
+      moved = true;
       if (!m.strings.empty()) {
         rest.deflect_strings();
         energy = rest.energy(q);
       }
     } else {
       rest.energy(q);
+      moved = false;
       radius = 0.25 * std::min(length, radius);
       if (radius < 1e-14) {
         stable = values.minCoeff() > 0.0 && residual_before < 1e-10;

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import json
 import math
 import time
 from collections.abc import Sequence
@@ -17,7 +16,7 @@ from feltmb.blind import action_truth as truth
 from feltmb.blind.action_calibration import packaged_scales, to_record
 from feltmb.blind.action_strength import noncentralities
 from feltmb.data import Record
-from feltmb.files import write_file
+from feltmb.files import read_json, read_npz, write_file
 
 __all__ = ["SOURCES", "answer", "diagnose", "draw_all", "make_records", "read_records"]
 
@@ -84,11 +83,11 @@ def answer(case: truth.Case, library: Any, onsets: dict[str, list[float]]) -> di
 def read_records(path: Path) -> list[Record]:
     """Records of a case with what a data sheet says of their sensors."""
     outputs = _setup()[3]
-    with np.load(path) as file:
-        return [
-            to_record(s, {c: file[f"{s}.{c}"] for c in ("force", *outputs)}, outputs)
-            for s in truth.STROKES
-        ]
+    file = read_npz(path)
+    return [
+        to_record(s, {c: file[f"{s}.{c}"] for c in ("force", *outputs)}, outputs)
+        for s in truth.STROKES
+    ]
 
 
 def diagnose(records: Sequence[Record], effects: Sequence[str] = ()) -> Any:
@@ -111,7 +110,7 @@ def diagnose(records: Sequence[Record], effects: Sequence[str] = ()) -> Any:
 
 def oracle(folder: Path, number: int, records: Sequence[Record]) -> dict[str, Any] | None:
     """Diagnosis with a library of the true effects only; None where it does not apply."""
-    known = json.loads((folder / "answers" / f"{number}.json").read_text("utf-8"))
+    known = read_json(folder / "answers" / f"{number}.json")
     names = sorted({p["name"] for p in known["parts"]})
     if not names or any(p["form"] == "outside" for p in known["parts"]):
         return None

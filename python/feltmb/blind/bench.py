@@ -32,8 +32,16 @@ from typing import Any, Literal
 import numpy as np
 
 from feltmb.blind import truth, truth_machine, truth_sensors
-from feltmb.errors import FileExists, InvalidParameter
-from feltmb.files import NPZ_FAULTS, write_file, write_text
+from feltmb.errors import DataError, FileExists, InvalidParameter
+from feltmb.files import (
+    LARGEST_JSON,
+    NPZ_FAULTS,
+    read_input,
+    read_json,
+    read_npz,
+    write_file,
+    write_text,
+)
 
 __all__ = ["Bench", "Half", "read_records"]
 
@@ -76,7 +84,7 @@ def load_kinds(outside: Path | None) -> dict[str, Any]:
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise InvalidParameter(f"{outside}: {type(error).__name__}: {error}") from None
     faults = []
     found = getattr(module, "KINDS", None)
@@ -188,9 +196,9 @@ class Bench:
         """Return the seal, after a check that the truths are those that were sealed."""
         path = self.folder / "seal.json"
         try:
-            seal: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-            truths = (self.folder / "truths.json").read_bytes()
-        except (OSError, ValueError) as error:
+            seal: dict[str, Any] = read_json(path)
+            truths = read_input(self.folder / "truths.json", most=LARGEST_JSON)
+        except DataError as error:
             raise InvalidParameter(f"{self.folder}: is no bench: {error}") from None
         kinds = {"cases": int, "seed": int, "truths_sha256": str, "outside": str, "version": str,
                  "sealed": str, "model": str}  # fmt: skip
@@ -258,8 +266,8 @@ class Bench:
 def _engine_of(path: Path) -> str:
     """Hash of the engine that made a result; empty if there is none that can be read."""
     try:
-        return str(json.loads(path.read_text("utf-8"))["engine"])
-    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+        return str(read_json(path)["engine"])
+    except (ValueError, LookupError, TypeError):
         return ""
 
 
@@ -326,7 +334,7 @@ def _run(jobs: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]], workers: in
 
 def _read_truths(folder: Path) -> list[truth.Case]:
     cases = []
-    for entry in json.loads((folder / "truths.json").read_text("utf-8")):
+    for entry in read_json(folder / "truths.json"):
         parts = [truth.Part(**p) for p in entry.pop("parts")]
         cases.append(truth.Case(parts=parts, **entry))
     return cases
@@ -372,7 +380,7 @@ def _make_records(folder: Path, outside: Path | None, numbers: Sequence[int]) ->
 def _make_action_records(folder: Path, numbers: Sequence[int]) -> Sequence[int]:
     from feltmb.blind import action_bench
 
-    truths = json.loads((folder / "truths.json").read_text("utf-8"))
+    truths = read_json(folder / "truths.json")
     for n in numbers:
         told = action_bench.make_records(truths[n], folder / "records" / f"{n}.npz")
         write_text(folder / "answers" / f"{n}.json", _json(told), force=True)
@@ -412,8 +420,7 @@ def _answer(
 def read_records(path: Path) -> list[Any]:
     """Records of a case with what a data sheet says of their sensors."""
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = dict(file)
+        arrays = read_npz(path)
         mode = str(arrays.pop("mode"))
         return _records(arrays, mode)
     except NPZ_FAULTS as error:
@@ -521,7 +528,7 @@ def _oracle(folder: Path, number: int, records: Any, library: Any) -> dict[str, 
     from feltmb import gap
     from feltmb.blind.nominal import KeyHammer
 
-    answer = json.loads((folder / "answers" / f"{number}.json").read_text("utf-8"))
+    answer = read_json(folder / "answers" / f"{number}.json")
     names = {p["name"] for p in answer["parts"]}
     if not names or any(p["form"] == "outside" for p in answer["parts"]):
         return None

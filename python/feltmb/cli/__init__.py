@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
+import traceback
+import warnings
 from typing import Any
 
 import click
@@ -94,7 +97,7 @@ def cli() -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line; never shows a traceback for a fault of the input."""
-    from feltmb.cli.common import complain
+    from feltmb.cli.common import complain, say
     from feltmb.errors import FeltmbError, FileExists, ModelError
 
     for word in arguments or ():  # a shell cannot give such, a caller from Python can
@@ -103,14 +106,27 @@ def main(arguments: list[str] | None = None) -> None:
             sys.exit(2)
     code: Any = 0
     try:
-        code = cli.main(arguments, prog_name="feltmb", standalone_mode=False)
+        with warnings.catch_warnings():
+            warnings.showwarning = lambda message, *_: complain(f"warning: {message}")
+            code = cli.main(arguments, prog_name="feltmb", standalone_mode=False)
+    except SystemExit as end:
+        if "_FELTMB_COMPLETE" in os.environ:  # click ends so what it completed
+            raise
+        # No command ends so: a model or an effect did that the user wrote in Python.
+        frames = traceback.extract_tb(end.__traceback__)
+        where = f"{frames[-1].filename}, line {frames[-1].lineno}" if frames else "a model"
+        complain(
+            f"{where}: ends the program (exit code {end.code!r}); a model must return or raise an "
+            "exception"
+        )
+        code = 1
     except click.exceptions.Abort:
         complain("interrupted")
         code = 130
     except click.ClickException as error:
         if isinstance(error, click.UsageError) and error.ctx is not None:
-            click.echo(error.ctx.get_usage(), err=True)
-            click.echo(f"Try '{error.ctx.command_path} --help' for help.\n", err=True)
+            say(error.ctx.get_usage(), err=True)
+            say(f"Try '{error.ctx.command_path} --help' for help.\n", err=True)
         complain(error.format_message())
         code = error.exit_code
     except KeyboardInterrupt as error:

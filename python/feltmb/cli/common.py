@@ -16,9 +16,12 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
+from feltmb.errors import printable
+
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     from feltmb.config import Action
 
@@ -39,7 +42,9 @@ __all__ = [
     "positive",
     "pretty",
     "print_json",
+    "redraw",
     "save_figure",
+    "say",
     "say_written",
     "set_option",
     "split_list",
@@ -63,7 +68,11 @@ def console(*, stderr: bool = False) -> Console:
     Where no terminal is there are no colors, and no line is cut or folded unless COLUMNS says how
     long a line may be.
     """
-    from rich.console import Console
+    from rich.console import Console as Plain
+
+    class Console(Plain):
+        def render_str(self, text: str, **options: Any) -> Text:
+            return super().render_str(printable(text), **options)
 
     from feltmb.cli.tables import Screen
 
@@ -127,9 +136,28 @@ def tables_as_json(command: F) -> F:
     return json_option(cast(F, run))
 
 
+def say(text: str, *, err: bool = False, nl: bool = True) -> None:
+    """Print a text; names from files cannot command the terminal.
+
+    All commands print by this function or on :func:`console`. On stdout long lines are folded
+    between words where the screen is narrow.
+    """
+    text = printable(text)
+    if not err:
+        from feltmb.cli.tables import folded_text
+
+        text = folded_text(text, console().width)
+    click.echo(text, err=err, nl=nl)
+
+
+def redraw(text: str, *, end: bool = False) -> None:
+    """Replace the line of progress on stderr."""
+    click.echo(f"\r\x1b[2K{printable(text)}", nl=end, err=True)
+
+
 def complain(text: str) -> None:
     """One message on stderr."""
-    click.echo(f"feltmb: {text}", err=True)
+    say(f"feltmb: {text}", err=True)
 
 
 def say_written(path: Path) -> None:
@@ -137,7 +165,7 @@ def say_written(path: Path) -> None:
     found = _collected.get()
     if found is not None:
         found["written"].append(str(path))
-    click.echo(f"wrote {path}", err=True)
+    say(f"wrote {path}", err=True)
 
 
 def _picture_kind(path: Path) -> str:

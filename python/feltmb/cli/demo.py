@@ -12,6 +12,7 @@ from feltmb.cli.common import (
     is_terminal,
     new_table,
     pretty,
+    say,
     say_written,
     set_option,
     tables_as_json,
@@ -66,7 +67,7 @@ def command(out: Path, no_animation: bool, settings: tuple[str, ...]) -> None:
     def step(task: Any, text: str) -> None:
         bar.update(task, description=text)
         if not is_terminal():
-            click.echo(text, err=True)
+            say(text, err=True)
 
     with bar:
         task = bar.add_task("demo", total=2 * len(STROKES) + (6 if not no_animation else 1))

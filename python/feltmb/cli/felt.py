@@ -19,13 +19,13 @@ from feltmb.cli.common import (
     new_table,
     positive,
     save_figure,
+    say,
     say_written,
     tables_as_json,
 )
 from feltmb.cli.completing import actions, felts
 from feltmb.cli.felt_audit import audit_command
 from feltmb.cli.felt_fit import fit_command, identify_command
-from feltmb.cli.saying import say
 
 __all__ = ["command", "felt"]
 

@@ -15,10 +15,10 @@ from feltmb.cli.common import (
     positive,
     print_json,
     save_figure,
+    say,
     set_option,
 )
 from feltmb.cli.completing import packaged
-from feltmb.cli.saying import say
 
 if TYPE_CHECKING:
     from feltmb.felt import Audit

@@ -18,11 +18,11 @@ from feltmb.cli.common import (
     positive,
     print_json,
     save_figure,
+    say,
     say_written,
     set_option,
 )
 from feltmb.cli.completing import actions, felts
-from feltmb.cli.saying import say
 
 __all__ = ["fit_command", "identify_command"]
 

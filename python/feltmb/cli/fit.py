@@ -13,11 +13,11 @@ from feltmb.cli.common import (
     new_table,
     positive,
     print_json,
+    say,
     say_written,
     subject_set_option,
 )
 from feltmb.cli.completing import actions
-from feltmb.cli.saying import say
 
 __all__ = ["command"]
 

@@ -21,11 +21,12 @@ from feltmb.cli.common import (
     new_table,
     positive,
     print_json,
+    redraw,
+    say,
     say_written,
     subject_set_option,
 )
 from feltmb.cli.completing import actions, effects
-from feltmb.cli.saying import say
 from feltmb.errors import InvalidParameter
 
 if TYPE_CHECKING:
@@ -51,10 +52,10 @@ def progress_line() -> Callable[[str, int, int], None] | None:
     def show(stage: str, done: int, total: int) -> None:
         text = f"{stage} {done + 1}/{total}" if total else stage
         if is_terminal():
-            click.echo(f"\r\x1b[2K{text[:100]}", nl=False, err=True)
+            redraw(text[:100])
         elif stage.split(":")[0] != last["stage"]:
             last["stage"] = stage.split(":")[0]
-            click.echo(f"feltmb: {last['stage']}", err=True)
+            say(f"feltmb: {last['stage']}", err=True)
         last["time"] = time.monotonic()
 
     return show
@@ -276,7 +277,7 @@ def run(
     )
     report = diagnose(subject.nominal, subject.effects, records, held, options, progress_line())
     if is_terminal():
-        click.echo("\r\x1b[2K", nl=False, err=True)
+        redraw("")
     if as_json:
         print_json(report_json(report))
     else:

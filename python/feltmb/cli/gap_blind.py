@@ -17,6 +17,8 @@ from feltmb.cli.common import (
     is_terminal,
     json_option,
     new_table,
+    redraw,
+    say,
     say_written,
 )
 
@@ -40,9 +42,9 @@ class _Told:
         left = f", about {rate * (total - done):.0f} s left" if done > 1 and done < total else ""
         text = f"{stage}: {done} of {total}{left}"
         if is_terminal():
-            click.echo(f"\r{text:<70}", nl=done == total, err=True)
+            redraw(text[:70], end=done == total)
         else:
-            click.echo(text, err=True)
+            say(text, err=True)
 
 
 @click.command("blind")

@@ -108,6 +108,11 @@ def _from_file(path: Path) -> Subject:
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
+    except SystemExit as error:
+        raise InvalidParameter(
+            f"{path}: ends the program (exit code {error.code!r}), expected it to define nominal "
+            "and effects"
+        ) from None
     except Exception as error:
         raise InvalidParameter(f"{path}: {type(error).__name__}: {error}") from error
     nominal = getattr(module, "nominal", None)

@@ -14,6 +14,7 @@ from feltmb.cli.common import (
     new_table,
     print_json,
     save_figure,
+    say,
     say_written,
     set_option,
 )
@@ -54,7 +55,7 @@ def command(
 
     mechanism = load_with_settings(action, settings)
     if toml:
-        click.echo(mechanism.to_toml())
+        say(mechanism.to_toml())
     elif as_json:
         print_json(
             {

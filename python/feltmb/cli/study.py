@@ -14,6 +14,7 @@ from feltmb.cli.common import (
     json_option,
     new_table,
     print_json,
+    say,
     say_written,
 )
 from feltmb.cli.completing import packaged
@@ -138,7 +139,7 @@ def _write(results: list[StudyResult], out: Path, *, force: bool) -> None:
         written = result.save(out, force=force, page=False)
     count = sum(len(r.study.spec.figures) + 2 for r in results)
     del written
-    click.echo(f"wrote {count} figures and tables beside it", err=True)
+    say(f"wrote {count} figures and tables beside it", err=True)
 
 
 # --- the terminal --------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ or a file, :class:`Action` holds it, ``Action.with_values`` changes numbers by t
 
 from feltmb.config.action import Action, load_action
 from feltmb.config.checking import missing_law_faults, spread_laws
-from feltmb.config.reading import load_raw, packaged_actions
+from feltmb.config.reading import load_raw, packaged_actions, without_paths
 from feltmb.config.schema import (
     LAWS,
     Body,
@@ -51,4 +51,5 @@ __all__ = [
     "parse_setting",
     "plain_data",
     "spread_laws",
+    "without_paths",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -16,6 +17,7 @@ from feltmb.mending import mended
 from feltmb.quantity import (
     fault_lines,
     fault_text,
+    shortened,
 )
 
 __all__ = ["missing_law_faults", "spread_laws", "validate"]
@@ -60,7 +62,7 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
 
     def need(name: object, known: set[Any], where: str, what: str) -> None:
         if isinstance(name, str) and name not in known:
-            listed = ", ".join(sorted(map(str, known))) or "none"
+            listed = shortened(", ".join(sorted(map(str, known))), 300) or "none"
             faults.append(f"{where}: {what} {name!r} is missing; {what} names are {listed}")
 
     for key in _table(raw, "contacts"):
@@ -152,7 +154,7 @@ def _output_faults(raw: Mapping[str, Any]) -> list[str]:
         for name in outputs
         if "/" in name or "\0" in name
     ]
-    twice = {name for name in outputs if outputs.count(name) > 1}
+    twice = {name for name, count in Counter(outputs).items() if count > 1}
     return faults + [
         f"output {name!r} would be given twice; rename the coordinate, point or strap"
         for name in sorted(twice)

@@ -9,7 +9,7 @@ from typing import Any
 from feltmb import params
 from feltmb.config.values import apply_values
 from feltmb.errors import InvalidParameter
-from feltmb.files import is_file, read_toml, why_missing
+from feltmb.files import MOST_EXTENDS, beside, is_file, read_toml, why_missing
 from feltmb.material import load_material
 from feltmb.quantity import (
     shortened,
@@ -44,7 +44,7 @@ def load_raw(
     path: Path, resolve: Callable[[str], Path], seen: tuple[Path, ...] = ()
 ) -> dict[str, Any]:
     """Tables of a file, on top of those that it extends; ``resolve`` finds a base by its name."""
-    raw = _felts_in_place(read_toml(path), path.parent)
+    raw = _felts_in_place(read_toml(path), path.parent, str(path))
     if "extends" not in raw:
         return raw
     unknown = sorted(set(raw) - {"schema", "name", "about", "source", "extends", "values"})
@@ -58,7 +58,12 @@ def load_raw(
         raise InvalidParameter(
             f"{path}: extends: got {shortened(repr(base))}, expected a name or a path"
         )
-    base_path = path.parent / base if base.endswith(".toml") else resolve(base)
+    if len(seen) >= MOST_EXTENDS:
+        raise InvalidParameter(f"{path}: more than {MOST_EXTENDS} files extend one another")
+    if base.endswith(".toml"):
+        base_path = beside(path.parent, base, f"{path}: extends")
+    else:
+        base_path = resolve(base)
     if base_path.resolve() in [p.resolve() for p in (*seen, path)]:
         raise InvalidParameter(f"{path}: extends {base!r}, which leads back to itself")
     merged = load_raw(base_path, resolve, (*seen, path))
@@ -77,7 +82,12 @@ def load_raw(
     return apply_values(merged, values, str(path))
 
 
-def _felts_in_place(raw: dict[str, Any], folder: Path) -> dict[str, Any]:
+def without_paths(raw: dict[str, Any], origin: str) -> dict[str, Any]:
+    """The tables, if they name no file: those of a saved run hold the felts themselves."""
+    return _felts_in_place(raw, None, origin)
+
+
+def _felts_in_place(raw: dict[str, Any], folder: Path | None, origin: str) -> dict[str, Any]:
     """Felts that a file names by a path beside it become tables: the mechanism is then whole."""
 
     def whole(node: Any) -> Any:
@@ -86,7 +96,9 @@ def _felts_in_place(raw: dict[str, Any], folder: Path) -> dict[str, Any]:
         out = {key: whole(value) for key, value in node.items()}
         felt = out.get("felt")
         if isinstance(felt, str) and felt.endswith(".toml"):
-            out["felt"] = load_material(folder / felt).model_dump(
+            if folder is None:
+                raise InvalidParameter(f"{origin}: felt {felt[:200]!r}: a saved run names no file")
+            out["felt"] = load_material(beside(folder, felt, f"{origin}: felt")).model_dump(
                 mode="json", by_alias=True, exclude_none=True
             )
         return out

@@ -7,27 +7,27 @@ library says of a damaged file becomes one message.
 from __future__ import annotations
 
 import csv
+import io
 import math
-import re
+import struct
 import warnings
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from feltmb.data.records import Array
 from feltmb.errors import DataError
-from feltmb.files import is_file, plain_text, why_missing
-from feltmb.hdf5 import HDF5_FAULTS, open_hdf5
-from feltmb.quantity import fault_text, shortened
+from feltmb.files import LARGEST_TABLE, plain_text, read_input
+from feltmb.hdf5 import HDF5_FAULTS, Hdf5Dataset, Hdf5File, open_hdf5
+from feltmb.quantity import fault_text, shortened, split_heading
 
 __all__ = ["MOST_NUMBERS", "Columns", "read_columns"]
 
-MOST_NUMBERS = 50_000_000  # of a file: 400 MB
-LARGEST_TEXT = 500_000_000  # bytes of a CSV file
-_HEADER = re.compile(r"^\s*(.*?)\s*(?:\[\s*(.*?)\s*\])?\s*$", re.DOTALL)
+MOST_NUMBERS = 20_000_000  # of a file: 160 MB; reading it takes a few times that
+LARGEST_MAT = 500_000_000  # bytes of a MAT file of version 5
 _MISSING = ("", "nan", "NaN", "NA")
 _MAT_NUMBERS = {"double", "single"} | {f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64)}
 
@@ -75,8 +75,6 @@ def read_columns(path: Path) -> Columns:
     readers = {".csv": _read_csv, ".txt": _read_csv, ".mat": _read_mat, ".nc": _read_netcdf}
     if kind not in readers:
         raise DataError(f"{path}: cannot read {kind or 'this'}; expected .csv, .mat or .nc")
-    if not is_file(path):
-        raise DataError(f"{path}: {why_missing(path)}")
     columns = readers[kind](path)
     if kind in (".mat", ".nc"):
         columns.only_longest()
@@ -89,42 +87,59 @@ def read_columns(path: Path) -> Columns:
 
 
 def _read_csv(path: Path) -> Columns:
+    data = read_input(path, most=LARGEST_TABLE)
     try:
-        size = path.stat().st_size
-        if size > LARGEST_TEXT:
-            raise DataError(f"{path}: {size} bytes; the limit is {LARGEST_TEXT}")
-        text = path.read_text(encoding="utf-8-sig")
+        data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise DataError(f"{path}: is no UTF-8 text (byte {error.start})") from None
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror or error}") from None
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-    if len(lines) < 3:
-        raise DataError(f"{path}: {len(lines)} lines, expected a header and at least 2 samples")
+    lines = list(_lines(data, most=1))
+    count = sum(1 for _ in _lines(data))
+    if count < 3:
+        raise DataError(f"{path}: {count} lines, expected a header and at least 2 samples")
     separator = max(",;\t", key=lines[0].count)
+    rows = csv.reader(_lines(data), delimiter=separator)
     try:
-        rows = list(csv.reader(lines, delimiter=separator))
+        head = next(rows)
+        if (count - 1) * len(head) > MOST_NUMBERS:
+            raise DataError(f"{path}: {count - 1} rows of {len(head)}; {_limit()}")
+        return _table(path, head, rows, count - 1)
     except csv.Error as error:
         raise DataError(f"{path}: is no table: {error}") from None
+
+
+def _lines(data: bytes, most: int | None = None) -> Iterator[str]:
+    """Lines that are neither empty nor a comment, one at a time."""
+    given = 0
+    for line in io.TextIOWrapper(io.BytesIO(data), encoding="utf-8-sig"):
+        if line.strip() and not line.startswith("#"):
+            yield line
+            given += 1
+            if given == most:
+                return
+
+
+def _table(path: Path, head: list[str], rows: Iterator[list[str]], most: int) -> Columns:
     faults: list[str] = []
     columns = Columns()
     names = []
-    for cell in rows[0]:
-        match = _HEADER.match(cell)
-        assert match is not None
-        names.append(match[1])
-        if match[2]:
-            columns.units[match[1]] = match[2]
+    for cell in head:
+        name, unit = split_heading(plain_text(cell))
+        names.append(name)
+        if unit:
+            columns.units[name] = unit
     if len(set(names)) < len(names):
-        faults.append(f"line 1: a column is named twice ({', '.join(names)})")
-    if all(_is_number(c) for c in rows[0]):
+        faults.append(f"line 1: a column is named twice ({shortened(', '.join(names), 600)})")
+    if all(_is_number(c) for c in head):
         faults.append("line 1 holds numbers, expected the names of the columns")
-    if (len(rows) - 1) * len(names) > MOST_NUMBERS:
-        raise DataError(f"{path}: {len(rows) - 1} rows of {len(names)}; {_limit()}")
-    values = np.full((len(rows) - 1, len(names)), np.nan)
-    for i, row in enumerate(rows[1:]):
+    values = np.full((most, len(names)), np.nan)
+    read = wrong = 0
+    for i, row in enumerate(rows):
+        read += 1
+        if wrong > 10:
+            continue
         if len(row) != len(names):
             faults.append(f"row {i + 1}: {len(row)} cells, expected {len(names)}")
+            wrong += 1
             continue
         for j, cell in enumerate(row):
             if cell.strip() in _MISSING:
@@ -134,9 +149,11 @@ def _read_csv(path: Path) -> Columns:
             except ValueError:
                 got = shortened(repr(cell))
                 faults.append(f"row {i + 1}, column {shortened(names[j])}: {got} is no number")
+                wrong += 1
     if faults:
         raise DataError(fault_text(str(path), faults, most=10))
-    columns.values = {n: values[:, j] for j, n in enumerate(names) if n}
+    # Rows are fewer than lines where a cell in quotes goes over several.
+    columns.values = {n: values[:read, j] for j, n in enumerate(names) if n}
     return columns
 
 
@@ -155,18 +172,21 @@ def _limit() -> str:
 # ---------------------------------------------------------------- MAT
 
 
-def _read_mat(path: Path) -> Columns:
-    import h5py
+_HDF5 = b"\x89HDF\r\n\x1a\n"
 
-    if h5py.is_hdf5(path):
+
+def _read_mat(path: Path) -> Columns:
+    data = read_input(path, most=LARGEST_MAT)
+    if any(data[at : at + 8] == _HDF5 for at in (0, 512, 1024, 2048)):  # behind a user block
         return _read_hdf5(path, "MAT")
     from scipy.io import loadmat, whosmat
 
     columns = Columns()
     try:
+        _check_packed(data)
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # such as two arrays of one name
-            listed = whosmat(str(path))
+            listed = whosmat(io.BytesIO(data))
             wanted, total = [], 0
             for name, shape, kind in listed:
                 if kind not in _MAT_NUMBERS:
@@ -174,7 +194,8 @@ def _read_mat(path: Path) -> Columns:
                 elif columns.add(plain_text(name), shape):
                     wanted.append(name)
                     total += math.prod(shape)
-            content = loadmat(str(path), variable_names=wanted) if total <= MOST_NUMBERS else {}
+            few = total <= MOST_NUMBERS
+            content = loadmat(io.BytesIO(data), variable_names=wanted) if few else {}
             for name in content.keys() & set(wanted):
                 values = np.asarray(content[name], dtype=np.float64).ravel()
                 columns.values[plain_text(name)] = values
@@ -186,6 +207,32 @@ def _read_mat(path: Path) -> Columns:
     return columns
 
 
+def _check_packed(data: bytes) -> None:
+    """Refuse a MAT file of version 5 whose packed variables are beyond the limit once unpacked.
+
+    What a variable says of its size stands inside of it, more than once, and need not be true.
+    """
+    if len(data) < 128 or data[124:128] not in (b"\x00\x01IM", b"\x01\x00MI"):
+        return
+    order = "<" if data[126:128] == b"IM" else ">"
+    at, total = 128, 0
+    while at + 8 <= len(data):
+        kind, size = struct.unpack_from(order + "II", data, at)
+        at += 8
+        if kind == _PACKED:
+            unpacker = zlib.decompressobj()
+            rest = data[at : at + size]
+            while rest and not unpacker.eof:
+                total += len(unpacker.decompress(rest, 1 << 20))
+                rest = unpacker.unconsumed_tail
+                if total > 8 * MOST_NUMBERS + len(data):
+                    raise ValueError(f"unpacks to more than {total} bytes; {_limit()}")
+        at += size
+
+
+_PACKED = 15  # miCOMPRESSED
+
+
 # ---------------------------------------------------------------- NetCDF
 
 
@@ -195,63 +242,59 @@ def _read_netcdf(path: Path) -> Columns:
 
 def _read_hdf5(path: Path, kind: str) -> Columns:
     try:
-        with open_hdf5(path) as file:
+        with open_hdf5(path, most_bytes=8 * MOST_NUMBERS) as file:
             return _series(file)
     except DataError as error:
-        raise DataError(f"{path}: {error}") from None
+        text = str(error)
+        raise DataError(text if text.startswith(f"{path}: ") else f"{path}: {text}") from None
     except HDF5_FAULTS as error:
         reason = shortened(plain_text(str(error)), 200)
         raise DataError(f"{path}: cannot be read as {kind}: {reason}") from None
 
 
-def _datasets(file: Any) -> Iterator[tuple[str, Any]]:
-    """Arrays that the file itself holds: a link could lead into any other file."""
-    import h5py
-
-    for name in file:
-        if isinstance(file.get(name, getlink=True), h5py.HardLink):
-            item = file[name]
-            if isinstance(item, h5py.Dataset) and not item.external and not item.is_virtual:
-                yield plain_text(str(name)), item
-
-
-def _series(file: Any) -> Columns:
+def _series(file: Hdf5File) -> Columns:
     columns = Columns()
     total = 0
     faults: list[str] = []
-    for name, item in _datasets(file):
-        if item.shape is None or item.dtype.kind not in "fiu":
+    for item in file.datasets():
+        name = item.name
+        if not item.is_numbers or item.shape is None:
             columns.left_out[name] = "no numbers"
             continue
         if not columns.add(name, item.shape):
             continue
-        total += item.size
+        total += math.prod(item.shape)
         if total > MOST_NUMBERS:
             raise DataError(f"more than {MOST_NUMBERS} numbers; {_limit()}")
-        values = np.array(item, dtype=np.float64).ravel()
+        values = np.array(item.read(), dtype=np.float64).ravel()
         for key in ("_FillValue", "missing_value"):
-            fill = _attribute(item, name, key, faults)
+            fill = _attribute(item, key, faults)
             if fill is not None:
                 values[values == fill] = np.nan
-        gain = _attribute(item, name, "scale_factor", faults)
-        shift = _attribute(item, name, "add_offset", faults)
+        gain = _attribute(item, "scale_factor", faults)
+        shift = _attribute(item, "add_offset", faults)
         with np.errstate(over="ignore"):  # an infinite number is told of by the record
-            columns.values[name] = values * (1.0 if gain is None else gain) + (shift or 0.0)
-        unit = item.attrs.get("units")
+            if gain is not None:
+                values *= gain
+            if shift is not None:
+                values += shift
+        columns.values[name] = values
+        unit = item.attribute("units")
         if unit is not None:
             columns.units[name] = plain_text(unit)
+    columns.left_out |= file.left_out
     if faults:
         raise DataError("; ".join(faults))
     return columns
 
 
-def _attribute(item: Any, name: str, key: str, faults: list[str]) -> float | None:
+def _attribute(item: Hdf5Dataset, key: str, faults: list[str]) -> float | None:
     """Number of an attribute, None if it is not there."""
-    value = item.attrs.get(key)
+    value = item.attribute(key)
     if value is None:
         return None
     flat = np.ravel(value)
     if flat.size == 1 and flat.dtype.kind in "fiu":
         return float(flat[0])
-    faults.append(f"{name}: {key} = {shortened(repr(value))}, expected a number")
+    faults.append(f"{item.name}: {key} = {shortened(repr(value))}, expected a number")
     return None

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.files import is_file, plain_text
-from feltmb.quantity import shortened
+from feltmb.files import LARGEST_TABLE, plain_text, read_text
+from feltmb.quantity import shortened, split_heading
 from feltmb.units import conversion_factor, dimension_text
 
 Array = NDArray[np.float64]
@@ -179,12 +179,7 @@ def read_compression(
         Naming every fault of the file with its line.
     """
     file = Path(path)
-    if not is_file(file):
-        raise DataError(f"{file}: there is no such file, expected a CSV file")
-    try:
-        text = file.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"{file}: cannot be read as UTF-8 text ({error})") from None
+    text = read_text(file, most=LARGEST_TABLE)
     lines = [
         (number, line)
         for number, line in enumerate(text.splitlines(), start=1)
@@ -202,9 +197,8 @@ def read_compression(
     header = [h.strip() for h in header_line.split(separator)]
     columns: dict[str, tuple[int, float]] = {}
     for position, title in enumerate(header):
-        match = re.fullmatch(r"([^\[\(]*?)\s*(?:[\[\(]\s*(.*?)\s*[\]\)])?", title)
-        key = match.group(1).strip().lower().replace(" ", "_") if match else title
-        unit = (match.group(2) or "") if match else ""
+        name, stated = split_heading(title.replace("(", "[").replace(")", "]"))
+        key, unit = name.lower().replace(" ", "_"), stated or ""
         if key not in _UNITS:
             continue
         if key in columns:
@@ -221,7 +215,7 @@ def read_compression(
             continue
     fractions = [c for c in _FRACTIONS if c in columns]
     loads = [c for c in _LOADS if c in columns]
-    seen = ", ".join(f'"{h}"' for h in header)
+    seen = shortened(", ".join(f'"{h}"' for h in header), 300)
     if len(fractions) != 1 and not faults:
         fault(f"line {number}: columns {seen}, expected exactly one of v_f, strain, thickness")
     if len(loads) != 1 and not faults:
@@ -245,7 +239,7 @@ def read_compression(
             try:
                 value = float(cell) * scale
             except ValueError:
-                hint = " (decimal point expected)" if re.fullmatch(r"-?\d+,\d+", cell) else ""
+                hint = " (decimal point expected)" if re.fullmatch(r"-?\d++,\d++", cell) else ""
                 fault(f'line {number}: {key} = "{cell}", expected a number{hint}')
                 continue
             if not math.isfinite(value):

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from feltmb._core import fiber as _core
 from feltmb.errors import DataError, FeltmbError, InvalidParameter
+from feltmb.files import read_npz
 
 Array = NDArray[np.float64]
 _FORMAT = 1
@@ -157,18 +158,16 @@ class FiberRun:
             The file does not exist or is not one of ours.
         """
         file = Path(path)
+        stored = read_npz(file)
         try:
-            with np.load(file, allow_pickle=False) as stored:
-                header = json.loads(str(stored["header"]))
-                if header.get("format") != _FORMAT:
-                    raise DataError(f"{file}: format = {header.get('format')}, expected {_FORMAT}")
-                table = {k[6:]: stored[k].tolist() for k in stored.files if k.startswith("table_")}
-                state = {k[6:]: stored[k] for k in stored.files if k.startswith("state_")}
-        except FileNotFoundError:
-            raise DataError(f"{file}: there is no such file, expected a saved simulation") from None
+            header = json.loads(str(stored["header"]))
+            if header.get("format") != _FORMAT:
+                raise DataError(f"{file}: format = {header.get('format')}, expected {_FORMAT}")
+            table = {k[6:]: v.tolist() for k, v in stored.items() if k.startswith("table_")}
+            state = {k[6:]: v for k, v in stored.items() if k.startswith("state_")}
         except DataError:
             raise
-        except (OSError, ValueError, KeyError) as error:
+        except (ValueError, KeyError, AttributeError, RecursionError) as error:
             raise DataError(f"{file}: is not a saved fiber simulation ({error})") from None
         return cls(
             FiberBox(**header["box"]),

@@ -8,9 +8,17 @@ from pathlib import Path
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.files import NPZ_FAULTS, write_file
+from feltmb.errors import DataError
+from feltmb.files import read_npz, write_file
 
 __all__ = ["Cache"]
+
+
+_CHECKSUM = "sha256"
+
+
+def _digest(arrays: dict[str, Array]) -> str:
+    return Cache.key(*(part for name in sorted(arrays) for part in (name, arrays[name])))
 
 
 class Cache:
@@ -33,19 +41,19 @@ class Cache:
         return digest.hexdigest()
 
     def get(self, key: str) -> dict[str, Array] | None:
-        """Arrays of a result, or None if there is none or its file is damaged."""
-        path = self.folder / f"{key}.npz"
+        """Arrays of a result, or None if there is none or its file is damaged or was edited."""
         try:
-            with np.load(path, allow_pickle=False) as data:
-                return {k: data[k] for k in data.files}
-        except NPZ_FAULTS:
+            arrays = read_npz(self.folder / f"{key}.npz")
+        except DataError:
             return None
+        checksum = str(arrays.pop(_CHECKSUM, ""))
+        return arrays if checksum == _digest(arrays) else None
 
     def put(self, key: str, arrays: dict[str, Array]) -> None:
         """Keep the arrays of a result."""
 
         def write(path: Path) -> None:
             with path.open("wb") as file:
-                np.savez(file, **arrays)  # type: ignore[arg-type]
+                np.savez(file, **{**arrays, _CHECKSUM: np.array(_digest(arrays))})  # type: ignore[arg-type]
 
         write_file(self.folder / f"{key}.npz", write, force=True)

@@ -56,12 +56,17 @@ def run_action(run: Run) -> Action:
     """
     import tomllib
 
-    from feltmb.config import Action
+    from feltmb.config import Action, without_paths
 
     text = run.provenance.get("toml")
     if not text:
         raise InvalidParameter("plot: the run does not hold the parameters of its mechanism")
-    return Action(tomllib.loads(str(text)), origin=str(run.provenance.get("action", "run")))
+    origin = str(run.provenance.get("action", "run"))
+    try:
+        raw = tomllib.loads(str(text))
+    except (ValueError, RecursionError) as error:
+        raise InvalidParameter(f"{origin}: the run's mechanism cannot be read: {error}") from None
+    return Action(without_paths(raw, origin), origin=origin)
 
 
 def run_name(run: Run) -> str:

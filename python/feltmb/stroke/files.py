@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import itertools
 import math
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -14,8 +13,8 @@ from pydantic import Field, ValidationError
 
 from feltmb import params
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.files import is_file, read_toml, why_missing
-from feltmb.quantity import SI, Schema, fault_lines, fault_text, shortened
+from feltmb.files import LARGEST_TABLE, is_file, read_text, read_toml, why_missing
+from feltmb.quantity import SI, Schema, fault_lines, fault_text, shortened, split_heading
 from feltmb.stroke.strokes import (
     PRESCRIBED,
     UNITS,
@@ -161,8 +160,6 @@ def _one_stroke(parsed: StrokeFile, path: Path) -> Stroke:
     )
 
 
-LARGEST = 200  # MB of a CSV file
-_HEADER = re.compile(r"^\s*([A-Za-z_ .]+?)\s*(?:\[([^\]]*)\])?\s*$")
 _COLUMNS: dict[str, Kind] = {
     "force": "force",
     "displacement": "motion",
@@ -188,15 +185,7 @@ def read_stroke_csv(path: str | Path, *, interpolation: Interpolation | None = N
         Listing all faults with their line numbers.
     """
     path = Path(path)
-    try:
-        size = path.stat().st_size
-        if size > 1e6 * LARGEST:
-            raise DataError(f"{path}: {size} bytes; the limit of a stroke is {LARGEST} MB")
-        text = path.read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise DataError(f"{path}: is no UTF-8 text (byte {error.start})") from None
+    text = read_text(path, most=LARGEST_TABLE)
     kind, factors, header_faults = _parse_header(text)
     time, value, faults = _parse_rows(text, factors)
     faults = header_faults + faults + _time_faults([row for row in time if math.isfinite(row[1])])
@@ -219,9 +208,8 @@ def _parse_header(text: str) -> tuple[Kind, tuple[float, float], list[str]]:
         return kind, (1.0, 1.0), [f"header: got {line[:80]!r}, expected {wanted}"]
     faults = []
     for i, cell in enumerate(cells):
-        match = _HEADER.match(cell)
-        name = match.group(1).strip().lower() if match else ""
-        unit = match.group(2) if match else None
+        name, unit = split_heading(cell)
+        name = name.lower()
         if i == 0 and name == "time":
             si = "s"
         elif i == 1 and name in _COLUMNS:
@@ -231,7 +219,9 @@ def _parse_header(text: str) -> tuple[Kind, tuple[float, float], list[str]]:
             faults.append(f"header: got column {cell.strip()[:80]!r}, expected {wanted}")
             continue
         if unit is None:
-            faults.append(f"header: column {cell.strip()!r} states no unit; write '{name} [{si}]'")
+            faults.append(
+                f"header: column {cell.strip()[:80]!r} states no unit; write '{name} [{si}]'"
+            )
             continue
         try:
             factors[i] = conversion_factor(unit, si)

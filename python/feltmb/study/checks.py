@@ -11,12 +11,13 @@ from typing import Any
 
 from feltmb.config import Action, load_action
 from feltmb.errors import InvalidParameter
-from feltmb.files import is_file
+from feltmb.files import named_file
+from feltmb.options import OPTIONS, check_options
 from feltmb.simulate import simulate
 from feltmb.stroke import Stroke, load_stroke, motion_stroke, table_stroke
 from feltmb.study.schema import KNOWN, NEED_LEVEL, WORD, StudyFile, When
 from feltmb.study_expression import Formula, to_unit
-from feltmb.sweep import Axis, axis_values, check_options, grid_points
+from feltmb.sweep import Axis, axis_values, grid_points
 
 
 def short(value: Any) -> str:
@@ -67,7 +68,7 @@ class _Strokes(Mapping[str, Stroke]):
         return len(self._made)
 
 
-def _record(spec: StudyFile, stroke: Stroke, name: str, what: str, folder: Path) -> Stroke:
+def _record(spec: StudyFile, stroke: Stroke, name: str, what: str, folder: Path | None) -> Stroke:
     """What a sensor at the key would record while the base mechanism plays a stroke."""
     action: Action = _load_beside(load_action, spec.base.action, folder)
     if spec.base.values:
@@ -81,7 +82,7 @@ def _record(spec: StudyFile, stroke: Stroke, name: str, what: str, folder: Path)
     return replace(made, duration=stroke.duration)
 
 
-def make_strokes(spec: StudyFile, folder: Path, faults: list[str]) -> _Strokes:
+def make_strokes(spec: StudyFile, folder: Path | None, faults: list[str]) -> _Strokes:
     """Strokes of a study by name."""
     out = _Strokes()
     wanted = list(spec.base.strokes)
@@ -106,15 +107,12 @@ def make_strokes(spec: StudyFile, folder: Path, faults: list[str]) -> _Strokes:
     return out
 
 
-def _load_beside(load: Any, name: str, folder: Path) -> Any:
-    """A packaged name, or a path that starts at the folder of the study."""
-    beside = folder / name
-    if Path(name).suffix and is_file(beside):
-        return load(beside)
-    return load(name)
+def _load_beside(load: Any, name: str, folder: Path | None) -> Any:
+    """A packaged name, or a path that starts at the folder of the study, if that is a file."""
+    return load(name if folder is None else named_file(folder, name, "path"))
 
 
-def make_actions(spec: StudyFile, folder: Path, faults: list[str]) -> dict[str, Action]:
+def make_actions(spec: StudyFile, folder: Path | None, faults: list[str]) -> dict[str, Action]:
     """Mechanisms of a study by variant, with their values."""
     out: dict[str, Action] = {}
     load = cache(partial(_load_beside, load_action, folder=folder))  # most variants share one
@@ -129,7 +127,7 @@ def make_actions(spec: StudyFile, folder: Path, faults: list[str]) -> dict[str, 
         (f"variants.{n}", v.options) for n, v in spec.variants.items()
     ]:
         try:
-            check_options(options)
+            check_options(options, known=OPTIONS)
         except InvalidParameter as error:
             faults.append(f"{where}.options: {error}")
     return out

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from feltmb import params
 from feltmb.config import Action
 from feltmb.errors import InvalidParameter
-from feltmb.files import is_file, read_toml
+from feltmb.files import is_file, read_toml, why_missing
 from feltmb.quantity import fault_lines, shortened
 from feltmb.stroke import Stroke
 from feltmb.study.checks import (
@@ -78,7 +78,7 @@ def load_study(name_or_path: str | Path) -> Study:
             f"packaged are {', '.join(packaged_studies())}; or give the path of a TOML file{hint}"
         )
     if not is_file(path):
-        raise InvalidParameter(f"study {text!r}: there is no such file")
+        raise InvalidParameter(f"study {shortened(repr(text))}: {why_missing(path)}")
     return Study.read(path)
 
 
@@ -127,7 +127,8 @@ class Study:
         Parameters
         ----------
         folder
-            Where the paths of mechanisms and strokes start; default: the working folder.
+            Where the paths of mechanisms and strokes start, which they do not leave; default: the
+            working folder, and any path.
         """
         faults: list[str] = []
         try:
@@ -136,11 +137,10 @@ class Study:
             raise refusal(origin, fault_lines(error, StudyFile)) from None
         except RecursionError:
             raise refusal(origin, ["tables are nested too deeply"]) from None
-        where = folder if folder is not None else Path()
         spec = _with_variant(spec)
         faults += name_faults(spec)
-        strokes = make_strokes(spec, where, faults)
-        actions = make_actions(spec, where, faults)
+        strokes = make_strokes(spec, folder, faults)
+        actions = make_actions(spec, folder, faults)
         axes = make_axes(spec, faults)
         faults += reference_faults(spec, axes)
         if faults:

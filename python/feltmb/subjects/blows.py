@@ -22,7 +22,7 @@ from feltmb import _core
 from feltmb.config import Action, load_action
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import DataError, FeltmbError, InvalidParameter
-from feltmb.files import read_toml
+from feltmb.files import named_file, read_toml
 from feltmb.fit import (
     Effect,
     Lanes,
@@ -373,7 +373,7 @@ def load_blows(path: str | Path) -> tuple[BlowNominal, tuple[Effect, ...], tuple
         file = _BlowFile.model_validate(read_toml(path))
     except ValidationError as error:
         raise InvalidParameter(fault_text(path.name, fault_lines(error, _BlowFile))) from None
-    action = load_action(file.action)
+    action = load_action(named_file(path.parent, file.action, f"{path.name}: action"))
     if file.values:
         action = action.with_values(file.values)
     library = load_library(action)
@@ -400,7 +400,11 @@ def load_blows(path: str | Path) -> tuple[BlowNominal, tuple[Effect, ...], tuple
         records.append(
             blow_record(
                 table.name,
-                table.stroke,
+                str(
+                    named_file(
+                        path.parent, table.stroke, f"{path.name}: records.{table.name}.stroke"
+                    )
+                ),
                 table.impact_speed,
                 numbers,
                 values={k: v for k, v in table.values.items()},

@@ -18,7 +18,7 @@ from pydantic import Field, ValidationError
 from feltmb import params
 from feltmb.config import Action, MechanismFile
 from feltmb.errors import InvalidParameter
-from feltmb.files import is_file, read_toml
+from feltmb.files import MOST_EXTENDS, beside, is_file, read_toml
 from feltmb.quantity import SI, Schema, SIVector, fault_lines, fault_text, parse_scalar
 from feltmb.subjects import felt
 from feltmb.subjects.changes import Change, read_entry
@@ -301,11 +301,11 @@ def _chosen(
     return tuple(out.values())
 
 
-def _resolve(name_or_path: str | Path, beside: Path | None = None) -> Path:
+def _resolve(name_or_path: str | Path, user: Path | None = None) -> Path:
     text = str(name_or_path)
     if text in params.names("subjects"):
         return params.folder("subjects") / f"{text}.toml"
-    path = (beside.parent / text) if beside is not None else Path(text)
+    path = Path(text) if user is None else beside(user.parent, text, f"{user.name}: extends")
     if is_file(path):
         return path
     known = ", ".join(params.names("subjects"))
@@ -322,6 +322,8 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> LibraryFile:
         raise InvalidParameter(fault_text(path.name, fault_lines(error, LibraryFile))) from None
     if own.extends is None:
         return own
+    if len(seen) >= MOST_EXTENDS:
+        raise InvalidParameter(f"{path.name}: more than {MOST_EXTENDS} files extend one another")
     base_path = _resolve(own.extends, path)
     if base_path.resolve() in [p.resolve() for p in (*seen, path)]:
         raise InvalidParameter(f"{path.name}: extends {own.extends!r}, which leads back to itself")

@@ -12,7 +12,6 @@ from feltmb.sweep.axes import (
     Axis,
     apply_point,
     axis_values,
-    check_options,
     grid_points,
     value_at,
 )
@@ -31,7 +30,6 @@ __all__ = [
     "SweepResult",
     "apply_point",
     "axis_values",
-    "check_options",
     "grid_points",
     "run_member",
     "run_members",

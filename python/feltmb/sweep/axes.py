@@ -10,19 +10,8 @@ from typing import Any, Literal
 
 from feltmb.config import Action
 from feltmb.errors import InvalidParameter
+from feltmb.options import OPTIONS, check_options
 from feltmb.stroke import Stroke
-
-OPTIONS = (
-    "duration",
-    "rtol",
-    "output_rate",
-    "ledger",
-    "events",
-    "max_wall",
-    "max_step",
-    "max_order",
-    "method",
-)
 
 
 def value_at(action: Action, path: str) -> Any:
@@ -174,7 +163,7 @@ def apply_point(
     for path, value in values.items():
         head, _, rest = path.partition(".")
         if head == "options":
-            check_options([rest])
+            check_options({rest: value}, known=OPTIONS)
             chosen[rest] = value
         elif head == "stroke":
             if rest == "scale":
@@ -190,10 +179,3 @@ def apply_point(
         else:
             mechanism[path] = value
     return mechanism, stroke, chosen
-
-
-def check_options(names: Iterable[str]) -> None:
-    """Refuse options that ``simulate`` does not have."""
-    for name in names:
-        if name not in OPTIONS:
-            raise InvalidParameter(f"option {name!r} is unknown; there are {', '.join(OPTIONS)}")

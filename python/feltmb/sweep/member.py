@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     Array = npt.NDArray[np.float64]
 
-MEMBER_FORMAT = 1
+MEMBER_FORMAT = 2
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,17 @@ class Member:
 
 
 #: Modules and packages on which the outcome of a member depends.
-_CODE = ("batch", "config", "events", "results", "simulate", "stroke", "study", "study_expression")
+_CODE = (
+    "batch",
+    "config",
+    "events",
+    "options",
+    "results",
+    "simulate",
+    "stroke",
+    "study",
+    "study_expression",
+)
 
 
 @lru_cache(maxsize=1)

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, Literal
 from feltmb.config import Action, load_action
 from feltmb.errors import InvalidParameter
 from feltmb.files import write_text
+from feltmb.options import OPTIONS, check_options
 from feltmb.stroke import Stroke, load_stroke
-from feltmb.sweep.axes import Axis, apply_point, axis_values, check_options, grid_points
+from feltmb.sweep.axes import Axis, apply_point, axis_values, grid_points
 from feltmb.sweep.member import Member, Outcome, one_line
 from feltmb.sweep.progress import Progress, ProgressBar
 from feltmb.sweep.running import run_members
@@ -124,7 +125,7 @@ def sweep(
     if not loaded:
         raise InvalidParameter("sweep: no stroke")
     given = dict(options or {})
-    check_options(given)
+    check_options(given, known=OPTIONS)
     where = Path(folder) if folder is not None else None
     if where is not None and where.exists() and not where.is_dir():
         raise InvalidParameter(f"folder {where}: is a file")

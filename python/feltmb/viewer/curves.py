@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.quantity import fault_text
+from feltmb.files import read_text
+from feltmb.quantity import fault_text, split_heading
 from feltmb.units import conversion_factor
 
 Array = npt.NDArray[np.float64]
@@ -72,9 +72,6 @@ class Curves:
         object.__setattr__(self, "values", values)
 
 
-_HEAD = re.compile(r"^\s*(?P<name>[^\[\]]+?)\s*(?:\[(?P<unit>[^\[\]]*)\])?\s*$")
-
-
 def _si_unit(unit: str) -> tuple[float, str]:
     """Factor and SI unit of a unit; one that is not known, such as V, stays as it is."""
     for si in ("1", "m", "s", "rad", "N", "J", "m/s", "rad/s", "m/s^2", "rad/s^2", "Pa", "Hz"):
@@ -96,15 +93,7 @@ def read_curves(path: str | Path) -> Curves:
         All faults with their lines.
     """
     path = Path(path)
-    try:
-        size = path.stat().st_size
-        if size > LARGEST_FILE:
-            raise DataError(f"{path}: {size} bytes; the limit of a file of curves is 100 MB")
-        text = path.read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise DataError(f"{path}: is no UTF-8 text (byte {error.start})") from None
+    text = read_text(path, most=LARGEST_FILE)
     lines = [
         (number, line)
         for number, line in enumerate(io.StringIO(text, newline=None), start=1)
@@ -166,11 +155,10 @@ def _header(line: str) -> tuple[list[str], list[str], list[float], list[str]]:
         return [], [], [], [f"header: {len(cells)} columns; the limit is {MOST_COLUMNS}"]
     names, units, factors, faults = [], [], [], []
     for k, cell in enumerate(cells):
-        match = _HEAD.match(cell)
-        name = match["name"] if match else ""
-        if not name:
+        name, stated = split_heading(cell)
+        if not name or "[" in name or "]" in f"{name}{stated or ''}":
             faults.append(f"header: column {k + 1} is {cell.strip()[:40]!r}, {wanted}")
-        factor, unit = _si_unit((match["unit"] if match else None) or "1")
+        factor, unit = _si_unit(stated or "1")
         if k == 0:
             if name.lower() != "time" or unit != "s":
                 faults.append(f"header: the first column is {cell.strip()[:40]!r}, {wanted}")

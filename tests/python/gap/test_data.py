@@ -234,7 +234,7 @@ def test_a_size_beyond_reason_is_refused_before_it_is_read(tmp_path):
     with h5py.File(tmp_path / "a.nc", "w") as file:
         for name in ("time", "q"):
             file.create_dataset(name, (10**12,), "f8", chunks=True)
-    with pytest.raises(DataError, match="the limit of a measured file is 50000000 numbers"):
+    with pytest.raises(DataError, match="the limit of a measured file is 20000000 numbers"):
         read_record(tmp_path / "a.nc")
 
 

@@ -331,6 +331,151 @@ def run_file(case: Case) -> None:
     run.save(case.folder / "again.nc")
 
 
+SECRET = 42.4242  # stands in the files that an attacked run points to
+
+
+def _attack(path: Path, rng: random.Random) -> str:
+    """Make a saved run lead elsewhere, lie about its sizes, or hold what none holds."""
+    import struct
+    import zlib
+
+    import h5py
+    import numpy as np
+
+    folder = path.parent
+    how = rng.choice(("link", "soft", "storage", "virtual", "reference", "group", "bomb", "chunk",
+                      "filters", "heaps", "attribute", "names", "text"))  # fmt: skip
+    with h5py.File(path, "r+") as file:
+        name = rng.choice(list(file))
+        shape = file[name].shape
+        count = int(np.prod(shape))
+        np.full(count + 9, SECRET).tofile(folder / "secret.bin")
+        with h5py.File(folder / "secret.h5", "w") as other:
+            other["x"] = np.full(shape, SECRET)
+        if how in ("link", "soft", "storage", "virtual", "reference", "group", "bomb", "chunk",
+                   "filters"):  # fmt: skip
+            del file[name]
+        if how == "link":
+            target = rng.choice(
+                (str(folder / "secret.h5"), "secret.h5", "/dev/zero", "\0", "x" * 900)
+            )
+            file[name] = h5py.ExternalLink(target, rng.choice(("/x", "x", "/", "//x")))
+        elif how == "soft":
+            file["door"] = h5py.ExternalLink(str(folder / "secret.h5"), "/x")
+            file[name] = h5py.SoftLink(rng.choice(("/door", "door", f"/{name}", "/", "..")))
+        elif how == "storage":
+            place = rng.choice((str(folder / "secret.bin"), "secret.bin", "/dev/zero"))
+            file.create_dataset(name, shape, "f8", external=[(place, 0, h5py.h5f.UNLIMITED)])
+        elif how == "virtual":
+            layout = h5py.VirtualLayout(shape, "f8")
+            layout[...] = h5py.VirtualSource(str(folder / "secret.h5"), "x", shape)
+            file.create_virtual_dataset(name, layout, fillvalue=SECRET)
+        elif how == "reference":
+            file.create_dataset(name, shape, rng.choice((h5py.ref_dtype, h5py.regionref_dtype)))
+        elif how == "group":
+            file.create_group(name)
+        elif how == "bomb":
+            made = file.create_dataset(name, shape, "f8", chunks=shape, compression="gzip")
+            size = rng.choice((10**5, 10**7, 10**8))
+            packer = zlib.compressobj(9)
+            data = b"".join(packer.compress(bytes(10**5)) for _ in range(size // 10**5))
+            made.id.write_direct_chunk((0,) * len(shape), data + packer.flush())
+        elif how == "chunk":
+            chunks = tuple(rng.choice((1, 1000, 10**6, 2**27)) for _ in shape)
+            file.create_dataset(name, shape, "f8", chunks=chunks, maxshape=(None,) * len(shape))
+        elif how == "filters":
+            recipe = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+            recipe.set_chunk(shape)
+            for _ in range(rng.choice((1, 2, 9))):
+                recipe.set_deflate(9)
+            space = h5py.h5s.create_simple(shape)
+            kind = h5py.h5t.IEEE_F64LE
+            made = h5py.h5d.create(file.id, name.encode(), kind, space, recipe)
+            made.write(h5py.h5s.ALL, h5py.h5s.ALL, np.zeros(shape))
+        elif how == "attribute":
+            key = rng.choice([*file.attrs])
+            del file.attrs[key]
+            odd: object = rng.choice(
+                (file[name].ref, np.zeros((30, 30)), "\x1b[2J" * 9, b"\xff" * 99)
+            )
+            file.attrs[key] = odd
+        elif how == "names":
+            for i in range(rng.choice((1, 300))):
+                file[f"a{i}" + rng.choice(("\x1b", "\u202e", "/x", " ", "é"))] = np.zeros(shape)
+        elif how == "text":
+            file.attrs["provenance"] = rng.choice(
+                ("[" * 30_000, '{"a":' * 900, "{}" * 9, "1" * 9999)
+            )
+    if how == "heaps":
+        data = bytearray(path.read_bytes())
+        for _ in range(rng.choice((1, 100, 3000))):
+            at = rng.randrange(0, len(data) - 64, 8)
+            size = rng.choice((4096, len(data) - at, 2**63, 0, rng.randrange(len(data))))
+            data[at : at + 16] = b"GCOL\x01\x00\x00\x00" + struct.pack("<Q", size)
+        path.write_bytes(data)
+    return f"{how} {name}"
+
+
+def attacked_run(case: Case) -> None:
+    """A saved run that leads elsewhere or lies: refused, or read without what is elsewhere."""
+    import numpy as np
+
+    import feltmb
+
+    path = case.folder / "given.nc"
+    path.write_bytes(corpus("run")[0])
+    with contextlib.suppress(TypeError, ValueError, OSError, RuntimeError):
+        case.shown = _attack(path, case.rng)
+    if case.rng.random() < 0.3:
+        path.write_bytes(mutate_bytes(path.read_bytes(), case.rng))
+    run = feltmb.load_run(path)
+    for values in (run.values, run.time, run.eta, run.end_state, run.end_memory):
+        assert not np.any(values == SECRET), "numbers of another file"
+    words = [*run.names, *run.units, *run.long_names, run.status, run.message, repr(run)]
+    assert all(c.isprintable() or c in "\n\t" for w in words for c in w), "a word commands"
+
+
+HEADINGS = (
+    *(" ", "\t", "[", "]", "(", ")", ",", ";", '"', "'", "#", "time", "force", "thickness", "v_f"),
+    *("displacement", "key displacement", "pressure", "a", "é", "s", "ms", "N", "mm", "kPa", "%"),
+    *("[s]", "[N]", "[mm]", "[kPa]", "[", " [", "] ", ".", "_", "-", "1", "1e9", "\x1b", "\u202e"),
+    *("\0", "\ufeff", "time [s]", "force [N]", "\r", "\\", "\x0b", "\u2028", "nan"),
+)
+
+
+def csv_heading(case: Case) -> None:
+    """The first line of a table, in all the readers of tables."""
+    import feltmb
+    from feltmb.data import read_record
+    from feltmb.fiber import read_compression
+    from feltmb.viewer import read_curves
+
+    rng = case.rng
+    parts = []
+    for _ in range(rng.choice((1, 2, 3, 5, 12))):
+        parts.append(rng.choice(HEADINGS) * rng.choice((1, 1, 1, 2, 30, 3000, 30_000)))
+    head = "".join(parts)
+    if rng.random() < 0.5:
+        head = rng.choice(("time [s],", "force [N],", "v_f,pressure [kPa],")) + head
+    path = case.folder / "given.csv"
+    path.write_text(f"{head}\n0,0.2\n1,0.3\n2,0.4\n", encoding="utf-8")
+    case.shown = repr(head[:2000])
+    readers: list[Callable[[], object]] = [
+        lambda: feltmb.load_stroke(path),
+        lambda: read_curves(path),
+        lambda: read_compression(path, v_f0=0.1, area=1e-4),
+        lambda: read_record(path, outputs=[rng.choice(("q", "force", "a"))]),
+    ]
+    faults = []
+    for read in readers:
+        try:
+            read()
+        except feltmb.FeltmbError as error:
+            faults.append(error)
+    for error in faults:
+        raise error  # one of them, to be judged as any other
+
+
 # ---------------------------------------------------------------- measured records
 
 
@@ -625,6 +770,8 @@ TARGETS: dict[str, Callable[[Case], None]] = {
             regulation,
             actuator,
             run_file,
+            attacked_run,
+            csv_heading,
         ),
         *(record_file, bench_folder, command_line),
     )
@@ -637,6 +784,7 @@ TARGETS: dict[str, Callable[[Case], None]] = {
 def run_case(target: str, number: int) -> str | None:
     """What is wrong with a case, or None."""
     import feltmb
+    from feltmb.errors import printable
 
     with tempfile.TemporaryDirectory(prefix="fuzz") as name:
         case = Case(random.Random(f"{target} {number}"), Path(name))
@@ -652,8 +800,10 @@ def run_case(target: str, number: int) -> str | None:
             text = str(error)
             if not text.strip():
                 wrong = f"{type(error).__name__} without a message"
-            elif len(text) > 20_000 or max(map(len, text.splitlines())) > 2000:
+            elif len(text) > 5000 or max(map(len, text.splitlines())) > 1100:
                 wrong = f"a message of {len(text)} letters: {text[:300]}"
+            elif printable(text) != text:
+                wrong = f"a message that commands a terminal: {text[:600]!r}"
             elif "\0" in text or "Traceback" in text or "object at 0x" in text:
                 wrong = f"a message that is none: {text[:600]}"
         except MemoryError:

@@ -321,7 +321,7 @@ def test_a_run_beyond_reason_is_refused_before_it_is_read(pendulum, tmp_path):
     path = feltmb.simulate(pendulum, "staccato", 0.001).save(tmp_path / "run.nc")
     with h5py.File(path, "a") as file:
         file.create_dataset("large", shape=(10**12,), chunks=(10**6,), dtype="f8")
-    refused(lambda: feltmb.load_run(path), "the limit of a run is 500000000")
+    refused(lambda: feltmb.load_run(path), "the limit of a run is 100000000")
 
 
 def test_text_that_is_none_in_a_run(pendulum, tmp_path):

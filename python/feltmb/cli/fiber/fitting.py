@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from feltmb.cli.common import FRACTION, force_option, list_option, positive, save_figure
+from feltmb.cli.common import FRACTION, force_option, list_option, positive, save_figure, say
 from feltmb.cli.completing import fiber_laws
 from feltmb.cli.fiber.group import (
     fiber,
@@ -22,7 +22,6 @@ from feltmb.cli.fiber.group import (
     seed_option,
     write_named,
 )
-from feltmb.cli.saying import say
 
 
 def _fit_rows(f: Any) -> list[list[str]]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import functools
 import io
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -50,7 +49,7 @@ def guard(command: Callable[..., None]) -> Callable[..., None]:
         except FeltmbError as error:
             complain(str(error))
             bad_input = isinstance(error, InvalidParameter | FileExists)
-            sys.exit(EXIT_BAD_INPUT if bad_input else EXIT_FAILED)
+            raise click.exceptions.Exit(EXIT_BAD_INPUT if bad_input else EXIT_FAILED) from None
 
     return run
 

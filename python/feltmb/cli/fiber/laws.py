@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from feltmb.cli.common import (
     list_option,
     modulus_option,
     save_figure,
+    say,
 )
 from feltmb.cli.completing import fiber_laws
 from feltmb.cli.fiber.group import (
@@ -29,7 +31,6 @@ from feltmb.cli.fiber.group import (
     quantities,
     write_named,
 )
-from feltmb.cli.saying import say
 
 
 @fiber.command(name="pressure", short_help="Pressure, modulus and energy against volume fraction.")
@@ -334,6 +335,7 @@ def history_command(
 
     from feltmb.errors import DataError, InvalidParameter
     from feltmb.fiber import history, history_models, models
+    from feltmb.files import LARGEST_TABLE, read_text
 
     laws = {**models(), **history_models()}
     for what, name in (("MODEL", model), ("--spring", spring)):
@@ -341,11 +343,8 @@ def history_command(
             raise InvalidParameter(f'history: {what} = "{name}", must be one of {", ".join(laws)}')
     units = parameter_units(laws[spring], laws[model])
     params = quantities(given, "--set", units, separator=",")
-    try:
-        with path.open(encoding="utf-8-sig") as stream:
-            lines = [line for line in stream if line.strip() and not line.startswith("#")]
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"{path}: cannot be read ({error}), expected a CSV file") from None
+    text = read_text(path, most=LARGEST_TABLE)
+    lines = [line for line in io.StringIO(text) if line.strip() and not line.startswith("#")]
     header = [h.strip() for h in lines[0].split(",")] if lines else []
     if header not in (["time [s]", "strain [-]"], ["time [s]", "compression [m]"]):
         raise DataError(
@@ -368,8 +367,8 @@ def history_command(
     result = history(model, time, x, spring=spring, **params)
     unit = "stress [Pa]" if header[1].startswith("strain") else "force [N]"
     if output is not None:
-        text = csv_text([*header, unit], np.column_stack([time, x, result]).tolist())
-        write_named(output, text, force)
+        table = csv_text([*header, unit], np.column_stack([time, x, result]).tolist())
+        write_named(output, table, force)
     work = float(np.sum(0.5 * (result[1:] + result[:-1]) * np.diff(x)))
     print_table(
         f"{model} over {len(time)} samples",

@@ -7,10 +7,17 @@ from typing import Any
 
 import click
 
-from feltmb.cli.common import FRACTION, NOT_NEGATIVE, POSITIVE, Number, diameter_option, positive
+from feltmb.cli.common import (
+    FRACTION,
+    NOT_NEGATIVE,
+    POSITIVE,
+    Number,
+    diameter_option,
+    positive,
+    say,
+)
 from feltmb.cli.completing import fiber_laws
 from feltmb.cli.fiber.group import fiber, guard, print_table, seed_option
-from feltmb.cli.saying import say
 
 
 @fiber.command(name="models", short_help="List the laws, or the parameters of law NAME.")

@@ -20,6 +20,7 @@ from feltmb.cli.common import (
     modulus_option,
     positive,
     save_figure,
+    say,
     say_written,
 )
 from feltmb.cli.fiber.group import (
@@ -29,7 +30,6 @@ from feltmb.cli.fiber.group import (
     refuse_existing,
     seed_option,
 )
-from feltmb.cli.saying import say
 
 
 @fiber.command(name="simulate", short_help="Compress and release a box of single fibers.")
