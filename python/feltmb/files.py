@@ -16,6 +16,8 @@ from feltmb.errors import FeltmbError, FileExists, InvalidParameter
 
 __all__ = [
     "NPZ_FAULTS",
+    "check_folder",
+    "check_suffix",
     "check_writable",
     "is_file",
     "plain_text",
@@ -77,6 +79,27 @@ def why_missing(path: Path) -> str:
     except OSError:
         pass
     return "there is no such file"
+
+
+#: Endings that name a file: a folder that bears one is a mistake.
+_FILES = (
+    *(".csv", ".gif", ".h5", ".html", ".jpg", ".json", ".mp3", ".nc", ".npz", ".pdf", ".png"),
+    *(".svg", ".toml", ".txt", ".wav", ".xlsx"),
+)
+
+
+def check_suffix(path: Path, *suffixes: str) -> None:
+    """Raise if a file of this name cannot be written: what its ending says is what it holds."""
+    if path.suffix.lower() not in suffixes:
+        got = path.suffix or "a name without ending"
+        known = " or ".join(filter(None, [", ".join(suffixes[:-1]), suffixes[-1]]))
+        raise InvalidParameter(f"{path}: cannot write {got}, expected {known}")
+
+
+def check_folder(path: Path) -> None:
+    """Raise if the name of a folder is that of a file."""
+    if path.suffix.lower() in _FILES and not path.is_dir():
+        raise InvalidParameter(f"{path}: is the name of a file, expected that of a folder")
 
 
 def check_writable(path: Path, *, force: bool) -> None:

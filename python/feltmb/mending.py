@@ -67,11 +67,11 @@ def _drop(rest: dict[str, Any], where: str, dropped: set[str]) -> None:
         return
     assert isinstance(node, dict)
     # Names may hold dots: the longest one that the path begins with.
-    names = [n for n in map(str, node) if path == n or path.startswith(f"{n}.")]
+    names = [n for n in node if path == str(n) or path.startswith(f"{n}.")]
     if not names:
         return
-    name = max(names, key=len)
-    inner = path[len(name) + 1 :]
+    name = max(names, key=lambda n: len(str(n)))
+    inner = path[len(str(name)) + 1 :]
     if table == "bodies" and isinstance(node[name], dict):
         # What refers to a body stays: only the entry at fault goes, for its default.
         field = inner.partition(".")[0]

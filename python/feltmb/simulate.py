@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from feltmb import _core
+from feltmb.arguments import checked
 from feltmb.cautions import run_warnings
 from feltmb.config import Action, load_action
 from feltmb.errors import IntegrationError, InvalidParameter
@@ -77,6 +78,7 @@ class Evaluation:
         return frame.sort_index()
 
 
+@checked
 def evaluate(
     action: Action, q: npt.ArrayLike, qd: npt.ArrayLike, finger_force: float = 0.0
 ) -> Evaluation:
@@ -102,6 +104,7 @@ def evaluate(
     )
 
 
+@checked
 def simulate(
     action: Action | str,
     stroke: Stroke | str,
@@ -216,6 +219,7 @@ def simulate(
     return run
 
 
+@checked
 def prepare(
     action: Action,
     stroke: Stroke,

@@ -18,6 +18,10 @@ from feltmb.quantity import (
 __all__ = ["load_raw", "packaged_actions", "resolve"]
 
 
+#: Files that one file may stand on, each extending the next.
+MOST_EXTENDED = 50
+
+
 def packaged_actions() -> list[str]:
     """Names of the data sets of mechanisms that come with the package."""
     return params.names()
@@ -57,6 +61,10 @@ def load_raw(
     if not isinstance(base, str):
         raise InvalidParameter(
             f"{path}: extends: got {shortened(repr(base))}, expected a name or a path"
+        )
+    if len(seen) >= MOST_EXTENDED:
+        raise InvalidParameter(
+            f"{seen[0]}: extends: leads over more than {MOST_EXTENDED} files, expected fewer"
         )
     base_path = path.parent / base if base.endswith(".toml") else resolve(base)
     if base_path.resolve() in [p.resolve() for p in (*seen, path)]:

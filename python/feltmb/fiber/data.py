@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from feltmb.arguments import checked
 from feltmb.errors import DataError
 from feltmb.files import is_file, plain_text
 from feltmb.quantity import shortened
@@ -37,6 +38,7 @@ _FRACTIONS = ("v_f", "strain", "thickness")
 _LOADS = ("pressure", "force")
 
 
+@checked
 @dataclass(frozen=True)
 class CompressionData:
     """One compression test."""
@@ -70,6 +72,7 @@ def _listed(faults: list[str], most: int = 20) -> str:
     return "\n".join([*(plain_text(shortened(f, 1000)) for f in faults[:most]), *more])
 
 
+@checked
 def read_compression(
     path: str | Path,
     *,

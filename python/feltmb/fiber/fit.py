@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb._core import fiber as _core
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.fiber.data import CompressionData
 from feltmb.fiber.laws import law, models
@@ -110,6 +111,7 @@ def _defaults(model: str, data: CompressionData) -> dict[str, float]:
     return values
 
 
+@checked
 def fit(
     data: CompressionData,
     model: str,
@@ -198,6 +200,8 @@ def fit(
         faults.append(f"fit: n_starts = {n_starts}, expected >= 1")
     if not 0 < level < 1:
         faults.append(f"fit: level = {level:.6g}, expected between 0 and 1")
+    if relative < 0:
+        faults.append(f"fit: relative = {relative:.6g}, expected >= 0")
     if faults:
         raise InvalidParameter("\n".join(faults))
 
@@ -505,6 +509,7 @@ def _warnings(
     return out
 
 
+@checked
 def compare(
     data: CompressionData,
     names: Sequence[str] | None = None,
