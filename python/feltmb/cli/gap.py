@@ -13,6 +13,7 @@ import click
 
 from feltmb.cli.common import (
     POSITIVE,
+    FolderName,
     Number,
     console,
     force_option,
@@ -190,7 +191,7 @@ def foresee_command(
     "-o",
     "output",
     metavar="DIRECTORY",
-    type=click.Path(path_type=Path),
+    type=FolderName(),
     help="Folder of report.html, report.json.",
 )
 @click.option(

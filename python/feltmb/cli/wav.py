@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from feltmb.cli.common import POSITIVE, force_option, say_written, tables_as_json
+from feltmb.cli.common import POSITIVE, FileName, force_option, say_written, tables_as_json
 
 
 @click.command("wav")
@@ -15,7 +15,7 @@ from feltmb.cli.common import POSITIVE, force_option, say_written, tables_as_jso
     "--out",
     "-o",
     metavar="FILE",
-    type=click.Path(path_type=Path),
+    type=FileName(".wav"),
     help="WAV file; default: RUN.wav.",
 )
 @click.option(

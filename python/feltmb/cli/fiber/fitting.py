@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from feltmb.cli.common import FRACTION, POSITIVE, force_option, save_figure
+from feltmb.cli.common import FRACTION, POSITIVE, FileName, force_option, save_figure
 from feltmb.cli.completing import fiber_laws
 from feltmb.cli.fiber.group import (
     fiber,
@@ -105,7 +105,7 @@ def _fit_dictionary(f: Any) -> dict[str, Any]:
     "--out",
     "-o",
     "output",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=FileName(".json", dir_okay=False),
     help="Results as JSON.",
 )
 @force_option

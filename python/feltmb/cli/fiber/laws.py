@@ -7,7 +7,15 @@ from typing import Any
 
 import click
 
-from feltmb.cli.common import FRACTION, NOT_NEGATIVE, POSITIVE, Number, force_option, save_figure
+from feltmb.cli.common import (
+    FRACTION,
+    NOT_NEGATIVE,
+    POSITIVE,
+    FileName,
+    Number,
+    force_option,
+    save_figure,
+)
 from feltmb.cli.completing import fiber_laws
 from feltmb.cli.fiber.group import (
     csv_text,
@@ -305,7 +313,7 @@ def arcs_command(
     "--out",
     "-o",
     "output",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=FileName(".csv", dir_okay=False),
     help="CSV with time, compression and result.",
 )
 @force_option
