@@ -6,13 +6,14 @@ compression, rate and its own history, and nothing of bodies.
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from feltmb import _core
+from feltmb.arguments import checked, shown
 from feltmb.errors import InvalidParameter
-from feltmb.quantity import shortened
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["Law", "law"]
 
 
+@checked
 class Law:
     """A contact law and its memory.
 
@@ -127,6 +129,7 @@ _OPTIONAL: dict[str, tuple[str, ...]] = {
 }
 
 
+@checked
 def law(name: str, **parameters: Any) -> Law:
     """Make a contact law.
 
@@ -211,7 +214,7 @@ class _Given:
             expected = "compression [m], loading [N] and unloading [N], arrays of one length"
         else:
             good, expected = _is_number(value), "a number"
-        return [] if good else [f"{key} = {shortened(repr(value))}, expected {expected}"]
+        return [] if good else [f"{key} = {shown(value)}, expected {expected}"]
 
     def numbers(self, *keys: str) -> dict[str, Any]:
         return {key: float(self.values[key]) for key in keys if key in self.values}
@@ -233,7 +236,9 @@ class _Given:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float, np.number)) and not isinstance(value, (bool, np.bool_))
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.number)):
+        return False
+    return not isinstance(value, int) or abs(value) <= sys.float_info.max
 
 
 def _numbers(value: Any) -> bool:

@@ -22,6 +22,8 @@ __all__ = [
     "LARGEST_TABLE",
     "NPZ_FAULTS",
     "beside",
+    "check_folder",
+    "check_suffix",
     "check_writable",
     "is_file",
     "named_file",
@@ -228,6 +230,27 @@ def why_missing(path: Path) -> str:
     except (OSError, ValueError):
         pass
     return "there is no such file"
+
+
+#: Endings that name a file: a folder that bears one is a mistake.
+_FILES = (
+    *(".csv", ".gif", ".h5", ".html", ".jpg", ".json", ".mp3", ".nc", ".npz", ".pdf", ".png"),
+    *(".svg", ".toml", ".txt", ".wav", ".xlsx"),
+)
+
+
+def check_suffix(path: Path, *suffixes: str) -> None:
+    """Raise if a file of this name cannot be written: what its ending says is what it holds."""
+    if path.suffix.lower() not in suffixes:
+        got = path.suffix or "a name without ending"
+        known = " or ".join(filter(None, [", ".join(suffixes[:-1]), suffixes[-1]]))
+        raise InvalidParameter(f"{path}: cannot write {got}, expected {known}")
+
+
+def check_folder(path: Path) -> None:
+    """Raise if the name of a folder is that of a file."""
+    if path.suffix.lower() in _FILES and not path.is_dir():
+        raise InvalidParameter(f"{path}: is the name of a file, expected that of a folder")
 
 
 def check_writable(path: Path, *, force: bool) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, ValidationError
 
 from feltmb import _core
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.material import FeltMaterial, load_material
 from feltmb.quantity import SI, Schema, fault_lines
@@ -60,11 +61,13 @@ class _FromCore:
     def __post_init__(self) -> None:
         _ = self.core
 
+    @checked
     def area(self, compression: ArrayLike) -> Array:
         """Area [m^2] at compression [m]; 0 for compression <= 0."""
         return np.asarray(self.core.area(np.asarray(compression, dtype=float)), dtype=float)
 
 
+@checked
 @dataclass(frozen=True)
 class ConstantArea(_FromCore):
     """Flat faces: the same area at every compression."""
@@ -81,6 +84,7 @@ class ConstantArea(_FromCore):
         return f"constant, {self.size * 1e6:.6g} mm^2"
 
 
+@checked
 @dataclass(frozen=True)
 class CrossedCylinders(_FromCore):
     """Cylinder on cylinder at a right angle, such as a hammer's nose on a string.
@@ -104,6 +108,7 @@ class CrossedCylinders(_FromCore):
         return f"crossed cylinders, {self.radius_a * 1e3:.6g} mm and {self.radius_b * 1e3:.6g} mm"
 
 
+@checked
 @dataclass(frozen=True)
 class CircleOnLayer(_FromCore):
     """Cylinder pressed into a flat layer: chord of the circle times the width.
@@ -130,6 +135,7 @@ class CircleOnLayer(_FromCore):
         return text if self.length == math.inf else f"{text}, length {self.length * 1e3:.6g} mm"
 
 
+@checked
 @dataclass(frozen=True)
 class SphereOnLayer(_FromCore):
     """Sphere pressed into a flat layer: area pi (2 r e - e^2), no wider than the sphere."""

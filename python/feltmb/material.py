@@ -16,6 +16,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from feltmb import _core as _all
 from feltmb import params
 from feltmb._core import fiber as _core
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.files import read_toml
 from feltmb.quantity import SI, Schema, fault_lines, fault_text, is_quantity
@@ -92,6 +93,7 @@ class BranchCurve:
     """[Pa], >= 0."""
 
 
+@checked
 class FeltMaterial(Schema):
     """A felt: what its fibers are and how it answers compression.
 
@@ -194,7 +196,12 @@ class FeltMaterial(Schema):
         return self.branch(which, v_f).pressure
 
     def loss(self, points: int = 1001) -> float:
-        """Part of the loading work lost in the loop to ``v_f_max`` [-]."""
+        """Part of the loading work lost in the loop to ``v_f_max`` [-].
+
+        ``points``: of the sums over the loop, at least 2.
+        """
+        if points < 2:
+            raise InvalidParameter(f"loss: points = {points}, expected at least 2")
         v = np.linspace(self.v_f0, self.end, points)
         load = self.pressure("loading", v) / v**2
         back = np.minimum(self.pressure("unloading", v) / v**2, load)
@@ -300,6 +307,7 @@ def packaged_materials() -> tuple[str, ...]:
     return tuple(params.names("felts"))
 
 
+@checked
 def load_material(name_or_path: str | Path) -> FeltMaterial:
     """Read a felt: the name of a packaged one, or the path of a TOML file.
 

@@ -19,7 +19,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from feltmb import _core
-from feltmb.config import Action, MechanismFile, describe
+from feltmb.config import Action, Body, Contact, MechanismFile, describe
 from feltmb.errors import InvalidParameter
 from feltmb.quantity import shortened, unit_of
 
@@ -44,6 +44,13 @@ _SIZE_AT_ZERO = {
     "N": 1.0,
     "N m": 1e-3,
     "N/m": 1e3,
+    "N m/rad": 1e-3,
+    "N s/m": 1e-2,
+    "N m s/rad": 1e-5,
+    "N s^2/m^2": 1e-2,
+    "N m s^2/rad^2": 1e-7,
+    "rad/s": 0.1,
+    "m/s": 1e-2,
     "kg m^2": 1e-6,
     "1": 0.1,
 }
@@ -84,28 +91,35 @@ def _children(node: Any) -> Iterator[tuple[str, Any]]:
 
 def _unit(config: MechanismFile, parents: list[Any], names: list[str]) -> str:
     """SI unit of the field that a chain of names ends at."""
-    del config
     for depth in range(len(names) - 1, -1, -1):
         owner = parents[depth]
         if not isinstance(owner, BaseModel):
             continue
         field = names[depth]
-        unit = unit_of(type(owner), field)
+        unit = unit_of(type(owner), field, _joint(config, parents[: depth + 1]))
         if unit is not None:
             return unit
         if field == "stiffness":  # of a power law
             exponent = getattr(owner, "exponent", 1.0)
             return "N/m" if exponent == 1.0 else f"N/m^{exponent:g}"
-        if field in ("amplitude", "threshold_speed"):
-            body = parents[depth - 1] if depth else None
-            joint = getattr(body, "joint", "")
-            if field == "threshold_speed":
-                return "rad/s" if joint == "revolute" else "m/s"
-            return {"revolute": "N m", "prismatic": "N"}.get(joint, "1")
         if field == "strike_point":
             return "m"
         break
     return "1"
+
+
+def _joint(config: MechanismFile, owners: list[Any]) -> str:
+    """Kind of the joint that a table belongs to, by itself or by its coordinate, or ``contact``."""
+    for owner in reversed(owners):
+        if isinstance(owner, Contact):
+            return "contact"
+        if isinstance(owner, Body):
+            return "prismatic" if owner.joint == "prismatic" else "revolute"
+        coordinate = getattr(owner, "coordinate", None)
+        for body in config.bodies.values():
+            if coordinate is not None and body.coordinate == coordinate:
+                return "prismatic" if body.joint == "prismatic" else "revolute"
+    return "revolute"
 
 
 def _walk(

@@ -12,7 +12,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import NoneType, UnionType
-from typing import Annotated, Any, Union, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, Union, cast, get_args, get_origin
 
 from pydantic import (
     BaseModel,
@@ -23,13 +23,20 @@ from pydantic import (
     field_validator,
 )
 
+from feltmb.arguments import shown
 from feltmb.errors import InvalidParameter, printable
 from feltmb.units import conversion_factor
+
+if TYPE_CHECKING:
+    from pydantic._internal._model_construction import ModelMetaclass
+else:
+    ModelMetaclass = type(BaseModel)
 
 __all__ = [
     "META_KEYS",
     "SI",
     "Count",
+    "JointSI",
     "SIVector",
     "Schema",
     "fault_lines",
@@ -50,7 +57,21 @@ _FORBIDDEN = re.compile(
 )
 
 
-class Schema(BaseModel):
+class _Refusing(ModelMetaclass):
+    """A schema called with values refuses them as everything does: with :class:`InvalidParameter`.
+
+    What validates a whole file (``model_validate``) keeps pydantic's error, to list the faults.
+    """
+
+    def __call__(cls, *args: Any, **kwargs: Any) -> Any:
+        try:
+            return super().__call__(*args, **kwargs)
+        except ValidationError as error:
+            faults = fault_lines(error, cast("type[BaseModel]", cls))
+            raise InvalidParameter(fault_text(cls.__name__, faults)) from None
+
+
+class Schema(BaseModel, metaclass=_Refusing):
     """Base of all file schemas: unknown keys and non-finite numbers are faults, values frozen."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -111,10 +132,10 @@ def _check_kind(annotation: Any, value: object) -> None:
             except ValueError as error:
                 raise ValueError(f"{key}: {error}") from None
     elif annotation is bool and not isinstance(value, bool):
-        raise ValueError(f"got {shortened(repr(value))}, expected true or false")
+        raise ValueError(f"got {shown(value)}, expected true or false")
     elif annotation in (int, float) and isinstance(value, (bool, str)):
         what = "a whole number" if annotation is int else "a number"
-        raise ValueError(f"got {shortened(repr(value))}, expected {what}")
+        raise ValueError(f"got {shown(value)}, expected {what}")
 
 
 def shortened(text: str, most: int = 80) -> str:
@@ -138,19 +159,19 @@ def is_quantity(node: object) -> bool:
 
 def _number(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise ValueError(f"got {value!r}, expected a number")
+        raise ValueError(f"got {shown(value)}, expected a number")
     try:
         number = float(value)
     except OverflowError:
         number = math.inf
     if not math.isfinite(number):
-        raise ValueError(f"got {shortened(repr(value))}, expected a finite number")
+        raise ValueError(f"got {shown(value)}, expected a finite number")
     return number
 
 
 def _factor(unit: object, si_unit: str) -> float:
     if not isinstance(unit, str):
-        raise ValueError(f"got unit {unit!r}, expected a text such as {si_unit!r}")
+        raise ValueError(f"got unit {shown(unit)}, expected a text such as {si_unit!r}")
     try:
         return conversion_factor(unit, si_unit)
     except InvalidParameter as error:
@@ -158,17 +179,17 @@ def _factor(unit: object, si_unit: str) -> float:
 
 
 def _check_table(node: Mapping[str, Any]) -> None:
-    unknown = sorted(set(node) - META_KEYS)
+    unknown = sorted(set(node) - META_KEYS, key=str)
     if unknown:
         raise ValueError(
-            f"unknown key {', '.join(unknown)} in a quantity; "
+            f"unknown key {', '.join(map(str, unknown))} in a quantity; "
             f"known are {', '.join(sorted(META_KEYS))}"
         )
     if "value" not in node:
         raise ValueError("a quantity needs the key 'value'")
     status = node.get("status")
     if status is not None and status not in STATUS:
-        raise ValueError(f"status {status!r} is none of {', '.join(STATUS)}")
+        raise ValueError(f"status {shown(status)} is none of {', '.join(STATUS)}")
 
 
 def parse_scalar(node: object, si_unit: str) -> float:
@@ -177,7 +198,7 @@ def parse_scalar(node: object, si_unit: str) -> float:
         match = _TEXT.match(node)
         if match is None:
             unit = "" if si_unit == "1" else f" with a unit of {si_unit}"
-            raise ValueError(f"got {shortened(repr(node))}, expected a finite number{unit}")
+            raise ValueError(f"got {shown(node)}, expected a finite number{unit}")
         unit = match.group(2).strip()
         return _number(float(match.group(1))) * (_factor(unit, si_unit) if unit else 1.0)
     if isinstance(node, Mapping):
@@ -193,7 +214,7 @@ def _parse_vector(node: object, si_unit: str, length: int) -> tuple[float, ...]:
         factor = _factor(node.get("unit", si_unit), si_unit)
         node = node["value"]
     if isinstance(node, str) or not isinstance(node, Sequence) or len(node) != length:
-        raise ValueError(f"got {node!r}, expected {length} numbers")
+        raise ValueError(f"got {shown(node)}, expected {length} numbers")
     return tuple(
         parse_scalar(v, si_unit) if isinstance(v, str) else _number(v) * factor for v in node
     )
@@ -204,6 +225,7 @@ class _InUnit(BeforeValidator):
     """Validator that remembers its unit."""
 
     si_unit: str = ""
+    by_joint: tuple[str, ...] = ()
 
 
 def SI(si_unit: str) -> BeforeValidator:
@@ -234,11 +256,39 @@ def SIVector(si_unit: str, length: int = 2) -> BeforeValidator:
     return _InUnit(lambda node: _parse_vector(node, si_unit, length), si_unit=si_unit)
 
 
-def unit_of(model: type[BaseModel], field: str) -> str | None:
-    """SI unit of a field that was annotated by :func:`SI` or :func:`SIVector`, else None."""
+def JointSI(revolute: str, prismatic: str, contact: str | None = None) -> BeforeValidator:
+    """Annotation of a field whose unit depends on the joint, or contact, that it belongs to."""
+    units = (revolute, prismatic, prismatic if contact is None else contact)
+
+    def parse(node: object) -> float:
+        for si in units:
+            try:
+                return parse_scalar(node, si)
+            except ValueError as error:
+                if "does not measure" not in str(error):
+                    raise
+        unit = node["unit"] if isinstance(node, Mapping) else node
+        known = ", ".join(dict.fromkeys(units))
+        raise ValueError(f"got unit {shown(unit)}, expected a unit of {known}")
+
+    return _InUnit(parse, si_unit=revolute, by_joint=units)
+
+
+def _mark(model: type[BaseModel], field: str) -> _InUnit | None:
     info = model.model_fields[field]
     marks = [*info.metadata, *(m for arg in get_args(info.annotation) for m in get_args(arg))]
-    return next((mark.si_unit for mark in marks if isinstance(mark, _InUnit)), None)
+    return next((mark for mark in marks if isinstance(mark, _InUnit)), None)
+
+
+def unit_of(model: type[BaseModel], field: str, joint: str = "revolute") -> str | None:
+    """SI unit of a field annotated by :func:`SI`, :func:`SIVector` or :func:`JointSI`, else None.
+
+    ``joint``: what it belongs to, ``revolute``, ``prismatic`` or ``contact``.
+    """
+    mark = _mark(model, field)
+    if mark is None or not mark.by_joint:
+        return None if mark is None else mark.si_unit
+    return mark.by_joint[("revolute", "prismatic", "contact").index(joint)]
 
 
 _LIMITS = {
@@ -273,8 +323,8 @@ def _plain_input(node: object) -> str:
     """What a reader wrote, without the table around it."""
     if is_quantity(node):
         assert isinstance(node, Mapping)
-        return f"{node['value']!r} {node.get('unit', '')}".strip()
-    return shortened(repr(node))
+        return f"{shown(node['value'])} {node.get('unit', '')}".strip()
+    return shown(node)
 
 
 def fault_text(origin: str, faults: Sequence[str], most: int = 100) -> str:

@@ -14,8 +14,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from feltmb.arguments import checked
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.files import plain_text, write_file
+from feltmb.files import check_suffix, plain_text, write_file
 from feltmb.hdf5 import HDF5_FAULTS, open_hdf5
 from feltmb.quantity import shortened
 
@@ -144,6 +145,7 @@ class Run:
     def __contains__(self, name: object) -> bool:
         return name in self._index
 
+    @checked
     def unit(self, name: str) -> str:
         """Unit of an output."""
         self[name]
@@ -188,11 +190,13 @@ class Run:
             frame["contact"] = frame["contact"].astype("Int64")
         return frame
 
+    @checked
     def event_time(self, name: str) -> float | None:
         """Time [s] of a named event, None if it did not happen."""
         names = self.event_table.get("event", [])
         return float(self.event_table["time"][names.index(name)]) if name in names else None
 
+    @checked
     def string_displacement(self, position: npt.ArrayLike) -> Array:
         """Displacement of the string [m] at distances [m] from its end y = 0.
 
@@ -206,6 +210,7 @@ class Run:
         out: Array = self.eta @ self.string_shapes(position).T
         return out[:, 0] if np.ndim(position) == 0 else out
 
+    @checked
     def string_shapes(self, position: npt.ArrayLike) -> Array:
         """Mode shapes of the string [kg^-1/2] at distances [m] from its end y = 0.
 
@@ -224,7 +229,8 @@ class Run:
             raise InvalidParameter(
                 f"string_displacement: positions must lie in [0, {length:g}] m, got {bad:g}"
             )
-        return np.array([string.shapes(float(v))[0] for v in y])
+        rows = [string.shapes(float(v))[0] for v in y.ravel()]
+        return np.array(rows).reshape(-1, self.eta.shape[1])
 
     def _string(self) -> Any:
         from feltmb import _core
@@ -242,6 +248,7 @@ class Run:
             )
         return string
 
+    @checked
     def write_wav(
         self,
         path: str | Path,
@@ -270,6 +277,8 @@ class Run:
         import wave
 
         import numpy as np
+
+        check_suffix(Path(path), ".wav")
 
         if position is None:
             signal = self._string().bridge_force(np.ascontiguousarray(self.eta))
@@ -300,16 +309,38 @@ class Run:
 
         return write_file(Path(path), write, force=force)
 
+    def _write_table(self, target: Path) -> None:
+        import numpy as np
+
+        titles = [f"{n} [{u}]" for n, u in zip(self.names, self.units, strict=True)]
+        titles = [f'"{t}"' if "," in t else t for t in titles]
+        np.savetxt(
+            target,
+            np.column_stack([self.time, self.values]),
+            fmt="%.9g",
+            delimiter=",",
+            header=",".join(["time [s]", *titles]),
+            comments="",
+            encoding="utf-8",
+        )
+
+    @checked
     def save(self, path: str | Path, *, force: bool = False, compress: bool = True) -> Path:
-        """Write one NetCDF-4 file that ``load_run`` reads back.
+        """Write one NetCDF-4 file that ``load_run`` reads back, or a table of the outputs.
 
         Parameters
         ----------
+        path
+            ``.nc`` (or ``.h5``): everything; ``.csv``: the outputs over time, names with their
+            units in the header.
         compress
             False: a quarter of the time, half as large again.
         """
         from feltmb.netcdf import Variable, encode
 
+        check_suffix(Path(path), ".nc", ".h5", ".csv")
+        if Path(path).suffix.lower() == ".csv":
+            return write_file(Path(path), self._write_table, force=force)
         size = self.values.size + self.eta.size + self.time.size
         if size > MOST_NUMBERS:
             raise InvalidParameter(
@@ -467,6 +498,7 @@ def _holds_text(values: list[Any]) -> bool:
     return any(isinstance(value, (str, dict, list)) for value in values)
 
 
+@checked
 def load_run(path: str | Path) -> Run:
     """Read a run that ``Run.save`` wrote.
 

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from feltmb import _core
+from feltmb.arguments import checked
 from feltmb.cautions import run_warnings
 from feltmb.config import Action, load_action
 from feltmb.errors import IntegrationError, InvalidParameter
@@ -78,6 +79,7 @@ class Evaluation:
         return frame.sort_index()
 
 
+@checked
 def evaluate(
     action: Action, q: npt.ArrayLike, qd: npt.ArrayLike, finger_force: float = 0.0
 ) -> Evaluation:
@@ -103,6 +105,7 @@ def evaluate(
     )
 
 
+@checked
 def simulate(
     action: Action | str,
     stroke: Stroke | str,
@@ -217,6 +220,7 @@ def simulate(
     return run
 
 
+@checked
 def prepare(
     action: Action,
     stroke: Stroke,

@@ -13,7 +13,14 @@ import re
 
 from feltmb.errors import InvalidParameter
 
-__all__ = ["ACCEPTED_UNITS", "conversion_factor", "convert", "dimension_text"]
+__all__ = [
+    "ACCEPTED_UNITS",
+    "conversion_factor",
+    "convert",
+    "dimension_text",
+    "si_value",
+    "split_quantity",
+]
 
 #: name -> (factor to SI, exponents of m, kg, s, rad). Volts and degrees Celsius are not mechanics.
 ACCEPTED_UNITS: dict[str, tuple[float, tuple[float, float, float, float]]] = {
@@ -127,3 +134,25 @@ def conversion_factor(unit: str, si_unit: str) -> float:
 def convert(value: float, unit: str, si_unit: str) -> float:
     """``value`` in ``unit`` expressed in ``si_unit``; see :func:`conversion_factor`."""
     return value * conversion_factor(unit, si_unit)
+
+
+_QUANTITY = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.{0,40})?$")
+
+
+def split_quantity(text: str) -> tuple[float, str] | None:
+    """Number and unit of a text such as ``"300 ms"``; None if it is none with a known unit."""
+    match = _QUANTITY.match(text[:100])
+    if match is None:
+        return None
+    unit = (match.group(2) or "").strip()
+    try:
+        _parse(unit)
+    except ValueError:
+        return None
+    return float(match.group(1)), unit
+
+
+def si_value(text: str) -> float | None:
+    """The number that a text such as ``"300 ms"`` is in SI, whatever it measures; None if none."""
+    found = split_quantity(text)
+    return None if found is None else found[0] * _parse(found[1])[0]

@@ -12,7 +12,7 @@ import pytest
 HERE = Path(__file__).resolve()
 ROOT = HERE.parents[2]
 
-BASE = "errors units quantity"
+BASE = "errors units arguments quantity"
 MODEL = (
     f"{BASE} files hdf5 netcdf _core params config smoothing stroke events results cautions "
     "options simulate"
@@ -50,7 +50,8 @@ MAY_USE = {
         "contact": f"{BASE} _core layer",
         "errors": "",
         "units": "errors",
-        "quantity": "errors units",
+        "arguments": "errors units",
+        "quantity": "errors units arguments",
         "files": "errors",
         "hdf5": "errors files",
         "params": BASE,

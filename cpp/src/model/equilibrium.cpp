@@ -170,8 +170,10 @@ Equilibrium find_equilibrium(const std::shared_ptr<const Mechanism>& mechanism, 
     const double trial = rest.energy(q + dq);
     const double residual_before = force.cwiseAbs().maxCoeff();
     const double residual_after = scaled_residual(m, rest.force());
+    // Where the energy changes by its rounding only, the force decides: by either of them the
+    // search could go to and fro between two poses for ever.
     const bool flat = std::fabs(energy - trial) <= 1e-13 * rest.parts;
-    if (energy - trial >= 1e-4 * predicted || (flat && residual_after < residual_before)) {
+    if (flat ? residual_after < residual_before : energy - trial >= 1e-4 * predicted) {
       q += dq;
       energy = trial;
       radius = std::min(20.0, 2.0 * radius);

@@ -59,12 +59,15 @@ void Assembler::add_springs() {
   for (const auto& s : d_.springs) {
     const std::string where = "spring \"" + s.name + "\"";
     const int index = find_coordinate(s.coordinate, where);
+    const bool angle = index < 0 || m_->coordinate_is_angle[at(index)];
     if (!(std::isfinite(s.stiffness) && s.stiffness >= 0.0)) {
-      fault(where + format(": stiffness = %.6g N m/rad, must be >= 0", s.stiffness));
+      fault(where +
+            format(": stiffness = %.6g %s, must be >= 0", s.stiffness, angle ? "N m/rad" : "N/m"));
     }
     if (!std::isfinite(s.rest_angle)) fault(where + ": rest_angle is not a finite number");
     if (!(std::isfinite(s.damping) && s.damping >= 0.0)) {
-      fault(where + format(": damping = %.6g N m s/rad, must be >= 0", s.damping));
+      fault(where +
+            format(": damping = %.6g %s, must be >= 0", s.damping, angle ? "N m s/rad" : "N s/m"));
     }
     if (!(std::isfinite(s.clearance) && s.clearance >= 0.0)) {
       fault(where + format(": clearance = %.6g, must be >= 0", s.clearance));

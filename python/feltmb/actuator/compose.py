@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
 from feltmb.actuator.model import Actuator, Section, load_actuator
+from feltmb.arguments import checked
 from feltmb.config import Action, load_action
 from feltmb.errors import InvalidParameter
 
@@ -26,6 +27,7 @@ COORDINATE = "actuator.hub"
 FINGER, KEY_TOP = "actuator_finger", "actuator_key_top"
 
 
+@checked
 def compose(action: Action | str, actuator: Actuator | str, *, pad: str | None = None) -> Action:
     """Mechanism of an action whose key an actuator presses.
 
@@ -101,6 +103,7 @@ def compose(action: Action | str, actuator: Actuator | str, *, pad: str | None =
     return Action(raw, origin=f"{action.origin} with {actuator.origin}")
 
 
+@checked
 def stand_alone(actuator: Actuator | str) -> Action:
     """The actuator on its own stop as a mechanism, without an equivalent reaction.
 

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from feltmb.actuator.compose import compose
 from feltmb.actuator.model import Actuator, load_actuator, simulate_actuator
+from feltmb.arguments import checked
 from feltmb.config import Action, load_action
 from feltmb.errors import InvalidParameter
 from feltmb.simulate import simulate
@@ -98,6 +99,7 @@ class Match:
     message: str
 
 
+@checked
 def match(
     actuator: Actuator | str,
     target: Stroke,

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from pydantic import Field, ValidationError
 
 from feltmb import _core, params
+from feltmb.arguments import checked
 from feltmb.config import (
     LawChoice,
     Source,
@@ -187,6 +188,7 @@ def _resolve(name_or_path: str | Path) -> Path:
     )
 
 
+@checked
 def load_actuator(name_or_path: str | Path) -> Actuator:
     """Read an actuator: ``wood``, ``aluminum``, or the path of a TOML file.
 
@@ -238,6 +240,7 @@ def _faults(raw: Mapping[str, Any]) -> list[str]:
 # --- the public object ---------------------------------------------------------------------------
 
 
+@checked
 class Actuator:
     """An actuator read from data. Immutable; safe to share between threads.
 
@@ -446,6 +449,7 @@ class ActuatorRun:
             data, coords={"time": ("time", self.time, {"units": "s"})}, attrs=attributes
         )
 
+    @checked
     def save(self, path: str | Path, *, force: bool = False) -> Path:
         """Write NetCDF (``.nc``) or a CSV table."""
         path = Path(path)
@@ -465,6 +469,7 @@ class ActuatorRun:
         )
 
 
+@checked
 def simulate_actuator(
     actuator: Actuator | str,
     torque: Stroke | None = None,

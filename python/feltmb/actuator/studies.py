@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from feltmb.actuator.model import ActuatorRun, load_actuator, simulate_actuator
+from feltmb.arguments import checked
 from feltmb.files import check_writable, write_file, write_text
 
 __all__ = ["ActuatorStudy", "StudyFinding", "study_actuator"]
@@ -71,6 +72,7 @@ class ActuatorStudy:
             for number, (title, names, panels) in FIGURES.items()
         }
 
+    @checked
     def save(self, folder: str | Path, *, force: bool = False) -> list[Path]:
         """Write ``figure_5_6.png`` and so on, ``findings.csv`` and ``runs.csv``."""
         import csv
@@ -100,6 +102,7 @@ class ActuatorStudy:
         return [*targets, *tables]
 
 
+@checked
 def study_actuator(duration: float = 0.2) -> ActuatorStudy:
     """Simulate what Figures 5.6 to 5.11 show and compare with sections 5.2.1 to 5.2.4."""
     wood, aluminum = load_actuator("wood"), load_actuator("aluminum")

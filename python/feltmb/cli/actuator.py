@@ -10,6 +10,8 @@ import click
 
 from feltmb.cli.common import (
     FRACTION,
+    FileName,
+    FolderName,
     check_targets,
     complain,
     console,
@@ -70,7 +72,8 @@ _set = list_option(
     "--set",
     "settings",
     metavar="PATH=VALUE",
-    help="Change a value of the actuator by its dotted path, such as tip.mass=0.05.",
+    help="Change a value of the actuator by its dotted path, such as "
+    "tip.mass=1.5g; a bare number has the unit of the file.",
 )
 
 
@@ -101,7 +104,7 @@ _set = list_option(
     "--out",
     "-o",
     metavar="FILE",
-    type=click.Path(path_type=Path),
+    type=FileName(".nc", ".csv"),
     help="File to write, .nc or .csv.",
 )
 @click.option("--plot", is_flag=True, help="Also draw actuator_ARM.png beside --out (or here).")
@@ -200,7 +203,7 @@ def _show(actuator: Actuator, run: ActuatorRun) -> None:
     "--out",
     "-o",
     metavar="DIRECTORY",
-    type=click.Path(path_type=Path),
+    type=FolderName(),
     help="Folder for the figures and the tables.",
 )
 @force_option
@@ -265,7 +268,7 @@ def study_command(out: Path | None, force: bool, as_json: bool) -> None:
     "--out",
     "-o",
     metavar="FILE",
-    type=click.Path(path_type=Path),
+    type=FileName(".toml"),
     help="Actuator file to write (TOML).",
 )
 @click.option("--plot", metavar="FILE", type=click.Path(path_type=Path), help="Picture to write.")

@@ -177,6 +177,37 @@ def _picture_kind(path: Path) -> str:
     return kind
 
 
+class FileName(click.Path):
+    """Name of a file to write, whose ending is one that the command can write."""
+
+    def __init__(self, *suffixes: str, dir_okay: bool = True):
+        super().__init__(path_type=Path, dir_okay=dir_okay)
+        self.suffixes = suffixes
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Path."""
+        from feltmb.files import check_suffix
+
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
+        check_suffix(path, *self.suffixes)
+        return path
+
+
+class FolderName(click.Path):
+    """Name of a folder to write into, which is not that of a file."""
+
+    def __init__(self, file_okay: bool = True) -> None:
+        super().__init__(path_type=Path, file_okay=file_okay)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Path."""
+        from feltmb.files import check_folder
+
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
+        check_folder(path)
+        return path
+
+
 def check_targets(*files: Path | None, pictures: tuple[Path | None, ...] = (), force: bool) -> None:
     """Before anything is written: every file could be, none twice, pictures in a known format."""
     from feltmb.errors import InvalidParameter
@@ -400,7 +431,7 @@ def set_option(function: F) -> F:
     return _settings(
         "PATH=VALUE",
         "Change a value of the mechanism by its dotted path, such as string.modes=80 or "
-        "contacts.*.law=printed.",
+        "contacts.*.law=printed; a bare number has the unit of the file.",
     )(function)
 
 

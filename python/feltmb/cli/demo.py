@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from feltmb.cli.common import (
+    FolderName,
     console,
     is_terminal,
     new_table,
@@ -28,7 +29,7 @@ STROKES = ("piano", "forte", "staccato")
 @click.option(
     "--out",
     "-o",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FolderName(file_okay=False),
     default=Path("out"),
     show_default=True,
     help="Folder for the results; files of a former demo in it are replaced.",

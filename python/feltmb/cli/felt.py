@@ -11,6 +11,7 @@ from feltmb.cli.common import (
     FRACTION,
     NOT_NEGATIVE,
     POSITIVE,
+    FileName,
     check_targets,
     console,
     diameter_option,
@@ -266,7 +267,7 @@ def loop_command(
     "--out",
     "-o",
     "output",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=FileName(".toml", dir_okay=False),
     help="TOML file to write.",
 )
 @click.option(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from feltmb.cli.common import (
+    FolderName,
     console,
     force_option,
     json_option,
@@ -71,7 +72,7 @@ def _print_audit(result: Audit) -> None:
 @click.option(
     "--plot",
     "folder",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=FolderName(file_okay=False),
     help="Folder for a picture of each.",
 )
 @json_option

@@ -8,6 +8,8 @@ import click
 
 from feltmb.cli.common import (
     FRACTION,
+    FileName,
+    FolderName,
     Number,
     check_targets,
     complain,
@@ -40,11 +42,11 @@ __all__ = ["fit_command", "identify_command"]
     "--out",
     "-o",
     "output",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=FileName(".toml", dir_okay=False),
     help="Identified felt, TOML.",
 )
 @click.option(
-    "--plot", "folder", type=click.Path(file_okay=False, path_type=Path),
+    "--plot", "folder", type=FolderName(file_okay=False),
     help="Folder for the report and its pictures.",
 )  # fmt: skip
 @click.option("--v-f0", type=FRACTION, help="Volume fraction without load [-]; default the felt's.")
@@ -186,7 +188,7 @@ def identify_command(
     "--out",
     "-o",
     "output",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=FileName(".toml", dir_okay=False),
     help="TOML file to write.",
 )
 @json_option

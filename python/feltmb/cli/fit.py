@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from feltmb.cli.common import (
+    FolderName,
     console,
     force_option,
     json_option,
@@ -33,7 +34,7 @@ __all__ = ["command"]
     show_default=True,
     help="Further starting points at most.",
 )
-@click.option("--out", "-o", "output", type=click.Path(path_type=Path), help="Folder of fit.json.")
+@click.option("--out", "-o", "output", type=FolderName(), help="Folder of fit.json.")
 @subject_set_option
 @json_option
 @force_option

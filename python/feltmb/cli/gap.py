@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from feltmb.cli.common import (
+    FolderName,
     Number,
     console,
     force_option,
@@ -189,7 +190,7 @@ def foresee_command(
     "-o",
     "output",
     metavar="DIRECTORY",
-    type=click.Path(path_type=Path),
+    type=FolderName(),
     help="Folder of report.html, report.json.",
 )
 @list_option(

@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from feltmb.cli.common import (
+    FolderName,
     complain,
     console,
     is_terminal,
@@ -66,7 +67,7 @@ class _Told:
     "--out",
     "-o",
     "output",
-    type=click.Path(path_type=Path),
+    type=FolderName(),
     required=True,
     help="Folder of the bench.",
 )

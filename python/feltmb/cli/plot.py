@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from feltmb.cli.common import force_option, list_option, say_written, tables_as_json
+from feltmb.cli.common import FolderName, force_option, list_option, say_written, tables_as_json
 
 
 @click.command("plot")
@@ -14,7 +14,7 @@ from feltmb.cli.common import force_option, list_option, say_written, tables_as_
 @click.option(
     "--out",
     "-o",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FolderName(file_okay=False),
     help="Folder; default: beside each run.",
 )
 @list_option(

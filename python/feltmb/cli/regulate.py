@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from feltmb.cli.common import (
+    FileName,
     complain,
     console,
     force_option,
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 @click.option(
     "-o",
     "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=FileName(".toml", dir_okay=False),
     help="Write the regulated mechanism, with its provenance, to this TOML file.",
 )
 @set_option

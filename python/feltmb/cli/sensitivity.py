@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from feltmb.cli.common import (
+    FileName,
     Number,
     check_targets,
     console,
@@ -45,9 +46,8 @@ _UNITS = (("_time", "s"), ("_duration", "s"), ("_speed", "m/s"), ("_force", "N")
 @click.option(
     "--number",
     metavar="NAME",
-    default="impact_speed",
-    show_default=True,
-    help="Number of the summary by which the table is ordered.",
+    help="Number of the summary by which the table is ordered; default: impact_speed, or the first "
+    "that the stroke has.",
 )
 @click.option(
     "--most", type=click.IntRange(1), default=20, show_default=True, help="Rows of the table."
@@ -72,7 +72,7 @@ _UNITS = (("_time", "s"), ("_duration", "s"), ("_speed", "m/s"), ("_force", "N")
     "-o",
     "--out",
     "table_file",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=FileName(".csv", dir_okay=False),
     help="Write all effects as CSV.",
 )
 @set_option
@@ -82,7 +82,7 @@ def command(
     action: str,
     stroke: str,
     paths: tuple[str, ...],
-    number: str,
+    number: str | None,
     most: int,
     duration: float | None,
     rtol: float,
@@ -121,6 +121,13 @@ def command(
             result = run()
     else:
         result = run()
+    if number is None:
+        number = next((n for n in ("impact_speed", *result.summary) if n in result.summary), None)
+        if number is None:
+            raise InvalidParameter(
+                f"stroke {stroke!r} of {mechanism.name!r} has no number to order by: [summary] of "
+                "the mechanism names no strike_contact and no key_point"
+            )
     if number not in result.summary:
         known = ", ".join(result.summary) or "none"
         raise InvalidParameter(f"--number {number!r}: this stroke has {known}")

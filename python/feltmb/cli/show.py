@@ -94,8 +94,18 @@ def command(
             save_figure(draw_graph(mechanism), graph, force=force)
 
 
+#: What is shown of a spring: word before the number, and field.
+_SPRING = (
+    ("", "stiffness"),
+    ("from ", "rest_angle"),
+    ("damping ", "damping"),
+    ("play ", "clearance"),
+)
+
+
 def _tables(mechanism: object) -> None:
-    from feltmb.config import Action
+    from feltmb.config import Action, Spring
+    from feltmb.quantity import unit_of
 
     assert isinstance(mechanism, Action)
     config = mechanism.config
@@ -127,9 +137,11 @@ def _tables(mechanism: object) -> None:
 
     rest = mechanism.rest_pose
     table = new_table("rest pose", "coordinate", "value", "unit", right=(1,))
-    units = mechanism.mechanism.coordinate_units
-    for name, value, unit in zip(mechanism.coordinates, rest, units, strict=True):
-        table.add_row(name, f"{value:.7g}", unit)
+    unit_of_coordinate = dict(
+        zip(mechanism.coordinates, mechanism.mechanism.coordinate_units, strict=True)
+    )
+    for name, value in zip(mechanism.coordinates, rest, strict=True):
+        table.add_row(name, f"{value:.7g}", unit_of_coordinate[name])
     screen.print(table)
 
     from feltmb.simulate import evaluate
@@ -152,7 +164,12 @@ def _tables(mechanism: object) -> None:
 
     table = new_table("springs and straps", "name", "acts on", "data")
     for name, spring in config.springs.items():
-        text = f"{spring.stiffness:.4g} N m/rad from {spring.rest_angle:.4g} rad"
+        joint = "prismatic" if unit_of_coordinate[spring.coordinate] == "m" else "revolute"
+        text = ", ".join(
+            f"{word}{getattr(spring, field):.4g} {unit_of(Spring, field, joint)}"
+            for word, field in _SPRING
+            if getattr(spring, field) or field in ("stiffness", "rest_angle")
+        )
         table.add_row(name, spring.coordinate, text if spring.enabled else "off")
     for name, strap in config.straps.items():
         text = f"free length {1e3 * strap.free_length:.4g} mm, cubic"

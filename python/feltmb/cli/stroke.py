@@ -61,7 +61,13 @@ if TYPE_CHECKING:
     "--out",
     "-o",
     type=click.Path(path_type=Path),
-    help="NetCDF file to write; with several strokes the folder for STROKE.nc.",
+    help="File to write, .nc (everything) or .csv (the outputs over time); with several strokes "
+    "the folder for STROKE.nc.",
+)
+@click.option(
+    "--resume",
+    is_flag=True,
+    help="Keep what --out holds already of the same inputs: a cut-off command goes on.",
 )
 @click.option("--plot", is_flag=True, help="Also draw plots beside --out (or here).")
 @click.option("--wav", is_flag=True, help="Also write the string as WAV beside --out (or here).")
@@ -121,6 +127,7 @@ def command(
     pad: str | None,
     torques: tuple[str, ...],
     out: Path | None,
+    resume: bool,
     plot: bool,
     wav: bool,
     duration: float | None,
@@ -166,30 +173,40 @@ def command(
         loaded = [s.smoothed(parse_option("--noise", noise, s.unit)) for s in loaded]
     stems = _stems([s.name for s in loaded])
     targets = _targets(out, stems)
-    for target, stem in zip(targets, stems, strict=True):
-        for path in _files(target, stem, plot=plot, wav=wav):
+    options = {
+        "duration": duration,
+        "rtol": rtol,
+        "error": error,
+        "method": method,
+        "output_rate": output_rate,
+        "ledger": not no_ledger,
+    }
+    keys = [_inputs(mechanism, s, options, start) for s in loaded]
+    kept: dict[int, Run] = {}
+    if resume:
+        kept = _finished(targets, keys)
+    for i, (target, stem) in enumerate(zip(targets, stems, strict=True)):
+        for path in _files(target, stem, plot=plot, wav=wav) if i not in kept else []:
             check_writable(path, force=force)
     first = load_run(start) if start is not None else None
 
     stop = {"now": False}
 
     def one(i: int) -> tuple[Run, str]:
+        if i in kept:
+            return kept[i], ""
         try:
             run = simulate(
                 mechanism,
                 loaded[i],
-                duration,
-                rtol,
-                error=error,
-                method=method,
-                output_rate=output_rate,
-                ledger=not no_ledger,
+                **options,  # type: ignore[arg-type]
                 start=first,
                 max_wall=max_wall,
                 progress=(lambda _t: not stop["now"]) if jobs > 1 else None,
             )
         except IntegrationError as failure:
             return failure.partial, str(failure)
+        run.provenance["inputs"] = keys[i]
         return run, ""
 
     failures: list[str] = []
@@ -200,7 +217,11 @@ def command(
         name = loaded[i].name
         if failure:
             failures.append(f"{name}: {failure}")
-        _write(run, targets[i], stems[i], plot=plot, wav=wav, force=force)
+        target = targets[i]
+        if i in kept:
+            click.echo(f"kept {target}", err=True)
+        elif target is not None:
+            say_written(run.save(target, force=force))
         summaries[stems[i]] = {
             "status": run.status,
             "summary": run.summary,
@@ -211,6 +232,11 @@ def command(
             screen.print(summary_table(run, name))
         for warning in run.stats["warnings"]:
             complain(f"warning: {name}: {warning}")
+        try:
+            _draw(run, target, stems[i], plot=plot, wav=wav, force=force or i in kept)
+        except Exception as fault:  # the run is saved and shown: a picture takes neither along
+            kind = "" if isinstance(fault, FeltmbError) else f"{type(fault).__name__}: "
+            failures.append(f"{name}: no picture or sound: {kind}{fault}")
 
     with ThreadPoolExecutor(max_workers=jobs) as pool:
         waiting: dict[int, Future[tuple[Run, str]]] = {}
@@ -248,11 +274,44 @@ def _with_actuator(
     return compose(action, made, pad=pad), made.torque
 
 
+def _inputs(action: Action, stroke: Stroke, options: dict[str, Any], start: Path | None) -> str:
+    """SHA-256 of all that a run follows from."""
+    import hashlib
+    import json
+
+    from feltmb import __version__
+
+    first = None if start is None else hashlib.sha256(start.read_bytes()).hexdigest()
+    told = [__version__, action.hash, stroke.as_dict(), options, first]
+    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
+
+
+def _finished(targets: list[Path | None], keys: list[str]) -> dict[int, Run]:
+    """Runs that lie in the targets already, finished and of the same inputs."""
+    from feltmb.files import is_file
+    from feltmb.results import load_run
+
+    found: dict[int, Run] = {}
+    for i, (target, key) in enumerate(zip(targets, keys, strict=True)):
+        if target is None or target.suffix == ".csv":
+            raise click.UsageError("--resume needs --out with the name of a folder or a .nc file")
+        if not is_file(target):
+            continue
+        run = load_run(target)
+        if run.status == "done" and run.provenance.get("inputs") == key:
+            found[i] = run
+    return found
+
+
 def _targets(out: Path | None, stems: list[str]) -> list[Path | None]:
+    from feltmb.files import check_folder, check_suffix
+
     if out is None:
         return [None] * len(stems)
     if len(stems) == 1 and out.suffix:
+        check_suffix(out, ".nc", ".h5", ".csv")
         return [out]
+    check_folder(out)
     return [out / f"{stem}.nc" for stem in stems]
 
 
@@ -283,9 +342,7 @@ def _files(target: Path | None, stem: str, *, plot: bool, wav: bool) -> list[Pat
     return files
 
 
-def _write(run: Run, target: Path | None, stem: str, *, plot: bool, wav: bool, force: bool) -> None:
-    if target is not None:
-        say_written(run.save(target, force=force))
+def _draw(run: Run, target: Path | None, stem: str, *, plot: bool, wav: bool, force: bool) -> None:
     folder, stem = (target.parent, target.stem) if target is not None else (Path(), stem)
     if plot:
         from feltmb.plot import save_all

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from feltmb.cli.common import (
+    FolderName,
     complain,
     console,
     force_option,
@@ -32,7 +33,7 @@ WIDTH = 80
 @click.option(
     "--out",
     "-o",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FolderName(file_okay=False),
     help="Folder for one HTML page of all studies, figures, tables, and for the finished "
     "simulations, from which a study that was cut off goes on.",
 )

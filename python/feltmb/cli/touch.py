@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from feltmb.cli.common import (
+    FolderName,
     console,
     force_option,
     is_terminal,
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 @click.option(
     "--plot",
     "folder",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FolderName(file_okay=False),
     help="Draw touch_static.png and touch_dynamic.png in this folder.",
 )
 @set_option

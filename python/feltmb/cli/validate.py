@@ -2,11 +2,35 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
 
 from feltmb.cli.common import console, json_option, print_json
+
+
+def _is_stroke(path: Path, tables: Mapping[str, object]) -> bool:
+    """Whether a file is meant as a stroke: by keys that only strokes, or only mechanisms, have."""
+    from feltmb.config import MechanismFile
+    from feltmb.errors import InvalidParameter
+    from feltmb.stroke.files import STROKE_KEYS
+
+    common = STROKE_KEYS & set(MechanismFile.model_fields)
+    stroke = STROKE_KEYS - common
+    mechanism = {*MechanismFile.model_fields, "extends", "values"} - common
+
+    def count(known: set[str]) -> int:
+        return sum(bool(difflib.get_close_matches(key, known, n=1, cutoff=0.7)) for key in tables)
+
+    strokes, mechanisms = count(stroke), count(mechanism)
+    if not strokes and not mechanisms:
+        raise InvalidParameter(
+            f"{path}: is neither a stroke nor a mechanism: a stroke has one of ramp, pulse, knots, "
+            "a mechanism has bodies or extends"
+        )
+    return strokes > mechanisms
 
 
 @click.command("validate")
@@ -38,7 +62,7 @@ def command(files: tuple[Path, ...], no_rest_pose: bool, as_json: bool) -> None:
             elif path.suffix in (".nc", ".h5"):
                 run = load_run(path)
                 text = f"run of {run.provenance.get('action')}, {len(run.time)} samples"
-            elif {"ramp", "pulse", "knots"} & set(read_toml(path)):
+            elif _is_stroke(path, read_toml(path)):
                 stroke = load_stroke(path)
                 text = f"{stroke.kind} stroke, {len(stroke.time)} knots, {stroke.duration:g} s"
             else:

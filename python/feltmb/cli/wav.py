@@ -6,7 +6,14 @@ from pathlib import Path
 
 import click
 
-from feltmb.cli.common import POSITIVE, Quantity, force_option, say_written, tables_as_json
+from feltmb.cli.common import (
+    POSITIVE,
+    FileName,
+    Quantity,
+    force_option,
+    say_written,
+    tables_as_json,
+)
 
 
 @click.command("wav")
@@ -15,7 +22,7 @@ from feltmb.cli.common import POSITIVE, Quantity, force_option, say_written, tab
     "--out",
     "-o",
     metavar="FILE",
-    type=click.Path(path_type=Path),
+    type=FileName(".wav"),
     help="WAV file; default: RUN.wav.",
 )
 @click.option(

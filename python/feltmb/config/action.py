@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationError
 
 from feltmb import _core
+from feltmb.arguments import checked
 from feltmb.config.checking import validate
 from feltmb.config.reading import load_raw, resolve
 from feltmb.config.to_core import describe
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["Action", "load_action"]
 
 
+@checked
 def load_action(name_or_path: str | Path) -> Action:
     """Read a mechanism: the name of a packaged data set, or the path of a TOML file.
 
@@ -42,6 +44,7 @@ def load_action(name_or_path: str | Path) -> Action:
     return Action(load_raw(path, resolve), origin=path.name)
 
 
+@checked
 class Action:
     """A mechanism read from data. Immutable; safe to share between threads.
 

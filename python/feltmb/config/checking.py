@@ -225,6 +225,19 @@ def _pair_radii(config: MechanismFile, contact: Contact) -> tuple[float | None, 
     return (1.0 / curvature if curvature > 0.0 else None), wire
 
 
+def _pair_fault(config: MechanismFile, key: str) -> str | None:
+    """A pair that no contact is defined for, told in place of what it has no radius for."""
+    contact = config.contacts[key]
+    pair = [(config.surfaces[n].kind, n) for n in contact.surfaces if n in config.surfaces]
+    if len(pair) != 2 or any(kind == "circle" for kind, _ in pair):
+        return None
+    (kind, name), (other, second) = pair
+    return (
+        f"contacts.{key}: a {kind} ({name}) cannot meet a {other} ({second}); one of the pair must "
+        "be a circle"
+    )
+
+
 def _with_radii(config: MechanismFile) -> MechanismFile:
     """Radii that the areas of layers leave out are those of the pair."""
     contacts = {}
@@ -317,6 +330,11 @@ def _parse(raw: Mapping[str, Any]) -> tuple[list[str], MechanismFile | None]:
 def _assemble(config: MechanismFile) -> tuple[list[str], Any]:
     """What is wrong with the whole, as the core tells it; the mechanism of the core."""
     description, faults = describe_with_faults(config)
+    keys = [f.partition(":")[0].removeprefix("contacts.") for f in faults]
+    faults = [
+        (_pair_fault(config, key) if key in config.contacts else None) or fault
+        for key, fault in zip(keys, faults, strict=True)
+    ]
     try:
         mechanism = _core.assemble(description)
     except InvalidParameter as error:

@@ -59,11 +59,12 @@ def load_raw(
             f"{path}: extends: got {shortened(repr(base))}, expected a name or a path"
         )
     if len(seen) >= MOST_EXTENDS:
-        raise InvalidParameter(f"{path}: more than {MOST_EXTENDS} files extend one another")
-    if base.endswith(".toml"):
-        base_path = beside(path.parent, base, f"{path}: extends")
-    else:
-        base_path = resolve(base)
+        raise InvalidParameter(
+            f"{seen[0]}: extends: leads over more than {MOST_EXTENDS} files, expected fewer"
+        )
+    base_path = (
+        beside(path.parent, base, f"{path}: extends") if base.endswith(".toml") else resolve(base)
+    )
     if base_path.resolve() in [p.resolve() for p in (*seen, path)]:
         raise InvalidParameter(f"{path}: extends {base!r}, which leads back to itself")
     merged = load_raw(base_path, resolve, (*seen, path))

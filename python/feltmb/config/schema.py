@@ -13,6 +13,7 @@ from feltmb.quantity import (
     META_KEYS,
     SI,
     Count,
+    JointSI,
     Schema,
     SIVector,
     parse_scalar,
@@ -138,40 +139,18 @@ def _power_stiffness(node: object) -> float:
 class FrictionParameters(Schema):
     """Coulomb friction of thesis eq. A.1, with viscous, quadratic and Stribeck terms."""
 
-    amplitude: Annotated[
-        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("1", "N", "N m")))
-    ] = 0.0
+    amplitude: Annotated[float, Field(ge=0), JointSI("N m", "N", "1")] = 0.0
     b1: Annotated[float, SI("1"), Field(ge=0)] = 0.0
     b2: Annotated[float, SI("1"), Field(ge=0)] = 0.0
-    threshold_speed: Annotated[
-        float, Field(gt=0), BeforeValidator(lambda n: _one_of(n, ("m/s", "rad/s")))
-    ] = 1e-3
-    viscous: Annotated[
-        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m s/rad", "N s/m", "s/m")))
-    ] = 0.0
+    threshold_speed: Annotated[float, Field(gt=0), JointSI("rad/s", "m/s")] = 1e-3
+    viscous: Annotated[float, Field(ge=0), JointSI("N m s/rad", "N s/m", "s/m")] = 0.0
     quadratic: Annotated[
         float,
         Field(ge=0),
-        BeforeValidator(lambda n: _one_of(n, ("N m s^2/rad^2", "N s^2/m^2", "s^2/m^2"))),
+        JointSI("N m s^2/rad^2", "N s^2/m^2", "s^2/m^2"),
     ] = 0.0
-    stribeck: Annotated[
-        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("1", "N", "N m")))
-    ] = 0.0
-    stribeck_speed: Annotated[
-        float, Field(gt=0), BeforeValidator(lambda n: _one_of(n, ("m/s", "rad/s")))
-    ] = 0.1
-
-
-def _one_of(node: object, units: tuple[str, ...]) -> float:
-    """Friction amplitudes and speeds are linear or angular: a quantity in any of ``units``."""
-    for si in units:
-        try:
-            return parse_scalar(node, si)
-        except ValueError as error:
-            if "does not measure" not in str(error):
-                raise
-    unit = node["unit"] if isinstance(node, Mapping) else node
-    raise ValueError(f"got unit {unit!r}, expected a unit of {', '.join(units)}")
+    stribeck: Annotated[float, Field(ge=0), JointSI("N m", "N", "1")] = 0.0
+    stribeck_speed: Annotated[float, Field(gt=0), JointSI("rad/s", "m/s")] = 0.1
 
 
 Friction = Annotated[FrictionParameters, BeforeValidator(_drop_meta)]
@@ -247,19 +226,11 @@ class Spring(Schema):
 
     label: str = ""
     coordinate: str
-    stiffness: Annotated[
-        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m/rad", "N/m")))
-    ]
-    rest_angle: Annotated[float, BeforeValidator(lambda n: _one_of(n, ("rad", "m")))]
-    damping: Annotated[
-        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m s/rad", "N s/m")))
-    ] = 0.0
-    clearance: Annotated[
-        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("rad", "m")))
-    ] = 0.0
-    seating: Annotated[float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m", "N")))] = (
-        0.0
-    )
+    stiffness: Annotated[float, Field(ge=0), JointSI("N m/rad", "N/m")]
+    rest_angle: Annotated[float, JointSI("rad", "m")]
+    damping: Annotated[float, Field(ge=0), JointSI("N m s/rad", "N s/m")] = 0.0
+    clearance: Annotated[float, Field(ge=0), JointSI("rad", "m")] = 0.0
+    seating: Annotated[float, Field(ge=0), JointSI("N m", "N")] = 0.0
     enabled: bool = True
 
 
@@ -268,9 +239,7 @@ class Dashpot(Schema):
 
     label: str = ""
     coordinate: str
-    coefficient: Annotated[
-        float, Field(ge=0), BeforeValidator(lambda n: _one_of(n, ("N m s/rad", "N s/m")))
-    ]
+    coefficient: Annotated[float, Field(ge=0), JointSI("N m s/rad", "N s/m")]
     side: Literal["both", "positive", "negative"] = "both"
     enabled: bool = True
 

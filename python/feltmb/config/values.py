@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 import tomllib
 from collections.abc import Mapping
 from typing import Any
@@ -13,6 +14,7 @@ from feltmb.quantity import (
     is_quantity,
     shortened,
 )
+from feltmb.units import split_quantity
 
 __all__ = ["apply_numbers", "apply_values", "expand_path", "parse_setting", "plain_data"]
 
@@ -77,7 +79,7 @@ def _set_one(raw: dict[str, Any], parts: list[str], value: Any, where: str) -> N
         unit = node[last].get("unit", "1")
         node[last] = {"value": value, "unit": unit, "note": f"set by {where}"}
     else:
-        node[last] = copy.deepcopy(value)
+        node[last] = _in_unit_of(node.get(last), copy.deepcopy(value))
 
 
 def _set_component(old: Any, key: str, value: Any, where: str, parts: list[str]) -> list[Any]:
@@ -85,8 +87,18 @@ def _set_component(old: Any, key: str, value: Any, where: str, parts: list[str])
     if not isinstance(old, list) or not 0 <= index < len(old):
         raise InvalidParameter(f"{where}: path {'.'.join(parts)!r} does not exist")
     new = list(old)
-    new[index] = value
+    new[index] = _in_unit_of(old[index], value)
     return new
+
+
+def _in_unit_of(old: Any, value: Any) -> Any:
+    """A bare number in the unit of the text that it replaces: 16 for ``"15 g"`` is ``"16 g"``."""
+    if not isinstance(old, str) or isinstance(value, bool) or not isinstance(value, (int, float)):
+        return value
+    found = split_quantity(old)
+    if found is None or not abs(value) < math.inf or abs(value) > 1e300:
+        return value
+    return f"{float(value)!r} {found[1]}".strip()
 
 
 def apply_values(raw: Mapping[str, Any], values: Mapping[str, Any], where: str) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from feltmb.arguments import checked
 from feltmb.errors import DataError
 
 __all__ = ["Array", "InputMode", "Record", "Role", "Sensor", "StartPrior"]
@@ -24,6 +25,7 @@ LARGEST = (
 )
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Sensor:
     """What stands between a quantity of the machine and a column of the record.
@@ -80,6 +82,7 @@ class Sensor:
             raise DataError(f"sensor {self.name}: " + "; ".join(faults))
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class StartPrior:
     """What is known of the state at the first sample: mean and standard deviation by state."""
@@ -98,6 +101,7 @@ class StartPrior:
             raise DataError("start: " + "; ".join(faults))
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Record:
     """One measured run: one clock, inputs without gaps, outputs in which NaN means missing.
@@ -202,7 +206,8 @@ class Record:
     def output_array(self, names: Iterable[str]) -> Array:
         """Outputs as (n, len(names)); a name that was not measured is all NaN."""
         missing = np.full(self.samples, np.nan)
-        return np.column_stack([self.outputs.get(k, missing) for k in names])
+        columns = [self.outputs.get(k, missing) for k in names]
+        return np.column_stack(columns) if columns else np.zeros((self.samples, 0))
 
     def cut(
         self, first: int, last: int, name: str | None = None, role: Role | None = None

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb import _core
+from feltmb.arguments import checked
 from feltmb.config import Contact, core_law, load_action
 from feltmb.contact import Law
 from feltmb.errors import InvalidParameter
@@ -114,6 +115,7 @@ class Audit:
         }
 
 
+@checked
 def audit(
     law: Contact | FeltEnvelope | FeltMaterial | Law | _core.ContactLaw,
     *,
@@ -214,6 +216,7 @@ def audit(
     )
 
 
+@checked
 def audit_targets(
     text: str,
     settings: Sequence[str] = (),

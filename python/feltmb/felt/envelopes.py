@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb import _core
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.files import read_toml
 from feltmb.layer import (
@@ -50,6 +51,7 @@ Array = NDArray[np.float64]
 LIMITS = {"m": (1e-6, 10.0), "m^2": (1e-10, 100.0)}
 
 
+@checked
 def parse_area(text: str) -> Area:
     """Area law from text: ``constant:100mm^2``, ``crossed_cylinders:9mm,0.5mm`` or so.
 
@@ -94,6 +96,7 @@ def parse_area(text: str) -> Area:
     return made
 
 
+@checked
 @dataclass(frozen=True)
 class FeltEnvelope:
     """Loop of one contact as a table; the envelope of the law with memory."""
@@ -177,6 +180,7 @@ class FeltEnvelope:
         return tomlkit.dumps(doc)
 
 
+@checked
 def envelope(
     material: FeltMaterial,
     thickness: float,
@@ -254,6 +258,7 @@ def envelope(
     return FeltEnvelope(e, load, back, name or material.name, about, core)
 
 
+@checked
 def load_envelope(path: str | Path) -> FeltEnvelope:
     """Read a table written by :meth:`FeltEnvelope.to_toml` without a contact.
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feltmb import _core
+from feltmb.arguments import checked
 from feltmb.config import Contact, core_law
 from feltmb.errors import InvalidParameter
 from feltmb.layer import Area
@@ -55,6 +56,7 @@ class ContactFit:
     warnings: tuple[str, ...] = ()
 
 
+@checked
 def contact_loop(contact: object, *, name: str, points: int = 80) -> tuple[Array, Array, Array]:
     """Loop of a contact that has one: compression [m], loading and unloading force [N].
 
@@ -119,6 +121,7 @@ def _with(
     )
 
 
+@checked
 def fit_contact(
     compression: ArrayLike,
     loading: ArrayLike,

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feltmb._core import fiber as _core
+from feltmb.arguments import checked
 from feltmb.errors import DataError, InvalidParameter, ModelError
 from feltmb.fiber import CompressionData
 from feltmb.fiber.data import slack_fault
@@ -559,6 +560,7 @@ def _as_data(
     return CompressionData(v, p, up, v_f0, "data")
 
 
+@checked
 def identify(
     data: CompressionData | ArrayLike,
     pressure: ArrayLike | None = None,

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feltmb._core import fiber as _core
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 
 Array = NDArray[np.float64]
@@ -54,6 +55,7 @@ def _evaluate(
     return float(out) if out.ndim == 0 else out
 
 
+@checked
 def mean_free_length(
     model: str,
     v_f: ArrayLike,
@@ -104,6 +106,7 @@ def mean_free_length(
     return _evaluate(_core.mean_free_length, model, v_f, d_f, ratio, structure, options)
 
 
+@checked
 def contacts_per_volume(
     model: str,
     v_f: ArrayLike,
@@ -164,6 +167,7 @@ class ContactCount:
         return float(np.sum((self.k - self.mean) ** 2 * self.probability))
 
 
+@checked
 def contact_count(
     model: str,
     v_f: float,
@@ -213,6 +217,7 @@ def contact_count(
     return ContactCount(np.arange(k_max + 1), p)
 
 
+@checked
 def free_length_survival(
     model: str,
     x: ArrayLike,

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from feltmb.arguments import checked
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import LARGEST_TABLE, plain_text, read_text
 from feltmb.quantity import shortened, split_heading
@@ -32,6 +33,7 @@ _FRACTIONS = ("v_f", "strain", "thickness")
 _LOADS = ("pressure", "force")
 
 
+@checked
 @dataclass(frozen=True)
 class CompressionData:
     """One compression test.
@@ -145,6 +147,7 @@ def _listed(faults: list[str], most: int = 20) -> str:
     return "\n".join([*(plain_text(shortened(f, 1000)) for f in faults[:most]), *more])
 
 
+@checked
 def read_compression(
     path: str | Path,
     *,

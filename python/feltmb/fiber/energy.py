@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feltmb._core import fiber as _core
+from feltmb.arguments import checked
 
 Array = NDArray[np.float64]
 
@@ -45,6 +46,7 @@ class EnergyCurve:
         return self.bending + self.straightening + self.slipping
 
 
+@checked
 def compress_arcs(
     strain: ArrayLike,
     *,

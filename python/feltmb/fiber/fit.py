@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb._core import fiber as _core
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.fiber.data import CompressionData
 from feltmb.fiber.laws import law, models
@@ -119,6 +120,7 @@ def _defaults(model: str, data: CompressionData) -> dict[str, float]:
     return values
 
 
+@checked
 def fit(
     data: CompressionData,
     model: str,
@@ -218,6 +220,8 @@ def fit(
         faults.append(f"fit: n_starts = {n_starts}, expected >= 1")
     if not 0 < level < 1:
         faults.append(f"fit: level = {level:.6g}, expected between 0 and 1")
+    if relative < 0:
+        faults.append(f"fit: relative = {relative:.6g}, expected >= 0")
     if faults:
         raise InvalidParameter("\n".join(faults))
 
@@ -599,6 +603,7 @@ def _warnings(
     return out
 
 
+@checked
 def compare(
     data: CompressionData,
     names: Sequence[str] | None = None,

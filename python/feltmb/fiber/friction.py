@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feltmb._core import fiber as _core
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 
 __all__ = ["CarnabyPan", "carnaby_pan", "carnaby_pan_march", "critical_angle"]
@@ -59,6 +60,7 @@ class CarnabyPan:
         return 1.0 - back / self.loading_work
 
 
+@checked
 def critical_angle(w: ArrayLike, mu: float) -> Array:
     """Critical angle of sliding [rad], thesis eq. 3.66.
 
@@ -83,6 +85,7 @@ def _check_form(where: str, form: str) -> None:
         raise InvalidParameter(f'{where}: form = "{form}", must be repaired or printed')
 
 
+@checked
 def carnaby_pan(
     v_f: ArrayLike,
     mu: float,
@@ -149,6 +152,7 @@ def carnaby_pan(
     return CarnabyPan(**loop, form=form)
 
 
+@checked
 def carnaby_pan_march(
     C: ArrayLike,
     mu: float,

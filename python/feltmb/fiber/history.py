@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feltmb._core import fiber as _core
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.fiber.laws import law, models
 
@@ -19,6 +20,7 @@ def history_models() -> dict[str, Any]:
     return {d.name: d for d in _core.history_descriptions()}
 
 
+@checked
 def history(
     model: str,
     time: ArrayLike,

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feltmb._core import fiber as _core
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 
 Array = NDArray[np.float64]
@@ -18,6 +19,7 @@ def models() -> dict[str, Any]:
     return {d.name: d for d in _core.law_descriptions()}
 
 
+@checked
 def law(model: str, **params: float) -> _core.CompressionLaw:
     """Make a law object, with ``pressure``, ``slope``, ``energy`` and ``volume_fraction``.
 
@@ -57,6 +59,7 @@ def _result(values: Array) -> Any:
     return float(values) if values.ndim == 0 else values
 
 
+@checked
 def pressure(
     model: str,
     v_f: ArrayLike | None = None,
@@ -89,6 +92,7 @@ def pressure(
     return _result(made.pressure(_fraction(made, v_f, strain), threads))
 
 
+@checked
 def slope(
     model: str,
     v_f: ArrayLike | None = None,
@@ -102,6 +106,7 @@ def slope(
     return _result(made.slope(_fraction(made, v_f, strain), threads))
 
 
+@checked
 def tangent_modulus(
     model: str,
     v_f: ArrayLike | None = None,
@@ -116,6 +121,7 @@ def tangent_modulus(
     return _result(np.asarray(v * made.slope(v, threads)))
 
 
+@checked
 def energy(
     model: str,
     v_f: ArrayLike | None = None,

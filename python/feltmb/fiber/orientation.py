@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feltmb._core import fiber as _core
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 
 Array = NDArray[np.float64]
 
 
+@checked
 def structure(ratio: float) -> _core.UniaxialStructure:
     """Exact structural numbers of a network compressed uniaxially from a random state.
 
@@ -40,6 +42,7 @@ def structure(ratio: float) -> _core.UniaxialStructure:
     return _core.compute_uniaxial_structure(float(ratio))
 
 
+@checked
 def uniaxial_tensor(ratio: float) -> Array:
     """Exact tensor <e e e e> over the fibers after uniaxial compression by R.
 
@@ -96,6 +99,7 @@ class Network:
     deformation: Array
     """Deformation gradient since the random state [-], shape (3, 3)."""
 
+    @checked
     def deform(self, deformation: ArrayLike) -> Network:
         """Rotate every fiber affinely (eq. 3.46).
 
@@ -118,6 +122,7 @@ class Network:
         moved.flags.writeable = False
         return Network(moved, self.seed, self.spread, given @ self.deformation)
 
+    @checked
     def structure(self, threads: int = 0) -> NetworkEstimate:
         """Estimate f, n3, e3, K3, M3 with their sampling error (all pairs of fibers)."""
         values = _core.estimate_structure(self.directions, threads)
@@ -126,10 +131,12 @@ class Network:
             error={name: error for name, (_, error) in values.items()},
         )
 
+    @checked
     def tensors(self, threads: int = 0) -> _core.FiberStructure:
         """Second and fourth-order structure tensors in full, by sums over all pairs."""
         return _core.estimate_tensors(self.directions, threads)
 
+    @checked
     def replicate_error(self, n_replicates: int = 16, threads: int = 0) -> dict[str, float]:
         """Estimate the sampling error from the scatter of networks with other seeds.
 
@@ -146,6 +153,7 @@ class Network:
         return dict(zip(["f", "n3", "e3", "K3", "M3"], scatter.tolist(), strict=True))
 
 
+@checked
 def network(n: int, seed: int = 0, spread: int = 30, threads: int = 0) -> Network:
     """Make a random isotropic network (thesis 3.1.3).
 
@@ -176,6 +184,7 @@ def network(n: int, seed: int = 0, spread: int = 30, threads: int = 0) -> Networ
 Density = Callable[[Array, Array], ArrayLike]
 
 
+@checked
 def density_structure(
     density: Density | None = None,
     *,
@@ -212,6 +221,10 @@ def density_structure(
     """
     if (density is None) == (deformation is None):
         raise InvalidParameter("orientation: give either density or deformation, and not both")
+    if deformation is not None and np.shape(deformation) != (3, 3):
+        raise InvalidParameter(
+            f"orientation: deformation has shape {np.shape(deformation)}, expected (3, 3)"
+        )
     previous: Any = None
     nodes = 12
     change = float("inf")
@@ -256,6 +269,7 @@ class NarterTensors:
     """nu12, nu13, nu21, nu23, nu31, nu32 [-]."""
 
 
+@checked
 def narter_tensors(eeee: ArrayLike, E: float, v_f: float) -> NarterTensors:
     """Stiffness, compliance and engineering moduli of Narter's axial model (eqs. 3.16-3.25).
 

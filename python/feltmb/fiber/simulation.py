@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb._core import fiber as _core
+from feltmb.arguments import checked
 from feltmb.errors import DataError, FeltmbError, InvalidParameter
-from feltmb.files import read_npz
+from feltmb.files import check_suffix, read_npz, write_file
 
 Array = NDArray[np.float64]
 _FORMAT = 1
@@ -29,6 +30,7 @@ _STATE = (
 )
 
 
+@checked
 @dataclass(frozen=True)
 class FiberBox:
     """Fibers, material and numerics of a bead-spring simulation; SI units."""
@@ -69,6 +71,7 @@ class FiberBox:
         return _core.BeadSpringParams(**asdict(self))
 
 
+@checked
 @dataclass(frozen=True)
 class Cycle:
     """What to do with the box."""
@@ -102,8 +105,13 @@ class FiberRun:
     """Final state of the core, for a restart."""
     done: bool = False
 
+    @checked
     def column(self, name: str) -> Array:
         """One column of the table as an array."""
+        if name not in self.table:
+            raise InvalidParameter(
+                f"fiber run: there is no column {name!r}; columns are {', '.join(self.table)}"
+            )
         return np.array(self.table[name], dtype=float)
 
     @property
@@ -115,6 +123,7 @@ class FiberRun:
         given_back = -float(np.sum(change[unloading]))
         return 1.0 - given_back / put_in if put_in > 0 else math.nan
 
+    @checked
     def pressure_exponent(self, v_low: float) -> float:
         """Slope of log P against log v_f on the first loading, above ``v_low`` [-].
 
@@ -130,9 +139,11 @@ class FiberRun:
             )
         return float(np.polyfit(np.log(v[keep]), np.log(p[keep]), 1)[0])
 
+    @checked
     def save(self, path: str | Path) -> Path:
         """Write everything to one ``.npz``; the file is replaced whole."""
         file = Path(path)
+        check_suffix(file, ".npz")
         header = {
             "format": _FORMAT,
             "box": asdict(self.box),
@@ -141,14 +152,17 @@ class FiberRun:
             "relaxed": self.relaxed,
             "done": self.done,
         }
-        partial = file.with_name(file.name + ".partial.npz")
         columns = {f"table_{k}": np.array(v, dtype=float) for k, v in self.table.items()}
         state = {f"state_{k}": np.asarray(self.state[k]) for k in _STATE if k in self.state}
-        np.savez(partial, header=np.array(json.dumps(header)), **columns, **state)  # type: ignore[arg-type]
-        partial.replace(file)
-        return file
+
+        def write(target: Path) -> None:
+            with target.open("wb") as out:
+                np.savez(out, header=np.array(json.dumps(header)), **columns, **state)  # type: ignore[arg-type]
+
+        return write_file(file, write, force=True)
 
     @classmethod
+    @checked
     def load(cls, path: str | Path) -> FiberRun:
         """Read what :meth:`save` wrote.
 
@@ -189,11 +203,13 @@ def _expected(box: FiberBox, directions: Array, v_f: float, volume: float) -> di
     return {"toll": contacts, "f": f, "volume": volume}
 
 
+@checked
 def lay(box: FiberBox, threads: int = 0) -> Any:
     """Lay the fibers at random; return the core's network (see ``feltmb.fiber.simulate``)."""
     return _core.BeadSpringNetwork(box.core(), threads)
 
 
+@checked
 def simulate(
     box: FiberBox,
     cycle: Cycle | None = None,

@@ -6,11 +6,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from feltmb.arguments import checked
 from feltmb.data import Array
 
 __all__ = ["Coordinate", "Coupling", "Named", "Rate"]
 
 
+@checked
 class Named:
     """Values by name: ``x.q`` or ``x["q"]``; arrays with one entry a lane, (B,)."""
 
@@ -32,6 +34,7 @@ class Named:
         return name in self._values
 
 
+@checked
 @dataclass(frozen=True)
 class Rate:
     """An output that shows the rate of a state: that of a speed is what an accelerometer sees.
@@ -42,6 +45,7 @@ class Rate:
     state: str
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Coordinate:
     """A coordinate of a second-order system: generic effects act on it.
@@ -81,6 +85,7 @@ class Coordinate:
         return force / self.inertia
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Coupling:
     """What lies between two coordinates: a spring, a gear, a joint. Generic effects act on it.

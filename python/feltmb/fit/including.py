@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
 from feltmb.fit.nominal import (
@@ -22,11 +23,13 @@ from feltmb.fit.nominal import (
     Simulated,
     State,
     Term,
+    check_windows,
 )
 
 __all__ = ["Including", "including"]
 
 
+@checked
 def including(
     nominal: Nominal, terms: Sequence[Term | Effect], sizes: Sequence[float] | None = None
 ) -> Including:
@@ -64,10 +67,15 @@ def including(
     return Including(nominal, chosen, values)
 
 
+@checked
 class Including(Nominal):
     """See :func:`including`; sizes of the effects are its last parameters, without a prior."""
 
     def __init__(self, nominal: Nominal, terms: tuple[Term, ...], sizes: Array):
+        if sizes.shape != (len(terms),):
+            raise InvalidParameter(
+                f"including: sizes has shape {sizes.shape}, expected {(len(terms),)}"
+            )
         self._base = nominal
         self._own = terms
         self._sizes = sizes
@@ -172,6 +180,8 @@ class Including(Nominal):
         candidates: tuple[Term, ...] = (),
     ) -> Sensitivity:
         """Those of the nominal; the derivatives by the included sizes move to the parameters."""
+        given = np.zeros(len(terms)) if sizes is None else sizes
+        check_windows(self, record, windows, starts, terms, given, theta)
         count, own = len(self._base.parameters), len(self._own)
         wanted = list(range(count + own)) if by_theta is None else list(by_theta)
         base = [i for i in wanted if i < count]
@@ -181,7 +191,7 @@ class Including(Nominal):
             windows,
             starts,
             (*self._own, *terms),
-            np.concatenate([theta[count:], np.zeros(len(terms)) if sizes is None else sizes]),
+            np.concatenate([theta[count:], given]),
             by_theta=base,
             by_starts=by_starts,
             candidates=candidates,

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
 from feltmb.fit.coordinates import Named
@@ -15,6 +16,7 @@ from feltmb.fit.nominal import Effect, Lanes, Nominal, Parameter, Simulated, Sta
 __all__ = ["FunctionNominal", "LinearNominal"]
 
 
+@checked
 class FunctionNominal(Nominal):
     """Outputs that follow from the inputs at every sample, without memory.
 
@@ -51,6 +53,11 @@ class FunctionNominal(Nominal):
 
     def whole(self, record: Record, theta: Array) -> Array:
         """Outputs of a whole record, (n, ny)."""
+        if theta.shape != (len(self.parameters),):
+            raise InvalidParameter(
+                f"model {self.name}: theta has shape {theta.shape}, expected "
+                f"{(len(self.parameters),)}"
+            )
         p = Named({q.name: theta[i] for i, q in enumerate(self.parameters)})
         outputs: Array = np.column_stack([f(record, p) for f in self._outputs.values()])
         return outputs
@@ -89,6 +96,7 @@ class FunctionNominal(Nominal):
         return out
 
 
+@checked
 class LinearNominal(FunctionNominal):
     """One output that is linear in its parameters: y = sum over j of p_j column_j(record).
 

@@ -18,6 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from feltmb.arguments import checked
 from feltmb.data import Array, InputMode, Record
 from feltmb.errors import InvalidParameter
 
@@ -44,6 +45,7 @@ EffectKind = Literal["force", "kinematic", "state", "parameter", "sensor", "inpu
 Integers = NDArray[np.intp]
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
     """A number of the nominal with its prior N(value, sd^2), cut at lower and upper."""
@@ -78,6 +80,7 @@ class Parameter:
         return abs(self.value) or 1.0
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class State:
     """One state variable of the nominal, or a hidden one that an effect brings."""
@@ -94,6 +97,7 @@ class State:
     """Memory that an effect brings: no influence on the outputs while the effect has size 0."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Effect:
     """A cause that the nominal lacks. Contract: at size zero it is exactly the nominal.
@@ -175,6 +179,7 @@ class Effect:
         return low, high
 
 
+@checked
 @dataclass(frozen=True)
 class Term:
     """An effect with one of its shapes."""
@@ -188,6 +193,7 @@ class Term:
         return self.effect.name
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Port:
     """A place where an unknown force may act (a coordinate, a contact): for the component table."""
@@ -203,6 +209,7 @@ class Port:
     """State that holds the speed, if there is one."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lanes:
     """A batch of B windows to be simulated. Row b of every array belongs to lane b."""
@@ -238,6 +245,21 @@ class Lanes:
             sizes=np.tile(sizes, (count, 1)),
         )
 
+    def __post_init__(self) -> None:
+        count = self.windows.shape[0]
+        wanted = {"theta": self.theta, "windows": self.windows, "starts": self.starts}
+        if self.terms:
+            wanted["sizes"] = self.sizes
+        faults = [
+            f"{name} has shape {array.shape}, expected {count} rows"
+            for name, array in wanted.items()
+            if array.ndim != 2 or array.shape[0] != count
+        ]
+        if self.windows.shape[1:] != (2,):
+            faults.append(f"windows has shape {self.windows.shape}, expected (B, 2)")
+        if faults:
+            raise InvalidParameter("lanes: " + "; ".join(faults))
+
     @property
     def count(self) -> int:
         """Number of lanes B."""
@@ -249,10 +271,40 @@ class Lanes:
         return int(np.max(self.windows[:, 1] - self.windows[:, 0])) + 1
 
 
+def check_windows(
+    model: Nominal,
+    record: Record,
+    windows: Integers,
+    starts: Array | None = None,
+    terms: Sequence[Term] = (),
+    sizes: Array | None = None,
+    theta: Array | None = None,
+) -> None:
+    """Refuse windows that are not of the record, and numbers that are not of the model."""
+    wanted = {
+        "windows": (windows, (len(windows), 2)),
+        "starts": (starts, (len(windows), len(model.states(terms)))),
+        "sizes": (sizes, (len(terms),)),
+        "theta": (theta, (len(model.parameters),)),
+    }
+    faults = [
+        f"{name} has shape {array.shape}, expected {shape}"
+        for name, (array, shape) in wanted.items()
+        if array is not None and array.shape != shape
+    ]
+    if not faults and windows.size and not (0 <= windows.min() <= windows.max() < record.samples):
+        faults.append(f"windows lie outside the {record.samples} samples of the record")
+    if not faults and np.any(windows[:, 1] < windows[:, 0]):
+        faults.append("a window ends before it begins")
+    if faults:
+        raise InvalidParameter(f"model {model.name}: " + "; ".join(faults))
+
+
 #: Lanes of a record to be simulated.
 Job = tuple[Record, Lanes]
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Simulated:
     """What every lane gave; a lane that failed holds NaN."""
@@ -263,6 +315,7 @@ class Simulated:
     """States at sample i1, (B, nx)."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sensitivity:
     """Outputs and end states of W windows with their derivatives.
@@ -293,6 +346,7 @@ class Sensitivity:
     """(W, nx, c)"""
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Ready:
     """A nominal and records as a fit takes them; see :meth:`Nominal.ready`."""
@@ -303,6 +357,7 @@ class Ready:
     """What was left out, in words, for the report."""
 
 
+@checked
 class Nominal(ABC):
     """Base of all that can be fitted and diagnosed.
 
@@ -392,6 +447,7 @@ class Nominal(ABC):
 
         Default: simulate from the prior start through the windows in turn.
         """
+        check_windows(self, record, windows)
         states = self.states()
         starts = np.zeros((len(windows), len(states)))
         if not states:
@@ -451,6 +507,13 @@ class Nominal(ABC):
         """
         from feltmb.fit.differences import difference_sensitivities
 
+        sizes = np.zeros(len(terms)) if sizes is None else sizes
+        check_windows(self, record, windows, starts, terms, sizes, theta)
+        if by_theta is not None and not set(by_theta) <= set(range(len(self.parameters))):
+            raise InvalidParameter(
+                f"model {self.name}: by_theta = {list(by_theta)}, expected positions of its "
+                f"{len(self.parameters)} parameters"
+            )
         return difference_sensitivities(
             self,
             record,
@@ -458,7 +521,7 @@ class Nominal(ABC):
             windows,
             starts,
             terms,
-            np.zeros(len(terms)) if sizes is None else sizes,
+            sizes,
             by_theta=range(len(self.parameters)) if by_theta is None else by_theta,
             by_starts=by_starts,
             candidates=candidates,

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
 from feltmb.fit.calling import calling
@@ -29,6 +30,7 @@ from feltmb.fit.resolution import BETWEEN, refined, resolved
 __all__ = ["OdeNominal"]
 
 
+@checked
 class OdeNominal(Nominal):
     """States with rates dx/dt = f(t, x, u, p), written for whole arrays.
 

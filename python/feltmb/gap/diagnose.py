@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from feltmb.arguments import checked
 from feltmb.data import Record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.cache import Cache
@@ -43,6 +44,7 @@ Progress = Callable[[str, int, int], None]
 ROUNDS = 4
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Options:
     """What may be tuned; the defaults are meant to be left alone."""
@@ -184,6 +186,7 @@ def _explained(
     return within_tolerance(in_finer_steps(whole, settings, progress=progress), settings)
 
 
+@checked
 def diagnose(
     nominal: Nominal,
     effects: Sequence[Effect],
@@ -524,6 +527,7 @@ def _primary(nominal: Nominal, accepted: object, shots: Sequence[Shot]) -> str:
     return "open_loop" if finite else "windowed"
 
 
+@checked
 def fit_nominal(
     nominal: Nominal,
     records: Sequence[Record],

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from feltmb.arguments import checked
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.calling import calling
@@ -154,6 +155,7 @@ def _matrix(scores: Scores, index: list[int]) -> Array:
     return np.asarray(chance[np.ix_(index, index)])
 
 
+@checked
 def foresee(
     nominal: Nominal,
     effects: Sequence[Effect],
@@ -297,6 +299,7 @@ def _classes(names: Sequence[str], matrix: Array) -> tuple[tuple[str, ...], ...]
     return tuple(sorted(tuple(sorted(g)) for g in groups.values() if len(g) > 1))
 
 
+@checked
 def noncentrality(
     nominal: Nominal, effect: Effect, size: float, records: Sequence[Record]
 ) -> float:
@@ -304,6 +307,8 @@ def noncentrality(
 
     The best shape counts.
     """
+    if not records:
+        raise InvalidParameter("noncentrality: no planned records; give inputs over time")
     plans = [planned(nominal, r, r.sensors) for r in records]
     scores = planned_scores(nominal, [effect], plans)
     return float(np.max(np.where(scores.testable, scores.strength, 0.0)) * size / effect.scale)

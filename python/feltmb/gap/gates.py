@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit import Nominal
@@ -62,6 +63,7 @@ class Gates:
     estimated: bool
     """Whether some sigma had to be estimated from the data."""
 
+    @checked
     def noise(self, record: str) -> dict[str, Noise]:
         """Noise by channel of a record."""
         return {
@@ -71,6 +73,7 @@ class Gates:
         }
 
 
+@checked
 def check_records(records: Sequence[Record], outputs: Sequence[str] | None = None) -> Gates:
     """Look at records before a model is asked.
 

@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from feltmb.arguments import checked
 from feltmb.data import Array, Record
+from feltmb.errors import InvalidParameter
 from feltmb.fit import Lanes, Nominal, Term
 
 __all__ = [
@@ -287,6 +289,7 @@ class Amended:
         """Sizes by name of the effect."""
         return {t.name: float(v) for t, v in zip(self.terms, self.sizes, strict=True)}
 
+    @checked
     def simulate(self, record: Record, start: Array | None = None) -> dict[str, Array]:
         """Outputs over a whole record, by name, from a start state (default: its prior mean)."""
         from feltmb.fit.observe import observe_lanes
@@ -295,6 +298,10 @@ class Amended:
         if start is None:
             prior = {} if record.start is None else record.start.mean
             start = np.array([prior.get(s.name, s.start) for s in states])
+        if start.shape != (len(states),):
+            raise InvalidParameter(
+                f"start has shape {start.shape}, expected the {len(states)} states of the model"
+            )
         whole = np.array([[0, record.samples - 1]])
         lanes = Lanes.at_point(
             self.theta, whole, np.asarray(start)[None, :], self.terms, self.sizes
@@ -331,6 +338,7 @@ class Report:
     seconds: Mapping[str, float] = field(default_factory=dict)
     """Time per stage; left out of the files, whose bytes depend on the input alone."""
 
+    @checked
     def write(self, folder: str | Path, *, force: bool = False) -> tuple[Path, Path]:
         """Write report.html and report.json into a folder."""
         from feltmb.gap.files import write_report

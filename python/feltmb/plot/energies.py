@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -163,8 +163,20 @@ def _dissipation_bars(ax: Axes, run: Run, dissipated: Mapping[str, float]) -> No
     side_legend(ax)
 
 
+def _alone(law: _core.ContactLaw, deepest: float, lasts: float) -> tuple[Any, Any]:
+    """Compression [m] and force [N] of a law pressed to ``deepest`` and released, ``lasts`` [s]."""
+    e = np.linspace(0.0, deepest, 200)
+    whole = np.r_[e, e[-2::-1]]
+    time = np.linspace(0.0, max(lasts, 1e-4), whole.size)
+    force = np.asarray(_core.force_along(law, time.tolist(), whole.tolist()))
+    return (e, force[: e.size]), (whole[e.size - 1 :], force[e.size - 1 :])
+
+
 def loops(run: Run, numbers: Sequence[int] | None = None) -> Figure:
-    """Force against compression of contacts, over the loading and unloading curves of their laws.
+    """Force against compression of contacts, over what their laws do alone.
+
+    Alone: new felt is pressed evenly to the largest compression of the run and released, in the
+    time for which the contact was closed.
 
     Parameters
     ----------
@@ -202,22 +214,14 @@ def loops(run: Run, numbers: Sequence[int] | None = None) -> Figure:
         compression = run[f"contact{number:02d}.compression"]
         force = run[f"contact{number:02d}.force"]
         deepest = max(float(compression.max()), 1e-6)
-        e = np.linspace(0.0, 1.08 * deepest, 200)
-        contact = laws[number]
-        if contact.law == "hunt_crossley":
-            static = np.asarray(_core.ContactLaw(core_law(contact)).force(e))
-            ax.plot(1e3 * e, static, color="#B0B0B0", linewidth=2.4, label="law at rest")
-        else:
-            for curve, style, label in (
-                (contact.loading, "-", "law, loading"),
-                (contact.unloading, (0, (2, 1)), "law, unloading"),
-            ):
-                assert curve is not None
-                values = np.asarray(_core.ExponentialCurve(curve.a, curve.b, curve.c).force(e))
-                ax.plot(
-                    1e3 * e, values, color="#B0B0B0", linewidth=2.4, linestyle=style, label=label
-                )
         touching = compression > 0
+        lasts = float(np.count_nonzero(touching)) * float(np.mean(np.diff(run.time)))
+        up, down = _alone(_core.ContactLaw(core_law(laws[number])), deepest, lasts)
+        for (e, values), style, label in (
+            (up, "-", "law alone, pressed"),
+            (down, (0, (2, 1)), "law alone, released"),
+        ):
+            ax.plot(1e3 * e, values, color="#B0B0B0", linewidth=2.4, linestyle=style, label=label)
         loop = np.where(touching, force, np.nan)
         ax.plot(1e3 * compression, loop, color=RED, linewidth=0.9, label="run")
         style_axes(

@@ -9,7 +9,7 @@ from feltmb.errors import InvalidParameter
 from feltmb.files import check_writable, write_file
 from feltmb.plot.energies import energy, loops
 from feltmb.plot.pages import overview
-from feltmb.plot.portrait import start_of_run
+from feltmb.plot.portrait import moment_of_run
 from feltmb.plot.series import contact_forces, finger_force, hammer_speed, motion, string
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ PICTURES = {
     "string": string,
     "energy": energy,
     "loops": loops,
-    "mechanism": start_of_run,
+    "mechanism": moment_of_run,
 }
 
 

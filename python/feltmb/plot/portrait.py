@@ -52,10 +52,12 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-__all__ = ["mechanism", "start_of_run"]
+__all__ = ["mechanism", "moment_of_run"]
 
 
-def mechanism(action: Action, q: npt.ArrayLike | None = None) -> Figure:
+def mechanism(
+    action: Action, q: npt.ArrayLike | None = None, *, title: str | None = None
+) -> Figure:
     """Draw a mechanism in a pose: bodies, contact surfaces with numbers, joints, springs, string.
 
     Contact surfaces (dark red) are drawn where the simulation has them. The outlines of the bodies
@@ -67,12 +69,16 @@ def mechanism(action: Action, q: npt.ArrayLike | None = None) -> Figure:
         The mechanism.
     q
         Coordinates [rad, m] in the order of ``action.coordinates``; default: at rest.
+    title
+        Which pose it is, after the name of the mechanism; default: ``at rest``, or nothing.
 
     Raises
     ------
     InvalidParameter
         The pose has the wrong length, or there is nothing to draw.
     """
+    if q is None and title is None:
+        title = "at rest"
     pose = action.rest_pose if q is None else np.asarray(q, dtype=float).ravel()
     if pose.size != len(action.coordinates):
         raise InvalidParameter(
@@ -103,7 +109,7 @@ def mechanism(action: Action, q: npt.ArrayLike | None = None) -> Figure:
     figure.text(
         0.1 / total_w,
         1.0 - 0.1 / total_h,
-        plain_text(f"Mechanism {action.name}" + ("" if q is not None else ", at rest")),
+        plain_text(f"Mechanism {action.name}" + (f", {title}" if title else "")),
         fontsize=LARGE,
         fontweight="bold",
         va="top",
@@ -389,10 +395,17 @@ def _list_contacts(figure: Figure, action: Action, contacts: Mapping[int, Any]) 
     )
 
 
-def start_of_run(run: Run) -> Figure:
-    """Draw the mechanism of a run in the pose of its first sample."""
+def moment_of_run(run: Run) -> Figure:
+    """Draw the mechanism of a run at its impact, else where it is farthest from its start."""
     action = run_action(run)
     names = action.coordinates
-    if not all(name in run for name in names):
+    if not all(name in run for name in names) or run.time.size == 0:
         raise InvalidParameter("plot mechanism: the run does not hold all coordinates")
-    return mechanism(action, np.array([run[name][0] for name in names]))
+    poses = np.stack([run[name] for name in names], axis=1)
+    impact = run.summary.get("impact_time")
+    if impact is not None and run.time[0] <= impact <= run.time[-1]:
+        index, word = int(np.argmin(np.abs(run.time - impact))), "at impact"
+    else:
+        away = np.abs(poses - poses[0]) / np.asarray(action.mechanism.coordinate_scale)
+        index, word = int(np.argmax(away.max(axis=1))), "farthest from its start"
+    return mechanism(action, poses[index], title=f"{word}, {1e3 * run.time[index]:.2f} ms")

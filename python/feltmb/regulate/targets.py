@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from feltmb import params
+from feltmb.arguments import checked
 from feltmb.config import Action
 from feltmb.errors import InvalidParameter
 from feltmb.files import is_file, read_toml
@@ -71,6 +72,7 @@ def _turn(node: object) -> float:
         return parse_scalar(node, "rad")
 
 
+@checked
 class Step(Schema):
     """One thing that is measured, and the screw that sets it (none: it is only checked).
 
@@ -172,6 +174,7 @@ def packaged_targets() -> list[str]:
     return params.names("regulation")
 
 
+@checked
 def load_targets(name_or_path: str | Path) -> Targets:
     """Read targets: the name of a packaged file, or the path of a TOML file.
 

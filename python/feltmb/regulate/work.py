@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from feltmb import _core
+from feltmb.arguments import checked
 from feltmb.config import Action, load_action
 from feltmb.regulate.measuring import Bench, CannotMeasure
 from feltmb.regulate.screws import Screws, tidy
@@ -99,6 +100,7 @@ def _number(value: float | None) -> str:
     return "none" if value is None else f"{value:.5g}"
 
 
+@checked
 def regulate(
     action: Action | str,
     targets: Targets | str | Path | None = None,

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
+from feltmb.arguments import checked
 from feltmb.config import Action
 from feltmb.errors import InvalidParameter
 from feltmb.parameters import Parameter
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     Array = npt.NDArray[np.float64]
 
 
+@checked
 @dataclass(frozen=True)
 class Window:
     """One stretch of a stroke, from a full state.
@@ -98,6 +100,7 @@ class Gradient:
             f"{len(self.columns)} columns)"
         )
 
+    @checked
     def of(self, output: str, column: str | None = None) -> Array:
         """D output / d column over time, (n_times,), or by all columns, (n_times, n_columns)."""
         out: Array = self.array[:, place_of(output, self.outputs, "output"), :]
@@ -122,6 +125,7 @@ class Gradient:
             },
         )
 
+    @checked
     def effects(self, change: float = 0.01) -> pd.DataFrame:
         """What a relative change of each parameter does to each number of the summary.
 
@@ -157,6 +161,7 @@ def place_of(name: str, names: Sequence[str], what: str) -> int:
     return names.index(name)
 
 
+@checked
 def state_names(action: Action) -> tuple[str, ...]:
     """Names of the full state: coordinates, their rates, states of laws, modes and their rates."""
     return tuple(_core.state_names(action.mechanism))

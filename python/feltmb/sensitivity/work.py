@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
+from feltmb.arguments import checked
 from feltmb.config import Action, load_action
 from feltmb.errors import IntegrationError, InvalidParameter
 from feltmb.parameters import Parameter
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     Array = npt.NDArray[np.float64]
 
 
+@checked
 def gradient(
     action: Action | str,
     stroke: Stroke | str,
@@ -88,6 +90,7 @@ def gradient(
     )[0]
 
 
+@checked
 def windows(
     action: Action | str,
     stroke: Stroke | str,
@@ -167,6 +170,7 @@ def windows(
     ]
 
 
+@checked
 def state_at(
     action: Action | str, stroke: Stroke | str, times: Sequence[float], *, rtol: float = 1e-7
 ) -> list[Window]:

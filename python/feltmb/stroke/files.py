@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 from pydantic import Field, ValidationError
 
 from feltmb import params
+from feltmb.arguments import checked
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import LARGEST_TABLE, is_file, read_text, read_toml, why_missing
 from feltmb.quantity import SI, Schema, fault_lines, fault_text, shortened, split_heading
@@ -73,11 +74,16 @@ class StrokeFile(Schema):
     period: Annotated[float, SI("s"), Field(gt=0)] | None = None
 
 
+#: Every word that may stand as a key in a stroke file.
+STROKE_KEYS = {k for t in (StrokeFile, _Ramp, _Pulse, _Knots, _Oscillation) for k in t.model_fields}
+
+
 def packaged_strokes() -> list[str]:
     """Names of the strokes that come with the package."""
     return params.names("strokes")
 
 
+@checked
 def load_stroke(name_or_path: str | Path) -> Stroke:
     """Read a stroke: a packaged name, a TOML file, or a CSV of time and force or displacement.
 
@@ -170,6 +176,7 @@ _COLUMNS: dict[str, Kind] = {
 }
 
 
+@checked
 def read_stroke_csv(path: str | Path, *, interpolation: Interpolation | None = None) -> Stroke:
     """Read a stroke from CSV with the header ``time [s],force [N]``.
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 from feltmb import _core
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.smoothing import noise_of_record, smooth_record
 
@@ -30,6 +31,7 @@ PRESCRIBED = ("key_motion", "motor_motion")
 MOTORS = ("torque", "motor_motion")
 
 
+@checked
 @dataclass(frozen=True)
 class Stroke:
     """What drives a mechanism, through knots, positive pressing.
@@ -186,6 +188,7 @@ def _finite(*values: float) -> bool:
     return all(isinstance(v, (int, float)) and math.isfinite(v) for v in values)
 
 
+@checked
 def ramp_stroke(
     force: float,
     start: float = 0.05,
@@ -225,6 +228,7 @@ def ramp_stroke(
     )
 
 
+@checked
 def pulse_stroke(
     force: float,
     start: float = 0.02,
@@ -252,6 +256,7 @@ def pulse_stroke(
     return Stroke(name, "force", tuple(time), tuple(value), duration=end)
 
 
+@checked
 def table_stroke(
     time: Sequence[float],
     force: Sequence[float],
@@ -264,6 +269,7 @@ def table_stroke(
     return table_of("force", time, force, interpolation, duration, name)
 
 
+@checked
 def motion_stroke(
     time: Sequence[float],
     displacement: Sequence[float],
@@ -298,6 +304,7 @@ def motion_stroke(
     )
 
 
+@checked
 def torque_stroke(
     time: Sequence[float],
     torque: Sequence[float],
@@ -333,6 +340,7 @@ def table_of(
 _SEAM = 1e-4
 
 
+@checked
 def sequence(*strokes: Stroke, period: float | None = None, name: str = "sequence") -> Stroke:
     """Strokes one after the other: repeated blows, press and release.
 

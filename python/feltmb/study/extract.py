@@ -5,12 +5,14 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from feltmb.study.schema import When
+from feltmb.arguments import checked
+from feltmb.errors import InvalidParameter
+from feltmb.study.schema import NEED_LEVEL, Stat, When
 from feltmb.study_expression import Formula, NotThere
 
 if TYPE_CHECKING:
@@ -22,6 +24,7 @@ Array = npt.NDArray[np.float64]
 MOST_SAMPLES = 6000  # of a series that is kept for a figure
 
 
+@checked
 def extract_run(
     run: Run, action: Action, spec: Mapping[str, Any]
 ) -> tuple[dict[str, float], dict[str, Array]]:
@@ -32,6 +35,9 @@ def extract_run(
     spec
         ``numbers``: name -> entry of ``[numbers]``; ``series``: key -> output and window.
     """
+    missing = [key for key in ("numbers", "series") if not isinstance(spec.get(key), Mapping)]
+    if missing:
+        raise InvalidParameter(f"extract_run: spec has no table {' and no '.join(missing)}")
     scalars: dict[str, float] = {k: float(v) for k, v in run.summary.items()}
     counts = ("steps", "rhs", "jacobians", "reversals", "wall")
     scalars.update({k: float(run.stats[k]) for k in counts if k in run.stats})
@@ -127,6 +133,7 @@ def _thin(pair: Array) -> Array:
     return np.ascontiguousarray(pair[:, keep])
 
 
+@checked
 def statistic(stat: str, time: Array, samples: Array, level: float | None = None) -> float:
     """One number of a stretch of samples.
 
@@ -149,6 +156,15 @@ def statistic(stat: str, time: Array, samples: Array, level: float | None = None
     float
         NaN if it does not occur.
     """
+    if time.ndim != 1 or time.shape != samples.shape or time.size < 2:
+        raise InvalidParameter(
+            f"statistic: time of shape {time.shape} and samples of {samples.shape}, expected one "
+            "shape (n,), n >= 2"
+        )
+    if stat not in get_args(Stat):
+        raise InvalidParameter(f"statistic: {stat!r} is none of {', '.join(get_args(Stat))}")
+    if stat in NEED_LEVEL and level is None:
+        raise InvalidParameter(f"statistic: {stat} needs a level")
     simple: dict[str, Callable[[], Any]] = {
         "first": lambda: samples[0],
         "last": lambda: samples[-1],

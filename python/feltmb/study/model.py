@@ -13,6 +13,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from feltmb import params
+from feltmb.arguments import checked
 from feltmb.config import Action
 from feltmb.errors import InvalidParameter
 from feltmb.files import is_file, read_toml, why_missing
@@ -58,6 +59,7 @@ def _with_variant(spec: StudyFile) -> StudyFile:
     return spec.model_copy(update={"variants": {"base": VariantSpec(label=spec.title)}})
 
 
+@checked
 def load_study(name_or_path: str | Path) -> Study:
     """Read a study: the name of a packaged one, or the path of a TOML file.
 
@@ -82,6 +84,7 @@ def load_study(name_or_path: str | Path) -> Study:
     return Study.read(path)
 
 
+@checked
 @dataclass(frozen=True)
 class Case:
     """One simulation of a study: a variant under a stroke at a point of the sweep."""
@@ -91,6 +94,7 @@ class Case:
     point: tuple[Any, ...] = ()
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Study:
     """A checked study, ready to run. Made by :func:`load_study`.
@@ -154,12 +158,18 @@ class Study:
 
     def strokes_of(self, variant: str) -> list[str]:
         """Names of the strokes of a variant."""
-        own = self.spec.variants[variant].strokes
+        own = self._variant(variant).strokes
         return list(self.spec.base.strokes if own is None else own)
 
     def label(self, variant: str) -> str:
         """Name of a variant for the reader."""
-        return self.spec.variants[variant].label or variant
+        return self._variant(variant).label or variant
+
+    def _variant(self, name: str) -> VariantSpec:
+        if name not in self.spec.variants:
+            known = ", ".join(self.spec.variants)
+            raise InvalidParameter(f"study {self.name!r}: no variant {name!r}; it has {known}")
+        return self.spec.variants[name]
 
     def points(self) -> list[tuple[Any, ...]]:
         """Points of the sweep; one empty point without a sweep."""
@@ -212,8 +222,18 @@ class Study:
 
     def member(self, case: Case) -> Member:
         """The simulation of a case."""
-        variant = self.spec.variants[case.variant]
+        variant = self._variant(case.variant)
         action = self.actions[case.variant]
+        if case.stroke not in self.strokes:
+            known = ", ".join(self.strokes)
+            raise InvalidParameter(
+                f"study {self.name!r}: no stroke {case.stroke!r}; it has {known}"
+            )
+        if len(case.point) != len(self.axes):
+            raise InvalidParameter(
+                f"study {self.name!r}: a point of {len(case.point)} values, expected "
+                f"{len(self.axes)}, one for each axis"
+            )
         values: dict[str, Any] = {}
         for axis, value in zip(self.axes, case.point, strict=True):
             values.update(axis.at(action, value))

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from feltmb.arguments import checked
 from feltmb.files import check_writable, write_file, write_text
 from feltmb.study.checks import short
 from feltmb.study.model import Case, Study, same, series_key
@@ -114,11 +115,13 @@ class StudyResult:
             rows.append(row)
         return pd.DataFrame(rows)
 
+    @checked
     def number(self, name: str, variant: str, stroke: str, *point: Any) -> float | None:
         """A number in SI units; None if the run does not have it."""
         outcome = self.outcomes.get(self._case(variant, stroke, point))
         return None if outcome is None else outcome.numbers.get(name)
 
+    @checked
     def series(self, panel: PanelSpec, case: Case) -> Array | None:
         """Times [s] and samples [SI] of a panel, shape (2, n)."""
         outcome = self.outcomes.get(case)
@@ -280,6 +283,7 @@ class StudyResult:
 
         return page([self])
 
+    @checked
     def save(self, folder: str | Path, *, force: bool = False, page: bool = True) -> list[Path]:
         """Write NAME.html, NAME.csv (SI units), NAME.json and the figures as PNG into a folder.
 
@@ -325,6 +329,7 @@ def _write_bytes(data: bytes, target: Path) -> None:
     target.write_bytes(data)
 
 
+@checked
 def study_targets(made: Study, folder: str | Path) -> list[Path]:
     """Files that ``StudyResult.save`` writes for a study."""
     where = Path(folder)

@@ -8,12 +8,14 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.study.model import Case, Study, load_study
 from feltmb.study.result import StudyResult
 from feltmb.sweep import Member, Outcome, Progress, ProgressBar, run_members
 
 
+@checked
 def run_studies(
     studies: Sequence[Study],
     *,
@@ -47,6 +49,7 @@ def run_studies(
     ]
 
 
+@checked
 def study(
     name_or_path: str | Path | Study | Mapping[str, Any],
     executor: Executor | None = None,

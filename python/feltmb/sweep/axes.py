@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import itertools
 import math
+import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from feltmb.arguments import checked, shown
 from feltmb.config import Action
 from feltmb.errors import InvalidParameter
 from feltmb.options import OPTIONS, check_options
 from feltmb.stroke import Stroke
+from feltmb.units import split_quantity
 
 
+@checked
 def value_at(action: Action, path: str) -> Any:
     """Number or text at a dotted path of a mechanism, in the unit that its file gives.
 
@@ -39,12 +43,27 @@ def value_at(action: Action, path: str) -> Any:
             node = node[{"x": 0, "y": 1, "0": 0, "1": 1}[part]]
         else:
             raise InvalidParameter(f"path {path!r}: {part!r} does not exist")
-    return node["value"] if is_quantity(node) else node
+    node = node["value"] if is_quantity(node) else node
+    quantity = split_quantity(node) if isinstance(node, str) else None
+    return node if quantity is None else quantity[0]
+
+
+def _is_finite(value: object) -> bool:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return False
+    return abs(value) <= sys.float_info.max
+
+
+def _number(path: str, value: object) -> float:
+    if not _is_finite(value):
+        raise InvalidParameter(f"{path}: got {shown(value)}, expected a finite number")
+    return float(value)  # type: ignore[arg-type]
 
 
 How = Literal["set", "scale", "offset"]
 
 
+@checked
 @dataclass(frozen=True)
 class Axis:
     """One direction of a sweep.
@@ -75,11 +94,17 @@ class Axis:
         """Values by path for one value of the axis."""
         if self.how == "set":
             return dict.fromkeys(self.paths, value)
+        if not _is_finite(value):
+            raise InvalidParameter(
+                f"axis {self.name!r}: got {shown(value)}, expected a finite number to {self.how} by"
+            )
+        if self.inverse and value == 0.0:
+            raise InvalidParameter(f"axis {self.name!r}: nothing can be divided by 0")
         out: dict[str, Any] = {}
         for path in (*self.paths, *self.inverse):
             base = value_at(action, path)
             if isinstance(base, bool) or not isinstance(base, (int, float)):
-                raise InvalidParameter(f"path {path!r}: {base!r} is no number to {self.how}")
+                raise InvalidParameter(f"path {path!r}: {shown(base)} is no number to {self.how}")
             if self.how == "offset":
                 out[path] = base + value
             else:
@@ -87,6 +112,7 @@ class Axis:
         return out
 
 
+@checked
 def axis_values(given: Any, where: str) -> tuple[tuple[Any, ...], How]:
     """Values of an axis from a sequence or a table; see :func:`sweep`."""
     how: How = "set"
@@ -107,7 +133,10 @@ def axis_values(given: Any, where: str) -> tuple[tuple[Any, ...], How]:
             )
         return _range(given, where), how
     if isinstance(given, (str, bytes)) or not isinstance(given, Iterable):
-        raise InvalidParameter(f"{where}: got {given!r}, expected a list of values or a range")
+        raise InvalidParameter(f"{where}: got {shown(given)}, expected a list of values or a range")
+    dimensions = getattr(given, "ndim", 1)
+    if dimensions != 1:
+        raise InvalidParameter(f"{where}: got an array of {dimensions} dimensions, expected 1")
     values = tuple(v.item() if hasattr(v, "item") else v for v in given)
     if not values:
         raise InvalidParameter(f"{where}: has no values")
@@ -122,14 +151,14 @@ def _range(given: Mapping[str, Any], where: str) -> tuple[float, ...]:
 
     start, end, count = given["from"], given["to"], given["count"]
     spacing = given.get("spacing", "linear")
-    numeric = all(
-        isinstance(v, (int, float)) and not isinstance(v, bool) and math.isfinite(v)
-        for v in (start, end)
-    )
-    if not numeric or not isinstance(count, int) or not 1 <= count <= MOST_POINTS:
+    if (
+        not (_is_finite(start) and _is_finite(end))
+        or not isinstance(count, int)
+        or not 1 <= count <= MOST_POINTS
+    ):
         raise InvalidParameter(
-            f"{where}: from = {start!r}, to = {end!r}, count = {count!r}; expected two numbers and "
-            f"a count of 1 to {MOST_POINTS}"
+            f"{where}: from = {shown(start)}, to = {shown(end)}, count = {shown(count)}; expected "
+            f"two numbers and a count of 1 to {MOST_POINTS}"
         )
     if spacing == "linear":
         return tuple(float(v) for v in np.linspace(start, end, count))
@@ -140,6 +169,7 @@ def _range(given: Mapping[str, Any], where: str) -> tuple[float, ...]:
     )
 
 
+@checked
 def grid_points(axes: Sequence[Axis], mode: Literal["grid", "list"]) -> Iterator[tuple[Any, ...]]:
     """Combinations of the values of the axes, the last varying fastest; ``list``: side by side."""
     if mode == "grid":
@@ -153,6 +183,7 @@ def grid_points(axes: Sequence[Axis], mode: Literal["grid", "list"]) -> Iterator
     return zip(*(axis.values for axis in axes), strict=True) if axes else iter([()])
 
 
+@checked
 def apply_point(
     action: Action, stroke: Stroke, options: Mapping[str, Any], values: Mapping[str, Any]
 ) -> tuple[dict[str, Any], Stroke, dict[str, Any]]:
@@ -167,11 +198,11 @@ def apply_point(
             chosen[rest] = value
         elif head == "stroke":
             if rest == "scale":
-                stroke = stroke.scaled(float(value))
+                stroke = stroke.scaled(_number(path, value))
             elif rest == "delay":
-                stroke = stroke.shifted(float(value))
+                stroke = stroke.shifted(_number(path, value))
             elif rest == "duration":
-                stroke = replace(stroke, duration=float(value))
+                stroke = replace(stroke, duration=_number(path, value))
             else:
                 raise InvalidParameter(
                     f"path {path!r}: of a stroke there are stroke.scale, .delay, .duration"

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
+from feltmb.arguments import checked
 from feltmb.config import Action
 from feltmb.errors import FeltmbError, IntegrationError
 from feltmb.stroke import Stroke
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 MEMBER_FORMAT = 2
 
 
+@checked
 @dataclass(frozen=True)
 class Extract:
     """Numbers and series to take from a run.
@@ -42,6 +44,7 @@ class Extract:
     spec: Any
 
 
+@checked
 @dataclass(frozen=True)
 class Member:
     """One simulation: a mechanism, values by dotted path, a stroke, options of ``simulate``."""
@@ -193,6 +196,7 @@ def to_outcome(member: Member, action: Action, result: Run | FeltmbError) -> Out
     return Outcome(status, error, numbers, series, run.reached, float(run.stats["wall"]))
 
 
+@checked
 def run_member(member: Member) -> Outcome:
     """Simulate one member, in any process; whatever goes wrong comes back as its outcome."""
     from feltmb.simulate import simulate

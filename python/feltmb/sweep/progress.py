@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from feltmb.arguments import checked
+
 Progress = Callable[[int, int, str], object]
 
 
+@checked
 class ProgressBar:
     """Progress of members: a callable of the user's, a bar on a terminal, or nothing.
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
+from feltmb.arguments import checked
 from feltmb.batch import simulate_many
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.sweep.folder import recall, store
@@ -29,6 +30,7 @@ def default_jobs() -> int:
         return max(1, os.cpu_count() or 1)
 
 
+@checked
 def run_members(
     members: Iterable[Member],
     *,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
@@ -10,9 +11,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from feltmb.config import Action, load_action
+from feltmb.arguments import checked, shown
+from feltmb.config import Action, load_action, plain_data
 from feltmb.errors import InvalidParameter
-from feltmb.files import write_text
+from feltmb.files import check_suffix, write_text
 from feltmb.options import OPTIONS, check_options
 from feltmb.stroke import Stroke, load_stroke
 from feltmb.sweep.axes import Axis, apply_point, axis_values, grid_points
@@ -52,6 +54,7 @@ class SweepResult:
         """Rows that are not done."""
         return self.table[self.table["status"] != "done"]
 
+    @checked
     def run(self, index: int) -> Run:
         """Read the run of a member; the sweep must have had ``summary_only=False``."""
         from feltmb.results import load_run
@@ -60,11 +63,14 @@ class SweepResult:
             raise InvalidParameter("the sweep kept no runs; call it with summary_only=False")
         return load_run(self._runs[index])
 
+    @checked
     def save(self, path: str | Path, *, force: bool = False) -> Path:
         """Write the table as CSV, SI units."""
+        check_suffix(Path(path), ".csv")
         return write_text(Path(path), self.table.to_csv(index=False), force=force)
 
 
+@checked
 def sweep(
     action: Action | str,
     stroke: Stroke | str | Sequence[Stroke | str],
@@ -124,7 +130,12 @@ def sweep(
     loaded = [load_stroke(s) if isinstance(s, str) else s for s in strokes]
     if not loaded:
         raise InvalidParameter("sweep: no stroke")
-    given = dict(options or {})
+    try:
+        values, given = plain_data(values), plain_data(dict(options or {}))
+    except InvalidParameter as error:
+        raise InvalidParameter(f"sweep: {error}") from None
+    _check_sizes(values, "values")
+    _check_sizes(given, "options")
     check_options(given, known=OPTIONS)
     where = Path(folder) if folder is not None else None
     if where is not None and where.exists() and not where.is_dir():
@@ -136,16 +147,16 @@ def sweep(
     rows: list[dict[str, Any]] = []
     members: list[Member] = []
     faults: dict[int, Outcome] = {}
-    for shown, changes in points:
+    for point, changes in points:
         for s in loaded:
-            rows.append({**dict(zip(names, shown, strict=True)), "stroke": s.name})
+            rows.append({**dict(zip(names, point, strict=True)), "stroke": s.name})
             try:
                 mechanism, changed, chosen = apply_point(base, s, given, changes)
-            except (InvalidParameter, TypeError, ValueError) as failure:
+            except InvalidParameter as failure:
                 faults[len(rows) - 1] = Outcome("failed", one_line(failure))
                 mechanism, changed, chosen = {}, s, given
             label = " ".join(
-                f"{n.rsplit('.', 1)[-1]}={v}" for n, v in zip(names, shown, strict=True)
+                f"{n.rsplit('.', 1)[-1]}={v}" for n, v in zip(names, point, strict=True)
             )
             member = Member(base, changed, mechanism, chosen, f"{s.name} {label}".strip())
             if not summary_only:
@@ -164,6 +175,20 @@ def sweep(
     return SweepResult(
         _table(rows, outcomes, pd), tuple(m.save_run for m in members) if not summary_only else ()
     )
+
+
+def _check_sizes(node: Any, where: str) -> None:
+    """Integers that no float holds cannot be simulated, and neither be printed nor hashed."""
+    if isinstance(node, int) and abs(node) > sys.float_info.max:
+        raise InvalidParameter(
+            f"sweep: {where}: got {shown(node)}, expected a number that a float can hold"
+        )
+    if isinstance(node, Mapping):
+        for key, inner in node.items():
+            _check_sizes(inner, f"{where}.{key}")
+    elif isinstance(node, list):
+        for inner in node:
+            _check_sizes(inner, where)
 
 
 def _points(

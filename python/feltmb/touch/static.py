@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from feltmb.arguments import checked
 from feltmb.config import Action
 from feltmb.errors import FeltmbError, InvalidParameter
 
@@ -98,6 +99,7 @@ def _follow(press: Any, targets: Array, stop: Callable[[Any], bool] | None = Non
     return path_of(rows, jumps, press.evaluations)
 
 
+@checked
 def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
     """Slow press and release at the key front; see ``docs/touch.md``.
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
+from feltmb.arguments import checked
 from feltmb.config import Action, load_action
 from feltmb.errors import InvalidParameter
 from feltmb.files import write_file
@@ -151,6 +152,7 @@ class Touch:
             },
         }
 
+    @checked
     def plot(self, folder: str | Path, *, force: bool = False) -> list[Path]:
         """Draw ``touch_static.png`` and ``touch_dynamic.png`` in a folder."""
         folder = Path(folder)
@@ -176,6 +178,7 @@ def _branches(static: StaticTouch) -> list[tuple[str, PressPath]]:
     ]
 
 
+@checked
 def touch(
     action: Action | str,
     *,

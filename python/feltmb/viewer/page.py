@@ -13,6 +13,7 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.files import check_writable, write_text
 from feltmb.plot.readings import named_events
@@ -193,6 +194,7 @@ body {{ margin: 12px 16px; background: #fff; }}
 """
 
 
+@checked
 def view(
     runs: Run | Curves | Sequence[Run | Curves],
     path: str | Path,

@@ -194,10 +194,15 @@ def test_loops_lie_over_the_curves_of_their_laws(runs, action):
     figure = plot.loops(run, [6])
     drawn = lines(figure.axes[0])
     contact = action.config.contacts["06"]
-    for label, curve in (("law, loading", contact.loading), ("law, unloading", contact.unloading)):
+    # Driven alone as fast as in the blow, the law is on its curves but for the turn.
+    for label, curve in (
+        ("law alone, pressed", contact.loading),
+        ("law alone, released", contact.unloading),
+    ):
         e = 1e-3 * drawn[label][:, 0]
-        want = curve.a * e * np.exp(curve.b * e) + curve.c * e
-        np.testing.assert_allclose(drawn[label][:, 1], want, atol=1e-9)
+        want = np.maximum(curve.a * e * np.exp(curve.b * e) + curve.c * e, 0.0)
+        close = np.abs(drawn[label][:, 1] - want) < 0.01 * want.max()
+        assert np.mean(close) > 0.9
     x, y = drawn["run"].T
     touching = np.isfinite(y)
     np.testing.assert_array_equal(y[touching], run["contact06.force"][touching])

@@ -127,8 +127,9 @@ def test_never_overwritten_without_force(run, tmp_path):
         run.save(path)
     assert path.read_bytes() == before
     run.save(path, force=True)
+    (tmp_path / "folder.nc").mkdir()
     with pytest.raises(feltmb.FileExists, match="is a folder"):
-        run.save(tmp_path, force=True)
+        run.save(tmp_path / "folder.nc", force=True)
 
 
 def test_nothing_left_behind_on_failure(tmp_path):

@@ -16,9 +16,9 @@ def action(rigid):
     ("options", "message"),
     [
         ({"duration": 0.0}, r"duration = 0 s, must be > 0"),
-        ({"duration": float("nan")}, "duration = nan s"),
+        ({"duration": float("nan")}, "duration: got nan, expected a finite number"),
         ({"rtol": 0.5}, r"rtol = 0.5, must be in \[1e-13, 1e-2\]"),
-        ({"rtol": float("nan")}, "rtol = nan"),
+        ({"rtol": float("nan")}, "rtol: got nan, expected a finite number"),
         ({"output_rate": 0.0}, "output_rate = 0 Hz, must be > 0"),
         ({"output_rate": 1e12}, "numbers; the limit is "),
         ({"max_order": 6}, "max_order = 6"),

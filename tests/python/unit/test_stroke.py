@@ -30,7 +30,7 @@ def test_kinds_and_their_units():
     torque = feltmb.torque_stroke([0.0, 0.06], [0.0, 3.0])
     assert (torque.kind, torque.unit, torque.at(0.03)) == ("torque", "N m", 1.5)
     assert pickle.loads(pickle.dumps(key)) == key
-    with pytest.raises(feltmb.InvalidParameter, match="is none of finger, key, motor"):
+    with pytest.raises(feltmb.InvalidParameter, match="expected one of 'finger', 'key', 'motor'"):
         feltmb.motion_stroke([0.0, 0.1], [0.0, 0.01], of="hand")
     with pytest.raises(feltmb.InvalidParameter, match="infinite forces at its knots"):
         feltmb.motion_stroke([0.0, 0.1], [0.0, 0.01], of="key", interpolation="linear")
@@ -71,12 +71,12 @@ def test_pulse_and_hold():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"force": float("nan")}, "force = nan, must be a finite number"),
+        ({"force": float("nan")}, "force: got nan, expected a finite number"),
         ({"force": 1.0, "start": -0.1}, "start = -0.1, must be >= 0 s"),
         ({"force": 1.0, "ramp": 0.0}, "ramp = 0.0, must be > 0 s"),
         ({"force": 1.0, "duration": 0.0}, "duration = 0 s, must be > 0"),
         ({"force": 1.0, "duration": -1.0}, "duration = -1 s, must be > 0"),
-        ({"force": 1.0, "duration": float("inf")}, "duration = inf s"),
+        ({"force": 1.0, "duration": float("inf")}, "duration: got inf, expected a finite number"),
         ({"force": 1.0, "oscillation": (0.1, float("nan"))}, "oscillation"),
     ],
 )

@@ -9,7 +9,15 @@ from typing import Any
 
 import click
 
-from feltmb.cli.common import FRACTION, force_option, list_option, positive, save_figure, say
+from feltmb.cli.common import (
+    FRACTION,
+    FileName,
+    force_option,
+    list_option,
+    positive,
+    save_figure,
+    say,
+)
 from feltmb.cli.completing import fiber_laws
 from feltmb.cli.fiber.group import (
     fiber,
@@ -121,7 +129,7 @@ def _fit_dictionary(f: Any) -> dict[str, Any]:
     "--out",
     "-o",
     "output",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=FileName(".json", dir_okay=False),
     help="Results as JSON.",
 )
 @force_option

@@ -12,6 +12,7 @@ from feltmb.cli.common import (
     FRACTION,
     NOT_NEGATIVE,
     POSITIVE,
+    FileName,
     Number,
     Quantity,
     force_option,
@@ -319,7 +320,7 @@ def arcs_command(
     "--out",
     "-o",
     "output",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=FileName(".csv", dir_okay=False),
     help="CSV with time, compression and result.",
 )
 @force_option
