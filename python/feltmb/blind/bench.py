@@ -33,7 +33,7 @@ import numpy as np
 
 from feltmb.blind import truth, truth_machine, truth_sensors
 from feltmb.errors import FileExists, InvalidParameter
-from feltmb.files import NPZ_FAULTS, write_file, write_text
+from feltmb.files import NPZ_FAULTS, make_folder, write_file, write_text
 
 __all__ = ["Bench", "Half", "read_records"]
 
@@ -145,7 +145,9 @@ class Bench:
 
         drawn, sources = self._draw(cases, seed)
         text = _json(drawn)
-        self.folder.mkdir(parents=True, exist_ok=True)
+        make_folder(self.folder)
+        for name in ("records", "answers", "results"):
+            make_folder(self.folder / name)
         write_text(self.folder / "truths.json", text, force=True)
         seal = {
             "version": __version__,

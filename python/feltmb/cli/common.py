@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
+from feltmb.cli import completing
+
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
@@ -222,7 +224,14 @@ FRACTION = Number(0, 1, min_open=True, max_open=True)
 
 
 def _settings(metavar: str, text: str) -> Callable[[F], F]:
-    return click.option("--set", "settings", multiple=True, metavar=metavar, help=text)
+    return click.option(
+        "--set",
+        "settings",
+        multiple=True,
+        metavar=metavar,
+        shell_complete=completing.settings,
+        help=text,
+    )
 
 
 def set_option(function: F) -> F:

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from feltmb.cli.common import force_option, say_written, tables_as_json
+from feltmb.cli.completing import outputs
 
 
 @click.command("plot")
@@ -21,6 +22,7 @@ from feltmb.cli.common import force_option, say_written, tables_as_json
     "--compare",
     multiple=True,
     metavar="OUTPUT",
+    shell_complete=outputs,
     help="Overlay this output of all runs instead, such as hammer_tip.x. Repeatable.",
 )
 @force_option
@@ -29,7 +31,7 @@ def command(
     runs: tuple[Path, ...], out: Path | None, compare: tuple[str, ...], force: bool
 ) -> None:
     """Draw all plots of each of RUNS, or an overlay of chosen outputs."""
-    from feltmb.files import write_file
+    from feltmb.files import make_folder, write_file
     from feltmb.plot import compare as overlay
     from feltmb.plot import save_all
     from feltmb.results import load_run
@@ -37,6 +39,8 @@ def command(
     loaded = [load_run(path) for path in runs]
     if compare:
         figure = overlay(loaded, list(compare))
+        if out is not None:
+            make_folder(out)
         target = (out or runs[0].parent) / "compare.png"
         say_written(write_file(target, lambda p: figure.savefig(p, dpi=150), force=force))
         return

@@ -91,6 +91,13 @@ if TYPE_CHECKING:
     help="Give up after this many seconds of wall time a stroke; what was simulated is saved.",
 )
 @click.option(
+    "--ledger-limit",
+    type=Number(0, min_open=True),
+    default=0.1,
+    show_default=True,
+    help="A run has failed where more than this share of the energy turned over is missing.",
+)
+@click.option(
     "--start",
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
     help="Go on from the end of this saved run.",
@@ -123,6 +130,7 @@ def command(
     method: str,
     output_rate: float,
     max_wall: float | None,
+    ledger_limit: float,
     start: Path | None,
     noise: str | None,
     jobs: int,
@@ -139,7 +147,7 @@ def command(
     from concurrent.futures import ThreadPoolExecutor
 
     from feltmb.errors import FeltmbError, IntegrationError
-    from feltmb.files import check_writable
+    from feltmb.files import check_writable, make_folder
     from feltmb.results import load_run
     from feltmb.simulate import simulate
     from feltmb.stroke import load_stroke
@@ -160,6 +168,8 @@ def command(
         loaded = [s.smoothed(parse_option("--noise", noise, s.unit)) for s in loaded]
     stems = _stems([s.name for s in loaded])
     targets = _targets(out, stems)
+    if out is not None and out not in targets:
+        make_folder(out)
     for target, stem in zip(targets, stems, strict=True):
         for path in _files(target, stem, plot=plot, wav=wav):
             check_writable(path, force=force)
@@ -180,6 +190,7 @@ def command(
                 ledger=not no_ledger,
                 start=first,
                 max_wall=max_wall,
+                ledger_limit=ledger_limit,
                 progress=(lambda _t: not stop["now"]) if jobs > 1 else None,
             )
         except IntegrationError as failure:
@@ -327,7 +338,9 @@ def summary_table(run: Run, title: str) -> Any:
     if run.energy:
         table.add_row("work put in", *pretty(run.energy["work_in"], "J"))
         table.add_row(
-            "energy not accounted for", f"{run.energy['residual_relative']:.1e}", "of the work"
+            "energy not accounted for",
+            f"{run.energy['residual_relative']:.1e}",
+            "of the energy turned over",
         )
         for name in run.energy["created_by"]:
             table.add_row(

@@ -47,11 +47,12 @@ def command(
     Static numbers without inertia; pressed and struck blows simulated in threads. Published ranges
     stand beside them; most are of grand pianos.
     """
-    from feltmb.files import check_writable
+    from feltmb.files import check_writable, make_folder
     from feltmb.touch import touch
 
     mechanism = load_with_settings(action, settings)
     if folder is not None:
+        make_folder(folder)
         for name in ("touch_static.png", "touch_dynamic.png"):
             check_writable(folder / name, force=force)
     if is_terminal():

@@ -48,4 +48,5 @@ class Cache:
             with path.open("wb") as file:
                 np.savez(file, **arrays)  # type: ignore[arg-type]
 
+        self.folder.mkdir(parents=True, exist_ok=True)
         write_file(self.folder / f"{key}.npz", write, force=True)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from feltmb.files import check_writable, write_file, write_text
+from feltmb.files import check_writable, make_folder, write_file, write_text
 from feltmb.study.checks import short
 from feltmb.study.model import Case, Study, same, series_key
 from feltmb.study.schema import KNOWN, FindingSpec, PanelSpec
@@ -255,6 +255,7 @@ class StudyResult:
         """
         from feltmb.study_plot import png
 
+        make_folder(folder)
         paths = [p for p in study_targets(self.study, folder) if page or p.suffix != ".html"]
         for path in paths:
             check_writable(path, force=force)

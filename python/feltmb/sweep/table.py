@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from feltmb.config import Action, load_action
 from feltmb.errors import InvalidParameter
-from feltmb.files import write_text
+from feltmb.files import make_folder, write_text
 from feltmb.stroke import Stroke, load_stroke
 from feltmb.sweep.axes import Axis, apply_point, axis_values, check_options, grid_points
 from feltmb.sweep.member import Member, Outcome, one_line
@@ -128,6 +128,8 @@ def sweep(
     where = Path(folder) if folder is not None else None
     if where is not None and where.exists() and not where.is_dir():
         raise InvalidParameter(f"folder {where}: is a file")
+    if where is not None:
+        make_folder(where)
     if not summary_only and where is None:
         raise InvalidParameter("sweep: runs are kept in a folder; give folder=")
 

@@ -7,12 +7,17 @@ import re
 from pathlib import Path
 
 import pytest
+from click.shell_completion import BashComplete
 from click.testing import CliRunner
 
 import feltmb.cli
-from feltmb.cli import cli, tables
+from feltmb import load_action, simulate
+from feltmb.cli import cli, completing, tables
 from feltmb.cli.common import new_table
 from feltmb.cli.tables import FittingTable, Screen, _words
+from feltmb.config import apply_values
+from feltmb.errors import InvalidParameter
+from feltmb.files import make_folder
 
 # --- tables --------------------------------------------------------------------------------------
 
@@ -123,3 +128,102 @@ def test_every_table_of_the_commands_is_made_in_one_place():
                 assert inside, f"{path}: imports {names}"
         calls = re.findall(r"(?<![\w.])Table\(", path.read_text())
         assert not calls, f"{path}: makes a table of its own"
+
+
+# --- folders of results --------------------------------------------------------------------------
+
+
+def _call(*arguments):
+    result = CliRunner(env={"COLUMNS": "80"}).invoke(cli, [str(a) for a in arguments])
+    return result, str(result.exception or "")
+
+
+def test_a_mistyped_folder_is_not_made(tmp_path):
+    (tmp_path / "results").mkdir()
+    result, said = _call("stroke", "steinway45", "forte", "-o", tmp_path / "resutls/a/run.nc")
+    assert "there is no such folder ('resutls' is missing); did you mean 'results'?" in said
+    assert isinstance(result.exception, InvalidParameter)
+    for line in (
+        ["stroke", "steinway45", "forte", "piano", "-o", tmp_path / "typo" / "runs"],
+        ["study", "wire", "--out", tmp_path / "typo" / "wire"],
+        ["touch", "steinway45", "--plot", tmp_path / "typo" / "touch"],
+        ["regulate", "steinway45", "-o", tmp_path / "typo" / "new.toml"],
+        ["demo", "--out", tmp_path / "typo" / "demo"],
+        ["new", tmp_path / "typo" / "own.toml"],
+        ["felt", "show", "a12_03", "-o", tmp_path / "typo" / "loop.png"],
+    ):
+        _, said = _call(*line)
+        assert "there is no such folder" in said, line
+        assert "make it first, or mend the path" in said
+    assert [p.name for p in tmp_path.iterdir()] == ["results"]
+
+
+def test_the_folder_that_is_named_is_made(tmp_path):
+    run = simulate("steinway45", "forte", duration=0.005, ledger=False)
+    with pytest.raises(InvalidParameter, match="there is no such folder"):
+        run.save(tmp_path / "none" / "run.nc")
+    assert make_folder(tmp_path / "new") == tmp_path / "new"
+    assert make_folder(tmp_path / "new").is_dir()
+    run.save(tmp_path / "new" / "run.nc")
+    with pytest.raises(InvalidParameter, match="is a file, expected a folder"):
+        make_folder(tmp_path / "new" / "run.nc")
+    with pytest.raises(InvalidParameter, match="no such folder"):
+        make_folder(tmp_path / "a" / "b")
+
+
+# --- completion ----------------------------------------------------------------------------------
+
+
+def _completed(line, monkeypatch):
+    words = line.split(" ")
+    monkeypatch.setenv("COMP_WORDS", line)
+    monkeypatch.setenv("COMP_CWORD", str(len(words) - 1))
+    complete = BashComplete(cli, {}, "feltmb", "_FELTMB_COMPLETE")
+    return [item.value for item in complete.get_completions(words[1:-1], words[-1])]
+
+
+@pytest.mark.parametrize(
+    ("line", "wanted"),
+    [
+        ("stroke steinway45 forte --set string.mo", ["string.modes="]),
+        ("stroke steinway45 forte --set bodies.key.friction.stribeck_", None),
+        ("show steinway45 --set key.friction.stribeck_", ["key.friction.stribeck_speed="]),
+        ("show steinway45 --set contacts.06.law=pri", ["contacts.06.law=printed"]),
+        ("show steinway45 --set wire.rigid=", ["wire.rigid=true", "wire.rigid=false"]),
+        ("show steinway45 --set surfaces.Gp10.point.", None),
+        ("regulate nothing --set string.mo", []),
+        ("gap diagnose steinway45 a.csv --set toler", ["tolerances="]),
+        ("gap diagnose steinway45 a.csv --set string.mo", ["string.modes="]),
+        ("sensitivity steinway45 forte --parameters string.te", ["string.tension"]),
+    ],
+)
+def test_paths_are_completed(line, wanted, monkeypatch):
+    found = _completed(f"feltmb {line}", monkeypatch)
+    start = line.split(" ")[-1]
+    if wanted is None:
+        axes = [start + "x=", start + "y="]
+        wanted = axes if start.endswith("point.") else [start + "speed="]
+    assert found == wanted
+
+
+def test_every_completed_path_can_be_set(monkeypatch):
+    """By reflection: what is offered is what a file says and --set takes."""
+    monkeypatch.setenv("COMP_WORDS", "feltmb show steinway45 --set ")
+    offered = completing._settable()
+    numbers = [p for p, v in offered.items() if isinstance(v, float)]
+    assert len(numbers) > 500
+    same = apply_values(load_action("steinway45").raw, {p: offered[p] for p in numbers}, "--set")
+    assert same["string"]["modes"] == 40
+
+
+def test_outputs_and_events_of_saved_runs_are_completed(tmp_path, monkeypatch):
+    path = simulate("steinway45", "forte").save(tmp_path / "run.nc")
+    assert _completed(f"feltmb plot {path} --compare hammer_tip.v", monkeypatch) == [
+        "hammer_tip.vx",
+        "hammer_tip.vy",
+    ]
+    assert _completed(f"feltmb view {path} --align string_contact_", monkeypatch) == [
+        "string_contact_on",
+        "string_contact_off",
+    ]
+    assert _completed("feltmb plot none.nc --compare h", monkeypatch) == []
