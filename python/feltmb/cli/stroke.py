@@ -91,13 +91,6 @@ if TYPE_CHECKING:
     help="Give up after this many seconds of wall time a stroke; what was simulated is saved.",
 )
 @click.option(
-    "--ledger-limit",
-    type=Number(0, min_open=True),
-    default=0.1,
-    show_default=True,
-    help="A run has failed where more than this share of the energy turned over is missing.",
-)
-@click.option(
     "--start",
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
     help="Go on from the end of this saved run.",
@@ -130,7 +123,6 @@ def command(
     method: str,
     output_rate: float,
     max_wall: float | None,
-    ledger_limit: float,
     start: Path | None,
     noise: str | None,
     jobs: int,
@@ -190,7 +182,6 @@ def command(
                 ledger=not no_ledger,
                 start=first,
                 max_wall=max_wall,
-                ledger_limit=ledger_limit,
                 progress=(lambda _t: not stop["now"]) if jobs > 1 else None,
             )
         except IntegrationError as failure:
@@ -338,9 +329,7 @@ def summary_table(run: Run, title: str) -> Any:
     if run.energy:
         table.add_row("work put in", *pretty(run.energy["work_in"], "J"))
         table.add_row(
-            "energy not accounted for",
-            f"{run.energy['residual_relative']:.1e}",
-            "of the energy turned over",
+            "energy not accounted for", f"{run.energy['residual_relative']:.1e}", "of the work"
         )
         for name in run.energy["created_by"]:
             table.add_row(
