@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import difflib
 import os
 import re
 import secrets
@@ -28,6 +29,7 @@ __all__ = [
     "is_file",
     "named_file",
     "open_input",
+    "make_folder",
     "plain_text",
     "read_input",
     "read_json",
@@ -266,12 +268,50 @@ def check_writable(path: Path, *, force: bool) -> None:
                     f"{path}: exists already; give another name, or --force to replace it"
                 )
         folder = next(f for f in path.absolute().parents if f.exists())
+        if folder != path.absolute().parent and folder.is_dir():
+            raise InvalidParameter(_no_folder(path.parent))
     except OSError as error:
         raise FeltmbError(f"{path}: cannot be written: {error.strerror or error}") from None
     if not folder.is_dir():
         raise FeltmbError(f"{path}: cannot be written: {folder} is a file, expected a folder")
     if not os.access(folder, os.W_OK | os.X_OK):
         raise FeltmbError(f"{path}: cannot be written: the folder {folder} is not writable")
+
+
+def _no_folder(folder: Path) -> str:
+    """What to say of a folder that is not there: what is missing of its path, and what is near."""
+    missing = folder.absolute()
+    while not missing.parent.exists():
+        missing = missing.parent
+    try:
+        near = difflib.get_close_matches(
+            missing.name, [f.name for f in missing.parent.iterdir() if f.is_dir()], n=1
+        )
+    except OSError:
+        near = []
+    hint = f"did you mean {near[0]!r}?" if near else "make it first, or mend the path"
+    where = "" if missing == folder.absolute() else f" ({missing.name!r} is missing)"
+    return f"{folder}: there is no such folder{where}; {hint}"
+
+
+def make_folder(folder: str | Path) -> Path:
+    """A folder that was named for results: made, if it alone is missing.
+
+    Raises
+    ------
+    InvalidParameter
+        The folder that it would lie in is missing as well: a mistyped path.
+    """
+    folder = Path(folder)
+    try:
+        if folder.exists() and not folder.is_dir():
+            raise InvalidParameter(f"{folder}: is a file, expected a folder")
+        if not folder.absolute().parent.exists():
+            raise InvalidParameter(_no_folder(folder.parent))
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise FeltmbError(f"{folder}: cannot be made: {error.strerror or error}") from None
+    return folder
 
 
 def write_file(path: Path, write: Callable[[Path], None], *, force: bool = False) -> Path:
@@ -283,7 +323,7 @@ def write_file(path: Path, write: Callable[[Path], None], *, force: bool = False
     Parameters
     ----------
     path
-        Target. Its folder is made if missing.
+        Target, in a folder that exists; :func:`make_folder` makes one.
     write
         Called with the temporary path.
     force
@@ -293,7 +333,6 @@ def write_file(path: Path, write: Callable[[Path], None], *, force: bool = False
     check_writable(path, force=force)
     temporary: Path | None = None
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         # Not mkdtemp, whose folders are private: results are for everyone that the umask allows,
         # and the umask of a process with threads cannot be read.
         new = path.parent / f".feltmb{secrets.token_hex(8)}"

@@ -12,7 +12,7 @@ import numpy as np
 
 from feltmb.actuator.model import ActuatorRun, load_actuator, simulate_actuator
 from feltmb.arguments import checked
-from feltmb.files import check_writable, write_file, write_text
+from feltmb.files import check_writable, make_folder, write_file, write_text
 
 __all__ = ["ActuatorStudy", "StudyFinding", "study_actuator"]
 
@@ -78,7 +78,7 @@ class ActuatorStudy:
         import csv
         import io
 
-        folder = Path(folder)
+        folder = make_folder(folder)
         targets = [folder / f"figure_{n.replace('.', '_')}.png" for n in FIGURES]
         tables = [folder / "findings.csv", folder / "runs.csv"]
         for path in targets + tables:

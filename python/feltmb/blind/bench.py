@@ -36,6 +36,7 @@ from feltmb.errors import DataError, FileExists, InvalidParameter
 from feltmb.files import (
     LARGEST_JSON,
     NPZ_FAULTS,
+    make_folder,
     read_input,
     read_json,
     read_npz,
@@ -153,7 +154,9 @@ class Bench:
 
         drawn, sources = self._draw(cases, seed)
         text = _json(drawn)
-        self.folder.mkdir(parents=True, exist_ok=True)
+        make_folder(self.folder)
+        for name in ("records", "answers", "results"):
+            make_folder(self.folder / name)
         write_text(self.folder / "truths.json", text, force=True)
         seal = {
             "version": __version__,

@@ -213,7 +213,10 @@ def study_command(out: Path | None, force: bool, as_json: bool) -> None:
     from dataclasses import asdict
 
     from feltmb.actuator.studies import study_actuator
+    from feltmb.files import make_folder
 
+    if out is not None:
+        make_folder(out)
     result = study_actuator()
     if as_json:
         print_json(

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import click
 
 from feltmb.errors import printable
+from feltmb.cli import completing
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -423,7 +424,9 @@ def list_option(*declarations: str, **attributes: Any) -> Callable[[F], F]:
 
 
 def _settings(metavar: str, text: str) -> Callable[[F], F]:
-    return list_option("--set", "settings", metavar=metavar, help=text)
+    return list_option(
+        "--set", "settings", metavar=metavar, shell_complete=completing.settings, help=text
+    )
 
 
 def set_option(function: F) -> F:

@@ -47,13 +47,14 @@ def command(out: Path, no_animation: bool, settings: tuple[str, ...]) -> None:
     from feltmb.animate import animate
     from feltmb.cli.common import load_with_settings
     from feltmb.cli.stroke import summary_table
-    from feltmb.files import write_file
+    from feltmb.files import make_folder, write_file
     from feltmb.plot import mechanism as draw
     from feltmb.plot import save_all
     from feltmb.simulate import simulate
     from feltmb.viewer import view
 
     action = load_with_settings("steinway45", settings)
+    make_folder(out)
     screen = console()
     written: list[Path] = []
     runs: dict[str, Run] = {}

@@ -92,7 +92,7 @@ def audit_command(
     """
     from feltmb.felt import audit, audit_targets
     from feltmb.felt.plot import plot_audit
-    from feltmb.files import check_writable
+    from feltmb.files import check_writable, make_folder
 
     if everything and ":" in law:
         raise click.UsageError(f"--all is for all contacts of a mechanism; {law} is one of them")
@@ -103,6 +103,7 @@ def audit_command(
         return folder / f"audit_{Path(name).stem.replace(':', '_')}.png"
 
     if folder is not None:
+        make_folder(folder)
         for name, _ in targets:
             check_writable(picture(name), force=force)
     results = [audit(item, name=name, largest=largest) for name, item in targets]

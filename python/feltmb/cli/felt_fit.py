@@ -85,9 +85,9 @@ def identify_command(
     from feltmb.felt import identify, load_material
     from feltmb.felt.plot import plot_identification
     from feltmb.fiber import read_compression
-    from feltmb.files import write_text
+    from feltmb.files import make_folder, write_text
 
-    report = None if folder is None else folder / "report.md"
+    report = None if folder is None else make_folder(folder) / "report.md"
     picture = None if folder is None else folder / "identification.png"
     check_targets(output, report, pictures=(picture,), force=force)
     base = load_material(material)

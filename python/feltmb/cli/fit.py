@@ -58,13 +58,13 @@ def command(
 
     from feltmb.cli.gap import progress_line
     from feltmb.cli.gap_subjects import load_subject
-    from feltmb.files import check_writable, write_text
+    from feltmb.files import check_writable, make_folder, write_text
     from feltmb.fit.solve import FitSettings
     from feltmb.gap import fit_nominal
     from feltmb.gap.files import plain
 
     if output is not None:
-        check_writable(output / "fit.json", force=force)
+        check_writable(make_folder(output) / "fit.json", force=force)
 
     subject = load_subject(model, settings)
     records = subject.read(data)

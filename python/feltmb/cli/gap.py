@@ -256,11 +256,12 @@ def run(
 
     from feltmb.cli.gap_curves import record_viewers
     from feltmb.cli.gap_subjects import load_subject
-    from feltmb.files import check_writable
+    from feltmb.files import check_writable, make_folder
     from feltmb.gap import Options, diagnose
     from feltmb.gap.files import report_json, write_report
 
     if output is not None:
+        make_folder(output)
         for name in ("report.html", "report.json"):
             check_writable(output / name, force=force)
     subject = load_subject(model, settings)

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from feltmb.cli.common import FolderName, force_option, list_option, say_written, tables_as_json
+from feltmb.cli.completing import outputs
 
 
 @click.command("plot")
@@ -20,6 +21,7 @@ from feltmb.cli.common import FolderName, force_option, list_option, say_written
 @list_option(
     "--compare",
     metavar="OUTPUT",
+    shell_complete=outputs,
     help="Overlay this output of all runs instead, such as hammer_tip.x.",
 )
 @force_option
@@ -28,7 +30,7 @@ def command(
     runs: tuple[Path, ...], out: Path | None, compare: tuple[str, ...], force: bool
 ) -> None:
     """Draw all plots of each of RUNS, or an overlay of chosen outputs."""
-    from feltmb.files import write_file
+    from feltmb.files import make_folder, write_file
     from feltmb.plot import compare as overlay
     from feltmb.plot import save_all
     from feltmb.results import load_run
@@ -36,6 +38,8 @@ def command(
     loaded = [load_run(path) for path in runs]
     if compare:
         figure = overlay(loaded, list(compare))
+        if out is not None:
+            make_folder(out)
         target = (out or runs[0].parent) / "compare.png"
         say_written(write_file(target, lambda p: figure.savefig(p, dpi=150), force=force))
         return

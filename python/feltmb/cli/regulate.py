@@ -35,6 +35,13 @@ if TYPE_CHECKING:
     help="Packaged name or TOML file; default: the packaged targets of the mechanism's name.",
 )
 @click.option(
+    "--target",
+    "own",
+    multiple=True,
+    metavar="STEP=VALUE",
+    help="Another target of a step, such as let-off=4mm or key-dip=10mm. Repeatable.",
+)
+@click.option(
     "-o",
     "--out",
     type=FileName(".toml", dir_okay=False),
@@ -46,6 +53,7 @@ if TYPE_CHECKING:
 def command(
     action: str,
     targets: str | None,
+    own: tuple[str, ...],
     out: Path | None,
     settings: tuple[str, ...],
     force: bool,
@@ -58,10 +66,12 @@ def command(
     """
     from feltmb.errors import FeltmbError
     from feltmb.files import check_writable, write_text
-    from feltmb.regulate import load_targets, regulate
+    from feltmb.regulate import default_targets, load_targets, regulate
 
     mechanism = load_with_settings(action, settings)
     wanted = load_targets(targets) if targets is not None else None
+    if own:
+        wanted = (wanted or default_targets(mechanism)).amended(_own_targets(own))
     if out is not None:
         check_writable(out, force=force)
     if is_terminal():
@@ -88,6 +98,18 @@ def command(
         raise FeltmbError(f"{last}\nnothing was written" if out is not None else last)
     if out is not None:
         say_written(write_text(out, result.to_toml(), force=force))
+
+
+def _own_targets(texts: tuple[str, ...]) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for text in texts:
+        name, sign, value = text.partition("=")
+        if not (sign and name.strip() and value.strip()):
+            raise click.UsageError(f"--target {text}: expected STEP=VALUE, such as let-off=4mm")
+        if name.strip() in found:
+            raise click.UsageError(f"--target {name.strip()}: given twice")
+        found[name.strip()] = value.strip()
+    return found
 
 
 def _unmet(row: Any) -> str:
@@ -130,10 +152,19 @@ def regulation_table(result: Regulation) -> Any:
 
 def screw_table(result: Regulation) -> Any:
     """What was turned, and by how much."""
-    table = new_table("screws", "step", "screw", "turned", "unit", "value changed", right=(2,))
+    table = new_table(
+        "screws", "step", "screw", "turned", "value changed", "before", "after", right=(2,)
+    )
     for row in result.table:
         if row.screw and row.turned:
-            table.add_row(row.name, row.screw, f"{row.turned:+.4f}", row.turn_unit, row.path)
+            table.add_row(
+                row.name,
+                row.screw,
+                f"{row.turned:+.4f} {row.turn_unit}",
+                row.path,
+                row.value_before,
+                row.value_after,
+            )
     return table
 
 

@@ -25,6 +25,7 @@ from feltmb.cli.common import (
     set_option,
 )
 from feltmb.cli.completing import actions, strokes
+from feltmb.cli.completing import paths as known_paths
 
 if TYPE_CHECKING:
     from feltmb.sensitivity import Gradient
@@ -40,6 +41,7 @@ _UNITS = (("_time", "s"), ("_duration", "s"), ("_speed", "m/s"), ("_force", "N")
     "--parameters",
     "paths",
     metavar="PATH",
+    shell_complete=known_paths,
     help="Dotted path as for --set; * for any name; stroke.scale, stroke.delay. "
     "Default: every number of the mechanism, which takes a while.",
 )

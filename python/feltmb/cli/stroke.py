@@ -152,7 +152,7 @@ def command(
     from concurrent.futures import ThreadPoolExecutor
 
     from feltmb.errors import FeltmbError, IntegrationError
-    from feltmb.files import check_writable
+    from feltmb.files import check_writable, make_folder
     from feltmb.results import load_run
     from feltmb.simulate import simulate
     from feltmb.stroke import load_stroke
@@ -183,6 +183,8 @@ def command(
     }
     keys = [_inputs(mechanism, s, options, start) for s in loaded]
     kept: dict[int, Run] = {}
+    if out is not None and out not in targets:
+        make_folder(out)
     if resume:
         kept = _finished(targets, keys)
     for i, (target, stem) in enumerate(zip(targets, stems, strict=True)):

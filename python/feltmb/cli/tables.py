@@ -58,8 +58,8 @@ class FittingTable(Table):
         groups = _groups(needs, wants, room)
         if groups:
             for group in groups:
-                lists = [[sizes[i] for i in group] for sizes in (needs, wants, full)]
-                yield self._part(group, _shared(*lists, room))
+                least, most, whole = ([sizes[i] for i in group] for sizes in (needs, wants, full))
+                yield self._part(group, _shared(least, most, whole, room))
         else:
             yield from self._blocks(columns, options.max_width)
         yield from _folded(str(self.caption or ""), options.max_width, "table.caption")
@@ -164,8 +164,9 @@ def _groups(needs: list[int], wants: list[int], room: int) -> list[list[int]]:
     """Columns that stand side by side, the first in every group; none: not even two do."""
     everything = list(range(len(needs)))
     comfortable = [max(n, min(w, PROSE)) for n, w in zip(needs, wants, strict=True)]
-    if _total(comfortable) <= room or _total(needs) <= room:
-        return [everything]
+    twofold = [max(n, (w + 1) // 2) for n, w in zip(needs, wants, strict=True)]
+    if _total(comfortable) <= room or _total(twofold) <= room or len(everything) == 2:
+        return [everything] if _total(needs) <= room else []
     groups: list[list[int]] = []
     for i in everything[1:]:
         if groups and _total([comfortable[0], *(comfortable[k] for k in groups[-1][1:]),

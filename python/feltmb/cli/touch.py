@@ -33,12 +33,19 @@ if TYPE_CHECKING:
     type=FolderName(file_okay=False),
     help="Draw touch_static.png and touch_dynamic.png in this folder.",
 )
+@click.option(
+    "--before",
+    metavar="ACTION",
+    shell_complete=actions,
+    help="Show this mechanism beside it; default with --set: ACTION as it is.",
+)
 @set_option
 @force_option
 @json_option
 def command(
     action: str,
     folder: Path | None,
+    before: str | None,
     settings: tuple[str, ...],
     force: bool,
     as_json: bool,
@@ -46,25 +53,33 @@ def command(
     """Touch of ACTION: weights of a slow press and release, and families of blows.
 
     Static numbers without inertia; pressed and struck blows simulated in threads. Published ranges
-    stand beside them; most are of grand pianos.
+    stand beside them; most are of grand pianos. With --set or --before the numbers of both
+    mechanisms are shown, before and after.
     """
-    from feltmb.files import check_writable
+    from feltmb.files import check_writable, make_folder
     from feltmb.touch import touch
 
     mechanism = load_with_settings(action, settings)
+    if before is None and settings:
+        before = action
+    former = load_with_settings(before, ()) if before is not None else None
     if folder is not None:
+        make_folder(folder)
         for name in ("touch_static.png", "touch_dynamic.png"):
             check_writable(folder / name, force=force)
     if is_terminal():
         with console(stderr=True).status("measuring") as status:
-            result = touch(mechanism, progress=lambda text: status.update(text))
+            earlier = touch(former, progress=status.update) if former is not None else None
+            result = touch(mechanism, progress=status.update)
     else:
+        earlier = touch(former) if former is not None else None
         result = touch(mechanism)
     if as_json:
-        print_json(result.as_dict())
+        told = result.as_dict()
+        print_json(told if earlier is None else told | {"before": earlier.as_dict()})
     else:
         screen = console()
-        screen.print(touch_table(result))
+        screen.print(touch_table(result, earlier))
         screen.print(blow_table(result))
         for i, source in enumerate(_sources(result), start=1):
             screen.print(f"[{i}] {source}")
@@ -87,24 +102,33 @@ def _published(row: TouchRow) -> str:
     return "" if row.published is None else f"{row.published:g}"
 
 
-def touch_table(result: Touch) -> Any:
-    """Ours beside published numbers; forces in N and gram-force."""
+def _shown(row: TouchRow) -> str:
+    if row.value is None:
+        return "-"
+    return f"{row.value:.{3 if row.unit in ('1', 'mm') else 1}f}"
+
+
+def touch_table(result: Touch, before: Touch | None = None) -> Any:
+    """Ours beside published numbers, forces in gram-force; ``before``: of another mechanism."""
     from feltmb.touch.pictures import GRAM_FORCE
 
-    table = new_table(
-        f"touch of {result.action.name}", "", "here", "unit", "published", "", "", right=(1, 3)
-    )
+    title = f"touch of {result.action.name}"
+    if before is not None and before.action.name != result.action.name:
+        title += f", before: {before.action.name}"
+    heads = ["here"] if before is None else ["before", "after"]
+    right = (*range(1, 1 + len(heads)), 2 + len(heads))
+    table = new_table(title, "", *heads, "unit", "published", "", "", right=right)
     sources = _sources(result)
     for row in result.rows:
         unit = "" if row.unit == "1" else row.unit
-        if row.value is None:
-            number = "-"
-        elif row.unit == "gf":
-            number, unit = f"{row.value:.1f}", f"gf = {row.value * GRAM_FORCE:.3f} N"
-        else:
-            number = f"{row.value:.3f}" if row.unit in ("1", "mm") else f"{row.value:.1f}"
+        if row.value is not None and row.unit == "gf" and before is None:
+            unit = f"gf = {row.value * GRAM_FORCE:.3f} N"
+        numbers = [_shown(row)]
+        if before is not None:
+            then = next((r for r in before.rows if r.key == row.key), None)
+            numbers.insert(0, "-" if then is None else _shown(then))
         source = f"[{sources.index(row.source) + 1}]" if row.source else ""
-        table.add_row(row.name, number, unit, _published(row), row.verdict, source)
+        table.add_row(row.name, *numbers, unit, _published(row), row.verdict, source)
     low, high = (1e3 * w for w in result.static.window)
     table.caption = (
         f"weights: mean over {low:.2f} to {high:.2f} mm of key travel, damper lifted; "

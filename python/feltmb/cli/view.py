@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from feltmb.cli.common import POSITIVE, Quantity, force_option, say_written, tables_as_json
+from feltmb.cli.completing import events
 
 
 @click.command("view")
@@ -31,6 +32,7 @@ from feltmb.cli.common import POSITIVE, Quantity, force_option, say_written, tab
 @click.option(
     "--align",
     metavar="EVENT",
+    shell_complete=events,
     help="Let this event, such as string_contact_on, happen at the same time in all runs.",
 )
 @click.option("--at", type=Quantity("s"), help="Begin at this time [s].")

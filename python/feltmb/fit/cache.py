@@ -56,4 +56,5 @@ class Cache:
             with path.open("wb") as file:
                 np.savez(file, **{**arrays, _CHECKSUM: np.array(_digest(arrays))})  # type: ignore[arg-type]
 
+        self.folder.mkdir(parents=True, exist_ok=True)
         write_file(self.folder / f"{key}.npz", write, force=True)

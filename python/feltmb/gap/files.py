@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from feltmb.files import write_text
+from feltmb.files import make_folder, write_text
 from feltmb.gap.report import Report
 
 __all__ = ["plain", "report_json", "write_report"]
@@ -87,6 +87,7 @@ def write_report(
     """
     from feltmb.gap.page import page
 
+    make_folder(folder)
     text = json.dumps(report_json(report), indent=1, sort_keys=True, ensure_ascii=False)
     return (
         write_text(folder / "report.html", page(report, viewers), force=force),

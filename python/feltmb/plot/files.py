@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from feltmb.errors import InvalidParameter
-from feltmb.files import check_writable, write_file
+from feltmb.files import check_writable, make_folder, write_file
 from feltmb.plot.energies import energy, loops
 from feltmb.plot.pages import overview
 from feltmb.plot.portrait import moment_of_run
@@ -48,7 +48,7 @@ def save_all(run: Run, folder: str | Path, stem: str, force: bool = False) -> li
     InvalidParameter
         The run has data for no picture.
     """
-    folder = Path(folder)
+    folder = make_folder(folder)
     figures: dict[Path, Figure] = {}
     for name, draw in PICTURES.items():
         path = folder / f"{stem}_{name}.png"

@@ -13,6 +13,7 @@ from feltmb.regulate.targets import (
     Screw,
     Step,
     Targets,
+    default_targets,
     load_targets,
     packaged_targets,
 )
@@ -25,6 +26,7 @@ __all__ = [
     "Screw",
     "Step",
     "Targets",
+    "default_targets",
     "load_targets",
     "packaged_targets",
     "regulate",

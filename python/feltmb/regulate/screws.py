@@ -62,6 +62,14 @@ class Screws:
             unit = default
         return (dict(node) if isinstance(node, Mapping) else {"value": value}), unit, direction
 
+    def value(self, screw: Screw, action: Action) -> str:
+        """What the file of an action says of a screw, with its unit."""
+        entry, unit, direction = Screws(action, [])._position(screw)
+        value = entry["value"]
+        if direction is None:
+            return f"{parse_scalar(entry, 'rad') / conversion_factor(unit, 'rad'):.6g} {unit}"
+        return "(" + ", ".join(f"{float(v):.6g}" for v in value) + f") {unit}"
+
     def apply(self, turns: list[float], describe: Callable[[int], str] | None = None) -> Action:
         """The action with its screws turned; ``describe`` gives a note for a step."""
         values: dict[str, Any] = {}

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -163,10 +165,74 @@ class Targets(Schema):
 
     schema_version: Annotated[Literal[1], Field(alias="schema")]
     name: str
+    extends: str = ""
     about: str = ""
     cite: str = ""
     rounds: Annotated[int, Field(ge=1, le=100)] = 8
     steps: Annotated[list[Step], Field(min_length=1)]
+
+    def amended(self, targets: Mapping[str, str]) -> Targets:
+        """The same steps with other targets.
+
+        Parameters
+        ----------
+        targets
+            By the name of a step, or its letter where only one has it: ``{"let-off": "4 mm"}``. A
+            number without a unit is in SI. Of a step with a range ``"0.01 N to 0.2 N"``.
+
+        Raises
+        ------
+        InvalidParameter
+            No such step, or no such quantity; all faults at once.
+        """
+        steps, faults = list(self.steps), []
+        for name, text in targets.items():
+            try:
+                i = self._find(name)
+                steps[i] = _with_target(steps[i], text)
+            except ValueError as error:
+                faults.append(f"target {shortened(repr(name))}: {error}")
+        if faults:
+            raise InvalidParameter("\n".join(faults))
+        changed = ", ".join(f"{name} = {text}" for name, text in targets.items())
+        name = f"{self.name} with {changed}" if targets else self.name
+        return self.model_copy(update={"steps": steps, "name": name})
+
+    def _find(self, name: str) -> int:
+        wanted = _plain(name)
+        by_name = [i for i, step in enumerate(self.steps) if _plain(step.name) == wanted]
+        by_letter = [i for i, step in enumerate(self.steps) if _plain(step.letter) == wanted]
+        for found in (by_name, by_letter):
+            if len(found) == 1:
+                return found[0]
+        names = ", ".join(step.name for step in self.steps)
+        if by_name or by_letter:
+            raise ValueError(f"names {len(by_name or by_letter)} steps; steps are {names}")
+        known = {_plain(step.name): step.name for step in self.steps}
+        near = difflib.get_close_matches(wanted, known, n=1)
+        hint = f"did you mean {known[near[0]]!r}? " if near else ""
+        raise ValueError(f"there is no such step; {hint}steps are {names}")
+
+
+def _plain(name: str) -> str:
+    """A name as people may write it: small letters, no matter what separates the words."""
+    return re.sub(r"[\s_-]+", "-", name.strip().lower())
+
+
+def _with_target(step: Step, text: str) -> Step:
+    unit = MEASURES[step.measure][0]
+    low, sign, high = (part.strip() for part in text.partition(" to "))
+    if step.target is None:
+        if not sign:
+            raise ValueError(f"is a range of {step.wanted}; got {text!r}, expected LOW to HIGH")
+        change = {"low": parse_scalar(low, unit), "high": parse_scalar(high, unit)}
+        if not change["low"] <= change["high"]:
+            raise ValueError(f"got {text!r}, expected the smaller number first")
+    else:
+        change = {"target": parse_scalar(text, unit)}
+    if not all(math.isfinite(v) for v in change.values()):
+        raise ValueError(f"got {text!r}, expected a finite quantity")
+    return step.model_copy(update=change)
 
 
 def packaged_targets() -> list[str]:
@@ -178,24 +244,62 @@ def packaged_targets() -> list[str]:
 def load_targets(name_or_path: str | Path) -> Targets:
     """Read targets: the name of a packaged file, or the path of a TOML file.
 
+    A file that ``extends`` another, by a packaged name or by a path beside it, changes the steps of
+    the same names and adds its others at the end.
+
     Raises
     ------
     InvalidParameter
         Listing all faults at once.
     """
-    text = str(name_or_path)
-    path = (
-        params.folder("regulation") / f"{text}.toml" if text in packaged_targets() else Path(text)
-    )
+    path = _path_of(str(name_or_path), Path())
+    try:
+        return Targets.model_validate(_tables(path, ()))
+    except ValidationError as error:
+        raise InvalidParameter(fault_text(path.name, fault_lines(error, Targets))) from None
+
+
+def _path_of(text: str, folder: Path) -> Path:
+    if text in packaged_targets():
+        return params.folder("regulation") / f"{text}.toml"
+    path = folder / text
     if not is_file(path):
         raise InvalidParameter(
             f"targets {shortened(repr(text))} are unknown; "
             f"packaged are {', '.join(packaged_targets())}; or give the path of a TOML file"
         )
-    try:
-        return Targets.model_validate(read_toml(path))
-    except ValidationError as error:
-        raise InvalidParameter(fault_text(path.name, fault_lines(error, Targets))) from None
+    return path
+
+
+#: Of what a step asks for, one way excludes the other.
+_TARGET, _RANGE = ("target",), ("low", "high")
+MOST_EXTENDS = 16
+
+
+def _tables(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
+    """Tables of a file, on top of those that it extends."""
+    raw = read_toml(path)
+    base = raw.get("extends", "")
+    if not base or not isinstance(base, str):
+        return raw
+    if path.resolve() in seen:
+        raise InvalidParameter(f"{path}: extends {base!r}, which leads back to itself")
+    if len(seen) >= MOST_EXTENDS:
+        raise InvalidParameter(f"{path}: extends {base!r}; the limit is {MOST_EXTENDS} files")
+    below = _tables(_path_of(base, path.parent), (*seen, path.resolve()))
+    steps, own = below.get("steps", []), raw.get("steps", [])
+    if not isinstance(own, list) or not isinstance(steps, list):
+        return {**below, **raw}
+    merged = list(steps)
+    for step in own:
+        name = step.get("name") if isinstance(step, Mapping) else None
+        at = next((i for i, s in enumerate(merged) if name and s.get("name") == name), None)
+        if at is None:
+            merged.append(step)
+            continue
+        gone = _RANGE if set(_TARGET) & set(step) else _TARGET if set(_RANGE) & set(step) else ()
+        merged[at] = {**{k: v for k, v in merged[at].items() if k not in gone}, **step}
+    return {**below, **raw, "steps": merged}
 
 
 def default_targets(action: Action) -> Targets:

@@ -32,6 +32,8 @@ class Row:
     path: str  #: of the value that it changes
     turned: float  #: in ``turn_unit``, along the direction of the screw
     turn_unit: str  #: mm or deg
+    value_before: str  #: of the value in the file, with its unit; empty without a screw
+    value_after: str
     holds: bool
     why: str  #: why it does not hold, or why ``before`` could not be measured
 
@@ -189,7 +191,14 @@ def regulate(
         else:
             reasons[i] = reasons[i] or why or f"does not settle within {targets.rounds} rounds"
     rows = tuple(
-        _row(step, before[i], after[i], screws.turns[i], reasons[i] or first_reasons[i])
+        _row(
+            step,
+            before[i],
+            after[i],
+            screws.turns[i],
+            reasons[i] or first_reasons[i],
+            [screws.value(step.screw, a) if step.screw else "" for a in (action, plain)],
+        )
         for i, step in enumerate(targets.steps)
     )
     provenance = _provenance(action, targets, rows)
@@ -204,7 +213,14 @@ def _try_measure(bench: Bench, action: Action, step: Step) -> tuple[float | None
         return None, str(failure)
 
 
-def _row(step: Step, before: float | None, after: float | None, turn: float, why: str) -> Row:
+def _row(
+    step: Step,
+    before: float | None,
+    after: float | None,
+    turn: float,
+    why: str,
+    values: list[str],
+) -> Row:
     _, unit, factor, _ = MEASURES[step.measure]
     screw = step.screw
     per, people = (1e3, "mm")
@@ -222,6 +238,8 @@ def _row(step: Step, before: float | None, after: float | None, turn: float, why
         path=screw.path if screw is not None else "",
         turned=tidy(turn * per),
         turn_unit=people if screw is not None else "",
+        value_before=values[0],
+        value_after=values[1],
         holds=step.holds(after),
         why=why,
     )

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from feltmb.arguments import checked
-from feltmb.files import check_writable, write_file, write_text
+from feltmb.files import check_writable, make_folder, write_file, write_text
 from feltmb.study.checks import short
 from feltmb.study.model import Case, Study, same, series_key
 from feltmb.study.schema import KNOWN, FindingSpec, PanelSpec
@@ -294,6 +294,7 @@ class StudyResult:
         """
         from feltmb.study_plot import png
 
+        make_folder(folder)
         paths = [p for p in study_targets(self.study, folder) if page or p.suffix != ".html"]
         for path in paths:
             check_writable(path, force=force)

@@ -14,6 +14,7 @@ from feltmb import _core
 from feltmb.arguments import checked
 from feltmb.batch import simulate_many
 from feltmb.errors import FeltmbError, InvalidParameter
+from feltmb.files import make_folder
 from feltmb.sweep.folder import recall, store
 from feltmb.sweep.member import Member, Outcome, failure_outcome, one_line, run_member, to_outcome
 
@@ -56,7 +57,7 @@ def run_members(
     folder
         Folder of finished members: what lies there is not computed again.
     """
-    where = Path(folder) if folder is not None else None
+    where = make_folder(folder) if folder is not None else None
     if executor is not None:
         return _on_executor(members, executor, where)
     count = default_jobs() if jobs is None else int(jobs)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from feltmb.arguments import checked, shown
 from feltmb.config import Action, load_action, plain_data
 from feltmb.errors import InvalidParameter
-from feltmb.files import check_suffix, write_text
+from feltmb.files import check_suffix, make_folder, write_text
 from feltmb.options import OPTIONS, check_options
 from feltmb.stroke import Stroke, load_stroke
 from feltmb.sweep.axes import Axis, apply_point, axis_values, grid_points
@@ -140,6 +140,8 @@ def sweep(
     where = Path(folder) if folder is not None else None
     if where is not None and where.exists() and not where.is_dir():
         raise InvalidParameter(f"folder {where}: is a file")
+    if where is not None:
+        make_folder(where)
     if not summary_only and where is None:
         raise InvalidParameter("sweep: runs are kept in a folder; give folder=")
 

@@ -14,7 +14,7 @@ from feltmb import _core
 from feltmb.arguments import checked
 from feltmb.config import Action, load_action
 from feltmb.errors import InvalidParameter
-from feltmb.files import write_file
+from feltmb.files import make_folder, write_file
 from feltmb.touch.blows import Blow, at_speed, fit_travel_time, simulate_blow
 from feltmb.touch.pictures import dynamic_figure, static_figure
 from feltmb.touch.published import published_numbers
@@ -155,7 +155,7 @@ class Touch:
     @checked
     def plot(self, folder: str | Path, *, force: bool = False) -> list[Path]:
         """Draw ``touch_static.png`` and ``touch_dynamic.png`` in a folder."""
-        folder = Path(folder)
+        folder = make_folder(folder)
         written = []
         for name, figure in (
             ("touch_static", static_figure(self)),

@@ -221,6 +221,7 @@ def short_blow(path, name):
 def test_name_of_a_stroke_does_not_leave_the_folder(tmp_path):
     # name = "../../outside" wrote outside of --out
     blow = short_blow(tmp_path / "blow.toml", "../../outside")
+    (tmp_path / "a").mkdir()
     assert stroke_command("steinway45", blow, "--out", tmp_path / "a" / "b") == 0
     assert [p.name for p in tmp_path.rglob("*.nc")] == ["_.._outside.nc"]
     assert (tmp_path / "a" / "b" / "_.._outside.nc").is_file()

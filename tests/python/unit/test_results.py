@@ -90,7 +90,7 @@ def test_getitem_and_near_names(run):
 
 
 def test_round_trip(run, tmp_path):
-    path = run.save(tmp_path / "sub" / "run.nc")
+    path = run.save(tmp_path / "run.nc")
     same(feltmb.load_run(path), run)
     again = feltmb.load_run(path)
     again.save(tmp_path / "again.nc")

@@ -201,7 +201,8 @@ def test_what_cannot_be_measured_is_said(action, setting, message):
 
 def test_missing_roles_are_named(action):
     raw = action.raw
-    del raw["events"]["jack_toe"]
+    for name in ("jack_toe", "let_off", "free_flight"):
+        del raw["events"][name]
     with pytest.raises(InvalidParameter, match="does not say which contact is toe"):
         static_touch(Action(raw))
 

@@ -240,9 +240,10 @@ def simulate_command(
 def gallery_command(folder: Path, fibers: int, seed: int, force: bool) -> None:
     """Draw all pictures of the fiber models into FOLDER."""
     from feltmb.fiber.plot import gallery
+    from feltmb.files import make_folder
 
+    make_folder(folder)
     figures = gallery(fibers, seed)
-    folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"{name}.png" for name in figures]
     for path in paths:
         refuse_existing(path, force)

@@ -97,6 +97,7 @@ class Stage {
 
   reset() {
     this.zoom = 1;
+    this.canvas.style.touchAction = "";
     this.center = [0, 1].map(k => 0.5 * (this.low[k] + this.high[k]));
   }
 
@@ -105,6 +106,8 @@ class Stage {
     this.center[0] += share * (x - 0.5 * this.canvas.clientWidth) / this.pixels;
     this.center[1] -= share * (y - 0.5 * this.canvas.clientHeight) / this.pixels;
     this.zoom = zoom;
+    // Enlarged, a finger moves the picture in all directions; else the page scrolls.
+    this.canvas.style.touchAction = zoom > 1 ? "none" : "";
     this.changed();
   }
 

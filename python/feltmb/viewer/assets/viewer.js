@@ -88,7 +88,8 @@ class Viewer {
       "Drag in a curve to move the time, with Shift to enlarge a stretch of it. Keys: space plays, arrows step, " +
       "Home and End."));
     for (const given of data.panels) this.addPanel(given);
-    root.addEventListener("keydown", e => this.key(e));
+    for (const name of ["pointerdown", "focusin"])
+      root.addEventListener(name, () => { Viewer.used = this; });
     addEventListener("resize", () => this.layout());
   }
 
@@ -261,15 +262,22 @@ class Viewer {
       this.root.focus({preventScroll: true});
       from = at(e);
       stretch = e.shiftKey;
+      if (e.pointerType === "touch") return;  // a finger may want to scroll the page
       this.toggle(false);
       if (!stretch) this.seek(from);
     });
     canvas.addEventListener("pointermove", e => {
-      if (from !== null && !stretch) this.seek(at(e));
+      if (from === null || stretch) return;
+      this.toggle(false);
+      this.seek(at(e));
     });
     canvas.addEventListener("pointerup", e => {
+      if (from === null) return;
       const to = at(e);
-      if (stretch && Math.abs(to - from) > 1e-3 * (this.window[1] - this.window[0]))
+      if (!stretch) {
+        this.toggle(false);
+        this.seek(to);
+      } else if (Math.abs(to - from) > 1e-3 * (this.window[1] - this.window[0]))
         this.zoomTo(Math.min(from, to), Math.max(from, to));
       from = null;
     });
@@ -339,6 +347,7 @@ class Viewer {
   }
 
   key(e) {
+    if (e.ctrlKey || e.altKey || e.metaKey || e.defaultPrevented) return;  // of the browser
     if (/^(INPUT|SELECT|TEXTAREA)$/.test(e.target.tagName) && e.target.type !== "range" &&
         e.target.type !== "checkbox") return;
     const step = (this.window[1] - this.window[0]) / (e.shiftKey ? 50 : 500);
@@ -396,6 +405,21 @@ class Viewer {
     }
   }
 }
+
+// Keys work without a click: they go to the viewer that was used last, or to the only one if it is
+// in sight. What has the focus elsewhere on the page keeps its keys.
+addEventListener("keydown", e => {
+  const all = [...document.querySelectorAll(".feltmb-view")].map(r => r.viewer).filter(v => v);
+  const inside = e.target.closest && e.target.closest(".feltmb-view");
+  const free = e.target === document.body || e.target === document.documentElement;
+  const seen = v => {
+    const {top, bottom} = v.root.getBoundingClientRect();
+    return bottom > 0 && top < innerHeight;
+  };
+  const viewer = inside ? inside.viewer : !free ? null :
+    all.includes(Viewer.used) ? Viewer.used : all.length === 1 ? all[0] : null;
+  if (viewer && (inside || seen(viewer))) viewer.key(e);
+});
 
 function start() {
   for (const root of document.querySelectorAll(".feltmb-view")) {
