@@ -195,7 +195,7 @@ def test_simulate_and_resume(tmp_path):
     # So fast and so loose a box shows drag and inertia only: it is computed whole, and has failed.
     text = run("simulate", out, "--resume", "--plot", tmp_path / "run.png", code=1)
     assert "loop loss" in text
-    assert "was lost to drag" in text
+    assert "release takes work too" in text
     run("simulate", whole, *given, code=1)
     with np.load(out) as a, np.load(whole) as b:
         assert np.array_equal(a["table_pressure"], b["table_pressure"])
