@@ -145,19 +145,20 @@ void bind_contact(py::module_& m) {
   py::class_<FeltMemory>(m, "FeltMemory")
       .def(py::init([](std::shared_ptr<Envelope> envelope, double kappa, double recovery_time,
                        double creep_stiffness, double creep_damping, double rate_amplitude,
-                       double rate_time) {
+                       double rate_time, double wiping_out) {
              return FeltMemory{envelope,      kappa,          recovery_time, creep_stiffness,
-                               creep_damping, rate_amplitude, rate_time};
+                               creep_damping, rate_amplitude, rate_time,     wiping_out};
            }),
            py::kw_only(), py::arg("envelope"), py::arg("kappa") = 0.2,
            py::arg("recovery_time") = 0.0, py::arg("creep_stiffness") = 0.0,
            py::arg("creep_damping") = 0.0, py::arg("rate_amplitude") = 0.0,
-           py::arg("rate_time") = 0.0)
+           py::arg("rate_time") = 0.0, py::arg("wiping_out") = 0.0)
       .def_property_readonly(
           "envelope",
           [](const FeltMemory& law) { return std::const_pointer_cast<Envelope>(law.envelope); },
           "Envelope of the law.")
-      .def_readonly("kappa", &FeltMemory::kappa);
+      .def_readonly("kappa", &FeltMemory::kappa)
+      .def_readonly("wiping_out", &FeltMemory::wiping_out);
 
   py::class_<ContactLaw>(m, "ContactLaw")
       .def(py::init<const LawParameters&>(), py::arg("parameters"))

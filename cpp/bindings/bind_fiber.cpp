@@ -526,6 +526,7 @@ void bind_simulation(py::module_& m) {
              return d;
            })
       .def("crossings", &BeadSpringNetwork::crossings)
+      .def("densest", &BeadSpringNetwork::densest)
       .def("directions", &BeadSpringNetwork::directions)
       .def("free_lengths", [](BeadSpringNetwork& n) { return array_of(n.free_lengths()); })
       .def("energy_and_forces", [](BeadSpringNetwork& n) {

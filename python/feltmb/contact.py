@@ -102,6 +102,7 @@ class Law:
 #: Numbers of the law with memory, whatever its envelope.
 _MEMORY = (
     "kappa",
+    "wiping_out",
     "recovery_time",
     "creep_stiffness",
     "creep_damping",
@@ -141,11 +142,11 @@ def law(name: str, **parameters: Any) -> Law:
         ``rate_amplitude`` and ``rate_time`` [s]; ``"hunt_crossley"``: ``stiffness,
         exponent, damping``; ``"stulov"``: ``stiffness, exponent, amplitude, time``;
         ``"felt_memory"``: curves as above, or ``envelope=(compression, loading, unloading)``
-        arrays [m, N, N], with ``kappa`` and the options ``closing_compression, recovery_time,
-        creep_stiffness, creep_damping, rate_amplitude, rate_time``; ``"micromechanical"``:
-        ``felt`` (name, file or :class:`feltmb.felt.FeltMaterial`), ``thickness`` [m], ``area``
-        (such as :class:`feltmb.felt.CrossedCylinders`, or a table as in a mechanism file),
-        ``compression`` (``"even"`` or ``"columns"``), and the same options.
+        arrays [m, N, N], with ``kappa``, ``wiping_out`` and the options ``closing_compression,
+        recovery_time, creep_stiffness, creep_damping, rate_amplitude, rate_time``;
+        ``"micromechanical"``: ``felt`` (name, file or :class:`feltmb.felt.FeltMaterial`),
+        ``thickness`` [m], ``area`` (such as :class:`feltmb.felt.CrossedCylinders`, or a table as
+        in a mechanism file), ``compression`` (``"even"`` or ``"columns"``), and the same options.
 
     Raises
     ------

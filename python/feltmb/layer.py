@@ -223,6 +223,7 @@ class LayerParameters(Schema):
     area: Annotated[AreaParameters, BeforeValidator(_area)]
     compression: Compression = "even"
     kappa: Annotated[float, SI("1"), Field(gt=0, le=2)] = 0.2
+    wiping_out: Annotated[float, SI("1"), Field(ge=0)] = 0.0
     recovery_time: Annotated[float, SI("s"), Field(ge=0)] = 0.0
     creep_stiffness: Annotated[float, SI("N/m"), Field(ge=0)] = 0.0
     creep_damping: Annotated[float, SI("N s/m"), Field(ge=0)] = 0.0

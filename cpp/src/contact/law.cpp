@@ -105,6 +105,11 @@ LawValue evaluate_stulov(const Stulov& law, double e, const double* state, LawSt
   return v;
 }
 
+/// Area Q of the band from 0 to e within the cycle to `largest` [J], whose whole area is `area`.
+double band_area(const Envelope& envelope, double e, double largest, double area) {
+  return std::clamp(envelope.loading_energy(e) - envelope.unloading_energy(e, largest), 0.0, area);
+}
+
 /// The rate-independent part alone, at the compression of the felt itself.
 struct FeltCore {
   double force = 0.0, by_compression = 0.0, by_z = 0.0;
@@ -138,12 +143,19 @@ FeltCore evaluate_core(const FeltMemory& law, double e, double rate, const LawMe
   c.by_z = c.band;
   const double length = law.kappa * v.area;
   if (length <= 0.0) return c;
-  const double per_length = 1.0 / length;
+  const double wiping = law.wiping_out;
+  double per_length = 1.0 / length;
+  double per_length_slope = 0.0;
+  if (wiping > 0.0) {
+    const double passed = band_area(envelope, e, largest, v.area);
+    per_length = 1.0 / (length + wiping * (rate > 0.0 ? passed : v.area - passed));
+    per_length_slope = (rate > 0.0 ? -wiping : wiping) * c.band * per_length * per_length;
+  }
   const double band_slope = v.loading_slope * (1.0 - v.ratio) - v.loading * v.ratio_slope;
   const double left = rate > 0.0 ? 1.0 - z : z;
   const double share = c.band * per_length;
   c.z_rate = share * left * rate;
-  c.z_rate_by_compression = band_slope * per_length * left * rate;
+  c.z_rate_by_compression = (band_slope * per_length + c.band * per_length_slope) * left * rate;
   c.z_rate_by_rate = share * left;
   c.z_rate_by_z = -share * std::fabs(rate);
   return c;
@@ -220,9 +232,36 @@ LawValue evaluate_memory(const FeltMemory& law, double e, double rate, const Law
   return v;
 }
 
+/// The stored energy with `wiping_out`, its areas over W.
+struct Wiping {
+  explicit Wiping(const FeltMemory& law)
+      : share(law.wiping_out),
+        kappa(law.kappa),
+        span(share + 2.0 * kappa),
+        stiffness(span / (2.0 * (1.0 + share))) {}
+
+  /// z* where the area `passed` of `area` lies below.
+  double middle(double passed, double area) const {
+    return 1.0 - (share * (area > 0.0 ? passed / area : 0.0) + kappa) / span;
+  }
+
+  double share, kappa;
+  double span;       ///< S / W
+  double stiffness;  ///< k / W
+};
+
 double memory_energy(const FeltMemory& law, double inner, double z, double largest) {
   const double reach = std::max(largest, inner);
   if (reach <= 0.0) return 0.0;
+  if (law.wiping_out > 0.0) {
+    const double area = law.envelope->loop_area(reach).force;
+    const double back = inner > 0.0 ? law.envelope->unloading_energy(inner, reach) : 0.0;
+    const double passed = inner > 0.0 ? band_area(*law.envelope, inner, reach, area) : 0.0;
+    const Wiping w(law);
+    const double away = z - w.middle(passed, area);
+    const double mean = area > 0.0 ? (0.5 * w.share * passed / area + law.kappa) / w.span : 0.0;
+    return back + passed * (1.0 - mean) + w.stiffness * area * away * away;
+  }
   const double locked =
       0.25 * law.kappa * law.envelope->loop_area(reach).force * (2.0 * z - 1.0) * (2.0 * z - 1.0);
   if (inner <= 0.0) return locked;
@@ -417,7 +456,22 @@ double ContactLaw::dissipated_power(double compression, double rate,
     const double square = (2.0 * z - 1.0) * (2.0 * z - 1.0);
     const FeltCore c = evaluate_core(*felt, inner, inner_rate, memory);
     double power = (v.force - c.force) * inner_rate;
-    if (inner > 0.0) {
+    if (inner > 0.0 && felt->wiping_out > 0.0) {
+      const bool virgin = inner > memory.largest || (inner == memory.largest && inner_rate > 0.0);
+      const Wiping w(*felt);
+      const double reach = std::max(inner, memory.largest);
+      const CurveValue area = felt->envelope->loop_area(reach);
+      const double passed = band_area(*felt->envelope, inner, reach, area.force);
+      const double away = z - w.middle(passed, area.force);
+      const double rest = inner_rate > 0.0 ? passed : area.force - passed;
+      const double length = w.share * rest + w.kappa * area.force;
+      if (virgin) {
+        power += (0.5 - w.stiffness * away * away) * area.slope * inner_rate;
+      } else if (length > 0.0) {
+        power +=
+            2.0 * w.stiffness * area.force / length * away * away * c.band * std::fabs(inner_rate);
+      }
+    } else if (inner > 0.0) {
       const bool virgin = inner > memory.largest || (inner == memory.largest && inner_rate > 0.0);
       power += virgin ? (0.5 - 0.25 * felt->kappa * square) *
                             felt->envelope->loop_area(inner).slope * inner_rate

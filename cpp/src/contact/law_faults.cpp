@@ -62,6 +62,7 @@ class LawFaults {
   void operator()(const FeltMemory& p) {
     if (!p.envelope) add("felt_memory: envelope is missing");
     require(p.kappa > 0.0 && p.kappa <= 2.0, "kappa", p.kappa, "in (0, 2]");
+    not_negative(p.wiping_out, "wiping_out");
     not_negative(p.recovery_time, "recovery_time [s]");
     not_negative(p.creep_stiffness, "creep_stiffness [N/m]");
     require(p.creep_stiffness == 0.0 || positive(p.creep_damping), "creep_damping [N s/m]",

@@ -36,7 +36,18 @@ void LawPath::move_within(double to) {
                (1.0 - felt.envelope->ratio(e / largest_, largest_).force);
       },
       std::min(from, to), std::max(from, to), 1));
-  const double decay = std::exp(-area / length);
+  double decay = std::exp(-area / length);
+  if (felt.wiping_out > 0.0) {
+    // Exact too: lengths grow linearly with the area since the return point.
+    const Envelope& envelope = *felt.envelope;
+    const double whole = envelope.loop_area(largest_).force;
+    const double low = std::clamp(std::min(from, to), 0.0, largest_);
+    const double below = std::clamp(
+        envelope.loading_energy(low) - envelope.unloading_energy(low, largest_), 0.0, whole);
+    const double since = to > from ? below : std::max(0.0, whole - below - area);
+    const double start = length + felt.wiping_out * since;
+    decay = std::pow(1.0 + felt.wiping_out * area / start, -1.0 / felt.wiping_out);
+  }
   state_[0] = to > from ? 1.0 - (1.0 - state_[0]) * decay : state_[0] * decay;
 }
 

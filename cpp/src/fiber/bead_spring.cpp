@@ -15,6 +15,7 @@ namespace {
 using namespace bead_spring;
 
 constexpr double kPi = std::numbers::pi;
+constexpr double kRelaxingDrag = 0.01;  // least drag of relax() over the stretching frequency
 
 /// Whether no neighboring segment pair is nearer: a place where fibers touch may show in several.
 /// Of equal distances (a shared bead) the earlier pair counts.
@@ -141,6 +142,10 @@ void BeadSpringNetwork::Implementation::lay() {
       rest[fiber * p.n_beads + i] = turning(fiber * p.n_beads + i);
     }
   }
+}
+
+double BeadSpringNetwork::Implementation::shortest_side() const {
+  return 2.0 * (1.05 * p.segment_length + reach + skin);
 }
 
 double BeadSpringNetwork::Implementation::fiber_volume() const {
@@ -286,13 +291,20 @@ BeadSpringNetwork::~BeadSpringNetwork() = default;
 
 const BeadSpringParams& BeadSpringNetwork::params() const { return self_->p; }
 
+double BeadSpringNetwork::densest() const {
+  const Vec& side = self_->box;
+  return self_->fiber_volume() / (side[0] * side[1] * self_->shortest_side());
+}
+
 void BeadSpringNetwork::relax(std::size_t steps) {
   Implementation& s = *self_;
+  // The drag of a slow run would leave the box ringing with what the overlaps set free.
+  const double strong = 2.0 * s.drag * std::max(1.0, kRelaxingDrag / s.p.drag);
   s.soft = true;
   s.compute_forces(false);
-  s.integrate(steps, 0.0, 2.0 * s.drag, false);
+  s.integrate(steps, 0.0, strong, false);
   s.soft = false;
-  s.integrate(steps / 4, 0.0, 2.0 * s.drag, false);
+  s.integrate(steps / 4, 0.0, strong, false);
   for (Vec& velocity : s.v) velocity.setZero();
   for (Vec& stretch : s.spring) stretch.setZero();
   s.friction_loss = 0.0;

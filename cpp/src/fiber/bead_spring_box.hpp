@@ -85,6 +85,7 @@ struct BeadSpringNetwork::Implementation {
   void lay();
 
   [[nodiscard]] double fiber_volume() const;
+  [[nodiscard]] double shortest_side() const;  ///< of the box [m], to find neighbors
 
   [[nodiscard]] double fraction() const { return fiber_volume() / box.prod(); }
 

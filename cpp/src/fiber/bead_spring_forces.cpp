@@ -41,13 +41,13 @@ Nearest nearest_points(const Vec& u, const Vec& w, const Vec& between) {
 }  // namespace
 
 void BeadSpringNetwork::Implementation::make_list() {
-  const double far = 1.05 * p.segment_length + reach + skin;
+  const double far = 0.5 * shortest_side();
   for (int k = 0; k < 3; ++k) {
-    if (box[k] < 2.0 * far) {
+    if (box[k] < shortest_side()) {
       throw ModelError(
           format("bead-spring network: box side %d = %.6g m at v_f = %.6g, must be "
                  ">= %.6g m (start from more fibers or a lower v_f)",
-                 k + 1, box[k], fraction(), 2.0 * far));
+                 k + 1, box[k], fraction(), shortest_side()));
     }
   }
   std::array<int, 3> count{};

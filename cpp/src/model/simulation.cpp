@@ -487,15 +487,14 @@ class Run {
 
   /// Between blows a felt forgets; the energy that its friction held locked turns into heat.
   void recover(std::size_t contact, double compression, double h) {
-    const auto& law = std::get<FeltMemory>(system_.mechanism().contacts[contact].law.parameters());
-    if (law.recovery_time <= 0.0 || compression > 0.0) return;
-    const double z = system_.dynamics().memory(contact).state[0];
+    const ContactLaw& law = system_.mechanism().contacts[contact].law;
+    const double time = std::get<FeltMemory>(law.parameters()).recovery_time;
+    if (time <= 0.0 || compression > 0.0) return;
+    const double* state = system_.dynamics().memory(contact).state;
     double& remembered = largest()[contact];
-    const double before = law.envelope->loop_area(remembered).force;
-    remembered *= std::exp(-h / law.recovery_time);
-    const double square = (2.0 * z - 1.0) * (2.0 * z - 1.0);
-    recovered_[contact] +=
-        0.25 * law.kappa * square * (before - law.envelope->loop_area(remembered).force);
+    const double before = law.stored_energy(0.0, {state, remembered});
+    remembered *= std::exp(-h / time);
+    recovered_[contact] += before - law.stored_energy(0.0, {state, remembered});
   }
 
   void restart_at(Integrator& integrator, const Reversal& reversal) {

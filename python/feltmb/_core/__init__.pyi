@@ -250,6 +250,7 @@ class FeltMemory:
         creep_damping: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         rate_amplitude: typing.SupportsFloat | typing.SupportsIndex = 0.0,
         rate_time: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+        wiping_out: typing.SupportsFloat | typing.SupportsIndex = 0.0,
     ) -> None: ...
     @property
     def envelope(self) -> Envelope:
@@ -258,6 +259,8 @@ class FeltMemory:
         """
     @property
     def kappa(self) -> float: ...
+    @property
+    def wiping_out(self) -> float: ...
 
 class ContactLaw:
     def __init__(

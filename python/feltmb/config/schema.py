@@ -116,6 +116,7 @@ class MemoryParameters(Schema):
     """Options of the law with memory; the curves come from loading and unloading, or a table."""
 
     kappa: Annotated[float, SI("1"), Field(gt=0, le=2)] = 0.2
+    wiping_out: Annotated[float, SI("1"), Field(ge=0)] = 0.0
     closing_compression: Annotated[float, SI("m"), Field(gt=0)] | None = None
     envelope: EnvelopeTable | None = None
     recovery_time: Annotated[float, SI("s"), Field(ge=0)] = 0.0

@@ -104,6 +104,7 @@ def _core_memory(
     return _core.FeltMemory(
         envelope=envelope,
         kappa=p.kappa,
+        wiping_out=p.wiping_out,
         recovery_time=p.recovery_time,
         creep_stiffness=p.creep_stiffness,
         creep_damping=p.creep_damping,

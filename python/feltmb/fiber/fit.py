@@ -232,7 +232,7 @@ def fit(
         reference = "estimated"
         if part.thickness is not None:
             names = (*names, THICKNESS)
-            described[THICKNESS] = _thickness_parameter(part)
+            described[THICKNESS] = _thickness_parameter(data)
         elif "v_f0" not in names:
             names = (*names, "v_f0")
     unknown_thickness = THICKNESS in names
@@ -256,7 +256,7 @@ def fit(
     low, high = _limits(names, described, bounds or {}, v, base)
     if reference == "estimated" and not unknown_thickness:
         at = names.index("v_f0")
-        high[at] = min(high[at], part.loosest_loaded)
+        high[at] = min(high[at], data.loosest_loaded)
     logs = np.array([described[m].log_scale and low[i] > 0 for i, m in enumerate(names)])
     weight = 1.0 / (1.0 + relative * np.maximum(p, 0) / np.max(p))
     scale = float(np.max(np.abs(p)))
@@ -381,11 +381,11 @@ def fit(
     )
 
 
-def _thickness_parameter(part: CompressionData) -> SimpleNamespace:
+def _thickness_parameter(data: CompressionData) -> SimpleNamespace:
     """Unloaded thickness as a parameter: from the largest under load to where fibers fill all."""
-    assert part.thickness is not None
-    low = part.thickest_loaded
-    high = float(np.min(part.thickness)) / part.v_f0
+    assert data.thickness is not None
+    low = data.thickest_loaded  # on either branch
+    high = float(np.min(data.thickness)) / data.v_f0
     return SimpleNamespace(
         name=THICKNESS, unit="m", default=math.nan, fit_low=low, fit_high=high, log_scale=True
     )

@@ -19,6 +19,7 @@ from feltmb.files import check_suffix, read_npz, write_file
 
 Array = NDArray[np.float64]
 _FORMAT = 1
+_STORED = ("stretching", "bending", "repulsion", "tangential", "kinetic")
 _STATE = (
     "positions",
     "velocities",
@@ -28,6 +29,12 @@ _STATE = (
     "contact_pairs",
     "contact_springs",
 )
+
+
+#: Shares of the work put in: above the first a run is warned of, above the second it has failed.
+_LEDGER = (0.01, 0.1)  # not accounted for by stored energy, friction and drag
+_DRAG = (0.1, 0.5)  # lost to drag, which stands for slowness and is none of the fibers
+_KINETIC = (0.05, 0.25)  # in motion at some time
 
 
 @checked
@@ -113,6 +120,90 @@ class FiberRun:
                 f"fiber run: there is no column {name!r}; columns are {', '.join(self.table)}"
             )
         return np.array(self.table[name], dtype=float)
+
+    @property
+    def energy(self) -> dict[str, float]:
+        """Energy books of the run [J] and what they say [-].
+
+        ``put_in``: work of the box while it pushes; ``friction``, ``drag``: lost since the start;
+        ``stored``: change since the start; ``residual_relative``: largest part that these leave
+        out, ``drag_relative``: drag, ``kinetic_relative``: most that was in motion, all over what
+        was turned over.
+        """
+        stored = np.sum([self.column(k) for k in _STORED], axis=0)
+        work, friction, drag = (self.column(k) for k in ("work", "friction_loss", "drag_loss"))
+        put_in = float(np.sum(np.maximum(np.diff(work), 0.0)))
+        # A box that was not at rest brings energy of its own.
+        turned = max(put_in + float(stored[0]), 1e-300)
+        residual = work - (stored - stored[0]) - friction - drag
+        return {
+            "put_in": put_in,
+            "stored": float(stored[-1] - stored[0]),
+            "friction": float(friction[-1]),
+            "drag": float(drag[-1]),
+            "residual_relative": float(np.max(np.abs(residual))) / turned,
+            "drag_relative": float(drag[-1]) / turned,
+            "kinetic_relative": float(np.max(self.column("kinetic"))) / turned,
+        }
+
+    def _judged(self) -> list[tuple[int, str]]:
+        """What is wrong: 1 to warn of, 2 that the numbers mean nothing; and why."""
+        if len(self.table.get("work", ())) < 2:
+            return []
+        energy = self.energy
+        slower = (
+            f"reduce strain_per_step (now {self.cycle.strain_per_step:g}), compress well beyond "
+            f"where the fibers jam (v_max, now {self.cycle.v_max:g}), or use longer fibers"
+        )
+        out = []
+        for share, limits, text in (
+            (
+                energy["residual_relative"],
+                _LEDGER,
+                "of the energy is not accounted for by stored energy, friction and drag: reduce "
+                f"time_step (now {self.box.time_step:g}) or strain_per_step "
+                f"(now {self.cycle.strain_per_step:g})",
+            ),
+            (
+                energy["drag_relative"],
+                _DRAG,
+                "of the energy was lost to drag, which is none of the fibers': pressures and "
+                f"losses are those of the speed; {slower}",
+            ),
+            (
+                energy["kinetic_relative"],
+                _KINETIC,
+                f"of the energy was in motion: pressures are those of inertia; {slower}",
+            ),
+        ):
+            # Before the fibers jam drag is all there is; the whole run tells.
+            judged = self.done or limits is _LEDGER
+            if judged and not share <= limits[0]:
+                out.append((1 if share <= limits[1] else 2, f"{100 * share:.3g} % {text}"))
+        pressure = self.column("pressure")
+        if self.done and np.min(pressure) < -0.05 * np.max(np.abs(pressure)):
+            out.append(
+                (
+                    1,
+                    f"the box pulls: its pressure falls to {np.min(pressure):.4g} Pa, the largest "
+                    f"is {np.max(pressure):.4g} Pa; {slower}",
+                )
+            )
+        if self.done and not self.loop_loss <= 1.0 + _LEDGER[0]:
+            out.append((2, f"release takes work too: the loop loses {100 * self.loop_loss:.4g} %"))
+        return out
+
+    @property
+    def status(self) -> str:
+        """``"done"``, ``"unfinished"``, or ``"failed"`` where the numbers mean nothing."""
+        if any(level > 1 for level, _ in self._judged()):
+            return "failed"
+        return "done" if self.done else "unfinished"
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to know before trusting the run; the reasons of a failed one."""
+        return tuple(text for _, text in self._judged())
 
     @property
     def loop_loss(self) -> float:
@@ -240,7 +331,9 @@ def simulate(
     Returns
     -------
     FiberRun
-        Samples, contact counts against Toll's formula, final state.
+        Samples, contact counts against Toll's formula, final state. Its ``status`` is "failed"
+        and ``warnings`` say why where the energy books do not close or drag, not the fibers,
+        makes the pressures.
 
     Raises
     ------
@@ -274,6 +367,12 @@ def simulate(
         network = _core.BeadSpringNetwork(params, run.state, threads)
     else:
         network = _core.BeadSpringNetwork(params, threads)
+        if plan.v_max > network.densest():
+            raise InvalidParameter(
+                f"simulate: v_max = {plan.v_max:.6g}, but this box can be compressed to "
+                f"{network.densest():.6g} only: beyond, it is lower than two segments; expected "
+                "more or longer fibers (n_fibers, n_beads), or a lower v_max"
+            )
         run = FiberRun(box, plan)
         volume = float(np.prod(network.state()["box"]))
         run.laid = {

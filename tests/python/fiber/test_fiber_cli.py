@@ -94,7 +94,7 @@ def test_pressure_table_csv_and_picture(tmp_path):
     assert "cannot draw" in run("pressure", "binomial", *given, "-o", tmp_path / "p.gif", code=2)
     text = run("pressure", "binomial", "-s", "K_p", "-s", "gamma=x", code=2)
     assert '"K_p"' in text
-    assert '"gamma=x"' in text
+    assert "gamma: got 'x'" in text
     assert sorted(p.name for p in tmp_path.iterdir()) == ["p.csv", "p.svg"]
 
 
@@ -192,9 +192,11 @@ def test_simulate_and_resume(tmp_path):
     text = run("simulate", out, *given, "--samples", 3)
     assert "unfinished" in text
     assert "exists already" in run("simulate", out, *given, code=2)
-    text = run("simulate", out, "--resume", "--plot", tmp_path / "run.png")
+    # So fast and so loose a box shows drag and inertia only: it is computed whole, and has failed.
+    text = run("simulate", out, "--resume", "--plot", tmp_path / "run.png", code=1)
     assert "loop loss" in text
-    run("simulate", whole, *given)
+    assert "release takes work too" in text
+    run("simulate", whole, *given, code=1)
     with np.load(out) as a, np.load(whole) as b:
         assert np.array_equal(a["table_pressure"], b["table_pressure"])
         assert np.array_equal(a["state_positions"], b["state_positions"])

@@ -66,7 +66,7 @@ def test_a_mechanism_needs_no_files_to_foresee(capsys):
     further = {e["name"] for e in found["experiments"]}
     assert further == {"piano", "staccato", "whippen.y", "key_balance.y", "backcheck.x"}
     assert run("gap", "foresee", "steinway45", "--channels", ",") == 2
-    assert "expected names with commas" in capsys.readouterr().err
+    assert "expected items between commas" in capsys.readouterr().err
     assert run("gap", "foresee", "steinway45", "--channels", "nose") == 2
     assert "channel 'nose' is unknown; known are key" in capsys.readouterr().err
 

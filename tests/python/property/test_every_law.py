@@ -28,6 +28,8 @@ LAWS = {
     "hunt_crossley": lambda: law("hunt_crossley", stiffness=4e6, exponent=1.8, damping=0.6),
     "stulov": lambda: law("stulov", stiffness=4e8, exponent=2.5, amplitude=0.3, time=2e-4),
     "felt_memory": lambda: law("felt_memory", **ROW),
+    "felt_memory, wiping": lambda: law("felt_memory", **ROW, kappa=0.01, wiping_out=0.2),
+    "felt_memory, wiping far": lambda: law("felt_memory", **ROW, kappa=2.0, wiping_out=3.0),
     "felt_memory, recovery": lambda: law("felt_memory", **ROW, recovery_time=0.05),
     "felt_memory, creep": lambda: law(
         "felt_memory", **ROW, creep_stiffness=2e5, creep_damping=300.0
@@ -46,8 +48,8 @@ LAWS = {
     ),
 }
 RATE_INDEPENDENT = [
-    "mean", "felt_memory", "hammer", "hammer, columns", "layer", "cylinder, columns",
-    "sphere, columns",
+    "mean", "felt_memory", "felt_memory, wiping", "felt_memory, wiping far", "hammer",
+    "hammer, columns", "layer", "cylinder, columns", "sphere, columns",
 ]  # fmt: skip
 #: Their stored energy is that of a static curve, not of every state: only their work is checked.
 ACCOUNT_BY_WORK = ["felt_memory, recovery", "felt_memory, rate", "stulov"]

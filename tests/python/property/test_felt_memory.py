@@ -45,10 +45,15 @@ def test_bounds_and_passivity(examples):
     """0 <= F_U <= F <= F_L on every history, and the work never falls below the stored energy."""
 
     @settings(max_examples=examples, deadline=None, derandomize=True)
-    @given(key=contacts, ends=legs)
-    def check(key, ends):
+    @given(
+        key=contacts,
+        ends=legs,
+        kappa=st.floats(0.005, 2.0),
+        wiping=st.one_of(st.just(0.0), st.floats(0.01, 4.0)),
+    )
+    def check(key, ends, kappa, wiping):
         env = envelope(key)
-        felt = memory_law(key)
+        felt = memory_law(key, kappa=kappa, wiping_out=wiping)
         e = history(np.asarray(ends) * env.closing)
         path = _core.LawPath(felt.core)
         work, last_force, last_surplus = 0.0, 0.0, 0.0
@@ -126,6 +131,8 @@ def test_partial_loops_lose_a_like_share(key, share):
     options=st.sampled_from(
         [
             {},
+            {"kappa": 0.05, "wiping_out": 0.3},
+            {"kappa": 0.05, "wiping_out": 0.3, "creep_stiffness": 2e5, "creep_damping": 300.0},
             {"creep_stiffness": 2e5, "creep_damping": 300.0},
             {"rate_amplitude": 0.2, "rate_time": 1e-3},
             {

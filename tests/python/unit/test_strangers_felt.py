@@ -1,6 +1,7 @@
 """What strangers found: units and lists of options, unloaded thickness, fibers, memory."""
 
 import re
+from itertools import pairwise
 
 import click
 import numpy as np
@@ -9,9 +10,11 @@ from click.testing import CliRunner
 
 from feltmb.cli import cli
 from feltmb.cli.common import ListOption, Quantity, split_list
+from feltmb.config import load_action
+from feltmb.contact import law as contact_law
 from feltmb.errors import DataError, InvalidParameter, ModelError
 from feltmb.felt import identify, load_material
-from feltmb.fiber import CompressionData, fit, law, read_compression
+from feltmb.fiber import CompressionData, Cycle, FiberBox, fit, law, lay, read_compression, simulate
 from feltmb.units import conversion_factor
 
 UNIT = re.compile(r"\[(m|m\^2|s|rad|Hz|Pa|N/m|N|kg)\]")
@@ -206,9 +209,9 @@ def covered(seeds, noise):
 @pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.001, 0.01])
 def test_intervals_with_an_estimated_thickness_hold_what_they_say(noise):
-    share = covered(range(200), noise)
-    # Five standard deviations of a count of 200 at 95 % are 7.7 %.
-    assert np.all(np.abs(share - 0.95) < 0.077), share
+    share = covered(range(100), noise)
+    # Five standard deviations of a count of 100 at 95 % are 11 %.
+    assert np.all(np.abs(share - 0.95) < 0.11), share
 
 
 @pytest.mark.slow
@@ -227,3 +230,106 @@ def test_intervals_of_a_law_with_an_estimated_thickness_hold_what_they_say():
         hits.append([found.interval[k][0] <= x <= found.interval[k][1] for k, x in truth.items()])
     share = np.mean(hits, axis=0)
     assert np.all(np.abs(share - 0.95) < 0.11), share
+
+
+LOOSE = FiberBox(n_fibers=30, n_beads=15, friction=0.35, seed=0)
+FAST = Cycle(v_max=0.12, strain_per_step=2e-4, sample_every=100, relax_steps=1500)
+
+
+def test_a_box_too_low_for_its_fibers_is_refused_before_the_run():
+    with pytest.raises(InvalidParameter, match=r"can be compressed to 0\.\d+ only"):
+        simulate(LOOSE, Cycle(v_max=0.4))
+    densest = lay(LOOSE, 1).densest()
+    with pytest.raises(InvalidParameter, match="v_max"):
+        simulate(LOOSE, Cycle(v_max=1.001 * densest))
+
+
+def test_a_box_is_at_rest_before_it_is_compressed():
+    network = lay(LOOSE, 1)
+    network.relax(4000)
+    rest = network.sample()
+    network.advance(400, 0.0)
+    later = network.sample()
+    stored = rest["stretching"] + rest["bending"] + rest["repulsion"]
+    # The stiffness of a fiber along its diameter: what an overlap of one part in 10^4 holds.
+    assert stored < 1e-8 * LOOSE.E * LOOSE.d_f**3
+    assert later["kinetic"] < 1e-8 * LOOSE.E * LOOSE.d_f**3
+
+
+def test_a_loop_of_inertia_and_drag_has_failed(tmp_path):
+    run = simulate(LOOSE, FAST, threads=1)
+    assert run.done
+    assert run.loop_loss > 1.0
+    assert run.column("pressure").min() < 0.0
+    assert run.status == "failed"
+    assert any("the box pulls" in w for w in run.warnings)
+    assert any("release takes work too" in w for w in run.warnings)
+    words = ["--fibers", "30", "--beads", "15", "--v-max", "0.12", "--strain-per-step", "2e-4"]
+    got = CliRunner().invoke(cli, ["fiber", "simulate", str(tmp_path / "run.npz"), *words])
+    assert got.exit_code == 1
+    assert "failed, for the reasons above" in got.output
+
+
+def test_books_that_do_not_close_are_told():
+    run = simulate(LOOSE, FAST, threads=1)
+    before = run.energy["residual_relative"]
+    assert before < 0.01
+    run.table["friction_loss"] = [0.0] * len(run.table["work"])
+    assert run.energy["residual_relative"] > before
+    run.table["drag_loss"] = [0.0] * len(run.table["work"])
+    assert any("is not accounted for" in w for w in run.warnings)
+    assert run.status == "failed"
+
+
+ROW = load_action("steinway45").config.contacts["06"]
+CURVES = {k: (c.a, c.b, c.c) for k, c in (("loading", ROW.loading), ("unloading", ROW.unloading))}
+TOP = 5e-4
+
+
+def forces_at_release(felt, *before):
+    """Force on the way back from TOP, after cycles between these compressions [N]."""
+    ends = [0.0, *before, TOP, 0.0]
+    legs = [np.linspace(a, b, 400, endpoint=False) for a, b in pairwise(ends)]
+    path = np.concatenate([*legs, [0.0]])
+    return felt.path(path, 1e-3 * np.arange(len(path)))[-401:]
+
+
+HISTORIES = [
+    pytest.param((TOP, 0.0), id="a whole cycle"),
+    pytest.param((0.8 * TOP, 0.0), id="a smaller cycle"),
+    pytest.param((TOP, 0.3 * TOP), id="let go in part"),
+    pytest.param((0.999 * TOP, 0.5 * TOP, 0.999 * TOP, 0.0), id="two just below"),
+]
+
+
+@pytest.mark.parametrize("before", HISTORIES)
+def test_wiping_out_makes_the_release_that_of_the_largest_compression(before):
+    kept = contact_law("felt_memory", **CURVES)
+    wiped = contact_law("felt_memory", **CURVES, kappa=0.002, wiping_out=0.2)
+    first = forces_at_release(wiped)
+    assert np.allclose(first, forces_at_release(kept), rtol=1e-12)
+    scale = first.max()
+    # The transition takes 2 % of the loop; without the option a tenth of the force is memory.
+    assert np.max(np.abs(forces_at_release(wiped, *before) - first)) < 0.02 * scale
+    assert np.max(np.abs(forces_at_release(kept, *before) - first)) > 0.04 * scale
+
+
+def test_a_wiped_felt_loses_the_measured_loop_in_every_cycle():
+    felt = contact_law("felt_memory", **CURVES, kappa=0.002, wiping_out=0.2)
+    e = TOP * 0.5 * (1.0 - np.cos(np.linspace(0.0, 6.0 * np.pi, 6001)))
+    force = felt.path(e, 1e-4 * np.arange(len(e)))
+    work = 0.5 * (force[1:] + force[:-1]) * np.diff(e)
+    first, second, third = (float(np.sum(part)) for part in np.split(work, 3))
+    assert second == pytest.approx(first, rel=0.03)
+    assert third == pytest.approx(second, rel=1e-3)
+
+
+def test_wiping_out_of_an_action_closes_the_ledger():
+    from feltmb import load_stroke, simulate
+
+    options = {"wiping_out": 0.2, "kappa": 0.02}
+    settings = {"contacts.*.law": "felt_memory", "contacts.*.memory": options}
+    settings["contacts.02.memory"] = {**options, "closing_compression": 2.6e-3}
+    action = load_action("steinway45").with_values(settings)
+    run = simulate(action, load_stroke("forte"), duration=0.12)
+    assert run.energy["residual_relative"] < 1e-3

@@ -72,7 +72,22 @@ struct Stulov {
 /// D vanishes at 0 and at e_m, so the force has no jump at a reversal; reloading meets F_L at e_m.
 /// Stored energy psi = integral of (F_U + D/2) + (c/4)(2 z - 1)^2: the power left over,
 /// (D/2)(2 z - 1)^2 |de/dt| at fixed e_m and (1/2 - kappa (2 z - 1)^2 / 4) W'(e_m) de_m/dt on
-/// virgin loading, is never negative for kappa <= 2: the law is passive. Options, off by default:
+/// virgin loading, is never negative for kappa <= 2: the law is passive.
+///
+/// Virgin loading keeps z: a felt that was never let go (z = 0) unloads from e_m along F_U, the
+/// measured curve, one that was reloaded to e_m (z near 1) along a higher one. To set z back there
+/// would not be passive. The option `wiping_out` = w > 0 takes earlier cycles out of the memory:
+/// with the area Q(e) = integral of D from 0 to e and R = W - Q
+///   dz/dt = D [(1 - z) max(de/dt, 0) / (w Q + c) - z max(-de/dt, 0) / (w R + c)].
+/// Near the return points e = 0 and e_m, where Q or R is small, the transition takes an area of the
+/// order of c only, so that for kappa << w every cycle to e_m runs along F_L and F_U; between them
+/// it takes the share w of the area since the return point. Stored energy: with S = w W + 2 c,
+/// z* = 1 - (w Q + c) / S, k = S / (2 (1 + w)),
+///   psi = integral of (F_U + z* D) + k (z - z*)^2;
+/// power left over: 2 k (z - z*)^2 D |de/dt| / (w Q + c) loading, with R unloading, and
+/// (1/2 - k (z - z*)^2 / W) W'(e_m) de_m/dt on virgin loading: not negative for kappa <= 2, any w.
+///
+/// Options, off by default:
 /// recovery of e_m while open, exp(-t / recovery_time); creep, a Kelvin element in series (thesis
 /// section 2.2.3, after Stamm); a rate term, F += rate_amplitude (F_L(e) - r), rate_time dr/dt =
 /// F_L(e) - r (after Stulov), the sum held at >= 0.
@@ -86,6 +101,7 @@ struct FeltMemory {
   double creep_damping = 0.0;    ///< its damper [N s/m], > 0 with creep
   double rate_amplitude = 0.0;   ///< [-], >= 0
   double rate_time = 0.0;        ///< [s], > 0 with a rate term
+  double wiping_out = 0.0;       ///< w [-], >= 0; 0: z is kept over virgin loading
 };
 
 using LawParameters = std::variant<ExponentialPair, MeanCurve, HuntCrossley, Stulov, FeltMemory>;

@@ -84,7 +84,10 @@ class PairLanes {
 /// lane each, with the same bits as `ContactLaw::evaluate` at a compression > 0.
 class MemoryLanes {
  public:
-  static bool takes(const ContactLaw& law) { return law.has_memory() && law.n_states() == 1; }
+  static bool takes(const ContactLaw& law) {
+    return law.has_memory() && law.n_states() == 1 &&
+           std::get<FeltMemory>(law.parameters()).wiping_out == 0.0;
+  }
 
   /// Adds the next law, which must outlive the lanes; `finish` after the last one.
   void add(const ContactLaw& law);

@@ -109,6 +109,10 @@ class BeadSpringNetwork {
   [[nodiscard]] BeadSpringState state() const;
   [[nodiscard]] const BeadSpringParams& params() const;
 
+  /// Largest volume fraction [-] to which this box can be compressed: then its height is the
+  /// shortest in which neighbors are found.
+  [[nodiscard]] double densest() const;
+
   /// Total potential energy [J] of the present positions and forces on all beads [N] (without
   /// friction), for tests.
   double energy_and_forces(std::vector<double>& forces);

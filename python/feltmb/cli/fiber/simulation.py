@@ -14,6 +14,7 @@ from feltmb.cli.common import (
     POSITIVE,
     Number,
     Quantity,
+    complain,
     console,
     diameter_option,
     force_option,
@@ -127,7 +128,7 @@ def simulate_command(
     force: bool,
 ) -> None:
     """Compress and release a box of single fibers; the run goes to OUTPUT (.npz)."""
-    from feltmb.errors import InvalidParameter
+    from feltmb.errors import InvalidParameter, ModelError
     from feltmb.fiber import Cycle, FiberBox, FiberRun
     from feltmb.fiber import simulate as run_simulation
     from feltmb.fiber.plot import plot_simulation
@@ -214,8 +215,13 @@ def simulate_command(
                 exponents.append(f"{run.pressure_exponent(bottom):.2f} above {bottom:.3g}")
             except InvalidParameter:
                 exponents.append(f"too few samples above {bottom:.3g}")
+        energy = run.energy
+        shares = ", ".join(
+            f"{name} {100 * energy[name] / max(energy['put_in'], 1e-300):.3g} %"
+            for name in ("friction", "drag")
+        )
         say(
-            f"loop loss {100 * run.loop_loss:.2f} %\n"
+            f"loop loss {100 * run.loop_loss:.2f} %; of the work put in: {shares}\n"
             f"pressure exponent of loading: {', '.join(exponents)}"
         )
     else:
@@ -223,6 +229,10 @@ def simulate_command(
     say_written(output)
     if plot is not None:
         save_figure(plot_simulation(run), plot, force=force)
+    for warning in run.warnings:
+        complain(f"warning: {warning}")
+    if run.status == "failed":
+        raise ModelError("simulate: failed, for the reasons above; the samples so far are saved")
 
 
 @fiber.command(name="gallery")
