@@ -71,7 +71,7 @@ void bind_actuator(py::module_& m) {
              double tolerance) {
             ActuatorRun run;
             {
-              const py::gil_scoped_release release;
+              const WithoutInterpreter release;
               run = simulate(a, torque, {duration, output_rate, tolerance});
             }
             py::dict out;

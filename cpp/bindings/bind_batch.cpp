@@ -41,7 +41,7 @@ void bind_batch(py::module_& m) {
         // The workers run with the GIL released and take it back for the next stroke and for each
         // outcome.
         const BatchSource source = [&strokes](BatchStroke& stroke) {
-          const py::gil_scoped_acquire acquire;
+          const WithInterpreter acquire;
           if (PyErr_CheckSignals() != 0) throw py::error_already_set();
           const py::handle next = PyIter_Next(strokes.ptr());
           if (!next) {
@@ -53,12 +53,13 @@ void bind_batch(py::module_& m) {
         };
         const BatchSink take = [&sink](std::size_t index, RunResult&& result,
                                        const std::string& failure) {
-          const py::gil_scoped_acquire acquire;
+          const WithInterpreter acquire;
           if (PyErr_CheckSignals() != 0) throw py::error_already_set();
           return sink(index, std::move(result), failure).cast<bool>();
         };
-        const py::gil_scoped_release release;
-        return simulate_many(source, take, {threads, ordered, stop.value_or(nullptr)});
+        const std::size_t many = threads_with_interpreter(threads);
+        const WithoutInterpreter release;
+        return simulate_many(source, take, {many, ordered, stop.value_or(nullptr)});
       },
       py::arg("strokes"), py::arg("sink"), py::arg("threads") = 0, py::arg("ordered") = true,
       py::arg("stop") = py::none(),

@@ -232,7 +232,7 @@ void bind_contact(py::module_& m) {
          const std::vector<double>& compression) {
         std::vector<double> out;
         {
-          const py::gil_scoped_release release;
+          const WithoutInterpreter release;
           out = force_along(law, time, compression);
         }
         return py::array_t<double>(static_cast<py::ssize_t>(out.size()), out.data());

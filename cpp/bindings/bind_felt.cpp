@@ -84,14 +84,14 @@ void bind_felt(py::module_& m) {
   m.def(
       "pressure_envelope",
       [](const FeltMaterial& material) {
-        const py::gil_scoped_release release;
+        const WithoutInterpreter release;
         return std::const_pointer_cast<Envelope>(pressure_envelope(material));
       },
       py::arg("material"), "Pressure [Pa] against strain [-] as a table; kept.");
   m.def(
       "layer_envelope",
       [](const FeltLayer& layer) {
-        const py::gil_scoped_release release;
+        const WithoutInterpreter release;
         return std::const_pointer_cast<Envelope>(layer_envelope(layer));
       },
       py::arg("layer"), "Envelope of a contact through a felt layer; kept.");
@@ -105,7 +105,7 @@ void bind_felt(py::module_& m) {
           [](LayerColumns& self, const std::vector<double>& e) {
             std::vector<double> out;
             {
-              const py::gil_scoped_release release;
+              const WithoutInterpreter release;
               self.reset();
               for (const double x : e) out.push_back(self.step(x));
             }

@@ -62,7 +62,7 @@ struct Law {
     Array out = same_shape(v);
     const std::span<double> target(out.mutable_data(), static_cast<std::size_t>(out.size()));
     {
-      const py::gil_scoped_release release;
+      const feltmb::python::WithoutInterpreter release;
       evaluate_law(*law, quantity, view(v), target, threads);
     }
     return out;
@@ -165,21 +165,22 @@ void bind_orientation(py::module_& m) {
       .def(
           "compute",
           [](const OrientationQuadrature& q, const Array& d) {
-            const py::gil_scoped_release release;
+            const feltmb::python::WithoutInterpreter release;
             return q.compute(view(d));
           },
           py::arg("density"));
 
   m.def("affine_density", &affine_density, py::arg("deformation"), py::arg("directions"));
   m.def("make_random_directions", &make_random_directions, py::arg("n"), py::arg("seed"),
-        py::arg("spread"), py::arg("threads") = 0, py::call_guard<py::gil_scoped_release>());
+        py::arg("spread"), py::arg("threads") = 0,
+        py::call_guard<feltmb::python::WithoutInterpreter>());
   m.def("deform_directions", &deform_directions, py::arg("directions"), py::arg("deformation"));
   m.def(
       "estimate_structure",
       [](const Eigen::Ref<const Directions>& directions, std::size_t threads) {
         SampledStructure s{};
         {
-          const py::gil_scoped_release release;
+          const feltmb::python::WithoutInterpreter release;
           s = estimate_structure(directions, threads);
         }
         py::dict result;
@@ -195,7 +196,7 @@ void bind_orientation(py::module_& m) {
       },
       py::arg("directions"), py::arg("threads") = 0);
   m.def("estimate_tensors", &estimate_tensors, py::arg("directions"), py::arg("threads") = 0,
-        py::call_guard<py::gil_scoped_release>());
+        py::call_guard<feltmb::python::WithoutInterpreter>());
   m.def(
       "narter_stiffness",
       [](const Array& eeee, double stiffness) {
@@ -269,7 +270,7 @@ void bind_contacts(py::module_& m) {
         const CountInput in = count(v_f, d_f, fiber_length, ratio, length_cv, gamma);
         std::vector<double> p;
         {
-          const py::gil_scoped_release release;
+          const feltmb::python::WithoutInterpreter release;
           p = contact_count_distribution(contact_model(model), in, k_max);
         }
         return Array(static_cast<py::ssize_t>(p.size()), p.data());
@@ -377,7 +378,7 @@ void bind_laws(py::module_& m) {
         Array out = same_shape(time);
         const std::span<double> target(out.mutable_data(), static_cast<std::size_t>(out.size()));
         {
-          const py::gil_scoped_release release;
+          const feltmb::python::WithoutInterpreter release;
           run_history(*law, view(time), view(x), view(rate), target);
         }
         return out;
@@ -394,7 +395,7 @@ void bind_laws(py::module_& m) {
         constexpr py::ssize_t kColumns = 11;
         Array out({strain.size(), kColumns});
         double* row = out.mutable_data();
-        const py::gil_scoped_release release;
+        const feltmb::python::WithoutInterpreter release;
         for (double value : view(strain)) {
           const EnergyState e = compress_energy(p, s, value);
           for (double number : {e.strain, e.lateral_stretch, e.v_f, e.pressure, e.bending,
@@ -415,7 +416,7 @@ void bind_laws(py::module_& m) {
         const GranularParams p{modulus, k_b, k_t, beta, transverse};
         std::vector<Eigen::Matrix3d> stress;
         {
-          const py::gil_scoped_release release;
+          const feltmb::python::WithoutInterpreter release;
           stress = granular_stress_path(p, v_random, path, substeps, nodes);
         }
         Array out({static_cast<py::ssize_t>(stress.size()), py::ssize_t{3}, py::ssize_t{3}});
@@ -487,9 +488,9 @@ void bind_simulation(py::module_& m) {
            }),
            py::arg("params"), py::arg("state"), py::arg("threads") = 0)
       .def("relax", &BeadSpringNetwork::relax, py::arg("steps"),
-           py::call_guard<py::gil_scoped_release>())
+           py::call_guard<feltmb::python::WithoutInterpreter>())
       .def("advance", &BeadSpringNetwork::advance, py::arg("steps"), py::arg("strain_per_step"),
-           py::call_guard<py::gil_scoped_release>())
+           py::call_guard<feltmb::python::WithoutInterpreter>())
       .def("sample",
            [](BeadSpringNetwork& n) {
              const BeadSpringSample s = n.sample();
@@ -582,7 +583,7 @@ Array sliding_rows(const Array& v, const Array& x, F&& at) {
   }
   Array out({v.size(), py::ssize_t{9}});
   double* row = out.mutable_data();
-  const py::gil_scoped_release release;
+  const feltmb::python::WithoutInterpreter release;
   for (py::ssize_t i = 0; i < v.size(); ++i, row += 9) {
     bool unique = true;
     const Sliding s = at(v.data()[i], x.data()[i], unique);

@@ -139,7 +139,7 @@ void bind_lumped(py::module_& m) {
             }
             Batch b;
             {
-              const py::gil_scoped_release free;
+              const WithoutInterpreter free;
               b = simulate(net, request);
             }
             const auto n_y = static_cast<py::ssize_t>(net.sensors.size());

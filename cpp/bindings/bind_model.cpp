@@ -74,6 +74,7 @@ void bind_model(py::module_& m) {
           "method", [](const SimulationOptions& o) { return method_name(o.method); },
           [](SimulationOptions& o, const std::string& name) { o.method = method_from_name(name); })
       .def_readwrite("max_step", &SimulationOptions::max_step)
+      .def_readwrite("ledger_limit", &SimulationOptions::ledger_limit)
       .def_readwrite("max_steps", &SimulationOptions::max_steps)
       .def_readwrite("max_wall", &SimulationOptions::max_wall)
       .def_readwrite("peak_contacts", &SimulationOptions::peak_contacts)
@@ -99,7 +100,7 @@ void bind_model(py::module_& m) {
       [](const std::shared_ptr<Mechanism>& mechanism, double finger_force) {
         Equilibrium e;
         {
-          const py::gil_scoped_release release;
+          const WithoutInterpreter release;
           e = find_equilibrium(mechanism, finger_force);
         }
         py::dict out;
@@ -142,6 +143,26 @@ void bind_model(py::module_& m) {
       .def_readonly("long_names", &RunResult::long_names)
       .def_readonly("data", &RunResult::data)
       .def_readonly("states", &RunResult::states)
+      .def_readonly("start", &RunResult::start)
+      .def_property_readonly(
+          "deflections",
+          [](const RunResult& r) {
+            py::list out;
+            for (const auto& d : r.deflections) {
+              out.append(py::make_tuple(d.name, d.length, d.largest, d.time));
+            }
+            return out;
+          },
+          "Tuples (name, length [m], largest deflection [m], time [s]) by flexible beam.")
+      .def_property_readonly("balance",
+                             [](const RunResult& r) {
+                               py::dict out;
+                               out["residual"] = r.balance.residual;
+                               out["residual_largest"] = r.balance.residual_largest;
+                               out["turned_over"] = r.balance.turned_over;
+                               out["residual_relative"] = r.balance.residual_relative;
+                               return out;
+                             })
       .def_readonly("ledger_names", &RunResult::ledger_names)
       .def_readonly("ledger", &RunResult::ledger)
       .def_property_readonly(
@@ -205,13 +226,13 @@ void bind_model(py::module_& m) {
         if (!progress.is_none()) {
           // Runs with the GIL released; takes it back for the call and for pending signals.
           report = [&progress](double t) {
-            const py::gil_scoped_acquire acquire;
+            const WithInterpreter acquire;
             if (PyErr_CheckSignals() != 0) throw py::error_already_set();
             return progress(t).cast<bool>();
           };
         } else {
           report = [](double) {
-            const py::gil_scoped_acquire acquire;
+            const WithInterpreter acquire;
             if (PyErr_CheckSignals() != 0) {
               if (PyErr_ExceptionMatches(PyExc_KeyboardInterrupt) == 0) {
                 throw py::error_already_set();
@@ -225,7 +246,7 @@ void bind_model(py::module_& m) {
         SimulationState state;
         state.y = start;
         state.largest_compression = start_memory;
-        const py::gil_scoped_release release;
+        const WithoutInterpreter release;
         return simulate(mechanism, FingerInput{profile, motion, prescribed, motor}, options, state,
                         monitors, report);
       },

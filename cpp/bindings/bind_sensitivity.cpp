@@ -130,13 +130,15 @@ void bind_sensitivity(py::module_& m) {
          const std::vector<SensitivityWindow>& windows, const SensitivityOptions& options,
          bool prescribed, bool motor) {
         const Progress watch = [](double) {
-          const py::gil_scoped_acquire acquire;
+          const WithInterpreter acquire;
           if (PyErr_CheckSignals() != 0) throw py::error_already_set();
           return true;
         };
-        const py::gil_scoped_release release;
+        SensitivityOptions here = options;
+        here.threads = threads_with_interpreter(options.threads);
+        const WithoutInterpreter release;
         return sensitivities(mechanism, FingerInput{profile, motion, prescribed, motor}, parameters,
-                             windows, options, watch);
+                             windows, here, watch);
       },
       py::arg("mechanism"), py::arg("profile"), py::arg("motion"), py::arg("parameters"),
       py::arg("windows"), py::arg("options"), py::arg("prescribed") = false,

@@ -3,6 +3,8 @@
 
 #include <pybind11/pybind11.h>
 
+#include "interpreter.hpp"
+
 void bind_fiber(pybind11::module_& m);
 
 namespace feltmb::python {

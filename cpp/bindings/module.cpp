@@ -3,6 +3,7 @@
 PYBIND11_MODULE(_core, m) {
   m.doc() = "C++ core of feltmb. Use the package feltmb; names here may change.";
   m.attr("__version__") = FELTMB_VERSION;
+  feltmb::python::bind_interpreter();
   feltmb::python::bind_error(m);
   feltmb::python::bind_contact(m);
   feltmb::python::bind_felt(m);

@@ -45,7 +45,8 @@ def simulate_many(
         :func:`feltmb.simulate` would have raised. Returning False, and nothing else, stops the
         batch. What it does not keep is freed: no more than four outcomes a thread are in memory.
     jobs
-        Threads; default: one a core. Outcomes are the same, bit for bit, for any number.
+        Threads, at most four a core, and fewer where the system has no more; default: one a core.
+        Outcomes are the same, bit for bit, for any number.
     ordered
         True: ``take`` is called in the order of the strokes, by one thread at a time. False: by
         each thread as soon as its stroke is finished, maybe by several at once; one long stroke

@@ -15,6 +15,8 @@ __all__ = ["run_warnings"]
 
 #: Share of a felt's loop by which it may be passed without a word.
 PASSED = 1e-3
+#: Deflection of a member, over its length, beyond which its equations do not hold.
+BENT = 0.25
 #: Turn of a motor beyond which its arm no longer presses, but swings [rad].
 SWING = math.pi / 4
 
@@ -27,10 +29,21 @@ def run_warnings(
     residual = energy.get("residual_relative", 0.0)
     if residual > 1e-3:
         out.append(
-            f"energy not accounted for is {100 * residual:.2g} % of the work at rtol "
-            f"{options.rtol:g}: use a smaller rtol"
+            f"energy not accounted for is {100 * residual:.2g} % of the energy turned over at "
+            f"rtol {options.rtol:g}: use a smaller rtol"
         )
+    out += _of_members(result)
     return out + _of_input(stroke, result) + _of_motor(action, result) + _of_felts(action, result)
+
+
+def _of_members(result: Any) -> list[str]:
+    """Members bent or stretched by more than equations for small deflections hold for."""
+    return [
+        f"member {name} of {1e3 * length:.3g} mm is deflected by {1e3 * largest:.3g} mm at "
+        f"{time:.4f} s, by more than a quarter of its length: deflections are taken as small"
+        for name, length, largest, time in result.deflections
+        if largest > BENT * length
+    ]
 
 
 def _of_input(stroke: Stroke, result: Any) -> list[str]:

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from feltmb.results import Run
+from typing import Any
 
 __all__ = [
     "MOST_LETTERS",
@@ -89,11 +86,11 @@ class FileExists(FeltmbError):
 
 
 class IntegrationError(FeltmbError):
-    """The solver stopped early.
+    """The solver stopped early, or what it found cannot be trusted.
 
     Attributes
     ----------
-    partial : Run
+    partial : Run or ActuatorRun
         The run as far as it came, complete up to ``time``.
     time : float
         Time reached [s].
@@ -101,7 +98,7 @@ class IntegrationError(FeltmbError):
         The state with the largest error at the failure, and the stiffest contact acting on it.
     """
 
-    def __init__(self, message: str, *, partial: Run, time: float, state: str, contact: str):
+    def __init__(self, message: str, *, partial: Any, time: float, state: str, contact: str):
         super().__init__(message)
         self.partial = partial
         self.time = time

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import io
 import json
-import difflib
 import os
 import re
 import secrets
@@ -27,9 +27,9 @@ __all__ = [
     "check_suffix",
     "check_writable",
     "is_file",
+    "make_folder",
     "named_file",
     "open_input",
-    "make_folder",
     "plain_text",
     "read_input",
     "read_json",

@@ -21,6 +21,7 @@ OPTIONS = (
     "max_wall",
     "max_step",
     "max_order",
+    "ledger_limit",
     "method",
 )
 #: Limits that are either a number above zero or absent, by unit.

@@ -122,6 +122,7 @@ def simulate(
     max_wall: float | None = None,
     max_step: float | None = None,
     max_order: int | None = None,
+    ledger_limit: float | None = None,
     progress: Callable[[float], bool] | None = None,
 ) -> Run:
     """Simulate a stroke.
@@ -164,8 +165,12 @@ def simulate(
     max_step
         Largest step [s].
     max_order
-        Order limit of the BDF, 1 to 5; default: the largest whose sector of stability holds the
-        modes of the string (3 at 7 % damping, 2 below), 5 without a string or for rtol < 1e-7.
+        Order limit of the BDF, 1 to 5; default: chosen by the lightly damped modes of strings and
+        members (docs/model.md, "Integrator").
+    ledger_limit
+        Largest share of the energy turned over that may be missing from the ledger, above 0;
+        default 0.1 (``run.energy["residual_relative"]``). Beyond it the run has failed. Without a
+        ledger nothing is known, and nothing is limited. ``math.inf``: no limit.
     progress
         Called now and then with the simulated time [s]; returning False interrupts.
 
@@ -174,7 +179,8 @@ def simulate(
     InvalidParameter
         An argument is out of range, or ``start`` belongs to another mechanism.
     IntegrationError
-        The solver stopped early; ``error.partial`` is the run so far.
+        The solver stopped early, a result is no number, or the ledger is off by more than
+        ``ledger_limit``; ``error.partial`` is the run so far.
     KeyboardInterrupt
         Interrupted by the user.
     """
@@ -196,6 +202,7 @@ def simulate(
         max_wall=max_wall,
         max_step=max_step,
         max_order=max_order,
+        ledger_limit=ledger_limit,
         method=method,
     )
     mechanism, profile, motion, y, monitors, memory, *drives = arguments
@@ -236,6 +243,7 @@ def prepare(
     max_wall: float | None = None,
     max_step: float | None = None,
     max_order: int | None = None,
+    ledger_limit: float | None = None,
     method: str = "auto",
 ) -> tuple[_core.SimulationOptions, tuple[Any, ...]]:
     """Options of the core, and its other arguments; parameters as in :func:`simulate`.
@@ -260,6 +268,8 @@ def prepare(
         options.max_step = float(max_step)
     if max_order is not None:
         options.max_order = int(max_order)
+    if ledger_limit is not None:
+        options.ledger_limit = float(ledger_limit)
     roles = action.config.summary
     if roles.strike_contact is not None:
         options.peak_contacts = [roles.strike_contact]
@@ -324,7 +334,13 @@ def _start_state(action: Action, start: Run | None) -> tuple[Array, Array]:
             f"{', '.join(start.coordinates)}; this mechanism has {size} of "
             f"{', '.join(action.coordinates)}"
         )
-    return start.end_state, start.end_memory
+    memory = np.asarray(start.end_memory)
+    if memory.size != len(rest_memory := action._equilibrium["largest_compression"]):
+        raise InvalidParameter(
+            f"start: the run ends with {memory.size} remembered compressions, expected one a "
+            f"contact of this mechanism ({len(rest_memory)}); without them its felts would forget"
+        )
+    return start.end_state, memory
 
 
 def _monitors(action: Action, y: Array) -> list[Any]:
@@ -492,32 +508,26 @@ def _energy(result: Any) -> dict[str, Any]:
         for name, values in ledger.items()
         if name.startswith("dissipated.")
     }
-    total_dissipated = sum(v for name, v in ledger.items() if name.startswith("dissipated."))
-    total_stored = sum(stored.values())
-    residual = ledger["work_in"] - (total_stored - total_stored[0]) - total_dissipated
-    throughput = float(ledger["work_throughput"][-1])
-    largest = float(np.max(np.abs(residual)))
+    turned = result.balance["turned_over"]
+    start = result.start
+    change = {p: float(stored[p][-1]) - start[columns[f"energy.{p}"]] for p in parts}
     return {
         "work_in": float(ledger["work_in"][-1]),
-        "work_throughput": throughput,
-        "kinetic": float(stored["kinetic"][-1] - stored["kinetic"][0]),
-        "potential": float(stored["gravity"][-1] - stored["gravity"][0]),
-        "elastic": float(
-            sum(stored[p][-1] - stored[p][0] for p in ("elastic", "contact", "string"))
-        ),
+        "work_throughput": float(ledger["work_throughput"][-1]),
+        "kinetic": change["kinetic"],
+        "potential": change["gravity"],
+        "elastic": change["elastic"] + change["contact"] + change["string"],
         "elastic_parts": {
-            "springs": float(stored["elastic"][-1] - stored["elastic"][0]),
-            "contacts": float(stored["contact"][-1] - stored["contact"][0]),
-            "string": float(stored["string"][-1] - stored["string"][0]),
+            "springs": change["elastic"],
+            "contacts": change["contact"],
+            "string": change["string"],
         },
         "dissipated": dissipated,
-        "dissipated_total": float(np.asarray(total_dissipated)[-1]),
+        "dissipated_total": sum(dissipated.values()),
         "created_by": sorted(
-            name for name, value in dissipated.items() if value < -1e-9 * max(throughput, 1e-12)
+            name for name, value in dissipated.items() if value < -1e-9 * max(turned, 1e-12)
         ),
-        "residual": float(residual[-1]),
-        "residual_largest": largest,
-        "residual_relative": largest / throughput if throughput > 0 else 0.0,
+        **result.balance,
     }
 
 

@@ -1,9 +1,13 @@
 #include <doctest/doctest.h>
+#include <pthread.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <numbers>
 #include <stdexcept>
+#include <system_error>
+#include <thread>
 #include <vector>
 
 #include "feltmb/core/error.hpp"
@@ -91,6 +95,50 @@ TEST_CASE("loops are divided completely and errors come back") {
                                  }),
                     InvalidParameter);
   }
+}
+
+/// While it lives every new thread asks for more stack than there are addresses, and is refused.
+class NoThreads {
+ public:
+  NoThreads() {
+    pthread_attr_t none;
+    pthread_getattr_default_np(&before_);
+    pthread_getattr_default_np(&none);
+    pthread_attr_setstacksize(&none, std::size_t{1} << 47);
+    pthread_setattr_default_np(&none);
+    pthread_attr_destroy(&none);
+  }
+  ~NoThreads() {
+    pthread_setattr_default_np(&before_);
+    pthread_attr_destroy(&before_);
+  }
+
+ private:
+  pthread_attr_t before_;
+};
+
+TEST_CASE("where the system has no threads the caller does all of the work") {
+  const NoThreads none;
+  CHECK_THROWS_AS(std::thread([] {}).join(), std::system_error);
+  std::vector<int> hits(100, 0);
+  const auto hit = [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) ++hits[i];
+  };
+  parallel_for(hits.size(), 4, hit);
+  ThreadTeam team(4);
+  CHECK(team.size() == 1);
+  team.run(hits.size(), hit);
+  CHECK(std::all_of(hits.begin(), hits.end(), [](int h) { return h == 2; }));
+  CHECK_THROWS_AS(
+      parallel_for(
+          10, 4, [](std::size_t, std::size_t) { throw InvalidParameter("expected by the test"); }),
+      InvalidParameter);
+}
+
+TEST_CASE("threads are no more than a few a core") {
+  const std::size_t cores = resolve_threads(0);
+  CHECK(resolve_threads(1) == 1);
+  CHECK(resolve_threads(100000) == kThreadsPerCore * cores);
 }
 
 TEST_CASE("random numbers: reproducible, uniform, normal") {

@@ -110,7 +110,7 @@ void HubBeam::add_element(int node, double x, double length, const ArmSection& s
   Row5 g = Row5::Zero();
   const bool printed = description_.printed_shapes;
   // Degree 6 in s: four Gauss points are exact.
-  static const QuadratureRule rule = make_gauss_legendre(4);
+  static const QuadratureRule& rule = *new QuadratureRule(make_gauss_legendre(4));
   for (std::size_t i = 0; i < rule.nodes.size(); ++i) {
     const double s = 0.5 * (1.0 + rule.nodes[i]);
     const double dx = 0.5 * rule.weights[i] * length;

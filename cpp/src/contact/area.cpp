@@ -18,7 +18,7 @@ double shared(const ConstantArea& a, double) { return a.size; }
 double shared(const CrossedCylinders& a, double e) {
   const double small = std::min(a.radius_a, a.radius_b);
   const double large = std::max(a.radius_a, a.radius_b);
-  static const QuadratureRule rule = make_gauss_legendre(64);
+  static const QuadratureRule& rule = *new QuadratureRule(make_gauss_legendre(64));
   // y = small sin(phi), phi = end sin(psi): the root at the rim becomes smooth.
   const double end = std::acos(std::clamp(1.0 - e / small, 0.0, 1.0));
   return 4.0 * integrate_rule(

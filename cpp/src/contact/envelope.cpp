@@ -25,7 +25,7 @@ static_assert(Envelope::kPieces == kKnots);
 
 /// Three nodes are exact for a cubic of s times s.
 const QuadratureRule& cell_rule() {
-  static const QuadratureRule rule = make_gauss_legendre(3);
+  static const QuadratureRule& rule = *new QuadratureRule(make_gauss_legendre(3));
   return rule;
 }
 

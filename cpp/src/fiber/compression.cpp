@@ -443,7 +443,7 @@ double CompressionLaw::volume_fraction(double target, double v_max) const {
 }
 
 const std::vector<LawDescription>& law_descriptions() {
-  static const std::vector<LawDescription> all = make_descriptions();
+  static const auto& all = *new std::vector<LawDescription>(make_descriptions());
   return all;
 }
 

@@ -117,7 +117,7 @@ FiberRule make_length_rule(double cv) {
 }  // namespace
 
 const std::vector<std::string>& contact_model_names() {
-  static const std::vector<std::string> names = {
+  static const auto& names = *new std::vector<std::string>{
       "van_wyk", "van_wyk_tube", "komori_makishima", "pan", "poisson", "binomial", "toll"};
   return names;
 }

@@ -34,7 +34,7 @@ double solve_half_angle(double x) {
 
 /// a in [0, pi] with sin(a)/a = x, 0 <= x <= 1. The ratio a^2/(1 - x) is smooth: interpolated.
 double half_angle(double x) {
-  static const CumulativeIntegral ratio(
+  static const CumulativeIntegral& ratio = *new CumulativeIntegral(
       [](double t) {
         const double y = 1.0 - t;
         if (y < 1e-3) return 6.0 * (1.0 + y * (0.3 + y * (24.0 / 175.0 + y * 13.0 / 175.0)));

@@ -272,7 +272,7 @@ std::vector<LawDescription> make_descriptions() {
 }  // namespace
 
 const std::vector<LawDescription>& history_descriptions() {
-  static const std::vector<LawDescription> all = make_descriptions();
+  static const auto& all = *new std::vector<LawDescription>(make_descriptions());
   return all;
 }
 

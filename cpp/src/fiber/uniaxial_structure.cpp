@@ -274,7 +274,7 @@ UniaxialStructure uniaxial_structure(double ratio) {
   if (!(ratio >= StructureTable::kLow && ratio <= StructureTable::kHigh)) {
     return compute_uniaxial_structure(ratio);
   }
-  static const StructureTable table;
+  static const StructureTable& table = *new StructureTable;
   return table.evaluate(ratio);
 }
 

@@ -16,7 +16,8 @@ class Rest {
         zero_(m_.coordinates.size(), 0.0),
         law_(static_cast<std::size_t>(m_.total_law_states), 0.0),
         eta_(static_cast<std::size_t>(m_.total_modes), 0.0),
-        eta_rate_(eta_) {
+        eta_rate_(eta_),
+        compliance_(m_.contacts.size(), 0.0) {
     dynamics_.use_static_laws();
     drive_.force = finger_force;
   }
@@ -25,6 +26,7 @@ class Rest {
   /// be far larger than their sum: `parts` is the sum of their sizes.
   double energy(const Eigen::VectorXd& q) {
     const std::span<const double> position{q.data(), zero_.size()};
+    deflect_strings(position);
     dynamics_.evaluate({position, zero_, law_, eta_, eta_rate_}, drive_);
     double sum = 0.0;
     parts = 0.0;
@@ -44,6 +46,7 @@ class Rest {
       const ContactState& s = dynamics_.contacts()[i];
       if (s.closed) add(m_.contacts[i].law.static_energy(s.compression));
     }
+    for (const AttachedString& s : m_.strings) add(s.string.elastic_energy(modes(s)));
     if (drive_.force != 0.0) {
       add(-drive_.force * dot(m_.finger_direction, dynamics_.position(m_.finger_point)));
     }
@@ -54,8 +57,9 @@ class Rest {
     dynamics_.differentiate();
     Eigen::MatrixXd h = -dynamics_.stiffness();
     for (const auto& g : dynamics_.gradients()) {
-      const double slope =
-          dynamics_.contacts()[static_cast<std::size_t>(g.contact)].law.d_compression;
+      const auto contact = static_cast<std::size_t>(g.contact);
+      double slope = dynamics_.contacts()[contact].law.d_compression;
+      slope /= 1.0 + slope * compliance_[contact];
       h -= (slope * g.by_force + g.by_compression) * g.compression.transpose();
     }
     return 0.5 * (h + h.transpose());
@@ -63,33 +67,81 @@ class Rest {
 
   const Eigen::VectorXd& force() const { return dynamics_.force(); }
 
-  /// Static deflection under the present contact forces; returns its largest change [m kg^1/2].
-  double deflect_strings() {
-    double change = 0.0;
-    for (std::size_t s = 0; s < m_.strings.size(); ++s) {
-      const double force = dynamics_.string_force(static_cast<int>(s));
-      const auto phi = dynamics_.phi(static_cast<int>(s));
-      const auto& a = m_.strings[s];
-      for (std::size_t j = 0; j < phi.size(); ++j) {
-        double& eta = eta_[static_cast<std::size_t>(a.offset) + j];
-        // Half steps: felt on a soft string would otherwise overshoot.
-        const double target = phi[j] * force / a.string.stiffness()[j];
-        const double next = 0.5 * (eta + target);
-        change = std::max(change, std::fabs(next - eta));
-        eta = next;
-      }
+  /// Keeps the size of the mechanism and the energy of its springs and straps as they are drawn.
+  void keep_start(std::span<const double> q) {
+    start_energy = dynamics_.spring_energy(q);
+    for (std::size_t i = 0; i < m_.straps.size(); ++i) {
+      start_energy += dynamics_.strap_energy(static_cast<int>(i));
     }
-    return change;
+    std::vector<Vec2> places;
+    for (std::size_t i = 1; i < m_.links.size(); ++i) {
+      if (m_.links[i].lump) continue;
+      const int link = static_cast<int>(i);
+      places.push_back(dynamics_.position({link, {}}));
+      places.push_back(dynamics_.position({link, m_.links[i].center_of_mass}));
+    }
+    for (const Contact& c : m_.contacts) {
+      places.push_back(dynamics_.position(c.a));
+      places.push_back(dynamics_.position(c.b));
+    }
+    for (const Vec2 a : places) {
+      for (const Vec2 b : places) start_size = std::max(start_size, norm(a - b));
+    }
+  }
+
+  /// Modal coordinates of a string.
+  std::span<double> modes(const AttachedString& s) {
+    return std::span<double>(eta_).subspan(static_cast<std::size_t>(s.offset),
+                                           static_cast<std::size_t>(s.string.modes()));
+  }
+
+  /// Static deflection of each string at a pose: it and the felt before it are springs in series,
+  /// F(e) with e + C F(e) = the overlap with the string at rest. Solved for each pose on its own,
+  /// so that no force of a step that is not taken moves a string out of the way.
+  void deflect_strings(std::span<const double> position) {
+    if (m_.strings.empty()) return;
+    std::fill(eta_.begin(), eta_.end(), 0.0);
+    dynamics_.locate({position, zero_, law_, eta_, eta_rate_}, drive_);
+    for (std::size_t s = 0; s < m_.strings.size(); ++s) {
+      const AttachedString& a = m_.strings[s];
+      const auto contact = static_cast<std::size_t>(a.contact);
+      const ContactState& state = dynamics_.contacts()[contact];
+      compliance_[contact] = 0.0;
+      if (!state.closed) continue;
+      const auto phi = dynamics_.phi(static_cast<int>(s));
+      const auto stiffness = a.string.stiffness();
+      double compliance = 0.0;
+      for (std::size_t j = 0; j < phi.size(); ++j) compliance += phi[j] * phi[j] / stiffness[j];
+      compliance_[contact] = compliance;
+      const double force = force_in_series(m_.contacts[contact].law, compliance, state.compression);
+      const auto eta = modes(a);
+      for (std::size_t j = 0; j < phi.size(); ++j) eta[j] = phi[j] * force / stiffness[j];
+    }
   }
 
   const Mechanism& m_;
   double parts = 0.0;
+  double start_energy = 0.0;  ///< of springs and straps in the start pose [J]
+  double start_size = 0.0;    ///< largest distance of joints, centers of mass, surfaces there [m]
   Dynamics dynamics_;
   std::vector<double> zero_;
   std::vector<double> law_;
   std::vector<double> eta_;
   std::vector<double> eta_rate_;
+  std::vector<double> compliance_;  ///< of the string at a closed contact [m/N], else 0
   Drive drive_;
+
+ private:
+  /// Static force of a felt on a string of some compliance [m/N] that overlap [m].
+  static double force_in_series(const ContactLaw& law, double compliance, double overlap) {
+    // Force and overlap grow with the compression: halved until the numbers end.
+    double low = 0.0;
+    double high = overlap;
+    for (double e = 0.5 * overlap; low < e && e < high; e = low + 0.5 * (high - low)) {
+      (e + compliance * law.static_force(e).force > overlap ? high : low) = e;
+    }
+    return law.static_force(low).force;
+  }
 };
 
 double scaled_residual(const Mechanism& m, const Eigen::VectorXd& force) {
@@ -124,6 +176,71 @@ Eigen::MatrixXd from_turns(const Mechanism& m) {
   return scale.asDiagonal() * inverse;
 }
 
+/// A state of equilibrium in which the bodies cannot be. Descent from a start pose in which they
+/// overlap deeply ends in such states, jammed behind each other: they hold energy that nothing in
+/// the mechanism could have stored. Throws ModelError.
+void refuse_nonsense(Rest& rest, const Eigen::VectorXd& q) {
+  const Mechanism& m = rest.m_;
+  Dynamics& dynamics = rest.dynamics_;
+  const std::string who = "mechanism \"" + m.name + "\": the rest pose makes no sense: ";
+  const std::string hint =
+      "; do bodies overlap in start_pose, or is one on the wrong side of another?";
+  for (const FlexibleBeam& beam : m.beams) {
+    const double bent =
+        beam.deflection({q.data() + beam.first, static_cast<std::size_t>(beam.count)});
+    if (bent > beam.length) {
+      throw ModelError(
+          who +
+          format("member \"%s\" of %.4g m is deflected by %.4g m, expected less than its "
+                 "length",
+                 beam.name.c_str(), beam.length, bent) +
+          hint);
+    }
+  }
+  double stored = 0.0;
+  double largest = 0.0;
+  std::string where;
+  const auto count = [&](double energy, const auto& describe) {
+    stored += energy;
+    if (energy <= largest) return;
+    largest = energy;
+    where = describe();
+  };
+  for (std::size_t i = 0; i < m.contacts.size(); ++i) {
+    const ContactState& s = dynamics.contacts()[i];
+    const Contact& c = m.contacts[i];
+    if (!s.closed) continue;
+    count(c.law.static_energy(s.compression), [&] {
+      return format("%s%s%s, pressed by %.4g N through %.4g m", c.name.c_str(),
+                    c.label.empty() ? "" : " ", c.label.c_str(), s.law.force, s.compression);
+    });
+  }
+  for (std::size_t i = 0; i < m.straps.size(); ++i) {
+    const int strap = static_cast<int>(i);
+    count(dynamics.strap_energy(strap), [&] {
+      return format("strap %s, pulled by %.4g N", m.straps[i].name.c_str(),
+                    dynamics.strap_force(strap));
+    });
+  }
+  for (std::size_t i = 0; i < m.beams.size(); ++i) {
+    count(dynamics.beam_energy(static_cast<int>(i), {q.data(), m.coordinates.size()}),
+          [&] { return "member " + m.beams[i].name; });
+  }
+  // Generously: every body falls by twice the size of the mechanism, and all springs unwind.
+  double mass = 0.0;
+  for (const Link& link : m.links) mass += link.mass;
+  const double weight = mass * norm(m.gravity) + std::fabs(rest.drive_.force);
+  const double supplied = rest.start_energy + 2.0 * weight * rest.start_size;
+  if (supplied > 0.0 && stored > supplied) {
+    throw ModelError(
+        who +
+        format("it stores %.4g J in contacts, straps and members, expected at most the "
+               "%.4g J that weights and springs can supply; most in %s",
+               stored, supplied, where.c_str()) +
+        hint);
+  }
+}
+
 }  // namespace
 
 Equilibrium find_equilibrium(const std::shared_ptr<const Mechanism>& mechanism, double finger_force,
@@ -144,6 +261,7 @@ Equilibrium find_equilibrium(const std::shared_ptr<const Mechanism>& mechanism, 
   constexpr int most = 20000;
   double radius = 5.0;  // in coordinate scales, about 5 mm of felt travel
   double energy = rest.energy(q);
+  rest.keep_start({q.data(), m.coordinates.size()});
   int iteration = 0;
   bool stable = false;
   bool moved = true;
@@ -178,10 +296,6 @@ Equilibrium find_equilibrium(const std::shared_ptr<const Mechanism>& mechanism, 
       energy = trial;
       radius = std::min(20.0, 2.0 * radius);
       moved = true;
-      if (!m.strings.empty()) {
-        rest.deflect_strings();
-        energy = rest.energy(q);
-      }
     } else {
       rest.energy(q);
       moved = false;
@@ -206,6 +320,7 @@ Equilibrium find_equilibrium(const std::shared_ptr<const Mechanism>& mechanism, 
     text += " is a body without support, or start_pose on the wrong side of a contact?";
     throw ModelError(text);
   }
+  refuse_nonsense(rest, q);
   Equilibrium result;
   result.q.assign(q.data(), q.data() + n);
   result.eta = rest.eta_;

@@ -124,10 +124,8 @@ RunResult simulate_linear(const std::shared_ptr<const Mechanism>& mechanism, Lin
     const Equilibrium rest = find_equilibrium(mechanism);
     std::copy(rest.q.begin(), rest.q.end(), y.begin());
     std::copy(rest.eta.begin(), rest.eta.end(), y.begin() + static_cast<std::ptrdiff_t>(2 * n));
-  } else if (start.y.size() != y.size()) {
-    throw InvalidParameter(format("start state: got %zu values, expected %zu of this mechanism",
-                                  start.y.size(), y.size()));
   } else {
+    start.check(*mechanism, y.size());
     y = start.y;
   }
   RunResult out;
@@ -189,6 +187,11 @@ RunResult simulate_linear(const std::shared_ptr<const Mechanism>& mechanism, Lin
     out.time[row] = t;
     if (options.states) std::copy(y.begin(), y.end(), out.states.row(row).data());
     observe(system, t, y, {out.data.row(row).data(), static_cast<std::size_t>(out.data.cols())});
+    for (Eigen::Index i = 0; i < out.data.cols(); ++i) {
+      if (std::isfinite(out.data(row, i))) continue;
+      throw Error(format("failed at t = %.9g s: %s is not a finite number", t,
+                         out.names[static_cast<std::size_t>(i)].c_str()));
+    }
     ++row;
   };
   for (const int number : options.peak_contacts) {

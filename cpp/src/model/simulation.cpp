@@ -6,6 +6,8 @@
 #include <limits>
 
 #include "feltmb/core/error.hpp"
+#include "feltmb/core/sums.hpp"
+#include "feltmb/model/bdf_order.hpp"
 #include "feltmb/model/equilibrium.hpp"
 #include "feltmb/model/linear_machine.hpp"
 #include "feltmb/model/observables.hpp"
@@ -41,6 +43,9 @@ void check(const SimulationOptions& o) {
   }
   if (!(o.max_wall >= 0.0)) {
     throw InvalidParameter(format("max_wall = %.6g s, must be >= 0 (0: no limit)", o.max_wall));
+  }
+  if (!(o.ledger_limit > 0.0)) {
+    throw InvalidParameter(format("ledger_limit = %.6g, must be > 0", o.ledger_limit));
   }
   if (o.max_steps < 1) {
     throw InvalidParameter(format("max_steps = %ld, must be >= 1", o.max_steps));
@@ -117,23 +122,6 @@ class PeakWatch {
   double last_ = 0.0;
 };
 
-/// Largest order of the BDF whose sector of stability, A(90, 90, 86.0, 73.3, 51.8 degrees) for the
-/// orders 1 to 5, holds all string modes: a mode of damping ratio xi lies at the angle acos(xi).
-/// Beyond it the step is held down by stability, not by accuracy; at tight tolerances accuracy
-/// holds it further down anyway, and the high orders pay.
-int choose_order(const Mechanism& m, double rtol, bool with_strings) {
-  if (rtol < 1e-7) return 5;
-  // Without the strings: members bend undamped, and four took the least work for the error.
-  if (!with_strings) return 4;
-  double smallest = 1.0;
-  for (const auto& s : m.strings) {
-    smallest = std::min(smallest, s.string.parameters().damping_ratio);
-  }
-  if (smallest >= 0.618) return 5;
-  if (smallest >= 0.287) return 4;
-  return smallest >= 0.0692 ? 3 : 2;
-}
-
 }  // namespace
 
 Method method_from_name(const std::string& name) {
@@ -154,10 +142,37 @@ double tolerance_for(double error, const Mechanism& mechanism, Method method) {
   constexpr double least = 1e-13;
   if (mechanism.strings.empty()) return std::clamp(1e-2 * error, least, 1e-2);
   if (method != Method::kCvode) return std::clamp(3e-2 * error, least, 1e-2);
-  if (choose_order(mechanism, 1.0, true) > 2) return std::clamp(1e-2 * error, least, 1e-2);
+  if (order_of_strings(mechanism) > 2) return std::clamp(1e-2 * error, least, 1e-2);
   const double rtol = 0.3 * error * error;
   // Below 1e-7 all orders are used, and the error falls with the tolerance again.
   return std::max(rtol >= 1e-7 ? rtol : 1e-4 * error, least);
+}
+
+void SimulationState::check(const Mechanism& mechanism, std::size_t size) const {
+  if (y.size() != size) {
+    throw InvalidParameter(
+        format("start state: got %zu values, expected %zu of this mechanism", y.size(), size));
+  }
+  for (std::size_t i = 0; i < size; ++i) {
+    if (!std::isfinite(y[i])) {
+      throw InvalidParameter(
+          format("start state: value %zu is %.6g, expected a finite number", i, y[i]));
+    }
+  }
+  if (largest_compression.empty()) return;
+  if (largest_compression.size() != mechanism.contacts.size()) {
+    throw InvalidParameter(format("start memory: got %zu values, expected one a contact (%zu)",
+                                  largest_compression.size(), mechanism.contacts.size()));
+  }
+  constexpr double most = 1.0;  // m: thicker than any felt
+  for (std::size_t i = 0; i < largest_compression.size(); ++i) {
+    const double e = largest_compression[i];
+    if (!(e >= 0.0 && e <= most)) {
+      throw InvalidParameter(
+          format("start memory: %s was compressed by %.6g m, expected 0 to %.6g m",
+                 mechanism.contacts[i].name.c_str(), e, most));
+    }
+  }
 }
 
 std::vector<Lowest> Lowest::of(const Mechanism& mechanism, const std::vector<int>& points) {
@@ -180,6 +195,7 @@ class Run {
       const std::vector<Monitor>& monitors, const Progress& progress)
       : options_(options),
         progress_(progress),
+        mechanism_(mechanism),
         system_(mechanism, input, options.ledger, monitors, options.events),
         locator_(system_),
         modal_(options.method != Method::kCvode && !options.on_step && !mechanism->strings.empty()),
@@ -195,20 +211,10 @@ class Run {
       std::copy(rest.law.begin(), rest.law.end(), laws);
       std::copy(rest.eta.begin(), rest.eta.end(), laws + mechanism->total_law_states);
       largest() = rest.largest_compression;
-    } else if (start.y.size() != system_.size()) {
-      throw InvalidParameter(format("start state: got %zu values, expected %zu of this mechanism",
-                                    start.y.size(), system_.size()));
     } else {
+      start.check(*mechanism, system_.size());
       y_ = start.y;
-      if (!start.largest_compression.empty()) {
-        if (start.largest_compression.size() != largest().size()) {
-          throw InvalidParameter(
-              format("start memory: got %zu values, expected one a contact "
-                     "(%zu)",
-                     start.largest_compression.size(), largest().size()));
-        }
-        largest() = start.largest_compression;
-      }
+      if (!start.largest_compression.empty()) largest() = start.largest_compression;
     }
     for (std::size_t i = 0; i < mechanism->contacts.size(); ++i) {
       const ContactLaw& law = mechanism->contacts[i].law;
@@ -240,6 +246,9 @@ class Run {
       watches_.emplace_back(index, index);
     }
     result_.lowest = Lowest::of(*mechanism, options.lowest_points);
+    for (const FlexibleBeam& beam : mechanism->beams) {
+      result_.deflections.push_back({beam.name, beam.length, 0.0, 0.0});
+    }
     prepare_outputs();
   }
 
@@ -247,7 +256,7 @@ class Run {
     result_.method = modal_ ? Method::kModal : Method::kCvode;
     if (modal_) system_.allow_free_strings(1.0 / options_.output_rate);
     IntegratorOptions o;
-    o.quadrature_atol.assign(system_.n_quadratures(), options_.rtol * 1e-3);
+    o.quadrature_atol.assign(system_.n_quadratures(), options_.rtol * kLedgerTolerance);
     o.max_step = options_.max_step;
     const auto make = [&](bool with_strings) {
       // The integrator weighs the mean square of all errors. Strings at rest have none: without
@@ -257,9 +266,8 @@ class Run {
       const bool wide = !with_strings && options_.rtol >= 1e-7;
       o.rtol = options_.rtol * std::min(2.0, fewer) * (wide ? kTestWidth : 1.0);
       o.atol = system_.absolute_tolerances(o.rtol);
-      o.max_order = options_.max_order > 0
-                        ? options_.max_order
-                        : choose_order(system_.mechanism(), options_.rtol, with_strings);
+      o.max_order =
+          options_.max_order > 0 ? options_.max_order : choose_order(o.rtol, with_strings);
       return std::make_unique<Integrator>(system_, o);
     };
     locator_.start(0.0, y_);
@@ -269,6 +277,9 @@ class Run {
     Integrator* integrator = current();
     integrator->start(0.0, state_of(y_), true);
     sample(0.0, y_, nullptr);
+    if (!broken_.empty()) {
+      throw InvalidParameter("start state: " + broken_ + "; is the run that it is from damaged?");
+    }
     if (options_.on_step) options_.on_step(0.0, y_, largest());
 
     std::size_t next_stop = 0;
@@ -297,6 +308,10 @@ class Run {
                                                : integrator->time();
       for (auto& watch : watches_) watch.look(system_, *integrator, now, scratch_);
       sample_until(*integrator, now);
+      if (!broken_.empty()) {
+        fail_at(last_sample_, broken_);
+        break;
+      }
       for (const Crossing& crossing : locator_.scan(*integrator, now)) {
         record_event(*integrator, crossing);
       }
@@ -346,6 +361,23 @@ class Run {
   /// of the true error of a stroke was what Newton's method left over, which no test sees; since it
   /// leaves next to nothing, a wider test gives the same true error (docs/performance.md).
   static constexpr double kTestWidth = 2.0;
+
+  /// See bdf_order.hpp. At tight tolerances accuracy holds the step further down than stability
+  /// does, and the high orders pay.
+  int choose_order(double rtol, bool with_strings) const {
+    if (options_.rtol < 1e-7 || !with_strings) return 5;
+    const Mechanism& m = system_.mechanism();
+    const int order = order_of_strings(m);
+    if (order != 3 && order != 4) return order;
+    // The error test takes the mean square over all states: one alone may have this error.
+    const double own = rtol * std::sqrt(static_cast<double>(whole_size_));
+    const std::vector<FreeMode> modes =
+        free_modes(mechanism_, std::span<const double>(y_).first(at(m.size())));
+    return order_without_growth(order, modes, own, options_.duration);
+  }
+
+  /// Absolute tolerance of each quadrature over rtol [J].
+  static constexpr double kLedgerTolerance = 1e-3;
 
   Integrator* current() { return system_.strings_apart() ? apart_.get() : whole_.get(); }
 
@@ -542,7 +574,8 @@ class Run {
 
   void sample_until(const Integrator& integrator, double now) {
     if (!options_.outputs && result_.lowest.empty()) return;
-    while (last_sample_ < options_.duration && sample_time(next_sample_) <= now) {
+    while (broken_.empty() && last_sample_ < options_.duration &&
+           sample_time(next_sample_) <= now) {
       const double t = sample_time(next_sample_);
       integrator.interpolate(t, scratch_);
       sample(t, scratch_, &integrator);
@@ -551,6 +584,10 @@ class Run {
 
   void sample(double t, std::span<const double> y, const Integrator* integrator) {
     const bool taken = options_.outputs && t >= options_.outputs_from;
+    if (next_sample_ == 0 && options_.outputs && options_.ledger) {
+      result_.start.resize(result_.names.size());
+      observe(system_, t, y, result_.start);
+    }
     if (taken) {
       take_sample(t, y, integrator);
     } else if (!result_.lowest.empty()) {
@@ -564,6 +601,29 @@ class Run {
     ++next_sample_;
   }
 
+  /// Names the first entry of a row that is no number.
+  template <class Name>
+  void look_for_nan(std::span<const double> row, Name&& name) {
+    if (std::isfinite(sum_absolute(row.size(), row.data())) || !broken_.empty()) return;
+    for (std::size_t i = 0; i < row.size(); ++i) {
+      if (std::isfinite(row[i])) continue;
+      broken_ = name(i) + " is not a finite number";
+      return;
+    }
+  }
+
+  /// `row`: the outputs just observed, with the condensed deflections.
+  void look_at_deflections(double t, std::span<const double> row) {
+    for (std::size_t b = 0; b < result_.deflections.size(); ++b) {
+      const FlexibleBeam& beam = system_.mechanism().beams[b];
+      const double now = beam.deflection(row.subspan(at(beam.first), at(beam.count)));
+      Deflection& seen = result_.deflections[b];
+      if (now <= seen.largest) continue;
+      seen.largest = now;
+      seen.time = t;
+    }
+  }
+
   void take_sample(double t, std::span<const double> y, const Integrator* integrator) {
     if (rows_ >= result_.time.size()) return;
     const auto row = static_cast<Eigen::Index>(rows_);
@@ -575,6 +635,10 @@ class Run {
     }
     observe(system_, t, y,
             {result_.data.row(row).data(), static_cast<std::size_t>(result_.data.cols())});
+    const std::span<const double> seen{result_.data.row(row).data(), result_.names.size()};
+    look_for_nan(seen, [&](std::size_t i) { return result_.names[i]; });
+    look_for_nan(y.first(system_.size()), [&](std::size_t i) { return system_.state_name(i); });
+    look_at_deflections(t, seen);
     if (!ledger_scratch_.empty()) {
       if (integrator != nullptr) {
         integrator->interpolate_quadratures(t, ledger_scratch_);
@@ -591,8 +655,10 @@ class Run {
         if (system_.strings_apart()) ledger_scratch_[strings + s] += system_.string_heat(s);
       }
       std::copy(ledger_scratch_.begin(), ledger_scratch_.end(), result_.ledger.row(row).data());
+      look_for_nan(ledger_scratch_,
+                   [&](std::size_t i) { return "ledger " + result_.ledger_names[i]; });
     }
-    ++rows_;
+    if (broken_.empty()) ++rows_;
   }
 
   void record_event(const Integrator& integrator, const Crossing& crossing) {
@@ -681,6 +747,11 @@ class Run {
     return true;
   }
 
+  void fail_at(double t, const std::string& why) {
+    result_.status = RunStatus::kFailed;
+    result_.message = format("failed at t = %.9g s: %s", t, why.c_str());
+  }
+
   void fail(Integrator& integrator, const std::string& why) {
     result_.status = RunStatus::kFailed;
     const double t = integrator.time();
@@ -716,6 +787,9 @@ class Run {
       if (options_.states) result_.states.conservativeResize(rows, Eigen::NoChange);
       result_.ledger.conservativeResize(rows, Eigen::NoChange);
     }
+    look_for_nan(result_.end.y, [&](std::size_t i) { return system_.state_name(i); });
+    if (!broken_.empty() && result_.status == RunStatus::kDone) fail_at(result_.reached, broken_);
+    balance();
     const auto event_rows = static_cast<Eigen::Index>(result_.events.size());
     result_.event_states.conservativeResize(event_rows, 2 * system_.coordinates());
     const auto contacts = static_cast<Eigen::Index>(system_.mechanism().contacts.size());
@@ -730,6 +804,39 @@ class Run {
     result_.wall = std::chrono::duration<double>(Clock::now() - begin_).count();
   }
 
+  /// What of the energy is missing, over all samples.
+  void balance() {
+    if (!options_.outputs || !options_.ledger || rows_ == 0) return;
+    const Eigen::Index first = static_cast<Eigen::Index>(result_.names.size()) - kStoredParts;
+    const Eigen::Map<const Eigen::RowVectorXd> start(result_.start.data() + first, kStoredParts);
+    const RowMatrix stored = result_.data.rightCols(kStoredParts).rowwise() - start;
+    const Eigen::Index losses = result_.ledger.cols() - 2;
+    const Eigen::VectorXd residual = result_.ledger.col(0) - stored.rowwise().sum() -
+                                     result_.ledger.rightCols(losses).rowwise().sum();
+    LedgerBalance& b = result_.balance;
+    b.residual = residual[residual.size() - 1];
+    b.residual_largest = residual.cwiseAbs().maxCoeff();
+    // Each of these passed through the mechanism at least once; they are the same energy at other
+    // times and in other places, so they do not add up. Kinetic energy counts from rest.
+    const auto last = result_.ledger.row(result_.ledger.rows() - 1);
+    b.turned_over =
+        std::max({last[1], last.tail(losses).cwiseAbs().sum(), stored.cwiseAbs().maxCoeff(),
+                  result_.data.rightCols(kStoredParts).col(0).maxCoeff(), start[0]});
+    // What the quadratures leave over is nothing.
+    const double least =
+        options_.rtol * kLedgerTolerance * static_cast<double>(result_.ledger.cols());
+    b.residual_relative = b.residual_largest / std::max(b.turned_over, least);
+    if (result_.status != RunStatus::kDone || !(b.residual_relative > options_.ledger_limit)) {
+      return;
+    }
+    result_.status = RunStatus::kFailed;
+    result_.message = format(
+        "energy not accounted for reaches %.3g J, %.3g %% of the %.3g J turned over, expected at "
+        "most %.3g %% (ledger_limit); use a smaller rtol",
+        b.residual_largest, 100.0 * b.residual_relative, b.turned_over,
+        100.0 * options_.ledger_limit);
+  }
+
   template <class Name>
   static void rank(const std::vector<long>& counts, Name&& name,
                    std::vector<std::pair<std::string, long>>& out) {
@@ -742,6 +849,7 @@ class Run {
 
   SimulationOptions options_;
   Progress progress_;
+  std::shared_ptr<const Mechanism> mechanism_;
   MechanismSystem system_;
   EventLocator locator_;
   const bool modal_;              ///< strings that are free are advanced exactly
@@ -761,6 +869,7 @@ class Run {
   bool recovering_ = false;               ///< one of these forgets
   std::vector<double> recovered_;         ///< heat of recovery by contact [J]
   RunResult result_;
+  std::string broken_;  ///< what is wrong with the last sample
   long rows_ = 0;
   long next_sample_ = 0;
   double last_sample_ = -1.0;

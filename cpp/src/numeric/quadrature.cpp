@@ -46,7 +46,7 @@ QuadratureRule make_gauss_legendre(std::size_t n) {
 }
 
 const QuadratureRule& gauss16() {
-  static const QuadratureRule rule = make_gauss_legendre(16);
+  static const QuadratureRule& rule = *new QuadratureRule(make_gauss_legendre(16));
   return rule;
 }
 

@@ -212,6 +212,8 @@ void Assembler::add_beam(const BodyDescription& b, const Placement& base) {
                       {},
                       {},
                       {},
+                      {},
+                      {},
                       {}};
     beam.count = d.axial_shapes + d.lateral_shapes;
     for (int k = 0; k < beam.count; ++k) {
@@ -248,6 +250,16 @@ void Assembler::integrate_mass(FlexibleBeam& beam, const BeamDescription& d) {
   beam.shape_product.setZero(beam.count, beam.count);
   beam.shape_cross.setZero(beam.count, beam.count);
   const QuadratureRule rule = make_gauss_legendre(at(beam.shapes.quadrature_points()));
+  beam.axial_at.setZero(4, beam.count);
+  beam.lateral_at.setZero(4, beam.count);
+  for (int quarter = 1; quarter <= 4; ++quarter) {
+    const ShapeValues v = beam.shapes.at(0.25 * quarter * d.length);
+    for (int k = 0; k < beam.count; ++k) {
+      const int lateral = k - d.axial_shapes;
+      (lateral < 0 ? beam.axial_at : beam.lateral_at)(quarter - 1, k) =
+          lateral < 0 ? v.axial[at(k)] : v.lateral[at(lateral)];
+    }
+  }
   std::vector<Vec2> shape(at(beam.count));
   for (std::size_t i = 0; i < rule.nodes.size(); ++i) {
     const double mass = 0.5 * d.length * rule.weights[i] * d.linear_density;

@@ -30,7 +30,7 @@ from feltmb.config import (
     plain_data,
     spread_laws,
 )
-from feltmb.errors import InvalidParameter
+from feltmb.errors import IntegrationError, InvalidParameter
 from feltmb.files import is_file, write_file
 from feltmb.quantity import SI, Schema, fault_lines, fault_text, shortened
 from feltmb.stroke import Stroke, torque_stroke
@@ -397,7 +397,8 @@ class ActuatorRun:
         finger force about its mean in the last quarter) and ``deflection`` (largest of the tip).
     energy
         ``work_motor``, ``work_gravity``, ``given_to_action``, stored and dissipated energies at the
-        end [J], ``residual_relative``: the largest imbalance over the work put in.
+        end [J], ``residual_relative``: the largest imbalance over the energy turned
+        over, the largest of work put in, stored energy and losses.
     stats
         Work counts of the stepper and the wall time [s].
     """
@@ -499,6 +500,9 @@ def simulate_actuator(
     ------
     InvalidParameter
         An argument is out of range.
+    IntegrationError
+        More than a tenth of the energy turned over is not accounted for; ``error.partial`` is the
+        run.
     """
     if isinstance(actuator, str):
         actuator = load_actuator(actuator)
@@ -513,7 +517,7 @@ def simulate_actuator(
     columns = dict(zip(out["names"], out["data"].T, strict=True))
     events = tuple((t, direction > 0, rate) for t, direction, rate in out["events"])
     energy = _energy(columns)
-    return ActuatorRun(
+    run = ActuatorRun(
         time=out["time"],
         names=tuple(out["names"]),
         units=tuple(out["units"]),
@@ -535,6 +539,17 @@ def simulate_actuator(
             "torque": stroke.as_dict(),
         },
     )
+    limit = _core.SimulationOptions().ledger_limit
+    if energy["residual_relative"] > limit:
+        raise IntegrationError(
+            f"actuator: energy not accounted for is {energy['residual_relative']:.1%} of the "
+            f"energy turned over, expected at most {limit:.0%}; use a smaller tolerance",
+            partial=run,
+            time=float(run.time[-1]),
+            state="",
+            contact="",
+        )
+    return run
 
 
 def _summary(
@@ -592,7 +607,7 @@ def _energy(columns: Mapping[str, Array]) -> dict[str, float]:
     work_in = columns["work.motor"] + columns["work.gravity"]
     lost = columns["dissipated.stop"] + columns["dissipated.damper"] + columns["work.action"]
     residual = work_in - lost - (sum(stored.values()) - sum(s[0] for s in stored.values()))
-    most = float(max(np.max(np.abs(work_in)), np.max(sum(stored.values()))))
+    most = float(max(np.max(np.abs(x)) for x in (work_in, sum(stored.values()), lost)))
     return {
         "work_motor": float(columns["work.motor"][-1]),
         "work_gravity": float(columns["work.gravity"][-1]),

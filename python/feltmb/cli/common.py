@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
-from feltmb.errors import printable
 from feltmb.cli import completing
+from feltmb.errors import printable
 
 if TYPE_CHECKING:
     from rich.console import Console

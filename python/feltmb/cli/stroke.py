@@ -103,6 +103,13 @@ if TYPE_CHECKING:
     help="Give up after this wall time a stroke [s]; what was simulated is saved.",
 )
 @click.option(
+    "--ledger-limit",
+    type=Number(0, min_open=True),
+    default=0.1,
+    show_default=True,
+    help="A run has failed where more than this share of the energy turned over is missing.",
+)
+@click.option(
     "--start",
     type=click.Path(path_type=Path, exists=True, dir_okay=False),
     help="Go on from the end of this saved run.",
@@ -136,6 +143,7 @@ def command(
     method: str,
     output_rate: float,
     max_wall: float | None,
+    ledger_limit: float,
     start: Path | None,
     noise: str | None,
     jobs: int,
@@ -204,6 +212,7 @@ def command(
                 **options,  # type: ignore[arg-type]
                 start=first,
                 max_wall=max_wall,
+                ledger_limit=ledger_limit,
                 progress=(lambda _t: not stop["now"]) if jobs > 1 else None,
             )
         except IntegrationError as failure:
@@ -240,11 +249,16 @@ def command(
             kind = "" if isinstance(fault, FeltmbError) else f"{type(fault).__name__}: "
             failures.append(f"{name}: no picture or sound: {kind}{fault}")
 
-    with ThreadPoolExecutor(max_workers=jobs) as pool:
+    with ThreadPoolExecutor(max_workers=min(jobs, len(loaded))) as pool:
         waiting: dict[int, Future[tuple[Run, str]]] = {}
-        if jobs > 1:
-            waiting = {i: pool.submit(one, i) for i in range(len(loaded))}
         try:
+            for i in range(len(loaded) if jobs > 1 else 0):
+                try:
+                    waiting[i] = pool.submit(one, i)
+                except RuntimeError as refused:
+                    raise FeltmbError(
+                        f"--jobs {jobs}: no thread could be started ({refused}); use --jobs 1"
+                    ) from None
             for i in range(len(loaded)):
                 result = waiting[i].result() if waiting else one(i)
                 waiting.pop(i, None)
@@ -392,7 +406,9 @@ def summary_table(run: Run, title: str) -> Any:
     if run.energy:
         table.add_row("work put in", *pretty(run.energy["work_in"], "J"))
         table.add_row(
-            "energy not accounted for", f"{run.energy['residual_relative']:.1e}", "of the work"
+            "energy not accounted for",
+            f"{run.energy['residual_relative']:.1e}",
+            "of the energy turned over",
         )
         for name in run.energy["created_by"]:
             table.add_row(

@@ -324,7 +324,7 @@ def _to_gradient(
         where = f"window from {window.begin:g} s to {window.end:g} s: "
         raise IntegrationError(
             where + run.message,
-            partial=None,  # type: ignore[arg-type]  # only derivatives were wanted
+            partial=None,  # only derivatives were wanted
             time=run.reached,
             state=run.failed_state,
             contact=run.failed_contact,

@@ -53,7 +53,8 @@ def run_members(
         Where to run; default: one batch of the core (:mod:`feltmb.batch`) on threads of this
         process. A given executor is not shut down.
     jobs
-        Number of threads without an executor; default: the cores of this process.
+        Number of threads without an executor, at most four a core; default: the cores of this
+        process.
     folder
         Folder of finished members: what lies there is not computed again.
     """
@@ -91,7 +92,10 @@ class _Batch:
     def outcomes(self) -> Generator[tuple[int, Outcome], None, None]:
         """Positions and outcomes, as they are finished."""
         thread = threading.Thread(target=self._run, name="feltmb batch")
-        thread.start()
+        try:
+            thread.start()
+        except RuntimeError as refused:  # of the system
+            raise FeltmbError(f"sweep: its thread could not be started: {refused}") from None
         try:
             while (found := self._ready.get()) is not None:
                 yield found

@@ -168,6 +168,8 @@ def sweep(
             members.append(member)
     outcomes: list[Outcome | None] = [faults.get(i) for i in range(len(members))]
     numbered = [(i, m) for i, m in enumerate(members) if i not in faults]
+    if jobs is not None:
+        jobs = min(int(jobs), max(1, len(numbered)))
     found = run_members((m for _, m in numbered), executor=executor, jobs=jobs, folder=where)
     with closing(found), ProgressBar(progress, len(numbered), "sweep") as bar:
         for k, outcome in found:

@@ -9,6 +9,9 @@
 
 namespace feltmb {
 
+/// The last outputs: stored energy, kinetic first [J].
+inline constexpr int kStoredParts = 5;
+
 struct ObservableInfo {
   std::string name;
   std::string unit;

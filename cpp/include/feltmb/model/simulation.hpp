@@ -48,8 +48,11 @@ struct SimulationOptions {
   bool states = true;          ///< keep the full state at every sample
   bool diagnose = true;        ///< count which state and contact limit the step
   Method method = Method::kAuto;
-  int max_order = 0;      ///< of the BDF; 0: chosen from the damping of the strings
+  int max_order = 0;      ///< of the BDF; 0: chosen by the modes of the mechanism, bdf_order.hpp
   double max_step = 0.0;  ///< [s], 0: no limit
+  /// A run with a ledger has failed where more than this share of the energy turned over is not
+  /// accounted for [-], > 0.
+  double ledger_limit = 0.1;
   long max_steps = 20000000;
   double max_wall = 0.0;           ///< seconds of wall time after which the run stops, 0: none
   std::vector<int> peak_contacts;  ///< numbers of contacts whose largest force is sought
@@ -65,7 +68,20 @@ struct SimulationOptions {
 struct SimulationState {
   double time = 0.0;                        ///< [s] on the clock of the run that ended
   std::vector<double> y;                    ///< see MechanismSystem
-  std::vector<double> largest_compression;  ///< remembered by each contact [m]
+  std::vector<double> largest_compression;  ///< remembered by each contact [m]; empty: nothing
+
+  /// Throws InvalidParameter unless this can be a state of `mechanism` with `size` values.
+  void check(const Mechanism& mechanism, std::size_t size) const;
+};
+
+/// Energy that the ledger of a run misses, over all samples.
+struct LedgerBalance {
+  double residual = 0.0;          ///< at the end [J]
+  double residual_largest = 0.0;  ///< largest size of it [J]
+  /// The largest of: work at the input without its sign, heat, kinetic energy, change of each part
+  /// of the stored energy [J].
+  double turned_over = 0.0;
+  double residual_relative = 0.0;  ///< residual_largest / turned_over [-]
 };
 
 struct SimulationEvent {
@@ -96,6 +112,14 @@ struct Lowest {
   }
 };
 
+/// How far a flexible beam was displaced against its base, along or across.
+struct Deflection {
+  std::string name;
+  double length = 0.0;   ///< of the beam [m]
+  double largest = 0.0;  ///< over all samples taken [m]
+  double time = 0.0;     ///< [s]
+};
+
 enum class RunStatus { kDone, kFailed, kWallTime, kInterrupted };
 
 struct RunResult {
@@ -109,8 +133,10 @@ struct RunResult {
   std::vector<std::string> names;  ///< of the outputs
   std::vector<std::string> units;
   std::vector<std::string> long_names;
-  RowMatrix data;    ///< (n_times, n_outputs)
-  RowMatrix states;  ///< (n_times, n_states)
+  RowMatrix data;             ///< (n_times, n_outputs)
+  RowMatrix states;           ///< (n_times, n_states)
+  std::vector<double> start;  ///< outputs at time zero, taken or not; with a ledger
+  LedgerBalance balance;
   std::vector<std::string> ledger_names;
   RowMatrix ledger;                     ///< (n_times, n_quadratures) [J]
   std::vector<SimulationEvent> events;  ///< rows of the three matrices that follow
@@ -118,7 +144,8 @@ struct RunResult {
   RowMatrix event_compression;          ///< (n_events, n_contacts) [m]
   RowMatrix event_approach;             ///< (n_events, n_contacts) [m/s] of the materials
   std::vector<Peak> peaks;
-  std::vector<Lowest> lowest;  ///< as SimulationOptions::lowest_points
+  std::vector<Deflection> deflections;  ///< by beam
+  std::vector<Lowest> lowest;           ///< as SimulationOptions::lowest_points
   SimulationState end;
   IntegratorCounts counts;
   Method method = Method::kCvode;  ///< that was used

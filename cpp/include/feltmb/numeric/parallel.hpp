@@ -12,10 +12,27 @@
 
 namespace feltmb {
 
-/// Number of threads to use: `requested`, or every core when it is 0; never less than 1.
+/// Most threads a core: more of them gain nothing, and each takes memory.
+inline constexpr std::size_t kThreadsPerCore = 4;
+
+/// Number of threads to use: `requested` but at most kThreadsPerCore a core, or every core when it
+/// is 0; never less than 1.
 inline std::size_t resolve_threads(std::size_t requested) {
-  if (requested > 0) return requested;
-  return std::max<std::size_t>(1, std::thread::hardware_concurrency());
+  const std::size_t cores = std::max<std::size_t>(1, std::thread::hardware_concurrency());
+  return requested == 0 ? cores : std::min(requested, kThreadsPerCore * cores);
+}
+
+/// Starts work(part) for the parts 1 to `count` - 1 on threads of their own, in this order; returns
+/// fewer threads where the system has no more.
+template <class Work>
+std::vector<std::thread> start_threads(std::size_t count, const Work& work) {
+  std::vector<std::thread> pool;
+  pool.reserve(count);
+  try {
+    for (std::size_t part = 1; part < count; ++part) pool.emplace_back(work, part);
+  } catch (const std::exception&) {  // std::system_error, std::bad_alloc
+  }
+  return pool;
 }
 
 /// Calls body(begin, end) on disjoint parts of [0, n). Results must not depend on the division
@@ -30,8 +47,6 @@ void parallel_for(std::size_t n, std::size_t threads, Body&& body) {
   }
   std::exception_ptr failure;
   std::mutex guard;
-  std::vector<std::thread> pool;
-  pool.reserve(threads - 1);
   const auto run = [&](std::size_t part) {
     try {
       body(n * part / threads, n * (part + 1) / threads);
@@ -40,8 +55,9 @@ void parallel_for(std::size_t n, std::size_t threads, Body&& body) {
       if (!failure) failure = std::current_exception();
     }
   };
-  for (std::size_t part = 1; part < threads; ++part) pool.emplace_back(run, part);
+  std::vector<std::thread> pool = start_threads(threads, run);
   run(0);
+  for (std::size_t part = pool.size() + 1; part < threads; ++part) run(part);
   for (std::thread& thread : pool) thread.join();
   if (failure) std::rethrow_exception(failure);
 }
@@ -50,11 +66,9 @@ void parallel_for(std::size_t n, std::size_t threads, Body&& body) {
 class ThreadTeam {
  public:
   /// @param threads  0: all cores
-  explicit ThreadTeam(std::size_t threads) : size_(resolve_threads(threads)) {
-    for (std::size_t part = 1; part < size_; ++part) {
-      workers_.emplace_back([this, part] { work(part); });
-    }
-  }
+  explicit ThreadTeam(std::size_t threads)
+      : workers_(start_threads(resolve_threads(threads), [this](std::size_t part) { work(part); })),
+        size_(workers_.size() + 1) {}
   ~ThreadTeam() {
     stop_ = true;
     generation_.fetch_add(1);
@@ -106,12 +120,12 @@ class ThreadTeam {
     }
   }
   static constexpr int kSpins = 500;
-  std::size_t size_;
   std::function<void(std::size_t)> task_;
   std::atomic<std::size_t> generation_{0};
   std::atomic<std::size_t> pending_{0};
   std::atomic<bool> stop_{false};
-  std::vector<std::thread> workers_;
+  std::vector<std::thread> workers_;  // after all that they look at while they wait
+  std::size_t size_;
 };
 
 }  // namespace feltmb

@@ -2,7 +2,9 @@
 #pragma once
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -87,6 +89,15 @@ struct FlexibleBeam {
   std::vector<double> transverse;  ///< of x S_k,y [kg m]
   Eigen::MatrixXd shape_product;   ///< of S_k . S_l [kg]
   Eigen::MatrixXd shape_cross;     ///< of S_k x S_l [kg]
+
+  Eigen::MatrixXd axial_at;    ///< U_k at quarters of the length, (4, count) [-]
+  Eigen::MatrixXd lateral_at;  ///< V_k there [-]
+
+  /// Largest displacement at the quarters, along or across [m], for the elastic coordinates e.
+  double deflection(std::span<const double> e) const {
+    const Eigen::Map<const Eigen::VectorXd> of(e.data(), count);
+    return std::max((axial_at * of).cwiseAbs().maxCoeff(), (lateral_at * of).cwiseAbs().maxCoeff());
+  }
 };
 
 /// Flat side of a contact pair: every pair of surfaces reduces to a circle on link b against one

@@ -1,0 +1,43 @@
+/// Which order of the BDF a mechanism may be integrated with.
+///
+/// No order above two is stable for every undamped mode at every step (G. Dahlquist, BIT 3 (1963)
+/// 27). Two things follow. Fast modes that move less than the tolerance, as most of a string's do,
+/// hold the step at the border of stability unless the sector of the order holds them: A(90, 90,
+/// 86.0, 73.3, 51.8 degrees) for the orders 1 to 5, a mode of damping ratio xi at the angle
+/// acos(xi). Modes that the error test resolves are damped by the orders 1, 2 and 5 at short steps,
+/// but grow under 3 and 4 however short the step is: the tolerance is relative and grows with them.
+#pragma once
+
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "feltmb/planar/mechanism.hpp"
+
+namespace feltmb {
+
+/// A mode of a mechanism that nothing touches or drives.
+struct FreeMode {
+  double rate = 0.0;     ///< omega [rad/s], > 0
+  double damping = 0.0;  ///< ratio xi [-]
+};
+
+/// Modes of bodies, springs and flexible members about a pose, condensed coordinates kept; strings
+/// are not among them. Only members damp: friction saturates, and holds back no large motion.
+std::vector<FreeMode> free_modes(const std::shared_ptr<const Mechanism>& mechanism,
+                                 std::span<const double> pose);
+
+/// Largest order whose sector holds the modes of all strings; 5 without strings.
+int order_of_strings(const Mechanism& mechanism);
+
+/// Growth of an undamped mode under the BDF of an order, 1 to 5, with the step h: e-folds a radian.
+/// @param step  h omega [rad], > 0, below the border of stability
+double growth_per_radian(int order, double step);
+
+/// Largest order, at most `order`, under which no mode grows by more than a tenth in `duration`
+/// [s].
+/// @param rtol  relative error that the error test leaves to one state in one step [-]
+int order_without_growth(int order, const std::vector<FreeMode>& modes, double rtol,
+                         double duration);
+
+}  // namespace feltmb

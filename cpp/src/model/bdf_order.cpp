@@ -1,0 +1,116 @@
+#include "feltmb/model/bdf_order.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <complex>
+
+#include "feltmb/planar/dynamics.hpp"
+
+namespace feltmb {
+namespace {
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+/// Coordinates that a simulation integrates.
+std::vector<int> moving_coordinates(const Mechanism& m) {
+  std::vector<bool> held(at(m.size()), false);
+  for (const FlexibleBeam& beam : m.beams) {
+    for (int k = 0; beam.condense_axial && k < beam.shapes.axial(); ++k) {
+      held[at(beam.first + k)] = true;
+    }
+  }
+  std::vector<int> out;
+  for (int k = 0; k < m.size(); ++k) {
+    if (!held[at(k)]) out.push_back(k);
+  }
+  return out;
+}
+
+/// h omega at which one step of an undamped mode has the relative error rtol: the local error of
+/// the BDF of order k is (h omega)^(k + 1) / ((k + 1) (1 + 1/2 + ... + 1/k)).
+double step_of_error(int order, double rtol) {
+  double sum = 0.0;
+  for (int j = 1; j <= order; ++j) sum += 1.0 / j;
+  return std::pow(rtol * (order + 1) * sum, 1.0 / (order + 1));
+}
+
+}  // namespace
+
+std::vector<FreeMode> free_modes(const std::shared_ptr<const Mechanism>& mechanism,
+                                 std::span<const double> pose) {
+  const Mechanism& m = *mechanism;
+  Dynamics dynamics(mechanism);
+  const std::vector<double> zero(at(m.size()), 0.0);
+  const std::vector<double> law(at(m.total_law_states), 0.0);
+  const std::vector<double> eta(at(m.total_modes), 0.0);
+  dynamics.evaluate({pose.first(zero.size()), zero, law, eta, eta}, Drive{});
+  dynamics.differentiate();
+  Eigen::MatrixXd damping = Eigen::MatrixXd::Zero(m.size(), m.size());
+  for (const FlexibleBeam& beam : m.beams) {
+    damping.block(beam.first, beam.first, beam.count, beam.count) =
+        beam.damping_time * beam.stiffness;
+  }
+  const std::vector<int> moving = moving_coordinates(m);
+  if (moving.empty()) return {};
+  const Eigen::MatrixXd stiffness =
+      -0.5 * (dynamics.stiffness() + dynamics.stiffness().transpose())(moving, moving);
+  const Eigen::MatrixXd mass = dynamics.mass_matrix()(moving, moving);
+  const Eigen::GeneralizedSelfAdjointEigenSolver<Eigen::MatrixXd> eigen(stiffness, mass);
+  std::vector<FreeMode> out;
+  for (Eigen::Index i = 0; i < eigen.eigenvalues().size(); ++i) {
+    const double square = eigen.eigenvalues()[i];
+    if (!(square > 0.0)) continue;  // falls or drifts, does not swing
+    const Eigen::VectorXd shape = eigen.eigenvectors().col(i);
+    const double rate = std::sqrt(square);
+    out.push_back({rate, 0.5 * shape.dot(damping(moving, moving) * shape) / rate});
+  }
+  return out;
+}
+
+int order_of_strings(const Mechanism& mechanism) {
+  double smallest = 1.0;
+  for (const AttachedString& s : mechanism.strings) {
+    smallest = std::min(smallest, s.string.parameters().damping_ratio);
+  }
+  if (smallest >= 0.618) return 5;
+  if (smallest >= 0.287) return 4;
+  return smallest >= 0.0692 ? 3 : 2;
+}
+
+double growth_per_radian(int order, double step) {
+  // The root x of sum over j <= k of (1 - 1/x)^j / j = i h omega that begins at exp(i h omega).
+  const std::complex<double> target{0.0, step};
+  std::complex<double> x = std::exp(target);
+  for (int iteration = 0; iteration < 20; ++iteration) {
+    const std::complex<double> w = 1.0 - 1.0 / x;
+    std::complex<double> power = 1.0;
+    std::complex<double> slope = 0.0;
+    std::complex<double> value = -target;
+    for (int j = 1; j <= order; ++j) {
+      slope += power;
+      power *= w;
+      value += power / static_cast<double>(j);
+    }
+    const std::complex<double> change = value * x * x / slope;
+    x -= change;
+    if (std::abs(change) < 1e-15) break;
+  }
+  return std::log(std::abs(x)) / step;
+}
+
+int order_without_growth(int order, const std::vector<FreeMode>& modes, double rtol,
+                         double duration) {
+  constexpr double most = 0.1;  // e-folds
+  for (; order == 3 || order == 4; --order) {
+    const double growth = growth_per_radian(order, step_of_error(order, rtol));
+    if (std::all_of(modes.begin(), modes.end(), [&](const FreeMode& mode) {
+          return (growth - mode.damping) * mode.rate * duration <= most;
+        })) {
+      break;
+    }
+  }
+  return order;
+}
+
+}  // namespace feltmb
