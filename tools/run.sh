@@ -10,6 +10,7 @@ setup_feltmb
 
 cd "$start_dir"
 say "feltmb demo --out out${*:+ $*}"
+mkdir -p out
 "$venv/bin/feltmb" demo --out out "$@"
 
 # A small diagnosis on measured data: the model lacks the friction of the guide.

@@ -60,3 +60,20 @@ TEST_CASE("no amplitude, no friction; large speeds stay finite") {
   CHECK(evaluate(Friction{}, 3.0).slope == 0.0);
   CHECK(std::isfinite(evaluate(kWood, 1e90).value));
 }
+
+TEST_CASE(
+    "friction turns over where a term with the threshold speed is, of eq. A.1 or Stribeck's") {
+  for (const bool coulomb : {false, true}) {
+    for (const bool stribeck : {false, true}) {
+      Friction f;
+      f.viscous = 0.3;
+      f.quadratic = 0.2;
+      f.threshold_speed = 1e-3;
+      f.amplitude = coulomb ? 0.1 : 0.0;
+      f.stribeck = stribeck ? 0.1 : 0.0;
+      // The slope falls by orders of magnitude within a few threshold speeds.
+      const bool bends = evaluate(f, 0.0).slope > 10.0 * evaluate(f, 5e-3).slope;
+      CHECK(turns_over(f) == bends);
+    }
+  }
+}

@@ -155,8 +155,6 @@ class Bench:
         drawn, sources = self._draw(cases, seed)
         text = _json(drawn)
         make_folder(self.folder)
-        for name in ("records", "answers", "results"):
-            make_folder(self.folder / name)
         write_text(self.folder / "truths.json", text, force=True)
         seal = {
             "version": __version__,
@@ -375,8 +373,10 @@ def _make_records(folder: Path, outside: Path | None, numbers: Sequence[int]) ->
             if told["component"] != "input":  # what is recorded of the input moves no camera
                 moments = {k: truth_sensors.shows(ideal[i][k], view[k]) for k in truth.STROKES}
                 told["shows"] = {k: t for k, t in moments.items() if math.isfinite(t)}
-        write_text(folder / "answers" / f"{case.number}.json", _json(answer), force=True)
-        write_file(folder / "records" / f"{case.number}.npz", save, force=True)
+        write_text(
+            make_folder(folder / "answers") / f"{case.number}.json", _json(answer), force=True
+        )
+        write_file(make_folder(folder / "records") / f"{case.number}.npz", save, force=True)
     return numbers
 
 
@@ -385,8 +385,8 @@ def _make_action_records(folder: Path, numbers: Sequence[int]) -> Sequence[int]:
 
     truths = read_json(folder / "truths.json")
     for n in numbers:
-        told = action_bench.make_records(truths[n], folder / "records" / f"{n}.npz")
-        write_text(folder / "answers" / f"{n}.json", _json(told), force=True)
+        told = action_bench.make_records(truths[n], make_folder(folder / "records") / f"{n}.npz")
+        write_text(make_folder(folder / "answers") / f"{n}.json", _json(told), force=True)
     return numbers
 
 
@@ -395,7 +395,7 @@ def _diagnose_action(folder: Path, number: int, oracle: bool) -> int:
 
     found = action_bench.result(folder, number, with_oracle=oracle)
     found["engine"] = engine_hash("steinway45")
-    write_text(folder / "results" / f"{number}.json", _json(found), force=True)
+    write_text(make_folder(folder / "results") / f"{number}.json", _json(found), force=True)
     return number
 
 
@@ -479,7 +479,7 @@ def _diagnose(folder: Path, number: int, oracle: bool) -> int:
     result["cpu_seconds"] = time.process_time() - clock
     if oracle and "error" not in result:
         result["oracle"] = _oracle(folder, number, records, library)
-    write_text(folder / "results" / f"{number}.json", _json(result), force=True)
+    write_text(make_folder(folder / "results") / f"{number}.json", _json(result), force=True)
     return number
 
 

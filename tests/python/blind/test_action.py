@@ -11,7 +11,7 @@ from feltmb.blind.action_strength import noncentralities
 from feltmb.blind.bench import Bench, _make_action_records
 from feltmb.blind.score import read, score
 from feltmb.errors import InvalidParameter
-from feltmb.files import write_text
+from feltmb.files import make_folder, write_text
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +85,9 @@ def test_the_scorer_reads_what_the_bench_writes(made):
                      "size": 1.0, "low": 0.0, "high": 2.0, "refitted": True, "statistic": 9.0,
                      "posterior": 1.0, "confusable": []}],
     }  # fmt: skip
-    write_text(bench.folder / "results" / f"{number}.json", json.dumps(said), force=True)
+    write_text(
+        make_folder(bench.folder / "results") / f"{number}.json", json.dumps(said), force=True
+    )
     (case,) = read(bench.folder, [number])
     assert case.top(1)
     assert not case.wrong()
