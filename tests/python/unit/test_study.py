@@ -28,7 +28,7 @@ from feltmb.study_report import page, tables
 
 #: Outcome of each finding in the order of the file: agrees (A), disagrees (D), not tested (N).
 OUTCOMES = {
-    "wire": "AAAAAADDA",
+    "wire": "AAAAAADDD",
     "wire_vibration": "AAA",
     "shank": "DAAADD",
     "string": "AADDADADDADADADD",
