@@ -101,7 +101,7 @@ double growth_per_radian(int order, double step) {
 
 int order_without_growth(int order, const std::vector<FreeMode>& modes, double rtol,
                          double duration) {
-  constexpr double most = 0.1;  // e-folds
+  constexpr double most = 1.0;  // e-folds; more would be seen in the ledger
   for (; order == 3 || order == 4; --order) {
     const double growth = growth_per_radian(order, step_of_error(order, rtol));
     if (std::all_of(modes.begin(), modes.end(), [&](const FreeMode& mode) {

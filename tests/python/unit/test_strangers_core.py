@@ -51,6 +51,15 @@ def test_with_strings_in_the_integrator_members_make_no_energy_either(ringing):
     assert run.energy["residual_relative"] < 1e-3
 
 
+def test_a_struck_string_leaves_the_integrator_with_a_ledger_too(action):
+    """The ledger looks at the same state as the right-hand side before it."""
+    with_ledger, without = (
+        feltmb.simulate(action, "staccato", 0.2, ledger=ledger).stats["steps"]
+        for ledger in (True, False)
+    )
+    assert with_ledger < 1.4 * without
+
+
 def test_a_run_whose_ledger_is_off_has_failed_and_keeps_its_trajectory(ringing):
     options = {"duration": 0.1, "rtol": 1e-5, "max_order": 3}
     with pytest.raises(feltmb.IntegrationError, match=r"not accounted for.*ledger_limit") as caught:
