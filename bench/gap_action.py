@@ -22,8 +22,8 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Noise, make_shot
 from feltmb.fit.solve import FitSettings, polish
 from feltmb.gap.score import all_terms, score_fit
-from feltmb.subjects import mechanism_nominal
-from feltmb.subjects.synthetic import Sensors, make_case
+from feltmb.adapters import mechanism_nominal
+from feltmb.adapters.synthetic import Sensors, make_case
 
 STROKES = (
     ("piano", "fit"),

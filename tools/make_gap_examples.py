@@ -11,7 +11,7 @@ from pathlib import Path
 
 import feltmb
 from feltmb.data import write_record
-from feltmb.subjects.synthetic import Case, Sensors, make_case
+from feltmb.adapters.synthetic import Case, Sensors, make_case
 
 FOLDER = Path(__file__).resolve().parents[1] / "examples" / "gap_action"
 STROKES = (("piano", "fit"), ("staccato", "fit"), ("forte", "held_out"))

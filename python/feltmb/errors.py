@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from feltmb.results import Run
+    from feltmb.run.results import Run
 
 __all__ = [
     "DataError",

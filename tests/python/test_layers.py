@@ -268,7 +268,7 @@ def test_no_machine_path_and_no_package_host():
         ("cpp/src/model/a.cpp", "#include <pybind11/pybind11.h>", "only bindings may include"),
         ("cpp/include/feltmb/ode/a.hpp", "#include <cvodes/cvodes.h>", "an installed library"),
         ("cpp/src/planar/a.cpp", "#include <cvodes/cvodes.h>", "only ode may include"),
-        ("python/feltmb/fit.py", "from feltmb.config import Config", 'not use "config"'),
+        ("python/feltmb/fit.py", "from feltmb.mechanism import Config", 'not use "config"'),
         ("python/feltmb/gap/a.py", "from ..simulate import run", 'not use "simulate"'),
         ("python/feltmb/gap/__init__.py", "from .. import config", 'not use "config"'),
         ("python/feltmb/gap/a.py", "def f():\n    import feltmb.cli", 'not use "cli"'),
@@ -296,7 +296,7 @@ def test_fault_is_found(tmp_path, path, text, fault):
         ("bench/a.cpp", "#include <feltmb/batch/b.hpp>"),
         ("python/feltmb/gap/a.py", "from .b import x\nfrom ..fit import Fit\nimport numpy"),
         ("python/feltmb/cli/a.py", "from feltmb import __version__, simulate"),
-        ("python/feltmb/errors.py", "if TYPE_CHECKING:\n    from feltmb.results import Run"),
+        ("python/feltmb/errors.py", "if TYPE_CHECKING:\n    from feltmb.run.results import Run"),
         ("python/feltmb/__init__.py", "from .simulate import run\nfrom . import plot"),
     ],
 )

@@ -97,7 +97,7 @@ def diagnose(records: Sequence[Record], effects: Sequence[str] = ()) -> Any:
     ``effects``: those of the library that are asked; default: all that the records could show.
     """
     from feltmb import gap
-    from feltmb.subjects import mechanism_nominal
+    from feltmb.adapters import mechanism_nominal
 
     action, _, library, outputs = _setup()
     names = list(effects) or [e.name for e in truth.candidates(library, outputs)]

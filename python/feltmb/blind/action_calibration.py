@@ -73,7 +73,7 @@ def answer_to_force(nominal: Any, record: Record, force: Array) -> Array | float
 
 def calibrate(progress: Callable[[str, int, int], None] | None = None) -> dict[str, float]:
     """Noncentrality per unit of size of every effect, form and kind from outside."""
-    from feltmb.subjects import mechanism_nominal
+    from feltmb.adapters import mechanism_nominal
 
     action, base, library, outputs = truth.setup()
     nominal: Any = mechanism_nominal(action, shooting="single", rtol=1e-6, workers=1)[0]

@@ -51,7 +51,7 @@ class _Stroke:
 
 @functools.cache
 def _fixed() -> tuple[Any, ...]:
-    from feltmb.subjects import mechanism_nominal
+    from feltmb.adapters import mechanism_nominal
 
     action, base, library, outputs = truth.setup()
     nominal = mechanism_nominal(action, shooting="single", rtol=1e-6, workers=1)[0]

@@ -16,14 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.config import Action, load_action
-from feltmb.results import Run
-from feltmb.simulate import simulate
-from feltmb.stroke import Stroke, load_stroke, pulse_stroke, ramp_stroke
-from feltmb.subjects.amend import amended_action
-from feltmb.subjects.changes import Change
-from feltmb.subjects.finer import finer
-from feltmb.subjects.library import Entry, Library, load_library
+from feltmb.mechanism import Action, load_action
+from feltmb.run.results import Run
+from feltmb.run.simulate import simulate
+from feltmb.run.stroke import Stroke, load_stroke, pulse_stroke, ramp_stroke
+from feltmb.adapters.amend import amended_action
+from feltmb.adapters.changes import Change
+from feltmb.adapters.finer import finer
+from feltmb.adapters.library import Entry, Library, load_library
 
 Array = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from feltmb.config import Action
+    from feltmb.mechanism import Action
 
 __all__ = [
     "complain",
@@ -259,7 +259,7 @@ def json_option(function: F) -> F:
 
 def load_with_settings(name: str, settings: tuple[str, ...]) -> Action:
     """Mechanism by name or path, with the values of ``--set``."""
-    from feltmb.config import load_action, parse_setting
+    from feltmb.mechanism import load_action, parse_setting
 
     action = load_action(name)
     if settings:
@@ -276,7 +276,7 @@ def parse_option(option: str, text: str, unit: str) -> float:
         Naming the option.
     """
     from feltmb.errors import InvalidParameter
-    from feltmb.quantity import parse_scalar
+    from feltmb.units.quantity import parse_scalar
 
     try:
         return parse_scalar(text, unit)

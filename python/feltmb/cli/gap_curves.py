@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from feltmb.fit import Nominal
     from feltmb.gap import Report
     from feltmb.gap.report import Amended
-    from feltmb.viewer import Curves
+    from feltmb.graphics.viewer import Curves
 
 __all__ = ["record_viewers"]
 
@@ -27,7 +27,7 @@ def record_viewers(report: Report, records: Sequence[Record]) -> str:
     cannot follow to its end is left out.
     """
     from feltmb.errors import FeltmbError
-    from feltmb.viewer import Curves, assets, fragment
+    from feltmb.graphics.viewer import Curves, assets, fragment
 
     nominal = report.fit.problem.nominal
     fitted = _fitted(report, nominal)
@@ -56,7 +56,7 @@ def _fitted(report: Report, nominal: Nominal) -> Amended:
 
 def _curves(name: str, model: Amended, record: Record, units: dict[str, str]) -> Curves:
     from feltmb.errors import DataError
-    from feltmb.viewer import Curves
+    from feltmb.graphics.viewer import Curves
 
     outputs: dict[str, Array] = model.simulate(record)
     values = {n: outputs[n] for n in record.outputs}

@@ -54,9 +54,9 @@ class Subject:
 
 
 def _mechanism(name: str, settings: Mapping[str, str], channels: Sequence[str]) -> Subject | None:
-    """Packaged mechanism or mechanism file, see :mod:`feltmb.subjects.resolve`."""
-    from feltmb.subjects import planned_strokes
-    from feltmb.subjects.resolve import resolve
+    """Packaged mechanism or mechanism file, see :mod:`feltmb.adapters.resolve`."""
+    from feltmb.adapters import planned_strokes
+    from feltmb.adapters.resolve import resolve
 
     found = resolve(name, settings, channels)
     if found is None:

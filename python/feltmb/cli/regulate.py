@@ -22,7 +22,7 @@ from feltmb.cli.common import (
 from feltmb.cli.completing import actions, packaged
 
 if TYPE_CHECKING:
-    from feltmb.regulate import Regulation
+    from feltmb.action.regulate import Regulation
 
 
 @click.command("regulate")
@@ -57,7 +57,7 @@ def command(
     """
     from feltmb.errors import FeltmbError
     from feltmb.files import check_writable, write_text
-    from feltmb.regulate import load_targets, regulate
+    from feltmb.action.regulate import load_targets, regulate
 
     mechanism = load_with_settings(action, settings)
     wanted = load_targets(targets) if targets is not None else None

@@ -29,9 +29,9 @@ from feltmb.cli.completing import actions, actuators, strokes
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
-    from feltmb.config import Action
-    from feltmb.results import Run
-    from feltmb.stroke import Stroke
+    from feltmb.mechanism import Action
+    from feltmb.run.results import Run
+    from feltmb.run.stroke import Stroke
 
 
 @click.command("stroke")
@@ -140,9 +140,9 @@ def command(
 
     from feltmb.errors import FeltmbError, IntegrationError
     from feltmb.files import check_writable
-    from feltmb.results import load_run
-    from feltmb.simulate import simulate
-    from feltmb.stroke import load_stroke
+    from feltmb.run.results import load_run
+    from feltmb.run.simulate import simulate
+    from feltmb.run.stroke import load_stroke
 
     given = click.get_current_context().get_parameter_source("rtol")
     if error is not None and given is click.core.ParameterSource.COMMANDLINE:
@@ -234,7 +234,7 @@ def _with_actuator(
     action: Action, name: str, damper: str | None, pad: str | None
 ) -> tuple[Action, Stroke]:
     """The action with an actuator on its key, and the actuator's own torque."""
-    from feltmb.actuator import compose, load_actuator
+    from feltmb.action.actuator import compose, load_actuator
 
     made = load_actuator(name)
     if damper is not None:
@@ -269,7 +269,7 @@ def _files(target: Path | None, stem: str, *, plot: bool, wav: bool) -> list[Pat
     folder, stem = (target.parent, target.stem) if target is not None else (Path(), stem)
     files = [target] if target is not None else []
     if plot:
-        from feltmb.plot import PICTURES
+        from feltmb.graphics.plot import PICTURES
 
         files += [folder / f"{stem}_{picture}.png" for picture in PICTURES]
     if wav:
@@ -282,7 +282,7 @@ def _write(run: Run, target: Path | None, stem: str, *, plot: bool, wav: bool, f
         say_written(run.save(target, force=force))
     folder, stem = (target.parent, target.stem) if target is not None else (Path(), stem)
     if plot:
-        from feltmb.plot import save_all
+        from feltmb.graphics.plot import save_all
 
         for path in save_all(run, folder, stem, force=force):
             say_written(path)

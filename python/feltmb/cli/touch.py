@@ -21,7 +21,7 @@ from feltmb.cli.common import (
 from feltmb.cli.completing import actions
 
 if TYPE_CHECKING:
-    from feltmb.touch import Touch, TouchRow
+    from feltmb.action.touch import Touch, TouchRow
 
 
 @click.command("touch")
@@ -48,7 +48,7 @@ def command(
     stand beside them; most are of grand pianos.
     """
     from feltmb.files import check_writable
-    from feltmb.touch import touch
+    from feltmb.action.touch import touch
 
     mechanism = load_with_settings(action, settings)
     if folder is not None:
@@ -88,7 +88,7 @@ def _published(row: TouchRow) -> str:
 
 def touch_table(result: Touch) -> Any:
     """Ours beside published numbers; forces in N and gram-force."""
-    from feltmb.touch.pictures import GRAM_FORCE
+    from feltmb.action.touch.pictures import GRAM_FORCE
 
     table = new_table(
         f"touch of {result.action.name}", "", "here", "unit", "published", "", "", right=(1, 3)

@@ -20,8 +20,8 @@ import numpy as np
 from feltmb.data.records import Array
 from feltmb.errors import DataError
 from feltmb.files import is_file, plain_text, why_missing
-from feltmb.hdf5 import HDF5_FAULTS, open_hdf5
-from feltmb.quantity import fault_text, shortened
+from feltmb.files.hdf5 import HDF5_FAULTS, open_hdf5
+from feltmb.units.quantity import fault_text, shortened
 
 __all__ = ["MOST_NUMBERS", "Columns", "read_columns"]
 

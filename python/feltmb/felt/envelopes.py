@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from feltmb import _core
 from feltmb.errors import InvalidParameter
 from feltmb.files import read_toml
-from feltmb.layer import (
+from feltmb.contact.layer import (
     AREAS,
     Area,
     CircleOnLayer,
@@ -27,8 +27,8 @@ from feltmb.layer import (
     SphereOnLayer,
     core_layer,
 )
-from feltmb.material import FeltMaterial
-from feltmb.quantity import parse_scalar
+from feltmb.fiber.material import FeltMaterial
+from feltmb.units.quantity import parse_scalar
 from feltmb.units import conversion_factor
 
 __all__ = [

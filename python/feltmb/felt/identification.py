@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from feltmb._core import fiber as _core
 from feltmb.errors import DataError, InvalidParameter, ModelError
 from feltmb.fiber import CompressionData
-from feltmb.material import (
+from feltmb.fiber.material import (
     Branch,
     BranchCurve,
     CriticalAngles,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from feltmb.errors import DataError
 from feltmb.files import is_file, plain_text
-from feltmb.quantity import shortened
+from feltmb.units.quantity import shortened
 
 Array = NDArray[np.float64]
 

@@ -135,7 +135,7 @@ def test_the_fit_of_the_nominal_is_not_stuck(tmp_path):
     from feltmb.gap.diagnose import prepare
     from feltmb.gap.gates import check_records
     from feltmb.gap.split import split_records
-    from feltmb.subjects import mechanism_nominal
+    from feltmb.adapters import mechanism_nominal
 
     (truth,) = action_bench.draw_all(20261125, 78)[77:]
     assert not truth["parts"]

@@ -242,7 +242,7 @@ def stroke_toml(case: Case) -> None:
 
 def curves(case: Case) -> None:
     """A table of measured curves, and its page."""
-    from feltmb.viewer import page, read_curves
+    from feltmb.graphics.viewer import page, read_curves
 
     text = page(read_curves(given_file(case, "curves", ".csv", tree=False)))
     assert text.count("<script") == 2, "a text became markup"
@@ -265,14 +265,14 @@ def felt(case: Case) -> None:
 
 def study(case: Case) -> None:
     """A study: read and checked, not run."""
-    from feltmb.study import load_study
+    from feltmb.run.study import load_study
 
     load_study(given_file(case, "study", ".toml", tree=True))
 
 
 def actuator(case: Case) -> None:
     """A key actuator: read and checked, not simulated."""
-    from feltmb.actuator import load_actuator
+    from feltmb.action.actuator import load_actuator
 
     load_actuator(given_file(case, "actuator", ".toml", tree=True))
 
@@ -297,7 +297,7 @@ def run_file(case: Case) -> None:
     import numpy as np
 
     import feltmb
-    from feltmb.viewer import page
+    from feltmb.graphics.viewer import page
 
     rng = case.rng
     path = case.folder / "given.nc"

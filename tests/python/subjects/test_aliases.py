@@ -16,10 +16,10 @@ from feltmb.gap.diagnose import prepare
 from feltmb.gap.gates import check_against
 from feltmb.gap.score import all_terms, score_fit
 from feltmb.gap.tolerance import TOLERATED, strained
-from feltmb.subjects import load_library, mechanism_nominal, planned_strokes
-from feltmb.subjects.aliases import alias_of
-from feltmb.subjects.changes import Change, read_entry
-from feltmb.subjects.variants import changed_config
+from feltmb.adapters import load_library, mechanism_nominal, planned_strokes
+from feltmb.adapters.aliases import alias_of
+from feltmb.adapters.changes import Change, read_entry
+from feltmb.adapters.variants import changed_config
 
 ACTION = feltmb.load_action("steinway45")
 LIBRARY = load_library(ACTION)

@@ -8,7 +8,7 @@ import pytest
 import feltmb
 from feltmb.data import read_records
 from feltmb.errors import InvalidParameter
-from feltmb.subjects import BlowNominal, blow_record, load_blows
+from feltmb.adapters import BlowNominal, blow_record, load_blows
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "thesis_gap"
 OUTPUTS = ["rebound_speed", "max_string_force", "string_contact_duration"]

@@ -7,9 +7,9 @@ import feltmb
 from feltmb.data import Record
 from feltmb.fit import Lanes, Term
 from feltmb.fit.observe import observe_lanes
-from feltmb.subjects import load_library, mechanism_nominal
-from feltmb.subjects.derivatives import difference_sensitivities, sensitivities
-from feltmb.subjects.variants import changed_config
+from feltmb.adapters import load_library, mechanism_nominal
+from feltmb.adapters.derivatives import difference_sensitivities, sensitivities
+from feltmb.adapters.variants import changed_config
 
 CONDITIONS = {"relative_humidity": 70.0, "cycle": 100.0}
 

@@ -11,10 +11,10 @@ from feltmb.data import Record, Sensor
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Lanes, including
 from feltmb.gap.split import split_records
-from feltmb.smoothing import smooth_record
-from feltmb.subjects import mechanism_nominal
-from feltmb.subjects.landmarks import first_turn
-from feltmb.subjects.resolve import resolve
+from feltmb.data.smoothing import smooth_record
+from feltmb.adapters import mechanism_nominal
+from feltmb.adapters.landmarks import first_turn
+from feltmb.adapters.resolve import resolve
 
 ACTION = feltmb.load_action("steinway45")
 FEW = {"tolerances": "let_off_button,felt.03", "channels": "key,hammer", "effects": "camera_skew"}

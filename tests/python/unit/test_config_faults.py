@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import feltmb
-from feltmb.config import Action
+from feltmb.mechanism import Action
 
 
 @pytest.fixture
@@ -289,7 +289,7 @@ def test_control_letters_of_names_are_escaped_in_messages(data):
 
 def test_an_actuator_whose_pad_is_no_name(tmp_path):
     from feltmb import params
-    from feltmb.actuator import load_actuator
+    from feltmb.action.actuator import load_actuator
 
     text = (params.folder("actuators") / "wood.toml").read_text("utf-8")
     path = tmp_path / "bad.toml"

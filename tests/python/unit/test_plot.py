@@ -12,7 +12,7 @@ import pytest
 
 import feltmb
 from feltmb import Action, InvalidParameter, _core, plot
-from feltmb.plot.poses import bent_beams, point_at
+from feltmb.graphics.plot.poses import bent_beams, point_at
 
 NUMERIC = ("forte", "piano")
 
@@ -445,7 +445,7 @@ def test_save_all_writes_pictures_and_never_over_others(runs, tmp_path, monkeypa
     from PIL import Image
 
     few = {name: plot.PICTURES[name] for name in ("hammer_speed", "string")}
-    monkeypatch.setattr("feltmb.plot.files.PICTURES", few)
+    monkeypatch.setattr("feltmb.graphics.plot.files.PICTURES", few)
     kept = tmp_path / "a_string.png"
     kept.write_bytes(b"mine")
     with pytest.raises(feltmb.FileExists):

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 
 from feltmb.cli.study import command
 from feltmb.errors import FileExists, InvalidParameter
-from feltmb.study import (
+from feltmb.run.study import (
     Study,
     load_study,
     packaged_studies,
@@ -23,8 +23,8 @@ from feltmb.study import (
     study,
     study_outlines,
 )
-from feltmb.study_expression import Formula
-from feltmb.study_report import page, tables
+from feltmb.run.study.expression import Formula
+from feltmb.run.study.page import page, tables
 
 #: Outcome of each finding in the order of the file: agrees (A), disagrees (D), not tested (N).
 OUTCOMES = {

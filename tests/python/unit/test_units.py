@@ -5,7 +5,7 @@ import math
 import pytest
 
 from feltmb.errors import InvalidParameter
-from feltmb.quantity import parse_scalar
+from feltmb.units.quantity import parse_scalar
 from feltmb.units import ACCEPTED_UNITS, conversion_factor, convert, dimension_text
 
 

@@ -15,12 +15,12 @@ from hypothesis import strategies as st
 import feltmb
 from feltmb import Action, DataError, FileExists, InvalidParameter
 from feltmb.cli import main
-from feltmb.film import Film
-from feltmb.plot.poses import body_poses, to_ground
-from feltmb.plot.readings import run_action
-from feltmb.viewer import Curves, assets, fragment, page, read_curves, view
-from feltmb.viewer.packing import MISSING, pack_columns, pack_times
-from feltmb.viewer.thinning import extremes, knots
+from feltmb.graphics.film import Film
+from feltmb.graphics.plot.poses import body_poses, to_ground
+from feltmb.graphics.plot.readings import run_action
+from feltmb.graphics.viewer import Curves, assets, fragment, page, read_curves, view
+from feltmb.graphics.viewer.packing import MISSING, pack_columns, pack_times
+from feltmb.graphics.viewer.thinning import extremes, knots
 
 EVIL = "</script><script>alert('1')</script>&<b>\u2028"
 
