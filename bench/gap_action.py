@@ -16,14 +16,14 @@ from pathlib import Path
 import numpy as np
 
 import feltmb
+from feltmb.adapters import mechanism_nominal
+from feltmb.adapters.synthetic import Sensors, make_case
 from feltmb.fit import Lanes
 from feltmb.fit.observe import machine_terms
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Noise, make_shot
 from feltmb.fit.solve import FitSettings, polish
 from feltmb.gap.score import all_terms, score_fit
-from feltmb.adapters import mechanism_nominal
-from feltmb.adapters.synthetic import Sensors, make_case
 
 STROKES = (
     ("piano", "fit"),

@@ -10,8 +10,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 import feltmb
-from feltmb.data import write_record
 from feltmb.adapters.synthetic import Case, Sensors, make_case
+from feltmb.data import write_record
 
 FOLDER = Path(__file__).resolve().parents[1] / "examples" / "gap_action"
 STROKES = (("piano", "fit"), ("staccato", "fit"), ("forte", "held_out"))

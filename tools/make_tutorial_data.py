@@ -16,9 +16,9 @@ import numpy as np
 
 import feltmb
 from feltmb import felt
-from feltmb.data import write_record
 from feltmb.adapters.library import load_library
 from feltmb.adapters.synthetic import Sensors, make_case
+from feltmb.data import write_record
 
 FOLDER = Path(__file__).resolve().parents[1] / "examples" / "tutorial"
 

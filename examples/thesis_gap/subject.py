@@ -8,8 +8,8 @@ from it anew.
 
 from pathlib import Path
 
-from feltmb.data import write_record
 from feltmb.adapters import load_blows
+from feltmb.data import write_record
 
 HERE = Path(__file__).parent
 nominal, effects, records = load_blows(HERE / "table_4_3.toml")

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from feltmb._core import __version__
-    from feltmb.mechanism import Action, load_action, packaged_actions
+    from feltmb.action.regulate import Regulation, load_targets, regulate
+    from feltmb.action.touch import Touch, touch
     from feltmb.errors import (
         DataError,
         FeltmbError,
@@ -18,7 +19,8 @@ if TYPE_CHECKING:
         InvalidParameter,
         ModelError,
     )
-    from feltmb.action.regulate import Regulation, load_targets, regulate
+    from feltmb.graphics.viewer import view
+    from feltmb.mechanism import Action, load_action, packaged_actions
     from feltmb.run.results import Run, load_run
     from feltmb.run.sensitivity import Gradient, gradient
     from feltmb.run.simulate import Evaluation, evaluate, simulate
@@ -36,8 +38,6 @@ if TYPE_CHECKING:
     )
     from feltmb.run.study import StudyResult, packaged_studies, study
     from feltmb.run.sweep import sweep
-    from feltmb.action.touch import Touch, touch
-    from feltmb.graphics.viewer import view
 
 __all__ = [
     "Action",

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from feltmb.run.results import Run
+from typing import Any
 
 __all__ = [
     "DataError",
@@ -42,7 +39,7 @@ class IntegrationError(FeltmbError):
 
     Attributes
     ----------
-    partial : Run
+    partial : feltmb.Run
         The run as far as it came, complete up to ``time``.
     time : float
         Time reached [s].
@@ -50,7 +47,7 @@ class IntegrationError(FeltmbError):
         The state with the largest error at the failure, and the stiffest contact acting on it.
     """
 
-    def __init__(self, message: str, *, partial: Run, time: float, state: str, contact: str):
+    def __init__(self, message: str, *, partial: Any, time: float, state: str, contact: str):
         super().__init__(message)
         self.partial = partial
         self.time = time

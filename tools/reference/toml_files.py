@@ -20,13 +20,13 @@ LIMITS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
 def schemas() -> list[tuple[str, str, type[BaseModel]]]:
     """Title, what it is for, schema of each kind of file."""
     from feltmb.action.actuator.model import ActuatorFile
-    from feltmb.mechanism import MechanismFile
+    from feltmb.action.regulate import Targets
+    from feltmb.adapters.library import LibraryFile
     from feltmb.data.files import _Sheet
     from feltmb.fiber.material import FeltMaterial
-    from feltmb.action.regulate import Targets
+    from feltmb.mechanism import MechanismFile
     from feltmb.run.stroke.files import StrokeFile
     from feltmb.run.study.schema import StudyFile
-    from feltmb.adapters.library import LibraryFile
 
     return [
         ("Mechanism", "[Mechanism files](../mechanism_files.md) explain the keys.", MechanismFile),

@@ -12,9 +12,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from feltmb.mechanism import MechanismFile
 from feltmb.adapters.changes import read_entry
 from feltmb.adapters.library import Entry
+from feltmb.mechanism import MechanismFile
 
 __all__ = ["Alias", "alias_of"]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from feltmb.mechanism import Action
 from feltmb.adapters.library import Entry
 from feltmb.adapters.variants import changed_config
+from feltmb.mechanism import Action
 
 __all__ = ["amended_action"]
 

@@ -19,7 +19,10 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from feltmb import _core
-from feltmb.mechanism import Action, load_action
+from feltmb.adapters.effects import effect_of
+from feltmb.adapters.library import Entry, load_library
+from feltmb.adapters.reuse import Question, Reuse
+from feltmb.adapters.variants import Variant, Workshop, changed_config
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import DataError, FeltmbError, InvalidParameter
 from feltmb.files import read_toml
@@ -33,13 +36,10 @@ from feltmb.fit import (
     State,
     Term,
 )
-from feltmb.units.quantity import SI, Schema, fault_lines, fault_text, parse_scalar
+from feltmb.mechanism import Action, load_action
 from feltmb.run.simulate import simulate
 from feltmb.run.stroke import Stroke, load_stroke
-from feltmb.adapters.effects import effect_of
-from feltmb.adapters.library import Entry, load_library
-from feltmb.adapters.reuse import Question, Reuse
-from feltmb.adapters.variants import Variant, Workshop, changed_config
+from feltmb.units.quantity import SI, Schema, fault_lines, fault_text, parse_scalar
 
 __all__ = ["BlowNominal", "blow_record", "load_blows"]
 

@@ -15,8 +15,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from feltmb.mechanism import MechanismFile
 from feltmb.errors import InvalidParameter
+from feltmb.mechanism import MechanismFile
 
 __all__ = ["Change", "apply_changes", "read_entry", "replace_entry"]
 

@@ -11,17 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from feltmb.adapters.differentiable import DifferentiableMechanism
+from feltmb.adapters.forward import can_differentiate, forward_sensitivities
 from feltmb.data import Array, Record
 from feltmb.fit import Lanes, Sensitivity, Term
-from feltmb.adapters.forward import can_differentiate, forward_sensitivities
-
-if TYPE_CHECKING:
-    from feltmb.adapters.nominal import MechanismNominal
 
 __all__ = ["difference_sensitivities", "sensitivities"]
 
@@ -32,7 +29,7 @@ START_STEP = 0.2
 
 
 def sensitivities(
-    nominal: MechanismNominal,
+    nominal: DifferentiableMechanism,
     record: Record,
     theta: Array,
     windows: NDArray[np.intp],
@@ -92,7 +89,7 @@ def sensitivities(
 
 
 def difference_sensitivities(
-    nominal: MechanismNominal,
+    nominal: DifferentiableMechanism,
     record: Record,
     theta: Array,
     windows: NDArray[np.intp],
@@ -168,7 +165,7 @@ def difference_sensitivities(
 
 
 def _candidates(
-    nominal: MechanismNominal,
+    nominal: DifferentiableMechanism,
     record: Record,
     theta: Array,
     windows: NDArray[np.intp],

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from feltmb.fit import Effect, State
 from feltmb.adapters.insertions import inserted_coordinates
 from feltmb.adapters.library import Entry
 from feltmb.adapters.signals import excite_by, observe_by
+from feltmb.fit import Effect, State
 
 __all__ = ["effect_of"]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from scipy.optimize import brentq
 
-from feltmb.mechanism import Contact, Curve, MechanismFile
 from feltmb.adapters.changes import Change
+from feltmb.mechanism import Contact, Curve, MechanismFile
 
 __all__ = ["changes"]
 

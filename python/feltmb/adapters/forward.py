@@ -10,21 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from feltmb import _core
-from feltmb.data import Array, Record
-from feltmb.errors import FeltmbError
-from feltmb.fit import Sensitivity, Term
+from feltmb.adapters.differentiable import DifferentiableMechanism
 from feltmb.adapters.drives import follow
 from feltmb.adapters.library import Entry
 from feltmb.adapters.variants import Variant
-
-if TYPE_CHECKING:
-    from feltmb.adapters.nominal import MechanismNominal
+from feltmb.data import Array, Record
+from feltmb.errors import FeltmbError
+from feltmb.fit import Sensitivity, Term
 
 __all__ = ["can_differentiate", "forward_sensitivities"]
 
@@ -57,7 +55,7 @@ def can_differentiate(term: Term) -> bool:
 
 
 def forward_sensitivities(
-    nominal: MechanismNominal,
+    nominal: DifferentiableMechanism,
     record: Record,
     theta: Array,
     windows: NDArray[np.intp],
@@ -147,7 +145,7 @@ def forward_sensitivities(
 
 
 def _columns(
-    nominal: MechanismNominal,
+    nominal: DifferentiableMechanism,
     record: Record,
     base: Variant,
     theta: Array,
@@ -185,7 +183,7 @@ def _columns(
 
 
 def _shifted_size(
-    nominal: MechanismNominal,
+    nominal: DifferentiableMechanism,
     record: Record,
     base: Variant,
     theta: Array,
@@ -207,7 +205,7 @@ def _shifted_size(
 
 
 def _collect(
-    nominal: MechanismNominal,
+    nominal: DifferentiableMechanism,
     windows: NDArray[np.intp],
     results: Sequence[Any],
     columns: Sequence[_Column],

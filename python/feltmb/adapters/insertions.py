@@ -10,8 +10,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from feltmb.mechanism import Body, FrictionParameters, MechanismFile, Spring
 from feltmb.errors import InvalidParameter
+from feltmb.mechanism import Body, FrictionParameters, MechanismFile, Spring
 
 __all__ = ["Insertion", "insert", "inserted_coordinates"]
 

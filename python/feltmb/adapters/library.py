@@ -16,13 +16,13 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError
 
 from feltmb import params
-from feltmb.mechanism import Action, MechanismFile
-from feltmb.errors import InvalidParameter
-from feltmb.files import is_file, read_toml
-from feltmb.units.quantity import SI, Schema, SIVector, fault_lines, fault_text, parse_scalar
 from feltmb.adapters import felt
 from feltmb.adapters.changes import Change, read_entry
 from feltmb.adapters.insertions import Insertion
+from feltmb.errors import InvalidParameter
+from feltmb.files import is_file, read_toml
+from feltmb.mechanism import Action, MechanismFile
+from feltmb.units.quantity import SI, Schema, SIVector, fault_lines, fault_text, parse_scalar
 
 __all__ = ["Condition", "Entry", "Library", "Signal", "Until", "load_library"]
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from feltmb.mechanism import Action
-from feltmb.fit import Effect
 from feltmb.adapters.effects import effect_of
 from feltmb.adapters.library import Entry, Library, load_library
 from feltmb.adapters.nominal import MechanismNominal
 from feltmb.adapters.signals import columns_of
 from feltmb.adapters.strokes import StrokeNominal
+from feltmb.fit import Effect
+from feltmb.mechanism import Action
 
 __all__ = ["mechanism_nominal"]
 

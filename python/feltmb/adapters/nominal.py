@@ -21,13 +21,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb import _core
-from feltmb.mechanism import Action
+from feltmb.adapters.aliases import Alias, alias_of
+from feltmb.adapters.derivatives import sensitivities
+from feltmb.adapters.differentiable import DifferentiableMechanism
+from feltmb.adapters.drives import Drive, Drives, follow, with_noise
+from feltmb.adapters.landmarks import first_turn, landmarks
+from feltmb.adapters.library import Entry, Library
+from feltmb.adapters.reuse import Question, Reuse
+from feltmb.adapters.variants import Variant, Workshop, changed_config
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError, InvalidParameter, ModelError
 from feltmb.fit import (
     Effect,
     Lanes,
-    Nominal,
     Parameter,
     Ready,
     Sensitivity,
@@ -35,12 +41,7 @@ from feltmb.fit import (
     State,
     Term,
 )
-from feltmb.adapters.aliases import Alias, alias_of
-from feltmb.adapters.drives import Drive, Drives, follow, with_noise
-from feltmb.adapters.landmarks import first_turn, landmarks
-from feltmb.adapters.library import Entry, Library
-from feltmb.adapters.reuse import Question, Reuse
-from feltmb.adapters.variants import Variant, Workshop
+from feltmb.mechanism import Action
 
 __all__ = ["MechanismNominal"]
 
@@ -61,7 +62,7 @@ class _Job:
     start: Array
 
 
-class MechanismNominal(Nominal):
+class MechanismNominal(DifferentiableMechanism):
     """A mechanism that :mod:`feltmb.fit` and :mod:`feltmb.gap` can work on.
 
     Parameters
@@ -351,8 +352,6 @@ class MechanismNominal(Nominal):
         See :mod:`feltmb.adapters.forward`, :mod:`feltmb.adapters.derivatives` and
         :mod:`feltmb.adapters.reuse`.
         """
-        from feltmb.adapters.derivatives import sensitivities
-
         theta, starts = np.asarray(theta, dtype=float), np.asarray(starts, dtype=float)
         sizes = np.zeros(len(terms)) if sizes is None else np.asarray(sizes, dtype=float)
         wanted = tuple(range(len(self.parameters)) if by_theta is None else by_theta)
@@ -419,8 +418,6 @@ class MechanismNominal(Nominal):
             These numbers make no mechanism, or it has no rest.
         """
         entries = self._chosen(theta, terms, np.zeros(0) if sizes is None else sizes)
-        from feltmb.adapters.variants import changed_config
-
         return self._workshop.build(changed_config(self.action.config, entries, conditions or {}))
 
     def _chosen(

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from feltmb.adapters.nominal import MechanismNominal
 from feltmb.data import Record, Sensor
 from feltmb.run.stroke import load_stroke
-from feltmb.adapters.nominal import MechanismNominal
 
 __all__ = ["STROKES", "planned_strokes"]
 

@@ -6,12 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from feltmb.mechanism import Action, load_action, packaged_actions, parse_setting
-from feltmb.errors import InvalidParameter
-from feltmb.fit import Effect
 from feltmb.adapters.library import load_library
 from feltmb.adapters.mechanism import mechanism_nominal
 from feltmb.adapters.nominal import MechanismNominal
+from feltmb.errors import InvalidParameter
+from feltmb.fit import Effect
+from feltmb.mechanism import Action, load_action, packaged_actions, parse_setting
 
 __all__ = ["SETTINGS", "resolve"]
 

@@ -6,10 +6,10 @@ import math
 import threading
 from collections.abc import Mapping, Sequence
 
-from feltmb.mechanism import MechanismFile
 from feltmb.adapters.changes import read_entry, replace_entry
 from feltmb.adapters.library import Entry
 from feltmb.adapters.variants import changed_config
+from feltmb.mechanism import MechanismFile
 
 __all__ = ["Shifter"]
 

@@ -10,9 +10,9 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from feltmb.adapters.library import Signal
 from feltmb.data import Array, Record
 from feltmb.fit.shift import shifted
-from feltmb.adapters.library import Signal
 
 __all__ = ["columns_of", "excite_by", "observe_by"]
 

@@ -27,15 +27,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.data import Array, Record
-from feltmb.errors import FeltmbError
-from feltmb.fit import FLOOR, Lanes, Parameter, Ready, Sensitivity, Simulated, Term
 from feltmb.adapters.aliases import Alias
 from feltmb.adapters.finer import KINDS, finer
 from feltmb.adapters.latest import Latest
 from feltmb.adapters.library import Entry
 from feltmb.adapters.nominal import MechanismNominal
 from feltmb.adapters.shifter import Shifter
+from feltmb.data import Array, Record
+from feltmb.errors import FeltmbError
+from feltmb.fit import FLOOR, Lanes, Parameter, Ready, Sensitivity, Simulated, Term
 
 __all__ = ["Floor", "StrokeNominal"]
 

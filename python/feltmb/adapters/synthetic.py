@@ -14,14 +14,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from feltmb.mechanism import Action
-from feltmb.data import Array, Record, Role, Sensor
-from feltmb.errors import InvalidParameter
-from feltmb.run.simulate import simulate
-from feltmb.run.stroke import Stroke, load_stroke, pulse_stroke, ramp_stroke
 from feltmb.adapters.amend import amended_action
 from feltmb.adapters.finer import finer
 from feltmb.adapters.library import Entry, Library, load_library
+from feltmb.data import Array, Record, Role, Sensor
+from feltmb.errors import InvalidParameter
+from feltmb.mechanism import Action
+from feltmb.run.simulate import simulate
+from feltmb.run.stroke import Stroke, load_stroke, pulse_stroke, ramp_stroke
 
 __all__ = ["Case", "Sensors", "Truth", "make_case", "make_record"]
 

@@ -16,14 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.mechanism import Action, load_action
-from feltmb.run.results import Run
-from feltmb.run.simulate import simulate
-from feltmb.run.stroke import Stroke, load_stroke, pulse_stroke, ramp_stroke
 from feltmb.adapters.amend import amended_action
 from feltmb.adapters.changes import Change
 from feltmb.adapters.finer import finer
 from feltmb.adapters.library import Entry, Library, load_library
+from feltmb.mechanism import Action, load_action
+from feltmb.run.results import Run
+from feltmb.run.simulate import simulate
+from feltmb.run.stroke import Stroke, load_stroke, pulse_stroke, ramp_stroke
 
 Array = NDArray[np.float64]
 

@@ -42,14 +42,14 @@ def command(out: Path, no_animation: bool, settings: tuple[str, ...]) -> None:
     """
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from feltmb.graphics.animate import animate
     from feltmb.cli.common import load_with_settings
     from feltmb.cli.stroke import summary_table
     from feltmb.files import write_file
+    from feltmb.graphics.animate import animate
     from feltmb.graphics.plot import mechanism as draw
     from feltmb.graphics.plot import save_all
-    from feltmb.run.simulate import simulate
     from feltmb.graphics.viewer import view
+    from feltmb.run.simulate import simulate
 
     action = load_with_settings("steinway45", settings)
     screen = console()

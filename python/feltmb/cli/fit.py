@@ -59,7 +59,7 @@ def command(
     from feltmb.files import check_writable, write_text
     from feltmb.fit.solve import FitSettings
     from feltmb.gap import fit_nominal
-    from feltmb.gap.files import plain
+    from feltmb.gap.report import plain
 
     if output is not None:
         check_writable(output / "fit.json", force=force)

@@ -69,7 +69,7 @@ def check(data: tuple[Path, ...], as_json: bool) -> None:
 
     gates = check_records(read_records(data))
     if as_json:
-        from feltmb.gap.files import plain
+        from feltmb.gap.report import plain
 
         print_json(plain(gates))
     else:
@@ -130,7 +130,7 @@ def foresee_command(
     from feltmb.cli.gap_subjects import load_subject
     from feltmb.errors import InvalidParameter
     from feltmb.gap import foresee
-    from feltmb.gap.files import plain
+    from feltmb.gap.report import plain
 
     chosen = [c.strip() for c in (channels or "").split(",") if c.strip()]
     if channels is not None and not chosen:
@@ -259,7 +259,7 @@ def run(
     from feltmb.cli.gap_subjects import load_subject
     from feltmb.files import check_writable
     from feltmb.gap import Options, diagnose
-    from feltmb.gap.files import report_json, write_report
+    from feltmb.gap.report import report_json, write_report
 
     if output is not None:
         for name in ("report.html", "report.json"):

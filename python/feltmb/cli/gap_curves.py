@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from feltmb.data import Array, Record
     from feltmb.fit import Nominal
     from feltmb.gap import Report
-    from feltmb.gap.report import Amended
+    from feltmb.gap.findings import Amended
     from feltmb.graphics.viewer import Curves
 
 __all__ = ["record_viewers"]
@@ -49,7 +49,7 @@ def record_viewers(report: Report, records: Sequence[Record]) -> str:
 
 def _fitted(report: Report, nominal: Nominal) -> Amended:
     """The nominal with the parameters of the first fit, no effect added."""
-    from feltmb.gap.report import Amended
+    from feltmb.gap.findings import Amended
 
     return Amended(nominal=nominal, theta=report.fit.point.theta, terms=(), sizes=np.zeros(0))
 

@@ -55,9 +55,9 @@ def command(
     Each step measures one thing and turns one screw; the steps are repeated until all hold. If a
     target cannot be met, the table says which and why, nothing is written and the exit code is 1.
     """
+    from feltmb.action.regulate import load_targets, regulate
     from feltmb.errors import FeltmbError
     from feltmb.files import check_writable, write_text
-    from feltmb.action.regulate import load_targets, regulate
 
     mechanism = load_with_settings(action, settings)
     wanted = load_targets(targets) if targets is not None else None

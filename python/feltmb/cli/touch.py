@@ -47,8 +47,8 @@ def command(
     Static numbers without inertia; pressed and struck blows simulated in threads. Published ranges
     stand beside them; most are of grand pianos.
     """
-    from feltmb.files import check_writable
     from feltmb.action.touch import touch
+    from feltmb.files import check_writable
 
     mechanism = load_with_settings(action, settings)
     if folder is not None:

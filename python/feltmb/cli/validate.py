@@ -19,9 +19,9 @@ def command(files: tuple[Path, ...], no_rest_pose: bool, as_json: bool) -> None:
     All faults of a file are listed at once; for a mechanism the rest pose is found too.
     """
     from feltmb.cli.common import complain
-    from feltmb.mechanism import load_action
     from feltmb.errors import FeltmbError, InvalidParameter
     from feltmb.files import is_file, read_toml, why_missing
+    from feltmb.mechanism import load_action
     from feltmb.run.results import load_run
     from feltmb.run.stroke import load_stroke
 

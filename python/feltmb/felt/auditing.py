@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb import _core
-from feltmb.mechanism import Contact, core_law, load_action
 from feltmb.contact import Law
 from feltmb.errors import InvalidParameter
 from feltmb.felt.audit_checks import (
@@ -34,8 +33,9 @@ from feltmb.felt.audit_checks import (
     valid_window,
 )
 from feltmb.felt.envelopes import ConstantArea, FeltEnvelope, envelope, load_envelope
-from feltmb.files import read_toml
 from feltmb.fiber.material import FeltMaterial, load_material
+from feltmb.files import read_toml
+from feltmb.mechanism import Contact, core_law, load_action
 
 __all__ = ["Audit", "Cycle", "Finding", "audit", "audit_targets"]
 
@@ -240,8 +240,8 @@ def audit_targets(
     InvalidParameter
         A name that does not exist, with those that do.
     """
-    from feltmb.mechanism import packaged_actions, parse_setting
     from feltmb.fiber.material import packaged_materials
+    from feltmb.mechanism import packaged_actions, parse_setting
 
     action_name, colon, contact = text.rpartition(":")
     if not colon:

@@ -15,8 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb import _core
-from feltmb.errors import InvalidParameter
-from feltmb.files import read_toml
 from feltmb.contact.layer import (
     AREAS,
     Area,
@@ -27,9 +25,11 @@ from feltmb.contact.layer import (
     SphereOnLayer,
     core_layer,
 )
+from feltmb.errors import InvalidParameter
 from feltmb.fiber.material import FeltMaterial
-from feltmb.units.quantity import parse_scalar
+from feltmb.files import read_toml
 from feltmb.units import conversion_factor
+from feltmb.units.quantity import parse_scalar
 
 __all__ = [
     "AREAS",

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feltmb import _core
-from feltmb.mechanism import Contact, core_law
-from feltmb.errors import InvalidParameter
 from feltmb.contact.layer import Area
+from feltmb.errors import InvalidParameter
 from feltmb.fiber.material import Branch, FeltMaterial
+from feltmb.mechanism import Contact, core_law
 
 __all__ = ["ContactFit", "contact_loop", "fit_contact"]
 

@@ -24,12 +24,12 @@ from feltmb.fit.nominal import (
     State,
     Term,
 )
-from feltmb.fit.resolution import BETWEEN, refined, resolved
+from feltmb.fit.resolution import BETWEEN, Stepped, refined, resolved
 
 __all__ = ["OdeNominal"]
 
 
-class OdeNominal(Nominal):
+class OdeNominal(Stepped):
     """States with rates dx/dt = f(t, x, u, p), written for whole arrays.
 
     Parameters

@@ -23,9 +23,7 @@ from feltmb.fit import (
     including,
 )
 from feltmb.gap.diagnose import Options, diagnose, fit_nominal
-from feltmb.gap.foresee import Foresight, foresee, noncentrality
-from feltmb.gap.gates import Gates, check_records
-from feltmb.gap.report import (
+from feltmb.gap.findings import (
     Advice,
     Amended,
     ComponentRow,
@@ -36,11 +34,13 @@ from feltmb.gap.report import (
     NotTested,
     Ranked,
     RankedSet,
-    Report,
     Verdict,
     Where,
     Which,
 )
+from feltmb.gap.foresee import Foresight, foresee, noncentrality
+from feltmb.gap.gates import Gates, check_records
+from feltmb.gap.report import Report
 
 __all__ = [
     "Advice",

@@ -13,9 +13,9 @@ from feltmb.fit.nominal import Effect, Nominal
 from feltmb.fit.shots import Shot
 from feltmb.gap.advise import confusion
 from feltmb.gap.calibrate import Null
+from feltmb.gap.findings import Amended, GapRow, HowFar, Ranked, RankedSet, ShapeNumber, Which
 from feltmb.gap.proof import Outcome
 from feltmb.gap.refine import Candidate
-from feltmb.gap.report import Amended, GapRow, HowFar, Ranked, RankedSet, ShapeNumber, Which
 from feltmb.gap.search import Search
 from feltmb.gap.settle import Accepted, Posterior
 from feltmb.gap.spread import Spread, spread

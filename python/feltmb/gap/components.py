@@ -24,7 +24,7 @@ from feltmb.fit.nominal import Lanes, Port
 from feltmb.fit.observe import observe_lanes
 from feltmb.fit.shots import Shot
 from feltmb.fit.solve import Fit
-from feltmb.gap.report import ComponentRow
+from feltmb.gap.findings import ComponentRow
 
 __all__ = ["component_table"]
 

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass, replace
 
 from feltmb.fit.solve import Fit
+from feltmb.gap.findings import HowFar, Verdict, Where
 from feltmb.gap.gates import Gates
 from feltmb.gap.misfit import OTHER, Misfit, misfit
-from feltmb.gap.report import HowFar, Verdict, Where
 from feltmb.gap.search import Search
 from feltmb.gap.settle import Accepted, Posterior
 from feltmb.gap.tolerance import strain_told

@@ -22,11 +22,12 @@ from feltmb.gap.color import SURE
 from feltmb.gap.components import component_table
 from feltmb.gap.decide import REST, Facts, decide
 from feltmb.gap.experiments import advise
+from feltmb.gap.findings import Advice, NotTested, Verdict, Where
 from feltmb.gap.gates import Gates, check_against, check_records, with_sigma
 from feltmb.gap.misfit import EXCESS, form_of, misfit
 from feltmb.gap.proof import HeldOut
 from feltmb.gap.refine import Candidate, full_evidence, refit_at, tighten
-from feltmb.gap.report import Advice, NotTested, Report, Verdict, Where
+from feltmb.gap.report import Report
 from feltmb.gap.rest import color_of_rest, rest_of, settled, with_color, with_noise
 from feltmb.gap.score import all_terms, family_threshold, score_fit
 from feltmb.gap.search import Search, in_finer_steps, search

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from html import escape
 
 from feltmb.gap.digits import digits
-from feltmb.gap.report import ComponentRow, HowFar, LedgerCell, Ranked
+from feltmb.gap.findings import ComponentRow, HowFar, LedgerCell, Ranked
 
 __all__ = ["bars", "force_traces", "ledger_map", "waterfall"]
 

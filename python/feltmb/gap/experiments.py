@@ -22,8 +22,8 @@ from feltmb.fit.problem import Normal, Point, solve_scaled
 from feltmb.fit.shots import Noise, Shot, make_shot
 from feltmb.fit.solve import Fit
 from feltmb.gap.advise import confused
+from feltmb.gap.findings import Advice
 from feltmb.gap.foresee import planned
-from feltmb.gap.report import Advice
 from feltmb.gap.search import Search
 from feltmb.gap.settle import Accepted
 

@@ -1,30 +1,30 @@
-"""What a diagnosis says: where, which, how far, next, and the amended model."""
+"""What a diagnosis found: where, which, how far, next, and the amended model."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from feltmb.data import Array, Record
 from feltmb.fit import Lanes, Nominal, Term
+from feltmb.fit.observe import observe_lanes
 
 __all__ = [
     "Advice",
     "Amended",
     "ComponentRow",
     "EventRow",
+    "Findings",
     "GapRow",
     "HowFar",
     "LedgerCell",
     "NotTested",
     "Ranked",
     "RankedSet",
-    "Report",
     "Verdict",
     "Where",
     "Which",
@@ -289,8 +289,6 @@ class Amended:
 
     def simulate(self, record: Record, start: Array | None = None) -> dict[str, Array]:
         """Outputs over a whole record, by name, from a start state (default: its prior mean)."""
-        from feltmb.fit.observe import observe_lanes
-
         states = self.nominal.states(self.terms)
         if start is None:
             prior = {} if record.start is None else record.start.mean
@@ -304,8 +302,8 @@ class Amended:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Report:
-    """Result of :func:`feltmb.gap.diagnose`."""
+class Findings:
+    """Everything that a diagnosis found; :class:`feltmb.gap.Report` writes it to files."""
 
     verdict: Verdict
     statement: str
@@ -330,9 +328,3 @@ class Report:
     """What the gates found (:class:`feltmb.gap.Gates`)."""
     seconds: Mapping[str, float] = field(default_factory=dict)
     """Time per stage; left out of the files, whose bytes depend on the input alone."""
-
-    def write(self, folder: str | Path, *, force: bool = False) -> tuple[Path, Path]:
-        """Write report.html and report.json into a folder."""
-        from feltmb.gap.files import write_report
-
-        return write_report(self, Path(folder), force=force)

@@ -1,4 +1,4 @@
-"""Report on disk: JSON and HTML, the same bytes for the same input."""
+"""The report of a diagnosis, and its files: JSON and HTML, the same bytes for the same input."""
 
 from __future__ import annotations
 
@@ -12,10 +12,21 @@ from typing import Any
 
 import numpy as np
 
+from feltmb._core import __version__
 from feltmb.files import write_text
-from feltmb.gap.report import Report
+from feltmb.gap.findings import Findings
+from feltmb.gap.page import page
 
-__all__ = ["plain", "report_json", "write_report"]
+__all__ = ["Report", "plain", "report_json", "write_report"]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Report(Findings):
+    """Result of :func:`feltmb.gap.diagnose`."""
+
+    def write(self, folder: str | Path, *, force: bool = False) -> tuple[Path, Path]:
+        """Write report.html and report.json into a folder."""
+        return write_report(self, Path(folder), force=force)
 
 
 def plain(value: Any) -> Any:
@@ -42,10 +53,8 @@ def plain(value: Any) -> Any:
     return None if value is None else str(value)
 
 
-def report_json(report: Report) -> dict[str, Any]:
+def report_json(report: Findings) -> dict[str, Any]:
     """Report as one JSON object; times of computation are left out."""
-    from feltmb._core import __version__
-
     fit = report.fit
     return {
         "feltmb": __version__,
@@ -79,14 +88,12 @@ def report_json(report: Report) -> dict[str, Any]:
 
 
 def write_report(
-    report: Report, folder: Path, *, force: bool = False, viewers: str = ""
+    report: Findings, folder: Path, *, force: bool = False, viewers: str = ""
 ) -> tuple[Path, Path]:
     """Write report.html and report.json into a folder.
 
     ``viewers`` is HTML with the records beside the model, see :func:`feltmb.gap.page.page`.
     """
-    from feltmb.gap.page import page
-
     text = json.dumps(report_json(report), indent=1, sort_keys=True, ensure_ascii=False)
     return (
         write_text(folder / "report.html", page(report, viewers), force=force),

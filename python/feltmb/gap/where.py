@@ -13,7 +13,7 @@ from feltmb.fit.nominal import Lanes
 from feltmb.fit.observe import observe_lanes
 from feltmb.fit.shots import Shot
 from feltmb.fit.solve import Fit
-from feltmb.gap.report import EventRow, LedgerCell
+from feltmb.gap.findings import EventRow, LedgerCell
 
 __all__ = ["event_ledger", "first_act", "ledger", "onset_of", "split_gap"]
 

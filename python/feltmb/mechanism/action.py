@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationError
 
 from feltmb import _core
+from feltmb.errors import InvalidParameter
 from feltmb.mechanism.checking import validate
 from feltmb.mechanism.reading import load_raw, resolve
 from feltmb.mechanism.to_core import describe
 from feltmb.mechanism.values import apply_numbers, apply_values, plain_data
-from feltmb.errors import InvalidParameter
 from feltmb.units.quantity import (
     is_quantity,
 )

@@ -9,10 +9,10 @@ from typing import Any
 from pydantic import ValidationError
 
 from feltmb import _core
-from feltmb.mechanism.schema import LAWS, Contact, MechanismFile
-from feltmb.mechanism.to_core import describe_with_faults
 from feltmb.errors import InvalidParameter
 from feltmb.mechanism.partial import mended
+from feltmb.mechanism.schema import LAWS, Contact, MechanismFile
+from feltmb.mechanism.to_core import describe_with_faults
 from feltmb.units.quantity import (
     fault_lines,
     fault_text,

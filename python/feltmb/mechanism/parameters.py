@@ -19,8 +19,8 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from feltmb import _core
-from feltmb.mechanism import Action, MechanismFile, describe
 from feltmb.errors import InvalidParameter
+from feltmb.mechanism import Action, MechanismFile, describe
 from feltmb.units.quantity import shortened, unit_of
 
 __all__ = ["Parameter", "all_parameters", "find_parameters", "mechanism_with"]

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from feltmb import params
-from feltmb.mechanism.values import apply_values
 from feltmb.errors import InvalidParameter
-from feltmb.files import is_file, read_toml, why_missing
 from feltmb.fiber.material import load_material
+from feltmb.files import is_file, read_toml, why_missing
+from feltmb.mechanism.values import apply_values
 from feltmb.units.quantity import (
     shortened,
 )

@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from feltmb import _core
+from feltmb.contact.layer import LayerParameters
+from feltmb.errors import InvalidParameter
 from feltmb.mechanism.schema import (
     Body,
     Contact,
@@ -22,8 +24,6 @@ from feltmb.mechanism.schema import (
     String,
     Surface,
 )
-from feltmb.errors import InvalidParameter
-from feltmb.contact.layer import LayerParameters
 from feltmb.units import conversion_factor
 
 __all__ = ["core_law", "describe", "describe_with_faults"]

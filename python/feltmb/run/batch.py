@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
-from feltmb.mechanism import Action
 from feltmb.errors import FeltmbError, IntegrationError, InvalidParameter, ModelError
+from feltmb.mechanism import Action
 from feltmb.run.simulate import prepare, to_run
 from feltmb.run.stroke import Stroke
 

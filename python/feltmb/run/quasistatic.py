@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from feltmb import _core
-from feltmb.mechanism import core_law, describe
 from feltmb.errors import InvalidParameter, ModelError
+from feltmb.mechanism import core_law, describe
 
 if TYPE_CHECKING:
     import numpy as np

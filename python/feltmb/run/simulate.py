@@ -11,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from feltmb import _core
-from feltmb.run.warnings import run_warnings
-from feltmb.mechanism import Action, load_action
 from feltmb.errors import IntegrationError, InvalidParameter
+from feltmb.mechanism import Action, load_action
 from feltmb.run.events import Change, name_events
 from feltmb.run.results import Provenance, Run
 from feltmb.run.stroke import MOTORS, PRESCRIBED, Stroke, load_stroke
+from feltmb.run.warnings import run_warnings
 
 if TYPE_CHECKING:
     import pandas as pd

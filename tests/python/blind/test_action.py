@@ -130,12 +130,12 @@ def test_an_effect_that_a_tolerance_can_take_up_does_not_stand_out():
 @pytest.mark.slow
 def test_the_fit_of_the_nominal_is_not_stuck(tmp_path):
     # No effect, yet from the priors the fit ended where effects seemed to be worth 380 nats.
+    from feltmb.adapters import mechanism_nominal
     from feltmb.fit.problem import Problem
     from feltmb.fit.solve import FitSettings, fit_problem
     from feltmb.gap.diagnose import prepare
     from feltmb.gap.gates import check_records
     from feltmb.gap.split import split_records
-    from feltmb.adapters import mechanism_nominal
 
     (truth,) = action_bench.draw_all(20261125, 78)[77:]
     assert not truth["parts"]

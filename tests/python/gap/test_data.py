@@ -297,8 +297,8 @@ def test_units_of_records_are_compared_with_those_of_the_model(tmp_path):
 
 
 def test_the_input_of_a_mechanism_has_a_unit_too():
-    from feltmb.gap.gates import faults_against
     from feltmb.adapters import mechanism_nominal
+    from feltmb.gap.gates import faults_against
 
     nominal, _ = mechanism_nominal(feltmb.load_action("steinway45"))
     assert nominal.units["force"] == "N"

@@ -14,9 +14,9 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Noise, make_shot
 from feltmb.fit.solve import fit_problem
 from feltmb.gap import Options, Verdict, diagnose, fit_nominal, including
-from feltmb.gap.files import report_json
 from feltmb.gap.page import page
 from feltmb.gap.refine import refit
+from feltmb.gap.report import report_json
 from feltmb.gap.score import all_terms, family_threshold, score_fit, screen_sets
 
 HERE = Path(__file__).parent

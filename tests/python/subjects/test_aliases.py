@@ -6,6 +6,10 @@ import numpy as np
 import pytest
 
 import feltmb
+from feltmb.adapters import load_library, mechanism_nominal, planned_strokes
+from feltmb.adapters.aliases import alias_of
+from feltmb.adapters.changes import Change, read_entry
+from feltmb.adapters.variants import changed_config
 from feltmb.data import Record, Sensor
 from feltmb.fit import Effect, Parameter, Term
 from feltmb.fit.linear import LinearNominal
@@ -16,10 +20,6 @@ from feltmb.gap.diagnose import prepare
 from feltmb.gap.gates import check_against
 from feltmb.gap.score import all_terms, score_fit
 from feltmb.gap.tolerance import TOLERATED, strained
-from feltmb.adapters import load_library, mechanism_nominal, planned_strokes
-from feltmb.adapters.aliases import alias_of
-from feltmb.adapters.changes import Change, read_entry
-from feltmb.adapters.variants import changed_config
 
 ACTION = feltmb.load_action("steinway45")
 LIBRARY = load_library(ACTION)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import feltmb
+from feltmb.adapters import BlowNominal, blow_record, load_blows
 from feltmb.data import read_records
 from feltmb.errors import InvalidParameter
-from feltmb.adapters import BlowNominal, blow_record, load_blows
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "thesis_gap"
 OUTPUTS = ["rebound_speed", "max_string_force", "string_contact_duration"]

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import feltmb
-from feltmb.data import Record
-from feltmb.fit import Lanes, Term
-from feltmb.fit.observe import observe_lanes
 from feltmb.adapters import load_library, mechanism_nominal
 from feltmb.adapters.derivatives import difference_sensitivities, sensitivities
 from feltmb.adapters.variants import changed_config
+from feltmb.data import Record
+from feltmb.fit import Lanes, Term
+from feltmb.fit.observe import observe_lanes
 
 CONDITIONS = {"relative_humidity": 70.0, "cycle": 100.0}
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import feltmb
-from feltmb.mechanism import Action
-from feltmb.errors import InvalidParameter
-from feltmb.fit import Lanes
 from feltmb.adapters import amended_action, load_library, mechanism_nominal
 from feltmb.adapters.changes import Change, apply_changes, read_entry
 from feltmb.adapters.resolve import resolve
+from feltmb.errors import InvalidParameter
+from feltmb.fit import Lanes
+from feltmb.mechanism import Action
 
 ACTION = feltmb.load_action("steinway45")
 

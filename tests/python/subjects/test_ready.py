@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 import feltmb
-from feltmb.data import Record, Sensor
-from feltmb.errors import InvalidParameter
-from feltmb.fit import Lanes, including
-from feltmb.gap.split import split_records
-from feltmb.data.smoothing import smooth_record
 from feltmb.adapters import mechanism_nominal
 from feltmb.adapters.landmarks import first_turn
 from feltmb.adapters.resolve import resolve
+from feltmb.data import Record, Sensor
+from feltmb.data.smoothing import smooth_record
+from feltmb.errors import InvalidParameter
+from feltmb.fit import Lanes, including
+from feltmb.gap.split import split_records
 
 ACTION = feltmb.load_action("steinway45")
 FEW = {"tolerances": "let_off_button,felt.03", "channels": "key,hammer", "effects": "camera_skew"}

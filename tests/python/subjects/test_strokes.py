@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 import feltmb
-from feltmb.data import Record, Sensor
-from feltmb.errors import InvalidParameter
-from feltmb.fit import Lanes, Term
-from feltmb.fit.observe import observe_lanes
 from feltmb.adapters import load_library, mechanism_nominal
 from feltmb.adapters.finer import KINDS, finer
 from feltmb.adapters.resolve import resolve
 from feltmb.adapters.shifter import Shifter
 from feltmb.adapters.variants import changed_config
+from feltmb.data import Record, Sensor
+from feltmb.errors import InvalidParameter
+from feltmb.fit import Lanes, Term
+from feltmb.fit.observe import observe_lanes
 
 LENGTH = 0.085  # up to shortly before the blow
 

@@ -16,9 +16,9 @@ import pytest
 
 import feltmb
 from feltmb.cli import main
-from feltmb.mechanism import Action
 from feltmb.contact import law
 from feltmb.files import check_writable, write_text
+from feltmb.mechanism import Action
 from feltmb.run.study import load_study
 from feltmb.run.study.expression import Formula
 

@@ -7,8 +7,6 @@ import pytest
 from click.testing import CliRunner
 
 from feltmb import FeltmbError, InvalidParameter, load_action
-from feltmb.cli.regulate import command
-from feltmb.mechanism import Action
 from feltmb.action.regulate import (
     Regulation,
     Targets,
@@ -18,6 +16,8 @@ from feltmb.action.regulate import (
 )
 from feltmb.action.regulate.measuring import CannotMeasure
 from feltmb.action.regulate.solving import solve
+from feltmb.cli.regulate import command
+from feltmb.mechanism import Action
 
 STEP = {
     "name": "height",

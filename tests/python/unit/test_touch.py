@@ -8,6 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 from feltmb import FeltmbError, InvalidParameter, _core, load_action
+from feltmb.action.touch import Blow, TouchRow, static_touch, touch
+from feltmb.action.touch.blows import at_speed, fit_travel_time
 from feltmb.cli.touch import command
 from feltmb.mechanism import Action
 from feltmb.run.quasistatic import (
@@ -16,8 +18,6 @@ from feltmb.run.quasistatic import (
     slow_press,
     static_let_off,
 )
-from feltmb.action.touch import Blow, TouchRow, static_touch, touch
-from feltmb.action.touch.blows import at_speed, fit_travel_time
 
 
 @pytest.fixture(scope="module")

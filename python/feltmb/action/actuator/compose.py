@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
 from feltmb.action.actuator.model import Actuator, Section, load_actuator
-from feltmb.mechanism import Action, load_action
 from feltmb.errors import InvalidParameter
+from feltmb.mechanism import Action, load_action
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

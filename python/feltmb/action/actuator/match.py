@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from feltmb.action.actuator.compose import compose
 from feltmb.action.actuator.model import Actuator, load_actuator, simulate_actuator
-from feltmb.mechanism import Action, load_action
 from feltmb.errors import InvalidParameter
+from feltmb.mechanism import Action, load_action
 from feltmb.run.simulate import simulate
 from feltmb.run.stroke import Stroke, torque_stroke
 

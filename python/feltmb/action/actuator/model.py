@@ -19,6 +19,8 @@ import numpy.typing as npt
 from pydantic import Field, ValidationError
 
 from feltmb import _core, params
+from feltmb.errors import InvalidParameter
+from feltmb.files import is_file, write_file
 from feltmb.mechanism import (
     LawChoice,
     Source,
@@ -29,11 +31,9 @@ from feltmb.mechanism import (
     plain_data,
     spread_laws,
 )
-from feltmb.errors import InvalidParameter
-from feltmb.files import is_file, write_file
-from feltmb.units.quantity import SI, Schema, fault_lines, fault_text, shortened
 from feltmb.run.stroke import Stroke, torque_stroke
 from feltmb.units import conversion_factor
+from feltmb.units.quantity import SI, Schema, fault_lines, fault_text, shortened
 
 if TYPE_CHECKING:
     import xarray as xr

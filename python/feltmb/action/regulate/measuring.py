@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from feltmb.mechanism import Action
-from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.action.regulate.targets import Step
+from feltmb.errors import FeltmbError, InvalidParameter
+from feltmb.mechanism import Action
 
 if TYPE_CHECKING:
     from feltmb.run.quasistatic import SimulatedPress

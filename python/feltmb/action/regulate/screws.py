@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from feltmb.mechanism import Action
-from feltmb.errors import InvalidParameter
-from feltmb.units.quantity import parse_scalar
 from feltmb.action.regulate.targets import Screw, Step
+from feltmb.errors import InvalidParameter
+from feltmb.mechanism import Action
 from feltmb.units import conversion_factor
+from feltmb.units.quantity import parse_scalar
 
 
 @dataclass

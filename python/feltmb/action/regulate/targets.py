@@ -10,9 +10,9 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from feltmb import params
-from feltmb.mechanism import Action
 from feltmb.errors import InvalidParameter
 from feltmb.files import is_file, read_toml
+from feltmb.mechanism import Action
 from feltmb.units.quantity import SI, Schema, fault_lines, fault_text, parse_scalar, shortened
 
 #: measure -> (SI unit, unit for people, its factor, what is measured)

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from feltmb import _core
-from feltmb.mechanism import Action, load_action
 from feltmb.action.regulate.measuring import Bench, CannotMeasure
 from feltmb.action.regulate.screws import Screws, tidy
 from feltmb.action.regulate.solving import solve
 from feltmb.action.regulate.targets import MEASURES, Step, Targets, default_targets, load_targets
+from feltmb.mechanism import Action, load_action
 
 
 @dataclass(frozen=True)

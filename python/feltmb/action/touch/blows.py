@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from feltmb.mechanism import Action
 from feltmb.errors import FeltmbError, InvalidParameter
+from feltmb.mechanism import Action
 
 RISE = 0.020  # s, of the force of a pressed blow
 START = 0.020  # s, when the finger begins

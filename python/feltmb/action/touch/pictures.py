@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from feltmb.action.touch.blows import Blow
 from feltmb.action.touch.published import published_numbers
+from feltmb.action.touch.static import StaticTouch
 
 if TYPE_CHECKING:
-    from feltmb.action.touch.blows import Blow
-    from feltmb.action.touch.work import Touch
-
+    from feltmb.run.quasistatic import SimulatedPress
 
 GRAM_FORCE = 9.80665e-3  # N
 
 PRESS, RELEASE, LIFTED, MUTED = "#0b5394", "#b45f06", "#38761d", "#777777"
 
 
-def static_figure(result: Touch) -> Any:
+def static_figure(name: str, static: StaticTouch, slow: SimulatedPress) -> Any:
     """Force against travel: press and release, let-off and key bottom marked."""
     from matplotlib.figure import Figure
 
-    s = result.static
+    s = static
     figure = Figure(figsize=(7.5, 5.0), layout="constrained")
     axes = figure.subplots()
-    slow = result.slow
     axes.plot(
         1e3 * slow.travel, slow.force, color=MUTED, lw=0.7, label="simulated at 10 mm/s", zorder=1
     )
@@ -69,7 +69,7 @@ def static_figure(result: Touch) -> Any:
     axes.set_ylim(0.0, top)
     axes.set_xlabel("travel of the key front, mm")
     axes.set_ylabel("force at the key front, N")
-    axes.set_title(f"{result.action.name}: static touch", loc="left")
+    axes.set_title(f"{name}: static touch", loc="left")
     axes.legend(loc="upper left", frameon=False, fontsize=9)
     gram = axes.secondary_yaxis("right", functions=(_to_gram, _from_gram))
     gram.set_ylabel("gram-force")
@@ -84,7 +84,9 @@ def _from_gram(weight: Any) -> Any:
     return weight * GRAM_FORCE
 
 
-def dynamic_figure(result: Touch) -> Any:
+def dynamic_figure(
+    name: str, blows_of_all: Sequence[Blow], fits: Mapping[str, tuple[float, float, float]]
+) -> Any:
     """Hammer speed, key-bottom time and travel time of the families of blows."""
     import numpy as np
     from matplotlib.figure import Figure
@@ -93,7 +95,7 @@ def dynamic_figure(result: Touch) -> Any:
     figure = Figure(figsize=(9.0, 7.0), layout="constrained")
     panels = figure.subplots(2, 2)
     families = [
-        (kind, color, marker, [b for b in result.blows if b.kind == kind and b.hammer_speed])
+        (kind, color, marker, [b for b in blows_of_all if b.kind == kind and b.hammer_speed])
         for kind, color, marker in (("pressed", PRESS, "o"), ("struck", RELEASE, "s"))
     ]
 
@@ -132,8 +134,8 @@ def dynamic_figure(result: Touch) -> Any:
         v, y = columns(blows, "hammer_speed", "travel_time")
         everything += v
         axes.plot(v, [1e3 * t for t in y], marker, color=color, label=kind)
-        if kind in result.fits and v:
-            a, b, _ = result.fits[kind]
+        if kind in fits and v:
+            a, b, _ = fits[kind]
             x = np.geomspace(min(v), max(v), 60)
             axes.plot(
                 x, 1e3 * a * x**b, color=color, lw=0.9, label=f"{1e3 * a:.0f} ms $v^{{{b:.2f}}}$"
@@ -155,7 +157,7 @@ def dynamic_figure(result: Touch) -> Any:
                 axis.set_major_formatter(plain)
                 axis.set_minor_formatter(FuncFormatter(_some_minor))
         axes.grid(True, which="major", lw=0.3)
-    figure.suptitle(f"{result.action.name}: blows", x=0.01, ha="left")
+    figure.suptitle(f"{name}: blows", x=0.01, ha="left")
     return figure
 
 

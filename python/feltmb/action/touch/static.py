@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from feltmb.mechanism import Action
 from feltmb.errors import FeltmbError, InvalidParameter
+from feltmb.mechanism import Action
 
 if TYPE_CHECKING:
     import numpy as np

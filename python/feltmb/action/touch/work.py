@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
-from feltmb.mechanism import Action, load_action
-from feltmb.errors import InvalidParameter
-from feltmb.files import write_file
 from feltmb.action.touch.blows import Blow, at_speed, fit_travel_time, simulate_blow
 from feltmb.action.touch.pictures import dynamic_figure, static_figure
 from feltmb.action.touch.published import published_numbers
 from feltmb.action.touch.static import StaticTouch, roles_of, static_touch
+from feltmb.errors import InvalidParameter
+from feltmb.files import write_file
+from feltmb.mechanism import Action, load_action
 from feltmb.units import conversion_factor
 
 if TYPE_CHECKING:
@@ -156,8 +156,8 @@ class Touch:
         folder = Path(folder)
         written = []
         for name, figure in (
-            ("touch_static", static_figure(self)),
-            ("touch_dynamic", dynamic_figure(self)),
+            ("touch_static", static_figure(self.action.name, self.static, self.slow)),
+            ("touch_dynamic", dynamic_figure(self.action.name, self.blows, self.fits)),
         ):
 
             def save(path: Path, figure: Any = figure) -> None:

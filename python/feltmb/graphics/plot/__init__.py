@@ -1,9 +1,9 @@
 """Pictures of runs and mechanisms.
 
 Every function takes a :class:`~feltmb.run.results.Run` (or several, or an
-:class:`~feltmb.mechanism.Action`) and returns a matplotlib ``Figure`` of its own; nothing is shown and
-no global state of matplotlib is touched. Axes carry the units of a reader: ms, mm, N, m/s, mJ. What
-a run does not have is left out; a picture of which nothing would be left is refused.
+:class:`~feltmb.mechanism.Action`) and returns a matplotlib ``Figure`` of its own; nothing is shown
+and no global state of matplotlib is touched. Axes carry the units of a reader: ms, mm, N, m/s, mJ.
+What a run does not have is left out; a picture of which nothing would be left is refused.
 """
 
 from feltmb.graphics.plot.effects import effects

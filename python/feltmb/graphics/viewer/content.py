@@ -29,10 +29,10 @@ from feltmb.graphics.plot.readings import (
     run_action,
 )
 from feltmb.graphics.plot.shapes import Shape, scene, station_of
-from feltmb.style import body_fill, reader_unit
 from feltmb.graphics.viewer.curves import Curves
 from feltmb.graphics.viewer.packing import pack_columns, pack_times
 from feltmb.graphics.viewer.thinning import extremes, knots, thin_outline
+from feltmb.style import body_fill, reader_unit
 
 if TYPE_CHECKING:
     from feltmb.mechanism import Action

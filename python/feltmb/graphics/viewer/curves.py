@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.units.quantity import fault_text
 from feltmb.units import conversion_factor
+from feltmb.units.quantity import fault_text
 
 Array = npt.NDArray[np.float64]
 

@@ -38,7 +38,9 @@ def _script() -> str:
 
 @cache
 def _style() -> str:
-    return (resources.files("feltmb.graphics.viewer") / "assets" / "viewer.css").read_text(encoding="utf-8")
+    return (resources.files("feltmb.graphics.viewer") / "assets" / "viewer.css").read_text(
+        encoding="utf-8"
+    )
 
 
 def assets() -> str:

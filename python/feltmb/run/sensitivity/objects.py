@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
-from feltmb.mechanism import Action
 from feltmb.errors import InvalidParameter
+from feltmb.mechanism import Action
 from feltmb.mechanism.parameters import Parameter
 
 if TYPE_CHECKING:

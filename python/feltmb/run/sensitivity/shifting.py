@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from typing import Any
 
 from feltmb import _core
-from feltmb.mechanism import Action
 from feltmb.errors import InvalidParameter
+from feltmb.mechanism import Action
 from feltmb.mechanism.parameters import Parameter, all_parameters, find_parameters, mechanism_with
 from feltmb.run.stroke import MOTORS, PRESCRIBED, Stroke
 

@@ -8,8 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
-from feltmb.mechanism import Action, load_action
 from feltmb.errors import IntegrationError, InvalidParameter
+from feltmb.mechanism import Action, load_action
 from feltmb.mechanism.parameters import Parameter
 from feltmb.run.sensitivity.objects import Gradient, Window, place_of, state_names
 from feltmb.run.sensitivity.shifting import choose_parameters, drives, shifted
@@ -320,7 +320,7 @@ def _to_gradient(
         where = f"window from {window.begin:g} s to {window.end:g} s: "
         raise IntegrationError(
             where + run.message,
-            partial=None,  # type: ignore[arg-type]  # only derivatives were wanted
+            partial=None,  # only derivatives were wanted
             time=run.reached,
             state=run.failed_state,
             contact=run.failed_contact,

@@ -15,7 +15,6 @@ from pydantic import Field, ValidationError
 from feltmb import params
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import is_file, read_toml, why_missing
-from feltmb.units.quantity import SI, Schema, fault_lines, fault_text, shortened
 from feltmb.run.stroke.strokes import (
     PRESCRIBED,
     UNITS,
@@ -29,6 +28,7 @@ from feltmb.run.stroke.strokes import (
     usual_interpolation,
 )
 from feltmb.units import conversion_factor
+from feltmb.units.quantity import SI, Schema, fault_lines, fault_text, shortened
 
 
 class _Ramp(Schema):

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 from feltmb import _core
-from feltmb.errors import InvalidParameter
 from feltmb.data.smoothing import noise_of_record, smooth_record
+from feltmb.errors import InvalidParameter
 
 if TYPE_CHECKING:
     import numpy as np

@@ -9,13 +9,13 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from feltmb.mechanism import Action, load_action
 from feltmb.errors import InvalidParameter
 from feltmb.files import is_file
+from feltmb.mechanism import Action, load_action
 from feltmb.run.simulate import simulate
 from feltmb.run.stroke import Stroke, load_stroke, motion_stroke, table_stroke
-from feltmb.run.study.schema import KNOWN, NEED_LEVEL, WORD, StudyFile, When
 from feltmb.run.study.expression import Formula, to_unit
+from feltmb.run.study.schema import KNOWN, NEED_LEVEL, WORD, StudyFile, When
 from feltmb.run.sweep import Axis, axis_values, check_options, grid_points
 
 

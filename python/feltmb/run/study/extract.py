@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from feltmb.run.study.schema import When
 from feltmb.run.study.expression import Formula, NotThere
+from feltmb.run.study.schema import When
 
 if TYPE_CHECKING:
     from feltmb.mechanism import Action

@@ -13,10 +13,9 @@ from typing import Any
 from pydantic import ValidationError
 
 from feltmb import params
-from feltmb.mechanism import Action
 from feltmb.errors import InvalidParameter
 from feltmb.files import is_file, read_toml
-from feltmb.units.quantity import fault_lines, shortened
+from feltmb.mechanism import Action
 from feltmb.run.stroke import Stroke
 from feltmb.run.study.checks import (
     make_actions,
@@ -27,10 +26,11 @@ from feltmb.run.study.checks import (
     refusal,
     short,
 )
+from feltmb.run.study.expression import to_unit
 from feltmb.run.study.extract import extract_run
 from feltmb.run.study.schema import KNOWN, NumberSpec, PanelSpec, StudyFile, VariantSpec
-from feltmb.run.study.expression import to_unit
 from feltmb.run.sweep import Axis, Extract, Member, apply_point, grid_points
+from feltmb.units.quantity import fault_lines, shortened
 
 
 def packaged_studies() -> list[str]:

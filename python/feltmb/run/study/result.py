@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 from feltmb.files import check_writable, write_file, write_text
 from feltmb.run.study.checks import short
+from feltmb.run.study.expression import Formula, NotThere, to_unit
 from feltmb.run.study.model import Case, Study, same, series_key
 from feltmb.run.study.schema import KNOWN, FindingSpec, PanelSpec
-from feltmb.run.study.expression import Formula, NotThere, to_unit
 from feltmb.run.sweep import Outcome
 
 if TYPE_CHECKING:

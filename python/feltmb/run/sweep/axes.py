@@ -8,8 +8,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from feltmb.mechanism import Action
 from feltmb.errors import InvalidParameter
+from feltmb.mechanism import Action
 from feltmb.run.stroke import Stroke
 
 OPTIONS = (

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
-from feltmb.mechanism import Action
 from feltmb.errors import FeltmbError, IntegrationError
+from feltmb.mechanism import Action
 from feltmb.run.stroke import Stroke
 
 if TYPE_CHECKING:
@@ -87,18 +87,16 @@ class Member:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
-#: Modules and packages on which the outcome of a member depends.
-_CODE = ("batch", "config", "events", "results", "simulate", "stroke", "study", "study_expression")
+#: Parts on which the outcome of a member depends, besides the core.
+_CODE = ("mechanism", "run")
 
 
 @lru_cache(maxsize=1)
 def code_fingerprint() -> str:
     """Version and digest of the code: results of other code must not be taken for the same."""
     digest = hashlib.sha256()
-    here = Path(__file__).parent
-    files = [*here.glob("*.py")]
-    for name in _CODE:
-        files += [here.with_name(f"{name}.py"), *here.with_name(name).glob("*.py")]
+    package = Path(__file__).parents[2]
+    files = [file for part in _CODE for file in (package / part).rglob("*.py")]
     for file in [*sorted(files), Path(getattr(_core, "__file__", None) or "")]:
         digest.update(file.read_bytes() if file.is_file() else b"")
     return f"{_core.__version__} {digest.hexdigest()[:16]}"

@@ -11,10 +11,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
-from feltmb.run.batch import simulate_many
 from feltmb.errors import FeltmbError, InvalidParameter
+from feltmb.run.batch import simulate_many
 from feltmb.run.sweep.folder import recall, store
-from feltmb.run.sweep.member import Member, Outcome, failure_outcome, one_line, run_member, to_outcome
+from feltmb.run.sweep.member import (
+    Member,
+    Outcome,
+    failure_outcome,
+    one_line,
+    run_member,
+    to_outcome,
+)
 
 if TYPE_CHECKING:
     from feltmb.mechanism import Action

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from feltmb.mechanism import Action, load_action
 from feltmb.errors import InvalidParameter
 from feltmb.files import write_text
+from feltmb.mechanism import Action, load_action
 from feltmb.run.stroke import Stroke, load_stroke
 from feltmb.run.sweep.axes import Axis, apply_point, axis_values, check_options, grid_points
 from feltmb.run.sweep.member import Member, Outcome, one_line
