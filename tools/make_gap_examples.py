@@ -65,8 +65,9 @@ BENCH_SEED, BENCH_CASE = 20261121, 10
 
 def write_bench_case() -> None:
     """Write a case of the blind bench, all tolerances off and every nuisance on."""
-    from feltmb.blind import action_truth as truth
-    from feltmb.blind.action_calibration import packaged_scales, to_record
+    from blind.action_calibration import packaged_scales, to_record
+
+    from blind import action_truth as truth
 
     _, base, library, outputs = truth.setup()
     case = truth.draw(BENCH_SEED, BENCH_CASE, packaged_scales(), library, outputs)

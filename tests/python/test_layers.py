@@ -57,9 +57,7 @@ MAY_USE = {
         "action": f"{RUN} style",
         "graphics": f"{RUN} style",
         "__init__": f"{RUN} felt fit gap adapters action graphics",
-        "lumped": f"{GROUND} _core",
-        "blind": f"{RUN} fit gap adapters lumped __init__",
-        "cli": f"{RUN} felt fit gap adapters action graphics blind __init__",
+        "cli": f"{RUN} felt fit gap adapters action graphics __init__",
         "__main__": "cli",
     },
 }

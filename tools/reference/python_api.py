@@ -27,7 +27,7 @@ MODULES = (
     "feltmb.run.batch",
     "feltmb.graphics.viewer",
     "feltmb.graphics.plot",
-    "feltmb.lumped",
+    "blind.lumped",
     "feltmb.errors",
     "feltmb.units",
 )

@@ -92,8 +92,10 @@ def cli() -> None:
     """
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Run the command line; never shows a traceback for a fault of the input."""
+def main(
+    arguments: list[str] | None = None, command: click.Command = cli, name: str = "feltmb"
+) -> None:
+    """Run the command line, or another command; shows no traceback for a fault of the input."""
     from feltmb.cli.common import complain
     from feltmb.errors import FeltmbError, FileExists, ModelError
 
@@ -103,7 +105,7 @@ def main(arguments: list[str] | None = None) -> None:
             sys.exit(2)
     code: Any = 0
     try:
-        code = cli.main(arguments, prog_name="feltmb", standalone_mode=False)
+        code = command.main(arguments, prog_name=name, standalone_mode=False)
     except click.exceptions.Abort:
         complain("interrupted")
         code = 130

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
 import textwrap
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -24,10 +23,10 @@ from feltmb.cli.common import (
     subject_set_option,
 )
 from feltmb.cli.completing import actions, effects
+from feltmb.cli.gap_blind import command as blind_command
 from feltmb.errors import InvalidParameter
 
 if TYPE_CHECKING:
-    from feltmb.data import Record
     from feltmb.gap import Report
 
 __all__ = ["command"]
@@ -40,6 +39,9 @@ def command() -> None:
     A model is a packaged mechanism or a Python file that defines `nominal` and `effects`. Measured
     files are CSV, MAT or NetCDF, each with a TOML of the same name beside it.
     """
+
+
+command.add_command(blind_command)
 
 
 def progress_line() -> Callable[[str, int, int], None] | None:
@@ -128,7 +130,6 @@ def foresee_command(
     of the model and outputs that are not measured are ranked as next experiments.
     """
     from feltmb.cli.gap_subjects import load_subject
-    from feltmb.errors import InvalidParameter
     from feltmb.gap import foresee
     from feltmb.gap.report import plain
 
@@ -256,7 +257,7 @@ def run(
     import shutil
 
     from feltmb.cli.gap_curves import record_viewers
-    from feltmb.cli.gap_subjects import load_subject
+    from feltmb.cli.gap_subjects import held_out, load_subject
     from feltmb.files import check_writable
     from feltmb.gap import Options, diagnose
     from feltmb.gap.report import report_json, write_report
@@ -267,7 +268,7 @@ def run(
     subject = load_subject(model, settings)
     records = subject.read(data)
     subject = subject.including(included)
-    held = _held_out(hold_out, data, records) or None
+    held = held_out(hold_out, data, records) or None
     resume = None if output is None else output / ".resume"
     options = Options(
         alpha=alpha,
@@ -347,38 +348,3 @@ def _print(report: Report) -> None:
         click.echo("not tested: " + ", ".join(n.name for n in report.not_tested))
     for warning in report.gates.warnings:
         click.echo(f"warning: {warning}")
-
-
-def _add(name: str) -> None:
-    """Subcommands of other modules, if they are there."""
-    try:
-        module: Any = importlib.import_module(f"feltmb.cli.{name}")
-    except ModuleNotFoundError as error:
-        if error.name != f"feltmb.cli.{name}":
-            raise
-        return
-    command.add_command(module.command)
-
-
-_add("gap_blind")
-
-
-def _held_out(given: tuple[str, ...], data: Sequence[Path], records: Sequence[Record]) -> list[str]:
-    """Names of the records that are held out, each given by its name, its file or the file's name.
-
-    Raises
-    ------
-    InvalidParameter
-        One of them means several files.
-    """
-    out = []
-    for h in given:
-        paths = [r.name for p, r in zip(data, records, strict=True) if str(p) == h]
-        files = [r.name for p, r in zip(data, records, strict=True) if p.name == h]
-        if not paths and len(files) > 1:
-            raise InvalidParameter(
-                f"--hold-out {h}: is the name of {len(files)} files; give the whole path of one, "
-                "as it stands among the data"
-            )
-        out.append((paths or files or [h])[0])
-    return out

@@ -11,7 +11,7 @@ from feltmb.data import Record, read_records
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Effect, Nominal, including
 
-__all__ = ["RESOLVERS", "Subject", "load_subject"]
+__all__ = ["RESOLVERS", "Subject", "held_out", "load_subject"]
 
 
 @dataclass(frozen=True)
@@ -124,3 +124,24 @@ def _from_file(path: Path) -> Subject:
     assert isinstance(nominal, Nominal)
     assert effects is not None
     return Subject(nominal, tuple(effects), tuple(getattr(module, "planned", ())))
+
+
+def held_out(given: tuple[str, ...], data: Sequence[Path], records: Sequence[Record]) -> list[str]:
+    """Names of the records that are held out, each given by its name, its file or the file's name.
+
+    Raises
+    ------
+    InvalidParameter
+        One of them means several files.
+    """
+    out = []
+    for h in given:
+        paths = [r.name for p, r in zip(data, records, strict=True) if str(p) == h]
+        files = [r.name for p, r in zip(data, records, strict=True) if p.name == h]
+        if not paths and len(files) > 1:
+            raise InvalidParameter(
+                f"--hold-out {h}: is the name of {len(files)} files; give the whole path of one, "
+                "as it stands among the data"
+            )
+        out.append((paths or files or [h])[0])
+    return out

@@ -41,8 +41,10 @@ from feltmb.gap.findings import (
 from feltmb.gap.foresee import Foresight, foresee, noncentrality
 from feltmb.gap.gates import Gates, check_records
 from feltmb.gap.report import Report
+from feltmb.gap.withhold import OUTCOMES, Withheld, WithheldCase, withhold
 
 __all__ = [
+    "OUTCOMES",
     "Advice",
     "Amended",
     "ComponentRow",
@@ -78,10 +80,13 @@ __all__ = [
     "Verdict",
     "Where",
     "Which",
+    "Withheld",
+    "WithheldCase",
     "check_records",
     "diagnose",
     "fit_nominal",
     "foresee",
     "including",
     "noncentrality",
+    "withhold",
 ]

@@ -4,12 +4,12 @@ import json
 
 import numpy as np
 import pytest
+from blind.action_calibration import packaged_scales
+from blind.action_strength import noncentralities
+from blind.bench import MACHINES, Bench
+from blind.score import read, score
 
-from feltmb.blind import action_bench, action_truth
-from feltmb.blind.action_calibration import packaged_scales
-from feltmb.blind.action_strength import noncentralities
-from feltmb.blind.bench import Bench, _make_action_records
-from feltmb.blind.score import read, score
+from blind import action_machine, action_truth
 from feltmb.errors import InvalidParameter
 from feltmb.files import write_text
 
@@ -17,21 +17,21 @@ from feltmb.files import write_text
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """A bench with the records of one case."""
-    bench = Bench(tmp_path_factory.mktemp("bench") / "b", model="steinway45")
+    bench = Bench(tmp_path_factory.mktemp("bench") / "b", machine=MACHINES["steinway45"])
     seal = bench.seal(40, 3)
     truths = json.loads((bench.folder / "truths.json").read_text())
     number = next(t["number"] for t in truths if len(t["parts"]) == 1 and
                   t["parts"][0]["form"] == "A")  # fmt: skip
-    _make_action_records(bench.folder, [number])
+    bench.machine.make_records(bench.folder, None, [number])
     return bench, seal, number
 
 
 def test_sealed_truths_are_those_of_the_seed(made, tmp_path):
     bench, seal, _ = made
-    other = Bench(tmp_path / "b", model="steinway45")
+    other = Bench(tmp_path / "b", machine=MACHINES["steinway45"])
     assert other.seal(40, 3)["truths_sha256"] == seal["truths_sha256"] != ""
-    assert seal["model"] == "steinway45"
-    with pytest.raises(InvalidParameter, match="model = steinway45, got key_hammer"):
+    assert seal["machine"] == "steinway45"
+    with pytest.raises(InvalidParameter, match="machine = steinway45, got key_hammer"):
         Bench(bench.folder).seal(40, 3, resume=True)
 
 
@@ -61,7 +61,7 @@ def test_every_number_is_off_and_sizes_are_plausible(made):
 
 def test_records_are_as_the_data_sheet_says_and_end_after_the_blow(made):
     bench, _, number = made
-    records = action_bench.read_records(bench.folder / "records" / f"{number}.npz")
+    records = bench.machine.read_records(bench.folder / "records" / f"{number}.npz")
     assert [r.role for r in records] == ["fit"] * 3 + ["held_out"] * 2
     for r in records:
         tip = r.outputs["hammer_tip.x"]
@@ -137,17 +137,20 @@ def test_the_fit_of_the_nominal_is_not_stuck(tmp_path):
     from feltmb.gap.gates import check_records
     from feltmb.gap.split import split_records
 
-    (truth,) = action_bench.draw_all(20261125, 78)[77:]
+    machine = MACHINES["steinway45"]
+    truths = machine.draw(20261125, 78, None)
+    truth = truths[77]
     assert not truth["parts"]
-    action_bench.make_records(truth, tmp_path / "77.npz")
-    records = action_bench.read_records(tmp_path / "77.npz")
+    (tmp_path / "truths.json").write_text(json.dumps(truths))
+    machine.make_records(tmp_path, None, [77])
+    records = machine.read_records(tmp_path / "records" / "77.npz")
     action, _, library, _ = action_truth.setup()
     nominal, _ = mechanism_nominal(
         action,
         library=library,
         effects=["input_gain"],
         shooting="single",
-        rtol=action_bench.RTOL,
+        rtol=action_machine.RTOL,
         workers=1,
     )
     nominal = nominal.with_floor(records, action_truth.VARIATION)

@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from blind.score import Scored, _ece, bootstrap, markdown, score, wilson
 from scipy.stats import binomtest
-
-from feltmb.blind.score import Scored, _ece, bootstrap, markdown, score, wilson
 
 
 def part(name="a", nc=10.0, form="A", component="x", size=1.0):

@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import feltmb
-from feltmb.blind import calibration, nominal, truth, truth_machine, truth_outside, truth_sensors
+from blind import calibration, nominal, truth, truth_machine, truth_outside, truth_sensors
 from feltmb.fit import Lanes, Term
 
-FOLDER = Path(feltmb.__file__).parent / "blind"
+FOLDER = Path(truth.__file__).parent
 KINDS = truth.load_outside(truth_outside)
 
 
@@ -29,8 +28,8 @@ def imported(name):
     ("name", "may"),
     [
         ("truth", ()),
-        ("truth_machine", ("feltmb.blind.truth",)),
-        ("truth_sensors", ("feltmb.blind.truth", "feltmb.blind.truth_machine")),
+        ("truth_machine", ("blind.truth",)),
+        ("truth_sensors", ("blind.truth", "blind.truth_machine")),
         ("truth_outside", ()),
         ("score", ()),
     ],

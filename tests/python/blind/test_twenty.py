@@ -1,9 +1,8 @@
 """Twenty blind cases in every run: the engine as a whole, on truths that it is not shown."""
 
 import pytest
-
-from feltmb.blind.bench import Bench
-from feltmb.blind.score import read
+from blind.bench import Bench
+from blind.score import read
 
 CASES, SEED = 20, 1
 

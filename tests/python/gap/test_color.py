@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from blind.bench import Bench
+from blind.nominal import KeyHammer
 
-from feltmb.blind.bench import Bench, _make_records, read_records
-from feltmb.blind.nominal import KeyHammer
 from feltmb.data import Record, Sensor
 from feltmb.fit import Effect, Parameter
 from feltmb.fit.linear import LinearNominal
@@ -218,9 +218,9 @@ def test_a_stuck_fit_with_tight_gaps_is_no_unknown_force(tmp_path):
     """Once a window of this nominal stayed in a wrong place, which looked like 91 nats."""
     bench = Bench(tmp_path / "b")
     bench.seal(792, 20261122)
-    _make_records(bench.folder, None, [791])
+    bench.machine.make_records(bench.folder, None, [791])
     nominal = KeyHammer()
-    own = read_records(bench.folder / "records" / "791.npz")
+    own = bench.machine.read_records(bench.folder / "records" / "791.npz")
     gates = check_records(own, nominal.outputs)
     shots = tuple(make_shot(nominal, r, gates.noise(r.name), None) for r in own if r.role == "fit")
     fit = fit_problem(Problem(nominal, shots))

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from blind.nominal import KeyHammer, effects
 
-from feltmb.blind.nominal import KeyHammer, effects
 from feltmb.cli import main
 from feltmb.data import Record, read_records
 from feltmb.errors import InvalidParameter

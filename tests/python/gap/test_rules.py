@@ -6,9 +6,9 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+from blind.bench import Bench
+from blind.nominal import KeyHammer
 
-from feltmb.blind.bench import Bench, _make_records, read_records
-from feltmb.blind.nominal import KeyHammer
 from feltmb.data import Record, Sensor
 from feltmb.fit.linear import LinearNominal
 from feltmb.fit.linearize import Linear, _tame
@@ -195,11 +195,11 @@ def test_a_nominal_that_tears_at_an_impact_gets_through(tmp_path):
     """Window by window these strokes can be followed; closed too fast, the gaps once tore them."""
     bench = Bench(tmp_path / "b")
     bench.seal(5, 20261120)
-    _make_records(bench.folder, None, [4])
+    bench.machine.make_records(bench.folder, None, [4])
     nominal = KeyHammer()
     shots = tuple(
         make_shot(nominal, r, {c: Noise(5e-5, 7.5e-4) for c in nominal.outputs}, None)
-        for r in read_records(bench.folder / "records" / "4.npz")
+        for r in bench.machine.read_records(bench.folder / "records" / "4.npz")
         if r.role == "fit"
     )
     fit = fit_problem(Problem(nominal, shots))

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from blind.bench import Bench
+from blind.nominal import KeyHammer, effects
 
-from feltmb.blind.bench import Bench, _make_records, read_records
-from feltmb.blind.nominal import KeyHammer, effects
 from feltmb.data import Record, Sensor
 from feltmb.fit import Effect, Parameter, Term
 from feltmb.fit.linear import LinearNominal
@@ -19,11 +19,11 @@ def searched(folder, number, *names):
     """Search of a case of seed 20261124, with these effects alone."""
     bench = Bench(folder / "b")
     bench.seal(number + 1, 20261124)
-    _make_records(bench.folder, None, [number])
+    bench.machine.make_records(bench.folder, None, [number])
     nominal = KeyHammer()
     shots = tuple(
         make_shot(nominal, r, {c: Noise(5e-5, 7.5e-4) for c in nominal.outputs}, None)
-        for r in read_records(bench.folder / "records" / f"{number}.npz")
+        for r in bench.machine.read_records(bench.folder / "records" / f"{number}.npz")
         if r.role == "fit"
     )
     chosen = [e for e in effects() if e.name in names]

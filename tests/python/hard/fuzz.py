@@ -452,7 +452,7 @@ def record_file(case: Case) -> None:
 @cache
 def scored_bench() -> dict[str, bytes]:
     """Files of a small bench whose cases were diagnosed, made without a diagnosis."""
-    from feltmb.blind.bench import Bench
+    from blind.bench import Bench
 
     answer = {
         "verdict": "explained", "statement": "x", "named": ["bed_softer"], "one_of": [],
@@ -478,9 +478,10 @@ def scored_bench() -> dict[str, bytes]:
 
 def bench_folder(case: Case) -> None:
     """A blind bench with one of its files damaged: scored."""
+    from blind.bench import Bench
+    from blind.score import read, score
+
     import feltmb
-    from feltmb.blind.bench import Bench, read_records
-    from feltmb.blind.score import read, score
 
     rng = case.rng
     files = dict(scored_bench())
@@ -503,7 +504,7 @@ def bench_folder(case: Case) -> None:
     except ValueError as error:  # it imports nothing of feltmb; the command makes it a message
         raise feltmb.InvalidParameter(str(error)) from None
     score(cases)
-    read_records(case.folder / "records" / "0.npz")
+    bench.machine.read_records(case.folder / "records" / "0.npz")
 
 
 SAFE = (  # command lines that are quick when they are right

@@ -164,7 +164,7 @@ def test_a_place_that_cannot_be_written_is_told_before_the_work(kind, started, g
 # ---------------------------------------------------------------- benches
 
 CHILD = """
-from feltmb.blind.bench import _run
+from blind.bench import _run
 code = "import os, pathlib as p, time; p.Path({folder!r}, str(os.getpid())).touch(); time.sleep(99)"
 if __name__ == "__main__":
     list(_run([(exec, (code,))] * 4, 2))

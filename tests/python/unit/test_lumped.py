@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from blind.lumped import Network
 from scipy.integrate import solve_ivp
 
 from feltmb.errors import InvalidParameter
-from feltmb.lumped import Network
 
 DESCRIPTION = {
     "masses": {"x": "m"},

@@ -17,14 +17,14 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.blind import truth, truth_machine, truth_sensors
-from feltmb.blind.nominal import SAMPLE_TIME, KeyHammer
+from blind import truth, truth_machine, truth_sensors
+from blind.nominal import SAMPLE_TIME, KeyHammer
 from feltmb.data import Record
 from feltmb.fit import Lanes
 
@@ -39,7 +39,7 @@ AIM = 10.0
 
 def packaged_scales() -> Scales:
     """Noncentrality per unit of size, {mode: {"effect:form": number}}, computed beforehand."""
-    text = (files("feltmb.blind") / "scales.json").read_text(encoding="utf-8")
+    text = (Path(__file__).parent / "scales.json").read_text(encoding="utf-8")
     scales: Scales = json.loads(text)
     return scales
 

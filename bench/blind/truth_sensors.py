@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from feltmb.blind.truth import FRAME, KEEP, LENGTH, RATIO, STEP, STROKES, Array, Case, played
-from feltmb.blind.truth_machine import Strokes
+from blind.truth import FRAME, KEEP, LENGTH, RATIO, STEP, STROKES, Array, Case, played
+from blind.truth_machine import Strokes
 
 NOISE_CAMERA = 5e-5  # [m]
 PIXEL = 2e-5  # [m]

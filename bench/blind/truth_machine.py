@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from feltmb.blind.truth import (
+from blind.truth import (
     ACTUATOR_DAMPING,
     ACTUATOR_STIFFNESS,
     EFFECTS,

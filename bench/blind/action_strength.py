@@ -1,6 +1,6 @@
 """How far a withheld effect of a case stands out of what the tolerances can take up.
 
-The scales of :mod:`feltmb.blind.action_calibration` choose sizes before there is a case: one
+The scales of :mod:`blind.action_calibration` choose sizes before there is a case: one
 linearization at drawing values, columns of the nominal. Where an effect is nearly the same as a
 tolerance, or large, they promise more than any engine could see. Here the tolerances of the
 generator's own machine are fitted to what the effect does, without noise, so that nothing of the
@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from feltmb.blind import action_truth as truth
-from feltmb.blind.action_calibration import answer_to_force, to_record, whole_shot
+from blind import action_truth as truth
+from blind.action_calibration import answer_to_force, to_record, whole_shot
 from feltmb.data import Array
 from feltmb.fit.shots import Shot
 

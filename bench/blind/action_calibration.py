@@ -14,12 +14,12 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping
-from importlib import resources
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from feltmb.blind import action_truth as truth
+from blind import action_truth as truth
 from feltmb.data import Array, Record, Sensor
 from feltmb.fit.shots import Noise, Shot, make_shot
 
@@ -127,6 +127,6 @@ def calibrate(progress: Callable[[str, int, int], None] | None = None) -> dict[s
 
 def packaged_scales() -> dict[str, float]:
     """What :func:`calibrate` gave, from the package."""
-    file = resources.files("feltmb.blind") / "action_scales.json"
+    file = Path(__file__).parent / "action_scales.json"
     data: dict[str, float] = json.loads(file.read_text(encoding="utf-8"))
     return data

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from blind.lumped import Network
 from feltmb.data import Array, Record
 from feltmb.fit import Effect, Lanes, Nominal, Parameter, Port, Sensitivity, Simulated, State, Term
-from feltmb.lumped import Network
 
 __all__ = ["SAMPLE_TIME", "KeyHammer", "effects"]
 
