@@ -1,7 +1,7 @@
-"""Writes examples/gap_action: records of the action with a cause that the nominal lacks.
+"""Writes examples/gap_action: records of the action with a cause that the model lacks.
 
 One folder a case: a record a stroke (CSV with its TOML) and truth.json, which a diagnosis does not
-read. The machine behind them is not the nominal; see feltmb.subjects.synthetic.
+read. The machine behind them is not the model; see feltmb.subjects.synthetic.
 """
 
 import json

@@ -52,31 +52,31 @@ def to_record(name: str, view: Mapping[str, Array], outputs: tuple[str, ...]) ->
     )
 
 
-def whole_shot(nominal: Any, record: Record) -> Shot:
+def whole_shot(model: Any, record: Record) -> Shot:
     """A record in one piece with the noise of its cameras."""
     noise = {o: Noise(truth.NOISE_CAMERA, s.correlation_time) for o, s in record.sensors.items()}
-    return make_shot(nominal, record, noise, None, np.array([[0, record.samples - 1]]))
+    return make_shot(model, record, noise, None, np.array([[0, record.samples - 1]]))
 
 
-def answer_to_force(nominal: Any, record: Record, force: Array) -> Array | float:
-    """Change of the nominal's motion where it is shown another force than that of the record.
+def answer_to_force(model: Any, record: Record, force: Array) -> Array | float:
+    """Change of the model's motion where it is shown another force than that of the record.
 
-    An effect of the input changes what the force sensor shows, and the nominal answers to that.
+    An effect of the input changes what the force sensor shows, and the model answers to that.
     """
     if not np.any(force - record.inputs["force"]):
         return 0.0
-    zero = np.zeros(nominal.mechanical)
+    zero = np.zeros(model.mechanical)
     shown = record.with_inputs({"force": force})
-    moved, still = (nominal._motion(r, zero, (), np.zeros(0)) for r in (shown, record))
+    moved, still = (model._motion(r, zero, (), np.zeros(0)) for r in (shown, record))
     return np.asarray(moved - still)
 
 
 def calibrate(progress: Callable[[str, int, int], None] | None = None) -> dict[str, float]:
     """Noncentrality per unit of size of every effect, form and kind from outside."""
-    from feltmb.adapters import mechanism_nominal
+    from feltmb.adapters import mechanism_model
 
     action, base, library, outputs = truth.setup()
-    nominal: Any = mechanism_nominal(action, shooting="single", rtol=1e-6, workers=1)[0]
+    model: Any = mechanism_model(action, shooting="single", rtol=1e-6, workers=1)[0]
     plain = truth.plain_case()
     views, shots, roots = [], [], []
     records = []
@@ -84,7 +84,7 @@ def calibrate(progress: Callable[[str, int, int], None] | None = None) -> dict[s
         view, _ = truth.record(base, library, plain, stroke, outputs, ideal=True)
         views.append(view)
         records.append(to_record(stroke, view, outputs))
-    whole = nominal.with_floor(records)
+    whole = model.with_floor(records)
     for r in records:
         shot = whole_shot(whole, r)
         theta = np.zeros(len(whole.parameters))

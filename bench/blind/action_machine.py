@@ -16,14 +16,14 @@ from blind.action_calibration import packaged_scales, to_record
 from blind.action_strength import noncentralities
 from blind.machine import Machine
 from feltmb import gap
-from feltmb.adapters import mechanism_nominal
+from feltmb.adapters import mechanism_model
 from feltmb.data import Record
 from feltmb.errors import InvalidParameter
 from feltmb.files import write_file
 
 __all__ = ["ActionMachine"]
 
-#: Tolerance of the nominal's integrator: near let-off a motion is heard to jump by 0.1 of the
+#: Tolerance of the model's integrator: near let-off a motion is heard to jump by 0.1 of the
 #: camera's noise at 3e-6, by 0.02 at this one.
 RTOL = 1e-6
 
@@ -62,12 +62,12 @@ class ActionMachine(Machine):
     def diagnose(self, records: Sequence[Record], names: Sequence[str] = ()) -> Any:
         action, _, library, outputs = _setup()
         asked = list(names) or [e.name for e in truth.candidates(library, outputs)]
-        nominal, known = mechanism_nominal(
+        model, known = mechanism_model(
             action, library=library, effects=asked, shooting="single", rtol=RTOL, workers=1
         )
-        nominal = nominal.with_floor(records, truth.VARIATION)  # type: ignore[attr-defined]
+        model = model.with_floor(records, truth.VARIATION)  # type: ignore[attr-defined]
         options = gap.Options(bootstrap=0, restarts=0, width=3, max_effects=3, advice=False)
-        return gap.diagnose(nominal, known, records, options=options)
+        return gap.diagnose(model, known, records, options=options)
 
 
 @functools.cache

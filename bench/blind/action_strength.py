@@ -1,10 +1,10 @@
 """How far a withheld effect of a case stands out of what the tolerances can take up.
 
 The scales of :mod:`blind.action_calibration` choose sizes before there is a case: one
-linearization at drawing values, columns of the nominal. Where an effect is nearly the same as a
+linearization at drawing values, columns of the model. Where an effect is nearly the same as a
 tolerance, or large, they promise more than any engine could see. Here the tolerances of the
 generator's own machine are fitted to what the effect does, without noise, so that nothing of the
-engine and nothing of its nominal's run is in it:
+engine and nothing of its model's run is in it:
 
     nc^2 = min over p, z of |W (y(with) - y(p) - D z)|^2 + |(p - p0) / sd|^2 + |z|^2,
 
@@ -51,11 +51,11 @@ class _Stroke:
 
 @functools.cache
 def _fixed() -> tuple[Any, ...]:
-    from feltmb.adapters import mechanism_nominal
+    from feltmb.adapters import mechanism_model
 
     action, base, library, outputs = truth.setup()
-    nominal = mechanism_nominal(action, shooting="single", rtol=1e-6, workers=1)[0]
-    return base, library, outputs, nominal
+    model = mechanism_model(action, shooting="single", rtol=1e-6, workers=1)[0]
+    return base, library, outputs, model
 
 
 def noncentralities(case: truth.Case) -> list[float | None]:
@@ -89,12 +89,12 @@ def _stacked(view: Mapping[str, Array]) -> Array:
 
 
 def _stroke(bare: truth.Case, name: str) -> _Stroke:
-    _, _, outputs, nominal = _fixed()
+    _, _, outputs, model = _fixed()
     view = _view(bare, name)
     length = view["force"].size / truth.RATE
     record = to_record(name, view, outputs)
-    shot = whole_shot(nominal, record)
-    floor = nominal.with_floor([record], truth.VARIATION).floors[name].columns
+    shot = whole_shot(model, record)
+    floor = model.with_floor([record], truth.VARIATION).floors[name].columns
     white = shot.whiten(floor[None]).reshape(-1, floor.shape[2])
     return _Stroke(name, length, view, shot, _columns(bare, name, length, shot), white)
 
@@ -113,11 +113,11 @@ def _columns(case: truth.Case, name: str, length: float, shot: Shot) -> Array:
 
 
 def _strength(case: truth.Case, bare: truth.Case, strokes: list[_Stroke]) -> float:
-    _, library, _, nominal = _fixed()
+    _, library, _, model = _fixed()
     targets = []
     for s in strokes:
         moved = _view(case, s.name, s.length)
-        answer = answer_to_force(nominal, s.shot.record, moved["force"])
+        answer = answer_to_force(model, s.shot.record, moved["force"])
         targets.append(_stacked(moved) - answer)
     sizes = np.array([e.size for e in library.tolerances])
     names = [e.name for e in library.tolerances]

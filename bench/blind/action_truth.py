@@ -1,6 +1,6 @@
 """Generator of the blind bench of the full action: the machine as it "really" is.
 
-The machine is not the nominal: all tolerances are off their values, felt and friction change from
+The machine is not the model: all tolerances are off their values, felt and friction change from
 stroke to stroke, beams and string have more shapes and modes, friction turns over at a third of the
 speed, the integrator is another one with tighter tolerance, half of the effects act in another form
 than the library's. What it shares with the diagnosis is the simulator's contact laws and the

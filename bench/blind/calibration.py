@@ -1,14 +1,14 @@
 """Noncentrality of a withheld effect: how many standard deviations it stands out by.
 
-Definition. With drawing values and plain strokes, let r(phi) be the records minus the nominal,
+Definition. With drawing values and plain strokes, let r(phi) be the records minus the model,
 started in every 30 ms window from the true state there. Then
 
     noncentrality(phi)^2 = d' (V^-1 - V^-1 S (S' V^-1 S + P^-1)^-1 S' V^-1) d,   d = r(phi) - r(0)
 
 over the windows of the three fit strokes: V is the covariance of camera noise and of the input's
-noise carried through the nominal, S the nominal's sensitivities to its parameters (prior P) and
+noise carried through the model, S the model's sensitivities to its parameters (prior P) and
 to the free start state of every window. It is what is left to see of the effect when all that the
-nominal may adjust has been adjusted. Secant at a noncentrality of about 10 gives the number per
+model may adjust has been adjusted. Secant at a noncentrality of about 10 gives the number per
 unit of size that sizes are drawn with.
 """
 
@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blind import truth, truth_machine, truth_sensors
-from blind.nominal import SAMPLE_TIME, KeyHammer
+from blind.key_hammer import SAMPLE_TIME, KeyHammer
 from feltmb.data import Record
 from feltmb.fit import Lanes
 
@@ -45,18 +45,18 @@ def packaged_scales() -> Scales:
 
 
 class _Whitener:
-    """Projection of the nominal at the drawing values, stroke by stroke, for one input mode."""
+    """Projection of the model at the drawing values, stroke by stroke, for one input mode."""
 
     def __init__(self, records: list[Record], starts: list[Array]):
-        self.nominal = KeyHammer()
-        self.theta = np.array([p.value for p in self.nominal.parameters])
-        prior = np.array([p.sd for p in self.nominal.parameters])
+        self.model = KeyHammer()
+        self.theta = np.array([p.value for p in self.model.parameters])
+        prior = np.array([p.sd for p in self.model.parameters])
         self.windows = _windows(records[0].samples)
         self.inverse: list[list[Array]] = []
         self.theta_part: list[list[Array]] = []
         total = np.diag(prior**-2.0)
         for record, start in zip(records, starts, strict=True):
-            s = self.nominal.sensitivities(record, self.theta, self.windows, start)
+            s = self.model.sensitivities(record, self.theta, self.windows, start)
             inverses, parts = [], []
             for w in range(len(self.windows)):
                 n = self.windows[w, 1] - self.windows[w, 0]
@@ -81,7 +81,7 @@ class _Whitener:
         n = int(last - first)
         mode = record.input_mode
         step = 10.0 * truth_sensors.NOISE_INPUT[mode]
-        network = self.nominal._network(record)
+        network = self.model._network(record)
         u = record.inputs["finger"]
         places = range(max(first - 2, 0), min(last + 2, u.size))
         inputs = [u]
@@ -108,15 +108,15 @@ class _Whitener:
         return np.asarray(slope @ noise @ slope.T, dtype=np.float64)
 
     def residual(self, record: Record, start: Array) -> list[Array]:
-        """Record minus nominal, window after window started in the true state."""
+        """Record minus model, window after window started in the true state."""
         lanes = Lanes(
             theta=np.tile(self.theta, (len(self.windows), 1)),
             windows=self.windows,
             starts=start,
             sizes=np.zeros((len(self.windows), 0)),
         )
-        y = self.nominal.simulate(record, lanes).outputs
-        seen = record.output_array(self.nominal.outputs)
+        y = self.model.simulate(record, lanes).outputs
+        seen = record.output_array(self.model.outputs)
         return [(seen[a:b] - y[w, : b - a]).T.ravel() for w, (a, b) in enumerate(self.windows)]
 
     def noncentrality(self, differences: list[list[Array]]) -> float:

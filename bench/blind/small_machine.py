@@ -1,4 +1,4 @@
-"""The small machine of the bench: key and hammer, see :mod:`blind.nominal`."""
+"""The small machine of the bench: key and hammer, see :mod:`blind.key_hammer`."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ import numpy as np
 
 from blind import truth, truth_machine, truth_outside, truth_sensors
 from blind.calibration import calibrate, packaged_scales
+from blind.key_hammer import KeyHammer, effects
 from blind.machine import Machine
-from blind.nominal import KeyHammer, effects
 from feltmb import gap
 from feltmb.data import Record, Sensor
 from feltmb.errors import InvalidParameter
@@ -32,7 +32,7 @@ class KeyHammerMachine(Machine):
     name = "key_hammer"
     chunk = 20
     generator = ("truth.py", "truth_machine.py", "truth_sensors.py", "truth_outside.py")
-    engine = ("lumped.py", "nominal.py")
+    engine = ("lumped.py", "key_hammer.py")
 
     def draw(self, seed: int, cases: int, outside: Path | None) -> list[Any]:
         kinds = load_kinds(outside)

@@ -1,7 +1,7 @@
 """Generator of the blind bench: the machine as it "really" is.
 
-Shares no code with the engine, the nominal or the force laws; it must not import from feltmb. Its
-own table of parameters, its own integrator (semi-implicit Euler, 1/20 of the nominal's step,
+Shares no code with the engine, the model or the force laws; it must not import from feltmb. Its
+own table of parameters, its own integrator (semi-implicit Euler, 1/20 of the model's step,
 vectorized over strokes), sharper friction, and a second functional form of every effect.
 """
 

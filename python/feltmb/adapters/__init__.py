@@ -5,23 +5,23 @@ The layer between :mod:`feltmb.run.simulate`, which runs mechanisms, and :mod:`f
 """
 
 from feltmb.adapters.amend import amended_action
-from feltmb.adapters.blows import BlowNominal, blow_record, load_blows
+from feltmb.adapters.blows import ImpactModel, blow_record, load_blows
 from feltmb.adapters.effects import effect_of
 from feltmb.adapters.library import Entry, Library, load_library
-from feltmb.adapters.mechanism import mechanism_nominal
-from feltmb.adapters.nominal import MechanismNominal
+from feltmb.adapters.mechanism import mechanism_model
+from feltmb.adapters.model import MechanismModel
 from feltmb.adapters.planned import planned_strokes
 
 __all__ = [
-    "BlowNominal",
     "Entry",
+    "ImpactModel",
     "Library",
-    "MechanismNominal",
+    "MechanismModel",
     "amended_action",
     "blow_record",
     "effect_of",
     "load_blows",
     "load_library",
-    "mechanism_nominal",
+    "mechanism_model",
     "planned_strokes",
 ]

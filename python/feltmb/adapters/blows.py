@@ -1,4 +1,4 @@
-"""Numbers of single blows as a nominal: sparse published data instead of time series.
+"""Numbers of single blows as a model: sparse published data instead of time series.
 
 A record is one blow: its input is the speed before impact, its outputs are numbers of
 ``run.summary`` such as the largest force and the duration of contact. The blow is a stroke of the
@@ -29,7 +29,7 @@ from feltmb.files import read_toml
 from feltmb.fit import (
     Effect,
     Lanes,
-    Nominal,
+    Model,
     Parameter,
     Sensitivity,
     Simulated,
@@ -41,7 +41,7 @@ from feltmb.run.simulate import simulate
 from feltmb.run.stroke import Stroke, load_stroke
 from feltmb.units.quantity import SI, Schema, fault_lines, fault_text, parse_scalar
 
-__all__ = ["BlowNominal", "blow_record", "load_blows"]
+__all__ = ["ImpactModel", "blow_record", "load_blows"]
 
 #: The hammer's speed is set this long before it meets the string [s].
 BEFORE = 3e-3
@@ -90,7 +90,7 @@ def blow_record(
     )
 
 
-class BlowNominal(Nominal):
+class ImpactModel(Model):
     """A mechanism asked for numbers of blows.
 
     Parameters
@@ -155,7 +155,7 @@ class BlowNominal(Nominal):
         return ()
 
     def forget(self) -> None:
-        """See :class:`~feltmb.fit.Nominal`: the derivatives that are kept."""
+        """See :class:`~feltmb.fit.Model`: the derivatives that are kept."""
         self.reuse.clear()
 
     def accepts(self, effect: Effect) -> bool:
@@ -193,7 +193,7 @@ class BlowNominal(Nominal):
         wanted = tuple(range(len(self.parameters)) if by_theta is None else by_theta)
 
         def compute() -> Sensitivity:
-            return super(BlowNominal, self).sensitivities(
+            return super(ImpactModel, self).sensitivities(
                 record,
                 theta,
                 windows,
@@ -356,8 +356,8 @@ class _BlowFile(Schema):
 _UNITS = {"rebound_speed": "m/s", "max_string_force": "N", "string_contact_duration": "s"}
 
 
-def load_blows(path: str | Path) -> tuple[BlowNominal, tuple[Effect, ...], tuple[Record, ...]]:
-    """Nominal, effects and records of a TOML file of blows.
+def load_blows(path: str | Path) -> tuple[ImpactModel, tuple[Effect, ...], tuple[Record, ...]]:
+    """Model, effects and records of a TOML file of blows.
 
     Every number is a table ``{ value, unit, sd }``; ``sd`` is in the same unit and required.
 
@@ -412,6 +412,6 @@ def load_blows(path: str | Path) -> tuple[BlowNominal, tuple[Effect, ...], tuple
     if faults:
         raise InvalidParameter(fault_text(path.name, faults))
     outputs = [key for key in _UNITS if key in used]
-    nominal = BlowNominal(action, tolerances, outputs)
+    model = ImpactModel(action, tolerances, outputs)
     effects = tuple(effect_of(e, (), {}) for e in library.select(file.effects))
-    return nominal, effects, tuple(records)
+    return model, effects, tuple(records)

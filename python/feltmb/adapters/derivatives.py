@@ -4,7 +4,7 @@ Differences are one-sided, all lanes in one threaded batch. Steps are chosen aga
 adaptive integrator, which is about 0.1 um: a tenth of a tolerance, a fifth of the natural size of a
 state, the step of an effect. What this costs in curvature is a few percent of a derivative, which a
 Gauss-Newton step and a score forgive. Forward sensitivities are exact but cost about twice as much
-(docs/gap-action.md); ``nominal.forward`` chooses.
+(docs/gap-action.md); ``model.forward`` chooses.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ START_STEP = 0.2
 
 
 def sensitivities(
-    nominal: DifferentiableMechanism,
+    model: DifferentiableMechanism,
     record: Record,
     theta: Array,
     windows: NDArray[np.intp],
@@ -41,14 +41,14 @@ def sensitivities(
     by_starts: bool,
     candidates: tuple[Term, ...],
 ) -> Sensitivity:
-    """See :meth:`feltmb.fit.Nominal.sensitivities`."""
+    """See :meth:`feltmb.fit.Model.sensitivities`."""
     smooth = tuple(t for t in candidates if can_differentiate(t))
     rough = tuple(t for t in candidates if not can_differentiate(t))
     fixed = all(can_differentiate(t) or s != 0.0 for t, s in zip(terms, sizes, strict=True))
     found = None
-    if fixed and nominal.forward:
+    if fixed and model.forward:
         found = forward_sensitivities(
-            nominal,
+            model,
             record,
             theta,
             windows,
@@ -61,7 +61,7 @@ def sensitivities(
         )
     if found is None:
         return difference_sensitivities(
-            nominal,
+            model,
             record,
             theta,
             windows,
@@ -75,7 +75,7 @@ def sensitivities(
     if not rough:
         return found
     d_rough, d_rough_ends = _candidates(
-        nominal, record, theta, windows, starts, terms, sizes, rough, found.outputs, found.ends
+        model, record, theta, windows, starts, terms, sizes, rough, found.outputs, found.ends
     )
     order = [*smooth, *rough]
     back = [order.index(t) for t in candidates]
@@ -89,7 +89,7 @@ def sensitivities(
 
 
 def difference_sensitivities(
-    nominal: DifferentiableMechanism,
+    model: DifferentiableMechanism,
     record: Record,
     theta: Array,
     windows: NDArray[np.intp],
@@ -101,10 +101,10 @@ def difference_sensitivities(
     by_starts: bool,
     candidates: tuple[Term, ...],
 ) -> Sensitivity:
-    """See :meth:`feltmb.fit.Nominal.sensitivities`."""
+    """See :meth:`feltmb.fit.Model.sensitivities`."""
     count = len(windows)
-    states = nominal.states(terms)
-    nx, ny, k = len(states), len(nominal.outputs), len(terms)
+    states = model.states(terms)
+    nx, ny, k = len(states), len(model.outputs), len(terms)
     theta, sizes = np.asarray(theta, dtype=float), np.asarray(sizes, dtype=float)
     rows: list[tuple[Array, Array, Array]] = [(theta, sizes, np.zeros(nx))]
     steps: list[float] = []
@@ -113,7 +113,7 @@ def difference_sensitivities(
         return step if value + step <= high or value - step < low else -step
 
     for i in by_theta:
-        p = nominal.parameters[i]
+        p = model.parameters[i]
         step = side(theta[i], THETA_STEP * p.size, p.lower, p.upper)
         moved = theta.copy()
         moved[i] += step
@@ -140,14 +140,14 @@ def difference_sensitivities(
         terms=terms,
         sizes=np.repeat(np.array([r[1] for r in rows]).reshape(versions, k), count, axis=0),
     )
-    run = nominal.simulate(record, lanes)
+    run = model.simulate(record, lanes)
     outputs = run.outputs.reshape(versions, count, -1, ny)
     ends = run.ends.reshape(versions, count, nx)
     scale = np.array(steps).reshape(-1, 1, 1)
     d_outputs = np.moveaxis((outputs[1:] - outputs[0]) / scale[..., None], 0, -1)
     d_ends = np.moveaxis((ends[1:] - ends[0]) / scale, 0, -1)
     d_candidates, d_candidates_ends = _candidates(
-        nominal, record, theta, windows, starts, terms, sizes, candidates, outputs[0], ends[0]
+        model, record, theta, windows, starts, terms, sizes, candidates, outputs[0], ends[0]
     )
     a, b = len(by_theta), len(by_theta) + k
     return Sensitivity(
@@ -165,7 +165,7 @@ def difference_sensitivities(
 
 
 def _candidates(
-    nominal: DifferentiableMechanism,
+    model: DifferentiableMechanism,
     record: Record,
     theta: Array,
     windows: NDArray[np.intp],
@@ -188,7 +188,7 @@ def _candidates(
             step = -step
         all_terms = (*terms, term)
         row = np.append(sizes, step)
-        if nominal.single:
+        if model.single:
             lanes = Lanes(
                 theta=np.tile(theta, (count, 1)),
                 windows=windows,
@@ -196,7 +196,7 @@ def _candidates(
                 terms=all_terms,
                 sizes=np.tile(row, (count, 1)),
             )
-            d_outputs[..., c] = (nominal.simulate(record, lanes).outputs - outputs) / step
+            d_outputs[..., c] = (model.simulate(record, lanes).outputs - outputs) / step
             return
         hidden = np.array([s.start for s in term.effect.hidden])
         for w in range(count):
@@ -207,11 +207,11 @@ def _candidates(
                 terms=all_terms,
                 sizes=row[None, :],
             )
-            run = nominal.simulate(record, lanes)
+            run = model.simulate(record, lanes)
             length = int(windows[w, 1] - windows[w, 0]) + 1
             d_outputs[w, :length, :, c] = (run.outputs[0, :length] - outputs[w, :length]) / step
             d_ends[w, :, c] = (run.ends[0, :nx] - ends[w]) / step
             hidden = run.ends[0, nx:]
 
-    nominal.in_parallel(one, range(len(candidates)))
+    model.in_parallel(one, range(len(candidates)))
     return d_outputs, d_ends

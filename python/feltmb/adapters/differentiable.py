@@ -9,13 +9,13 @@ from typing import Any
 from feltmb.adapters.drives import Drives
 from feltmb.adapters.variants import Variant
 from feltmb.data import Array, Record
-from feltmb.fit import Nominal, Term
+from feltmb.fit import Model, Term
 from feltmb.mechanism import Action
 
 __all__ = ["DifferentiableMechanism"]
 
 
-class DifferentiableMechanism(Nominal):
+class DifferentiableMechanism(Model):
     """A model of a mechanism whose versions can be made, integrated and differentiated."""
 
     action: Action

@@ -26,7 +26,7 @@ def effect_of(
     Parameters
     ----------
     outputs
-        Those of the nominal, on which sensor effects act.
+        Those of the model, on which sensor effects act.
     channels
         Outputs behind the names of channels.
     states

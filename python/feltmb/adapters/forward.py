@@ -55,7 +55,7 @@ def can_differentiate(term: Term) -> bool:
 
 
 def forward_sensitivities(
-    nominal: DifferentiableMechanism,
+    model: DifferentiableMechanism,
     record: Record,
     theta: Array,
     windows: NDArray[np.intp],
@@ -67,45 +67,45 @@ def forward_sensitivities(
     by_starts: bool,
     candidates: tuple[Term, ...],
 ) -> Sensitivity | None:
-    """See :meth:`feltmb.fit.Nominal.sensitivities`; None if a window or a shift failed.
+    """See :meth:`feltmb.fit.Model.sensitivities`; None if a window or a shift failed.
 
     All terms and candidates must satisfy :func:`can_differentiate`, or be terms whose states the
     model has already (their sizes are then differentiated as well).
     """
     try:
-        base = nominal.version(record, theta, terms, sizes)
-        columns = _columns(nominal, record, base, theta, terms, sizes, by_theta, candidates)
+        base = model.version(record, theta, terms, sizes)
+        columns = _columns(model, record, base, theta, terms, sizes, by_theta, candidates)
     except FeltmbError:
         return None
-    names = [s.name for s in nominal.states(terms)]
+    names = [s.name for s in model.states(terms)]
     place = np.array([base.place[name] for name in names], dtype=int)
-    held = [] if nominal.single else nominal.condensed_places(base)
+    held = [] if model.single else model.condensed_places(base)
     directions = np.concatenate([place, np.array(held, dtype=int)]).astype(int)
-    drive = nominal.drives.of(record)
+    drive = model.drives.of(record)
     clock = record.time - record.time[0]
     profile = drive.profile(float(record.time[0]), float(clock[-1]))
     matrix = np.zeros((base.rest.size, directions.size))
     matrix[directions, np.arange(directions.size)] = 1.0
     options = _core.SensitivityOptions()
     simulation = _core.SimulationOptions()
-    simulation.rtol = nominal.rtol
+    simulation.rtol = model.rtol
     options.simulation = simulation
     options.tolerance = TOLERANCE
     options.output_rate = (record.samples - 1) / float(clock[-1])
     index = {name: i for i, (name, _, _) in enumerate(_core.observables(base.mechanism))}
-    options.outputs = [index[o] for o in nominal.outputs]
-    options.threads = nominal.workers
+    options.outputs = [index[o] for o in model.outputs]
+    options.threads = model.workers
     prepared = []
     for (first, last), start in zip(windows, starts, strict=True):
         begin, end = float(clock[first]), float(clock[last])
-        if nominal.single:
+        if model.single:
             begin, state, memory = 0.0, [], []
         else:
             full = base.rest.copy()
             full[place] += start
             if drive.motion:
                 own = drive.profile(float(record.time[first]), end - begin)
-                follow(nominal.action, base, full, own)
+                follow(model.action, base, full, own)
             state, memory = list(full), list(base.memory)
         prepared.append(_core.SensitivityWindow(begin, end, state, memory, matrix))
     parameters = [
@@ -119,7 +119,7 @@ def forward_sensitivities(
         )
         for c in columns
     ]
-    if nominal.single:
+    if model.single:
         # One run serves all windows.
         last = int(np.argmax(windows[:, 1]))
         prepared = [prepared[last]]
@@ -132,7 +132,7 @@ def forward_sensitivities(
     if any(r.run.status != "done" for r in results):
         return None
     return _collect(
-        nominal,
+        model,
         windows,
         results,
         columns,
@@ -145,7 +145,7 @@ def forward_sensitivities(
 
 
 def _columns(
-    nominal: DifferentiableMechanism,
+    model: DifferentiableMechanism,
     record: Record,
     base: Variant,
     theta: Array,
@@ -156,19 +156,19 @@ def _columns(
 ) -> list[_Column]:
     out = []
     for i in by_theta:
-        p = nominal.parameters[i]
+        p = model.parameters[i]
         h = SHIFT * p.size
         nodes = []
         for side in (1.0, -1.0):
             moved = theta.copy()
             moved[i] += side * h
-            nodes.append((nominal.version(record, moved, terms, sizes), side * h, side * 0.5 / h))
+            nodes.append((model.version(record, moved, terms, sizes), side * h, side * 0.5 / h))
         out.append(_Column(p.name, tuple(nodes), p.size))
     for k, term in enumerate(terms):
         h = SHIFT * term.effect.scale
         low, high = term.effect.bounds
         sides = [s for s in (1.0, -1.0) if low <= sizes[k] + s * h <= high]
-        out.append(_shifted_size(nominal, record, base, theta, terms, sizes, k, h, sides))
+        out.append(_shifted_size(model, record, base, theta, terms, sizes, k, h, sides))
     for term in candidates:
         h = SHIFT * term.effect.scale
         low, high = term.effect.bounds
@@ -176,14 +176,14 @@ def _columns(
         more = (*terms, term)
         out.append(
             _shifted_size(
-                nominal, record, base, theta, more, np.append(sizes, 0.0), len(terms), h, sides
+                model, record, base, theta, more, np.append(sizes, 0.0), len(terms), h, sides
             )
         )
     return out
 
 
 def _shifted_size(
-    nominal: DifferentiableMechanism,
+    model: DifferentiableMechanism,
     record: Record,
     base: Variant,
     theta: Array,
@@ -198,14 +198,14 @@ def _shifted_size(
         moved = sizes.copy()
         moved[k] += side * h
         weight = side / (h * len(sides))
-        nodes.append((nominal.version(record, theta, terms, moved), side * h, weight))
+        nodes.append((model.version(record, theta, terms, moved), side * h, weight))
     if len(sides) == 1:
         nodes.append((base, 0.0, -sides[0] / h))
     return _Column(terms[k].name, tuple(nodes), terms[k].effect.scale)
 
 
 def _collect(
-    nominal: DifferentiableMechanism,
+    model: DifferentiableMechanism,
     windows: NDArray[np.intp],
     results: Sequence[Any],
     columns: Sequence[_Column],
@@ -217,7 +217,7 @@ def _collect(
     by_starts: bool,
 ) -> Sensitivity:
     w, length = len(windows), int(np.max(windows[:, 1] - windows[:, 0])) + 1
-    ny, nx, n = len(nominal.outputs), place.size, len(columns)
+    ny, nx, n = len(model.outputs), place.size, len(columns)
     outputs = np.full((w, length, ny), np.nan)
     ends = np.zeros((w, nx))
     d_outputs = np.zeros((w, length, ny, n))
@@ -229,19 +229,19 @@ def _collect(
         if n
         else (np.zeros((directions.size, 0)))
     )
-    still = np.array([nominal.at_rest(base, o) for o in nominal.outputs])
+    still = np.array([model.at_rest(base, o) for o in model.outputs])
     moving = np.array(
-        [[c.rest(lambda v, o=o: nominal.at_rest(v, o)) for c in columns] for o in nominal.outputs]
+        [[c.rest(lambda v, o=o: model.at_rest(v, o)) for c in columns] for o in model.outputs]
     ).reshape(ny, n)
     for i, (first, last) in enumerate(windows):
-        r = results[0] if nominal.single else results[i]
-        skip = int(first) if nominal.single else 0
+        r = results[0] if model.single else results[i]
+        skip = int(first) if model.single else 0
         count = int(last - first) + 1
         span = slice(skip, skip + count)
         gradient = np.asarray(r.gradient)[span]
         outputs[i, :count] = np.asarray(r.values)[span] - still
         by_column = gradient[..., :n]
-        if not nominal.single:
+        if not model.single:
             by_column = by_column + np.einsum("tod,dc->toc", gradient[..., n:], rest)
             end = np.asarray(r.end_state)
             final = np.asarray(r.run.end_state)

@@ -1,7 +1,7 @@
 """The library of effects and tolerances: TOML tables, expanded for one mechanism.
 
 A table stands for one effect, or with ``for`` for one of each joint, contact, beam and so on. What
-comes out are :class:`Entry` objects: plain data that :class:`~feltmb.adapters.nominal` can apply.
+comes out are :class:`Entry` objects: plain data that :class:`~feltmb.adapters.model` can apply.
 """
 
 from __future__ import annotations

@@ -7,23 +7,23 @@ from typing import Any
 
 from feltmb.adapters.effects import effect_of
 from feltmb.adapters.library import Entry, Library, load_library
-from feltmb.adapters.nominal import MechanismNominal
+from feltmb.adapters.model import MechanismModel
 from feltmb.adapters.signals import columns_of
-from feltmb.adapters.strokes import StrokeNominal
+from feltmb.adapters.strokes import StrokeModel
 from feltmb.fit import Effect
 from feltmb.mechanism import Action
 
-__all__ = ["mechanism_nominal"]
+__all__ = ["mechanism_model"]
 
 
-def mechanism_nominal(
+def mechanism_model(
     action: Action,
     *,
     channels: Sequence[str] = (),
     library: Library | str | None = None,
     effects: Sequence[str] = (),
     **options: Any,
-) -> tuple[MechanismNominal, tuple[Effect, ...]]:
+) -> tuple[MechanismModel, tuple[Effect, ...]]:
     """A mechanism with its tolerances and its library of effects, ready for a fit or a diagnosis.
 
     Parameters
@@ -36,7 +36,7 @@ def mechanism_nominal(
     effects
         Names or patterns (``felt_*``, ``all``); default: the default set of the library.
     options
-        Of :class:`MechanismNominal`.
+        Of :class:`MechanismModel`.
 
     Raises
     ------
@@ -46,27 +46,27 @@ def mechanism_nominal(
     if not isinstance(library, Library):
         library = load_library(action, library)
     whole = options.get("shooting", "single") == "single"
-    kind = StrokeNominal if whole and options.get("derivatives") != "forward" else MechanismNominal
-    nominal = kind(action, library, library.outputs(channels), **options)
-    chosen = [e for e in library.select(effects) if _can_show(nominal, e)]
+    kind = StrokeModel if whole and options.get("derivatives") != "forward" else MechanismModel
+    model = kind(action, library, library.outputs(channels), **options)
+    chosen = [e for e in library.select(effects) if _can_show(model, e)]
     ready = []
     for e in chosen:
-        alias = nominal.alias(e)
+        alias = model.alias(e)
         ready.append(
             effect_of(
                 e,
-                nominal.outputs,
+                model.outputs,
                 library.channels,
-                states=not nominal.single,
+                states=not model.single,
                 beyond="" if alias is None else alias.tolerance.name,
             )
         )
-    return nominal, tuple(ready)
+    return model, tuple(ready)
 
 
-def _can_show(nominal: MechanismNominal, entry: Entry) -> bool:
+def _can_show(model: MechanismModel, entry: Entry) -> bool:
     """Whether a sensor effect has a channel to act on."""
     if entry.sensor is None:
         moved = {c.path.split(".")[1] for c in entry.changes if c.path.startswith("points.")}
-        return not moved or any(o.rpartition(".")[0] in moved for o in nominal.outputs)
-    return bool(columns_of(entry.sensor, nominal.outputs, nominal.library.channels))
+        return not moved or any(o.rpartition(".")[0] in moved for o in model.outputs)
+    return bool(columns_of(entry.sensor, model.outputs, model.library.channels))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from feltmb.adapters.nominal import MechanismNominal
+from feltmb.adapters.model import MechanismModel
 from feltmb.data import Record, Sensor
 from feltmb.run.stroke import load_stroke
 
@@ -20,9 +20,7 @@ RATE = 2000.0
 CAMERA, LOAD_CELL = 2e-5, 0.01
 
 
-def planned_strokes(
-    nominal: MechanismNominal, names: Sequence[str] = STROKES
-) -> tuple[Record, ...]:
+def planned_strokes(model: MechanismModel, names: Sequence[str] = STROKES) -> tuple[Record, ...]:
     """Packaged strokes as records without measured values, with sensors as they may be bought.
 
     The force is known to 0.01 N, displacements to 0.02 mm; sampled at 2 kHz. None for a mechanism
@@ -33,15 +31,15 @@ def planned_strokes(
     names
         Packaged strokes or files of strokes.
     """
-    if nominal.action.config.finger is None:
+    if model.action.config.finger is None:
         return ()
     sensors = {
         o: Sensor(
             name=o,
-            unit=nominal.units[o],
+            unit=model.units[o],
             sigma=LOAD_CELL if o == "finger.force" else CAMERA,
         )
-        for o in nominal.outputs
+        for o in model.outputs
     }
     records = []
     for name in names:
@@ -52,7 +50,7 @@ def planned_strokes(
                 name=name,
                 time=time,
                 inputs={"force": stroke.at(time)},
-                outputs={o: np.zeros(time.size) for o in nominal.outputs},
+                outputs={o: np.zeros(time.size) for o in model.outputs},
                 sensors=sensors,
                 input_sigma={"force": LOAD_CELL},
             )

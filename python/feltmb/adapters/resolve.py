@@ -1,4 +1,4 @@
-"""From a name on a command line to a nominal with its effects."""
+"""From a name on a command line to a model with its effects."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from feltmb.adapters.library import load_library
-from feltmb.adapters.mechanism import mechanism_nominal
-from feltmb.adapters.nominal import MechanismNominal
+from feltmb.adapters.mechanism import mechanism_model
+from feltmb.adapters.model import MechanismModel
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Effect
 from feltmb.mechanism import Action, load_action, packaged_actions, parse_setting
@@ -42,8 +42,8 @@ def _mechanism(name: str) -> Action | None:
 
 def resolve(
     name: str, settings: Mapping[str, str], also: Sequence[str] = ()
-) -> tuple[MechanismNominal, tuple[Effect, ...]] | None:
-    """Nominal and effects of a packaged mechanism or a mechanism file; None for other names.
+) -> tuple[MechanismModel, tuple[Effect, ...]] | None:
+    """Model and effects of a packaged mechanism or a mechanism file; None for other names.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def resolve(
     if "tolerances" in settings:
         options["tolerances"] = library.choose_tolerances(_list(settings["tolerances"]))
     channels = _list(settings.get("channels", "")) or list(library.default_channels)
-    return mechanism_nominal(
+    return mechanism_model(
         action,
         channels=[*channels, *also],
         effects=_list(settings.get("effects", "")),

@@ -1,4 +1,4 @@
-"""Derivatives kept while the point moves little: a chord method for expensive nominals.
+"""Derivatives kept while the point moves little: a chord method for expensive models.
 
 Outputs and end states are always computed anew at the point that is asked for; only their
 derivatives may come from a point nearby. A Gauss-Newton iteration converges with them as well, to
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.data import Array, Record
-from feltmb.fit import Lanes, Nominal, Sensitivity, Term
+from feltmb.fit import Lanes, Model, Sensitivity, Term
 
 __all__ = ["Kept", "Question", "Reuse"]
 
@@ -94,7 +94,7 @@ class Reuse:
 
     def ask(
         self,
-        nominal: Nominal,
+        model: Model,
         question: Question,
         compute: Callable[[], Sensitivity],
     ) -> Sensitivity:
@@ -103,17 +103,15 @@ class Reuse:
         theta, sizes, starts = q.theta, q.sizes, q.starts
         key = q.key()
         units = (
-            np.array([p.size for p in nominal.parameters]),
+            np.array([p.size for p in model.parameters]),
             np.array([t.effect.scale for t in q.terms]),
-            np.array([s.scale for s in nominal.states(q.terms)]),
+            np.array([s.scale for s in model.states(q.terms)]),
         )
         with self._lock:
             kept = self._kept.get(key)
         if kept is not None and self._near(kept, theta, sizes, starts, units):
             self.hits += 1
-            run = nominal.simulate(
-                q.record, Lanes.at_point(theta, q.windows, starts, q.terms, sizes)
-            )
+            run = model.simulate(q.record, Lanes.at_point(theta, q.windows, starts, q.terms, sizes))
             return replace(kept.value, outputs=run.outputs, ends=run.ends)
         self.misses += 1
         value = compute()

@@ -1,4 +1,4 @@
-"""Whole strokes as a nominal: single shooting with kept derivatives and a floor.
+"""Whole strokes as a model: single shooting with kept derivatives and a floor.
 
 Every record is simulated in one go from rest, so that a point of the fit costs one run a record.
 Derivatives are one-sided differences, a column each, and a column is kept as long as the motion has
@@ -31,13 +31,13 @@ from feltmb.adapters.aliases import Alias
 from feltmb.adapters.finer import KINDS, finer
 from feltmb.adapters.latest import Latest
 from feltmb.adapters.library import Entry
-from feltmb.adapters.nominal import MechanismNominal
+from feltmb.adapters.model import MechanismModel
 from feltmb.adapters.shifter import Shifter
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError
 from feltmb.fit import FLOOR, Lanes, Parameter, Ready, Sensitivity, Simulated, Term
 
-__all__ = ["Floor", "StrokeNominal"]
+__all__ = ["Floor", "StrokeModel"]
 
 #: Motion away from where a column was taken up to which it is kept [m], for a column with the
 #: noncentrality ``CLEAR`` over its natural size; in inverse proportion for others, from ``LEAST``
@@ -98,8 +98,8 @@ class _Scored:
     candidates: dict[tuple[str, Any], Array]
 
 
-class StrokeNominal(MechanismNominal):
-    """A mechanism whose records are simulated in one go from rest; see :class:`MechanismNominal`.
+class StrokeModel(MechanismModel):
+    """A mechanism whose records are simulated in one go from rest; see :class:`MechanismModel`.
 
     ``variation``: of felt and friction from stroke to stroke [1], for :meth:`with_floor`; None: no
     floor. ``chaotic`` is False: records should end soon after the blow, while a stroke is still a
@@ -120,17 +120,15 @@ class StrokeNominal(MechanismNominal):
         """Columns taken by differences so far."""
 
     def forget(self) -> None:
-        """See :class:`~feltmb.fit.Nominal`: the columns that are kept."""
+        """See :class:`~feltmb.fit.Model`: the columns that are kept."""
         super().forget()
         self._columns_kept.clear()
         self._scored_at.clear()
 
     # --- the floor --------------------------------------------------------------------------------
 
-    def with_floor(
-        self, records: Sequence[Record], variation: float | None = None
-    ) -> StrokeNominal:
-        """The same nominal with the floor of records.
+    def with_floor(self, records: Sequence[Record], variation: float | None = None) -> StrokeModel:
+        """The same model with the floor of records.
 
         Parameters
         ----------
@@ -138,11 +136,11 @@ class StrokeNominal(MechanismNominal):
             All records of the diagnosis, those that are held out as well.
         variation
             Standard deviation of felt and friction from stroke to stroke, as a share [1]; None:
-            that of the nominal.
+            that of the model.
 
         Returns
         -------
-        StrokeNominal
+        StrokeModel
             With further parameters ``floor.RECORD.K``; self if its own variation is None as well.
         """
         variation = self.variation if variation is None else variation
@@ -162,7 +160,7 @@ class StrokeNominal(MechanismNominal):
         base = super().ready(records)
         if all(r.name in self.floors and self.floors[r.name].covers(r) for r in base.records):
             return base
-        return replace(base, nominal=self.with_floor(base.records))
+        return replace(base, model=self.with_floor(base.records))
 
     def _floor(self, record: Record, variation: float) -> Array:
         """Directions that stand out of the sensors' noise, (n, ny, k)."""
@@ -221,7 +219,7 @@ class StrokeNominal(MechanismNominal):
 
         return [one(k) for k in range(count)]
 
-    # --- the interface of Nominal -----------------------------------------------------------------
+    # --- the interface of Model -----------------------------------------------------------------
 
     def simulate(self, record: Record, lanes: Lanes) -> Simulated:
         """Lanes of one version share one run from rest; the floor is added."""

@@ -1,6 +1,6 @@
 """Records of a mechanism whose causes are known: what a diagnosis is tried on.
 
-The machine behind the records is not the nominal: every tolerance is off its value, beams and
+The machine behind the records is not the model: every tolerance is off its value, beams and
 string have more shapes and modes, friction turns over at a third of the speed, the integrator is
 tighter, and half of the effects act in another form than in the library. Sensors are a camera with
 noise and pixels and a force sensor with noise and steps.
@@ -254,7 +254,7 @@ def make_case(
         Records end this long after the hammer met the string [s]; None: as long as the stroke. Up
         to there single shooting is nearly linear.
     refined
-        Whether the machine has finer shapes and modes and sharper friction than the nominal.
+        Whether the machine has finer shapes and modes and sharper friction than the model.
     other_forms
         Whether effects act in another form than the library's, where there is one; None: drawn.
     motion

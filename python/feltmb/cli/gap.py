@@ -1,4 +1,4 @@
-"""``feltmb gap``: check records, foresee, diagnose."""
+"""``feltmb gap``: check records, plan, diagnose."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ __all__ = ["command"]
 def command() -> None:
     """Diagnose the gap between a model and measurements: where, which cause, how far it shrinks.
 
-    A model is a packaged mechanism or a Python file that defines `nominal` and `effects`. Measured
+    A model is a packaged mechanism or a Python file that defines `model` and `effects`. Measured
     files are CSV, MAT or NetCDF, each with a TOML of the same name beside it.
     """
 
@@ -69,11 +69,11 @@ def check(data: tuple[Path, ...], as_json: bool) -> None:
     from feltmb.errors import DataError
     from feltmb.gap import check_records
 
-    gates = check_records(read_records(data))
+    checks = check_records(read_records(data))
     if as_json:
         from feltmb.gap.report import plain
 
-        print_json(plain(gates))
+        print_json(plain(checks))
     else:
         table = new_table(
             "channels",
@@ -88,7 +88,7 @@ def check(data: tuple[Path, ...], as_json: bool) -> None:
             right=(3, 4, 5, 6),
             whole=(0, 1, 6),
         )
-        for c in gates.channels:
+        for c in checks.channels:
             table.add_row(
                 c.record,
                 c.channel,
@@ -100,23 +100,21 @@ def check(data: tuple[Path, ...], as_json: bool) -> None:
                 c.method,
             )
         console().print(table)
-        for label, channel, sd in gates.repeatability:
+        for label, channel, sd in checks.repeatability:
             click.echo(f"repeats {label}: {channel} differs by {sd:.3g}")
-        for warning in gates.warnings:
+        for warning in checks.warnings:
             click.echo(f"warning: {warning}")
-    if gates.problems:
-        raise DataError("records: " + "; ".join(gates.problems))
+    if checks.problems:
+        raise DataError("records: " + "; ".join(checks.problems))
 
 
-@command.command(
-    "foresee", short_help="Before measuring: which effects of MODEL could be told apart."
-)
+@command.command("plan", short_help="Before measuring: which effects of MODEL could be told apart.")
 @click.argument("model", shell_complete=actions)
 @click.argument("data", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--channels", help="Channels or outputs that will be measured, comma-separated.")
 @subject_set_option
 @json_option
-def foresee_command(
+def plan_command(
     model: str,
     data: tuple[Path, ...],
     channels: str | None,
@@ -130,7 +128,7 @@ def foresee_command(
     of the model and outputs that are not measured are ranked as next experiments.
     """
     from feltmb.cli.gap_subjects import load_subject
-    from feltmb.gap import foresee
+    from feltmb.gap import plan
     from feltmb.gap.report import plain
 
     chosen = [c.strip() for c in (channels or "").split(",") if c.strip()]
@@ -141,8 +139,8 @@ def foresee_command(
     records = subject.read(data) if data else planned
     if not records:
         raise InvalidParameter(f"{model}: has no planned runs; give measured or planned files")
-    found = foresee(
-        subject.nominal,
+    found = plan(
+        subject.model,
         subject.effects,
         records if data else records[:1],
         channels=subject.outputs_of(chosen) if chosen else None,
@@ -278,7 +276,7 @@ def run(
         seed=seed,
         resume=resume,
     )
-    report = diagnose(subject.nominal, subject.effects, records, held, options, progress_line())
+    report = diagnose(subject.model, subject.effects, records, held, options, progress_line())
     if is_terminal():
         click.echo("\r\x1b[2K", nl=False, err=True)
     if as_json:
@@ -346,5 +344,5 @@ def _print(report: Report) -> None:
         click.echo(f"next: {advice.text}")
     if report.not_tested:
         click.echo("not tested: " + ", ".join(n.name for n in report.not_tested))
-    for warning in report.gates.warnings:
+    for warning in report.checks.warnings:
         click.echo(f"warning: {warning}")

@@ -110,7 +110,7 @@ def command(
     if not records:
         raise InvalidParameter(f"{model}: has no planned runs; give measured or planned files")
     found = withhold(
-        subject.nominal,
+        subject.model,
         subject.effects,
         records,
         cases=cases,

@@ -9,7 +9,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from feltmb.data import Array, Record
-    from feltmb.fit import Nominal
+    from feltmb.fit import Model
     from feltmb.gap import Report
     from feltmb.gap.findings import Amended
     from feltmb.graphics.viewer import Curves
@@ -29,10 +29,10 @@ def record_viewers(report: Report, records: Sequence[Record]) -> str:
     from feltmb.errors import FeltmbError
     from feltmb.graphics.viewer import Curves, assets, fragment
 
-    nominal = report.fit.problem.nominal
-    fitted = _fitted(report, nominal)
+    model = report.fit.problem.model
+    fitted = _fitted(report, model)
     parts = []
-    for record in nominal.ready(records[:MOST_RECORDS]).records:
+    for record in model.ready(records[:MOST_RECORDS]).records:
         units = {name: record.sensors[name].unit for name in record.outputs}
         shown = [Curves("measured", record.time, record.outputs, units)]
         try:
@@ -47,11 +47,11 @@ def record_viewers(report: Report, records: Sequence[Record]) -> str:
     return assets() + "".join(parts) if parts else ""
 
 
-def _fitted(report: Report, nominal: Nominal) -> Amended:
-    """The nominal with the parameters of the first fit, no effect added."""
+def _fitted(report: Report, model: Model) -> Amended:
+    """The model with the parameters of the first fit, no effect added."""
     from feltmb.gap.findings import Amended
 
-    return Amended(nominal=nominal, theta=report.fit.point.theta, terms=(), sizes=np.zeros(0))
+    return Amended(base=model, theta=report.fit.point.theta, terms=(), sizes=np.zeros(0))
 
 
 def _curves(name: str, model: Amended, record: Record, units: dict[str, str]) -> Curves:

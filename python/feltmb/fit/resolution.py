@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.data import Record
-from feltmb.fit.nominal import Job, Lanes, Nominal, Parameter, Simulated
+from feltmb.fit.model import Job, Lanes, Model, Parameter, Simulated
 from feltmb.fit.together import each
 
 __all__ = ["BETWEEN", "Stepped", "refined", "resolved"]
@@ -33,7 +33,7 @@ MOST = 16
 WINDOW, LONGEST, RECORDS = 64, 1500, 4
 
 
-class Stepped(Nominal):
+class Stepped(Model):
     """A model that is integrated in steps of the samples."""
 
     inputs: tuple[str, ...]
@@ -127,7 +127,7 @@ def _substeps(
         substeps *= 2
 
 
-def _jobs(model: Nominal, records: Sequence[Record]) -> list[Job]:
+def _jobs(model: Model, records: Sequence[Record]) -> list[Job]:
     """Windows of records from starts on the model's own way."""
     theta = np.array([p.value for p in model.parameters])
     windows = [_windows(r) for r in records]
@@ -143,13 +143,13 @@ def _windows(record: Record) -> NDArray[np.intp]:
     return np.column_stack([edges[:-1], edges[1:]])
 
 
-def _heard(one: Nominal, other: Nominal, jobs: Sequence[Job]) -> float:
+def _heard(one: Model, other: Model, jobs: Sequence[Job]) -> float:
     """Sum of squares of the difference of two models; infinite where one of them fails."""
     return _squares(one.simulate_all(jobs), other.simulate_all(jobs), one, jobs)
 
 
 def _squares(
-    ones: Sequence[Simulated], others: Sequence[Simulated], model: Nominal, jobs: Sequence[Job]
+    ones: Sequence[Simulated], others: Sequence[Simulated], model: Model, jobs: Sequence[Job]
 ) -> float:
     """Sum of squares of the difference of two simulations over the noise."""
     total = 0.0

@@ -8,11 +8,11 @@ from feltmb.fit import (
     Coordinate,
     Coupling,
     Effect,
-    FunctionNominal,
+    FunctionModel,
     Lanes,
-    LinearNominal,
-    Nominal,
-    OdeNominal,
+    LinearModel,
+    Model,
+    OdeModel,
     Parameter,
     Port,
     Rate,
@@ -22,7 +22,8 @@ from feltmb.fit import (
     Term,
     including,
 )
-from feltmb.gap.diagnose import Options, diagnose, fit_nominal
+from feltmb.gap.checks import DataChecks, check_records
+from feltmb.gap.diagnose import Options, diagnose, fit_model
 from feltmb.gap.findings import (
     Advice,
     Amended,
@@ -38,8 +39,7 @@ from feltmb.gap.findings import (
     Where,
     Which,
 )
-from feltmb.gap.foresee import Foresight, foresee, noncentrality
-from feltmb.gap.gates import Gates, check_records
+from feltmb.gap.planning import Plan, noncentrality, plan
 from feltmb.gap.report import Report
 from feltmb.gap.withhold import OUTCOMES, Withheld, WithheldCase, withhold
 
@@ -50,21 +50,21 @@ __all__ = [
     "ComponentRow",
     "Coordinate",
     "Coupling",
+    "DataChecks",
     "Effect",
     "EventRow",
-    "Foresight",
-    "FunctionNominal",
+    "FunctionModel",
     "GapRow",
-    "Gates",
     "HowFar",
     "Lanes",
     "LedgerCell",
-    "LinearNominal",
-    "Nominal",
+    "LinearModel",
+    "Model",
     "NotTested",
-    "OdeNominal",
+    "OdeModel",
     "Options",
     "Parameter",
+    "Plan",
     "Port",
     "Ranked",
     "RankedSet",
@@ -84,9 +84,9 @@ __all__ = [
     "WithheldCase",
     "check_records",
     "diagnose",
-    "fit_nominal",
-    "foresee",
+    "fit_model",
     "including",
     "noncentrality",
+    "plan",
     "withhold",
 ]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from feltmb.data import Array, Record
-from feltmb.fit import Lanes, Nominal, Term
+from feltmb.fit import Lanes, Model, Term
 from feltmb.fit.observe import observe_lanes
 
 __all__ = [
@@ -35,7 +35,7 @@ class Verdict(StrEnum):
     """What the engine commits itself to."""
 
     NO_GAP = "NO GAP"
-    """The nominal explains the records within noise and repeatability."""
+    """The model explains the records within noise and repeatability."""
     NAMED = "NAMED"
     """The effects in ``report.named`` explain the gap, proven on held-out data."""
     ONE_OF = "ONE OF"
@@ -149,7 +149,7 @@ class Ranked:
     unit: str
     shape: Any
     size: float
-    """Refitted if ``refitted``, else one step from the nominal fit [unit]."""
+    """Refitted if ``refitted``, else one step from the model fit [unit]."""
     sd: float
     low: float
     """95 % interval."""
@@ -183,7 +183,7 @@ class RankedSet:
     sizes: tuple[float, ...]
     statistic: float
     evidence: float
-    """Log evidence against the nominal."""
+    """Log evidence against the model."""
     posterior: float
     refitted: bool
 
@@ -195,7 +195,7 @@ class Which:
     effects: tuple[Ranked, ...]
     sets: tuple[RankedSet, ...]
     none: float
-    """Posterior of: the nominal suffices."""
+    """Posterior of: the model suffices."""
     other: float
     """Posterior of: something that is not in the library."""
     classes: tuple[tuple[str, ...], ...]
@@ -234,7 +234,7 @@ class HowFar:
 
     rows: tuple[GapRow, ...]
     waterfall: tuple[tuple[str, float], ...]
-    """("nominal", gap), then every accepted effect with its order-free (Shapley) share, then
+    """("model", gap), then every accepted effect with its order-free (Shapley) share, then
     ("unexplained", rest), ("floor", noise and repeatability); in units of ``waterfall_unit``."""
     waterfall_unit: str
     metric: str
@@ -270,9 +270,9 @@ class NotTested:
 
 @dataclass(frozen=True, kw_only=True)
 class Amended:
-    """The nominal with the effects that were named, ready to simulate."""
+    """The model with the effects that were named, ready to simulate."""
 
-    nominal: Nominal
+    base: Model
     theta: Array
     terms: tuple[Term, ...]
     sizes: Array
@@ -280,7 +280,7 @@ class Amended:
     @property
     def parameters(self) -> dict[str, float]:
         """Fitted parameters by name."""
-        return {p.name: float(v) for p, v in zip(self.nominal.parameters, self.theta, strict=True)}
+        return {p.name: float(v) for p, v in zip(self.base.parameters, self.theta, strict=True)}
 
     @property
     def effects(self) -> dict[str, float]:
@@ -289,7 +289,7 @@ class Amended:
 
     def simulate(self, record: Record, start: Array | None = None) -> dict[str, Array]:
         """Outputs over a whole record, by name, from a start state (default: its prior mean)."""
-        states = self.nominal.states(self.terms)
+        states = self.base.states(self.terms)
         if start is None:
             prior = {} if record.start is None else record.start.mean
             start = np.array([prior.get(s.name, s.start) for s in states])
@@ -297,8 +297,8 @@ class Amended:
         lanes = Lanes.at_point(
             self.theta, whole, np.asarray(start)[None, :], self.terms, self.sizes
         )
-        outputs = observe_lanes(self.nominal, record, lanes).outputs[0]
-        return {name: outputs[:, i] for i, name in enumerate(self.nominal.outputs)}
+        outputs = observe_lanes(self.base, record, lanes).outputs[0]
+        return {name: outputs[:, i] for i, name in enumerate(self.base.outputs)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -323,8 +323,8 @@ class Findings:
     refused: tuple[NotTested, ...]
     """Effects that the fit asked for and held-out records did not confirm."""
     fit: Any
-    """The fit of the nominal (:class:`feltmb.fit.Fit`)."""
-    gates: Any
-    """What the gates found (:class:`feltmb.gap.Gates`)."""
+    """The fit of the model (:class:`feltmb.fit.Fit`)."""
+    checks: Any
+    """What the data checks found (:class:`feltmb.gap.DataChecks`)."""
     seconds: Mapping[str, float] = field(default_factory=dict)
     """Time per stage; left out of the files, whose bytes depend on the input alone."""

@@ -57,7 +57,7 @@ def page(report: Findings, viewers: str = "") -> str:
         "version": __version__,
         "report": report,
         "mark": MARK[report.verdict],
-        "model": report.model.nominal.name,
+        "model": report.model.base.name,
         "viewers": Markup(viewers),
         "map": Markup(ledger_map(where.ledger, dict(where.onset))),
         "cells": len(where.ledger),

@@ -58,7 +58,7 @@ def report_json(report: Findings) -> dict[str, Any]:
     fit = report.fit
     return {
         "feltmb": __version__,
-        "model": report.model.nominal.name,
+        "model": report.model.base.name,
         "verdict": report.verdict.value,
         "statement": report.statement,
         "named": list(report.named),
@@ -83,7 +83,7 @@ def report_json(report: Findings) -> dict[str, Any]:
             "converged": fit.converged,
             "notes": list(fit.notes),
         },
-        "gates": plain(report.gates),
+        "data checks": plain(report.checks),
     }
 
 

@@ -23,14 +23,14 @@ from feltmb._core import __version__
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.files import write_text
-from feltmb.fit.nominal import Effect, Lanes, Nominal, Parameter, Term
+from feltmb.fit.model import Effect, Lanes, Model, Parameter, Term
 from feltmb.fit.observe import observe_lanes
 from feltmb.fit.problem import Problem
 from feltmb.fit.shift import shifted
 from feltmb.fit.solve import FitSettings, fit_problem
+from feltmb.gap.checks import DataChecks, check_against, with_sigma
 from feltmb.gap.diagnose import Options, diagnose, prepare
 from feltmb.gap.findings import Findings, Verdict
-from feltmb.gap.gates import Gates, check_against, with_sigma
 
 __all__ = ["OUTCOMES", "Withheld", "WithheldCase", "outcome_of", "withhold"]
 
@@ -149,7 +149,7 @@ def outcome_of(effect: str, report: Findings) -> str:
 
 
 def withhold(
-    nominal: Nominal,
+    model: Model,
     effects: Sequence[Effect],
     records: Sequence[Record],
     *,
@@ -165,7 +165,7 @@ def withhold(
 
     Parameters
     ----------
-    nominal, effects, records
+    model, effects, records
         As for :func:`feltmb.gap.diagnose`. Of the records the inputs, clocks, sensors and noise
         are used; what was measured is replaced.
     cases
@@ -206,8 +206,8 @@ def withhold(
     options = options or Options()
     store = None
     if folder is not None:
-        store = _Store(folder, _digest(nominal, effects, records, seed, turns, hold_out, options))
-    machine = _Machine.of(nominal, records)
+        store = _Store(folder, _digest(model, effects, records, seed, turns, hold_out, options))
+    machine = _Machine.of(model, records)
     done = []
     for number in range(total):
         case = None if store is None else store.read(number)
@@ -238,7 +238,7 @@ def _run(
     try:
         term, size = (None, 0.0) if effect is None else _drawn(effect, rng)
         shown, ratio = machine.records_with(term, size, rng)
-        report = diagnose(machine.nominal, effects, shown, hold_out, options)
+        report = diagnose(machine.model, effects, shown, hold_out, options)
     except FeltmbError as fault:
         error = str(fault)
     name = "" if effect is None else effect.name
@@ -280,21 +280,21 @@ def _within(p: Parameter, z: float) -> float:
 class _Machine:
     """A model whose records are made instead of measured."""
 
-    nominal: Nominal
+    model: Model
     records: tuple[Record, ...]
     starts: tuple[Array, ...]
     """States at the first sample of each record."""
     free: tuple[Array, ...]
     """Standard deviations of these."""
-    noise: Gates
+    noise: DataChecks
 
     @classmethod
-    def of(cls, nominal: Nominal, records: Sequence[Record]) -> _Machine:
-        nominal.forget()
-        gates = check_against(nominal, records)
-        told = [with_sigma(r, gates.noise(r.name)) for r in records]
-        ready = nominal.ready(told)
-        states = ready.nominal.states(())
+    def of(cls, model: Model, records: Sequence[Record]) -> _Machine:
+        model.forget()
+        checks = check_against(model, records)
+        told = [with_sigma(r, checks.noise(r.name)) for r in records]
+        ready = model.ready(told)
+        states = ready.model.states(())
         starts, free = [], []
         for record in told:
             prior = record.start
@@ -304,19 +304,19 @@ class _Machine:
             free.append(np.array([sd.get(s.name, s.start_sd) for s in states]))
         if any(np.any(np.isinf(f)) for f in free):
             # Nobody knows where the records begin: they begin where the fitted model does.
-            shots = prepare(ready.nominal, ready.records, gates, None)
-            fit = fit_problem(Problem(ready.nominal, shots), FitSettings(restarts=0))
+            shots = prepare(ready.model, ready.records, checks, None)
+            fit = fit_problem(Problem(ready.model, shots), FitSettings(restarts=0))
             for k, place in enumerate(fit.point.places):
                 wild = np.isinf(free[k])
                 starts[k] = np.where(wild, place.starts[0], starts[k])
                 free[k] = np.where(wild, 0.0, free[k])
-        return cls(ready.nominal, tuple(told), tuple(starts), tuple(free), gates)
+        return cls(ready.model, tuple(told), tuple(starts), tuple(free), checks)
 
     def records_with(
         self, term: Term | None, size: float, rng: np.random.Generator
     ) -> tuple[list[Record], float]:
         """Records of a machine with an effect, and its signal-to-noise ratio in them."""
-        theta = np.array([_within(p, rng.standard_normal()) for p in self.nominal.parameters])
+        theta = np.array([_within(p, rng.standard_normal()) for p in self.model.parameters])
         shown, square = [], 0.0
         for record, start, free in zip(self.records, self.starts, self.free, strict=True):
             first = start + free * rng.standard_normal(start.size)
@@ -356,12 +356,12 @@ class _Machine:
     ) -> Mapping[str, Array]:
         terms = () if term is None else (term,)
         sizes = np.array([size] if terms else [])
-        hidden = [s.start for s in self.nominal.states(terms)[start.size :]]
+        hidden = [s.start for s in self.model.states(terms)[start.size :]]
         whole = np.array([[0, record.samples - 1]])
         states = np.concatenate([start, hidden])[None, :]
         lanes = Lanes.at_point(theta, whole, states, terms, sizes)
-        outputs = observe_lanes(self.nominal, record, lanes).outputs[0]
-        return {name: outputs[:, i] for i, name in enumerate(self.nominal.outputs)}
+        outputs = observe_lanes(self.model, record, lanes).outputs[0]
+        return {name: outputs[:, i] for i, name in enumerate(self.model.outputs)}
 
     def _seen(self, record: Record, name: str, y: Array, rng: np.random.Generator) -> Array:
         """What a sensor with unknown errors and noise shows."""
@@ -443,7 +443,7 @@ class _Store:
 
 
 def _digest(
-    nominal: Nominal,
+    model: Model,
     effects: Sequence[Effect],
     records: Sequence[Record],
     seed: int,
@@ -455,8 +455,8 @@ def _digest(
 
     def words() -> Iterator[Any]:
         yield __version__, seed, list(turns), hold_out, repr(replace(options, resume=None))
-        yield nominal.name, nominal.outputs
-        for p in nominal.parameters:
+        yield model.name, model.outputs
+        for p in model.parameters:
             yield repr(p)
         for e in effects:
             yield e.name, e.scale, e.sign, e.lower, e.upper, repr(e.shapes)

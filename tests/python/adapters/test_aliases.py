@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 import feltmb
-from feltmb.adapters import load_library, mechanism_nominal, planned_strokes
+from feltmb.adapters import load_library, mechanism_model, planned_strokes
 from feltmb.adapters.aliases import alias_of
 from feltmb.adapters.changes import Change, read_entry
 from feltmb.adapters.variants import changed_config
 from feltmb.data import Record, Sensor
 from feltmb.fit import Effect, Parameter, Term
-from feltmb.fit.linear import LinearNominal
+from feltmb.fit.linear import LinearModel
 from feltmb.fit.problem import Problem
 from feltmb.fit.solve import fit_problem
 from feltmb.gap import Verdict, diagnose
+from feltmb.gap.checks import check_against
 from feltmb.gap.diagnose import prepare
-from feltmb.gap.gates import check_against
 from feltmb.gap.score import all_terms, score_fit
 from feltmb.gap.tolerance import TOLERATED, strained
 
@@ -80,7 +80,7 @@ def test_the_ratio_is_that_of_the_changed_numbers(name):
 
 @pytest.fixture(scope="module")
 def small():
-    nominal, effects = mechanism_nominal(
+    model, effects = mechanism_model(
         ACTION,
         channels=["key", "whippen", "hammer"],
         tolerances=LIBRARY.choose_tolerances(["let_off_button", "felt.03", "mass.head"]),
@@ -90,26 +90,26 @@ def small():
     strokes = []
     generator = np.random.default_rng(3)
     wanted = {"let_off_button": -1.2e-3}
-    theta = np.array([wanted.get(p.name, 0.0) for p in nominal.parameters])
-    for r in planned_strokes(nominal):
-        whole = nominal.whole(r, nominal.variant(theta))
+    theta = np.array([wanted.get(p.name, 0.0) for p in model.parameters])
+    for r in planned_strokes(model):
+        whole = model.whole(r, model.variant(theta))
         outputs = {
             o: whole[:, k] + 2e-5 * generator.standard_normal(r.samples)
-            for k, o in enumerate(nominal.outputs)
+            for k, o in enumerate(model.outputs)
         }
         strokes.append(replace(r, outputs=outputs))
-    return nominal, effects, strokes
+    return model, effects, strokes
 
 
 def test_beyond_its_tolerance_a_parameter_is_a_cause(small):
-    nominal, effects, strokes = small
+    model, effects, strokes = small
     assert {e.name: e.beyond for e in effects} == {
         "let_off_button": "let_off_button",
         "felt_thickness.03": "",
         "viscous_friction.butt": "",
         "camera_skew": "",
     }
-    report = diagnose(nominal, effects, strokes, hold_out=["forte"])
+    report = diagnose(model, effects, strokes, hold_out=["forte"])
     assert report.verdict is Verdict.NAMED
     assert report.named == ("let_off_button",)
     found = next(r for r in report.which.effects if r.effect == "let_off_button")
@@ -119,11 +119,11 @@ def test_beyond_its_tolerance_a_parameter_is_a_cause(small):
 
 
 def test_its_score_is_the_square_of_its_strain(small):
-    nominal, effects, strokes = small
-    ready = nominal.ready(strokes[1:])
-    gates = check_against(ready.nominal, ready.records)
-    shots = prepare(ready.nominal, ready.records, gates, None)
-    fit = fit_problem(Problem(ready.nominal, shots))
+    model, effects, strokes = small
+    ready = model.ready(strokes[1:])
+    checks = check_against(ready.model, ready.records)
+    shots = prepare(ready.model, ready.records, checks, None)
+    fit = fit_problem(Problem(ready.model, shots))
     z = strained(fit)["let_off_button"]
     assert z == pytest.approx(-6.0, abs=0.3)
     scores = score_fit(fit, all_terms(effects))
@@ -146,12 +146,12 @@ def line(slope, sd):
         )
         for k in range(3)
     ]
-    nominal = LinearNominal(
+    model = LinearModel(
         output="y",
         columns={"slope": lambda r: r.inputs["u"]},
         parameters=[Parameter(name="slope", value=1.0, sd=sd)],
     )
-    return nominal, records
+    return model, records
 
 
 def steeper(beyond):
@@ -165,30 +165,30 @@ def steeper(beyond):
 
 @pytest.mark.parametrize(("slope", "verdict"), [(1.3, Verdict.NO_GAP), (2.0, Verdict.NAMED)])
 def test_within_its_tolerance_it_is_none(slope, verdict):
-    nominal, records = line(slope, 0.1)
-    report = diagnose(nominal, [steeper("slope")], records, hold_out=["r2"])
+    model, records = line(slope, 0.1)
+    report = diagnose(model, [steeper("slope")], records, hold_out=["r2"])
     assert report.verdict is verdict
     if verdict is Verdict.NAMED:
         size = report.which.effects[0]
         assert size.low < 1.0 < size.high
         assert size.high - size.low > 0.3  # the tolerance is part of it
         assert report.how_far.closed > 0.9
-        assert not report.gates.warnings  # with the effect it is where it should be
+        assert not report.checks.warnings  # with the effect it is where it should be
 
 
 def test_without_such_an_effect_the_strain_is_told():
-    nominal, records = line(2.0, 0.1)
-    report = diagnose(nominal, [], records, hold_out=["r2"])
+    model, records = line(2.0, 0.1)
+    report = diagnose(model, [], records, hold_out=["r2"])
     assert report.verdict is Verdict.NO_GAP
     assert "slope by 9.9" in report.statement
-    assert any("slope by 9.9" in w for w in report.gates.warnings)
-    nominal, records = line(1.0 + 0.9 * TOLERATED * 0.1, 0.1)
-    assert diagnose(nominal, [], records, hold_out=["r2"]).statement.endswith(").")
+    assert any("slope by 9.9" in w for w in report.checks.warnings)
+    model, records = line(1.0 + 0.9 * TOLERATED * 0.1, 0.1)
+    assert diagnose(model, [], records, hold_out=["r2"]).statement.endswith(").")
 
 
 def test_what_is_pressed_against_its_limit_takes_up_nothing():
     _, records = line(2.0, 0.1)
-    limited = LinearNominal(
+    limited = LinearModel(
         output="y",
         columns={"slope": lambda r: r.inputs["u"]},
         parameters=[Parameter(name="slope", value=1.0, sd=0.1, upper=1.2)],

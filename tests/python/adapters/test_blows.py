@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import feltmb
-from feltmb.adapters import BlowNominal, blow_record, load_blows
+from feltmb.adapters import ImpactModel, blow_record, load_blows
 from feltmb.data import read_records
 from feltmb.errors import InvalidParameter
 
@@ -23,17 +23,17 @@ def record(values=None, speed=1.06):
 def test_a_blow_is_that_of_the_stroke_at_its_own_speed():
     action = feltmb.load_action("steinway45")
     run = feltmb.simulate(action, "piano", duration=0.26, ledger=False, rtol=1e-8)
-    nominal = BlowNominal(action, (), [*OUTPUTS, "impact_speed"], rtol=1e-8)
-    numbers = nominal.numbers(record(speed=run.summary["impact_speed"]), np.zeros(0))
+    model = ImpactModel(action, (), [*OUTPUTS, "impact_speed"], rtol=1e-8)
+    numbers = model.numbers(record(speed=run.summary["impact_speed"]), np.zeros(0))
     for key, value in numbers.items():
         assert value == pytest.approx(run.summary[key], rel=2e-5), key
 
 
 def test_a_blow_arrives_with_the_speed_given_and_three_strings_are_stiffer():
     action = feltmb.load_action("steinway45")
-    nominal = BlowNominal(action, (), [*OUTPUTS, "impact_speed"])
-    one = nominal.numbers(record(), np.zeros(0))
-    three = nominal.numbers(record(THREE), np.zeros(0))
+    model = ImpactModel(action, (), [*OUTPUTS, "impact_speed"])
+    one = model.numbers(record(), np.zeros(0))
+    three = model.numbers(record(THREE), np.zeros(0))
     assert one["impact_speed"] == pytest.approx(1.06, rel=1e-5)
     # docs/validation.md: 7.55 -> 11.6 N, 4.10 -> 2.87 ms at 1.051 m/s.
     assert three["max_string_force"] / one["max_string_force"] == pytest.approx(1.54, abs=0.02)
@@ -84,9 +84,9 @@ def test_the_gap_of_the_thesis_is_its_string():
     """Table 4.3 and the rebound speeds: three strings' impedance, proven on the forte blow."""
     from feltmb.gap import Options, diagnose
 
-    nominal, effects, records = load_blows(EXAMPLE / "table_4_3.toml")
+    model, effects, records = load_blows(EXAMPLE / "table_4_3.toml")
     options = Options(bootstrap=0, restarts=0, max_effects=2, width=4)
-    report = diagnose(nominal, effects, records, options=options)
+    report = diagnose(model, effects, records, options=options)
     assert report.verdict == "NAMED"
     assert report.named == ("string_impedance",)
     found = report.which["string_impedance"]

@@ -1,10 +1,10 @@
-"""The contract of every effect of the action: the nominal at size zero, and a slope there."""
+"""The contract of every effect of the action: the model at size zero, and a slope there."""
 
 import numpy as np
 import pytest
 
 import feltmb
-from feltmb.adapters import load_library, mechanism_nominal
+from feltmb.adapters import load_library, mechanism_model
 from feltmb.adapters.derivatives import difference_sensitivities, sensitivities
 from feltmb.adapters.variants import changed_config
 from feltmb.data import Record
@@ -14,14 +14,14 @@ from feltmb.fit.observe import observe_lanes
 CONDITIONS = {"relative_humidity": 70.0, "cycle": 100.0}
 
 
-def record_of(nominal, stroke, duration):
+def record_of(model, stroke, duration):
     stroke = feltmb.load_stroke(stroke)
     time = np.arange(0.0, duration, 5e-4)
     return Record(
         name=stroke.name,
         time=time,
         inputs={"force": stroke.at(time)},
-        outputs={o: np.zeros(time.size) for o in nominal.outputs},
+        outputs={o: np.zeros(time.size) for o in model.outputs},
         conditions=CONDITIONS,
     )
 
@@ -30,29 +30,29 @@ def record_of(nominal, stroke, duration):
 def subject():
     action = feltmb.load_action("steinway45")
     channels = ["key", "key_lift", "whippen", "hammer_tip", "backcheck", "jack", "damper"]
-    nominal, effects = mechanism_nominal(
+    model, effects = mechanism_model(
         action, channels=channels, effects=["all"], rtol=1e-6, shooting="multiple"
     )
-    records = [record_of(nominal, "forte", 0.14), record_of(nominal, "staccato", 0.18)]
-    return nominal, {e.name: e for e in effects}, records
+    records = [record_of(model, "forte", 0.14), record_of(model, "staccato", 0.18)]
+    return model, {e.name: e for e in effects}, records
 
 
-def outputs(nominal, record, term=None, size=0.0):
+def outputs(model, record, term=None, size=0.0):
     terms = () if term is None else (term,)
     lanes = Lanes(
-        theta=np.zeros((1, len(nominal.parameters))),
+        theta=np.zeros((1, len(model.parameters))),
         windows=np.array([[0, record.samples - 1]]),
-        starts=np.zeros((1, len(nominal.states(terms)))),
+        starts=np.zeros((1, len(model.states(terms)))),
         terms=terms,
         sizes=np.array([[size]]) if terms else np.zeros((0, 0)),
     )
-    return observe_lanes(nominal, record, lanes).outputs[0]
+    return observe_lanes(model, record, lanes).outputs[0]
 
 
 @pytest.fixture(scope="module")
 def plain(subject):
-    nominal, _, records = subject
-    return [outputs(nominal, r) for r in records]
+    model, _, records = subject
+    return [outputs(model, r) for r in records]
 
 
 def names(which):
@@ -64,8 +64,8 @@ def names(which):
 
 
 def check(subject, plain, name):
-    nominal, effects, records = subject
-    if name not in effects:  # a channel that no output of this nominal belongs to
+    model, effects, records = subject
+    if name not in effects:  # a channel that no output of this model belongs to
         assert name.startswith(("channel_gain", "point_offset"))
         return
     effect = effects[name]
@@ -74,11 +74,11 @@ def check(subject, plain, name):
         term = Term(effect, shape)
         moved = 0.0
         for record, base in zip(records, plain, strict=True):
-            assert np.array_equal(outputs(nominal, record, term, 0.0), base)
+            assert np.array_equal(outputs(model, record, term, 0.0), base)
             low, high = effect.bounds
             step = effect.step * effect.scale * (1.0 if high > 0.0 else -1.0)
             assert low <= step <= high
-            slope = (outputs(nominal, record, term, step) - base) / effect.step
+            slope = (outputs(model, record, term, step) - base) / effect.step
             assert np.all(np.isfinite(slope))
             moved = max(moved, float(np.max(np.abs(slope))))
             if moved > 1e-7:
@@ -88,7 +88,7 @@ def check(subject, plain, name):
 
 
 @pytest.mark.parametrize("name", names("default"))
-def test_an_effect_is_the_nominal_at_zero_and_moves_it(subject, plain, name):
+def test_an_effect_is_the_model_at_zero_and_moves_it(subject, plain, name):
     check(subject, plain, name)
 
 
@@ -121,23 +121,21 @@ def test_every_effect_says_what_it_is():
 def test_forward_derivatives_are_those_of_differences():
     """Up to the blow, where the motion is smooth: by tolerances and by effects, both shootings."""
     for shooting in ("single", "multiple"):
-        nominal, effects = mechanism_nominal(
+        model, effects = mechanism_model(
             feltmb.load_action("steinway45"), rtol=1e-8, shooting=shooting, derivatives="forward"
         )
-        record = record_of(nominal, "forte", 0.085)
-        theta = np.zeros(len(nominal.parameters))
+        record = record_of(model, "forte", 0.085)
+        theta = np.zeros(len(model.parameters))
         windows = np.array([[0, 100], [100, record.samples - 1]])
-        starts = nominal.guess(record, windows)
+        starts = model.guess(record, windows)
         wanted = {"coulomb_friction.butt", "felt_thickness.04", "load_cell_mass", "damper_spoon"}
         terms = tuple(Term(e, e.shapes[0]) for e in effects if e.name in wanted)
         given = {"by_theta": range(len(theta)), "by_starts": True, "candidates": terms}
         none = np.zeros(0)
-        forward = sensitivities(nominal, record, theta, windows, starts, (), none, **given)
-        differ = difference_sensitivities(
-            nominal, record, theta, windows, starts, (), none, **given
-        )
+        forward = sensitivities(model, record, theta, windows, starts, (), none, **given)
+        differ = difference_sensitivities(model, record, theta, windows, starts, (), none, **given)
         assert np.nanmax(np.abs(forward.outputs - differ.outputs)) < 1e-7
-        sizes = np.array([p.size for p in nominal.parameters])
+        sizes = np.array([p.size for p in model.parameters])
         scales = np.array([t.effect.scale for t in terms])
         for a, b, unit in (
             (forward.d_theta, differ.d_theta, sizes),

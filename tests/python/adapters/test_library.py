@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import feltmb
-from feltmb.adapters import amended_action, load_library, mechanism_nominal
+from feltmb.adapters import amended_action, load_library, mechanism_model
 from feltmb.adapters.changes import Change, apply_changes, read_entry
 from feltmb.adapters.resolve import resolve
 from feltmb.errors import InvalidParameter
@@ -81,7 +81,7 @@ def test_channels_have_names_and_outputs_stand_for_themselves():
     with pytest.raises(InvalidParameter, match="channel 'hamer' is unknown; known are key"):
         library.outputs(["hamer"])
     with pytest.raises(InvalidParameter, match=r"outputs nose\.x: mechanism 'steinway45' has"):
-        mechanism_nominal(ACTION, channels=["nose.x"])
+        mechanism_model(ACTION, channels=["nose.x"])
 
 
 def test_changes_combine_and_a_zero_leaves_the_very_object():
@@ -143,7 +143,7 @@ def test_a_pivot_that_gives_tends_to_the_ideal_one():
 
 
 def test_windows_go_on_where_the_last_one_ended():
-    nominal, _ = mechanism_nominal(ACTION, rtol=1e-8, shooting="multiple")
+    model, _ = mechanism_model(ACTION, rtol=1e-8, shooting="multiple")
     stroke = feltmb.load_stroke("forte")
     time = np.arange(0.0, 0.13, 5e-4)
     from feltmb.data import Record
@@ -152,33 +152,33 @@ def test_windows_go_on_where_the_last_one_ended():
         name="f",
         time=time,
         inputs={"force": stroke.at(time)},
-        outputs={o: np.zeros(time.size) for o in nominal.outputs},
+        outputs={o: np.zeros(time.size) for o in model.outputs},
     )
-    theta = np.zeros((1, len(nominal.parameters)))
-    whole = nominal.simulate(
+    theta = np.zeros((1, len(model.parameters)))
+    whole = model.simulate(
         record,
         Lanes(
             theta=theta,
             windows=np.array([[0, time.size - 1]]),
-            starts=np.zeros((1, len(nominal.states()))),
+            starts=np.zeros((1, len(model.states()))),
         ),
     ).outputs[0]
     cuts = np.array([[0, 90], [90, 170], [170, time.size - 1]])
-    starts = nominal.guess(record, cuts)
-    parts = nominal.simulate(
+    starts = model.guess(record, cuts)
+    parts = model.simulate(
         record, Lanes(theta=np.repeat(theta, 3, axis=0), windows=cuts, starts=starts)
     )
     for w, (first, last) in enumerate(cuts):
         difference = parts.outputs[w, : last - first + 1] - whole[first : last + 1]
         assert np.max(np.abs(difference)) < 1e-6
-    assert np.max(np.abs(parts.ends[:-1] - starts[1:]) / [s.scale for s in nominal.states()]) < 0.05
+    assert np.max(np.abs(parts.ends[:-1] - starts[1:]) / [s.scale for s in model.states()]) < 0.05
 
 
 def test_names_on_the_command_line():
-    nominal, effects = resolve(
+    model, effects = resolve(
         "steinway45", {"channels": "key", "effects": "let_off_button,felt_*.02"}
     )
-    assert nominal.outputs == ("key_front.y",)
+    assert model.outputs == ("key_front.y",)
     assert "let_off_button" in [e.name for e in effects]
     assert resolve("mine.py", {}) is None
     with pytest.raises(InvalidParameter, match="--set chanels: expected channels, effects"):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import feltmb
-from feltmb.adapters import mechanism_nominal
+from feltmb.adapters import mechanism_model
 from feltmb.adapters.landmarks import first_turn
 from feltmb.adapters.resolve import resolve
 from feltmb.data import Record, Sensor
@@ -22,7 +22,7 @@ FEW = {"tolerances": "let_off_button,felt.03", "channels": "key,hammer", "effect
 
 @pytest.fixture(scope="module")
 def forte():
-    """The nominal's own forte stroke, to its end."""
+    """The model's own forte stroke, to its end."""
     run = feltmb.simulate(ACTION, feltmb.load_stroke("forte"), rtol=1e-7, ledger=False)
     time = np.arange(0.0, 0.3, 1e-3)
     outputs = {
@@ -55,12 +55,12 @@ def test_the_first_turn_is_that_of_the_first_blow():
 
 
 def test_records_end_shortly_after_the_blow(forte):
-    nominal, _ = resolve("steinway45", FEW)
-    ready = nominal.ready([forte])
+    model, _ = resolve("steinway45", FEW)
+    ready = model.ready([forte])
     turn = forte.time[np.argmax(np.abs(forte.outputs["hammer_tip.x"]))]
     assert ready.records[0].time[-1] == pytest.approx(turn + 0.01, abs=2e-3)
     assert "samples after" in ready.notes[0]
-    # Without a camera on the hammer the nominal says when.
+    # Without a camera on the hammer the model says when.
     blind = Record(
         name="forte",
         time=forte.time,
@@ -68,7 +68,7 @@ def test_records_end_shortly_after_the_blow(forte):
         outputs={"key_front.y": forte.outputs["key_front.y"]},
         sensors={"key_front.y": forte.sensors["key_front.y"]},
     )
-    assert nominal.ready([blind]).records[0].time[-1] == pytest.approx(turn + 0.01, abs=1.5e-3)
+    assert model.ready([blind]).records[0].time[-1] == pytest.approx(turn + 0.01, abs=1.5e-3)
     for until, last in (("0.02", turn + 0.02), ("end", forte.time[-1])):
         other, _ = resolve("steinway45", {**FEW, "until": until})
         assert other.ready([forte]).records[0].time[-1] == pytest.approx(last, abs=2e-3)
@@ -77,21 +77,19 @@ def test_records_end_shortly_after_the_blow(forte):
 
 
 def test_what_is_ready_stays_as_it_is(forte):
-    nominal, _ = resolve("steinway45", FEW)
-    once = nominal.ready([forte])
-    twice = once.nominal.ready(once.records)
-    assert twice.nominal is once.nominal
+    model, _ = resolve("steinway45", FEW)
+    once = model.ready([forte])
+    twice = once.model.ready(once.records)
+    assert twice.model is once.model
     assert twice.notes == ()
     assert twice.records[0].samples == once.records[0].samples
     # The floor of the record; nothing is known of it beyond its end.
-    floor = once.nominal.floors["forte"].columns
-    theta = np.zeros(len(once.nominal.parameters))
+    floor = once.model.floors["forte"].columns
+    theta = np.zeros(len(once.model.parameters))
     theta[-1] = 3.0
     window = np.array([[0, forte.samples - 1]])
-    y = once.nominal.simulate(
-        forte, Lanes.at_point(theta, window, np.zeros((1, 0)), (), np.zeros(0))
-    )
-    bare = nominal.simulate(
+    y = once.model.simulate(forte, Lanes.at_point(theta, window, np.zeros((1, 0)), (), np.zeros(0)))
+    bare = model.simulate(
         forte, Lanes.at_point(theta[:2], window, np.zeros((1, 0)), (), np.zeros(0))
     )
     shift = (y.outputs - bare.outputs)[0]
@@ -101,18 +99,18 @@ def test_what_is_ready_stays_as_it_is(forte):
 
 
 def test_effects_that_are_included_get_the_floor_as_well(forte):
-    nominal, effects = resolve("steinway45", {**FEW, "effects": "coulomb_friction.butt"})
-    ready = including(nominal, effects).ready([forte])
-    names = [p.name for p in ready.nominal.parameters]
+    model, effects = resolve("steinway45", {**FEW, "effects": "coulomb_friction.butt"})
+    ready = including(model, effects).ready([forte])
+    names = [p.name for p in ready.model.parameters]
     assert names[-1] == "coulomb_friction.butt"
     assert any(n.startswith("floor.forte.") for n in names)
     assert ready.records[0].samples < forte.samples
 
 
 def test_a_single_record_is_held_out_in_blocks_without_being_cut(forte):
-    nominal, _ = resolve("steinway45", FEW)
-    ready = nominal.ready([forte])
-    fit, held = split_records(ready.records, None, masked=nominal.from_rest)
+    model, _ = resolve("steinway45", FEW)
+    ready = model.ready([forte])
+    fit, held = split_records(ready.records, None, masked=model.from_rest)
     assert [r.name for r in (*fit, *held)] == ["forte[fit]", "forte[held out]"]
     for name, values in ready.records[0].outputs.items():
         seen = [np.isfinite(r.outputs[name]) for r in (*fit, *held)]
@@ -120,11 +118,11 @@ def test_a_single_record_is_held_out_in_blocks_without_being_cut(forte):
         assert 0.5 < np.mean(seen[0]) < 0.7
         assert np.array_equal(fit[0].outputs[name][seen[0]], values[seen[0]])
     # Both parts have the floor of the whole.
-    theta = np.zeros(len(ready.nominal.parameters))
+    theta = np.zeros(len(ready.model.parameters))
     theta[-1] = 1.0
     window = np.array([[0, held[0].samples - 1]])
     lanes = Lanes.at_point(theta, window, np.zeros((1, 0)), (), np.zeros(0))
-    part, whole = (ready.nominal.simulate(r, lanes).outputs for r in (held[0], ready.records[0]))
+    part, whole = (ready.model.simulate(r, lanes).outputs for r in (held[0], ready.records[0]))
     assert np.array_equal(part, whole)
 
 
@@ -151,10 +149,10 @@ def test_smoothing_takes_noise_and_leaves_the_stroke(rate):
 
 def test_a_noisy_motion_drives_the_mechanism_as_the_clean_one():
     """At the true numbers a motion with noise must leave no more than that noise would."""
-    nominal, _ = resolve("steinway45", FEW)
+    model, _ = resolve("steinway45", FEW)
     time = np.arange(0.0, 0.06, 1e-3)
     down = 9e-3 * np.sin(0.5 * np.pi * np.clip((time - 0.01) / 0.045, 0.0, 1.0)) ** 2
-    outputs = {o: np.zeros(time.size) for o in nominal.outputs}
+    outputs = {o: np.zeros(time.size) for o in model.outputs}
     window, none = np.array([[0, time.size - 1]]), np.zeros((1, 0))
     seen = []
     for noise in (0.0, 2e-6):
@@ -167,14 +165,14 @@ def test_a_noisy_motion_drives_the_mechanism_as_the_clean_one():
             outputs=outputs,
         )
         lanes = Lanes.at_point(np.zeros(2), window, none, (), np.zeros(0))
-        seen.append(nominal.simulate(record, lanes).outputs[0])
+        seen.append(model.simulate(record, lanes).outputs[0])
     assert np.all(np.isfinite(seen))
     assert np.max(np.abs(seen[0][:, 1])) > 5e-3  # the hammer is on its way
     assert np.sqrt(np.mean((seen[1] - seen[0]) ** 2, axis=0)) == pytest.approx(0.0, abs=2e-5)
 
 
 def test_the_noise_of_a_motion_is_estimated_where_it_is_not_told():
-    nominal, _ = resolve("steinway45", FEW)
+    model, _ = resolve("steinway45", FEW)
     time = np.arange(0.0, 0.1, 5e-4)
     down = 9e-3 * np.sin(0.5 * np.pi * np.clip((time - 0.01) / 0.06, 0.0, 1.0)) ** 2
     noisy = down + 1e-5 * np.random.default_rng(1).standard_normal(time.size)
@@ -186,24 +184,24 @@ def test_the_noise_of_a_motion_is_estimated_where_it_is_not_told():
         outputs={"key_front.y": -down},
         sensors={"key_front.y": Sensor(name="key_front.y", unit="m", sigma=2e-5)},
     )
-    ready = nominal.ready([record])
+    ready = model.ready([record])
     assert ready.records[0].input_sigma["displacement"] == pytest.approx(1e-5, rel=0.2)
     assert "nothing is said of the noise of displacement" in ready.notes[0]
     told = replace(record, input_sigma={"displacement": 3e-6})
-    assert nominal.ready([told]).records[0].input_sigma["displacement"] == 3e-6
+    assert model.ready([told]).records[0].input_sigma["displacement"] == 3e-6
 
 
 def test_a_floor_is_that_of_its_record(forte):
-    nominal, _ = resolve("steinway45", FEW)
-    once = nominal.ready([forte])
+    model, _ = resolve("steinway45", FEW)
+    once = model.ready([forte])
     other = forte.with_inputs({"force": 0.8 * forte.inputs["force"]})
-    assert once.nominal.ready([other]).nominal is not once.nominal
+    assert once.model.ready([other]).model is not once.model
 
 
 def test_a_variant_of_a_mechanism_takes_its_library():
-    nominal, _ = resolve("steinway45_printed", {"until": "0.02"})
-    assert nominal.until.after_turn == 0.02
-    assert nominal.library.name == "steinway45"
+    model, _ = resolve("steinway45_printed", {"until": "0.02"})
+    assert model.until.after_turn == 0.02
+    assert model.library.name == "steinway45"
 
 
 @pytest.mark.parametrize(
@@ -225,5 +223,5 @@ def test_faults_of_the_settings(settings, message):
 
 def test_faults_in_python():
     with pytest.raises(InvalidParameter, match=r"until = -1\.0 s"):
-        mechanism_nominal(ACTION, until=-1.0)
-    assert mechanism_nominal(ACTION, until=math.inf)[0].until is None
+        mechanism_model(ACTION, until=-1.0)
+    assert mechanism_model(ACTION, until=math.inf)[0].until is None

@@ -1,10 +1,10 @@
-"""Whole strokes as a nominal: derivatives that are kept, the floor, configurations in a row."""
+"""Whole strokes as a model: derivatives that are kept, the floor, configurations in a row."""
 
 import numpy as np
 import pytest
 
 import feltmb
-from feltmb.adapters import load_library, mechanism_nominal
+from feltmb.adapters import load_library, mechanism_model
 from feltmb.adapters.finer import KINDS, finer
 from feltmb.adapters.resolve import resolve
 from feltmb.adapters.shifter import Shifter
@@ -22,7 +22,7 @@ def subject():
     action = feltmb.load_action("steinway45")
     tolerances = ["let_off_button", "capstan_height", "mass.head", "felt.03", "joint_friction.butt"]
     library = load_library(action)
-    nominal, effects = mechanism_nominal(
+    model, effects = mechanism_model(
         action,
         channels=["key", "whippen", "hammer"],
         library=library,
@@ -38,11 +38,11 @@ def subject():
         name="forte",
         time=time,
         inputs={"force": stroke.at(time)},
-        outputs={o: np.zeros(time.size) for o in nominal.outputs},
-        sensors={o: Sensor(name=o, unit="m", sigma=2e-5) for o in nominal.outputs},
+        outputs={o: np.zeros(time.size) for o in model.outputs},
+        sensors={o: Sensor(name=o, unit="m", sigma=2e-5) for o in model.outputs},
         input_sigma={"force": 0.01},
     )
-    return nominal, effects, record
+    return model, effects, record
 
 
 def whole(record):
@@ -84,28 +84,28 @@ def assert_close(a, b):
 
 
 def test_columns_are_kept_nearby_and_agree_with_central_differences(subject):
-    nominal, effects, record = subject
+    model, effects, record = subject
     terms = tuple(Term(e, s) for e in effects for s in e.shapes)
-    theta = np.zeros(len(nominal.parameters))
+    theta = np.zeros(len(model.parameters))
     none = np.zeros((1, 0))
-    s = nominal.sensitivities(record, theta, whole(record), none, candidates=terms)
-    taken = nominal.computed
+    s = model.sensitivities(record, theta, whole(record), none, candidates=terms)
+    taken = model.computed
     own = [t for t in terms if not t.effect.beyond]  # the others take those of tolerances
-    assert taken == len(nominal.parameters) + len(own)
-    again = nominal.sensitivities(record, theta, whole(record), none, candidates=terms)
-    assert nominal.computed == taken
+    assert taken == len(model.parameters) + len(own)
+    again = model.sensitivities(record, theta, whole(record), none, candidates=terms)
+    assert model.computed == taken
     assert np.array_equal(again.d_theta, s.d_theta)
-    nominal.forget()
-    fresh = nominal.sensitivities(record, theta, whole(record), none, candidates=terms)
-    assert nominal.computed == 2 * taken
+    model.forget()
+    fresh = model.sensitivities(record, theta, whole(record), none, candidates=terms)
+    assert model.computed == 2 * taken
     assert np.array_equal(fresh.d_theta, s.d_theta)
-    taken = nominal.computed
+    taken = model.computed
 
     def motion(theta):
         lanes = Lanes.at_point(theta, whole(record), none, (), np.zeros(0))
-        return nominal.simulate(record, lanes).outputs[0]
+        return model.simulate(record, lanes).outputs[0]
 
-    for i, p in enumerate(nominal.parameters):
+    for i, p in enumerate(model.parameters):
         step = np.zeros(theta.size)
         step[i] = 0.1 * p.size
         exact = (motion(step) - motion(-step)) / (0.2 * p.size)
@@ -113,24 +113,24 @@ def test_columns_are_kept_nearby_and_agree_with_central_differences(subject):
         # One-sided over a quarter of a tolerance, and 0.1 um of the integrator.
         assert off < 0.08 * np.linalg.norm(exact) + 1e-5 / p.size, p.name
     far = theta.copy()
-    far[1] = 5.0 * nominal.parameters[1].size
-    nominal.sensitivities(record, far, whole(record), none)
-    assert nominal.computed > taken
+    far[1] = 5.0 * model.parameters[1].size
+    model.sensitivities(record, far, whole(record), none)
+    assert model.computed > taken
 
 
 def test_a_camera_that_lags_and_a_force_sensor_that_leads_show_the_same(subject):
     """Their traces mirror each other, wherever the record is cut into windows of output."""
-    nominal, effects, record = subject
+    model, effects, record = subject
     windows = np.array([[0, 110], [110, 140], [140, record.samples - 1]], dtype=np.intp)
     camera, force = (
         next(e for e in effects if e.name == n) for n in ("camera_skew", "input_delay")
     )
-    theta, states = np.zeros(len(nominal.parameters)), np.zeros((3, 0))
+    theta, states = np.zeros(len(model.parameters)), np.zeros((3, 0))
 
     def shown(effect, size):
         terms = (Term(effect),)
         lanes = Lanes.at_point(theta, windows, states, terms, np.array([size]))
-        outputs = observe_lanes(nominal, record, lanes).outputs
+        outputs = observe_lanes(model, record, lanes).outputs
         parts = zip(outputs, windows[:, 1] - windows[:, 0] + 1, strict=True)
         return np.concatenate([y[:length] for y, length in parts])
 
@@ -140,9 +140,9 @@ def test_a_camera_that_lags_and_a_force_sensor_that_leads_show_the_same(subject)
 
 
 def test_the_floor_is_linear_and_belongs_to_its_record(subject):
-    nominal, _, record = subject
-    with_floor = nominal.with_floor([record], 0.01)
-    extra = len(with_floor.parameters) - len(nominal.parameters)
+    model, _, record = subject
+    with_floor = model.with_floor([record], 0.01)
+    extra = len(with_floor.parameters) - len(model.parameters)
     assert extra == with_floor.floors["forte"].columns.shape[2] >= 2
     assert all(p.sd == 1.0 and p.name.startswith("floor.forte.") for p in
                with_floor.parameters[-extra:])  # fmt: skip
@@ -163,17 +163,17 @@ def test_the_floor_is_linear_and_belongs_to_its_record(subject):
 
 def test_the_floor_holds_the_noise_of_the_input(subject):
     """Replays with noisy input depart as much as the floor says."""
-    nominal, _, record = subject
-    floor = nominal.with_floor([record], 0.0).floors["forte"].columns / 2e-5
+    model, _, record = subject
+    floor = model.with_floor([record], 0.0).floors["forte"].columns / 2e-5
     assert floor.shape[2] >= 1
     rng = np.random.default_rng(3)
-    none, theta = np.zeros((1, 0)), np.zeros(len(nominal.parameters))
+    none, theta = np.zeros((1, 0)), np.zeros(len(model.parameters))
     lanes = Lanes.at_point(theta, whole(record), none, (), np.zeros(0))
-    base = nominal.simulate(record, lanes).outputs[0]
+    base = model.simulate(record, lanes).outputs[0]
     sizes = []
     for _ in range(12):
         noisy = record.inputs["force"] + 0.01 * rng.standard_normal(record.samples)
-        y = nominal.simulate(record.with_inputs({"force": noisy}), lanes).outputs[0]
+        y = model.simulate(record.with_inputs({"force": noisy}), lanes).outputs[0]
         sizes.append(np.sum(((y - base) / 2e-5) ** 2))
     assert np.mean(sizes) == pytest.approx(np.sum(floor**2), rel=0.8)
 

@@ -92,7 +92,7 @@ def test_the_scorer_reads_what_the_bench_writes(made):
     assert {f.name: f for f in score([case])}["confident and wrong, of all cases"].value == 0.0
 
 
-def test_both_forms_of_an_effect_are_the_nominal_at_size_zero():
+def test_both_forms_of_an_effect_are_the_model_at_size_zero():
     action, _, library, outputs = action_truth.setup()
     for entry in action_truth.candidates(library, outputs)[::7]:
         for form, _ in action_truth.forms(entry, library):
@@ -128,13 +128,13 @@ def test_an_effect_that_a_tolerance_can_take_up_does_not_stand_out():
 
 
 @pytest.mark.slow
-def test_the_fit_of_the_nominal_is_not_stuck(tmp_path):
+def test_the_fit_of_the_model_is_not_stuck(tmp_path):
     # No effect, yet from the priors the fit ended where effects seemed to be worth 380 nats.
-    from feltmb.adapters import mechanism_nominal
+    from feltmb.adapters import mechanism_model
     from feltmb.fit.problem import Problem
     from feltmb.fit.solve import FitSettings, fit_problem
+    from feltmb.gap.checks import check_records
     from feltmb.gap.diagnose import prepare
-    from feltmb.gap.gates import check_records
     from feltmb.gap.split import split_records
 
     machine = MACHINES["steinway45"]
@@ -145,7 +145,7 @@ def test_the_fit_of_the_nominal_is_not_stuck(tmp_path):
     machine.make_records(tmp_path, None, [77])
     records = machine.read_records(tmp_path / "records" / "77.npz")
     action, _, library, _ = action_truth.setup()
-    nominal, _ = mechanism_nominal(
+    model, _ = mechanism_model(
         action,
         library=library,
         effects=["input_gain"],
@@ -153,9 +153,9 @@ def test_the_fit_of_the_nominal_is_not_stuck(tmp_path):
         rtol=action_machine.RTOL,
         workers=1,
     )
-    nominal = nominal.with_floor(records, action_truth.VARIATION)
-    shots = prepare(nominal, split_records(records, None)[0], check_records(records), None)
-    fit = fit_problem(Problem(nominal, shots), FitSettings(restarts=0))
+    model = model.with_floor(records, action_truth.VARIATION)
+    shots = prepare(model, split_records(records, None)[0], check_records(records), None)
+    fit = fit_problem(Problem(model, shots), FitSettings(restarts=0))
     assert fit.explains
     assert fit.cost < 5200.0  # stuck: 5790; from the truth: 5028
     far = [i.value - i.prior for i in fit.intervals() if np.isfinite(i.prior_sd)]

@@ -8,14 +8,14 @@ import pytest
 
 from feltmb.cli import main
 from feltmb.errors import InvalidParameter
-from feltmb.gap import Effect, LinearNominal, Options, Parameter, Record, Sensor, Verdict, withhold
+from feltmb.gap import Effect, LinearModel, Options, Parameter, Record, Sensor, Verdict, withhold
 from feltmb.gap.withhold import Withheld, WithheldCase, outcome_of
 
 OPTIONS = Options(bootstrap=0, restarts=0, max_effects=1, advice=False)
 
 
 def model():
-    return LinearNominal(
+    return LinearModel(
         name="cart",
         output="force",
         columns={"mass": lambda r: r.inputs["a"], "viscous": lambda r: r.inputs["v"]},

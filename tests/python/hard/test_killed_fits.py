@@ -156,7 +156,7 @@ def test_a_place_that_cannot_be_written_is_told_before_the_work(kind, started, g
     code, said, _ = outcome(started, command(kind, given, tmp_path / "file"))
     assert code == 1, said
     assert "cannot be written" in said
-    assert "nominal fit" not in said
+    assert "model fit" not in said
     assert "Traceback" not in said
     assert (tmp_path / "file").read_text() == "mine"
 

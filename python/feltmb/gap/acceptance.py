@@ -33,7 +33,7 @@ ALL, DEEP = 0.99, 10.0
 #: is left then is small beside it, however sure it is.
 MOST = 0.8
 #: Held-out gap [sigma] from which such a share counts, and it is asked whether parameters of the
-#: nominal could close it.
+#: model could close it.
 WIDE = 1.33
 #: Standard deviations by which a size must differ from zero, or the score of the effect alone.
 WALD = 3.0
@@ -57,17 +57,17 @@ class Posterior:
 
 
 def posterior(search: Search, *, none: float = 0.5, other: float = 0.1) -> Posterior:
-    """Weigh the nominal as it is, the nominal with unknown forces, and the refitted sets.
+    """Weigh the model as it is, the model with unknown forces, and the refitted sets.
 
-    "Unknown" is the nominal with gaps between its windows; "none" the nominal without. Evidence is
+    "Unknown" is the model with gaps between its windows; "none" the model without. Evidence is
     divided by the residual sum of squares over its degrees of freedom of the best fit: a model
     that is wrong in a way that no set repairs must not be sure about sets.
     """
-    fits = [search.nominal, *(c.fit for c in search.candidates)]
+    fits = [search.model_fit, *(c.fit for c in search.candidates)]
     inflation = max(1.0, min(f.chi2 / f.dof for f in fits))
     values = [search.tight_evidence / inflation + math.log(none)]
     values.append(
-        search.nominal_evidence / inflation + math.log(other)
+        search.model_evidence / inflation + math.log(other)
         if search.tight_fit is not None
         else -math.inf
     )
@@ -138,7 +138,7 @@ class _Trial:
         key = tuple(sorted(t.name for t in fit.terms))
         if key not in self.outcomes:
             if self.progress is not None:
-                self.progress("held out: " + (" + ".join(key) or "nominal"), len(self.outcomes), 0)
+                self.progress("held out: " + (" + ".join(key) or "model"), len(self.outcomes), 0)
             self.outcomes[key] = evaluate(
                 self.held,
                 fit,
@@ -187,7 +187,7 @@ class _Trial:
         return 0.0 if tight is None else c.fit.log_evidence - tight.log_evidence
 
     def _gain(self, c: Candidate) -> float:
-        """Held-out gain of a whole set over the nominal [nats]."""
+        """Held-out gain of a whole set over the model [nats]."""
         after = self.outcome(c.fit)
         return compare(self.before, after, self.held.shots, self.inflation, seed=self.seed).gain
 
@@ -220,7 +220,7 @@ class _Trial:
         gain = f"held-out gain {paired.gain:.1f} nats"
         if certain < WALD and alone < WALD**2:
             # What it brought was another way down for the other parameters. An effect that
-            # bends so sharply that its size is loose still shows in the score of the nominal.
+            # bends so sharply that its size is loose still shows in the score of the model.
             return (
                 f"its size is {certain:.1f} of its standard deviations, and its score alone "
                 f"{alone:.1f}"
@@ -279,7 +279,7 @@ class _Trial:
                     assert part is not None
                     part = self.without(part, name)
                 assert part is not None
-                if part.evidence < self.search.nominal_evidence:
+                if part.evidence < self.search.model_evidence:
                     continue
                 found, wrong = self.faults(part)
                 for name, why in wrong.items():
@@ -362,7 +362,7 @@ def accept(
 
 
 def _part(search: Search, fit: Fit, kept: Sequence[int], settings: FitSettings) -> Fit:
-    """Some effects of a fit, fitted again from what the nominal does without them."""
+    """Some effects of a fit, fitted again from what the model does without them."""
     terms = tuple(fit.terms[k] for k in kept)
     return refit(search.bare, terms, fit.point.sizes[list(kept)], settings)
 

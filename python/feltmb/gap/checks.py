@@ -1,4 +1,4 @@
-"""Gates: clocks, missing values, resolution and noise of records before anything is fitted."""
+"""DataChecks: clocks, missing values, resolution and noise of records before anything is fitted."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 
 from feltmb.data import Array, Record
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.fit import Nominal
+from feltmb.fit import Model
 from feltmb.fit.noise import Noise
 from feltmb.gap.color import color_at_rest, quiet_blocks
 from feltmb.units import conversion_factor
 
-__all__ = ["ChannelGate", "Gates", "check_records"]
+__all__ = ["ChannelCheck", "DataChecks", "check_records"]
 
 #: Share of the variance that may come from the digitizer where the color of the noise is looked
 #: for: the rounding of a slow motion is a sawtooth.
@@ -22,7 +22,7 @@ COARSE = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
-class ChannelGate:
+class ChannelCheck:
     """What is known of one channel of one record."""
 
     record: str
@@ -50,10 +50,10 @@ class ChannelGate:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Gates:
-    """Outcome of the gates."""
+class DataChecks:
+    """Outcome of the data checks."""
 
-    channels: tuple[ChannelGate, ...]
+    channels: tuple[ChannelCheck, ...]
     problems: tuple[str, ...]
     """What makes records unusable as they are."""
     warnings: tuple[str, ...]
@@ -71,7 +71,7 @@ class Gates:
         }
 
 
-def check_records(records: Sequence[Record], outputs: Sequence[str] | None = None) -> Gates:
+def check_records(records: Sequence[Record], outputs: Sequence[str] | None = None) -> DataChecks:
     """Look at records before a model is asked.
 
     Parameters
@@ -97,26 +97,26 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
         for name, values in record.outputs.items():
             if outputs is not None and name not in outputs:
                 continue
-            gate = _channel(record, name, values, repeats)
-            estimated |= gate.method != "sensor"
+            check = _channel(record, name, values, repeats)
+            estimated |= check.method != "sensor"
             where = f"{record.name}.{name}"
-            if gate.samples < 8 and gate.method != "sensor":
-                problems.append(f"{where}: {gate.samples} values, expected at least 8")
-            elif gate.spread == 0.0:
+            if check.samples < 8 and check.method != "sensor":
+                problems.append(f"{where}: {check.samples} values, expected at least 8")
+            elif check.spread == 0.0:
                 warnings.append(f"{where}: never changes")
-            elif gate.samples < 8:
+            elif check.samples < 8:
                 warnings.append(
-                    f"{where}: {gate.samples} values: enough for a model of single numbers, not "
+                    f"{where}: {check.samples} values: enough for a model of single numbers, not "
                     "for one that moves"
                 )
-            if gate.missing > 0.5:
-                warnings.append(f"{where}: {gate.missing:.0%} of the values are missing")
-            if gate.clipped > 0.02:
+            if check.missing > 0.5:
+                warnings.append(f"{where}: {check.missing:.0%} of the values are missing")
+            if check.clipped > 0.02:
                 warnings.append(
-                    f"{where}: {gate.clipped:.0%} of the values sit at the end of the range; "
+                    f"{where}: {check.clipped:.0%} of the values sit at the end of the range; "
                     "is the sensor saturated?"
                 )
-            channels.append(gate)
+            channels.append(check)
         if outputs is not None and not set(outputs) & set(record.outputs):
             problems.append(
                 f"{record.name}: none of its outputs ({', '.join(record.outputs)}) is one of the "
@@ -124,7 +124,7 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
             )
     channels = _colored(_pooled(channels), records, warnings)
     flat = tuple((label, channel, sd) for (label, channel), sd in sorted(repeats.items()))
-    return Gates(
+    return DataChecks(
         channels=tuple(channels),
         problems=tuple(problems),
         warnings=tuple(warnings),
@@ -133,7 +133,7 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
     )
 
 
-def check_against(nominal: Nominal, records: Sequence[Record]) -> Gates:
+def check_against(model: Model, records: Sequence[Record]) -> DataChecks:
     """Look at records for a model: units and lengths besides what they are on their own.
 
     Raises
@@ -141,11 +141,11 @@ def check_against(nominal: Nominal, records: Sequence[Record]) -> Gates:
     DataError
         All that makes the records unusable, in one message.
     """
-    gates = check_records(records, nominal.outputs)
-    problems = [*gates.problems, *faults_against(nominal, records)]
+    checks = check_records(records, model.outputs)
+    problems = [*checks.problems, *faults_against(model, records)]
     if problems:
         raise DataError("records: " + "; ".join(problems))
-    return gates
+    return checks
 
 
 def with_sigma(record: Record, noise: Mapping[str, Noise]) -> Record:
@@ -157,10 +157,10 @@ def with_sigma(record: Record, noise: Mapping[str, Noise]) -> Record:
     return replace(record, sensors=sensors)
 
 
-def faults_against(nominal: Nominal, records: Sequence[Record]) -> list[str]:
+def faults_against(model: Model, records: Sequence[Record]) -> list[str]:
     """Records whose units, lengths or start states are none for the model."""
     problems = []
-    states = [s.name for s in nominal.states()]
+    states = [s.name for s in model.states()]
     for record in records:
         known = record.start
         unknown = (
@@ -169,19 +169,19 @@ def faults_against(nominal: Nominal, records: Sequence[Record]) -> list[str]:
         if states and unknown:
             problems.append(
                 f"{record.name}: start of {', '.join(unknown)}, no state of the model "
-                f"{nominal.name} ({', '.join(states)})"
+                f"{model.name} ({', '.join(states)})"
             )
-        if record.samples < nominal.least_samples:
+        if record.samples < model.least_samples:
             problems.append(
-                f"{record.name}: {record.samples} samples; the model {nominal.name} needs at least "
-                f"{nominal.least_samples}"
+                f"{record.name}: {record.samples} samples; the model {model.name} needs at least "
+                f"{model.least_samples}"
             )
         given = {k: s.unit for k, s in record.sensors.items()} | dict(record.input_units)
         for name, unit in given.items():
-            wanted = nominal.units.get(name, "1")
+            wanted = model.units.get(name, "1")
             if "1" not in (unit, wanted) and not _same(unit, wanted):
                 problems.append(
-                    f"{record.name}: {name} is in {unit}, in the model {nominal.name} in {wanted}"
+                    f"{record.name}: {name} is in {unit}, in the model {model.name} in {wanted}"
                 )
     return problems
 
@@ -194,7 +194,7 @@ def _same(unit: str, other: str) -> bool:
         return False
 
 
-def _pooled(channels: list[ChannelGate]) -> list[ChannelGate]:
+def _pooled(channels: list[ChannelCheck]) -> list[ChannelCheck]:
     """One noise a sensor: where it was estimated, the quietest record speaks for all of them."""
     out = []
     for c in channels:
@@ -213,11 +213,11 @@ def _pooled(channels: list[ChannelGate]) -> list[ChannelGate]:
 
 
 def _colored(
-    channels: list[ChannelGate], records: Sequence[Record], warnings: list[str]
-) -> list[ChannelGate]:
+    channels: list[ChannelCheck], records: Sequence[Record], warnings: list[str]
+) -> list[ChannelCheck]:
     """Color of the noise that data sheets tell, corrected where the records at rest say other."""
     by_name = {r.name: r for r in records}
-    sensors: dict[tuple[object, ...], list[ChannelGate]] = {}
+    sensors: dict[tuple[object, ...], list[ChannelCheck]] = {}
     for c in channels:
         steps = np.diff(by_name[c.record].time)
         interval = float(np.median(steps))
@@ -290,7 +290,7 @@ def _repeatability(records: Sequence[Record], warnings: list[str]) -> dict[tuple
 
 def _channel(
     record: Record, name: str, values: Array, repeats: dict[tuple[str, str], float]
-) -> ChannelGate:
+) -> ChannelCheck:
     sensor = record.sensors[name]
     good = values[np.isfinite(values)]
     n = good.size
@@ -319,11 +319,11 @@ def _channel(
             sigma, method = repeat, "repeats"
         else:
             sigma, method, drift = _estimate(good, spread)
-            foretold = _foretold(values, record.inputs)
-            if foretold is not None and foretold < sigma:
-                sigma, method = foretold, "prediction"
+            predicted = _predicted(values, record.inputs)
+            if predicted is not None and predicted < sigma:
+                sigma, method = predicted, "prediction"
     variance = sigma**2 + quantum**2 / 12.0
-    return ChannelGate(
+    return ChannelCheck(
         record=record.name,
         channel=name,
         unit=sensor.unit,
@@ -340,7 +340,7 @@ def _channel(
     )
 
 
-def _foretold(values: Array, inputs: Mapping[str, Array], reach: int = 4) -> float | None:
+def _predicted(values: Array, inputs: Mapping[str, Array], reach: int = 4) -> float | None:
     """Error of the best linear prediction of a sample from its neighbors and the inputs.
 
     The noise of a sample is unknown to all others, so that no prediction can beat it: an upper

@@ -10,29 +10,29 @@ import numpy as np
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.calling import calling
-from feltmb.fit.nominal import Effect, Lanes, Nominal
+from feltmb.fit.model import Effect, Lanes, Model
 from feltmb.fit.observe import observe_lanes
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Noise, make_shot
 from feltmb.fit.solve import FitSettings, finish
 from feltmb.gap.advise import SHOWS, confusion_at
-from feltmb.gap.gates import faults_against, with_sigma
+from feltmb.gap.checks import faults_against, with_sigma
 from feltmb.gap.score import Scores, all_terms, score_fit
-from feltmb.gap.trial import try_effects
+from feltmb.gap.smoke_test import try_effects
 
 __all__ = [
     "Experiment",
-    "Foreseen",
-    "Foresight",
-    "foresee",
+    "Plan",
+    "Planned",
     "noncentrality",
+    "plan",
     "planned",
     "planned_scores",
 ]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Foreseen:
+class Planned:
     """What planned records would say about one effect."""
 
     effect: str
@@ -65,10 +65,10 @@ class Experiment:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Foresight:
-    """Result of :func:`foresee`."""
+class Plan:
+    """Result of :func:`plan`."""
 
-    effects: tuple[Foreseen, ...]
+    effects: tuple[Planned, ...]
     classes: tuple[tuple[str, ...], ...]
     """Effects that cannot be told apart (confusion above one in ten)."""
     unseen: tuple[str, ...]
@@ -81,29 +81,29 @@ class Foresight:
 
 
 def planned(
-    nominal: Nominal,
+    model: Model,
     record: Record,
     sensors: Mapping[str, Sensor],
     theta: Array | None = None,
 ) -> Record:
-    """The record with outputs as the nominal would give them, without noise.
+    """The record with outputs as the model would give them, without noise.
 
     ``theta``: parameters; None: their prior values.
     """
-    states = nominal.states()
+    states = model.states()
     prior = {} if record.start is None else record.start.mean
     start = np.array([[prior.get(s.name, s.start) for s in states]])
     if theta is None:
-        theta = np.array([p.value for p in nominal.parameters])
+        theta = np.array([p.value for p in model.parameters])
     lanes = Lanes(
         theta=theta[None],
         windows=np.array([[0, record.samples - 1]]),
         starts=start.reshape(1, len(states)),
     )
-    names = [n for n in nominal.outputs if n in sensors]
+    names = [n for n in model.outputs if n in sensors]
     bare = replace(record, outputs={n: np.zeros(record.samples) for n in names}, sensors=sensors)
-    outputs = observe_lanes(nominal, bare, lanes).outputs[0]
-    columns = {n: outputs[:, nominal.outputs.index(n)] for n in names}
+    outputs = observe_lanes(model, bare, lanes).outputs[0]
+    columns = {n: outputs[:, model.outputs.index(n)] for n in names}
     for name, column in columns.items():
         if not np.all(np.isfinite(column)):
             raise InvalidParameter(f"record {record.name}: {name} could not be simulated")
@@ -124,15 +124,15 @@ def _noise(record: Record) -> dict[str, Noise]:
 
 
 def planned_scores(
-    nominal: Nominal,
+    model: Model,
     effects: Sequence[Effect],
     records: Sequence[Record],
     *,
     window: float | None = None,
 ) -> Scores:
-    """Score matrices of records that hold the nominal's own outputs."""
-    shots = tuple(make_shot(nominal, r, _noise(r), window) for r in records)
-    problem = Problem(nominal, shots)
+    """Score matrices of records that hold the model's own outputs."""
+    shots = tuple(make_shot(model, r, _noise(r), window) for r in records)
+    problem = Problem(model, shots)
     point = problem.start()
     gap_sd = FitSettings().levels[-1] * problem.scale(point)
     fit = finish(problem, point, FitSettings().levels[-1], gap_sd)
@@ -154,8 +154,8 @@ def _matrix(scores: Scores, index: list[int]) -> Array:
     return np.asarray(chance[np.ix_(index, index)])
 
 
-def foresee(
-    nominal: Nominal,
+def plan(
+    model: Model,
     effects: Sequence[Effect],
     records: Sequence[Record],
     *,
@@ -163,8 +163,8 @@ def foresee(
     sensors: Mapping[str, Sensor] | None = None,
     candidates: Sequence[Record] = (),
     window: float | None = None,
-) -> Foresight:
-    """What planned records could tell, from the nominal alone.
+) -> Plan:
+    """What planned records could tell, from the model alone.
 
     Parameters
     ----------
@@ -179,31 +179,31 @@ def foresee(
         Further runs that could be made.
     """
     if not records:
-        raise InvalidParameter("foresee: no planned records; give inputs over time")
+        raise InvalidParameter("plan: no planned records; give inputs over time")
     wanted = list(channels) if channels is not None else list(records[0].outputs)
-    unknown = [c for c in wanted if c not in nominal.outputs]
+    unknown = [c for c in wanted if c not in model.outputs]
     if unknown or not wanted:
         raise InvalidParameter(
-            f"channels: {', '.join(unknown) or 'none'} is no output of {nominal.name}; "
-            f"there are {', '.join(nominal.outputs)}"
+            f"channels: {', '.join(unknown) or 'none'} is no output of {model.name}; "
+            f"there are {', '.join(model.outputs)}"
         )
-    faults = faults_against(nominal, [*records, *candidates])
+    faults = faults_against(model, [*records, *candidates])
     if faults:
-        raise DataError("foresee: " + "; ".join(faults))
+        raise DataError("plan: " + "; ".join(faults))
     known = dict(sensors or {})
     for r in records:
         for n, s in r.sensors.items():
             known.setdefault(n, s)
-    tested = [e for e in effects if nominal.accepts(e) or e.observe or e.excite]
-    with calling(f"model {nominal.name}: its simulation"):
-        nominal, records, candidates = _ready(nominal, records, candidates, known)
-    try_effects(nominal, tested, records[0])
+    tested = [e for e in effects if model.accepts(e) or e.observe or e.excite]
+    with calling(f"model {model.name}: its simulation"):
+        model, records, candidates = _ready(model, records, candidates, known)
+    try_effects(model, tested, records[0])
 
     def plan(some: Sequence[Record], names: Sequence[str]) -> list[Record]:
         seen = {n: known.get(n, Sensor(name=n)) for n in names}
-        return [planned(nominal, r, seen) for r in some]
+        return [planned(model, r, seen) for r in some]
 
-    now = planned_scores(nominal, tested, plan(records, wanted), window=window)
+    now = planned_scores(model, tested, plan(records, wanted), window=window)
     index = _best_shapes(now)
     names = [now.terms[i].name for i in index]
     matrix = _matrix(now, index)
@@ -213,7 +213,7 @@ def foresee(
         seen = bool(now.testable[i])
         rival = int(np.argmax(matrix[k])) if len(index) > 1 else k
         rows.append(
-            Foreseen(
+            Planned(
                 effect=term.name,
                 component=term.effect.component,
                 unit=term.effect.unit,
@@ -226,11 +226,11 @@ def foresee(
         )
     options = [(r.name, "record", [*records, r], wanted) for r in candidates]
     options += [
-        (n, "sensor", list(records), [*wanted, n]) for n in nominal.outputs if n not in wanted
+        (n, "sensor", list(records), [*wanted, n]) for n in model.outputs if n not in wanted
     ]
     experiments = []
     for name, kind, some, outputs in options:
-        then = planned_scores(nominal, tested, plan(some, outputs), window=window)
+        then = planned_scores(model, tested, plan(some, outputs), window=window)
         best = _best_shapes(then)
         after = _matrix(then, best)
         pairs = [
@@ -251,7 +251,7 @@ def foresee(
         )
     experiments.sort(key=lambda e: (e.mean, e.worst, e.name))
     rows.sort(key=lambda r: (r.smallest / r.scale, r.effect))
-    return Foresight(
+    return Plan(
         effects=tuple(rows),
         classes=_classes(names, matrix),
         unseen=tuple(n for n, i in zip(names, index, strict=True) if not now.testable[i]),
@@ -262,20 +262,20 @@ def foresee(
 
 
 def _ready(
-    nominal: Nominal,
+    model: Model,
     records: Sequence[Record],
     candidates: Sequence[Record],
     known: Mapping[str, Sensor],
-) -> tuple[Nominal, Sequence[Record], Sequence[Record]]:
-    """The nominal and all runs as a fit would take them, with what the nominal would show."""
-    sensors = {n: known.get(n, Sensor(name=n)) for n in nominal.outputs}
+) -> tuple[Model, Sequence[Record], Sequence[Record]]:
+    """The model and all runs as a fit would take them, with what the model would show."""
+    sensors = {n: known.get(n, Sensor(name=n)) for n in model.outputs}
     shown = []
     for r in (*records, *candidates):
-        full = planned(nominal, r, sensors)
+        full = planned(model, r, sensors)
         shown.append(with_sigma(full, _noise(full)))
-    ready = nominal.ready(shown)
+    ready = model.ready(shown)
     count = len(records)
-    return ready.nominal, ready.records[:count], ready.records[count:]
+    return ready.model, ready.records[:count], ready.records[count:]
 
 
 def _classes(names: Sequence[str], matrix: Array) -> tuple[tuple[str, ...], ...]:
@@ -297,13 +297,11 @@ def _classes(names: Sequence[str], matrix: Array) -> tuple[tuple[str, ...], ...]
     return tuple(sorted(tuple(sorted(g)) for g in groups.values() if len(g) > 1))
 
 
-def noncentrality(
-    nominal: Nominal, effect: Effect, size: float, records: Sequence[Record]
-) -> float:
+def noncentrality(model: Model, effect: Effect, size: float, records: Sequence[Record]) -> float:
     """Expected root of T of an effect of a given size in records of these inputs and sensors.
 
     The best shape counts.
     """
-    plans = [planned(nominal, r, r.sensors) for r in records]
-    scores = planned_scores(nominal, [effect], plans)
+    plans = [planned(model, r, r.sensors) for r in records]
+    scores = planned_scores(model, [effect], plans)
     return float(np.max(np.where(scores.testable, scores.strength, 0.0)) * size / effect.scale)

@@ -1,6 +1,6 @@
 """What can be fitted and diagnosed: anything that simulates named outputs from parameters.
 
-A *nominal* turns a record's inputs into outputs, given parameters theta, sizes phi of some effects
+A *model* turns a record's inputs into outputs, given parameters theta, sizes phi of some effects
 and start states x of time windows. It is asked in *lanes*: every lane is one window with its own
 theta, phi and start, so that a batch of windows and finite differences is one call.
 """
@@ -27,7 +27,7 @@ __all__ = [
     "EffectKind",
     "Job",
     "Lanes",
-    "Nominal",
+    "Model",
     "Parameter",
     "Port",
     "Ready",
@@ -46,7 +46,7 @@ Integers = NDArray[np.intp]
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """A number of the nominal with its prior N(value, sd^2), cut at lower and upper."""
+    """A number of the model with its prior N(value, sd^2), cut at lower and upper."""
 
     name: str
     value: float
@@ -80,7 +80,7 @@ class Parameter:
 
 @dataclass(frozen=True, kw_only=True)
 class State:
-    """One state variable of the nominal, or a hidden one that an effect brings."""
+    """One state variable of the model, or a hidden one that an effect brings."""
 
     name: str
     unit: str = "1"
@@ -96,19 +96,19 @@ class State:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Effect:
-    """A cause that the nominal lacks. Contract: at size zero it is exactly the nominal.
+    """A cause that the model lacks. Contract: at size zero it is exactly the model.
 
-    How it enters is told by at most one of the callables, or is known to the nominal by ``name``:
+    How it enters is told by at most one of the callables, or is known to the model by ``name``:
 
     ``rate(t, x, u, p, size, shape) -> {state: (B,)}``
-        For :class:`~feltmb.gap.OdeNominal`: what it adds to the rates of states, its own hidden
+        For :class:`~feltmb.gap.OdeModel`: what it adds to the rates of states, its own hidden
         states included.
     ``regressor(record, shape) -> (n,)``
-        For :class:`~feltmb.gap.LinearNominal`: output per unit of size.
+        For :class:`~feltmb.gap.LinearModel`: output per unit of size.
     ``observe(record, outputs (B, L, ny), windows (B, 2), sizes (B,), shape) -> (B, L, ny)``
-        Sensor effect, for any nominal.
+        Sensor effect, for any model.
     ``excite(record, size, shape) -> {input: (n,)}``
-        Input effect, for any nominal: the inputs that replace those of the record.
+        Input effect, for any model: the inputs that replace those of the record.
     """
 
     name: str
@@ -139,7 +139,7 @@ class Effect:
     weight: float = 1.0
     """Prior weight against the other effects."""
     hidden: tuple[State, ...] = ()
-    """Memory states that it brings, appended to those of the nominal."""
+    """Memory states that it brings, appended to those of the model."""
     step: float = 0.01
     """First step of differences, as a share of ``scale``."""
     rate: Callable[..., Mapping[str, Any]] | None = None
@@ -150,7 +150,7 @@ class Effect:
     """Name of the parameter that it is more of: within its tolerance the departure is the
     parameter's, a diagnosis calls what goes far beyond it this effect."""
     data: Any = None
-    """Anything the nominal wants to find again; the engine does not look at it."""
+    """Anything the model wants to find again; the engine does not look at it."""
 
     def __post_init__(self) -> None:
         faults = []
@@ -161,7 +161,7 @@ class Effect:
         if not self.shapes:
             faults.append("shapes is empty, expected at least (None,)")
         if not self.lower <= 0.0 <= self.upper:
-            faults.append(f"limits [{self.lower:g}, {self.upper:g}] do not hold 0, the nominal")
+            faults.append(f"limits [{self.lower:g}, {self.upper:g}] do not hold 0, the model")
         if not self.weight > 0.0:
             faults.append(f"weight = {self.weight!r}, expected > 0")
         if faults:
@@ -208,11 +208,11 @@ class Lanes:
     """A batch of B windows to be simulated. Row b of every array belongs to lane b."""
 
     theta: Array
-    """Parameters, (B, p), in the order of ``nominal.parameters``."""
+    """Parameters, (B, p), in the order of ``model.parameters``."""
     windows: Integers
     """First and last sample, (B, 2): outputs at i0 <= i <= i1, the end state at i1."""
     starts: Array
-    """States at i0, (B, nx); order of ``nominal.states(terms)``."""
+    """States at i0, (B, nx); order of ``model.states(terms)``."""
     terms: tuple[Term, ...] = ()
     sizes: Array = field(default_factory=lambda: np.zeros((0, 0)))
     """Sizes of the terms [their units], (B, k)."""
@@ -295,22 +295,22 @@ class Sensitivity:
 
 @dataclass(frozen=True, eq=False)
 class Ready:
-    """A nominal and records as a fit takes them; see :meth:`Nominal.ready`."""
+    """A model and records as a fit takes them; see :meth:`Model.ready`."""
 
-    nominal: Nominal
+    model: Model
     records: tuple[Record, ...]
     notes: tuple[str, ...] = ()
     """What was left out, in words, for the report."""
 
 
-class Nominal(ABC):
+class Model(ABC):
     """Base of all that can be fitted and diagnosed.
 
     A subclass sets the attributes and writes :meth:`simulate`. If it has derivatives, it overrides
     :meth:`sensitivities` as well; otherwise batched differences are taken.
     """
 
-    name: str = "nominal"
+    name: str = "model"
     parameters: tuple[Parameter, ...] = ()
     outputs: tuple[str, ...] = ()
     """Names of the outputs; a record may have measured some of them only."""
@@ -354,7 +354,7 @@ class Nominal(ABC):
         """Simulate lanes of several records; see ``together``. Default: one after the other."""
         return [self.simulate(record, lanes) for record, lanes in jobs]
 
-    def finer(self, jobs: Sequence[Job]) -> Nominal:
+    def finer(self, jobs: Sequence[Job]) -> Model:
         """Itself in steps that are fine enough for these lanes, whose terms may need smaller ones.
 
         Default: as it is.
@@ -363,11 +363,11 @@ class Nominal(ABC):
         return self
 
     @property
-    def core(self) -> Nominal:
-        """What simulates: itself, or the nominal that it is made of."""
+    def core(self) -> Model:
+        """What simulates: itself, or the model that it is made of."""
         return self
 
-    def asking(self, ask: Callable[[Sequence[Job]], list[Simulated]]) -> Nominal:
+    def asking(self, ask: Callable[[Sequence[Job]], list[Simulated]]) -> Model:
         """A copy whose core's simulations are made by ``ask``."""
         out = copy.copy(self)
         vars(out).update(simulate=lambda record, lanes: ask([(record, lanes)])[0], simulate_all=ask)
@@ -470,7 +470,7 @@ TOGETHER = 8
 
 
 def run_through(
-    nominal: Nominal,
+    model: Model,
     record: Record,
     theta: Array,
     windows: NDArray[np.intp],
@@ -486,10 +486,10 @@ def run_through(
     ends (V, W, visible).
     """
     versions = sizes.shape[0]
-    states = nominal.states(terms)
+    states = model.states(terms)
     hidden = np.tile([s.start for s in states[visible:]], (versions, 1))
     longest = int(np.max(windows[:, 1] - windows[:, 0])) + 1
-    outputs = np.full((versions, len(windows), longest, len(nominal.outputs)), np.nan)
+    outputs = np.full((versions, len(windows), longest, len(model.outputs)), np.nan)
     ends = np.full((versions, len(windows), visible), np.nan)
     for w, window in enumerate(windows):
         lanes = Lanes(
@@ -499,7 +499,7 @@ def run_through(
             terms=terms,
             sizes=sizes,
         )
-        run = nominal.simulate(record, lanes)
+        run = model.simulate(record, lanes)
         outputs[:, w, : run.outputs.shape[1]] = run.outputs
         ends[:, w] = run.ends[:, :visible]
         hidden = run.ends[:, visible:]
@@ -507,7 +507,7 @@ def run_through(
 
 
 def difference_sensitivities(
-    nominal: Nominal,
+    model: Model,
     record: Record,
     theta: Array,
     windows: NDArray[np.intp],
@@ -526,8 +526,8 @@ def difference_sensitivities(
     count = len(windows)
     theta = np.asarray(theta, dtype=np.float64)
     sizes = np.asarray(sizes, dtype=np.float64)
-    states = nominal.states(terms)
-    nx, ny = len(states), len(nominal.outputs)
+    states = model.states(terms)
+    nx, ny = len(states), len(model.outputs)
 
     # Every row of the batch: changes of theta, sizes or start; then weights that make derivatives.
     rows_theta, rows_sizes, rows_start = [theta], [sizes], [np.zeros(nx)]
@@ -553,15 +553,15 @@ def difference_sensitivities(
         columns.append(entry)
 
     for i in by_theta:
-        p = nominal.parameters[i]
-        add("theta", i, nominal.difference_step * p.size, p.lower, p.upper, theta[i])
+        p = model.parameters[i]
+        add("theta", i, model.difference_step * p.size, p.lower, p.upper, theta[i])
     for i, term in enumerate(terms):
         low, high = term.effect.bounds
         step = term.effect.step * term.effect.scale
         add("sizes", i, step, low, high, sizes[i])
     if by_starts:
         for i, state in enumerate(states):
-            add("start", i, 0.1 * nominal.difference_step * state.scale, -np.inf, np.inf, 0.0)
+            add("start", i, 0.1 * model.difference_step * state.scale, -np.inf, np.inf, 0.0)
 
     versions = len(rows_theta)
     lanes = Lanes(
@@ -571,7 +571,7 @@ def difference_sensitivities(
         terms=terms,
         sizes=np.repeat(np.array(rows_sizes).reshape(versions, len(terms)), count, axis=0),
     )
-    run = nominal.simulate(record, lanes)
+    run = model.simulate(record, lanes)
     longest = run.outputs.shape[1]
     outputs = run.outputs.reshape(versions, count, longest, ny)
     ends = run.ends.reshape(versions, count, nx)
@@ -593,7 +593,7 @@ def difference_sensitivities(
         for at in range(0, len(group), TOGETHER):
             some = group[at : at + TOGETHER]
             d_candidates[..., some], d_candidates_ends[..., some] = _candidates(
-                nominal,
+                model,
                 record,
                 theta,
                 windows,
@@ -620,7 +620,7 @@ def difference_sensitivities(
 
 
 def _candidates(
-    nominal: Nominal,
+    model: Model,
     record: Record,
     theta: Array,
     windows: NDArray[np.intp],
@@ -653,7 +653,7 @@ def _candidates(
     versions = len(rows)
     if hidden:
         table = np.array([np.concatenate([sizes, np.zeros(len(some))]), *rows])
-        y, x = run_through(nominal, record, theta, windows, starts, all_terms, table, nx)
+        y, x = run_through(model, record, theta, windows, starts, all_terms, table, nx)
         y, x, base_y, base_x = y[1:], x[1:], y[0], x[0]
     else:
         lanes = Lanes(
@@ -663,7 +663,7 @@ def _candidates(
             terms=all_terms,
             sizes=np.repeat(np.array(rows), count, axis=0),
         )
-        run = nominal.simulate(record, lanes)
+        run = model.simulate(record, lanes)
         y = run.outputs.reshape(versions, count, -1, ny)
         x = run.ends.reshape(versions, count, nx)
         base_y, base_x = outputs, ends

@@ -11,21 +11,21 @@ from feltmb.errors import DataError, InvalidParameter
 from feltmb.gap import (
     Coordinate,
     Effect,
-    OdeNominal,
+    OdeModel,
     Options,
     Parameter,
     State,
     diagnose,
-    fit_nominal,
-    foresee,
+    fit_model,
     library,
+    plan,
 )
 
 ARM = Coordinate(name="arm", position="q", speed="v")
 
 
 def model(rates=lambda t, x, u, p: (x.v, u.f - p.k * x.q)):
-    return OdeNominal(
+    return OdeModel(
         name="arm",
         states=[State(name="q", unit="m"), State(name="v", unit="m/s")],
         parameters=[Parameter(name="k", value=400.0, sd=20.0)],
@@ -43,12 +43,12 @@ def records():
 
 
 def never(stage, *_):
-    assert stage == "gates", "a fit was begun"
+    assert stage == "data checks", "a fit was begun"
 
 
-def message(nominal, effects):
+def message(model, effects):
     with pytest.raises(InvalidParameter) as caught:
-        diagnose(nominal, effects, records(), hold_out="b", progress=never)
+        diagnose(model, effects, records(), hold_out="b", progress=never)
     return str(caught.value)
 
 
@@ -87,7 +87,7 @@ def test_a_model_at_fault_is_not_put_on_the_effects():
     assert text == said
     # All that use the model say the same.
     faulty, planned = model(lambda t, x, u, p: (x.v, x.nope)), records()
-    for use in (fit_nominal, lambda nominal, records: foresee(nominal, [dry], records)):
+    for use in (fit_model, lambda model, records: plan(model, [dry], records)):
         with pytest.raises(InvalidParameter) as error:
             use(faulty, planned)
         assert str(error.value) == said
@@ -132,7 +132,7 @@ def test_later_shapes_are_tried_as_well():
     assert "magnet: its rate raises TypeError" in text
 
 
-def test_an_effect_that_is_not_the_nominal_at_size_zero_is_told():
+def test_an_effect_that_is_not_the_model_at_size_zero_is_told():
     text = message(
         model(),
         [
@@ -144,15 +144,15 @@ def test_an_effect_that_is_not_the_nominal_at_size_zero_is_told():
         ],
     )
     assert "dry friction" not in text
-    assert "bias: at size zero it is not the nominal" in text
-    assert "lift: at size zero it is not the nominal" in text
+    assert "bias: at size zero it is not the model" in text
+    assert "lift: at size zero it is not the model" in text
     assert "more: at size zero it changes the input f" in text
     assert "it is called with whole arrays: use np.where" in text
 
 
 def test_names_that_are_none_are_told_before_the_fit():
     with pytest.raises(InvalidParameter, match="inertia 'M' is no parameter; known are k"):
-        OdeNominal(
+        OdeModel(
             name="arm",
             states=[State(name="q"), State(name="v")],
             parameters=[Parameter(name="k", value=1.0)],

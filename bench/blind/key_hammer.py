@@ -1,4 +1,4 @@
-"""Small key-hammer model with its library of effects: the nominal of the blind bench.
+"""Small key-hammer model with its library of effects: the model of the blind bench.
 
 Two masses, the key front x and the hammer tip h: jack felt with let-off, bed felt, string felt,
 backcheck; driven by a finger force or by a stiff actuator that follows a motion.
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from blind.lumped import Network
 from feltmb.data import Array, Record
-from feltmb.fit import Effect, Lanes, Nominal, Parameter, Port, Sensitivity, Simulated, State, Term
+from feltmb.fit import Effect, Lanes, Model, Parameter, Port, Sensitivity, Simulated, State, Term
 
 __all__ = ["SAMPLE_TIME", "KeyHammer", "effects"]
 
@@ -259,8 +259,8 @@ def describe(mode: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-class KeyHammer(Nominal):
-    """Nominal of the blind bench: key front and hammer tip, by force or by motion.
+class KeyHammer(Model):
+    """Model of the blind bench: key front and hammer tip, by force or by motion.
 
     Outputs ``key`` and ``hammer`` [m]; the input is called ``finger`` [N] or [m], by the record's
     ``input_mode``. Records are sampled at 2 kHz.

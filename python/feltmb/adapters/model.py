@@ -1,4 +1,4 @@
-"""A mechanism as a nominal: what :mod:`feltmb.fit` fits and :mod:`feltmb.gap` diagnoses.
+"""A mechanism as a model: what :mod:`feltmb.fit` fits and :mod:`feltmb.gap` diagnoses.
 
 Outputs are displacements of tracking points from rest [m] and, under motion input, the force of the
 finger [N]. States are the departures of the mechanical coordinates from the rest pose of the same
@@ -43,9 +43,9 @@ from feltmb.fit import (
 )
 from feltmb.mechanism import Action
 
-__all__ = ["MechanismNominal"]
+__all__ = ["MechanismModel"]
 
-#: Natural size of a departure from the nominal motion, as a share of 1 mm of felt travel.
+#: Natural size of a departure from the model motion, as a share of 1 mm of felt travel.
 DEPARTURE = 0.05
 #: The same of the rate: departures last for some milliseconds [1/s].
 DEPARTURE_RATE = 50.0
@@ -62,7 +62,7 @@ class _Job:
     start: Array
 
 
-class MechanismNominal(DifferentiableMechanism):
+class MechanismModel(DifferentiableMechanism):
     """A mechanism that :mod:`feltmb.fit` and :mod:`feltmb.gap` can work on.
 
     Parameters
@@ -210,7 +210,7 @@ class MechanismNominal(DifferentiableMechanism):
                 f"{', '.join(known) or 'no tracking points'}"
             )
 
-    # --- the interface of Nominal ---------------------------------------------------------------
+    # --- the interface of Model ---------------------------------------------------------------
 
     def states(self, terms: Sequence[Term] = ()) -> tuple[State, ...]:
         """Departures of the coordinates and rates, then what the terms bring; none if single."""
@@ -222,7 +222,7 @@ class MechanismNominal(DifferentiableMechanism):
         return (*self._states, *extra)
 
     def forget(self) -> None:
-        """See :class:`~feltmb.fit.Nominal`: the derivatives that are kept."""
+        """See :class:`~feltmb.fit.Model`: the derivatives that are kept."""
         self.reuse.clear()
 
     def ready(self, records: Sequence[Record]) -> Ready:
@@ -252,7 +252,7 @@ class MechanismNominal(DifferentiableMechanism):
         return Ready(self, tuple(cut), tuple(notes))
 
     def _turn(self, record: Record) -> float | None:
-        """When the stroke of a record turns [s]: measured, else as the nominal moves."""
+        """When the stroke of a record turns [s]: measured, else as the model moves."""
         assert self.until is not None
         name = self.until.output
         if name in record.outputs and np.isfinite(record.outputs[name]).sum() > 10:
@@ -376,7 +376,7 @@ class MechanismNominal(DifferentiableMechanism):
         return self.reuse.ask(self, question, compute)
 
     def guess(self, record: Record, windows: NDArray[np.intp]) -> Array:
-        """Start states on the nominal's own way through the record."""
+        """Start states on the model's own way through the record."""
         if self.single:
             return np.zeros((len(windows), 0))
         last = int(np.max(windows[:, 1]))
@@ -479,7 +479,7 @@ class MechanismNominal(DifferentiableMechanism):
         return variant.points[point]["xy".index(axis)] if point in variant.points else 0.0
 
     def in_parallel(self, work: Callable[[Any], None], jobs: Sequence[Any]) -> None:
-        """Do the jobs on the threads of the nominal; the results do not depend on their number."""
+        """Do the jobs on the threads of the model; the results do not depend on their number."""
         if self.workers <= 1 or len(jobs) < 2:
             for job in jobs:
                 work(job)

@@ -10,7 +10,7 @@ import numpy as np
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
 from feltmb.fit.calling import calling
-from feltmb.fit.nominal import Effect, Lanes, Nominal, Term
+from feltmb.fit.model import Effect, Lanes, Model, Term
 from feltmb.fit.observe import machine_terms, observe_lanes
 
 __all__ = ["try_effects"]
@@ -19,7 +19,7 @@ __all__ = ["try_effects"]
 SAMPLES = 32
 
 
-def try_effects(nominal: Nominal, effects: Sequence[Effect], record: Record) -> None:
+def try_effects(model: Model, effects: Sequence[Effect], record: Record) -> None:
     """Simulate the beginning of a record without effects, then with each, at its expected size.
 
     Raises
@@ -28,15 +28,15 @@ def try_effects(nominal: Nominal, effects: Sequence[Effect], record: Record) -> 
         The model cannot be simulated, or effects whose callable raises or returns what cannot be
         used, all of them.
     """
-    with calling(f"model {nominal.name}: its simulation"):
-        bare = observe_lanes(nominal, record, _begin(nominal, None, record)).outputs
-        _check_numbers(nominal, record, bare)
+    with calling(f"model {model.name}: its simulation"):
+        bare = observe_lanes(model, record, _begin(model, None, record)).outputs
+        _check_numbers(model, record, bare)
     faults = []
     for e in effects:
         if e.rate is None and e.observe is None and e.excite is None:
             continue
         for shape in e.shapes:
-            fault = _fault(nominal, Term(e, shape), record, bare)
+            fault = _fault(model, Term(e, shape), record, bare)
             if fault:
                 faults.append(f"{e.name}: {fault}")
                 break
@@ -44,7 +44,7 @@ def try_effects(nominal: Nominal, effects: Sequence[Effect], record: Record) -> 
         raise InvalidParameter("effects: " + "; ".join(faults))
 
 
-def _fault(nominal: Nominal, term: Term, record: Record, bare: Array) -> str:
+def _fault(model: Model, term: Term, record: Record, bare: Array) -> str:
     """What is wrong with a term, or nothing; ``bare``: outputs without it."""
     e = term.effect
     try:
@@ -61,29 +61,29 @@ def _fault(nominal: Nominal, term: Term, record: Record, bare: Array) -> str:
                 )
             moved = [n for n, v in record.inputs.items() if not _alike(same.inputs[n], v)]
             return f"at size zero it changes the input {', '.join(moved)}" if moved else ""
-        lanes = _begin(nominal, term, record)
-        seen = observe_lanes(nominal, record, lanes).outputs
+        lanes = _begin(model, term, record)
+        seen = observe_lanes(model, record, lanes).outputs
         if _runs(bare) and not _runs(seen):
             return f"at size {lanes.sizes[0, 0]:.3g} the model gives no numbers with it"
-        zero = observe_lanes(nominal, record, replace(lanes, sizes=0.0 * lanes.sizes)).outputs
+        zero = observe_lanes(model, record, replace(lanes, sizes=0.0 * lanes.sizes)).outputs
         if not _alike(zero, bare):
-            return "at size zero it is not the nominal: what it adds must vanish with its size"
+            return "at size zero it is not the model: what it adds must vanish with its size"
     except InvalidParameter as error:
         return str(error).removeprefix(f"effect {e.name}: ")
     return ""
 
 
-def _check_numbers(nominal: Nominal, record: Record, bare: Array) -> None:
+def _check_numbers(model: Model, record: Record, bare: Array) -> None:
     """The model must give numbers at its priors, from its start or from one that it guesses."""
     if _runs(bare):
         return
     windows = np.array([[0, min(SAMPLES, record.samples) - 1]])
-    theta = np.array([p.value for p in nominal.parameters])
-    starts = nominal.guess(record, windows)
+    theta = np.array([p.value for p in model.parameters])
+    starts = model.guess(record, windows)
     lanes = Lanes.at_point(theta, windows, starts, (), np.zeros(0))
-    if not _runs(observe_lanes(nominal, record, lanes).outputs):
+    if not _runs(observe_lanes(model, record, lanes).outputs):
         raise InvalidParameter(
-            f"model {nominal.name}: gives no numbers at the beginning of record {record.name} with "
+            f"model {model.name}: gives no numbers at the beginning of record {record.name} with "
             "its parameters at their priors: all outputs are NaN or infinite"
         )
 
@@ -101,13 +101,13 @@ def _alike(one: Array, other: Array) -> bool:
     return bool(np.allclose(one, other, rtol=1e-9, atol=1e-9 * size, equal_nan=True))
 
 
-def _begin(nominal: Nominal, term: Term | None, record: Record) -> Lanes:
+def _begin(model: Model, term: Term | None, record: Record) -> Lanes:
     """A few samples in three lanes: so many that a wrong shape does not fit by chance."""
     last = min(SAMPLES, record.samples) - 1
     terms = () if term is None else (term,)
-    starts: Array = np.array([[s.start for s in nominal.states(machine_terms(terms))]] * 3)
+    starts: Array = np.array([[s.start for s in model.states(machine_terms(terms))]] * 3)
     return Lanes(
-        theta=np.array([[p.value for p in nominal.parameters]] * 3),
+        theta=np.array([[p.value for p in model.parameters]] * 3),
         windows=np.array([[0, last]] * 3),
         starts=starts.reshape(3, -1),
         terms=terms,
