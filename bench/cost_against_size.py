@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 import feltmb
-from feltmb.batch import simulate_many
+from feltmb.run.batch import simulate_many
 
 Curve = list[tuple[float, float]]  # size, milliseconds
 

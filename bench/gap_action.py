@@ -16,14 +16,14 @@ from pathlib import Path
 import numpy as np
 
 import feltmb
+from feltmb.adapters import mechanism_model
+from feltmb.adapters.synthetic import Sensors, make_case
 from feltmb.fit import Lanes
 from feltmb.fit.observe import machine_terms
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Noise, make_shot
 from feltmb.fit.solve import FitSettings, polish
 from feltmb.gap.score import all_terms, score_fit
-from feltmb.subjects import mechanism_nominal
-from feltmb.subjects.synthetic import Sensors, make_case
 
 STROKES = (
     ("piano", "fit"),
@@ -50,7 +50,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     action = feltmb.load_action("steinway45")
-    nominal, effects = mechanism_nominal(
+    model, effects = mechanism_model(
         action,
         shooting="single",
         rtol=options.rtol,
@@ -69,7 +69,7 @@ def main() -> None:
         spread=0.3,
         after_impact=options.after_impact,
     )
-    noise = {o: Noise(2e-5) for o in nominal.outputs}
+    noise = {o: Noise(2e-5) for o in model.outputs}
     times: dict[str, tuple[float, float]] = {}
 
     def timed(name: str, work):  # type: ignore[no-untyped-def]
@@ -84,10 +84,10 @@ def main() -> None:
 
     def all_strokes() -> None:
         for r in case.records:
-            nominal.simulate(
+            model.simulate(
                 r,
                 Lanes(
-                    theta=np.full((1, len(nominal.parameters)), 1e-9),
+                    theta=np.full((1, len(model.parameters)), 1e-9),
                     windows=np.array([[0, r.samples - 1]]),
                     starts=np.zeros((1, 0)),
                 ),
@@ -96,11 +96,11 @@ def main() -> None:
     terms = all_terms(effects)
     print(
         f"{len(case.records)} strokes, {len(effects)} effects ({len(terms)} with shapes, "
-        f"{len(machine_terms(terms))} in the machine), {len(nominal.parameters)} tolerances"
+        f"{len(machine_terms(terms))} in the machine), {len(model.parameters)} tolerances"
     )
     timed("one run of every stroke", all_strokes)
     if options.whole:
-        floored = nominal.with_floor(case.records) if hasattr(nominal, "with_floor") else nominal
+        floored = model.with_floor(case.records) if hasattr(model, "with_floor") else model
         chosen = feltmb.gap.Options(bootstrap=0, restarts=0)
         report = timed(
             "whole diagnosis",
@@ -108,14 +108,14 @@ def main() -> None:
         )
         print(report.verdict, ", ".join(report.named))
         return
-    if hasattr(nominal, "with_floor"):
-        nominal = timed("floor of five strokes", lambda: nominal.with_floor(case.records))
-    shots = tuple(make_shot(nominal, r, noise, 1.0) for r in case.records)
-    problem = Problem(nominal, shots)
+    if hasattr(model, "with_floor"):
+        model = timed("floor of five strokes", lambda: model.with_floor(case.records))
+    shots = tuple(make_shot(model, r, noise, 1.0) for r in case.records)
+    problem = Problem(model, shots)
     point = problem.start()
     timed("derivatives by all tolerances", lambda: problem.linear(point))
     settings = FitSettings(restarts=0, iterations=8)
-    fit = timed("nominal fit", lambda: polish(problem, point, 1.0, settings))
+    fit = timed("model fit", lambda: polish(problem, point, 1.0, settings))
     timed("derivatives by all effects", lambda: problem.linear(fit.point, terms))
     timed("scores (derivatives kept)", lambda: score_fit(fit, terms))
     total = sum(w for k, (w, _) in times.items())

@@ -2,8 +2,8 @@
 
 python bench/gap_models.py [CASE ...] [--json FILE]
 
-Each machine is integrated by scipy (LSODA) with a cause that its nominal lacks; parameters of the
-nominal are off, the library is the generic one of ``feltmb.gap.library``, one record is held out.
+Each machine is integrated by scipy (LSODA) with a cause that its model lacks; parameters of the
+model are off, the library is the generic one of ``feltmb.gap.library``, one record is held out.
 Printed: verdict, what was named, its size against the truth, share of the held-out gap that it
 closes, processor time. "between" is the parameter of an input's run between its samples.
 """
@@ -24,7 +24,7 @@ from feltmb.gap import (
     Coordinate,
     Coupling,
     Effect,
-    OdeNominal,
+    OdeModel,
     Parameter,
     Record,
     Sensor,
@@ -43,7 +43,7 @@ class Case:
     """Names that are right; empty: nothing in the library is."""
     size: float
     """True size of the first of them."""
-    nominal: OdeNominal
+    model: OdeModel
     effects: Sequence[Effect]
     records: Sequence[Record]
 
@@ -86,10 +86,10 @@ def record(
     )
 
 
-def oscillator(name: str, m: float, k: float, c: float, **options: object) -> OdeNominal:
+def oscillator(name: str, m: float, k: float, c: float, **options: object) -> OdeModel:
     """Mass, spring and damper with a force; parameters are 2 to 10 % off those given."""
     mass = Coordinate(name="mass", position="q", speed="v", inertia="m")
-    return OdeNominal(
+    return OdeModel(
         name=name,
         states=[State(name="q", unit="m", scale=0.01), State(name="v", unit="m/s", scale=0.2)],
         parameters=[
@@ -116,7 +116,7 @@ def shaken(
     samples: int = 2000,
     lag: float = 0.0,
     told: bool = True,
-) -> tuple[OdeNominal, Sequence[Effect], list[Record]]:
+) -> tuple[OdeModel, Sequence[Effect], list[Record]]:
     """An oscillator with a force law(t, q, v) against its motion, and a sensor that lags."""
     random = np.random.default_rng(seed)
     time = 0.005 * np.arange(samples)
@@ -133,11 +133,11 @@ def shaken(
         records.append(
             record(f"run {i}", time, {"f": f(time)}, {"q": q}, {"q": noise}, random, told=told)
         )
-    nominal = oscillator("oscillator", m, k, c)
+    model = oscillator("oscillator", m, k, c)
     effects = library.standard_effects(
-        ["q"], ["f"], nominal.coordinates, records[0], force=5.0, travel=0.03, speed=0.3
+        ["q"], ["f"], model.coordinates, records[0], force=5.0, travel=0.03, speed=0.3
     )
-    return nominal, effects, records
+    return model, effects, records
 
 
 def friction() -> Case:
@@ -183,11 +183,11 @@ def absorber() -> Case:
         records.append(
             record(f"run {i}", time, {"f": f(time)}, {"q": y[:, 0]}, {"q": 5e-5}, random)
         )
-    nominal = oscillator("oscillator", m, k, c)
+    model = oscillator("oscillator", m, k, c)
     effects = library.standard_effects(
-        ["q"], ["f"], nominal.coordinates, records[0], force=5.0, travel=0.03, speed=0.3
+        ["q"], ["f"], model.coordinates, records[0], force=5.0, travel=0.03, speed=0.3
     )
-    return Case("an absorber on the mass: not in the library", (), 0.0, nominal, effects, records)
+    return Case("an absorber on the mass: not in the library", (), 0.0, model, effects, records)
 
 
 def backlash() -> Case:
@@ -217,7 +217,7 @@ def backlash() -> Case:
         records.append(
             record(f"run {i}", time, {"T": torque(time)}, seen, {"a": 2e-4, "b": 2e-4}, random)
         )
-    nominal = OdeNominal(
+    model = OdeModel(
         name="drive",
         states=[State(name=n, unit="rad", scale=0.1) for n in "ab"]
         + [State(name=n, unit="rad/s", scale=2.0) for n in "vw"],
@@ -245,7 +245,7 @@ def backlash() -> Case:
         ),
         *library.for_coordinate(shaft, force=1.0, travel=0.025, speed=1.0),
     ]
-    return Case("backlash of 0.004 rad", ("dead zone shaft",), 1.0, nominal, effects, records)
+    return Case("backlash of 0.004 rad", ("dead zone shaft",), 1.0, model, effects, records)
 
 
 def motor() -> Case:
@@ -275,7 +275,7 @@ def motor() -> Case:
         noise = {"angle": 1e-3, "current": 0.02}
         records.append(record(f"run {i}", time, {"U": volts}, seen, noise, random))
     shaft = Coordinate(name="shaft", position="q", speed="w", inertia="J", unit="N m", scale=0.02)
-    nominal = OdeNominal(
+    model = OdeModel(
         name="motor",
         states=[
             State(name="q", unit="rad", scale=1.0),
@@ -304,7 +304,7 @@ def motor() -> Case:
         ["angle", "current"], ["U"], [shaft], records[0], force=0.05, travel=20.0, speed=40.0
     )
     named = ("Stribeck friction shaft",)
-    return Case("Stribeck friction 0.012 N m", named, more, nominal, effects, records)
+    return Case("Stribeck friction 0.012 N m", named, more, model, effects, records)
 
 
 def pendulum() -> Case:
@@ -323,7 +323,7 @@ def pendulum() -> Case:
             record(f"run {i}", time, {}, {"th": y[:, 0]}, {"th": 2e-3}, random, told=False)
         )
     bob = Coordinate(name="bob", position="th", speed="w", unit="N m/(kg m^2)")
-    nominal = OdeNominal(
+    model = OdeModel(
         name="pendulum",
         states=[
             State(name="th", unit="rad", scale=0.5),
@@ -340,7 +340,7 @@ def pendulum() -> Case:
     effects = library.standard_effects(
         ["th"], [], [bob], records[0], force=10.0, travel=1.5, speed=4.0
     )
-    return Case("drag 0.02", ("quadratic friction bob",), 0.02, nominal, effects, records)
+    return Case("drag 0.02", ("quadratic friction bob",), 0.02, model, effects, records)
 
 
 def nothing() -> Case:
@@ -370,7 +370,7 @@ def nothing() -> Case:
     off = {"ms": 1.05, "mu": 0.95, "ks": 1.05, "cs": 0.9, "kt": 0.95}
     sd = {"ms": 0.02, "mu": 0.025, "ks": 0.02, "cs": 0.04, "kt": 0.02}
     true = {"ms": ms, "mu": mu, "ks": ks, "cs": cs, "kt": kt}
-    nominal = OdeNominal(
+    model = OdeModel(
         name="quarter car",
         states=[
             State(name="zs", unit="m", scale=0.02),
@@ -394,7 +394,7 @@ def nothing() -> Case:
     effects = library.standard_effects(
         ["stroke", "push"], ["z"], [body, wheel], records[0], force=500.0, travel=0.03, speed=0.5
     )
-    return Case("nothing; parameters 2 to 3 sd off", (), 0.0, nominal, effects, records)
+    return Case("nothing; parameters 2 to 3 sd off", (), 0.0, model, effects, records)
 
 
 CASES: dict[str, Callable[[], Case]] = {
@@ -416,9 +416,7 @@ def main() -> None:
     for name in chosen.cases or CASES:
         case = CASES[name]()
         begin = clock.process_time()
-        report = diagnose(
-            case.nominal, case.effects, case.records, hold_out=[case.records[-1].name]
-        )
+        report = diagnose(case.model, case.effects, case.records, hold_out=[case.records[-1].name])
         spent = clock.process_time() - begin
         first = next((r for r in report.which.effects if r.effect in case.named), None)
         row = {

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 import feltmb
-from feltmb.batch import simulate_many
+from feltmb.run.batch import simulate_many
 
 #: Thirty parameters as a fit of the action would take them: felts, masses, string, input.
 PARAMETERS = ["contacts.*.loading.a", "bodies.*.inertia", "string.tension", "stroke.scale"]

@@ -1,5 +1,5 @@
 // Made by tools/make_bench_model.py from params/steinway45.toml. Do not edit.
-// Hash of the parameters: c5461b7a991c33e3
+// Hash of the parameters: d29e99c64bb0f009
 // clang-format off
 #pragma once
 

@@ -12,7 +12,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from feltmb.study import load_study, packaged_studies, run_studies
+from feltmb.run.study import load_study, packaged_studies, run_studies
 
 
 def main() -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import feltmb
-from feltmb.config import MechanismFile
+from feltmb.mechanism import MechanismFile
 
 HEAD = """// Made by tools/make_bench_model.py from params/steinway45.toml. Do not edit.
 // Hash of the parameters: {hash}

@@ -15,7 +15,7 @@ import tomlkit
 
 import feltmb
 from feltmb import felt
-from feltmb.config import Curve
+from feltmb.mechanism import Curve
 
 HERE = Path(__file__).resolve().parent.parent / "python" / "feltmb" / "params"
 

@@ -4,8 +4,8 @@ import re
 from pathlib import Path
 
 import feltmb
-from feltmb.subjects import load_library
-from feltmb.subjects.table import effects_markdown, tolerances_markdown
+from feltmb.adapters import load_library
+from feltmb.adapters.table import effects_markdown, tolerances_markdown
 
 DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "gap-action.md"
 

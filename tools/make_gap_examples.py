@@ -1,19 +1,22 @@
-"""Writes examples/gap_action: records of the action with a cause that the nominal lacks.
+"""Writes examples/gap_action: records of the action with a cause that the model lacks.
 
 One folder a case: a record a stroke (CSV with its TOML) and truth.json, which a diagnosis does not
-read. The machine behind them is not the nominal; see feltmb.subjects.synthetic.
+read. The machine behind them is not the model; see feltmb.adapters.synthetic.
 """
 
 import json
 import shutil
+import sys
 from dataclasses import asdict
 from pathlib import Path
 
 import feltmb
+from feltmb.adapters.synthetic import Case, Sensors, make_case
 from feltmb.data import write_record
-from feltmb.subjects.synthetic import Case, Sensors, make_case
 
-FOLDER = Path(__file__).resolve().parents[1] / "examples" / "gap_action"
+ROOT = Path(__file__).resolve().parents[1]
+FOLDER = ROOT / "examples" / "gap_action"
+sys.path.insert(0, str(ROOT / "bench"))  # the case of the blind bench
 STROKES = (("piano", "fit"), ("staccato", "fit"), ("forte", "held_out"))
 CHANNELS = ["key", "whippen", "hammer", "backcheck"]
 # Name of the case -> effects in their own scales, whether the input is a motion.
@@ -65,8 +68,8 @@ BENCH_SEED, BENCH_CASE = 20261121, 10
 
 def write_bench_case() -> None:
     """Write a case of the blind bench, all tolerances off and every nuisance on."""
-    from feltmb.blind import action_truth as truth
-    from feltmb.blind.action_calibration import packaged_scales, to_record
+    from blind import action_truth as truth
+    from blind.action_calibration import packaged_scales, to_record
 
     _, base, library, outputs = truth.setup()
     case = truth.draw(BENCH_SEED, BENCH_CASE, packaged_scales(), library, outputs)

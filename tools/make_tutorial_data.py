@@ -16,9 +16,9 @@ import numpy as np
 
 import feltmb
 from feltmb import felt
+from feltmb.adapters.library import load_library
+from feltmb.adapters.synthetic import Sensors, make_case
 from feltmb.data import write_record
-from feltmb.subjects.library import load_library
-from feltmb.subjects.synthetic import Sensors, make_case
 
 FOLDER = Path(__file__).resolve().parents[1] / "examples" / "tutorial"
 

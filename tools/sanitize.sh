@@ -30,4 +30,5 @@ rm -f "$package"/feltmb/_core*.so && cp "$module" "$package/feltmb/"
 preload=$(${CXX:-g++} -print-file-name=libasan.so):$(${CXX:-g++} -print-file-name=libstdc++.so)
 cd "$root"
 ASAN_OPTIONS=detect_leaks=0 LD_PRELOAD=$preload PYTHONPATH=$package python -m pytest -q -p no:cacheprovider \
-  tests/python/unit/test_events.py tests/python/unit/test_config_faults.py tests/python/hard/test_random_models.py
+  tests/python/unit/test_events.py tests/python/unit/test_config_faults.py \
+  tests/python/unit/test_strangers_core.py tests/python/hard/test_random_models.py

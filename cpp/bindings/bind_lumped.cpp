@@ -102,7 +102,7 @@ std::span<const double> view(const Doubles& a) {
 }  // namespace
 
 void bind_lumped(py::module_& m) {
-  py::class_<Network>(m, "LumpedNetwork", "Network of lumped masses; see feltmb.lumped.")
+  py::class_<Network>(m, "LumpedNetwork", "Network of lumped masses; see bench/blind/lumped.py.")
       .def(py::init(&network_of), py::arg("description"))
       .def_property_readonly("states", &Network::states)
       .def_readonly("parameters", &Network::parameters)

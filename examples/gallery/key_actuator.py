@@ -7,7 +7,7 @@ of a cantilever, in closed form; the books of energy close.
 import numpy as np
 from show import Found, show
 
-from feltmb.actuator import load_actuator, simulate_actuator
+from feltmb.action.actuator import load_actuator, simulate_actuator
 from feltmb.style import BLUE, RED, new_figure, style_axes
 
 

@@ -2,12 +2,12 @@
 
     feltmb gap diagnose examples/gap/emps.py examples/gap/data/emps_*.csv --hold-out emps_pulses
 
-The nominal lacks the dry friction of the guide.
+The model lacks the dry friction of the guide.
 """
 
-from feltmb.gap import LinearNominal, Parameter, library
+from feltmb.gap import LinearModel, Parameter, library
 
-nominal = LinearNominal(
+model = LinearModel(
     name="EMPS, mass and viscous friction",
     output="force",
     columns={

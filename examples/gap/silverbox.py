@@ -1,14 +1,14 @@
-"""Silverbox, an electronic oscillator: a linear nominal without its cubic stiffness.
+"""Silverbox, an electronic oscillator: a linear model without its cubic stiffness.
 
 feltmb gap diagnose examples/gap/silverbox.py examples/gap/data/silverbox_*.nc
 """
 
-from feltmb.gap import Coordinate, OdeNominal, Parameter, State, library
+from feltmb.gap import Coordinate, OdeModel, Parameter, State, library
 
 FREQUENCY = 430.0  # rad/s, a first guess of the resonance
 
 mass = Coordinate(name="mass", position="y", speed="v", inertia=1.0, unit="V/s^2")
-nominal = OdeNominal(
+model = OdeModel(
     name="Silverbox, linear",
     states=[
         State(name="y", unit="V", scale=0.05, start_sd=0.1),

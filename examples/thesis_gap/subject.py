@@ -10,11 +10,11 @@ from it anew.
 
 from pathlib import Path
 
+from feltmb.adapters import load_blows
 from feltmb.data import write_record
-from feltmb.subjects import load_blows
 
 HERE = Path(__file__).parent
-nominal, effects, records = load_blows(HERE / "table_4_3.toml")
+model, effects, records = load_blows(HERE / "table_4_3.toml")
 
 if __name__ == "__main__":
     for record in records:

@@ -5,13 +5,12 @@ Everything is imported when it is first used: ``import feltmb`` itself is quick.
 
 from __future__ import annotations
 
-import sys
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from feltmb._core import __version__
-    from feltmb.config import Action, load_action, packaged_actions
+    from feltmb.action.regulate import Regulation, load_targets, regulate
+    from feltmb.action.touch import Touch, touch
     from feltmb.errors import (
         DataError,
         FeltmbError,
@@ -20,11 +19,12 @@ if TYPE_CHECKING:
         InvalidParameter,
         ModelError,
     )
-    from feltmb.regulate import Regulation, load_targets, regulate
-    from feltmb.results import Run, load_run
-    from feltmb.sensitivity import Gradient, gradient
-    from feltmb.simulate import Evaluation, evaluate, simulate
-    from feltmb.stroke import (
+    from feltmb.graphics.viewer import view
+    from feltmb.mechanism import Action, load_action, packaged_actions
+    from feltmb.run.results import Run, load_run
+    from feltmb.run.sensitivity import Gradient, gradient
+    from feltmb.run.simulate import Evaluation, evaluate, simulate
+    from feltmb.run.stroke import (
         Stroke,
         load_stroke,
         motion_stroke,
@@ -36,10 +36,8 @@ if TYPE_CHECKING:
         table_stroke,
         torque_stroke,
     )
-    from feltmb.study import StudyResult, packaged_studies, study
-    from feltmb.sweep import sweep
-    from feltmb.touch import Touch, touch
-    from feltmb.viewer import view
+    from feltmb.run.study import StudyResult, packaged_studies, study
+    from feltmb.run.sweep import sweep
 
 __all__ = [
     "Action",
@@ -84,51 +82,40 @@ __all__ = [
 #: module -> what the package takes from it, on first use
 _LAZY = {
     "_core": "__version__",
-    "config": "Action load_action packaged_actions",
+    "mechanism": "Action load_action packaged_actions",
     "errors": "DataError FeltmbError FileExists IntegrationError InvalidParameter ModelError",
-    "regulate": "Regulation load_targets regulate",
-    "results": "Run load_run",
-    "sensitivity": "Gradient gradient",
-    "simulate": "Evaluation evaluate simulate",
-    "stroke": "Stroke load_stroke motion_stroke packaged_strokes pulse_stroke ramp_stroke "
+    "action.regulate": "Regulation load_targets regulate",
+    "run.results": "Run load_run",
+    "run.sensitivity": "Gradient gradient",
+    "run.simulate": "Evaluation evaluate simulate",
+    "run.stroke": "Stroke load_stroke motion_stroke packaged_strokes pulse_stroke ramp_stroke "
     "read_stroke_csv sequence table_stroke torque_stroke",
-    "study": "StudyResult packaged_studies study",
-    "sweep": "sweep",
-    "touch": "Touch touch",
-    "viewer": "view",
+    "run.study": "StudyResult packaged_studies study",
+    "run.sweep": "sweep",
+    "action.touch": "Touch touch",
+    "graphics.viewer": "view",
 }
 _HOME = {name: module for module, names in _LAZY.items() for name in names.split()}
 
-#: Modules that are loaded when they are first asked for.
-_MODULES = (
-    "animate",
-    "batch",
-    "contact",
-    "data",
-    "felt",
-    "fiber",
-    "fit",
-    "gap",
-    "graph",
-    "parameters",
-    "plot",
-    "sensitivity",
-    "subjects",
-    "units",
-    "viewer",
-)
-
-
-class _Package(ModuleType):
-    """The package; some of its functions bear the name of the module that they live in."""
-
-    def __setattr__(self, name: str, value: object) -> None:
-        if isinstance(value, ModuleType) and _HOME.get(name) == name:
-            value = getattr(value, name, value)  # the import of feltmb.sweep sets feltmb.sweep
-        super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package
+#: name -> module that is loaded when it is first asked for
+_MODULES = {
+    "actuator": "action.actuator",
+    "adapters": "adapters",
+    "animate": "graphics.animate",
+    "batch": "run.batch",
+    "contact": "contact",
+    "data": "data",
+    "felt": "felt",
+    "fiber": "fiber",
+    "fit": "fit",
+    "gap": "gap",
+    "graph": "graphics.graph",
+    "parameters": "mechanism.parameters",
+    "plot": "graphics.plot",
+    "sensitivity": "run.sensitivity",
+    "units": "units",
+    "viewer": "graphics.viewer",
+}
 
 
 def __getattr__(name: str) -> object:
@@ -140,7 +127,7 @@ def __getattr__(name: str) -> object:
         globals()[name] = value
         return value
     if name in _MODULES:
-        return importlib.import_module(f"feltmb.{name}")
+        return importlib.import_module(f"feltmb.{_MODULES[name]}")
     raise AttributeError(f"module 'feltmb' has no attribute {name!r}")
 
 

@@ -13,15 +13,14 @@ import inspect
 import math
 import numbers
 import os
-import reprlib
 from collections.abc import Callable, Iterable, Mapping, Sized
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from feltmb.errors import InvalidParameter
+from feltmb.errors import InvalidParameter, shown
 from feltmb.units import si_value
 
-__all__ = ["checked", "shown"]
+__all__ = ["checked"]
 
 T = TypeVar("T")
 
@@ -39,18 +38,6 @@ class _Kind:
 
     text: str
     check: Check
-
-
-_REPR = reprlib.Repr()
-_REPR.maxstring = _REPR.maxother = _REPR.maxlong = 80
-
-
-def shown(value: object) -> str:
-    """A value in a message: short, in one line, whatever it is."""
-    try:
-        return " ".join(_REPR.repr(value).split())
-    except Exception:  # a number of thousands of digits, or a foreign repr that fails
-        return f"an object of type {type(value).__name__}"
 
 
 def checked(target: T) -> T:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import reprlib
 from typing import Any
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "InvalidParameter",
     "ModelError",
     "printable",
+    "shown",
 ]
 
 MOST_LETTERS = 4000  # of a message
@@ -90,7 +92,7 @@ class IntegrationError(FeltmbError):
 
     Attributes
     ----------
-    partial : Run or ActuatorRun
+    partial : feltmb.Run or feltmb.actuator.ActuatorRun
         The run as far as it came, complete up to ``time``.
     time : float
         Time reached [s].
@@ -104,3 +106,15 @@ class IntegrationError(FeltmbError):
         self.time = time
         self.state = state
         self.contact = contact
+
+
+_REPR = reprlib.Repr()
+_REPR.maxstring = _REPR.maxother = _REPR.maxlong = 80
+
+
+def shown(value: object) -> str:
+    """A value in a message: short, in one line, whatever it is."""
+    try:
+        return " ".join(_REPR.repr(value).split())
+    except Exception:  # a number of thousands of digits, or a foreign repr that fails
+        return f"an object of type {type(value).__name__}"

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,9 @@ import feltmb
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 ROOT = DATA.parents[1]
+
+# The benches use feltmb and are no part of it.
+sys.path.insert(0, str(ROOT / "bench"))
 
 
 #: Rigid members and one string: fast, and what the independent models of the tests describe.

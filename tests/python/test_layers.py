@@ -12,14 +12,9 @@ import pytest
 HERE = Path(__file__).resolve()
 ROOT = HERE.parents[2]
 
-BASE = "errors units arguments quantity"
-MODEL = (
-    f"{BASE} files hdf5 netcdf _core params config smoothing stroke events results cautions "
-    "options simulate"
-)
-STUDY = "sweep study study_expression study_plot study_report"
-TOOLS = "actuator quasistatic regulate touch felt subjects parameters sensitivity batch"
-FRONT = f"{MODEL} {STUDY} contact fiber data fit gap plot {TOOLS}"
+GROUND = "errors units arguments files"
+MODEL = f"{GROUND} _core params fiber contact mechanism"
+RUN = f"{MODEL} data run"
 
 # part -> the parts that it may use. C++ parts are folders, Python parts are modules of the package.
 # A new folder or module gets a line here; what points back is refused.
@@ -41,60 +36,29 @@ MAY_USE = {
         "lumped",
         "bench": "core numeric fiber contact beam modal ode planar model sensitivity batch",
     },
-    # Configuration becomes a simulation, a simulation gives results; what works on results (fit,
-    # gap, plot) has never heard of a configuration and serves any simulator.
+    # A mechanism and a stroke become a run. What works on records and models (fit, gap) has never
+    # heard of a mechanism and serves any simulator; adapters are the bridge.
     "Python": {
-        "_core": "",
-        "material": f"{BASE} _core files params",
-        "layer": f"{BASE} _core material",
-        "contact": f"{BASE} _core layer",
         "errors": "",
         "units": "errors",
         "arguments": "errors units",
-        "quantity": "errors units arguments",
         "files": "errors",
-        "hdf5": "errors files",
-        "params": BASE,
-        "mending": "",
-        "fiber": f"{BASE} _core files",
-        "config": f"{BASE} _core files params mending material layer",
-        "felt": f"{BASE} _core files params material layer config contact fiber",
-        "stroke": f"{BASE} _core files params smoothing",
-        "smoothing": "errors",
-        "events": BASE,
-        "netcdf": "",
-        "results": f"{BASE} _core files netcdf hdf5",
-        "data": f"{BASE} files hdf5",
-        "published": f"{BASE} files params results",
-        "cautions": "config stroke",
-        "options": BASE,
-        "simulate": f"{BASE} _core params config stroke events results cautions options",
-        "parameters": f"{BASE} _core config",
-        "sensitivity": f"{MODEL} parameters",
-        "batch": MODEL,
-        "fit": f"{BASE} results data files",
-        "gap": f"{BASE} results data fit _core files",
         "style": "errors",
-        "plot": f"{BASE} _core files style config results data",
-        "graph": f"{BASE} style config plot",
-        "film": f"{BASE} config results plot",
-        "animate": f"{BASE} files style config results plot film",
-        "viewer": f"{BASE} files style config results plot film",
-        "actuator": f"{MODEL} fiber style",
-        "sweep": f"{MODEL} batch",
-        "study_expression": BASE,
-        "study_plot": f"{BASE} study_expression",
-        "study_report": f"{BASE} _core study_plot",
-        "study": f"{MODEL} sweep study_expression study_plot study_report",
-        "quasistatic": MODEL,
-        "regulate": f"{MODEL} quasistatic",
-        "touch": f"{MODEL} quasistatic plot",
-        "lumped": f"{BASE} _core",
-        "blind": f"{BASE} _core files data fit gap lumped config simulate results stroke subjects "
-        "__init__",
-        "__init__": f"{FRONT} viewer",
-        "cli": f"{FRONT} __init__ graph animate published blind viewer",
-        "subjects": f"{MODEL} data fit gap",
+        "_core": "",
+        "params": "errors units",
+        "data": GROUND,
+        "fiber": f"{GROUND} _core params",
+        "contact": f"{GROUND} _core fiber",
+        "mechanism": f"{GROUND} _core params fiber contact",
+        "felt": MODEL,
+        "run": f"{MODEL} data",
+        "fit": f"{GROUND} data",
+        "gap": f"{GROUND} _core data fit",
+        "adapters": f"{RUN} fit gap",
+        "action": f"{RUN} style",
+        "graphics": f"{RUN} style",
+        "__init__": f"{RUN} felt fit gap adapters action graphics",
+        "cli": f"{RUN} felt fit gap adapters action graphics __init__",
         "__main__": "cli",
     },
 }
@@ -112,6 +76,15 @@ PACKAGE_HOST = re.compile(
     r"pypi\.org|pythonhosted\.org|(?:deb|security|snapshot|ftp)\.debian\.org"
     r"|npmjs\.(?:org|com)|anaconda\.org|archive\.ubuntu\.com"
 )
+
+#: Words that were replaced by the standard terms of the field (docs/notation.md, glossary), and
+#: must not come back. A word is added when its last use is gone.
+REPLACED_WORD = re.compile(
+    r"(?<![\w-])(?:nominals?|\w*Nominal\w*|foresee[ns]?|foreseeing|foresight"
+    r"|foretells?|foretelling|foretold)(?![\w-])"
+)
+#: Files that tell what was replaced, and this one.
+TELLS_OLD_WORDS = {"CHANGELOG.md", "docs/notation.md", "tests/python/test_layers.py"}
 
 
 def check_use(language: str, file: str, user: str, used: str) -> Iterator[str]:
@@ -220,6 +193,10 @@ def text_faults(file: Path, root: Path) -> Iterator[str]:
             yield f"{where}: path of a machine {found.group()}"
         if found := PACKAGE_HOST.search(line):
             yield f"{where}: package host {found.group()}"
+        if file.relative_to(root).as_posix() in TELLS_OLD_WORDS:
+            continue
+        if found := REPLACED_WORD.search(line):
+            yield f"{where}: {found.group()} is not written any more, see docs/notation.md"
 
 
 @pytest.mark.parametrize("language", MAY_USE)
@@ -237,6 +214,46 @@ def test_every_part_of_the_table_exists():
     assert set(MAY_USE["C++"]) <= folders | {"bindings", "bench"}
 
 
+def imports_of_modules(package: Path) -> dict[str, set[str]]:
+    """Module -> modules that it imports, anywhere in its text, for annotations too.
+
+    Packages count as what they re-export only where a module imports from the package itself.
+    """
+    files = {
+        ".".join(("feltmb", *file.relative_to(package).with_suffix("").parts)).removesuffix(
+            ".__init__"
+        ): file
+        for file in package.rglob("*.py")
+    }
+    found: dict[str, set[str]] = {}
+    for module, file in files.items():
+        found[module] = set()
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            names: list[str] = []
+            if isinstance(node, ast.ImportFrom) and node.module:
+                names = [f"{node.module}.{alias.name}" for alias in node.names]
+                names = [n if n in files else node.module for n in names]
+            elif isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            found[module] |= {n for n in names if n in files and n not in (module, "feltmb")}
+    return found
+
+
+def test_modules_have_no_circle():
+    graph = imports_of_modules(ROOT / "python" / "feltmb")
+    try:
+        graphlib.TopologicalSorter(graph).prepare()
+    except graphlib.CycleError as circle:
+        pytest.fail(" -> ".join(circle.args[1]))
+
+
+def test_circle_is_found(tmp_path):
+    (tmp_path / "a.py").write_text("def f():\n    from feltmb.b import x")
+    (tmp_path / "b.py").write_text("if TYPE_CHECKING:\n    from feltmb.a import y")
+    with pytest.raises(graphlib.CycleError):
+        graphlib.TopologicalSorter(imports_of_modules(tmp_path)).prepare()
+
+
 def none(faults: Iterator[str]) -> None:
     found = list(dict.fromkeys(faults))
     assert not found, "\n".join(["", *found])
@@ -250,7 +267,7 @@ def test_python_imports_point_one_way():
     none(python_faults(ROOT))
 
 
-def test_no_machine_path_and_no_package_host():
+def test_no_machine_path_no_package_host_and_no_replaced_word():
     none(fault for file in committed_files(ROOT) for fault in text_faults(file, ROOT))
 
 
@@ -270,13 +287,13 @@ def test_no_machine_path_and_no_package_host():
         ("cpp/src/model/a.cpp", "#include <pybind11/pybind11.h>", "only bindings may include"),
         ("cpp/include/feltmb/ode/a.hpp", "#include <cvodes/cvodes.h>", "an installed library"),
         ("cpp/src/planar/a.cpp", "#include <cvodes/cvodes.h>", "only ode may include"),
-        ("python/feltmb/fit.py", "from feltmb.config import Config", 'not use "config"'),
-        ("python/feltmb/gap/a.py", "from ..simulate import run", 'not use "simulate"'),
-        ("python/feltmb/gap/__init__.py", "from .. import config", 'not use "config"'),
+        ("python/feltmb/fit.py", "from feltmb.mechanism import Config", 'not use "mechanism"'),
+        ("python/feltmb/gap/a.py", "from ..run import simulate", 'not use "run"'),
+        ("python/feltmb/gap/__init__.py", "from .. import mechanism", 'not use "mechanism"'),
         ("python/feltmb/gap/a.py", "def f():\n    import feltmb.cli", 'not use "cli"'),
-        ("python/feltmb/plot.py", "from feltmb import Config", 'not use "__init__"'),
+        ("python/feltmb/style.py", "from feltmb import Config", 'not use "__init__"'),
         ("python/feltmb/knit/a.py", "", 'part "knit" is unknown; add it'),
-        ("python/feltmb/plot.py", "import feltmb.knit", 'not use "__init__"'),
+        ("python/feltmb/style.py", "import feltmb.knit", 'not use "__init__"'),
     ],
 )
 def test_fault_is_found(tmp_path, path, text, fault):
@@ -298,8 +315,8 @@ def test_fault_is_found(tmp_path, path, text, fault):
         ("bench/a.cpp", "#include <feltmb/batch/b.hpp>"),
         ("python/feltmb/gap/a.py", "from .b import x\nfrom ..fit import Fit\nimport numpy"),
         ("python/feltmb/cli/a.py", "from feltmb import __version__, simulate"),
-        ("python/feltmb/errors.py", "if TYPE_CHECKING:\n    from feltmb.results import Run"),
-        ("python/feltmb/__init__.py", "from .simulate import run\nfrom . import plot"),
+        ("python/feltmb/errors.py", "if TYPE_CHECKING:\n    from feltmb.run.results import Run"),
+        ("python/feltmb/__init__.py", "from .run import x\nfrom . import graphics"),
     ],
 )
 def test_permitted_use_passes(tmp_path, path, text):
@@ -322,6 +339,19 @@ def test_package_host_is_found(tmp_path):
     host = ".".join(["pypi", "org"])
     file.write_text(f"one\nhttps://{host}/simple")
     assert list(text_faults(file, tmp_path)) == [f"a.md:2: package host {host}"]
+
+
+@pytest.mark.parametrize("text", ["the nominal fit", "OdeNominal", "to foresee", "it foretold"])
+def test_replaced_word_is_found(tmp_path, text):
+    (tmp_path / "a.md").write_text(text)
+    (fault,) = text_faults(tmp_path / "a.md", tmp_path)
+    assert "is not written any more" in fault
+
+
+@pytest.mark.parametrize("text", ["a denominator", "nominally", "the model"])
+def test_words_that_only_look_like_one_pass(tmp_path, text):
+    (tmp_path / "a.md").write_text(text)
+    assert list(text_faults(tmp_path / "a.md", tmp_path)) == []
 
 
 @pytest.mark.parametrize(

@@ -19,14 +19,14 @@ LIMITS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))
 
 def schemas() -> list[tuple[str, str, type[BaseModel]]]:
     """Title, what it is for, schema of each kind of file."""
-    from feltmb.actuator.model import ActuatorFile
-    from feltmb.config import MechanismFile
+    from feltmb.action.actuator.model import ActuatorFile
+    from feltmb.action.regulate import Targets
+    from feltmb.adapters.library import LibraryFile
     from feltmb.data.files import _Sheet
-    from feltmb.material import FeltMaterial
-    from feltmb.regulate import Targets
-    from feltmb.stroke.files import StrokeFile
-    from feltmb.study.schema import StudyFile
-    from feltmb.subjects.library import LibraryFile
+    from feltmb.fiber.material import FeltMaterial
+    from feltmb.mechanism import MechanismFile
+    from feltmb.run.stroke.files import StrokeFile
+    from feltmb.run.study.schema import StudyFile
 
     return [
         ("Mechanism", "[Mechanism files](../mechanism_files.md) explain the keys.", MechanismFile),

@@ -403,9 +403,9 @@ bool ModalContactStepper::step(int level, long tick, double& error) {
   }
   right_.assign(right_.size(), 0.0);
   const std::vector<double>::size_type n = 2 * contacts;
-  double foretold[16];
+  double predicted[16];
   std::vector<double> many;
-  double* guess = foretold;
+  double* guess = predicted;
   if (n > 16) {
     many.resize(n);
     guess = many.data();
@@ -425,7 +425,7 @@ bool ModalContactStepper::step(int level, long tick, double& error) {
       off = gain * std::fabs(now_[c].force - 2.0 * middle_[c].force + end_[c].force);
     }
     // A law whose slope jumps where the rate changes its sign (loading, unloading) bends the force
-    // within the step, and the past cannot foretell it.
+    // within the step, and the past cannot predict it.
     if (now_[c].rate * end_[c].rate < 0.0 && h > kShortestKink * options_.interval) {
       off = std::max(off, kKink * std::fabs((end_[c].d_rate - now_[c].d_rate) *
                                             (end_[c].rate - now_[c].rate)));

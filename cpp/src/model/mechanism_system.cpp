@@ -703,7 +703,6 @@ void MechanismSystem::read_events(std::span<double> g) const {
 
 void MechanismSystem::quadratures(double t, std::span<const double> y, std::span<double> h) {
   evaluate_apart(t, y);
-  rhs_time_ = t;  // evaluated as for a right-hand side
   const Mechanism& m = mechanism();
   const MechanicalState p = parts(y);
   const Drive now = drive(t);

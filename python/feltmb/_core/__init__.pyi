@@ -1307,7 +1307,7 @@ class StopFlag:
 
 class LumpedNetwork:
     """
-    Network of lumped masses; see feltmb.lumped.
+    Network of lumped masses; see bench/blind/lumped.py.
     """
     def __init__(self, description: dict) -> None: ...
     def simulate(

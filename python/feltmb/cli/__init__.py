@@ -95,8 +95,10 @@ def cli() -> None:
     """
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Run the command line; never shows a traceback for a fault of the input."""
+def main(
+    arguments: list[str] | None = None, command: click.Command = cli, name: str = "feltmb"
+) -> None:
+    """Run the command line, or another command; shows no traceback for a fault of the input."""
     from feltmb.cli.common import complain, say
     from feltmb.errors import FeltmbError, FileExists, ModelError
 
@@ -108,10 +110,12 @@ def main(arguments: list[str] | None = None) -> None:
     try:
         with warnings.catch_warnings():
             warnings.showwarning = lambda message, *_: complain(f"warning: {message}")
-            code = cli.main(arguments, prog_name="feltmb", standalone_mode=False)
+            code = command.main(arguments, prog_name=name, standalone_mode=False)
     except SystemExit as end:
         if "_FELTMB_COMPLETE" in os.environ:  # click ends so what it completed
             raise
+        if isinstance(end.__context__, BrokenPipeError):  # rich and click end so, too
+            sys.exit(0)
         # No command ends so: a model or an effect did that the user wrote in Python.
         frames = traceback.extract_tb(end.__traceback__)
         where = f"{frames[-1].filename}, line {frames[-1].lineno}" if frames else "a model"

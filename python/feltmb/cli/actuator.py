@@ -29,7 +29,7 @@ from feltmb.cli.common import (
 from feltmb.cli.completing import actions, actuators
 
 if TYPE_CHECKING:
-    from feltmb.actuator import Actuator, ActuatorRun
+    from feltmb.action.actuator import Actuator, ActuatorRun
 
 __all__ = ["command"]
 
@@ -46,8 +46,8 @@ ROWS = {
 
 
 def _load(arm: str, damper: str | None, settings: tuple[str, ...]) -> Actuator:
-    from feltmb.actuator import load_actuator
-    from feltmb.config import parse_setting
+    from feltmb.action.actuator import load_actuator
+    from feltmb.mechanism import parse_setting
 
     actuator = load_actuator(arm)
     if settings:
@@ -133,9 +133,9 @@ def command(
     """
     if context.invoked_subcommand is not None:
         return
-    from feltmb.actuator import simulate_actuator
-    from feltmb.actuator.plot import plot_run
-    from feltmb.stroke import load_stroke
+    from feltmb.action.actuator import simulate_actuator
+    from feltmb.action.actuator.plot import plot_run
+    from feltmb.run.stroke import load_stroke
 
     if elements is not None:
         settings = (*settings, f"arm.elements={elements}")
@@ -212,7 +212,7 @@ def study_command(out: Path | None, force: bool, as_json: bool) -> None:
     """Figures 5.6 to 5.11 of the thesis and its findings, held against the numbers."""
     from dataclasses import asdict
 
-    from feltmb.actuator.studies import study_actuator
+    from feltmb.action.actuator.studies import study_actuator
     from feltmb.files import make_folder
 
     if out is not None:
@@ -296,10 +296,10 @@ def match_command(
 
     TARGET is a CSV with the header "time [s],force [N]" or a force stroke.
     """
-    from feltmb.actuator.match import match
-    from feltmb.actuator.plot import plot_match
+    from feltmb.action.actuator.match import match
+    from feltmb.action.actuator.plot import plot_match
     from feltmb.files import write_text
-    from feltmb.stroke import load_stroke
+    from feltmb.run.stroke import load_stroke
 
     check_targets(out, pictures=(plot,), force=force)
     found = match(

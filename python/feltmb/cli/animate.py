@@ -46,8 +46,8 @@ def command(
     force: bool,
 ) -> None:
     """Animate the mechanism of a saved RUN."""
-    from feltmb.animate import animate
-    from feltmb.results import load_run
+    from feltmb.graphics.animate import animate
+    from feltmb.run.results import load_run
 
     target = out or run.with_suffix(".gif")
     say_written(

@@ -22,9 +22,8 @@ from feltmb.errors import printable
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
-    from rich.text import Text
 
-    from feltmb.config import Action
+    from feltmb.mechanism import Action
 
 __all__ = [
     "ListOption",
@@ -69,11 +68,7 @@ def console(*, stderr: bool = False) -> Console:
     Where no terminal is there are no colors, and no line is cut or folded unless COLUMNS says how
     long a line may be.
     """
-    from rich.console import Console as Plain
-
-    class Console(Plain):
-        def render_str(self, text: str, **options: Any) -> Text:
-            return super().render_str(printable(text), **options)
+    from rich.console import Console
 
     from feltmb.cli.tables import Screen
 
@@ -214,18 +209,18 @@ def check_targets(*files: Path | None, pictures: tuple[Path | None, ...] = (), f
     from feltmb.errors import InvalidParameter
     from feltmb.files import check_writable
 
+    targets = [path for path in (*files, *pictures) if path is not None]
     seen: set[Path] = set()
-    for path in (*files, *pictures):
-        if path is None:
-            continue
-        check_writable(path, force=force)
+    for path in targets:
         here = path.absolute()
         if any(here == other or here in other.parents or other in here.parents for other in seen):
             raise InvalidParameter(f"{path}: is wanted for two results; give each its own name")
         seen.add(here)
-    for path in pictures:
-        if path is not None:
-            _picture_kind(path)
+    for path in targets:
+        check_writable(path, force=force)
+    for picture in pictures:
+        if picture is not None:
+            _picture_kind(picture)
 
 
 def save_figure(figure: Any, path: Path, *, force: bool) -> None:
@@ -325,7 +320,7 @@ class Quantity(click.FloatRange):
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
         """The number in the SI unit, or a message."""
-        from feltmb.quantity import parse_scalar
+        from feltmb.units.quantity import parse_scalar
 
         try:
             number = parse_scalar(value, self.unit)
@@ -475,7 +470,7 @@ diameter_option = click.option(
 
 def load_with_settings(name: str, settings: tuple[str, ...]) -> Action:
     """Mechanism by name or path, with the values of ``--set``."""
-    from feltmb.config import load_action, parse_setting
+    from feltmb.mechanism import load_action, parse_setting
 
     action = load_action(name)
     if settings:
@@ -492,7 +487,7 @@ def parse_option(option: str, text: str, unit: str) -> float:
         Naming the option.
     """
     from feltmb.errors import InvalidParameter
-    from feltmb.quantity import parse_scalar
+    from feltmb.units.quantity import parse_scalar
 
     try:
         return parse_scalar(text, unit)

@@ -12,7 +12,7 @@ import click
 from click.shell_completion import CompletionItem, split_arg_string
 
 if TYPE_CHECKING:
-    from feltmb.results import Run
+    from feltmb.run.results import Run
 
 __all__ = [
     "actions",
@@ -131,8 +131,8 @@ def _is_given(raw: Mapping[str, Any], path: str) -> bool:
 
 def _settable() -> dict[str, Any]:
     """Value by dotted path, of the mechanism that the line names."""
-    from feltmb.config import load_action
     from feltmb.errors import FeltmbError
+    from feltmb.mechanism import load_action
 
     name = _mechanism()
     if name is None:
@@ -162,7 +162,7 @@ def settings(
     _context: click.Context, parameter: click.Parameter, incomplete: str
 ) -> list[CompletionItem]:
     """PATH= of the mechanism of the line; the values where they are words."""
-    from feltmb.config import LAWS
+    from feltmb.mechanism import LAWS
 
     path, sign, value = incomplete.partition("=")
     of_subject = dict.fromkeys(SUBJECT) if parameter.metavar == "NAME=VALUE" else {}
@@ -180,7 +180,7 @@ def _runs() -> Iterator[Run]:
     """The saved runs that the line names; what cannot be read has nothing to complete."""
     from feltmb.errors import FeltmbError
     from feltmb.files import is_file
-    from feltmb.results import load_run
+    from feltmb.run.results import load_run
 
     for word in _line():
         if word.endswith(".nc") and is_file(Path(word)):

@@ -20,7 +20,7 @@ from feltmb.cli.common import (
 )
 
 if TYPE_CHECKING:
-    from feltmb.results import Run
+    from feltmb.run.results import Run
 
 STROKES = ("piano", "forte", "staccato")
 
@@ -44,14 +44,14 @@ def command(out: Path, no_animation: bool, settings: tuple[str, ...]) -> None:
     """
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from feltmb.animate import animate
     from feltmb.cli.common import load_with_settings
     from feltmb.cli.stroke import summary_table
     from feltmb.files import make_folder, write_file
-    from feltmb.plot import mechanism as draw
-    from feltmb.plot import save_all
-    from feltmb.simulate import simulate
-    from feltmb.viewer import view
+    from feltmb.graphics.animate import animate
+    from feltmb.graphics.plot import mechanism as draw
+    from feltmb.graphics.plot import save_all
+    from feltmb.graphics.viewer import view
+    from feltmb.run.simulate import simulate
 
     action = load_with_settings("steinway45", settings)
     make_folder(out)
@@ -107,7 +107,7 @@ def command(out: Path, no_animation: bool, settings: tuple[str, ...]) -> None:
 def published_table(runs: list[Run]) -> Any:
     """Table of simulated beside published numbers."""
     from feltmb.cli.stroke import SUMMARY_ROWS
-    from feltmb.published import compare_with_published
+    from feltmb.run.published import compare_with_published
 
     table = new_table(
         "beside the thesis", "stroke", "", "here", "thesis", "unit", "differs", right=(2, 3, 5)

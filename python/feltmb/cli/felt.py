@@ -296,11 +296,11 @@ def envelope_command(
     The table is the value of contacts.NN.memory.envelope in a mechanism file; with --contact the
     file is a mechanism that can be used at once.
     """
-    from feltmb.config import load_action
     from feltmb.errors import InvalidParameter
     from feltmb.felt import envelope, load_material, parse_area
     from feltmb.felt.plot import plot_envelope
     from feltmb.files import write_text
+    from feltmb.mechanism import load_action
 
     check_targets(output, pictures=(picture,), force=force)
     if contact is not None:

@@ -1,4 +1,4 @@
-"""``feltmb fit``: the nominal fit alone."""
+"""``feltmb fit``: the model fit alone."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def command(
 ) -> None:
     """Fit the parameters of MODEL to measured DATA: values, intervals, what the data said.
 
-    MODEL is a packaged mechanism or a Python file that defines `nominal` and `effects`. A fit that
+    MODEL is a packaged mechanism or a Python file that defines `model` and `effects`. A fit that
     was cut off resumes when it is started again with the same output folder.
     """
     import json
@@ -60,16 +60,16 @@ def command(
     from feltmb.cli.gap_subjects import load_subject
     from feltmb.files import check_writable, make_folder, write_text
     from feltmb.fit.solve import FitSettings
-    from feltmb.gap import fit_nominal
-    from feltmb.gap.files import plain
+    from feltmb.gap import fit_model
+    from feltmb.gap.report import plain
 
     if output is not None:
         check_writable(make_folder(output) / "fit.json", force=force)
 
     subject = load_subject(model, settings)
     records = subject.read(data)
-    fit = fit_nominal(
-        subject.nominal,
+    fit = fit_model(
+        subject.model,
         records,
         window=window,
         settings=FitSettings(restarts=restarts),
@@ -78,7 +78,7 @@ def command(
     )
     rows = fit.intervals()
     result = {
-        "model": subject.nominal.name,
+        "model": subject.model.name,
         "parameters": plain(rows),
         "chi2": plain(fit.chi2),
         "dof": plain(fit.dof),
@@ -94,7 +94,7 @@ def command(
         print_json(result)
         return
     table = new_table(
-        subject.nominal.name,
+        subject.model.name,
         "parameter",
         "fitted",
         "95 %",

@@ -1,13 +1,12 @@
-"""``feltmb gap``: check records, foresee, diagnose."""
+"""``feltmb gap``: check records, plan, diagnose."""
 
 from __future__ import annotations
 
-import importlib
 import textwrap
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -28,10 +27,10 @@ from feltmb.cli.common import (
     subject_set_option,
 )
 from feltmb.cli.completing import actions, effects
+from feltmb.cli.gap_blind import command as blind_command
 from feltmb.errors import InvalidParameter
 
 if TYPE_CHECKING:
-    from feltmb.data import Record
     from feltmb.gap import Report
 
 __all__ = ["command"]
@@ -41,9 +40,12 @@ __all__ = ["command"]
 def command() -> None:
     """Diagnose the gap between a model and measurements: where, which cause, how far it shrinks.
 
-    A model is a packaged mechanism or a Python file that defines `nominal` and `effects`. Measured
+    A model is a packaged mechanism or a Python file that defines `model` and `effects`. Measured
     files are CSV, MAT or NetCDF, each with a TOML of the same name beside it.
     """
+
+
+command.add_command(blind_command)
 
 
 def progress_line() -> Callable[[str, int, int], None] | None:
@@ -71,11 +73,11 @@ def check(data: tuple[Path, ...], as_json: bool) -> None:
     from feltmb.errors import DataError
     from feltmb.gap import check_records
 
-    gates = check_records(read_records(data))
+    checks = check_records(read_records(data))
     if as_json:
-        from feltmb.gap.files import plain
+        from feltmb.gap.report import plain
 
-        print_json(plain(gates))
+        print_json(plain(checks))
     else:
         table = new_table(
             "channels",
@@ -90,7 +92,7 @@ def check(data: tuple[Path, ...], as_json: bool) -> None:
             right=(3, 4, 5, 6),
             whole=(0, 1, 6),
         )
-        for c in gates.channels:
+        for c in checks.channels:
             table.add_row(
                 c.record,
                 c.channel,
@@ -102,23 +104,21 @@ def check(data: tuple[Path, ...], as_json: bool) -> None:
                 c.method,
             )
         console().print(table)
-        for label, channel, sd in gates.repeatability:
+        for label, channel, sd in checks.repeatability:
             say(f"repeats {label}: {channel} differs by {sd:.3g}")
-        for warning in gates.warnings:
+        for warning in checks.warnings:
             say(f"warning: {warning}")
-    if gates.problems:
-        raise DataError("records: " + "; ".join(gates.problems))
+    if checks.problems:
+        raise DataError("records: " + "; ".join(checks.problems))
 
 
-@command.command(
-    "foresee", short_help="Before measuring: which effects of MODEL could be told apart."
-)
+@command.command("plan", short_help="Before measuring: which effects of MODEL could be told apart.")
 @click.argument("model", shell_complete=actions)
 @click.argument("data", nargs=-1, type=click.Path(path_type=Path))
 @list_option("--channels", metavar="NAME", help="Channel or output that will be measured.")
 @subject_set_option
 @json_option
-def foresee_command(
+def plan_command(
     model: str,
     data: tuple[Path, ...],
     channels: tuple[str, ...],
@@ -132,17 +132,16 @@ def foresee_command(
     of the model and outputs that are not measured are ranked as next experiments.
     """
     from feltmb.cli.gap_subjects import load_subject
-    from feltmb.errors import InvalidParameter
-    from feltmb.gap import foresee
-    from feltmb.gap.files import plain
+    from feltmb.gap import plan
+    from feltmb.gap.report import plain
 
     subject = load_subject(model, settings, channels)
     planned = subject.planned
     records = subject.read(data) if data else planned
     if not records:
         raise InvalidParameter(f"{model}: has no planned runs; give measured or planned files")
-    found = foresee(
-        subject.nominal,
+    found = plan(
+        subject.model,
         subject.effects,
         records if data else records[:1],
         channels=subject.outputs_of(channels) if channels else None,
@@ -255,10 +254,10 @@ def run(
     import shutil
 
     from feltmb.cli.gap_curves import record_viewers
-    from feltmb.cli.gap_subjects import load_subject
+    from feltmb.cli.gap_subjects import held_out, load_subject
     from feltmb.files import check_writable, make_folder
     from feltmb.gap import Options, diagnose
-    from feltmb.gap.files import report_json, write_report
+    from feltmb.gap.report import report_json, write_report
 
     if output is not None:
         make_folder(output)
@@ -267,7 +266,7 @@ def run(
     subject = load_subject(model, settings)
     records = subject.read(data)
     subject = subject.including(included)
-    held = _held_out(hold_out, data, records) or None
+    held = held_out(hold_out, data, records) or None
     resume = None if output is None else output / ".resume"
     options = Options(
         alpha=alpha,
@@ -277,7 +276,7 @@ def run(
         seed=seed,
         resume=resume,
     )
-    report = diagnose(subject.nominal, subject.effects, records, held, options, progress_line())
+    report = diagnose(subject.model, subject.effects, records, held, options, progress_line())
     if is_terminal():
         redraw("")
     if as_json:
@@ -345,40 +344,5 @@ def _print(report: Report) -> None:
         say(f"next: {advice.text}")
     if report.not_tested:
         say("not tested: " + ", ".join(n.name for n in report.not_tested))
-    for warning in report.gates.warnings:
+    for warning in report.checks.warnings:
         say(f"warning: {warning}")
-
-
-def _add(name: str) -> None:
-    """Subcommands of other modules, if they are there."""
-    try:
-        module: Any = importlib.import_module(f"feltmb.cli.{name}")
-    except ModuleNotFoundError as error:
-        if error.name != f"feltmb.cli.{name}":
-            raise
-        return
-    command.add_command(module.command)
-
-
-_add("gap_blind")
-
-
-def _held_out(given: tuple[str, ...], data: Sequence[Path], records: Sequence[Record]) -> list[str]:
-    """Names of the records that are held out, each given by its name, its file or the file's name.
-
-    Raises
-    ------
-    InvalidParameter
-        One of them means several files.
-    """
-    out = []
-    for h in given:
-        paths = [r.name for p, r in zip(data, records, strict=True) if str(p) == h]
-        files = [r.name for p, r in zip(data, records, strict=True) if p.name == h]
-        if not paths and len(files) > 1:
-            raise InvalidParameter(
-                f"--hold-out {h}: is the name of {len(files)} files; give the whole path of one, "
-                "as it stands among the data"
-            )
-        out.append((paths or files or [h])[0])
-    return out

@@ -1,189 +1,147 @@
-"""``feltmb gap blind``: sealed cases, their diagnosis, the score."""
+"""``feltmb gap blind``: how often the diagnosis would be right on the user's own machine."""
 
 from __future__ import annotations
 
-import json
 import math
 import time
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
 from feltmb.cli.common import (
     FolderName,
-    complain,
     console,
     is_terminal,
     json_option,
+    list_option,
     new_table,
+    print_json,
     redraw,
     say,
     say_written,
+    subject_set_option,
 )
+from feltmb.cli.completing import actions, effects
+
+if TYPE_CHECKING:
+    from feltmb.gap import WithheldCase
 
 __all__ = ["command"]
 
 
 class _Told:
-    """Progress with an estimate: a line on a terminal, else one now and then."""
+    """What was withheld and what the diagnosis said, a line a case, with the time left."""
 
     def __init__(self) -> None:
-        self.start: dict[str, float] = {}
-        self.last = 0.0
+        self.start = time.monotonic()
 
-    def __call__(self, stage: str, done: int, total: int) -> None:
-        now = time.monotonic()
-        start = self.start.setdefault(stage, now)
-        if done < total and now - self.last < (1.0 if is_terminal() else 30.0):
-            return
-        self.last = now
-        rate = (now - start) / max(done - 1, 1)
-        left = f", about {rate * (total - done):.0f} s left" if done > 1 and done < total else ""
-        text = f"{stage}: {done} of {total}{left}"
+    def __call__(self, done: int, total: int, case: WithheldCase) -> None:
+        left = (time.monotonic() - self.start) / done * (total - done)
+        rest = f"; about {left:.0f} s left" if done < total else ""
+        unit = "" if case.unit == "1" else f" {case.unit}"
+        what = f"{case.effect} {case.size:.3g}{unit}" if case.effect else "nothing withheld"
+        said = case.verdict or case.error
+        text = f"{done} of {total}: {what}: {said} ({case.outcome}){rest}"
         if is_terminal():
-            redraw(text[:70], end=done == total)
-        else:
-            say(text, err=True)
+            redraw("")
+        say(text, err=True)
 
 
-@click.command("blind")
+@click.command("blind", short_help="Withhold effects of MODEL in turn: would a diagnosis be right?")
+@click.argument("model", shell_complete=actions)
+@click.argument("data", nargs=-1, type=click.Path(path_type=Path))
 @click.option(
     "--cases",
     type=click.IntRange(1, 100_000),
-    default=20,
-    show_default=True,
-    help="Number of sealed cases; even numbers are for development, odd ones for the test.",
+    help="Number of cases; default: one without an effect and one for each effect.",
 )
 @click.option(
-    "--seed",
-    type=click.IntRange(0),
-    default=1,
-    show_default=True,
-    help="All that is random in the cases comes from it.",
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Of all that is drawn."
+)
+@list_option(
+    "--effect",
+    "only",
+    shell_complete=effects,
+    metavar="EFFECT",
+    help="Effect that is withheld; default: all. All of them are offered.",
+)
+@list_option(
+    "--hold-out",
+    "hold_out",
+    metavar="NAME",
+    help="Record that proves what the others suggest.",
 )
 @click.option(
     "--out",
     "-o",
     "output",
+    metavar="DIRECTORY",
     type=FolderName(),
-    required=True,
-    help="Folder of the bench.",
+    help="Folder of the cases, a file each, and of blind.json. A run that was cut off goes on.",
 )
-@click.option(
-    "--subject",
-    type=click.Choice(["key_hammer", "steinway45"]),
-    default="key_hammer",
-    show_default=True,
-    help="The small model, or the full action with all its tolerances.",
-)
-@click.option(
-    "--outside",
-    type=click.Path(path_type=Path),
-    help="Python file with KINDS: further causes that the library does not hold.",
-)
-@click.option(
-    "--half",
-    type=click.Choice(["development", "test", "both"]),
-    default="both",
-    show_default=True,
-    help="Which half to diagnose and score.",
-)
-@click.option("--resume", is_flag=True, help="Go on with a bench that was cut off.")
-@click.option(
-    "--workers", type=click.IntRange(1, 64), default=2, show_default=True, help="Processes."
-)
-@click.option(
-    "--oracle/--no-oracle",
-    default=True,
-    show_default=True,
-    help="Whether to compare the held-out gap with that of the true structure.",
-)
-@click.option("--score-only", is_flag=True, help="Score what is there, diagnose nothing.")
+@subject_set_option
 @json_option
 def command(
-    cases: int, seed: int, output: Path, subject: Any, outside: Path | None, half: Any,
-    resume: bool, workers: int, oracle: bool, score_only: bool, as_json: bool,
-) -> None:  # fmt: skip
-    """Make sealed cases of a model, diagnose them blindly, score.
+    model: str,
+    data: tuple[Path, ...],
+    cases: int | None,
+    seed: int,
+    only: tuple[str, ...],
+    hold_out: tuple[str, ...],
+    output: Path | None,
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """How often a diagnosis of MODEL would be right on your machine.
 
-    Writes the truths and their SHA-256 first, then records, results (a file a case, so that a
-    bench that was cut off goes on with --resume) and the table of scores as score.json and
-    score.md. See docs/gap-validation.md.
+    Each case gives the model one effect of its library, with a size and parameters from their
+    priors, and simulates the inputs of DATA with the noise of its sensors. The diagnosis does not
+    know which. Without DATA the planned runs of the model are taken. Machine and model share their
+    equations: a real machine is harder.
     """
-    from feltmb.blind.bench import Bench
-    from feltmb.blind.score import markdown, read, score
-    from feltmb.cli.common import print_json
+    import json
+
+    from feltmb.cli.gap_subjects import held_out, load_subject
     from feltmb.errors import InvalidParameter
     from feltmb.files import write_text
+    from feltmb.gap import OUTCOMES, withhold
 
-    bench = Bench(output, outside, subject)
-    told = _Told()
-    if score_only:
-        seal = bench.sealed()
-    else:
-        seal = bench.seal(cases, seed, resume=resume)
-        complain(f"sealed {seal['cases']} cases, SHA-256 {seal['truths_sha256'][:16]}...")
-        bench.make_records(half, workers=workers, progress=told)
-        bench.diagnose(half, workers=workers, oracle=oracle, progress=told)
-    try:
-        scored = read(output, bench.numbers(half))
-    except ValueError as error:
-        raise InvalidParameter(str(error)) from None
-    figures = score(scored)
-    rows = [asdict(f) for f in figures]
-    result = {"seal": seal, "half": half, "cases": len(scored), "figures": rows,
-              "verdicts": _verdicts(scored)}  # fmt: skip
-    # NaN is no JSON: a figure without cases has null.
-    result = json.loads(json.dumps(result), parse_constant=lambda _: None)
-    name = "score" if half == "both" else f"score_{half}"
-    text = _head(result) + "\n" + markdown(figures)
-    for path, content in (
-        (output / f"{name}.json", json.dumps(result, indent=1, sort_keys=True) + "\n"),
-        (output / f"{name}.md", text),
-    ):
-        say_written(write_text(path, content, force=True))
+    subject = load_subject(model, settings)
+    records = subject.read(data) if data else subject.planned
+    if not records:
+        raise InvalidParameter(f"{model}: has no planned runs; give measured or planned files")
+    found = withhold(
+        subject.model,
+        subject.effects,
+        records,
+        cases=cases,
+        seed=seed,
+        only=list(dict.fromkeys(only)) or None,
+        hold_out=(held_out(hold_out, data, records) if data else list(hold_out)) or None,
+        folder=output,
+        progress=_Told(),
+    )
+    result = found.as_dict()
+    if output is not None:
+        text = json.dumps(result, indent=1, sort_keys=True) + "\n"
+        say_written(write_text(output / "blind.json", text, force=True))
     if as_json:
         print_json(result)
         return
     table = new_table(
-        f"Blind bench, {half} half, {len(scored)} cases, seed {seal['seed']}",
-        "figure", "value", "95 %", "n", "target", right=(1, 3),
-    )  # fmt: skip
-    for f in figures:
-        unit = "" if f.unit == "1" else f" {f.unit}"
-        shown = "-" if math.isnan(f.value) else f"{f.value:.3g}{unit}"
-        span = "" if math.isnan(f.value) else f"{f.low:.3g}..{f.high:.3g}"
-        met = "" if f.met is None else " met" if f.met else " MISSED"
-        table.add_row(f.name, shown, span, str(f.n), f"{f.target}{met}")
+        "withheld", "effect", "S/N", *OUTCOMES, right=tuple(range(1, 2 + len(OUTCOMES))), whole=(0,)
+    )
+    for row in found.rows():
+        ratio = f"{row['signal_to_noise']:.3g}" if row["effect"] else ""
+        counts = [str(row[word] or "") for word in OUTCOMES]
+        table.add_row(row["effect"] or "(nothing)", ratio, *counts)
     console().print(table)
-
-
-def _verdicts(scored: list[Any]) -> dict[str, dict[str, int]]:
-    """Count the verdicts by the number of effects that were withheld."""
-    names = {0: "none", 1: "one", 2: "two", 3: "three", 4: "outside"}
-    counts: dict[str, dict[str, int]] = {}
-    for c in scored:
-        row = counts.setdefault(names[c.kind], {})
-        row[c.verdict] = row.get(c.verdict, 0) + 1
-    return counts
-
-
-def _head(result: dict[str, Any]) -> str:
-    seal = result["seal"]
-    counts = result["verdicts"]
-    verdicts = sorted({v for row in counts.values() for v in row})
-    lines = [
-        f"Blind bench of {seal['model']}: seed {seal['seed']}, {seal['cases']} cases sealed "
-        f"{seal['sealed']}, feltmb {seal['version']}, {result['half']} half, "
-        f"{result['cases']} cases scored. SHA-256 of the truths: `{seal['truths_sha256']}`.",
-        "",
-        f"| withheld | {' | '.join(verdicts)} |",
-        "|---|" + "---|" * len(verdicts),
-    ]
-    for kind in ("none", "one", "two", "three", "outside"):
-        if kind in counts:
-            cells = " | ".join(str(counts[kind].get(v, 0)) for v in verdicts)
-            lines.append(f"| {kind} | {cells} |")
-    return "\n".join(lines) + "\n"
+    for text, share in (
+        ("right, signal-to-noise ratio of 5 or more", found.share("right")),
+        ("wrong, signal-to-noise ratio of 5 or more", found.share("wrong")),
+        ("false alarms, nothing withheld", found.false_alarms),
+    ):
+        value, low, high, count = share
+        if not math.isnan(value):
+            say(f"{text}: {value:.0%} of {count} (95 %: {low:.0%} to {high:.0%})")

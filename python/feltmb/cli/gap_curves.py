@@ -9,10 +9,10 @@ import numpy as np
 
 if TYPE_CHECKING:
     from feltmb.data import Array, Record
-    from feltmb.fit import Nominal
+    from feltmb.fit import Model
     from feltmb.gap import Report
-    from feltmb.gap.report import Amended
-    from feltmb.viewer import Curves
+    from feltmb.gap.findings import Amended
+    from feltmb.graphics.viewer import Curves
 
 __all__ = ["record_viewers"]
 
@@ -27,12 +27,12 @@ def record_viewers(report: Report, records: Sequence[Record]) -> str:
     cannot follow to its end is left out.
     """
     from feltmb.errors import FeltmbError
-    from feltmb.viewer import Curves, assets, fragment
+    from feltmb.graphics.viewer import Curves, assets, fragment
 
-    nominal = report.fit.problem.nominal
-    fitted = _fitted(report, nominal)
+    model = report.fit.problem.model
+    fitted = _fitted(report, model)
     parts = []
-    for record in nominal.ready(records[:MOST_RECORDS]).records:
+    for record in model.ready(records[:MOST_RECORDS]).records:
         units = {name: record.sensors[name].unit for name in record.outputs}
         shown = [Curves("measured", record.time, record.outputs, units)]
         try:
@@ -47,16 +47,16 @@ def record_viewers(report: Report, records: Sequence[Record]) -> str:
     return assets() + "".join(parts) if parts else ""
 
 
-def _fitted(report: Report, nominal: Nominal) -> Amended:
-    """The nominal with the parameters of the first fit, no effect added."""
-    from feltmb.gap.report import Amended
+def _fitted(report: Report, model: Model) -> Amended:
+    """The model with the parameters of the first fit, no effect added."""
+    from feltmb.gap.findings import Amended
 
-    return Amended(nominal=nominal, theta=report.fit.point.theta, terms=(), sizes=np.zeros(0))
+    return Amended(base=model, theta=report.fit.point.theta, terms=(), sizes=np.zeros(0))
 
 
 def _curves(name: str, model: Amended, record: Record, units: dict[str, str]) -> Curves:
     from feltmb.errors import DataError
-    from feltmb.viewer import Curves
+    from feltmb.graphics.viewer import Curves
 
     outputs: dict[str, Array] = model.simulate(record)
     values = {n: outputs[n] for n in record.outputs}

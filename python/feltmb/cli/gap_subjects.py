@@ -9,30 +9,30 @@ from pathlib import Path
 
 from feltmb.data import Record, read_records
 from feltmb.errors import InvalidParameter
-from feltmb.fit import Effect, Nominal, including
+from feltmb.fit import Effect, Model, including
 
-__all__ = ["RESOLVERS", "Subject", "load_subject"]
+__all__ = ["RESOLVERS", "Subject", "held_out", "load_subject"]
 
 
 @dataclass(frozen=True)
 class Subject:
-    """A nominal with the effects that may explain its gap."""
+    """A model with the effects that may explain its gap."""
 
-    nominal: Nominal
+    model: Model
     effects: tuple[Effect, ...]
     planned: tuple[Record, ...] = ()
-    """Runs that could be made, for ``feltmb gap foresee``."""
+    """Runs that could be made, for ``feltmb gap plan``."""
     outputs_of: Callable[[Sequence[str]], tuple[str, ...]] = tuple
     """Outputs behind names of channels."""
 
     def read(self, data: Sequence[Path]) -> tuple[Record, ...]:
-        """Measured files as records of the nominal."""
+        """Measured files as records of the model."""
         return read_records(
             data,
-            inputs=tuple(getattr(self.nominal, "inputs", ())),
-            outputs=self.nominal.outputs,
-            modes=self.nominal.input_modes,
-            units=self.nominal.units if self.nominal.input_modes else None,
+            inputs=tuple(getattr(self.model, "inputs", ())),
+            outputs=self.model.outputs,
+            modes=self.model.input_modes,
+            units=self.model.units if self.model.input_modes else None,
         )
 
     def including(self, names: Sequence[str]) -> Subject:
@@ -48,21 +48,21 @@ class Subject:
             )
         return replace(
             self,
-            nominal=including(self.nominal, [known[n] for n in names]),
+            model=including(self.model, [known[n] for n in names]),
             effects=tuple(e for e in self.effects if e.name not in names),
         )
 
 
 def _mechanism(name: str, settings: Mapping[str, str], channels: Sequence[str]) -> Subject | None:
-    """Packaged mechanism or mechanism file, see :mod:`feltmb.subjects.resolve`."""
-    from feltmb.subjects import planned_strokes
-    from feltmb.subjects.resolve import resolve
+    """Packaged mechanism or mechanism file, see :mod:`feltmb.adapters.resolve`."""
+    from feltmb.adapters import planned_strokes
+    from feltmb.adapters.resolve import resolve
 
     found = resolve(name, settings, channels)
     if found is None:
         return None
-    nominal, effects = found
-    return Subject(nominal, effects, planned_strokes(nominal), nominal.library.outputs)
+    model, effects = found
+    return Subject(model, effects, planned_strokes(model), model.library.outputs)
 
 
 #: Each is asked for a name with settings and channels in turn; None: not mine.
@@ -74,7 +74,7 @@ def load_subject(name: str, settings: Sequence[str] = (), channels: Sequence[str
 
     ``channels`` are wanted besides those that a mechanism has by default.
 
-    The file defines ``nominal`` (a :class:`feltmb.fit.Nominal`) and ``effects`` (a sequence of
+    The file defines ``model`` (a :class:`feltmb.fit.Model`) and ``effects`` (a sequence of
     :class:`feltmb.fit.Effect`), and may define ``planned`` (records that could be made). It is
     run: use files that you trust.
     """
@@ -94,7 +94,7 @@ def load_subject(name: str, settings: Sequence[str] = (), channels: Sequence[str
         if found is not None:
             return found
     raise InvalidParameter(
-        f"no model {name!r}; expected a Python file that defines nominal and effects"
+        f"no model {name!r}; expected a Python file that defines model and effects"
         + (", or a packaged mechanism (feltmb list)" if RESOLVERS else "")
     )
 
@@ -110,22 +110,43 @@ def _from_file(path: Path) -> Subject:
         spec.loader.exec_module(module)
     except SystemExit as error:
         raise InvalidParameter(
-            f"{path}: ends the program (exit code {error.code!r}), expected it to define nominal "
+            f"{path}: ends the program (exit code {error.code!r}), expected it to define model "
             "and effects"
         ) from None
     except Exception as error:
         raise InvalidParameter(f"{path}: {type(error).__name__}: {error}") from error
-    nominal = getattr(module, "nominal", None)
+    model = getattr(module, "model", None)
     effects = getattr(module, "effects", None)
     faults = []
-    if not isinstance(nominal, Nominal):
-        faults.append(f"nominal is {type(nominal).__name__}, expected a feltmb.gap.Nominal")
+    if not isinstance(model, Model):
+        faults.append(f"model is {type(model).__name__}, expected a feltmb.gap.Model")
     if effects is None:
         faults.append("effects is missing, expected a sequence of feltmb.gap.Effect")
     elif not all(isinstance(e, Effect) for e in effects):
         faults.append("effects holds something that is no feltmb.gap.Effect")
     if faults:
         raise InvalidParameter(f"{path}: " + "; ".join(faults))
-    assert isinstance(nominal, Nominal)
+    assert isinstance(model, Model)
     assert effects is not None
-    return Subject(nominal, tuple(effects), tuple(getattr(module, "planned", ())))
+    return Subject(model, tuple(effects), tuple(getattr(module, "planned", ())))
+
+
+def held_out(given: tuple[str, ...], data: Sequence[Path], records: Sequence[Record]) -> list[str]:
+    """Names of the records that are held out, each given by its name, its file or the file's name.
+
+    Raises
+    ------
+    InvalidParameter
+        One of them means several files.
+    """
+    out = []
+    for h in given:
+        paths = [r.name for p, r in zip(data, records, strict=True) if str(p) == h]
+        files = [r.name for p, r in zip(data, records, strict=True) if p.name == h]
+        if not paths and len(files) > 1:
+            raise InvalidParameter(
+                f"--hold-out {h}: is the name of {len(files)} files; give the whole path of one, "
+                "as it stands among the data"
+            )
+        out.append((paths or files or [h])[0])
+    return out

@@ -21,10 +21,10 @@ LAWS = {
 @json_option
 def command(as_json: bool) -> None:
     """List packaged mechanisms, strokes and studies, contact laws and accepted units."""
-    from feltmb.actuator import load_actuator, packaged_actuators
-    from feltmb.config import load_action, packaged_actions
-    from feltmb.stroke import load_stroke, packaged_strokes
-    from feltmb.study import study_outlines
+    from feltmb.action.actuator import load_actuator, packaged_actuators
+    from feltmb.mechanism import load_action, packaged_actions
+    from feltmb.run.stroke import load_stroke, packaged_strokes
+    from feltmb.run.study import study_outlines
     from feltmb.units import ACCEPTED_UNITS
 
     actions = {name: load_action(name).config.about for name in packaged_actions()}

@@ -31,9 +31,9 @@ def command(
 ) -> None:
     """Draw all plots of each of RUNS, or an overlay of chosen outputs."""
     from feltmb.files import make_folder, write_file
-    from feltmb.plot import compare as overlay
-    from feltmb.plot import save_all
-    from feltmb.results import load_run
+    from feltmb.graphics.plot import compare as overlay
+    from feltmb.graphics.plot import save_all
+    from feltmb.run.results import load_run
 
     loaded = [load_run(path) for path in runs]
     if compare:

@@ -14,6 +14,7 @@ from feltmb.cli.common import (
     force_option,
     is_terminal,
     json_option,
+    list_option,
     load_with_settings,
     new_table,
     print_json,
@@ -23,7 +24,7 @@ from feltmb.cli.common import (
 from feltmb.cli.completing import actions, packaged
 
 if TYPE_CHECKING:
-    from feltmb.regulate import Regulation
+    from feltmb.action.regulate import Regulation
 
 
 @click.command("regulate")
@@ -34,12 +35,11 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Packaged name or TOML file; default: the packaged targets of the mechanism's name.",
 )
-@click.option(
+@list_option(
     "--target",
     "own",
-    multiple=True,
     metavar="STEP=VALUE",
-    help="Another target of a step, such as let-off=4mm or key-dip=10mm. Repeatable.",
+    help="Another target of a step, such as let-off=4mm or key-dip=10mm.",
 )
 @click.option(
     "-o",
@@ -64,9 +64,9 @@ def command(
     Each step measures one thing and turns one screw; the steps are repeated until all hold. If a
     target cannot be met, the table says which and why, nothing is written and the exit code is 1.
     """
+    from feltmb.action.regulate import default_targets, load_targets, regulate
     from feltmb.errors import FeltmbError
     from feltmb.files import check_writable, write_text
-    from feltmb.regulate import default_targets, load_targets, regulate
 
     mechanism = load_with_settings(action, settings)
     wanted = load_targets(targets) if targets is not None else None

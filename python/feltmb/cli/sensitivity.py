@@ -28,7 +28,7 @@ from feltmb.cli.completing import actions, strokes
 from feltmb.cli.completing import paths as known_paths
 
 if TYPE_CHECKING:
-    from feltmb.sensitivity import Gradient
+    from feltmb.run.sensitivity import Gradient
 
 #: Units of the numbers of a summary, by what their names end in.
 _UNITS = (("_time", "s"), ("_duration", "s"), ("_speed", "m/s"), ("_force", "N"))
@@ -101,8 +101,8 @@ def command(
     """
     from feltmb.errors import InvalidParameter
     from feltmb.files import write_text
-    from feltmb.sensitivity import gradient
-    from feltmb.stroke import load_stroke
+    from feltmb.run.sensitivity import gradient
+    from feltmb.run.stroke import load_stroke
 
     mechanism = load_with_settings(action, settings)
     check_targets(table_file, pictures=(picture,), force=force)
@@ -157,7 +157,7 @@ def command(
 
         say_written(write_text(table_file, effects.loc[order].to_csv(), force=force))
     if picture is not None:
-        from feltmb.plot import effects as draw_effects
+        from feltmb.graphics.plot import effects as draw_effects
 
         figure = draw_effects(effects.loc[order[:most], number], _unit(number))
         save_figure(figure, picture, force=force)

@@ -81,12 +81,12 @@ def command(
     else:
         _tables(mechanism)
     if plot is not None:
-        from feltmb.plot import mechanism as draw
+        from feltmb.graphics.plot import mechanism as draw
 
         save_figure(draw(mechanism), plot, force=force)
     if graph is not None:
-        from feltmb.graph import draw_graph
-        from feltmb.graph import graph as linear_graph
+        from feltmb.graphics.graph import draw_graph
+        from feltmb.graphics.graph import graph as linear_graph
 
         if graph.suffix == ".dot":
             say_written(write_text(graph, linear_graph(mechanism).to_dot(), force=force))
@@ -104,8 +104,8 @@ _SPRING = (
 
 
 def _tables(mechanism: object) -> None:
-    from feltmb.config import Action, Spring
-    from feltmb.quantity import unit_of
+    from feltmb.mechanism import Action, Spring
+    from feltmb.units.quantity import unit_of
 
     assert isinstance(mechanism, Action)
     config = mechanism.config
@@ -144,7 +144,7 @@ def _tables(mechanism: object) -> None:
         table.add_row(name, f"{value:.7g}", unit_of_coordinate[name])
     screen.print(table)
 
-    from feltmb.simulate import evaluate
+    from feltmb.run.simulate import evaluate
 
     state = evaluate(mechanism, rest, [0.0] * len(rest)).contacts
     table = new_table(

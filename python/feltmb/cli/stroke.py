@@ -22,6 +22,7 @@ from feltmb.cli.common import (
     positive,
     pretty,
     print_json,
+    say,
     say_written,
     set_option,
 )
@@ -30,9 +31,9 @@ from feltmb.cli.completing import actions, actuators, strokes
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
-    from feltmb.config import Action
-    from feltmb.results import Run
-    from feltmb.stroke import Stroke
+    from feltmb.mechanism import Action
+    from feltmb.run.results import Run
+    from feltmb.run.stroke import Stroke
 
 
 @click.command("stroke")
@@ -161,9 +162,9 @@ def command(
 
     from feltmb.errors import FeltmbError, IntegrationError
     from feltmb.files import check_writable, make_folder
-    from feltmb.results import load_run
-    from feltmb.simulate import simulate
-    from feltmb.stroke import load_stroke
+    from feltmb.run.results import load_run
+    from feltmb.run.simulate import simulate
+    from feltmb.run.stroke import load_stroke
 
     given = click.get_current_context().get_parameter_source("rtol")
     if error is not None and given is click.core.ParameterSource.COMMANDLINE:
@@ -230,7 +231,7 @@ def command(
             failures.append(f"{name}: {failure}")
         target = targets[i]
         if i in kept:
-            click.echo(f"kept {target}", err=True)
+            say(f"kept {target}", err=True)
         elif target is not None:
             say_written(run.save(target, force=force))
         summaries[stems[i]] = {
@@ -282,7 +283,7 @@ def _with_actuator(
     action: Action, name: str, damper: str | None, pad: str | None
 ) -> tuple[Action, Stroke]:
     """The action with an actuator on its key, and the actuator's own torque."""
-    from feltmb.actuator import compose, load_actuator
+    from feltmb.action.actuator import compose, load_actuator
 
     made = load_actuator(name)
     if damper is not None:
@@ -305,7 +306,7 @@ def _inputs(action: Action, stroke: Stroke, options: dict[str, Any], start: Path
 def _finished(targets: list[Path | None], keys: list[str]) -> dict[int, Run]:
     """Runs that lie in the targets already, finished and of the same inputs."""
     from feltmb.files import is_file
-    from feltmb.results import load_run
+    from feltmb.run.results import load_run
 
     found: dict[int, Run] = {}
     for i, (target, key) in enumerate(zip(targets, keys, strict=True)):
@@ -350,7 +351,7 @@ def _files(target: Path | None, stem: str, *, plot: bool, wav: bool) -> list[Pat
     folder, stem = (target.parent, target.stem) if target is not None else (Path(), stem)
     files = [target] if target is not None else []
     if plot:
-        from feltmb.plot import PICTURES
+        from feltmb.graphics.plot import PICTURES
 
         files += [folder / f"{stem}_{picture}.png" for picture in PICTURES]
     if wav:
@@ -361,7 +362,7 @@ def _files(target: Path | None, stem: str, *, plot: bool, wav: bool) -> list[Pat
 def _draw(run: Run, target: Path | None, stem: str, *, plot: bool, wav: bool, force: bool) -> None:
     folder, stem = (target.parent, target.stem) if target is not None else (Path(), stem)
     if plot:
-        from feltmb.plot import save_all
+        from feltmb.graphics.plot import save_all
 
         for path in save_all(run, folder, stem, force=force):
             say_written(path)
@@ -391,7 +392,7 @@ SUMMARY_ROWS = {
 
 def summary_table(run: Run, title: str) -> Any:
     """Table of the summary of a run, with its work counts below."""
-    from feltmb.results import let_off_words
+    from feltmb.run.results import let_off_words
 
     table = new_table(f"{title}: {run.provenance['action']}", "", "value", "unit", right=(1,))
     for key, (text, unit) in SUMMARY_ROWS.items():

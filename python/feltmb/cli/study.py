@@ -21,8 +21,8 @@ from feltmb.cli.common import (
 from feltmb.cli.completing import packaged
 
 if TYPE_CHECKING:
-    from feltmb.study import FindingResult, Study, StudyResult
-    from feltmb.study_report import Table
+    from feltmb.run.study import FindingResult, Study, StudyResult
+    from feltmb.run.study.page import Table
 
 WIDTH = 80
 
@@ -57,7 +57,7 @@ def command(
     code 0 also if findings disagree: that is a result.
     """
     from feltmb.errors import InvalidParameter
-    from feltmb.study import load_study, packaged_studies, run_studies
+    from feltmb.run.study import load_study, packaged_studies, run_studies
 
     if listing:
         _list(as_json)
@@ -91,7 +91,7 @@ def command(
 
 
 def _list(as_json: bool) -> None:
-    from feltmb.study import study_outlines
+    from feltmb.run.study import study_outlines
 
     studies = study_outlines()
     if as_json:
@@ -120,7 +120,7 @@ def _page(out: Path, studies: list[Any]) -> Path:
 def _check_targets(studies: list[Study], out: Path, *, force: bool) -> None:
     from feltmb.errors import InvalidParameter
     from feltmb.files import check_writable, make_folder
-    from feltmb.study import study_targets
+    from feltmb.run.study import study_targets
 
     if out.exists() and not out.is_dir():
         raise InvalidParameter(f"--out {out}: is a file, expected a folder")
@@ -134,7 +134,7 @@ def _check_targets(studies: list[Study], out: Path, *, force: bool) -> None:
 
 def _write(results: list[StudyResult], out: Path, *, force: bool) -> None:
     from feltmb.files import write_text
-    from feltmb.study_report import page
+    from feltmb.run.study.page import page
 
     say_written(write_text(_page(out, [r.study for r in results]), page(results), force=force))
     for result in results:
@@ -148,7 +148,7 @@ def _write(results: list[StudyResult], out: Path, *, force: bool) -> None:
 
 
 def _print(result: StudyResult, screen: Any) -> None:
-    from feltmb.study_report import by_claim, tables
+    from feltmb.run.study.page import by_claim, tables
 
     spec = result.study.spec
     source = f" ({spec.thesis.cite}, {spec.thesis.figure})" if spec.thesis.figure else ""
@@ -166,7 +166,7 @@ def _widths(table: Table) -> list[int]:
 
 def _chunks(table: Table) -> list[Table]:
     """Split a table so that each part fits the terminal; the first column is repeated."""
-    from feltmb.study_report import Table as Made
+    from feltmb.run.study.page import Table as Made
 
     if not table.rows:
         return []
@@ -211,7 +211,7 @@ def _right(table: Table) -> tuple[int, ...]:
 
 
 def _findings(title: str, findings: list[FindingResult]) -> Any:
-    from feltmb.study_report import finding_sizes, outcome_text
+    from feltmb.run.study.page import finding_sizes, outcome_text
 
     out = new_table(title, "outcome", "finding", "here", "there", right=(2, 3))
     out.columns[0].no_wrap = True

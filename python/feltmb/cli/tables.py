@@ -16,6 +16,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from feltmb.errors import printable
+
 if TYPE_CHECKING:
     from rich.console import ConsoleOptions, RenderResult
 
@@ -53,7 +55,7 @@ class FittingTable(Table):
             wants[i] if i in self.whole else max(map(_longest_word, cells))
             for i, cells in enumerate(columns)
         ]
-        title = str(self.title or "")
+        title = printable(str(self.title or ""))
         yield from _folded(title, options.max_width, "table.title")
         groups = _groups(needs, wants, room)
         if groups:
@@ -62,7 +64,7 @@ class FittingTable(Table):
                 yield self._part(group, _shared(least, most, whole, room))
         else:
             yield from self._blocks(columns, options.max_width)
-        yield from _folded(str(self.caption or ""), options.max_width, "table.caption")
+        yield from _folded(printable(str(self.caption or "")), options.max_width, "table.caption")
 
     def _part(self, group: list[int], widths: list[int]) -> Table:
         """The columns of a group as a table of rich, its cells folded already."""
@@ -71,8 +73,9 @@ class FittingTable(Table):
         folded = [[folded_text(cell, width) for cell in cells]
                   for cells, width in zip(columns, widths, strict=True)]  # fmt: skip
         for i, cells in zip(group, folded, strict=True):
+            # Cells are folded to fit; "ignore" would leave their justification out.
             part.add_column(
-                cells[0], justify=self.columns[i].justify, no_wrap=True, overflow="ignore"
+                cells[0], justify=self.columns[i].justify, no_wrap=True, overflow="crop"
             )
         for row in zip(*(cells[1:] for cells in folded), strict=True):
             part.add_row(*row)
@@ -95,7 +98,8 @@ class FittingTable(Table):
 
 def _column_cells(column: object) -> Cells:
     """Head and cells of a column as texts."""
-    return [str(column.header), *(str(cell) for cell in column.cells)]  # type: ignore[attr-defined]
+    cells = (column.header, *column.cells)  # type: ignore[attr-defined]
+    return [printable(str(cell)) for cell in cells]
 
 
 #: A unit in brackets is one word.
@@ -179,9 +183,15 @@ def _groups(needs: list[int], wants: list[int], room: int) -> list[list[int]]:
 
 
 class Screen(Console):
-    """Console that lets a word that is longer than a line run over its end rather than break it."""
+    """Console that lets a word that is longer than a line run over its end rather than break it.
+
+    Names from files cannot command the terminal: their control characters are escaped.
+    """
 
     def print(self, *objects: Any, **options: Any) -> None:
         """Print; see :class:`rich.console.Console`."""
-        folded = [Text(folded_text(o, self.width)) if isinstance(o, str) else o for o in objects]
+        folded = [
+            Text(folded_text(printable(o), self.width)) if isinstance(o, str) else o
+            for o in objects
+        ]
         super().print(*folded, **{"crop": False, "overflow": "ignore", **options})

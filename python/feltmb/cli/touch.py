@@ -22,7 +22,7 @@ from feltmb.cli.common import (
 from feltmb.cli.completing import actions
 
 if TYPE_CHECKING:
-    from feltmb.touch import Touch, TouchRow
+    from feltmb.action.touch import Touch, TouchRow
 
 
 @click.command("touch")
@@ -56,8 +56,8 @@ def command(
     stand beside them; most are of grand pianos. With --set or --before the numbers of both
     mechanisms are shown, before and after.
     """
+    from feltmb.action.touch import touch
     from feltmb.files import check_writable, make_folder
-    from feltmb.touch import touch
 
     mechanism = load_with_settings(action, settings)
     if before is None and settings:
@@ -110,7 +110,7 @@ def _shown(row: TouchRow) -> str:
 
 def touch_table(result: Touch, before: Touch | None = None) -> Any:
     """Ours beside published numbers, forces in gram-force; ``before``: of another mechanism."""
-    from feltmb.touch.pictures import GRAM_FORCE
+    from feltmb.action.touch.pictures import GRAM_FORCE
 
     title = f"touch of {result.action.name}"
     if before is not None and before.action.name != result.action.name:

@@ -13,9 +13,9 @@ from feltmb.cli.common import console, json_option, print_json
 
 def _is_stroke(path: Path, tables: Mapping[str, object]) -> bool:
     """Whether a file is meant as a stroke: by keys that only strokes, or only mechanisms, have."""
-    from feltmb.config import MechanismFile
     from feltmb.errors import InvalidParameter
-    from feltmb.stroke.files import STROKE_KEYS
+    from feltmb.mechanism import MechanismFile
+    from feltmb.run.stroke.files import STROKE_KEYS
 
     common = STROKE_KEYS & set(MechanismFile.model_fields)
     stroke = STROKE_KEYS - common
@@ -43,11 +43,11 @@ def command(files: tuple[Path, ...], no_rest_pose: bool, as_json: bool) -> None:
     All faults of a file are listed at once; for a mechanism the rest pose is found too.
     """
     from feltmb.cli.common import complain
-    from feltmb.config import load_action
     from feltmb.errors import FeltmbError, InvalidParameter
     from feltmb.files import is_file, read_toml, why_missing
-    from feltmb.results import load_run
-    from feltmb.stroke import load_stroke
+    from feltmb.mechanism import load_action
+    from feltmb.run.results import load_run
+    from feltmb.run.stroke import load_stroke
 
     screen = console()
     bad = 0

@@ -53,8 +53,8 @@ def command(
     others as outlines over it: simulated and measured, before and after. A run may also be a CSV
     file of measured curves with a header such as "time [s],hammer_tip.vx [m/s]".
     """
-    from feltmb.results import load_run
-    from feltmb.viewer import read_curves, view
+    from feltmb.graphics.viewer import read_curves, view
+    from feltmb.run.results import load_run
 
     loaded = [read_curves(p) if p.suffix.lower() == ".csv" else load_run(p) for p in runs]
     target = out or runs[0].with_suffix(".html")

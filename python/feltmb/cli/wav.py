@@ -44,7 +44,7 @@ def command(
     run: Path, out: Path | None, position: float | None, slowness: float, force: bool
 ) -> None:
     """Write the string of a saved RUN as a WAV file."""
-    from feltmb.results import load_run
+    from feltmb.run.results import load_run
 
     target = out or run.with_suffix(".wav")
     say_written(load_run(run).write_wav(target, position=position, slowness=slowness, force=force))

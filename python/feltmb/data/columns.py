@@ -21,8 +21,8 @@ import numpy as np
 from feltmb.data.records import Array
 from feltmb.errors import DataError
 from feltmb.files import LARGEST_TABLE, plain_text, read_input
-from feltmb.hdf5 import HDF5_FAULTS, Hdf5Dataset, Hdf5File, open_hdf5
-from feltmb.quantity import fault_text, shortened, split_heading
+from feltmb.files.hdf5 import HDF5_FAULTS, Hdf5Dataset, Hdf5File, open_hdf5
+from feltmb.units.quantity import fault_text, shortened, split_heading
 
 __all__ = ["MOST_NUMBERS", "Columns", "read_columns"]
 

@@ -17,8 +17,8 @@ from feltmb.data.columns import Columns, read_columns
 from feltmb.data.records import Array, InputMode, Record, Role, Sensor, StartPrior
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import is_file, read_toml, why_missing
-from feltmb.quantity import Schema, fault_lines, fault_text, shortened
 from feltmb.units import conversion_factor
+from feltmb.units.quantity import Schema, fault_lines, fault_text, shortened
 
 __all__ = ["read_record", "read_records", "write_record"]
 

@@ -16,7 +16,7 @@ from feltmb.felt.envelopes import (
 )
 from feltmb.felt.fitting import ContactFit, contact_loop, fit_contact
 from feltmb.felt.identification import BranchFit, Identification, identify
-from feltmb.material import (
+from feltmb.fiber.material import (
     Branch,
     BranchCurve,
     FeltMaterial,

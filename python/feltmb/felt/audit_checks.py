@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb import _core
-from feltmb.config import Contact
 from feltmb.errors import InvalidParameter
-from feltmb.material import FeltMaterial
+from feltmb.fiber.material import FeltMaterial
+from feltmb.mechanism import Contact
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from feltmb import _core
 from feltmb.arguments import checked
-from feltmb.config import Contact, core_law, load_action
 from feltmb.contact import Law
 from feltmb.errors import InvalidParameter
 from feltmb.felt.audit_checks import (
@@ -35,8 +34,9 @@ from feltmb.felt.audit_checks import (
     valid_window,
 )
 from feltmb.felt.envelopes import ConstantArea, FeltEnvelope, envelope, load_envelope
+from feltmb.fiber.material import FeltMaterial, load_material
 from feltmb.files import read_toml
-from feltmb.material import FeltMaterial, load_material
+from feltmb.mechanism import Contact, core_law, load_action
 
 __all__ = ["Audit", "Cycle", "Finding", "audit", "audit_targets"]
 
@@ -243,8 +243,8 @@ def audit_targets(
     InvalidParameter
         A name that does not exist, with those that do.
     """
-    from feltmb.config import packaged_actions, parse_setting
-    from feltmb.material import packaged_materials
+    from feltmb.fiber.material import packaged_materials
+    from feltmb.mechanism import packaged_actions, parse_setting
 
     action_name, colon, contact = text.rpartition(":")
     if not colon:

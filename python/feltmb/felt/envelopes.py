@@ -16,9 +16,7 @@ from numpy.typing import NDArray
 
 from feltmb import _core
 from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
-from feltmb.files import read_toml
-from feltmb.layer import (
+from feltmb.contact.layer import (
     AREAS,
     Area,
     CircleOnLayer,
@@ -28,9 +26,11 @@ from feltmb.layer import (
     SphereOnLayer,
     core_layer,
 )
-from feltmb.material import FeltMaterial
-from feltmb.quantity import parse_scalar
+from feltmb.errors import InvalidParameter
+from feltmb.fiber.material import FeltMaterial
+from feltmb.files import read_toml
 from feltmb.units import conversion_factor
+from feltmb.units.quantity import parse_scalar
 
 __all__ = [
     "AREAS",

@@ -16,10 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from feltmb import _core
 from feltmb.arguments import checked
-from feltmb.config import Contact, core_law
+from feltmb.contact.layer import Area
 from feltmb.errors import InvalidParameter
-from feltmb.layer import Area
-from feltmb.material import Branch, FeltMaterial
+from feltmb.fiber.material import Branch, FeltMaterial
+from feltmb.mechanism import Contact, core_law
 
 __all__ = ["ContactFit", "contact_loop", "fit_contact"]
 

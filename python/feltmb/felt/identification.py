@@ -21,7 +21,7 @@ from feltmb.arguments import checked
 from feltmb.errors import DataError, InvalidParameter, ModelError
 from feltmb.fiber import CompressionData
 from feltmb.fiber.data import slack_fault
-from feltmb.material import (
+from feltmb.fiber.material import (
     Branch,
     BranchCurve,
     CriticalAngles,

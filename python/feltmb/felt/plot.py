@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from feltmb.felt.envelopes import FeltEnvelope
     from feltmb.felt.identification import Identification
     from feltmb.fiber.friction import CarnabyPan
-    from feltmb.material import FeltMaterial
+    from feltmb.fiber.material import FeltMaterial
 
 __all__ = ["plot_audit", "plot_envelope", "plot_identification", "plot_loop", "plot_material"]
 

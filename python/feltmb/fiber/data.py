@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from feltmb.arguments import checked
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import LARGEST_TABLE, plain_text, read_text
-from feltmb.quantity import shortened, split_heading
 from feltmb.units import conversion_factor, dimension_text
+from feltmb.units.quantity import shortened, split_heading
 
 Array = NDArray[np.float64]
 

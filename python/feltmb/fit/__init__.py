@@ -2,13 +2,13 @@
 
 from feltmb.fit.coordinates import Coordinate, Coupling, Named, Rate
 from feltmb.fit.including import Including, including
-from feltmb.fit.linear import FunctionNominal, LinearNominal
-from feltmb.fit.nominal import (
+from feltmb.fit.linear import FunctionModel, LinearModel
+from feltmb.fit.model import (
     FLOOR,
     Effect,
     EffectKind,
     Lanes,
-    Nominal,
+    Model,
     Parameter,
     Port,
     Ready,
@@ -17,7 +17,7 @@ from feltmb.fit.nominal import (
     State,
     Term,
 )
-from feltmb.fit.ode import OdeNominal
+from feltmb.fit.ode import OdeModel
 
 __all__ = [
     "FLOOR",
@@ -25,13 +25,13 @@ __all__ = [
     "Coupling",
     "Effect",
     "EffectKind",
-    "FunctionNominal",
+    "FunctionModel",
     "Including",
     "Lanes",
-    "LinearNominal",
+    "LinearModel",
+    "Model",
     "Named",
-    "Nominal",
-    "OdeNominal",
+    "OdeModel",
     "Parameter",
     "Port",
     "Rate",

@@ -1,4 +1,4 @@
-"""A nominal that includes effects: what was a cause to be found is now one more parameter."""
+"""A model that includes effects: what was a cause to be found is now one more parameter."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import numpy as np
 from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
-from feltmb.fit.nominal import (
+from feltmb.fit.model import (
     Effect,
     Integers,
     Job,
     Lanes,
-    Nominal,
+    Model,
     Parameter,
     Ready,
     Sensitivity,
@@ -31,9 +31,9 @@ __all__ = ["Including", "including"]
 
 @checked
 def including(
-    nominal: Nominal, terms: Sequence[Term | Effect], sizes: Sequence[float] | None = None
+    model: Model, terms: Sequence[Term | Effect], sizes: Sequence[float] | None = None
 ) -> Including:
-    """The nominal with effects as part of it, to be fitted and diagnosed in its turn.
+    """The model with effects as part of it, to be fitted and diagnosed in its turn.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def including(
     Raises
     ------
     InvalidParameter
-        The nominal cannot simulate one of them, or it is an effect of a sensor or an input: there
+        The model cannot simulate one of them, or it is an effect of a sensor or an input: there
         the records must be mended, not the model.
     """
     chosen = tuple(t if isinstance(t, Term) else Term(t, t.shapes[0]) for t in terms)
@@ -53,34 +53,34 @@ def including(
     faults = []
     if values.shape != (len(chosen),):
         faults.append(f"{values.size} sizes for {len(chosen)} effects")
-    names = [p.name for p in nominal.parameters]
+    names = [p.name for p in model.parameters]
     for t in chosen:
         if t.effect.observe is not None or t.effect.excite is not None:
             faults.append(f"{t.name} is no part of the machine: mend the records instead")
-        elif not nominal.accepts(t.effect):
-            faults.append(f"the model {nominal.name} cannot simulate {t.name}")
+        elif not model.accepts(t.effect):
+            faults.append(f"the model {model.name} cannot simulate {t.name}")
         if t.name in names:
             faults.append(f"{t.name} is the name of a parameter already")
         names.append(t.name)
     if faults:
         raise InvalidParameter("including: " + "; ".join(faults))
-    return Including(nominal, chosen, values)
+    return Including(model, chosen, values)
 
 
 @checked
-class Including(Nominal):
+class Including(Model):
     """See :func:`including`; sizes of the effects are its last parameters, without a prior."""
 
-    def __init__(self, nominal: Nominal, terms: tuple[Term, ...], sizes: Array):
+    def __init__(self, model: Model, terms: tuple[Term, ...], sizes: Array):
         if sizes.shape != (len(terms),):
             raise InvalidParameter(
                 f"including: sizes has shape {sizes.shape}, expected {(len(terms),)}"
             )
-        self._base = nominal
+        self._base = model
         self._own = terms
         self._sizes = sizes
-        self.name = f"{nominal.name} with {', '.join(t.name for t in terms)}"
-        self.parameters = nominal.parameters + tuple(
+        self.name = f"{model.name} with {', '.join(t.name for t in terms)}"
+        self.parameters = model.parameters + tuple(
             Parameter(
                 name=t.name,
                 value=float(np.clip(size, *t.effect.bounds)),
@@ -92,39 +92,39 @@ class Including(Nominal):
             )
             for t, size in zip(terms, sizes, strict=True)
         )
-        self.outputs = nominal.outputs
-        self.units = nominal.units
-        self.least_samples = nominal.least_samples
-        self.ports = nominal.ports
-        self.window = nominal.window
-        self.difference_step = nominal.difference_step
-        self.chaotic = nominal.chaotic
-        self.from_rest = nominal.from_rest
-        self.together = nominal.together
-        self.input_modes = nominal.input_modes
-        self.inputs = tuple(getattr(nominal, "inputs", ()))
+        self.outputs = model.outputs
+        self.units = model.units
+        self.least_samples = model.least_samples
+        self.ports = model.ports
+        self.window = model.window
+        self.difference_step = model.difference_step
+        self.chaotic = model.chaotic
+        self.from_rest = model.from_rest
+        self.together = model.together
+        self.input_modes = model.input_modes
+        self.inputs = tuple(getattr(model, "inputs", ()))
 
     def states(self, terms: Sequence[Term] = ()) -> tuple[State, ...]:
-        """States of the nominal, hidden ones of the included effects, those of the terms."""
+        """States of the model, hidden ones of the included effects, those of the terms."""
         states = self._base.states((*self._own, *terms))
         mine = len(self._base.states(self._own))
         return tuple(replace(s, hidden=False) if i < mine else s for i, s in enumerate(states))
 
     def forget(self) -> None:
-        """That of the nominal."""
+        """That of the model."""
         self._base.forget()
 
     def ready(self, records: Sequence[Record]) -> Ready:
-        """The ready nominal with the same effects."""
+        """The ready model with the same effects."""
         base = self._base.ready(records)
-        return replace(base, nominal=Including(base.nominal, self._own, self._sizes))
+        return replace(base, model=Including(base.model, self._own, self._sizes))
 
     def accepts(self, effect: Effect) -> bool:
-        """What the nominal accepts, but for what it includes."""
+        """What the model accepts, but for what it includes."""
         return effect.name not in [t.name for t in self._own] and self._base.accepts(effect)
 
     def guess(self, record: Record, windows: Integers) -> Array:
-        """As the nominal guesses; hidden states at their prior mean."""
+        """As the model guesses; hidden states at their prior mean."""
         states = self.states()
         starts = np.tile([s.start for s in states], (len(windows), 1))
         seen = self._base.guess(record, windows)
@@ -132,15 +132,15 @@ class Including(Nominal):
         return starts
 
     def events(self, record: Record, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:
-        """As the nominal finds them."""
+        """As the model finds them."""
         return self._base.events(record, outputs)
 
     def simulate(self, record: Record, lanes: Lanes) -> Simulated:
-        """See :class:`~feltmb.fit.Nominal`."""
+        """See :class:`~feltmb.fit.Model`."""
         return self._base.simulate(record, self._inner(lanes))
 
     def _inner(self, lanes: Lanes) -> Lanes:
-        """Lanes of the nominal: what is included is among its terms."""
+        """Lanes of the model: what is included is among its terms."""
         count = len(self._base.parameters)
         sizes = lanes.sizes if lanes.terms else np.zeros((lanes.count, 0))
         return replace(
@@ -150,18 +150,18 @@ class Including(Nominal):
             sizes=np.hstack([lanes.theta[:, count:], sizes]),
         )
 
-    def finer(self, jobs: Sequence[Job]) -> Nominal:
-        """See :class:`~feltmb.fit.Nominal`."""
+    def finer(self, jobs: Sequence[Job]) -> Model:
+        """See :class:`~feltmb.fit.Model`."""
         base = self._base.finer([(record, self._inner(lanes)) for record, lanes in jobs])
         return self if base is self._base else Including(base, self._own, self._sizes)
 
     @property
-    def core(self) -> Nominal:
-        """That of the nominal."""
+    def core(self) -> Model:
+        """That of the model."""
         return self._base.core
 
-    def asking(self, ask: Callable[[Sequence[Job]], list[Simulated]]) -> Nominal:
-        """See :class:`~feltmb.fit.Nominal`."""
+    def asking(self, ask: Callable[[Sequence[Job]], list[Simulated]]) -> Model:
+        """See :class:`~feltmb.fit.Model`."""
         out = copy.copy(self)
         out._base = self._base.asking(ask)
         return out
@@ -179,7 +179,7 @@ class Including(Nominal):
         by_starts: bool = True,
         candidates: tuple[Term, ...] = (),
     ) -> Sensitivity:
-        """Those of the nominal; the derivatives by the included sizes move to the parameters."""
+        """Those of the model; the derivatives by the included sizes move to the parameters."""
         given = np.zeros(len(terms)) if sizes is None else sizes
         check_windows(self, record, windows, starts, terms, given, theta)
         count, own = len(self._base.parameters), len(self._own)

@@ -1,4 +1,4 @@
-"""Nominals without states: linear in their parameters, or any function of the inputs."""
+"""Models without states: linear in their parameters, or any function of the inputs."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
 from feltmb.fit.coordinates import Named
-from feltmb.fit.nominal import Effect, Lanes, Nominal, Parameter, Simulated, State, Term
+from feltmb.fit.model import Effect, Lanes, Model, Parameter, Simulated, State, Term
 
-__all__ = ["FunctionNominal", "LinearNominal"]
+__all__ = ["FunctionModel", "LinearModel"]
 
 
 @checked
-class FunctionNominal(Nominal):
+class FunctionModel(Model):
     """Outputs that follow from the inputs at every sample, without memory.
 
     Parameters
@@ -63,7 +63,7 @@ class FunctionNominal(Nominal):
         return outputs
 
     def simulate(self, record: Record, lanes: Lanes) -> Simulated:
-        """See :class:`~feltmb.fit.Nominal`."""
+        """See :class:`~feltmb.fit.Model`."""
         outputs = np.full((lanes.count, lanes.longest, len(self.outputs)), np.nan)
         columns: list[Array] = []
         for term in lanes.terms:
@@ -97,7 +97,7 @@ class FunctionNominal(Nominal):
 
 
 @checked
-class LinearNominal(FunctionNominal):
+class LinearModel(FunctionModel):
     """One output that is linear in its parameters: y = sum over j of p_j column_j(record).
 
     Parameters

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.fit.nominal import Lanes, Nominal, Sensitivity, Term
+from feltmb.fit.model import Lanes, Model, Sensitivity, Term
 from feltmb.fit.observe import machine_terms, observe_all, observe_lanes, observed_sensitivities
 from feltmb.fit.shots import Shot
 
@@ -61,9 +61,9 @@ class Linear:
     """Whether the window could be simulated, (W,)"""
 
 
-def _plain(nominal: Nominal, shot: Shot, terms: tuple[Term, ...]) -> bool:
-    """Whether the nominal's own derivatives are those of the record."""
-    sensors = [shot.record.sensors[n] for n in nominal.outputs if n in shot.record.sensors]
+def _plain(model: Model, shot: Shot, terms: tuple[Term, ...]) -> bool:
+    """Whether the model's own derivatives are those of the record."""
+    sensors = [shot.record.sensors[n] for n in model.outputs if n in shot.record.sensors]
     return machine_terms(terms) == terms and all(
         s.delay == 0.0 and s.gain == 1.0 and s.offset == 0.0 and np.isinf(s.bandwidth)
         for s in sensors
@@ -97,7 +97,7 @@ def _with_nuisances(shot: Shot, outputs: Array, values: Array) -> tuple[Array, A
 
 
 def predict(
-    nominal: Nominal,
+    model: Model,
     shot: Shot,
     theta: Array,
     terms: tuple[Term, ...],
@@ -107,7 +107,7 @@ def predict(
     """Outputs (W, L, ny), whitened residual (W, m) and gap (W - 1, nx) of a shot."""
     w = shot.count
     run = observe_lanes(
-        nominal,
+        model,
         shot.record,
         Lanes.at_point(theta, shot.windows, place.starts, terms, sizes),
     )
@@ -119,7 +119,7 @@ def predict(
 
 
 def linearize(
-    nominal: Nominal,
+    model: Model,
     shot: Shot,
     theta: Array,
     free: list[int],
@@ -135,9 +135,9 @@ def linearize(
     ``known``: those of a linearization nearby, whose columns of the input noise are taken over.
     """
     count = shot.count
-    ask = nominal.sensitivities if _plain(nominal, shot, (*terms, *candidates)) else None
+    ask = model.sensitivities if _plain(model, shot, (*terms, *candidates)) else None
     if ask is None:
-        ask = partial(observed_sensitivities, nominal)
+        ask = partial(observed_sensitivities, model)
     with np.errstate(invalid="ignore", over="ignore"):  # windows that failed are no numbers
         s = ask(
             shot.record,
@@ -154,7 +154,7 @@ def linearize(
         by_input, ends_by_input = np.zeros((*s.outputs.shape, 0)), known.ends_by_input
     else:
         by_input, ends_by_input = _input_noise(
-            nominal, shot, theta, terms, sizes, place, s, input_knots
+            model, shot, theta, terms, sizes, place, s, input_knots
         )
     outputs, nuisance = _with_nuisances(shot, s.outputs, place.nuisances)
     nn = nuisance.shape[3]
@@ -191,7 +191,7 @@ def _tame(values: Array) -> Array:
 
 
 def _input_noise(
-    nominal: Nominal,
+    model: Model,
     shot: Shot,
     theta: Array,
     terms: tuple[Term, ...],
@@ -234,7 +234,7 @@ def _input_noise(
             if k == 0:
                 hat[shot.windows[1:, 0]] = 0.5 * sd[shot.windows[1:, 0]]
             jobs.append((record.with_inputs({name: record.inputs[name] + hat}), lanes))
-    runs = observe_all(nominal, jobs)
+    runs = observe_all(model, jobs)
     return (
         np.stack([run.outputs - base.outputs for run in runs], axis=3),
         np.stack([run.ends - base.ends for run in runs], axis=2),

@@ -38,7 +38,7 @@ class Noise:
 
     @property
     def reach(self) -> int:
-        """Samples before that foretell one of averaged noise [1].
+        """Samples before that predict one of averaged noise [1].
 
         Up to an average of six, slow signals then weigh what they should, to 7 %.
         """
@@ -53,7 +53,7 @@ class Noise:
 def innovations(
     noise: Sequence[Noise], position: Integers, time: Array
 ) -> tuple[Integers, Array, Array]:
-    """What the samples before foretell of the noise of each sample of a window.
+    """What the samples before predict of the noise of each sample of a window.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def innovations(
     -------
     tuple
         Positions of the valid samples before (-1: none), the factor of each (W, L, ny, p), and
-        1 / standard deviation of what they cannot foretell, 0 where nothing was measured
+        1 / standard deviation of what they cannot predict, 0 where nothing was measured
         (W, L, ny).
     """
     valid = position >= 0

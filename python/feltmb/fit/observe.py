@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import InvalidParameter
 from feltmb.fit.calling import calling
-from feltmb.fit.nominal import Job, Lanes, Nominal, Sensitivity, Simulated, Term
+from feltmb.fit.model import Job, Lanes, Model, Sensitivity, Simulated, Term
 from feltmb.fit.shift import shifted
 
 __all__ = ["machine_terms", "observe_all", "observe_lanes", "observed_sensitivities"]
@@ -22,37 +22,37 @@ ALL = slice(None)
 
 
 def machine_terms(terms: tuple[Term, ...]) -> tuple[Term, ...]:
-    """Terms that the nominal itself must simulate."""
+    """Terms that the model itself must simulate."""
     return tuple(t for t in terms if t.effect.excite is None and t.effect.observe is None)
 
 
-def observe_lanes(nominal: Nominal, record: Record, lanes: Lanes) -> Simulated:
+def observe_lanes(model: Model, record: Record, lanes: Lanes) -> Simulated:
     """Simulate lanes as the sensors of the record would show them; see :func:`observe_all`."""
-    return observe_all(nominal, [(record, lanes)])[0]
+    return observe_all(model, [(record, lanes)])[0]
 
 
-def observe_all(nominal: Nominal, jobs: Sequence[Job]) -> list[Simulated]:
+def observe_all(model: Model, jobs: Sequence[Job]) -> list[Simulated]:
     """Simulate lanes as the sensors of their records would show them.
 
     Input effects change the inputs before, sensor effects and the known part of the sensors (gain,
-    delay, low-pass, offset) change the outputs after the nominal's own simulation.
+    delay, low-pass, offset) change the outputs after the model's own simulation.
     """
     excited = [_excited(record, lanes) for record, lanes in jobs]
-    runs = iter(nominal.simulate_all([job for parts in excited for _, job in parts]))
+    runs = iter(model.simulate_all([job for parts in excited for _, job in parts]))
     return [
-        _observed(nominal, record, lanes, [(rows, next(runs)) for rows, _ in parts])
+        _observed(model, record, lanes, [(rows, next(runs)) for rows, _ in parts])
         for (record, lanes), parts in zip(jobs, excited, strict=True)
     ]
 
 
 def _observed(
-    nominal: Nominal, record: Record, lanes: Lanes, parts: list[tuple[NDArray[np.intp], Simulated]]
+    model: Model, record: Record, lanes: Lanes, parts: list[tuple[NDArray[np.intp], Simulated]]
 ) -> Simulated:
     """What the sensors show of lanes that were simulated in parts: which rows, and their run."""
     if len(parts) == 1:
         outputs, ends = parts[0][1].outputs, parts[0][1].ends
     else:
-        outputs = np.full((lanes.count, lanes.longest, len(nominal.outputs)), np.nan)
+        outputs = np.full((lanes.count, lanes.longest, len(model.outputs)), np.nan)
         ends = np.full((lanes.count, lanes.starts.shape[1]), np.nan)
         for rows, run in parts:
             outputs[rows, : run.outputs.shape[1]] = run.outputs
@@ -61,7 +61,7 @@ def _observed(
         if term.effect.observe is None:
             continue
         outputs = _seen(term, record, outputs, lanes.windows, lanes.sizes[:, k])
-    return Simulated(outputs=_sensed(nominal, record, lanes, outputs), ends=ends)
+    return Simulated(outputs=_sensed(model, record, lanes, outputs), ends=ends)
 
 
 def _seen(
@@ -124,7 +124,7 @@ def _excited(record: Record, lanes: Lanes) -> list[tuple[NDArray[np.intp], Job]]
 
 
 def _sensed(
-    nominal: Nominal,
+    model: Model,
     record: Record,
     lanes: Lanes,
     outputs: Array,
@@ -132,7 +132,7 @@ def _sensed(
 ) -> Array:
     """Known part of the sensors."""
     changed = outputs
-    for o, name in enumerate(nominal.outputs):
+    for o, name in enumerate(model.outputs):
         sensor = record.sensors.get(name)
         if sensor is None:
             continue
@@ -194,7 +194,7 @@ def _low_pass(
 
 
 def observed_sensitivities(
-    nominal: Nominal,
+    model: Model,
     record: Record,
     theta: Array,
     windows: NDArray[np.intp],
@@ -208,7 +208,7 @@ def observed_sensitivities(
 ) -> Sensitivity:
     """Derivatives of what the sensors show.
 
-    The nominal differentiates its machine; its columns go through the map of the sensors and
+    The model differentiates its machine; its columns go through the map of the sensors and
     sensor effects, which is cheap. Only input effects need simulations of their own.
     """
     count = len(windows)
@@ -218,7 +218,7 @@ def observed_sensitivities(
     for k, term in enumerate(terms):
         if term.effect.excite is not None and sizes[k] != 0.0:
             changed = _changed(term, changed, float(sizes[k]))
-    s = nominal.sensitivities(
+    s = model.sensitivities(
         changed,
         theta,
         windows,
@@ -239,7 +239,7 @@ def observed_sensitivities(
         part = replace(lanes, theta=lanes.theta[rows], windows=windows[rows], starts=starts[rows])
         for term, size in [*observing, *([extra] if extra else [])]:
             outputs = _seen(term, record, outputs, part.windows, np.full(part.count, size))
-        return _sensed(nominal, record, part, outputs, None if rows == ALL else follows[rows])
+        return _sensed(model, record, part, outputs, None if rows == ALL else follows[rows])
 
     shown = show(s.outputs)
     spread = float(np.nanmax(np.abs(s.outputs))) if s.outputs.size else 1.0
@@ -284,7 +284,7 @@ def observed_sensitivities(
     asked += [(term, 0.0, None) for term in candidates]
     asked = [a for a in asked if a[0].effect.excite is not None and a[0].effect.observe is None]
     runs = observe_all(
-        nominal,
+        model,
         [job(term, at + o, active) for term, at, active in asked for o in offsets(term, at)[0]],
     )
     simulated = {

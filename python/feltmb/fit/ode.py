@@ -1,4 +1,4 @@
-"""A nominal from a right-hand side in Python, integrated for all lanes at once."""
+"""A model from a right-hand side in Python, integrated for all lanes at once."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
 from feltmb.fit.calling import calling
 from feltmb.fit.coordinates import Coordinate, Coupling, Named, Rate
-from feltmb.fit.nominal import (
+from feltmb.fit.model import (
     Effect,
     Job,
     Lanes,
-    Nominal,
+    Model,
     Parameter,
     Port,
     Ready,
@@ -25,13 +25,13 @@ from feltmb.fit.nominal import (
     State,
     Term,
 )
-from feltmb.fit.resolution import BETWEEN, refined, resolved
+from feltmb.fit.resolution import BETWEEN, Stepped, refined, resolved
 
-__all__ = ["OdeNominal"]
+__all__ = ["OdeModel"]
 
 
 @checked
-class OdeNominal(Nominal):
+class OdeModel(Stepped):
     """States with rates dx/dt = f(t, x, u, p), written for whole arrays.
 
     Parameters
@@ -193,7 +193,7 @@ class OdeNominal(Nominal):
         out._resolved, out._free_steps = True, self.substeps is None
         return Ready(out, tuple(records), tuple(notes))
 
-    def finer(self, jobs: Sequence[Job]) -> Nominal:
+    def finer(self, jobs: Sequence[Job]) -> Model:
         """With more substeps, if they were not given and these lanes ask for them."""
         return refined(self, jobs) if self._free_steps else self
 
@@ -202,12 +202,12 @@ class OdeNominal(Nominal):
         return effect.rate is not None or super().accepts(effect)
 
     def simulate(self, record: Record, lanes: Lanes) -> Simulated:
-        """See :class:`~feltmb.fit.Nominal`."""
+        """See :class:`~feltmb.fit.Model`."""
         return self._simulated([(record, lanes)])[0]
 
     def simulate_all(self, jobs: Sequence[Job]) -> list[Simulated]:
         """Lanes with the same terms are integrated together, whatever their record."""
-        if type(self).simulate is not OdeNominal.simulate:  # a subclass has one of its own
+        if type(self).simulate is not OdeModel.simulate:  # a subclass has one of its own
             return super().simulate_all(jobs)
         return self._simulated(jobs)
 
@@ -241,7 +241,7 @@ class _Clock:
     """Second derivatives of the cubic splines through the inputs; empty: not asked for."""
 
     @classmethod
-    def of(cls, model: OdeNominal, jobs: Sequence[Job], longest: int) -> _Clock:
+    def of(cls, model: OdeModel, jobs: Sequence[Job], longest: int) -> _Clock:
         """That of all lanes of some jobs, one after the other."""
         times: list[Array] = []
         signals: list[list[Array]] = [[] for _ in model.inputs]
@@ -261,7 +261,7 @@ class _Clock:
             [np.hstack(parts) for parts in bends if parts],
         )
 
-    def inputs(self, model: OdeNominal, j: int, share: float, p: Named) -> Named:
+    def inputs(self, model: OdeModel, j: int, share: float, p: Named) -> Named:
         """Inputs between samples j and j + 1 of the lanes."""
         values = {}
         nxt = min(j + 1, len(self.time) - 1)
@@ -279,7 +279,7 @@ class _Clock:
         return Named(values)
 
 
-def _integrate(model: OdeNominal, jobs: Sequence[Job]) -> list[Simulated]:
+def _integrate(model: OdeModel, jobs: Sequence[Job]) -> list[Simulated]:
     """Fixed steps between the samples; see the class for the methods.
 
     The jobs have the same terms, and unknown forces with the same knots or none.

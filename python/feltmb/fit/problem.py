@@ -1,4 +1,4 @@
-"""Records, a nominal and some effects as one least-squares problem."""
+"""Records, a model and some effects as one least-squares problem."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from feltmb.data import Array
 from feltmb.fit.cache import Cache
 from feltmb.fit.filter import Chain, reduce_chain
 from feltmb.fit.linearize import InputColumns, Linear, Place, linearize, predict
-from feltmb.fit.nominal import Nominal, Term
+from feltmb.fit.model import Model, Term
 from feltmb.fit.observe import machine_terms
 from feltmb.fit.shots import Shot
 from feltmb.fit.together import each
@@ -49,9 +49,9 @@ class Normal:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is fitted: a nominal with some terms to shots."""
+    """What is fitted: a model with some terms to shots."""
 
-    nominal: Nominal
+    model: Model
     shots: tuple[Shot, ...]
     terms: tuple[Term, ...] = ()
     state_scale: Array | None = None
@@ -67,7 +67,7 @@ class Problem:
         """Parameters that are fitted."""
         if self.frozen:
             return []
-        return [i for i, p in enumerate(self.nominal.parameters) if p.sd > 0.0]
+        return [i for i, p in enumerate(self.model.parameters) if p.sd > 0.0]
 
     @property
     def samples(self) -> int:
@@ -75,24 +75,24 @@ class Problem:
         return int(sum(s.samples.sum() for s in self.shots))
 
     def start(self, sizes: Array | None = None, theta: Array | None = None) -> Point:
-        """Prior means, and starts guessed by the nominal."""
+        """Prior means, and starts guessed by the model."""
         if theta is None:
-            theta = np.array([p.value for p in self.nominal.parameters], dtype=np.float64)
-        states = self.nominal.states(machine_terms(self.terms))
+            theta = np.array([p.value for p in self.model.parameters], dtype=np.float64)
+        states = self.model.states(machine_terms(self.terms))
 
-        def of(nominal: Nominal, shot: Shot) -> Place:
-            guess = nominal.guess(shot.record, shot.windows)
+        def of(model: Model, shot: Shot) -> Place:
+            guess = model.guess(shot.record, shot.windows)
             starts = np.array([[s.start for s in states]] * shot.count).reshape(shot.count, -1)
             starts[:, : guess.shape[1]] = guess
             return Place(starts, np.zeros(len(shot.nuisances)))
 
-        places = each(self.nominal, of, self.shots)
+        places = each(self.model, of, self.shots)
         size = np.zeros(len(self.terms)) if sizes is None else sizes
         return Point(theta, size, tuple(places))
 
     def scale(self, point: Point) -> Array:
         """Spread of each state over the windows, at least a little of its declared size."""
-        states = self.nominal.states(machine_terms(self.terms))
+        states = self.model.states(machine_terms(self.terms))
         if not states:
             return np.zeros(0)
         starts = np.vstack([p.starts for p in point.places])
@@ -107,7 +107,7 @@ class Problem:
 
     def start_prior(self, shot: Shot) -> tuple[Array, Array]:
         """Mean and standard deviation of the state at the first sample of a shot."""
-        states = self.nominal.states(machine_terms(self.terms))
+        states = self.model.states(machine_terms(self.terms))
         prior = shot.record.start
         mean = np.array([s.start for s in states])
         sd = np.array(
@@ -132,11 +132,11 @@ class Problem:
         steps do: otherwise steps and their acceptance would not mean the same function.
         """
 
-        def see(nominal: Nominal, at: tuple[Shot, Place]) -> tuple[Array, Array]:
+        def see(model: Model, at: tuple[Shot, Place]) -> tuple[Array, Array]:
             shot, place = at
-            return predict(nominal, shot, point.theta, self.terms, point.sizes, place)[1:]
+            return predict(model, shot, point.theta, self.terms, point.sizes, place)[1:]
 
-        seen = each(self.nominal, see, list(zip(self.shots, point.places, strict=True)))
+        seen = each(self.model, see, list(zip(self.shots, point.places, strict=True)))
         return self._cost(point, gap_sd, linears, seen)
 
     def cost_at(
@@ -175,7 +175,7 @@ class Problem:
             total += float(np.sum(part))
         if not self.frozen:
             for i in self.free:
-                p = self.nominal.parameters[i]
+                p = self.model.parameters[i]
                 total += float(((point.theta[i] - p.value) / p.sd) ** 2)
         return total, parts
 
@@ -209,10 +209,10 @@ class Problem:
         candidates: tuple[Term, ...],
         known: Sequence[Linear | InputColumns] | None,
     ) -> list[Linear]:
-        def of(nominal: Nominal, at: tuple[Shot, Place, Linear | InputColumns | None]) -> Linear:
+        def of(model: Model, at: tuple[Shot, Place, Linear | InputColumns | None]) -> Linear:
             shot, place, near = at
             return linearize(
-                nominal,
+                model,
                 shot,
                 point.theta,
                 self.free,
@@ -225,7 +225,7 @@ class Problem:
             )
 
         nearby = [None] * len(self.shots) if known is None else known
-        return each(self.nominal, of, list(zip(self.shots, point.places, nearby, strict=True)))
+        return each(self.model, of, list(zip(self.shots, point.places, nearby, strict=True)))
 
     def normal(
         self,
@@ -271,7 +271,7 @@ class Problem:
             columns.append(own)
             at += nn
         for c, i in enumerate(self.free):
-            p = self.nominal.parameters[i]
+            p = self.model.parameters[i]
             if np.isfinite(p.sd):
                 matrix[c, c] += 1.0 / p.sd**2
                 right[c] += (p.value - point.theta[i]) / p.sd**2
@@ -279,7 +279,7 @@ class Problem:
 
     def room(self, point: Point) -> tuple[Array, Array]:
         """How far free parameters and sizes may go down and up, (p + k,) each."""
-        parameters = [self.nominal.parameters[i] for i in self.free]
+        parameters = [self.model.parameters[i] for i in self.free]
         limits = [(p.lower, p.upper) for p in parameters]
         limits += [t.effect.bounds for t in self.terms]
         at = np.concatenate([point.theta[self.free], point.sizes])
@@ -325,7 +325,7 @@ class Problem:
         theta[free] += delta[: len(free)]
         sizes = point.sizes + delta[len(free) : count]
         for i in free:
-            p = self.nominal.parameters[i]
+            p = self.model.parameters[i]
             theta[i] = np.clip(theta[i], p.lower, p.upper)
         for k, term in enumerate(self.terms):
             sizes[k] = np.clip(sizes[k], *term.effect.bounds)
@@ -347,11 +347,11 @@ class Problem:
 
         Hidden states that are new start at their prior mean; those that stay are kept.
         """
-        base = len(self.nominal.states())
+        base = len(self.model.states())
         old = machine_terms(self.terms)
         new = machine_terms(terms)
 
-        def of(nominal: Nominal, which: tuple[Shot, Place]) -> Place:
+        def of(model: Model, which: tuple[Shot, Place]) -> Place:
             shot, place = which
             blocks = [place.starts[:, :base]]
             fresh = []
@@ -367,10 +367,10 @@ class Problem:
                     fresh.append(term)
             starts = np.hstack(blocks)
             if fresh:
-                starts = _run_hidden(nominal, shot, point.theta, new, starts, base)
+                starts = _run_hidden(model, shot, point.theta, new, starts, base)
             return Place(starts, place.nuisances)
 
-        places = each(self.nominal, of, list(zip(self.shots, point.places, strict=True)))
+        places = each(self.model, of, list(zip(self.shots, point.places, strict=True)))
         return Point(point.theta, np.asarray(sizes, dtype=np.float64), tuple(places))
 
 
@@ -404,16 +404,16 @@ def _by_input_noise(linear: Linear, residual: Array, gap: Array, gap_sd: Array) 
 
 
 def _run_hidden(
-    nominal: Nominal, shot: Shot, theta: Array, terms: tuple[Term, ...], starts: Array, base: int
+    model: Model, shot: Shot, theta: Array, terms: tuple[Term, ...], starts: Array, base: int
 ) -> Array:
-    """Hidden states at the window starts, as the nominal's motion drives them."""
-    from feltmb.fit.nominal import Lanes
+    """Hidden states at the window starts, as the model's motion drives them."""
+    from feltmb.fit.model import Lanes
 
     starts = starts.copy()
     for w in range(shot.count - 1):
         one = slice(w, w + 1)
         lanes = Lanes.at_point(theta, shot.windows[one], starts[one], terms, np.zeros(len(terms)))
-        run = nominal.simulate(shot.record, lanes)
+        run = model.simulate(shot.record, lanes)
         if np.all(np.isfinite(run.ends)):
             starts[w + 1, base:] = run.ends[0, base:]
     return starts

@@ -9,19 +9,16 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.data import Record
-from feltmb.fit.nominal import Job, Lanes, Parameter, Simulated
+from feltmb.fit.model import Job, Lanes, Model, Parameter, Simulated
 from feltmb.fit.together import each
 
-if TYPE_CHECKING:
-    from feltmb.fit.ode import OdeNominal
-
-__all__ = ["BETWEEN", "refined", "resolved"]
+__all__ = ["BETWEEN", "Stepped", "refined", "resolved"]
 
 #: Name of the parameter of an input that says how much of a spline it is between its samples.
 BETWEEN = "between."
@@ -36,7 +33,21 @@ MOST = 16
 WINDOW, LONGEST, RECORDS = 64, 1500, 4
 
 
-def resolved(model: OdeNominal, records: Sequence[Record]) -> tuple[OdeNominal, list[str]]:
+class Stepped(Model):
+    """A model that is integrated in steps of the samples."""
+
+    inputs: tuple[str, ...]
+    """Names of the inputs."""
+    substeps: int | None
+    """Steps a sample; None: as many as it takes."""
+    hold: str
+    """What an input is between its samples."""
+
+
+M = TypeVar("M", bound=Stepped)
+
+
+def resolved(model: M, records: Sequence[Record]) -> tuple[M, list[str]]:
     """A copy with substeps that are fine enough, and inputs whose run is estimated if it is heard.
 
     Also what is to be told of it.
@@ -46,7 +57,7 @@ def resolved(model: OdeNominal, records: Sequence[Record]) -> tuple[OdeNominal, 
     seen = [_part(r) for r in records[:RECORDS] if all(n in r.inputs for n in model.inputs)]
     more = sum(r.samples for r in records) / max(1, sum(r.samples for r in seen))
 
-    def heard(one: OdeNominal, other: OdeNominal) -> float:
+    def heard(one: M, other: M) -> float:
         return float(np.sqrt(more * _heard(one, other, _jobs(other, seen))))
 
     if model.substeps is None:
@@ -75,7 +86,7 @@ def resolved(model: OdeNominal, records: Sequence[Record]) -> tuple[OdeNominal, 
     return out, notes
 
 
-def refined(model: OdeNominal, jobs: Sequence[Job]) -> OdeNominal:
+def refined(model: M, jobs: Sequence[Job]) -> M:
     """The model with substeps that are fine enough for some lanes; itself if it has them.
 
     An error that is small beside what the terms of the lanes do is their form.
@@ -84,7 +95,7 @@ def refined(model: OdeNominal, jobs: Sequence[Job]) -> OdeNominal:
     done = np.sqrt(_squares(model.simulate_all(jobs), model.simulate_all(bare), model, jobs))
     fine = max(FINE, FORM * done) if np.isfinite(done) else FINE
 
-    def heard(one: OdeNominal, other: OdeNominal) -> float:
+    def heard(one: M, other: M) -> float:
         return float(np.sqrt(_heard(one, other, jobs)))
 
     now = model.substeps or 1
@@ -96,16 +107,16 @@ def _part(record: Record) -> Record:
     return record if record.samples <= LONGEST else record.cut(0, LONGEST)
 
 
-def _with_substeps(model: OdeNominal, substeps: int) -> OdeNominal:
+def _with_substeps(model: M, substeps: int) -> M:
     out = copy.copy(model)
     out.substeps = substeps
     return out
 
 
 def _substeps(
-    model: OdeNominal,
+    model: M,
     substeps: int,
-    heard: Callable[[OdeNominal, OdeNominal], float],
+    heard: Callable[[M, M], float],
     fine: float = FINE,
 ) -> tuple[int, float]:
     """Fewest substeps whose halves are not heard, from some on, and how loud they are."""
@@ -116,7 +127,7 @@ def _substeps(
         substeps *= 2
 
 
-def _jobs(model: OdeNominal, records: Sequence[Record]) -> list[Job]:
+def _jobs(model: Model, records: Sequence[Record]) -> list[Job]:
     """Windows of records from starts on the model's own way."""
     theta = np.array([p.value for p in model.parameters])
     windows = [_windows(r) for r in records]
@@ -132,13 +143,13 @@ def _windows(record: Record) -> NDArray[np.intp]:
     return np.column_stack([edges[:-1], edges[1:]])
 
 
-def _heard(one: OdeNominal, other: OdeNominal, jobs: Sequence[Job]) -> float:
+def _heard(one: Model, other: Model, jobs: Sequence[Job]) -> float:
     """Sum of squares of the difference of two models; infinite where one of them fails."""
     return _squares(one.simulate_all(jobs), other.simulate_all(jobs), one, jobs)
 
 
 def _squares(
-    ones: Sequence[Simulated], others: Sequence[Simulated], model: OdeNominal, jobs: Sequence[Job]
+    ones: Sequence[Simulated], others: Sequence[Simulated], model: Model, jobs: Sequence[Job]
 ) -> float:
     """Sum of squares of the difference of two simulations over the noise."""
     total = 0.0

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
+from feltmb.fit.model import Model
 from feltmb.fit.noise import Noise, innovations
-from feltmb.fit.nominal import Nominal
 
 __all__ = ["Noise", "Shot", "choose_windows", "make_shot"]
 
@@ -35,7 +35,7 @@ class Shot:
     """Positions of the valid samples before, in the window, the nearest first; -1: none.
     (W, L, ny, p)"""
     decay: Array
-    """What those samples foretell of this one's noise, a factor for each, (W, L, ny, p)."""
+    """What those samples predict of this one's noise, a factor for each, (W, L, ny, p)."""
     weight: Array
     """1 / standard deviation of the innovation; 0 where nothing was measured. (W, L, ny)"""
     noise: tuple[Noise, ...]
@@ -173,7 +173,7 @@ def choose_windows(
 
 
 def make_shot(
-    nominal: Nominal,
+    model: Model,
     record: Record,
     noise: Mapping[str, Noise],
     window: float | None,
@@ -183,11 +183,11 @@ def make_shot(
     if windows is None:
         slowest = min((s.bandwidth for s in record.sensors.values()), default=math.inf)
         shortest = SETTLED / (2.0 * math.pi * slowest)
-        if window is None and nominal.window is not None:
-            window = max(nominal.window, shortest)
+        if window is None and model.window is not None:
+            window = max(model.window, shortest)
         windows = choose_windows(record, window, shortest=shortest)
     longest = int(np.max(windows[:, 1] - windows[:, 0])) + 1
-    all_measured = record.output_array(nominal.outputs)
+    all_measured = record.output_array(model.outputs)
     at = windows[:, :1] + np.arange(longest)
     inside = at < windows[:, 1:]
     inside[-1] |= at[-1] == windows[-1, 1]
@@ -195,10 +195,10 @@ def make_shot(
     measured = np.where(inside[..., None], all_measured[at], np.nan)
     valid = np.isfinite(measured)
     position = np.where(valid, np.arange(longest)[None, :, None], -1)
-    chosen = tuple(noise.get(name, Noise(1.0)) for name in nominal.outputs)
+    chosen = tuple(noise.get(name, Noise(1.0)) for name in model.outputs)
     before, decay, weight = innovations(chosen, position, record.time[at])
     nuisances = []
-    for c, name in enumerate(nominal.outputs):
+    for c, name in enumerate(model.outputs):
         if name not in record.outputs or not valid[:, :, c].any():
             continue
         sensor = record.sensors[name]

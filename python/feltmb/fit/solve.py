@@ -1,4 +1,4 @@
-"""Weak-constraint multiple shooting: the fit of a nominal, with or without effects."""
+"""Weak-constraint multiple shooting: the fit of a model, with or without effects."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from feltmb.data import Array
 from feltmb.fit.cache import Cache
 from feltmb.fit.linearize import InputColumns, Linear, Place
-from feltmb.fit.nominal import Lanes, Nominal, Term
+from feltmb.fit.model import Lanes, Model, Term
 from feltmb.fit.observe import machine_terms, observe_lanes
 from feltmb.fit.problem import Normal, Point, Problem
 from feltmb.fit.shots import Shot
@@ -130,7 +130,7 @@ class Fit:
     @property
     def strain(self) -> Array:
         """Free parameters that have a prior: distance from it in its standard deviations."""
-        everything = self.problem.nominal.parameters
+        everything = self.problem.model.parameters
         known = [i for i in self.problem.free if np.isfinite(everything[i].sd)]
         far = [(self.point.theta[i] - everything[i].value) / everything[i].sd for i in known]
         return np.array(far, dtype=np.float64)
@@ -141,7 +141,7 @@ class Fit:
         out = []
         rows = [
             (p.name, p.unit, self.point.theta[i], p.value, p.sd, p.lower, p.upper)
-            for i, p in enumerate(self.problem.nominal.parameters)
+            for i, p in enumerate(self.problem.model.parameters)
             if i in self.problem.free
         ]
         rows += [
@@ -206,7 +206,7 @@ def _optimize(
         problem.frozen,
         settings.chain,
         [(t.name, t.shape) for t in problem.terms],
-        [(p.name, p.value, p.sd, p.lower, p.upper) for p in problem.nominal.parameters],
+        [(p.name, p.value, p.sd, p.lower, p.upper) for p in problem.model.parameters],
         *problem.room(point),
     )
     known = problem.cache.get(key)
@@ -291,7 +291,7 @@ def _priors(problem: Problem, point: Point) -> float:
     total = 0.0
     if not problem.frozen:
         for i in problem.free:
-            p = problem.nominal.parameters[i]
+            p = problem.model.parameters[i]
             total += float(((point.theta[i] - p.value) / p.sd) ** 2)
     for shot, place in zip(problem.shots, point.places, strict=True):
         for (_, _, sd), value in zip(shot.nuisances, place.nuisances, strict=True):
@@ -336,7 +336,7 @@ def _finish(
         _, sd = problem.start_prior(shot)
         dof -= min(states, int(np.sum(~np.isfinite(sd))))
     if not problem.frozen:
-        dof -= sum(1 for i in problem.free if np.isinf(problem.nominal.parameters[i].sd))
+        dof -= sum(1 for i in problem.free if np.isinf(problem.model.parameters[i].sd))
         dof -= len(problem.terms)
     return Fit(
         problem=problem,
@@ -387,7 +387,7 @@ def polish(problem: Problem, point: Point, level: float, settings: FitSettings) 
 def chained(problem: Problem, point: Point) -> Point:
     """The point whose windows start where the window before ends."""
 
-    def of(nominal: Nominal, at: tuple[Shot, Place]) -> Place:
+    def of(model: Model, at: tuple[Shot, Place]) -> Place:
         shot, place = at
         starts = place.starts.copy()
         for w in range(shot.count - 1):
@@ -395,12 +395,12 @@ def chained(problem: Problem, point: Point) -> Point:
             lanes = Lanes.at_point(
                 point.theta, shot.windows[one], starts[one], problem.terms, point.sizes
             )
-            ends = observe_lanes(nominal, shot.record, lanes).ends[0]
+            ends = observe_lanes(model, shot.record, lanes).ends[0]
             if np.all(np.isfinite(ends)):
                 starts[w + 1] = ends
         return Place(starts, place.nuisances)
 
-    places = each(problem.nominal, of, list(zip(problem.shots, point.places, strict=True)))
+    places = each(problem.model, of, list(zip(problem.shots, point.places, strict=True)))
     return replace(point, places=tuple(places), memo={})
 
 
@@ -448,8 +448,8 @@ def _descend(
 
     Also the point and the sum of squares at the loosest.
     """
-    if not problem.nominal.states(machine_terms(problem.terms)):
-        known = all(np.isfinite(problem.nominal.parameters[i].sd) for i in problem.free)
+    if not problem.model.states(machine_terms(problem.terms)):
+        known = all(np.isfinite(problem.model.parameters[i].sd) for i in problem.free)
         if known:
             fit = polish(problem, _led(problem, point, settings), 1.0, settings)
         else:  # a beginning may say nothing of a parameter that no prior holds
@@ -596,7 +596,7 @@ def fit_problem(
     for i in range(settings.restarts):
         theta = fit.point.theta.copy()
         for j in free:
-            p = problem.nominal.parameters[j]
+            p = problem.model.parameters[j]
             sd = p.sd if np.isfinite(p.sd) else 0.3 * p.size
             theta[j] = np.clip(theta[j] + sd * generator.standard_normal(), p.lower, p.upper)
         name = f"{label}, restart {i + 1}"

@@ -1,6 +1,6 @@
 """Several records at once: what is done for each of them, with their simulations in common.
 
-A nominal in Python spends its time on the overhead of single array operations, not on their length:
+A model in Python spends its time on the overhead of single array operations, not on their length:
 the windows of all records in one batch take hardly longer than those of one. So what is to be done
 for each record runs in a thread of its own, every call of ``simulate`` waits until all of them have
 asked or are through, and the questions of a round are answered by one call of ``simulate_all``.
@@ -16,7 +16,7 @@ from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
-    from feltmb.fit.nominal import Job, Nominal, Simulated
+    from feltmb.fit.model import Job, Model, Simulated
 
 __all__ = ["each"]
 
@@ -24,23 +24,23 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 
-def each(nominal: Nominal, work: Callable[[Nominal, T], R], items: Sequence[T]) -> list[R]:
-    """``work(nominal, item)`` for all items, in their order.
+def each(model: Model, work: Callable[[Model, T], R], items: Sequence[T]) -> list[R]:
+    """``work(model, item)`` for all items, in their order.
 
     Raises
     ------
     Exception
         That of the first item, in their order, whose work failed.
     """
-    if not nominal.together or len(items) < 2:
-        return [work(nominal, item) for item in items]
-    meeting = _Meeting(nominal.core, len(items))
+    if not model.together or len(items) < 2:
+        return [work(model, item) for item in items]
+    meeting = _Meeting(model.core, len(items))
     results: list[R | None] = [None] * len(items)
     faults: list[BaseException | None] = [None] * len(items)
 
     def one(i: int) -> None:
         try:
-            results[i] = work(nominal.asking(partial(meeting.ask, i)), items[i])
+            results[i] = work(model.asking(partial(meeting.ask, i)), items[i])
         except BaseException as fault:
             faults[i] = fault
         finally:
@@ -63,8 +63,8 @@ def each(nominal: Nominal, work: Callable[[Nominal, T], R], items: Sequence[T]) 
 class _Meeting:
     """Where threads meet to have their simulations made in one go."""
 
-    def __init__(self, nominal: Nominal, count: int) -> None:
-        self._nominal = nominal
+    def __init__(self, model: Model, count: int) -> None:
+        self._model = model
         self._present = count
         self._asked: dict[int, Sequence[Job]] = {}
         self._answers: dict[int, list[Simulated] | BaseException] = {}
@@ -94,7 +94,7 @@ class _Meeting:
             return
         who = sorted(self._asked)
         try:
-            runs = iter(self._nominal.simulate_all([job for i in who for job in self._asked[i]]))
+            runs = iter(self._model.simulate_all([job for i in who for job in self._asked[i]]))
             for i in who:
                 self._answers[i] = [next(runs) for _ in self._asked[i]]
         except BaseException as fault:  # an exit too: it is for those who wait

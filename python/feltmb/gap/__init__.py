@@ -8,11 +8,11 @@ from feltmb.fit import (
     Coordinate,
     Coupling,
     Effect,
-    FunctionNominal,
+    FunctionModel,
     Lanes,
-    LinearNominal,
-    Nominal,
-    OdeNominal,
+    LinearModel,
+    Model,
+    OdeModel,
     Parameter,
     Port,
     Rate,
@@ -22,10 +22,9 @@ from feltmb.fit import (
     Term,
     including,
 )
-from feltmb.gap.diagnose import Options, diagnose, fit_nominal
-from feltmb.gap.foresee import Foresight, foresee, noncentrality
-from feltmb.gap.gates import Gates, check_records
-from feltmb.gap.report import (
+from feltmb.gap.checks import DataChecks, check_records
+from feltmb.gap.diagnose import Options, diagnose, fit_model
+from feltmb.gap.findings import (
     Advice,
     Amended,
     ComponentRow,
@@ -36,33 +35,36 @@ from feltmb.gap.report import (
     NotTested,
     Ranked,
     RankedSet,
-    Report,
     Verdict,
     Where,
     Which,
 )
+from feltmb.gap.planning import Plan, noncentrality, plan
+from feltmb.gap.report import Report
+from feltmb.gap.withhold import OUTCOMES, Withheld, WithheldCase, withhold
 
 __all__ = [
+    "OUTCOMES",
     "Advice",
     "Amended",
     "ComponentRow",
     "Coordinate",
     "Coupling",
+    "DataChecks",
     "Effect",
     "EventRow",
-    "Foresight",
-    "FunctionNominal",
+    "FunctionModel",
     "GapRow",
-    "Gates",
     "HowFar",
     "Lanes",
     "LedgerCell",
-    "LinearNominal",
-    "Nominal",
+    "LinearModel",
+    "Model",
     "NotTested",
-    "OdeNominal",
+    "OdeModel",
     "Options",
     "Parameter",
+    "Plan",
     "Port",
     "Ranked",
     "RankedSet",
@@ -78,10 +80,13 @@ __all__ = [
     "Verdict",
     "Where",
     "Which",
+    "Withheld",
+    "WithheldCase",
     "check_records",
     "diagnose",
-    "fit_nominal",
-    "foresee",
+    "fit_model",
     "including",
     "noncentrality",
+    "plan",
+    "withhold",
 ]

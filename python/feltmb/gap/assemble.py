@@ -9,24 +9,24 @@ from typing import Any
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.fit.nominal import Effect, Nominal
+from feltmb.fit.model import Effect, Model
 from feltmb.fit.shots import Shot
+from feltmb.gap.acceptance import Accepted, Posterior
 from feltmb.gap.advise import confusion
 from feltmb.gap.calibrate import Null
+from feltmb.gap.findings import Amended, GapRow, HowFar, Ranked, RankedSet, ShapeNumber, Which
 from feltmb.gap.proof import Outcome
 from feltmb.gap.refine import Candidate
-from feltmb.gap.report import Amended, GapRow, HowFar, Ranked, RankedSet, ShapeNumber, Which
 from feltmb.gap.search import Search
-from feltmb.gap.settle import Accepted, Posterior
 from feltmb.gap.spread import Spread, spread
 
 __all__ = ["amended", "how_far_rows", "ranked"]
 
 
-def amended(nominal: Nominal, search: Search, accepted: Accepted) -> Amended:
+def amended(model: Model, search: Search, accepted: Accepted) -> Amended:
     """The model with what was accepted."""
-    fit = search.nominal if accepted.candidate is None else accepted.candidate.fit
-    return Amended(nominal=nominal, theta=fit.point.theta, terms=fit.terms, sizes=fit.point.sizes)
+    fit = search.model_fit if accepted.candidate is None else accepted.candidate.fit
+    return Amended(base=model, theta=fit.point.theta, terms=fit.terms, sizes=fit.point.sizes)
 
 
 def ranked(
@@ -107,8 +107,8 @@ def ranked(
         RankedSet(
             effects=c.names,
             sizes=tuple(float(s) for s in c.fit.point.sizes),
-            statistic=float(search.nominal.chi2 - c.fit.chi2),
-            evidence=float(c.evidence - search.nominal_evidence),
+            statistic=float(search.model_fit.chi2 - c.fit.chi2),
+            evidence=float(c.evidence - search.model_evidence),
             posterior=w,
             refitted=True,
         )
@@ -167,7 +167,7 @@ def _per_channel(outcome: Outcome, shots: Sequence[Shot], which: str, c: int) ->
     """Residual of a channel by shot, without what was not measured."""
     out = []
     for shot, residual in zip(shots, getattr(outcome, which), strict=True):
-        name = outcome.fit.problem.nominal.outputs[c]
+        name = outcome.fit.problem.model.outputs[c]
         if name in shot.record.outputs:
             measured = np.isfinite(shot.record.outputs[name])
             out.append(np.where(np.isfinite(residual[measured, c]), residual[measured, c], np.inf))
@@ -197,7 +197,7 @@ def how_far_rows(
 ) -> HowFar:
     """Gap on held-out data before and after, by metric and channel, with bands."""
     before, after = accepted.before, accepted.after
-    outputs = before.fit.problem.nominal.outputs
+    outputs = before.fit.problem.model.outputs
     rows = []
     for metric, which in (("windowed", "windowed"), ("open loop", "open_loop")):
         for c, name in enumerate(outputs):
@@ -221,7 +221,7 @@ def how_far_rows(
                         _gap_row("speed", name, f"{units[0]}/s", fast_old, fast_new, floor, seed)
                     )
     start, end = before.gap(shots, primary), after.gap(shots, primary)
-    waterfall = [("nominal", start)]
+    waterfall = [("model", start)]
     waterfall += [(n, -v) for n, v in sorted(shares.items(), key=lambda kv: -kv[1])]
     waterfall += [("unexplained", max(end - 1.0, 0.0)), ("floor", min(1.0, end))]
     closed, low, high = _closed(before, after, shots, primary, seed)
@@ -310,7 +310,7 @@ def _closed(
     old: list[Array] = []
     new: list[Array] = []
     for outcome, out in ((before, old), (after, new)):
-        for c in range(len(before.fit.problem.nominal.outputs)):
+        for c in range(len(before.fit.problem.model.outputs)):
             parts = _per_channel(outcome, shots, which, c)
             sigma = shots[0].noise[c].sigma
             out.extend(p / sigma for p in parts)

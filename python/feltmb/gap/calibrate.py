@@ -1,4 +1,4 @@
-"""Null law of the largest score: asymptotic, corrected by refits of simulated nominal records."""
+"""Null law of the largest score: asymptotic, corrected by refits of simulated model records."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from feltmb.data import Array
 from feltmb.fit.linearize import Linear, predict
-from feltmb.fit.nominal import Effect
+from feltmb.fit.model import Effect
 from feltmb.fit.shots import Shot
 from feltmb.fit.solve import Fit, FitSettings, polish
 from feltmb.gap.score import Scores, all_terms, family_threshold, score_fit
@@ -21,7 +21,7 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, eq=False)
 class Null:
-    """Family-wise law of the largest T under the nominal."""
+    """Family-wise law of the largest T under the model."""
 
     threshold: float
     """T that the largest one exceeds with probability alpha."""
@@ -49,7 +49,7 @@ def calibrate(
 ) -> Null:
     """Draw b ~ N(0, G) for the asymptotic law; refit simulated records for its correction.
 
-    Each replicate is simulated from the fitted nominal with the noise of the sensors, fitted again,
+    Each replicate is simulated from the fitted model with the noise of the sensors, fitted again,
     and screened; the mean of its largest T over that of the asymptotic law stretches the law
     (Bartlett's idea): a mean needs far fewer replicates than a tail.
     """
@@ -61,7 +61,7 @@ def calibrate(
     settings = FitSettings(iterations=6)
     largest = []
     clean = [
-        predict(fit.problem.nominal, s, fit.point.theta, fit.terms, fit.point.sizes, p)[0]
+        predict(fit.problem.model, s, fit.point.theta, fit.terms, fit.point.sizes, p)[0]
         for s, p in zip(fit.problem.shots, fit.point.places, strict=True)
     ]
     for i in range(replicates):

@@ -20,11 +20,11 @@ from scipy import stats
 from feltmb.data import Array
 from feltmb.fit.filter import reduce_chain
 from feltmb.fit.linearize import Linear
-from feltmb.fit.nominal import Lanes, Port
+from feltmb.fit.model import Lanes, Port
 from feltmb.fit.observe import observe_lanes
 from feltmb.fit.shots import Shot
 from feltmb.fit.solve import Fit
-from feltmb.gap.report import ComponentRow
+from feltmb.gap.findings import ComponentRow
 
 __all__ = ["component_table"]
 
@@ -67,18 +67,18 @@ class _Tested:
 def component_table(
     fit: Fit, tight: Fit | None = None, level: float = 0.01
 ) -> tuple[ComponentRow, ...]:
-    """Test every port of the nominal for an unknown force, the strongest first.
+    """Test every port of the model for an unknown force, the strongest first.
 
     Parameters
     ----------
     fit
-        The nominal with the gaps between windows that suit it.
+        The model with the gaps between windows that suit it.
     tight
         The same with the tightest gaps. Loose gaps take up a weak force, so that the test sees it
         there; with loose ones the states are those of the machine, and the force is recovered
         there, if it shows.
     """
-    ports = fit.problem.nominal.ports
+    ports = fit.problem.model.ports
     if not ports or not fit.gap_sd.size:
         return ()
     knots = np.arange(KNOTS) / (KNOTS - 1)
@@ -118,7 +118,7 @@ def component_table(
 
 def _tested(fit: Fit, prior: Array) -> list[_Tested]:
     """All ports of a fit."""
-    ports = fit.problem.nominal.ports
+    ports = fit.problem.model.ports
     seen: list[list[_Seen]] = [[] for _ in ports]
     excess = 0.0
     for i, shot in enumerate(fit.problem.shots):
@@ -147,7 +147,7 @@ def _tested(fit: Fit, prior: Array) -> list[_Tested]:
 def _with_forces(fit: Fit, i: int) -> tuple[Linear, int]:
     """Linearization of a shot with the knots of all ports as further columns."""
     problem, shot, place = fit.problem, fit.problem.shots[i], fit.point.places[i]
-    ports = problem.nominal.ports
+    ports = problem.model.ports
     versions = 1 + len(ports) * KNOTS
     forces = np.zeros((versions, shot.count, len(ports), KNOTS))
     for j, port in enumerate(ports):
@@ -161,8 +161,8 @@ def _with_forces(fit: Fit, i: int) -> tuple[Linear, int]:
         sizes=np.tile(fit.point.sizes, (versions * shot.count, 1)),
         forces=forces.reshape(versions * shot.count, len(ports), KNOTS),
     )
-    run = observe_lanes(problem.nominal, shot.record, lanes)
-    outputs = run.outputs.reshape(versions, shot.count, -1, len(problem.nominal.outputs))
+    run = observe_lanes(problem.model, shot.record, lanes)
+    outputs = run.outputs.reshape(versions, shot.count, -1, len(problem.model.outputs))
     ends = run.ends.reshape(versions, shot.count, -1)
     change = np.moveaxis(outputs[1:] - outputs[0], 0, -1) / 1e-3
     change_ends = np.moveaxis(ends[1:] - ends[0], 0, -1) / 1e-3
@@ -204,7 +204,7 @@ def _recover(
     fit: Fit, port: Port, parts: list[_Seen], variance: float, prior: Array
 ) -> tuple[dict[str, dict[str, list[float]]], str]:
     """Force traces by record, and what they look like against position and speed."""
-    states = [s.name for s in fit.problem.nominal.states()]
+    states = [s.name for s in fit.problem.model.states()]
     inverse = np.linalg.inv(prior + 1e-8 * np.eye(len(prior))) / variance
     traces: dict[str, dict[str, list[float]]] = {}
     seen = []
@@ -235,14 +235,14 @@ def _at_knots(fit: Fit, i: int) -> Array:
         windows = shot.windows.copy()
         windows[:, 1] = windows[:, 0] + np.maximum(1, length * k // (KNOTS - 1))
         lanes = Lanes.at_point(fit.point.theta, windows, place.starts, fit.terms, fit.point.sizes)
-        out[:, k] = observe_lanes(fit.problem.nominal, shot.record, lanes).ends
+        out[:, k] = observe_lanes(fit.problem.model, shot.record, lanes).ends
     return out
 
 
 def _likeness(seen: Array) -> str:
     """What a force, its standard deviation, position and speed (n, 4) look like together.
 
-    What is in proportion to position or speed the parameters of the nominal have taken up: other
+    What is in proportion to position or speed the parameters of the model have taken up: other
     laws are compared without that part of them.
     """
     force, sd, q, v = seen[np.all(np.isfinite(seen), axis=1) & (seen[:, 1] > 0.0)].T

@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass, replace
 
 from feltmb.fit.solve import Fit
-from feltmb.gap.gates import Gates
+from feltmb.gap.acceptance import Accepted, Posterior
+from feltmb.gap.checks import DataChecks
+from feltmb.gap.findings import HowFar, Verdict, Where
 from feltmb.gap.misfit import OTHER, Misfit, misfit
-from feltmb.gap.report import HowFar, Verdict, Where
 from feltmb.gap.search import Search
-from feltmb.gap.settle import Accepted, Posterior
 from feltmb.gap.tolerance import strain_told
 
 __all__ = ["Decision", "Facts", "decide"]
@@ -19,7 +19,7 @@ __all__ = ["Decision", "Facts", "decide"]
 REST = 3.0
 #: Posterior that a name needs.
 SURE = 0.9
-#: Family-wise p of the largest score at which the nominal is refuted, whatever held-out records
+#: Family-wise p of the largest score at which the model is refuted, whatever held-out records
 #: say of the effect that has it.
 REFUTED = 1e-4
 #: Share of the cases in which the first of the ranking was right, of what its evidence promised, by
@@ -45,7 +45,7 @@ NEAR = 1.1
 class Facts:
     """All that the verdict may rest on."""
 
-    gates: Gates
+    checks: DataChecks
     search: Search
     accepted: Accepted
     belief: Posterior
@@ -59,7 +59,7 @@ class Facts:
     first: Search
     """The search with the noise of the sensors alone."""
     misfit: Misfit
-    """What the nominal leaves in that search."""
+    """What the model leaves in that search."""
     leftover: float
     """Largest score of the other effects after the accepted ones, over its family-wise bar."""
     unexplained: bool
@@ -94,7 +94,7 @@ def decide(facts: Facts) -> Decision:
             replace(facts, belief=belief),
             Verdict.UNKNOWN,
             "The records of the fit show no gap, but the held-out ones do: fitted to them alone "
-            f"the nominal leaves {facts.beyond:.3g} times the sum of squares of noise. They reach "
+            f"the model leaves {facts.beyond:.3g} times the sum of squares of noise. They reach "
             "what the others do not. Give some of them to the fit, and hold out others.",
         )
     if not gap:
@@ -104,21 +104,22 @@ def decide(facts: Facts) -> Decision:
                 facts,
                 Verdict.TOO_WEAK,
                 "There may be something, but these records cannot prove it "
-                f"({reason}). The nominal is not refuted.",
+                f"({reason}). The model is not refuted.",
             )
         return _silent(
             facts,
             Verdict.NO_GAP,
-            "The nominal explains the records: what is left is noise "
-            f"(sum of squares {search.nominal.chi2 / search.nominal.dof:.2f} of its expectation, "
+            "The model explains the records: what is left is noise "
+            f"(sum of squares {search.model_fit.chi2 / search.model_fit.dof:.2f} of its "
+            "expectation, "
             f"largest score family-wise p = {p:.2g})."
-            + (f" But {told}." if (told := strain_told(search.nominal)) else ""),
+            + (f" But {told}." if (told := strain_told(search.model_fit)) else ""),
         )
-    if best is None and not facts.first.nominal.converged and not hint:
+    if best is None and not facts.first.model_fit.converged and not hint:
         return _silent(
             facts,
             Verdict.TOO_WEAK,
-            "The fit of the nominal did not converge, also from other starts; a stuck fit is not "
+            "The fit of the model did not converge, also from other starts; a stuck fit is not "
             "taken for a gap. Give closer priors, or shorter windows.",
         )
     if best is None:
@@ -130,7 +131,7 @@ def decide(facts: Facts) -> Decision:
 
 
 def _refuted(facts: Facts) -> bool:
-    """Whether the nominal cannot be right, whatever is wrong with it."""
+    """Whether the model cannot be right, whatever is wrong with it."""
     return facts.misfit.left or facts.p <= REFUTED
 
 
@@ -168,7 +169,7 @@ def _name(facts: Facts) -> Decision:
     after = misfit(
         best.fit,
         facts.rest,
-        estimated=facts.gates.estimated,
+        estimated=facts.checks.estimated,
         bar=REST,
         explained=best.evidence - facts.search.tight_evidence,
     )
@@ -215,7 +216,7 @@ def _closing(facts: Facts, names: tuple[str, ...]) -> str:
     far = facts.how_far
     gap = far.waterfall[0][1]
     if not math.isfinite(gap):
-        return "The nominal cannot simulate the held-out records to their end."
+        return "The model cannot simulate the held-out records to their end."
     gains = [paired.gain for name, paired in facts.accepted.proof.items() if name in names]
     if gap < NEAR and gains:
         by = "by it" if len(gains) == 1 else "or more by each"
@@ -234,7 +235,7 @@ def _unsure(facts: Facts, hinted: tuple[str, ...], why: str) -> Decision:
         return _silent(facts, Verdict.UNKNOWN, text + _place(facts))
     text = (
         "There may be something, but these records cannot prove it: "
-        f"nearest {_list(hinted)} ({why}). The nominal is not refuted."
+        f"nearest {_list(hinted)} ({why}). The model is not refuted."
     )
     return _silent(facts, Verdict.TOO_WEAK, text)
 

@@ -1,4 +1,4 @@
-"""The diagnosis: gates, fit, where, which, proof, verdict."""
+"""The diagnosis: checks, fit, where, which, proof, verdict."""
 
 from __future__ import annotations
 
@@ -13,31 +13,32 @@ from feltmb.arguments import checked
 from feltmb.data import Record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.cache import Cache
-from feltmb.fit.nominal import Effect, Nominal
+from feltmb.fit.model import Effect, Model
 from feltmb.fit.problem import Point, Problem
 from feltmb.fit.shots import Shot, make_shot
 from feltmb.fit.solve import Fit, FitSettings, fit_problem
+from feltmb.gap.acceptance import WIDE, Accepted, accept, posterior, shapley
 from feltmb.gap.assemble import amended, how_far_rows, ranked
 from feltmb.gap.calibrate import calibrate
+from feltmb.gap.checks import DataChecks, check_against, check_records, with_sigma
 from feltmb.gap.color import SURE
 from feltmb.gap.components import component_table
 from feltmb.gap.decide import REST, Facts, decide
 from feltmb.gap.experiments import advise
-from feltmb.gap.gates import Gates, check_against, check_records, with_sigma
+from feltmb.gap.findings import Advice, NotTested, Verdict, Where
 from feltmb.gap.misfit import EXCESS, form_of, misfit
 from feltmb.gap.proof import HeldOut
 from feltmb.gap.refine import Candidate, full_evidence, refit_at, tighten
-from feltmb.gap.report import Advice, NotTested, Report, Verdict, Where
+from feltmb.gap.report import Report
 from feltmb.gap.rest import color_of_rest, rest_of, settled, with_color, with_noise
 from feltmb.gap.score import all_terms, family_threshold, score_fit
 from feltmb.gap.search import Search, in_finer_steps, search
-from feltmb.gap.settle import WIDE, Accepted, accept, posterior, shapley
+from feltmb.gap.smoke_test import try_effects
 from feltmb.gap.split import split_records
 from feltmb.gap.tolerance import strain_told, within_tolerance
-from feltmb.gap.trial import try_effects
 from feltmb.gap.where import event_ledger, first_act, ledger, split_gap
 
-__all__ = ["Options", "diagnose", "fit_nominal", "prepare"]
+__all__ = ["Options", "diagnose", "fit_model", "prepare"]
 
 Progress = Callable[[str, int, int], None]
 #: Rounds in which the unknown rest is estimated again.
@@ -57,7 +58,7 @@ class Options:
     width: int = 4
     """Sets that survive each screen."""
     bootstrap: int = 12
-    """Refits of simulated nominal records for the null law; 0: asymptotic only."""
+    """Refits of simulated model records for the null law; 0: asymptotic only."""
     restarts: int = 3
     seed: int = 0
     least_share: float = 0.03
@@ -70,7 +71,7 @@ class Options:
     resume: Path | None = None
     """Folder for finished fits: a cut-off run continues from them."""
     advice: bool = True
-    """Whether experiments are foretold that would separate what is still confused."""
+    """Whether experiments are predicted that would separate what is still confused."""
 
     def __post_init__(self) -> None:
         faults = []
@@ -84,45 +85,43 @@ class Options:
             raise InvalidParameter("options: " + "; ".join(faults))
 
 
-def _ready(
-    nominal: Nominal, records: Sequence[Record]
-) -> tuple[Nominal, tuple[Record, ...], Gates]:
-    """The nominal and the part of the records that it can use, and what the gates say of them.
+def _ready(model: Model, records: Sequence[Record]) -> tuple[Model, tuple[Record, ...], DataChecks]:
+    """The model and the part of the records that it can use, and what the data checks say of them.
 
     Raises
     ------
     DataError
         All that makes the records unusable, in one message.
     """
-    gates = check_against(nominal, records)
-    ready = nominal.ready([with_sigma(r, gates.noise(r.name)) for r in records])
-    return ready.nominal, ready.records, replace(gates, warnings=(*gates.warnings, *ready.notes))
+    checks = check_against(model, records)
+    ready = model.ready([with_sigma(r, checks.noise(r.name)) for r in records])
+    return ready.model, ready.records, replace(checks, warnings=(*checks.warnings, *ready.notes))
 
 
 def prepare(
-    nominal: Nominal, records: Sequence[Record], gates: Gates, window: float | None
+    model: Model, records: Sequence[Record], checks: DataChecks, window: float | None
 ) -> tuple[Shot, ...]:
-    """Cut records into windows with the noise that the gates found."""
-    return tuple(make_shot(nominal, r, gates.noise(r.name), window) for r in records)
+    """Cut records into windows with the noise that the data checks found."""
+    return tuple(make_shot(model, r, checks.noise(r.name), window) for r in records)
 
 
-def _usable(nominal: Nominal, effects: Sequence[Effect]) -> tuple[list[Effect], list[NotTested]]:
-    """Effects that the nominal can simulate, and why the others cannot be tested."""
+def _usable(model: Model, effects: Sequence[Effect]) -> tuple[list[Effect], list[NotTested]]:
+    """Effects that the model can simulate, and why the others cannot be tested."""
     names = [e.name for e in effects]
     doubled = sorted({n for n in names if names.count(n) > 1})
     if doubled:
         raise InvalidParameter(f"effects: the name {', '.join(doubled)} is used twice")
     good, bad = [], []
     for e in effects:
-        if e.observe is None and e.excite is None and not nominal.accepts(e):
-            bad.append(NotTested(name=e.name, why=f"the model {nominal.name} cannot simulate it"))
+        if e.observe is None and e.excite is None and not model.accepts(e):
+            bad.append(NotTested(name=e.name, why=f"the model {model.name} cannot simulate it"))
         else:
             good.append(e)
     return good, bad
 
 
 def _investigate(
-    nominal: Nominal,
+    model: Model,
     shots: tuple[Shot, ...],
     effects: Sequence[Effect],
     options: Options,
@@ -131,12 +130,12 @@ def _investigate(
     progress: Progress | None,
     near: Point | None = None,
 ) -> Search:
-    """Fit the nominal and search the effects with the noise of the shots.
+    """Fit the model and search the effects with the noise of the shots.
 
-    ``near``: where the nominal was fitted with less noise. From there it is soon fitted again; it
+    ``near``: where the model was fitted with less noise. From there it is soon fitted again; it
     begins at its priors only if that does not explain the records.
     """
-    problem, label = Problem(nominal, shots, cache=cache), "nominal fit"
+    problem, label = Problem(model, shots, cache=cache), "model fit"
     fit: Fit | None = None
     if near is not None:
         point = replace(near, memo={})
@@ -162,16 +161,16 @@ def _explained(
     found: Search,
     effects: Sequence[Effect],
     settings: FitSettings,
-    gates: Gates,
+    checks: DataChecks,
     progress: Progress | None,
 ) -> Search | None:
     """The first search with the set that was found beside an unknown rest, if it leaves no rest.
 
-    Where the nominal is far off, linear scores may pass over a cause that explains all.
+    Where the model is far off, linear scores may pass over a cause that explains all.
     """
     if found.best is None:
         return None
-    base, near = first.nominal, found.best.fit
+    base, near = first.model_fit, found.best.fit
     problem = base.problem.with_terms(near.terms)
     fit = refit_at(problem, replace(near.point, memo={}), base.level, settings, patient=True)
     best = Candidate(fit, full_evidence(fit, sum(e.weight for e in effects)))
@@ -179,7 +178,7 @@ def _explained(
         return None
     explained = best.evidence - first.tight_evidence
     tight = tighten(fit, settings)
-    if misfit(fit, tight, estimated=gates.estimated, bar=REST, explained=explained).left:
+    if misfit(fit, tight, estimated=checks.estimated, bar=REST, explained=explained).left:
         return None
     others = tuple(c for c in first.candidates if c.key != best.key)
     whole = replace(first, candidates=(best, *others))
@@ -188,7 +187,7 @@ def _explained(
 
 @checked
 def diagnose(
-    nominal: Nominal,
+    model: Model,
     effects: Sequence[Effect],
     records: Sequence[Record] | Record,
     hold_out: Sequence[str] | str | None = None,
@@ -199,10 +198,10 @@ def diagnose(
 
     Parameters
     ----------
-    nominal
-        The model; see :class:`feltmb.fit.Nominal`.
+    model
+        The model; see :class:`feltmb.fit.Model`.
     effects
-        Causes that it lacks; each is exactly the nominal at size zero.
+        Causes that it lacks; each is exactly the model at size zero.
     records
         Measured runs.
     hold_out
@@ -232,31 +231,31 @@ def diagnose(
         if progress is not None:
             progress(stage, done, total)
 
-    say("gates")
-    nominal.forget()
-    nominal, records, whole = _ready(nominal, records)
-    fit_records, held_records = split_records(records, hold_out, masked=nominal.from_rest)
-    gates = _inherit(check_records([*fit_records, *held_records], nominal.outputs), whole, records)
-    if gates.problems:
-        raise DataError("records: " + "; ".join(gates.problems))
-    shots = prepare(nominal, fit_records, gates, options.window)
-    held_shots = prepare(nominal, held_records, gates, options.window)
-    lap("gates")
+    say("data checks")
+    model.forget()
+    model, records, whole = _ready(model, records)
+    fit_records, held_records = split_records(records, hold_out, masked=model.from_rest)
+    checks = _inherit(check_records([*fit_records, *held_records], model.outputs), whole, records)
+    if checks.problems:
+        raise DataError("records: " + "; ".join(checks.problems))
+    shots = prepare(model, fit_records, checks, options.window)
+    held_shots = prepare(model, held_records, checks, options.window)
+    lap("data checks")
 
     settings = options.fit or FitSettings(restarts=options.restarts, seed=options.seed)
     cache = None if options.resume is None else Cache(options.resume)
-    usable, not_tested = _usable(nominal, effects)
-    try_effects(nominal, usable, fit_records[0])
+    usable, not_tested = _usable(model, effects)
+    try_effects(model, usable, fit_records[0])
     sensed = held_shots
-    first = _investigate(nominal, shots, usable, options, settings, cache, progress)
-    nominal = first.nominal.problem.nominal
-    color = None if gates.estimated else _recolored(first, shots, settings, cache)
+    first = _investigate(model, shots, usable, options, settings, cache, progress)
+    model = first.model_fit.problem.model
+    color = None if checks.estimated else _recolored(first, shots, settings, cache)
     if color is not None:
-        gates = _with_color(gates, color)
-        shots = tuple(with_color(nominal, s, color) for s in shots)
-        sensed = held_shots = tuple(with_color(nominal, s, color) for s in held_shots)
-        first = _investigate(nominal, shots, usable, options, settings, cache, progress)
-        nominal = first.nominal.problem.nominal
+        checks = _with_color(checks, color)
+        shots = tuple(with_color(model, s, color) for s in shots)
+        sensed = held_shots = tuple(with_color(model, s, color) for s in held_shots)
+        first = _investigate(model, shots, usable, options, settings, cache, progress)
+        model = first.model_fit.problem.model
     found, rest_noise = first, None
     plain = shots
     for _ in range(ROUNDS):
@@ -266,17 +265,17 @@ def diagnose(
         # Nothing in the library explains all of it: effects must now beat the unknown rest, which
         # shrinks with every effect that is found.
         rest_noise = new
-        shots = tuple(with_noise(nominal, s, new) for s in plain)
-        held_shots = tuple(with_noise(nominal, s, new) for s in sensed)
-        near = found.nominal.point
-        found = _investigate(nominal, shots, usable, options, settings, cache, progress, near)
-        nominal = found.nominal.problem.nominal
+        shots = tuple(with_noise(model, s, new) for s in plain)
+        held_shots = tuple(with_noise(model, s, new) for s in sensed)
+        near = found.model_fit.point
+        found = _investigate(model, shots, usable, options, settings, cache, progress, near)
+        model = found.model_fit.problem.model
     if rest_noise is not None:
-        clean = _explained(first, found, usable, settings, gates, progress)
+        clean = _explained(first, found, usable, settings, checks, progress)
         if clean is not None:
             found, rest_noise, shots, held_shots = clean, None, plain, sensed
-            nominal = found.nominal.problem.nominal
-    fit = found.nominal
+            model = found.model_fit.problem.model
+    fit = found.model_fit
     for name, why in found.failed:
         not_tested.append(NotTested(name=name, why=why))
     blind = [t for t, ok in zip(found.scores.terms, found.scores.testable, strict=True) if not ok]
@@ -292,7 +291,7 @@ def diagnose(
     lap("which")
     say("where")
     # With the noise of the sensors: an unknown rest that is taken for noise hides where it lies.
-    tight = None if nominal.chaotic else first.tight_fit
+    tight = None if model.chaotic else first.tight_fit
     seen = tight or first.bare
     cells, onset = ledger(seen)
     events = event_ledger(seen)
@@ -316,7 +315,7 @@ def diagnose(
         seed=options.seed,
         progress=progress,
     )
-    which_gap = _primary(nominal, accepted, sensed)
+    which_gap = _primary(model, accepted, sensed)
     shares = shapley(
         found,
         accepted,
@@ -332,9 +331,9 @@ def diagnose(
     alarm = float(np.max(reference.singles())) if reference.terms else 0.0
     bar, _ = family_threshold(reference, options.alpha, seed=options.seed)
     # A correction can only raise the bar: it matters for what passed it by little, and where
-    # nothing else says that the nominal is wrong.
+    # nothing else says that the model is wrong.
     close = bar < alarm < 6.0 * bar
-    bare_misfit = misfit(first.bare, first.tight_fit, estimated=gates.estimated)
+    bare_misfit = misfit(first.bare, first.tight_fit, estimated=checks.estimated)
     close = close and not bare_misfit.left
     null = calibrate(
         reference_fit,
@@ -362,12 +361,12 @@ def diagnose(
         where = replace(where, onset={**where.onset, **first_act(accepted.candidate.fit)})
     beyond = None
     if accepted.candidate is None and not bare_misfit.left:
-        beyond = _beyond(accepted, held_shots, settings, gates, cache, say)
+        beyond = _beyond(accepted, held_shots, settings, checks, cache, say)
         lap("how far")
-    model = amended(nominal, found, accepted)
+    amended_model = amended(model, found, accepted)
     how_far = how_far_rows(accepted, sensed, shares, which_gap, options.seed)
     facts = Facts(
-        gates=gates,
+        checks=checks,
         search=found,
         accepted=accepted,
         belief=belief,
@@ -385,7 +384,7 @@ def diagnose(
     decision = decide(facts)
     told = strain_told(fit if accepted.candidate is None else accepted.candidate.fit)
     if told:
-        gates = replace(gates, warnings=(*gates.warnings, told))
+        checks = replace(checks, warnings=(*checks.warnings, told))
     which = ranked(found, accepted, decision.belief, null, decision.named, decision.one_of)
     lap("verdict")
     advice: tuple[Advice, ...] = ()
@@ -404,20 +403,20 @@ def diagnose(
         which=which,
         how_far=how_far,
         next=advice,
-        model=model,
+        model=amended_model,
         not_tested=tuple(not_tested),
         refused=tuple(NotTested(name=n, why=w) for n, w in accepted.rejected),
         fit=fit,
-        gates=gates,
+        checks=checks,
         seconds=seconds,
     )
 
 
-def _inherit(gates: Gates, whole: Gates, records: Sequence[Record]) -> Gates:
+def _inherit(checks: DataChecks, whole: DataChecks, records: Sequence[Record]) -> DataChecks:
     """Blocks of a record take the noise that was found for all of it."""
     by_name = {(c.record, c.channel): c for c in whole.channels}
     channels = []
-    for c in gates.channels:
+    for c in checks.channels:
         parent = by_name.get((c.record, c.channel))
         if parent is None:
             base = next(r.name for r in records if c.record.startswith(r.name + "["))
@@ -433,7 +432,7 @@ def _inherit(gates: Gates, whole: Gates, records: Sequence[Record]) -> Gates:
             )
         )
     return replace(
-        gates,
+        checks,
         channels=tuple(channels),
         warnings=whole.warnings,
         problems=whole.problems,
@@ -445,19 +444,19 @@ def _inherit(gates: Gates, whole: Gates, records: Sequence[Record]) -> Gates:
 def _recolored(
     first: Search, shots: tuple[Shot, ...], settings: FitSettings, cache: Cache | None
 ) -> dict[str, float] | None:
-    """Correlation times [s] of noise with which the nominal explains the records; None: of no use.
+    """Correlation times [s] of noise with which the model explains the records; None: of no use.
 
     They must leave nothing to explain, and be more likely than white noise with an unknown force or
     signal, or with the best set of effects.
     """
-    fit = first.nominal
+    fit = first.model_fit
     white = misfit(fit, first.tight_fit, estimated=False)
     color = color_of_rest(first, shots) if white.left else None
     if color is None:
         return None
-    nominal = fit.problem.nominal
-    colored = tuple(with_color(nominal, s, color) for s in shots)
-    again = fit_problem(Problem(nominal, colored, cache=cache), settings)
+    model = fit.problem.model
+    colored = tuple(with_color(model, s, color) for s in shots)
+    again = fit_problem(Problem(model, colored, cache=cache), settings)
     tight = tighten(again, settings)
     if misfit(again, tight, estimated=False).left:
         return None
@@ -473,63 +472,63 @@ def _log_weights(shots: Sequence[Shot]) -> float:
     return sum(float(np.sum(np.log(s.weight[s.valid]))) for s in shots)
 
 
-def _with_color(gates: Gates, color: dict[str, float]) -> Gates:
-    """The gates with what the fit of the nominal said of the noise."""
+def _with_color(checks: DataChecks, color: dict[str, float]) -> DataChecks:
+    """The checks with what the fit of the model said of the noise."""
     channels = tuple(
         replace(c, correlation_time=color[c.channel]) if c.channel in color else c
-        for c in gates.channels
+        for c in checks.channels
     )
     warnings = tuple(
-        f"{name}: what the nominal leaves is no larger than the noise of its sensor, but it is not "
+        f"{name}: what the model leaves is no larger than the noise of its sensor, but it is not "
         f"white: it remembers itself for {time:.3g} s, and no force or effect "
         "explains that as well. It is taken for noise; if that is so, give its correlation_time"
         for name, time in color.items()
     )
-    return replace(gates, channels=channels, warnings=(*gates.warnings, *warnings))
+    return replace(checks, channels=channels, warnings=(*checks.warnings, *warnings))
 
 
 def _beyond(
     accepted: Accepted,
     shots: tuple[Shot, ...],
     settings: FitSettings,
-    gates: Gates,
+    checks: DataChecks,
     cache: Cache | None,
     say: Callable[[str], None],
 ) -> float | None:
-    """Sum of squares, of its expectation, that the nominal leaves of the held-out records alone.
+    """Sum of squares, of its expectation, that the model leaves of the held-out records alone.
 
     Only where they show a gap that is none of the parameters: not even fitted to them does the
-    nominal explain them. Else None.
+    model explain them. Else None.
     """
-    nominal = accepted.before.fit.problem.nominal
-    which = "windowed" if nominal.chaotic else "open_loop"
+    model = accepted.before.fit.problem.model
+    which = "windowed" if model.chaotic else "open_loop"
     if not accepted.before.gap(shots, which) > WIDE:
         return None
     say("held-out records alone")
-    problem = Problem(nominal, shots, cache=cache)
+    problem = Problem(model, shots, cache=cache)
     here = replace(accepted.before.fit.point, memo={})
     fit = fit_problem(problem, settings, point=here)
     if not fit.explains:
         other = fit_problem(problem, settings)
         fit = other if other.log_evidence > fit.log_evidence else fit
     tight = tighten(fit, settings)
-    excess = misfit(fit, tight, estimated=gates.estimated).excess
+    excess = misfit(fit, tight, estimated=checks.estimated).excess
     reference = tight or fit
     return reference.chi2 / reference.dof if excess > EXCESS and fit.converged else None
 
 
-def _primary(nominal: Nominal, accepted: object, shots: Sequence[Shot]) -> str:
+def _primary(model: Model, accepted: object, shots: Sequence[Shot]) -> str:
     """The metric that people read first: open loop, unless that is chaotic or fails."""
     before, after = accepted.before, accepted.after  # type: ignore[attr-defined]
-    if nominal.chaotic:
+    if model.chaotic:
         return "windowed"
     finite = all(np.isfinite(o.gap(shots, "open_loop")) for o in (before, after))
     return "open_loop" if finite else "windowed"
 
 
 @checked
-def fit_nominal(
-    nominal: Nominal,
+def fit_model(
+    model: Model,
     records: Sequence[Record],
     *,
     window: float | None = None,
@@ -537,16 +536,16 @@ def fit_nominal(
     progress: Progress | None = None,
     resume: Path | None = None,
 ) -> Fit:
-    """Fit the nominal alone to all records: parameters, intervals, what the data said.
+    """Fit the model alone to all records: parameters, intervals, what the data said.
 
-    The notes of the fit hold the warnings of the gates, and what of the records is not used.
+    The notes of the fit hold the warnings of the data checks, and what of the records is not used.
     ``resume`` is a folder for finished optimizations, from which a cut-off fit goes on.
     """
-    nominal.forget()
-    nominal, records, gates = _ready(nominal, records)
-    try_effects(nominal, (), records[0])
-    shots = prepare(nominal, records, gates, window)
+    model.forget()
+    model, records, checks = _ready(model, records)
+    try_effects(model, (), records[0])
+    shots = prepare(model, records, checks, window)
     cache = None if resume is None else Cache(resume)
-    fit = fit_problem(Problem(nominal, shots, cache=cache), settings, progress=progress)
+    fit = fit_problem(Problem(model, shots, cache=cache), settings, progress=progress)
     told = strain_told(fit)
-    return replace(fit, notes=(*fit.notes, *([told] if told else []), *gates.warnings))
+    return replace(fit, notes=(*fit.notes, *([told] if told else []), *checks.warnings))

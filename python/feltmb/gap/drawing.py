@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from html import escape
 
 from feltmb.gap.digits import digits
-from feltmb.gap.report import ComponentRow, HowFar, LedgerCell, Ranked
+from feltmb.gap.findings import ComponentRow, HowFar, LedgerCell, Ranked
 
 __all__ = ["bars", "force_traces", "ledger_map", "waterfall"]
 
@@ -110,9 +110,9 @@ def bars(
 
 
 def waterfall(how_far: HowFar) -> str:
-    """From the gap of the nominal to what is left, by effect."""
+    """From the gap of the model to what is left, by effect."""
     steps = how_far.waterfall
-    top = max((v for n, v in steps if n == "nominal"), default=0.0)
+    top = max((v for n, v in steps if n == "model"), default=0.0)
     if not top > 0.0 or not math.isfinite(top):
         return ""
     left, width, step = 250.0, 860.0, 26.0
@@ -121,7 +121,7 @@ def waterfall(how_far: HowFar) -> str:
     level = 0.0
     for i, (name, value) in enumerate(steps):
         y = i * step + 4
-        if name == "nominal":
+        if name == "model":
             x, w, color, level = 0.0, value, GREY, value
         elif name in ("unexplained", "floor"):
             x = 0.0 if name == "floor" else steps[-1][1]
@@ -129,7 +129,7 @@ def waterfall(how_far: HowFar) -> str:
         else:
             x, w, color = min(level, level + value), abs(value), BLUE
             level += value
-        label = {"nominal": "model as it is", "floor": "noise"}.get(name, name)
+        label = {"model": "model as it is", "floor": "noise"}.get(name, name)
         parts.append(_text(left - 8, y + 14, label[:38], anchor="end"))
         parts.append(
             f'<rect x="{left + x * scale:.1f}" y="{y:.1f}" width="{max(w * scale, 1.0):.1f}" '

@@ -1,6 +1,6 @@
 """What to measure next: the run or the sensor that would separate what these records confuse.
 
-The nominal, at the parameters that were fitted, foretells each experiment; what it would add to
+The model, at the parameters that were fitted, predicts each experiment; what it would add to
 the signatures of the two rivals is added to what the records at hand hold:
 
     G = E' M E over all rows,   P(confuse) = Phi(-1/2 |e_a - e_b| phi)   (see feltmb.gap.advise)
@@ -17,15 +17,15 @@ import numpy as np
 
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import FeltmbError
-from feltmb.fit.nominal import Nominal, Term
+from feltmb.fit.model import Model, Term
 from feltmb.fit.problem import Normal, Point, solve_scaled
 from feltmb.fit.shots import Noise, Shot, make_shot
 from feltmb.fit.solve import Fit
+from feltmb.gap.acceptance import Accepted
 from feltmb.gap.advise import confused
-from feltmb.gap.foresee import planned
-from feltmb.gap.report import Advice
+from feltmb.gap.findings import Advice
+from feltmb.gap.planning import planned
 from feltmb.gap.search import Search
-from feltmb.gap.settle import Accepted
 
 __all__ = ["advise"]
 
@@ -58,7 +58,7 @@ def advise(search: Search, accepted: Accepted) -> tuple[Advice, ...]:
     best = accepted.candidate
     if best is None:
         return ()
-    fit = search.tight_fit or search.nominal
+    fit = search.tight_fit or search.model_fit
     out = []
     for rival in accepted.rivals[:MOST_RIVALS]:
         own = [t for t in best.fit.terms if t.name not in rival.names]
@@ -106,7 +106,7 @@ def _advice(fit: Fit, a: Term, b: Term, size: float) -> Advice:
 
 def _plans(fit: Fit) -> Iterator[tuple[str, Shot]]:
     """Experiments like the records at hand: other ways to play, quieter or further sensors."""
-    nominal = fit.problem.nominal
+    model = fit.problem.model
     shots = fit.problem.shots
     for shot in shots:
         record = shot.record
@@ -119,34 +119,34 @@ def _plans(fit: Fit) -> Iterator[tuple[str, Shot]]:
                 time=record.time[0] + (record.time - record.time[0]) * stretch,
                 inputs={k: v * strength for k, v in record.inputs.items()},
             )
-            seen = _foretold(fit, shot, changed, record.sensors)
+            seen = _predicted(fit, shot, changed, record.sensors)
             if seen is not None:
                 yield f"record {record.name} once more, {what}", seen
     first = shots[0]
     for name, sensor in first.record.sensors.items():
-        if name not in nominal.outputs or sensor.sigma is None:
+        if name not in model.outputs or sensor.sigma is None:
             continue
         quiet = {**first.record.sensors, name: replace(sensor, sigma=sensor.sigma / 3.0)}
-        seen = _foretold(fit, first, first.record, quiet)
+        seen = _predicted(fit, first, first.record, quiet)
         if seen is not None:
             yield f"record {first.record.name} with a third of the noise of {name}", seen
-    for name in nominal.outputs:
+    for name in model.outputs:
         if name not in first.record.outputs:
             further = {**first.record.sensors, name: Sensor(name=name)}
-            seen = _foretold(fit, first, first.record, further)
+            seen = _predicted(fit, first, first.record, further)
             if seen is not None:
                 yield f"record {first.record.name} with {name} measured as well", seen
 
 
-def _foretold(fit: Fit, like: Shot, record: Record, sensors: Mapping[str, Sensor]) -> Shot | None:
-    """The experiment as the fitted nominal foretells it; None where it cannot be simulated."""
-    nominal: Nominal = fit.problem.nominal
+def _predicted(fit: Fit, like: Shot, record: Record, sensors: Mapping[str, Sensor]) -> Shot | None:
+    """The experiment as the fitted model predicts it; None where it cannot be simulated."""
+    model: Model = fit.problem.model
     try:
-        plan = planned(nominal, record, sensors, fit.point.theta)
+        plan = planned(model, record, sensors, fit.point.theta)
     except FeltmbError:
         return None
     noise = {
-        n: like.noise[nominal.outputs.index(n)]
+        n: like.noise[model.outputs.index(n)]
         if n in like.record.outputs
         else Noise(1e-3 * (float(np.std(plan.outputs[n])) or 1.0))
         for n in plan.outputs
@@ -156,7 +156,7 @@ def _foretold(fit: Fit, like: Shot, record: Record, sensors: Mapping[str, Sensor
         if before is not None and sensor.sigma is not None and before.sigma:
             share = sensor.sigma / before.sigma
             noise[name] = replace(noise[name], sigma=noise[name].sigma * share)
-    return make_shot(nominal, plan, noise, None, like.windows)
+    return make_shot(model, plan, noise, None, like.windows)
 
 
 def _of_one(fit: Fit, shot: Shot, terms: tuple[Term, Term]) -> Array | None:
@@ -167,7 +167,7 @@ def _of_one(fit: Fit, shot: Shot, terms: tuple[Term, Term]) -> Array | None:
     normal = problem.normal(point, problem.linear(point, terms), gap_sd)
     reduced = _eliminated(normal)
     for c, i in enumerate(problem.free):  # the priors are among the records already
-        sd = problem.nominal.parameters[i].sd
+        sd = problem.model.parameters[i].sd
         if np.isfinite(sd):
             reduced[c, c] -= 1.0 / sd**2
     return reduced if np.all(np.isfinite(reduced)) else None

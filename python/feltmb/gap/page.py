@@ -6,9 +6,10 @@ import math
 from importlib import resources
 from typing import Any
 
+from feltmb._core import __version__
 from feltmb.gap.digits import digits
 from feltmb.gap.drawing import bars, force_traces, ledger_map, waterfall
-from feltmb.gap.report import Report, Verdict
+from feltmb.gap.findings import Findings, Verdict
 
 __all__ = ["page"]
 
@@ -35,15 +36,13 @@ def percent(value: float) -> str:
     return f"{value:.0%}" if math.isfinite(value) else "-"
 
 
-def page(report: Report, viewers: str = "") -> str:
+def page(report: Findings, viewers: str = "") -> str:
     """HTML text; nothing is loaded from elsewhere, all text is escaped.
 
     ``viewers`` is HTML with the records beside the model, made where runs can be drawn.
     """
     import jinja2
     from markupsafe import Markup
-
-    from feltmb._core import __version__
 
     template = (resources.files("feltmb.gap") / "report.html").read_text(encoding="utf-8")
     environment = jinja2.Environment(
@@ -58,7 +57,7 @@ def page(report: Report, viewers: str = "") -> str:
         "version": __version__,
         "report": report,
         "mark": MARK[report.verdict],
-        "model": report.model.nominal.name,
+        "model": report.model.base.name,
         "viewers": Markup(viewers),
         "map": Markup(ledger_map(where.ledger, dict(where.onset))),
         "cells": len(where.ledger),
@@ -77,5 +76,5 @@ def page(report: Report, viewers: str = "") -> str:
     return environment.from_string(template).render(**context)
 
 
-def _sources(report: Report) -> list[str]:
+def _sources(report: Findings) -> list[str]:
     return [shot.record.source for shot in report.fit.problem.shots]

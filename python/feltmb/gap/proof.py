@@ -61,7 +61,7 @@ class Outcome:
         for shot, residual in pairs if only is None else [pairs[only]]:
             for c, noise in enumerate(shot.noise):
                 good = np.isfinite(residual[:, c])
-                measured = np.isfinite(shot.record.output_array(self.fit.problem.nominal.outputs))
+                measured = np.isfinite(shot.record.output_array(self.fit.problem.model.outputs))
                 if np.any(measured[:, c] & ~good):
                     return float("inf")
                 total += float(np.sum((residual[good, c] / noise.sigma) ** 2))
@@ -195,12 +195,12 @@ def _settle(problem: Problem, model: Fit) -> Point:
     if extra:
         bare = problem.with_terms(())
         bare_point = Point(point.theta, np.zeros(0), point.places)
-        nx = len(problem.nominal.states())
+        nx = len(problem.model.states())
         cut = tuple(Place(p.starts[:, :nx], p.nuisances) for p in point.places)
         point = bare.carry(
             Point(bare_point.theta, np.zeros(0), cut), problem.terms, model.point.sizes
         )
-    if not problem.nominal.states():
+    if not problem.model.states():
         return point
     quick = FitSettings(iterations=8, decrement=0.3)
     level = 1.0
@@ -215,9 +215,9 @@ def _windowed(fit: Fit) -> list[Array]:
     problem = fit.problem
     for shot, place in zip(problem.shots, fit.point.places, strict=True):
         outputs, _, _ = predict(
-            problem.nominal, shot, fit.point.theta, problem.terms, fit.point.sizes, place
+            problem.model, shot, fit.point.theta, problem.terms, fit.point.sizes, place
         )
-        residual = np.full((shot.record.samples, len(problem.nominal.outputs)), np.nan)
+        residual = np.full((shot.record.samples, len(problem.model.outputs)), np.nan)
         for w, (first, last) in enumerate(shot.windows):
             stop = last + 1 if w == shot.count - 1 else last
             residual[first:stop] = (shot.measured - outputs)[w, : stop - first]
@@ -230,10 +230,10 @@ def _open_loop(fit: Fit) -> list[Array]:
     out = []
     for shot, place in zip(problem.shots, fit.point.places, strict=True):
         ends = np.array([[0, shot.record.samples - 1]])
-        whole = make_shot(problem.nominal, shot.record, {}, None, ends)
+        whole = make_shot(problem.model, shot.record, {}, None, ends)
         whole = replace(whole, nuisances=shot.nuisances)
         outputs, _, _ = predict(
-            problem.nominal,
+            problem.model,
             whole,
             fit.point.theta,
             problem.terms,

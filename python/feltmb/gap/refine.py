@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.fit.nominal import Term
+from feltmb.fit.model import Term
 from feltmb.fit.problem import Point, Problem
 from feltmb.fit.solve import Fit, FitSettings, at_level, chained, polish
 from feltmb.gap.score import prior_of
@@ -19,7 +19,7 @@ __all__ = ["Candidate", "freed", "from_priors", "full_evidence", "refit", "refit
 LOOSE = 0.1
 #: Log evidence that tight gaps may cost before their fit is tried from another start.
 DOUBT = 3.0
-#: Note of a nominal that an effect led out of a wrong valley.
+#: Note of a model that an effect led out of a wrong valley.
 REFITTED = "fitted again from the fit with an effect"
 
 
@@ -115,10 +115,10 @@ def from_priors(fit: Fit, settings: FitSettings) -> Fit:
     """A doubtful fit once more, its parameters back at their priors, its windows where they are.
 
     Doubtful is a fit that did not converge, or whose parameters lie far from their priors: they may
-    still hold what the nominal without the effect needed.
+    still hold what the model without the effect needed.
     """
     problem = fit.problem
-    known = [i for i in problem.free if np.isfinite(problem.nominal.parameters[i].sd)]
+    known = [i for i in problem.free if np.isfinite(problem.model.parameters[i].sd)]
     if problem.frozen or not fit.gap_sd.size or not known:
         return fit
     strained = float(np.sum(fit.strain**2)) > len(known) + 4.0 * np.sqrt(2.0 * len(known))
@@ -164,19 +164,19 @@ def tighten(fit: Fit, settings: FitSettings) -> Fit | None:
     return tight if np.isfinite(tight.cost) else None
 
 
-def freed(nominal: Fit, fits: Sequence[Fit], settings: FitSettings) -> Fit | None:
-    """The nominal fitted again from where fits with effects are, if it gets further from there.
+def freed(model: Fit, fits: Sequence[Fit], settings: FitSettings) -> Fit | None:
+    """The model fitted again from where fits with effects are, if it gets further from there.
 
-    A nominal that is stuck makes any effect look like a cause that merely opens another way down;
+    A model that is stuck makes any effect look like a cause that merely opens another way down;
     taken from there without the effect, it must do as badly as before.
     """
-    best = nominal
+    best = model
     for led in fits:
         bare = led.problem.carry(led.point, (), np.zeros(0))
         way = replace(settings, worth=best.cost)
-        fit = refit_at(nominal.problem, bare, led.level, way)
+        fit = refit_at(model.problem, bare, led.level, way)
         if fit.log_evidence > best.log_evidence + 1.0:
             best = fit
-    if best is nominal:
+    if best is model:
         return None
-    return replace(best, levels=nominal.levels, notes=(*nominal.notes, REFITTED))
+    return replace(best, levels=model.levels, notes=(*model.notes, REFITTED))

@@ -1,346 +1,104 @@
-"""What a diagnosis says: where, which, how far, next, and the amended model."""
+"""The report of a diagnosis, and its files: JSON and HTML, the same bytes for the same input."""
 
 from __future__ import annotations
 
+import dataclasses
+import json
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from enum import StrEnum
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from feltmb._core import __version__
 from feltmb.arguments import checked
-from feltmb.data import Array, Record
-from feltmb.errors import InvalidParameter
-from feltmb.fit import Lanes, Nominal, Term
+from feltmb.files import make_folder, write_text
+from feltmb.gap.findings import Findings
+from feltmb.gap.page import page
 
-__all__ = [
-    "Advice",
-    "Amended",
-    "ComponentRow",
-    "EventRow",
-    "GapRow",
-    "HowFar",
-    "LedgerCell",
-    "NotTested",
-    "Ranked",
-    "RankedSet",
-    "Report",
-    "Verdict",
-    "Where",
-    "Which",
-]
+__all__ = ["Report", "plain", "report_json", "write_report"]
 
 
-class Verdict(StrEnum):
-    """What the engine commits itself to."""
-
-    NO_GAP = "NO GAP"
-    """The nominal explains the records within noise and repeatability."""
-    NAMED = "NAMED"
-    """The effects in ``report.named`` explain the gap, proven on held-out data."""
-    ONE_OF = "ONE OF"
-    """One effect of ``report.one_of`` does; these records cannot tell which."""
-    NAMED_UNKNOWN_REST = "NAMED + UNKNOWN REST"
-    """As NAMED, but a significant gap is left that nothing tested explains."""
-    UNKNOWN = "UNKNOWN"
-    """There is a gap, and nothing tested explains it."""
-    TOO_WEAK = "TOO WEAK"
-    """A hint that does not reach significance, or no held-out record can prove it."""
-    DATA_PROBLEM = "DATA PROBLEM"
-    """Sensors, inputs or clocks explain it at least as well as the machine does."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class LedgerCell:
-    """One channel in one time window."""
-
-    record: str
-    channel: str
-    start: float
-    """[s]"""
-    end: float
-    """[s]"""
-    samples: int
-    rms: float
-    """Residual [unit of the channel]."""
-    sigma: float
-    """What noise alone would leave [unit]."""
-    z: float
-    """(chi2 - n) / sqrt(2 n), n the effective number of samples."""
-    p: float
-    significant: bool
-    """By Benjamini-Yekutieli over all cells."""
-    lag1: float
-    """Autocorrelation of the whitened residual over one bin."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class EventRow:
-    """One event of one channel: how much earlier or faster the machine is than the model."""
-
-    record: str
-    event: str
-    channel: str
-    time: float
-    """Measured [s]."""
-    delay: float
-    """Measured minus simulated time [s]."""
-    delay_se: float
-    speed: float
-    """Measured [unit/s]."""
-    speed_error: float
-    """Measured minus simulated [unit/s]."""
-    speed_error_se: float
-    significant: bool
-
-
-@dataclass(frozen=True, kw_only=True)
-class ComponentRow:
-    """A place in the machine, and whether an unknown force acts there."""
-
-    component: str
-    port: str
-    unit: str
-    statistic: float
-    """Variance-component score, standardized."""
-    p: float
-    significant: bool
-    explained: float
-    """Share of the gap that such a force could explain [1]."""
-    trace: Mapping[str, Mapping[str, list[float]]] = field(default_factory=dict)
-    """Record -> {"time", "force", "sd", "position", "speed"} for the strongest places."""
-    signature: str = ""
-    """What the trace looks like (sign of speed, loop, ...)."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Where:
-    """Where the gap lies."""
-
-    ledger: tuple[LedgerCell, ...]
-    events: tuple[EventRow, ...]
-    components: tuple[ComponentRow, ...]
-    onset: Mapping[str, float]
-    """Record -> first moment of the gap [s], only records that have one: where the accepted effects
-    begin to show in the model, or else where the sum of squares stands out."""
-    split: Mapping[str, Mapping[str, float]]
-    """Channel -> shares of the squared gap: "time", "amplitude", "rest" [1]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ShapeNumber:
-    """One number of the shape of an effect."""
-
-    name: str
-    value: float
-    low: float
-    """95 % interval; the value itself where it was not fitted."""
-    high: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Ranked:
-    """One candidate."""
-
-    effect: str
-    component: str
-    mechanism: str
-    kind: str
-    unit: str
-    shape: Any
-    size: float
-    """Refitted if ``refitted``, else one step from the nominal fit [unit]."""
-    sd: float
-    low: float
-    """95 % interval."""
-    high: float
-    refitted: bool
-    statistic: float
-    """Score test T, ~ chi2 with 1 degree of freedom if the effect is absent."""
-    robust: float
-    """The same with the cluster-robust variance."""
-    p: float
-    """Family-wise, over all effects, shapes and sets."""
-    posterior: float
-    """Probability that it is part of the cause."""
-    noncentrality: float
-    """Detectability at its scale: expected sqrt(T) at size = scale."""
-    smallest: float
-    """Smallest size that these records can show [unit]."""
-    confusable: tuple[str, ...]
-    """Effects that these records cannot tell from it."""
-    named: bool
-    remedy: str = ""
-    numbers: tuple[ShapeNumber, ...] = ()
-    """Numbers of the shape."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class RankedSet:
-    """A set of effects."""
-
-    effects: tuple[str, ...]
-    sizes: tuple[float, ...]
-    statistic: float
-    evidence: float
-    """Log evidence against the nominal."""
-    posterior: float
-    refitted: bool
-
-
-@dataclass(frozen=True, kw_only=True)
-class Which:
-    """Ranked effects and sets."""
-
-    effects: tuple[Ranked, ...]
-    sets: tuple[RankedSet, ...]
-    none: float
-    """Posterior of: the nominal suffices."""
-    other: float
-    """Posterior of: something that is not in the library."""
-    classes: tuple[tuple[str, ...], ...]
-    """Effects that these records cannot tell apart."""
-
-    def __getitem__(self, name: str) -> Ranked:
-        for row in self.effects:
-            if row.effect == name:
-                return row
-        raise KeyError(name)
-
-
-@dataclass(frozen=True, kw_only=True)
-class GapRow:
-    """A gap on held-out data by one metric."""
-
-    metric: str
-    """"windowed", "open loop", "with speed" or "events"."""
-    channel: str
-    unit: str
-    before: float
-    after: float
-    floor: float
-    closed: float
-    """(before - after) / (before - floor) [1]"""
-    low: float
-    """95 % interval of ``closed`` by block bootstrap."""
-    high: float
-    p: float
-    """One-sided: the effect does not improve held-out data."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class HowFar:
-    """How far the gap shrinks on held-out data."""
-
-    rows: tuple[GapRow, ...]
-    waterfall: tuple[tuple[str, float], ...]
-    """("nominal", gap), then every accepted effect with its order-free (Shapley) share, then
-    ("unexplained", rest), ("floor", noise and repeatability); in units of ``waterfall_unit``."""
-    waterfall_unit: str
-    metric: str
-    """Metric of the waterfall and of ``closed``: "open loop" or "windowed"."""
-    closed: float
-    """Share of the windowed held-out gap that is closed, all channels together [1]."""
-    low: float
-    high: float
-    records: tuple[str, ...]
-    """Held-out records."""
-    per_record: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Record -> (before, after), windowed, whitened."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Advice:
-    """An experiment that would separate what is still confused."""
-
-    text: str
-    separates: tuple[str, str]
-    confusion_now: float
-    """Probability to take one for the other, now [1]."""
-    confusion_then: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class NotTested:
-    """Something that was not tested, and why."""
-
-    name: str
-    why: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class Amended:
-    """The nominal with the effects that were named, ready to simulate."""
-
-    nominal: Nominal
-    theta: Array
-    terms: tuple[Term, ...]
-    sizes: Array
-
-    @property
-    def parameters(self) -> dict[str, float]:
-        """Fitted parameters by name."""
-        return {p.name: float(v) for p, v in zip(self.nominal.parameters, self.theta, strict=True)}
-
-    @property
-    def effects(self) -> dict[str, float]:
-        """Sizes by name of the effect."""
-        return {t.name: float(v) for t, v in zip(self.terms, self.sizes, strict=True)}
-
-    @checked
-    def simulate(self, record: Record, start: Array | None = None) -> dict[str, Array]:
-        """Outputs over a whole record, by name, from a start state (default: its prior mean)."""
-        from feltmb.fit.observe import observe_lanes
-
-        states = self.nominal.states(self.terms)
-        if start is None:
-            prior = {} if record.start is None else record.start.mean
-            start = np.array([prior.get(s.name, s.start) for s in states])
-        if start.shape != (len(states),):
-            raise InvalidParameter(
-                f"start has shape {start.shape}, expected the {len(states)} states of the model"
-            )
-        whole = np.array([[0, record.samples - 1]])
-        lanes = Lanes.at_point(
-            self.theta, whole, np.asarray(start)[None, :], self.terms, self.sizes
-        )
-        outputs = observe_lanes(self.nominal, record, lanes).outputs[0]
-        return {name: outputs[:, i] for i, name in enumerate(self.nominal.outputs)}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Report:
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Report(Findings):
     """Result of :func:`feltmb.gap.diagnose`."""
-
-    verdict: Verdict
-    statement: str
-    """The verdict in a sentence or two."""
-    named: tuple[str, ...]
-    """Effects that were named (NAMED, NAMED + UNKNOWN REST)."""
-    one_of: tuple[str, ...]
-    """The class (ONE OF); () otherwise."""
-    confidence: float
-    """Posterior probability of what the verdict says [1]."""
-    where: Where
-    which: Which
-    how_far: HowFar
-    next: tuple[Advice, ...]
-    model: Amended
-    not_tested: tuple[NotTested, ...]
-    refused: tuple[NotTested, ...]
-    """Effects that the fit asked for and held-out records did not confirm."""
-    fit: Any
-    """The fit of the nominal (:class:`feltmb.fit.Fit`)."""
-    gates: Any
-    """What the gates found (:class:`feltmb.gap.Gates`)."""
-    seconds: Mapping[str, float] = field(default_factory=dict)
-    """Time per stage; left out of the files, whose bytes depend on the input alone."""
 
     @checked
     def write(self, folder: str | Path, *, force: bool = False) -> tuple[Path, Path]:
         """Write report.html and report.json into a folder."""
-        from feltmb.gap.files import write_report
-
         return write_report(self, Path(folder), force=force)
+
+
+def plain(value: Any) -> Any:
+    """Value as JSON types: numbers to 9 digits, infinities as texts."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [plain(v) for v in value]
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, (int, np.integer)):
+        return int(value)
+    if isinstance(value, (float, np.floating)):
+        number = float(value)
+        if math.isnan(number):
+            return None
+        if math.isinf(number):
+            return "inf" if number > 0 else "-inf"
+        return float(f"{number:.9g}")
+    return None if value is None else str(value)
+
+
+def report_json(report: Findings) -> dict[str, Any]:
+    """Report as one JSON object; times of computation are left out."""
+    fit = report.fit
+    return {
+        "feltmb": __version__,
+        "model": report.model.base.name,
+        "verdict": report.verdict.value,
+        "statement": report.statement,
+        "named": list(report.named),
+        "one_of": list(report.one_of),
+        "confidence": plain(report.confidence),
+        "where": plain(report.where),
+        "which": plain(report.which),
+        "how_far": plain(report.how_far),
+        "next": plain(report.next),
+        "not_tested": plain(report.not_tested),
+        "refused": plain(report.refused),
+        "amended": {
+            "parameters": plain(report.model.parameters),
+            "effects": plain(report.model.effects),
+            "shapes": {t.name: plain(t.shape) for t in report.model.terms},
+        },
+        "fit": {
+            "intervals": plain(fit.intervals()),
+            "chi2": plain(fit.chi2),
+            "dof": plain(fit.dof),
+            "level": plain(fit.level),
+            "converged": fit.converged,
+            "notes": list(fit.notes),
+        },
+        "data checks": plain(report.checks),
+    }
+
+
+def write_report(
+    report: Findings, folder: Path, *, force: bool = False, viewers: str = ""
+) -> tuple[Path, Path]:
+    """Write report.html and report.json into a folder.
+
+    ``viewers`` is HTML with the records beside the model, see :func:`feltmb.gap.page.page`.
+    """
+    make_folder(folder)
+    text = json.dumps(report_json(report), indent=1, sort_keys=True, ensure_ascii=False)
+    return (
+        write_text(folder / "report.html", page(report, viewers), force=force),
+        write_text(folder / "report.json", text + "\n", force=force),
+    )

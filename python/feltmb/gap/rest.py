@@ -8,7 +8,7 @@ import numpy as np
 
 from feltmb.data import Array
 from feltmb.fit.linearize import predict
-from feltmb.fit.nominal import Nominal
+from feltmb.fit.model import Model
 from feltmb.fit.shots import Noise, Shot, make_shot
 from feltmb.fit.solve import Fit, FitSettings, polish
 from feltmb.gap.search import Search
@@ -47,16 +47,16 @@ def rest_of(
     sensed
         The shots with the noise of the sensors.
     """
-    best = search.nominal if search.best is None else search.best.fit
+    best = search.model_fit if search.best is None else search.best.fit
     tight = best
-    if best.gap_sd.size and not best.problem.nominal.chaotic:
+    if best.gap_sd.size and not best.problem.model.chaotic:
         tight = polish(best.problem, best.point, settings.levels[-1], replace(settings, chain=True))
         if not np.isfinite(tight.cost):
             tight = best
     out = {}
     more = False
     parts = _residuals(tight)
-    for c, name in enumerate(best.problem.nominal.outputs):
+    for c, name in enumerate(best.problem.model.outputs):
         values = [p[:, c] for p in parts if np.isfinite(p[:, c]).any()]
         if not values:
             continue
@@ -72,15 +72,15 @@ def rest_of(
 
 
 def color_of_rest(search: Search, sensed: tuple[Shot, ...]) -> dict[str, float] | None:
-    """Correlation time [s] by channel of what the nominal leaves; None: it is white, or no noise.
+    """Correlation time [s] by channel of what the model leaves; None: it is white, or no noise.
 
     Only where sensors tell white noise, and what is left is no larger than they say: then it is the
     color that is in question, first-order noise of the correlation that neighbors have.
     """
-    fit = search.tight_fit or search.nominal
+    fit = search.tight_fit or search.model_fit
     parts = _residuals(fit)
     out = {}
-    for c, name in enumerate(fit.problem.nominal.outputs):
+    for c, name in enumerate(fit.problem.model.outputs):
         rest = [
             (p[:, c] / s.noise[c].sigma, np.diff(s.record.time))
             for p, s in zip(parts, sensed, strict=True)
@@ -101,18 +101,18 @@ def color_of_rest(search: Search, sensed: tuple[Shot, ...]) -> dict[str, float] 
     return out or None
 
 
-def with_color(nominal: Nominal, shot: Shot, color: dict[str, float]) -> Shot:
+def with_color(model: Model, shot: Shot, color: dict[str, float]) -> Shot:
     """The shot with the noise of some of its sensors given a correlation time [s]."""
-    told = dict(zip(nominal.outputs, shot.noise, strict=True))
+    told = dict(zip(model.outputs, shot.noise, strict=True))
     return _renoised(
-        nominal, shot, {n: replace(told[n], correlation_time=t) for n, t in color.items()}
+        model, shot, {n: replace(told[n], correlation_time=t) for n, t in color.items()}
     )
 
 
-def _renoised(nominal: Nominal, shot: Shot, new: dict[str, Noise]) -> Shot:
+def _renoised(model: Model, shot: Shot, new: dict[str, Noise]) -> Shot:
     """The shot with the noise of some channels replaced, on the same windows."""
-    noise = dict(zip(nominal.outputs, shot.noise, strict=True)) | new
-    return make_shot(nominal, shot.record, noise, None, shot.windows)
+    noise = dict(zip(model.outputs, shot.noise, strict=True)) | new
+    return make_shot(model, shot.record, noise, None, shot.windows)
 
 
 def settled(old: dict[str, Rest], new: dict[str, Rest]) -> bool:
@@ -120,16 +120,16 @@ def settled(old: dict[str, Rest], new: dict[str, Rest]) -> bool:
     return all(abs(new[n].sigma / old[n].sigma - 1.0) < 0.15 for n in old)
 
 
-def with_noise(nominal: Nominal, shot: Shot, rest: dict[str, Rest]) -> Shot:
+def with_noise(model: Model, shot: Shot, rest: dict[str, Rest]) -> Shot:
     """The shot with the noise of its sensors replaced by an unknown rest."""
-    told = dict(zip(nominal.outputs, shot.noise, strict=True))
+    told = dict(zip(model.outputs, shot.noise, strict=True))
     new = {
         name: replace(told[name], sigma=own.sigma)
         if own.correlation_time is None
         else Noise(own.sigma, own.correlation_time)
         for name, own in rest.items()
     }
-    return _renoised(nominal, shot, new)
+    return _renoised(model, shot, new)
 
 
 def _residuals(fit: Fit) -> list[Array]:
@@ -137,9 +137,9 @@ def _residuals(fit: Fit) -> list[Array]:
     out = []
     for shot, place in zip(problem.shots, fit.point.places, strict=True):
         outputs, _, _ = predict(
-            problem.nominal, shot, fit.point.theta, problem.terms, fit.point.sizes, place
+            problem.model, shot, fit.point.theta, problem.terms, fit.point.sizes, place
         )
-        joined = np.full((shot.record.samples, len(problem.nominal.outputs)), np.nan)
+        joined = np.full((shot.record.samples, len(problem.model.outputs)), np.nan)
         for w, (first, last) in enumerate(shot.windows):
             stop = last + 1 if w == shot.count - 1 else last
             joined[first:stop] = (shot.measured - outputs)[w, : stop - first]

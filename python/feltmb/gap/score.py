@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.fit.nominal import Effect, Term
+from feltmb.fit.model import Effect, Term
 from feltmb.fit.problem import solve_scaled
 from feltmb.fit.solve import Fit
 
@@ -110,7 +110,7 @@ class ScoredSet:
     """One step, in scales."""
     statistic: float
     evidence: float
-    """Log Bayes factor against the nominal, prior of the set included."""
+    """Log Bayes factor against the model, prior of the set included."""
 
 
 def all_terms(effects: Sequence[Effect], without: Sequence[str] = ()) -> tuple[Term, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.data import Array
-from feltmb.fit.nominal import Effect, Job, Lanes, Nominal, Term
+from feltmb.fit.model import Effect, Job, Lanes, Model, Term
 from feltmb.fit.observe import machine_terms
 from feltmb.fit.solve import Fit, FitSettings, polish
 from feltmb.gap.refine import (
@@ -31,19 +31,19 @@ Progress = Callable[[str, int, int], None]
 #: Share of the evidence gained so far below which a further effect ends the search: it would not be
 #: told from an error in the form of a larger one.
 SMALL = 0.02
-#: Nats by which a fit may fall short of what a larger set foretells before it is made again.
+#: Nats by which a fit may fall short of what a larger set predicts before it is made again.
 SHORT = 1.0
 #: Share of the best set's gain of evidence from which the shape of a single effect is fitted.
 NEAR = 0.5
 #: Correlation of traces from which an effect is tried in the place of another, and how many are.
 ALIKE, SWAPS = 0.7, 3
-#: Linear log evidence below which a set is not refitted where the nominal explains the records.
+#: Linear log evidence below which a set is not refitted where the model explains the records.
 PROMISE = -3.0
 #: Score below which an effect alone is not refitted.
 FAINT = 4.0
 #: Nats below the best set from which a single effect is not fitted again in finer steps.
 NEAR_BEST = 50.0
-#: Note of a nominal that does best with the tightest gaps, though the descent left them.
+#: Note of a model that does best with the tightest gaps, though the descent left them.
 CLOSED = "gaps closed again"
 
 
@@ -51,42 +51,42 @@ CLOSED = "gaps closed again"
 class Search:
     """What the search over sets found."""
 
-    nominal: Fit
+    model_fit: Fit
     scores: Scores
-    """At the nominal's own gap level."""
+    """At the model's own gap level."""
     tight: Scores | None
     """At the tightest level, if that is another one."""
     tight_fit: Fit | None
     candidates: tuple[Candidate, ...]
     """Refitted sets, best evidence first."""
-    nominal_evidence: float
+    model_evidence: float
     failed: tuple[tuple[str, str], ...]
     held: Fit | None = None
-    """The nominal held within the tolerance that the best set goes beyond, if it does."""
+    """The model held within the tolerance that the best set goes beyond, if it does."""
 
     @property
     def bare(self) -> Fit:
-        """What the nominal can do without effects."""
-        return self.held or self.nominal
+        """What the model can do without effects."""
+        return self.held or self.model_fit
 
     @property
     def tight_evidence(self) -> float:
-        """Log evidence of the nominal that closes its gaps between windows."""
+        """Log evidence of the model that closes its gaps between windows."""
         if self.tight_fit is None:
-            return self.nominal_evidence
+            return self.model_evidence
         value = full_evidence(self.tight_fit, 1.0)
         return value if np.isfinite(value) else -np.inf
 
     @property
     def best(self) -> Candidate | None:
-        """Best refitted set that beats the nominal, if there is one."""
-        if self.candidates and self.candidates[0].evidence > self.nominal_evidence:
+        """Best refitted set that beats the model, if there is one."""
+        if self.candidates and self.candidates[0].evidence > self.model_evidence:
             return self.candidates[0]
         return None
 
 
 def search(
-    nominal: Fit,
+    model: Fit,
     effects: Sequence[Effect],
     settings: FitSettings,
     *,
@@ -99,20 +99,20 @@ def search(
 
     ``most`` effects make the largest set; of the ranked sets and of the ranked single effects
     ``width`` are refitted. ``reseeds``: times that the search may begin again because a set has led
-    the nominal out of a wrong valley.
+    the model out of a wrong valley.
     """
     while True:
-        better: Fit | None = tighten(nominal, settings)
-        hunt = _Hunt(nominal, better, effects, settings, most, width, progress)
-        if better is not None and reseeds and better.log_evidence > nominal.log_evidence + 1.0:
+        better: Fit | None = tighten(model, settings)
+        hunt = _Hunt(model, better, effects, settings, most, width, progress)
+        if better is not None and reseeds and better.log_evidence > model.log_evidence + 1.0:
             # The descent of the gaps had left the valley in which they close.
-            notes = (*nominal.notes, CLOSED)
-            better = replace(better, levels=nominal.levels, notes=notes)
+            notes = (*model.notes, CLOSED)
+            better = replace(better, levels=model.levels, notes=notes)
         else:
             better = hunt.run(may_restart=reseeds > 0)
         if better is None:
             return hunt.found()
-        nominal, reseeds = better, reseeds - 1
+        model, reseeds = better, reseeds - 1
 
 
 def in_finer_steps(
@@ -120,37 +120,35 @@ def in_finer_steps(
 ) -> Search:
     """The search with its best sets fitted again, if they ask for finer steps of the integrator.
 
-    Steps that are fine enough for the nominal may be too coarse for an effect, dry friction say:
+    Steps that are fine enough for the model may be too coarse for an effect, dry friction say:
     what they do wrong would look like one more cause.
     """
     while found.best is not None:
-        coarse = found.best.fit.problem.nominal
-        nominal = coarse.finer(_jobs(found.best.fit, settings))
-        if nominal is coarse:
+        coarse = found.best.fit.problem.model
+        model = coarse.finer(_jobs(found.best.fit, settings))
+        if model is coarse:
             break
         # Finer steps move shapes, which may ask for finer steps again.
-        found = _again(found, nominal, settings, progress)
+        found = _again(found, model, settings, progress)
     return found
 
 
-def _again(
-    found: Search, nominal: Nominal, settings: FitSettings, progress: Progress | None
-) -> Search:
-    """The search with its best sets fitted again with another nominal."""
+def _again(found: Search, model: Model, settings: FitSettings, progress: Progress | None) -> Search:
+    """The search with its best sets fitted again with another model."""
 
     def moved(fit: Fit) -> Fit:
-        return replace(fit, problem=replace(fit.problem, nominal=nominal))
+        return replace(fit, problem=replace(fit.problem, model=model))
 
     def again(fit: Fit) -> Fit:
-        problem = replace(fit.problem, nominal=nominal)
+        problem = replace(fit.problem, model=model)
         new = polish(problem, replace(fit.point, memo={}), fit.level, settings)
         return replace(new, levels=fit.levels, notes=fit.notes)
 
     effects = list({t.effect.name: t.effect for t in found.scores.terms}.values())
     tight = None if found.tight_fit is None else again(found.tight_fit)
-    hunt = _Hunt(again(found.nominal), tight, effects, settings, 0, 0, progress)
+    hunt = _Hunt(again(found.model_fit), tight, effects, settings, 0, 0, progress)
     hunt.scores, hunt.tight = found.scores, found.tight
-    hunt.start = full_evidence(hunt.nominal, hunt.total)
+    hunt.start = full_evidence(hunt.model_fit, hunt.total)
     hunt.failed.update(found.failed)
     # Larger sets may only explain what coarse steps did wrong: they have to come from the best one.
     best = found.candidates[0]
@@ -176,27 +174,27 @@ def _jobs(fit: Fit, settings: FitSettings) -> list[Job]:
     terms = machine_terms(fit.terms)
     sizes = np.array([fit.point.sizes[fit.terms.index(t)] for t in terms])
     places = list(zip(fit.problem.shots, fit.point.places, strict=True))
-    nominal = fit.problem.nominal
+    model = fit.problem.model
 
     def lanes(windows: NDArray[np.intp], starts: Array) -> Lanes:
         return Lanes.at_point(fit.point.theta, windows, starts, terms, sizes)
 
-    if fit.level <= settings.levels[-1] and not nominal.chaotic:
+    if fit.level <= settings.levels[-1] and not model.chaotic:
         whole = [
             (s.record, lanes(s.windows[[0, -1], [0, 1]][None, :], place.starts[:1]))
             for s, place in places
         ]
-        if all(np.isfinite(run.ends).all() for run in nominal.simulate_all(whole)):
+        if all(np.isfinite(run.ends).all() for run in model.simulate_all(whole)):
             return whole
     return [(s.record, lanes(s.windows, place.starts)) for s, place in places]
 
 
 class _Hunt:
-    """One search, from one fit of the nominal."""
+    """One search, from one fit of the model."""
 
     def __init__(
         self,
-        nominal: Fit,
+        model: Fit,
         tight: Fit | None,
         effects: Sequence[Effect],
         settings: FitSettings,
@@ -204,7 +202,7 @@ class _Hunt:
         width: int,
         progress: Progress | None,
     ) -> None:
-        self.nominal, self.tight_fit = nominal, tight
+        self.model_fit, self.tight_fit = model, tight
         self.settings, self.most, self.width, self.progress = settings, most, width, progress
         # Sets are ranked by whole nats: a twentieth of one is near enough.
         self.quick = settings.coarser(0.1, iterations=15)
@@ -216,12 +214,12 @@ class _Hunt:
         self.shaped: set[tuple[str, ...]] = set()
 
     def run(self, *, may_restart: bool) -> Fit | None:
-        """Search; a fit of the nominal that does better, if the search led there."""
+        """Search; a fit of the model that does better, if the search led there."""
         self._tell("score")
-        self.scores = score_fit(self.nominal, self.terms)
+        self.scores = score_fit(self.model_fit, self.terms)
         self.tight = None if self.tight_fit is None else score_fit(self.tight_fit, self.terms)
-        self.start = full_evidence(self.nominal, self.total)
-        fits = [self.nominal] + ([] if self.tight_fit is None else [self.tight_fit])
+        self.start = full_evidence(self.model_fit, self.total)
+        fits = [self.model_fit] + ([] if self.tight_fit is None else [self.tight_fit])
         self.least = PROMISE if all(f.explains for f in fits) else -np.inf
         self._screen()
         first = len(self.done)
@@ -237,7 +235,7 @@ class _Hunt:
         """What the search found."""
         ordered = tuple(sorted(self.done.values(), key=lambda c: (-c.evidence, c.key)))
         return Search(
-            self.nominal,
+            self.model_fit,
             self.scores,
             self.tight,
             self.tight_fit,
@@ -274,9 +272,9 @@ class _Hunt:
 
     def _screen(self) -> None:
         """Refit the sets, and the single effects, that the linear ranking promises most of."""
-        self._extend(self.nominal, self.scores, self.width)
+        self._extend(self.model_fit, self.scores, self.width)
         if self.tight is not None and self.tight_fit is not None:
-            base = replace(self.tight_fit, level=self.nominal.level)
+            base = replace(self.tight_fit, level=self.model_fit.level)
             self._extend(base, self.tight, self.width)
         # The best singles are always among the refitted, so that a class is judged on equal terms.
         for at in (self.scores, self.tight):
@@ -294,7 +292,7 @@ class _Hunt:
                     continue
                 names.append(t.name)
                 if (t.name,) not in self.done:
-                    self._attempt(self.nominal, (t,), np.array([size[i] * t.effect.scale]))
+                    self._attempt(self.model_fit, (t,), np.array([size[i] * t.effect.scale]))
                 if len(names) >= self.width:
                     break
 
@@ -326,10 +324,10 @@ class _Hunt:
         return out
 
     def _freed(self) -> Fit | None:
-        """The nominal from where the best sets are, if it does better from there."""
+        """The model from where the best sets are, if it does better from there."""
         best = sorted(self.done.values(), key=lambda c: -c.evidence)[:2]
         fits = [c.fit for c in best if c.evidence > self.start]
-        return freed(self.nominal, fits, self.quick)
+        return freed(self.model_fit, fits, self.quick)
 
     def _climb(self) -> None:
         """Fit shapes, add, drop and swap effects until nothing helps."""
@@ -361,7 +359,7 @@ class _Hunt:
             others = np.delete(best.fit.point.sizes, k)
             if rest and _short(self.done.get(_key(rest)), best, k):
                 self._attempt(best.fit, rest, others)
-            # A screen at a poor nominal may have overlooked what could stand in its place.
+            # A screen at a poor model may have overlooked what could stand in its place.
             for like, share in _alike(self.tight or self.scores, term):
                 swapped = (*rest, like)
                 size = np.clip(share * best.fit.point.sizes[k], *like.effect.bounds)
@@ -451,7 +449,7 @@ def _alike(scores: Scores, term: Term) -> list[tuple[Term, float]]:
 def _short(known: Candidate | None, best: Candidate, k: int) -> bool:
     """Whether the best set without its term k is still to be fitted from there.
 
-    So it is where its known fit falls short of what the best one foretells to first order: half the
+    So it is where its known fit falls short of what the best one predicts to first order: half the
     square of the size over its deviation is lost. Such a fit is stuck in another valley.
     """
     if known is None:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from feltmb.fit.nominal import Effect, Term
+from feltmb.fit.model import Effect, Term
 from feltmb.fit.solve import Fit
 from feltmb.gap.score import FITTED_SHAPE, score_fit
 

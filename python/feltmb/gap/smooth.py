@@ -59,7 +59,7 @@ def smooth_rest(fit: Fit) -> float:
     size = np.sqrt(np.maximum(np.diag(normal.matrix), 1e-300))
     values, vectors = np.linalg.eigh(normal.matrix / np.outer(size, size))
     root = (vectors / np.sqrt(np.maximum(values, 1e-11 * values[-1:]))) / size[:, None]
-    cells = sum(s.count for s in problem.shots) * len(problem.nominal.outputs)
+    cells = sum(s.count for s in problem.shots) * len(problem.model.outputs)
     most = min(MOST, IN_ALL // max(cells, 1))
     pulls, grams, crosses, periods = [], [], [], []
     for shot, chain, own in zip(problem.shots, normal.chains, normal.columns, strict=True):

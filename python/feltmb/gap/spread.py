@@ -14,7 +14,7 @@ import numpy as np
 
 from feltmb.data import Array
 from feltmb.fit.linearize import Linear, predict
-from feltmb.fit.nominal import Nominal, Term
+from feltmb.fit.model import Model, Term
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Shot
 from feltmb.fit.solve import Fit, inverse_scaled
@@ -74,13 +74,13 @@ def _seen(fit: Fit, k: int, place: int, factor: float) -> list[tuple[Array, Arra
     terms[k] = Term(terms[k].effect, moved_shape(terms[k].shape, place, number))
     problem: Problem = fit.problem
 
-    def see(nominal: Nominal, i: int) -> tuple[Array, Array]:
+    def see(model: Model, i: int) -> tuple[Array, Array]:
         shot: Shot = problem.shots[i]
         return predict(
-            nominal, shot, fit.point.theta, tuple(terms), fit.point.sizes, fit.point.places[i]
+            model, shot, fit.point.theta, tuple(terms), fit.point.sizes, fit.point.places[i]
         )[1:]
 
-    return each(problem.nominal, see, range(len(problem.shots)))
+    return each(problem.model, see, range(len(problem.shots)))
 
 
 def _with(linear: Linear, columns: list[tuple[Array, Array]], at: int) -> Linear:

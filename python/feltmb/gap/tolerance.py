@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from feltmb.fit.nominal import FLOOR, Nominal, Parameter
+from feltmb.fit.model import FLOOR, Model, Parameter
 from feltmb.fit.solve import Fit, FitSettings, polish
 from feltmb.gap.search import Search
 
@@ -18,7 +18,7 @@ __all__ = ["TOLERATED", "strain_told", "strained", "within_tolerance"]
 #: Standard deviations from its prior that a parameter may take up: of fifty parameters one goes
 #: beyond in one machine of 300.
 TOLERATED = 4.0
-#: Note of a nominal whose parameters were held within their tolerance.
+#: Note of a model whose parameters were held within their tolerance.
 HELD = "parameters held within their tolerance"
 
 
@@ -29,7 +29,7 @@ def strained(fit: Fit) -> dict[str, float]:
     """
     out = {}
     for i in fit.problem.free:
-        p = fit.problem.nominal.parameters[i]
+        p = fit.problem.model.parameters[i]
         if not 0.0 < p.sd < math.inf or p.component == FLOOR:
             continue
         far = (float(fit.point.theta[i]) - p.value) / p.sd
@@ -48,27 +48,27 @@ def strain_told(fit: Fit) -> str:
 
 
 def within_tolerance(found: Search, settings: FitSettings) -> Search:
-    """The search, with the nominal held within the tolerance that its best set goes beyond.
+    """The search, with the model held within the tolerance that its best set goes beyond.
 
-    A let-off button of which 0.2 mm are regulation is a parameter; the fit of the nominal moves it
+    A let-off button of which 0.2 mm are regulation is a parameter; the fit of the model moves it
     as far as the records ask. The effect "let-off button" is then as likely as the prior of the
     parameter says, but held-out records are predicted as well without it. They are to be compared
-    with what the nominal can do within ``TOLERATED`` standard deviations.
+    with what the model can do within ``TOLERATED`` standard deviations.
     """
     best = found.best
     if best is None:
         return found
-    far = strained(found.nominal)
+    far = strained(found.model_fit)
     names = {t.effect.beyond for t in best.fit.terms} & far.keys()
     if not names:
         return found
-    before = found.nominal
-    nominal = _held(before.problem.nominal, names)
-    problem = replace(before.problem, nominal=nominal)
+    before = found.model_fit
+    model = _held(before.problem.model, names)
+    problem = replace(before.problem, model=model)
     theta = np.clip(
         before.point.theta,
-        [p.lower for p in nominal.parameters],
-        [p.upper for p in nominal.parameters],
+        [p.lower for p in model.parameters],
+        [p.upper for p in model.parameters],
     )
     quick = settings.coarser(0.1, iterations=15)
     fit = polish(problem, replace(before.point, theta=theta, memo={}), before.level, quick)
@@ -77,10 +77,10 @@ def within_tolerance(found: Search, settings: FitSettings) -> Search:
     return replace(found, held=replace(fit, levels=before.levels, notes=(*before.notes, HELD)))
 
 
-def _held(nominal: Nominal, names: Collection[str]) -> Nominal:
-    """The nominal with narrower limits of some parameters."""
-    out = copy.copy(nominal)
-    out.parameters = tuple(_limited(p) if p.name in names else p for p in nominal.parameters)
+def _held(model: Model, names: Collection[str]) -> Model:
+    """The model with narrower limits of some parameters."""
+    out = copy.copy(model)
+    out.parameters = tuple(_limited(p) if p.name in names else p for p in model.parameters)
     return out
 
 

@@ -9,11 +9,11 @@ from scipy import stats
 
 from feltmb.data import Array
 from feltmb.fit.linearize import predict
-from feltmb.fit.nominal import Lanes
+from feltmb.fit.model import Lanes
 from feltmb.fit.observe import observe_lanes
 from feltmb.fit.shots import Shot
 from feltmb.fit.solve import Fit
-from feltmb.gap.report import EventRow, LedgerCell
+from feltmb.gap.findings import EventRow, LedgerCell
 
 __all__ = ["event_ledger", "first_act", "ledger", "onset_of", "split_gap"]
 
@@ -34,11 +34,11 @@ def ledger(fit: Fit, level: float = 0.05) -> tuple[tuple[LedgerCell, ...], dict[
     for shot, chain in zip(problem.shots, normal.chains, strict=True):
         assert chain.rows is not None
         assert chain.leverage is not None
-        ny = len(problem.nominal.outputs)
+        ny = len(problem.model.outputs)
         for w in range(shot.count):
             residual = chain.rows[w][:, -1].reshape(-1, ny)
             taken = chain.leverage[w].reshape(-1, ny)
-            for c, channel in enumerate(problem.nominal.outputs):
+            for c, channel in enumerate(problem.model.outputs):
                 valid = shot.valid[w, :, c]
                 n = int(valid.sum())
                 if n < 2:
@@ -71,7 +71,7 @@ def ledger(fit: Fit, level: float = 0.05) -> tuple[tuple[LedgerCell, ...], dict[
             )
         )
         if flag:
-            moment = onset_of(shot, normal.chains, w, c, len(problem.nominal.outputs), fit)
+            moment = onset_of(shot, normal.chains, w, c, len(problem.model.outputs), fit)
             name = shot.record.name
             onset[name] = min(onset.get(name, np.inf), moment)
     return tuple(cells), onset
@@ -108,7 +108,7 @@ def first_act(fit: Fit) -> dict[str, float]:
         whole = np.array([[0, record.samples - 1]])
         runs = [
             observe_lanes(
-                problem.nominal,
+                problem.model,
                 record,
                 Lanes.at_point(fit.point.theta, whole, place.starts[:1], problem.terms, sizes),
             ).outputs[0]
@@ -153,9 +153,9 @@ def _simulated(fit: Fit) -> list[Array]:
     out = []
     for shot, place in zip(problem.shots, fit.point.places, strict=True):
         outputs, _, _ = predict(
-            problem.nominal, shot, fit.point.theta, problem.terms, fit.point.sizes, place
+            problem.model, shot, fit.point.theta, problem.terms, fit.point.sizes, place
         )
-        joined = np.full((shot.record.samples, len(problem.nominal.outputs)), np.nan)
+        joined = np.full((shot.record.samples, len(problem.model.outputs)), np.nan)
         for w, (first, last) in enumerate(shot.windows):
             joined[first : last + 1] = outputs[w, : last - first + 1]
         out.append(joined)
@@ -168,10 +168,10 @@ def split_gap(fit: Fit) -> Mapping[str, Mapping[str, float]]:
     e(t) = -tau dy/dt + a y + rest, tau and a fitted by window.
     """
     problem = fit.problem
-    sums = {name: np.zeros(4) for name in problem.nominal.outputs}
+    sums = {name: np.zeros(4) for name in problem.model.outputs}
     for shot, joined in zip(problem.shots, _simulated(fit), strict=True):
-        measured = shot.record.output_array(problem.nominal.outputs)
-        for c, name in enumerate(problem.nominal.outputs):
+        measured = shot.record.output_array(problem.model.outputs)
+        for c, name in enumerate(problem.model.outputs):
             y = joined[:, c]
             slope = np.gradient(y, shot.record.time)
             for first, last in shot.windows:
@@ -213,11 +213,9 @@ def event_ledger(fit: Fit, level: float = 0.01) -> tuple[EventRow, ...]:
     rows = []
     for shot, joined in zip(problem.shots, _simulated(fit), strict=True):
         record = shot.record
-        names = problem.nominal.outputs
+        names = problem.model.outputs
         measured = record.output_array(names)
-        known = dict(
-            problem.nominal.events(record, {n: measured[:, c] for c, n in enumerate(names)})
-        )
+        known = dict(problem.model.events(record, {n: measured[:, c] for c, n in enumerate(names)}))
         if known:
             moments = [(e, t, c) for e, t in known.items() for c in range(len(names))]
         else:

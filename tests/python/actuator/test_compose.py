@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import feltmb
-from feltmb.actuator import compose, load_actuator
+from feltmb.action.actuator import compose, load_actuator
 from feltmb.errors import InvalidParameter
 
 RAMP = feltmb.torque_stroke([0.0, 0.06], [0.0, 3.0], duration=0.2)

@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 import feltmb
-from feltmb.actuator import load_actuator, match, simulate_actuator, study_actuator
+from feltmb.action.actuator import load_actuator, match, simulate_actuator, study_actuator
 from feltmb.cli import cli
 from feltmb.errors import InvalidParameter
 

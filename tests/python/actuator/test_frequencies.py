@@ -10,7 +10,7 @@ import pytest
 import sympy as sp
 from scipy.optimize import brentq
 
-from feltmb.actuator import load_actuator
+from feltmb.action.actuator import load_actuator
 from feltmb.errors import InvalidParameter
 
 

@@ -6,9 +6,9 @@ from scipy.integrate import solve_ivp
 
 import feltmb
 from feltmb import _core
-from feltmb.actuator import load_actuator, simulate_actuator, stand_alone
-from feltmb.config import core_law
+from feltmb.action.actuator import load_actuator, simulate_actuator, stand_alone
 from feltmb.errors import InvalidParameter
+from feltmb.mechanism import core_law
 
 RAMP = feltmb.torque_stroke([0.0, 0.06], [0.0, 3.0])
 

@@ -10,10 +10,15 @@ import time
 import numpy as np
 import pytest
 
-from feltmb.blind.bench import Bench, _diagnose, _make_records, load_kinds, read_records
-from feltmb.blind.score import read
+import blind.run
+from blind.bench import Bench, _diagnose
+from blind.run import command
+from blind.score import read
+from blind.small_machine import load_kinds
 from feltmb.cli import main
 from feltmb.errors import FileExists, InvalidParameter
+
+RUN = blind.run.__file__
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +59,7 @@ def test_halves_are_disjoint_and_whole(made):
 
 
 def test_records_hold_no_truth_and_are_as_the_data_sheet_says(made):
-    records = read_records(made.folder / "records" / "0.npz")
+    records = made.machine.read_records(made.folder / "records" / "0.npz")
     assert [r.role for r in records] == ["fit"] * 3 + ["held_out"] * 2
     with np.load(made.folder / "records" / "0.npz") as file:
         assert {name.split(".")[-1] for name in file} == {"mode", "key", "hammer", "finger"}
@@ -113,7 +118,7 @@ def test_bad_outside_file(tmp_path, text, messages):
 
 def test_bad_folder_is_told(tmp_path, capsys):
     with pytest.raises(SystemExit) as error:
-        main(["gap", "blind", "-o", str(tmp_path), "--score-only"])
+        main(["-o", str(tmp_path), "--score-only"], command)
     assert error.value.code == 2
     assert "is no bench" in capsys.readouterr().err
 
@@ -122,9 +127,9 @@ def test_two_cases_are_diagnosed(tmp_path):
     """A null and a single effect of the development half of a sealed bench, end to end."""
     bench = Bench(tmp_path / "b")
     bench.seal(40, 7)
-    _make_records(bench.folder, None, [2, 20])
+    bench.machine.make_records(bench.folder, None, [2, 20])
     for n in (2, 20):
-        _diagnose(bench.folder, n, False)
+        _diagnose(bench.machine, bench.folder, n, False)
     null, drag = read(bench.folder, [2, 20])
     assert null.kind == 0
     assert not null.claims
@@ -136,9 +141,9 @@ def test_two_cases_are_diagnosed(tmp_path):
 @pytest.mark.slow
 def test_twenty_cases_by_the_command(tmp_path):
     folder = tmp_path / "b"
-    main_arguments = ["gap", "blind", "--cases", "40", "--seed", "7", "-o", str(folder)]
+    main_arguments = ["--cases", "40", "--seed", "7", "-o", str(folder)]
     with pytest.raises(SystemExit) as end:
-        main([*main_arguments, "--half", "development", "--workers", "1"])
+        main([*main_arguments, "--half", "development", "--workers", "1"], command)
     assert end.value.code in (None, 0)
     score = json.loads((folder / "score_development.json").read_text())
     assert score["cases"] == 20
@@ -154,7 +159,7 @@ def test_twenty_cases_by_the_command(tmp_path):
 @pytest.mark.slow
 def test_killed_bench_goes_on_where_it_was(tmp_path):
     folder = tmp_path / "b"
-    command = [sys.executable, "-m", "feltmb", "gap", "blind", "--cases", "4", "--seed", "2"]
+    command = [sys.executable, str(RUN), "--cases", "4", "--seed", "2"]
     command += ["-o", str(folder), "--half", "development", "--no-oracle"]
     process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.DEVNULL)
     results = folder / "results"

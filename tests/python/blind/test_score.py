@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from feltmb.blind.score import Scored, _ece, bootstrap, markdown, score, wilson
+from blind.score import Scored, _ece, bootstrap, markdown, score, wilson
 
 
 def part(name="a", nc=10.0, form="A", component="x", size=1.0):

@@ -1,4 +1,4 @@
-"""The generator of the blind bench: its independence, its agreement with the nominal."""
+"""The generator of the blind bench: its independence, its agreement with the model."""
 
 import ast
 import sys
@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import feltmb
-from feltmb.blind import calibration, nominal, truth, truth_machine, truth_outside, truth_sensors
+from blind import calibration, key_hammer, truth, truth_machine, truth_outside, truth_sensors
 from feltmb.fit import Lanes, Term
 
-FOLDER = Path(feltmb.__file__).parent / "blind"
+FOLDER = Path(truth.__file__).parent
 KINDS = truth.load_outside(truth_outside)
 
 
@@ -29,8 +28,8 @@ def imported(name):
     ("name", "may"),
     [
         ("truth", ()),
-        ("truth_machine", ("feltmb.blind.truth",)),
-        ("truth_sensors", ("feltmb.blind.truth", "feltmb.blind.truth_machine")),
+        ("truth_machine", ("blind.truth",)),
+        ("truth_sensors", ("blind.truth", "blind.truth_machine")),
         ("truth_outside", ()),
         ("score", ()),
     ],
@@ -41,12 +40,12 @@ def test_generator_and_scorer_share_no_code_with_the_engine(name, may):
         assert module in may or top == "numpy" or top in sys.stdlib_module_names, module
 
 
-def test_tables_of_generator_and_nominal_agree():
-    own = {n: (v, sd) for n, v, sd, _, _ in nominal.PARAMETERS if n != "camera_skew"}
+def test_tables_of_generator_and_model_agree():
+    own = {n: (v, sd) for n, v, sd, _, _ in key_hammer.PARAMETERS if n != "camera_skew"}
     assert set(own) == set(truth.DRAWN)
     for name, numbers in own.items():
         assert numbers == pytest.approx(truth.DRAWN[name]), name
-    library = {e.name: e for e in nominal.effects()}
+    library = {e.name: e for e in key_hammer.effects()}
     assert set(library) == set(truth.EFFECTS)
     for name, effect in library.items():
         assert effect.component == truth.EFFECTS[name][0]
@@ -58,7 +57,7 @@ def test_tables_of_generator_and_nominal_agree():
 
 
 def residuals(mode, names):
-    """{effect: (noncentrality, noncentrality left once the nominal has the effect)}, form A."""
+    """{effect: (noncentrality, noncentrality left once the model has the effect)}, form A."""
     scales = calibration.packaged_scales()
     base = truth.plain_case(mode)
     cases = [base] + [
@@ -69,7 +68,7 @@ def residuals(mode, names):
     records, starts = calibration._view(base, result, 0, {})
     view = calibration._Whitener(records, starts)
     plain = [view.residual(r, s) for r, s in zip(records, starts, strict=True)]
-    library = {e.name: e for e in nominal.effects()}
+    library = {e.name: e for e in key_hammer.effects()}
     out = {}
     for i, name in enumerate(names):
         term = Term(library[name])
@@ -80,7 +79,7 @@ def residuals(mode, names):
             without.append([a - b for a, b in zip(view.residual(r, s), p, strict=True)])
             hidden, rows = np.zeros(len(term.effect.hidden)), []
             for w, (a, b) in enumerate(view.windows):
-                run = view.nominal.simulate(
+                run = view.model.simulate(
                     r,
                     Lanes(
                         theta=view.theta[None],
@@ -91,7 +90,7 @@ def residuals(mode, names):
                     ),
                 )
                 hidden = run.ends[0, 4:]
-                seen = r.output_array(view.nominal.outputs)[a:b]
+                seen = r.output_array(view.model.outputs)[a:b]
                 rows.append((seen - run.outputs[0][: b - a]).T.ravel() - p[w])
             rest.append(rows)
         out[name] = view.noncentrality(without), view.noncentrality(rest)
@@ -120,8 +119,8 @@ def test_all_effects_mean_the_same_in_generator_and_library(mode):
     check(residuals(mode, able))
 
 
-def test_generator_and_nominal_agree_without_an_effect():
-    model = nominal.KeyHammer()
+def test_generator_and_model_agree_without_an_effect():
+    model = key_hammer.KeyHammer()
     theta = np.array([[p.value for p in model.parameters]])
     for mode in ("force", "motion"):
         case = truth.plain_case(mode)

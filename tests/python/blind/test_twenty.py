@@ -2,8 +2,8 @@
 
 import pytest
 
-from feltmb.blind.bench import Bench
-from feltmb.blind.score import read
+from blind.bench import Bench
+from blind.score import read
 
 CASES, SEED = 20, 1
 

@@ -82,7 +82,7 @@ def test_intervals_cover_quickly(model):
 @pytest.mark.slow
 @pytest.mark.parametrize("model", list(TRUTHS))
 def test_intervals_cover(model):
-    """95 % nominal, 90 to 99 % observed over 500 noisy tests (acceptance band of the issue)."""
+    """95 % model, 90 to 99 % observed over 500 noisy tests (acceptance band of the issue)."""
     for name, share in coverage(model, 500).items():
         assert 0.90 <= share <= 0.99, (model, name, share)
 

@@ -203,7 +203,7 @@ def test_bad_input(tmp_path):
         assert word in str(caught.value)
     broken = tmp_path / "x.npz"
     broken.write_bytes(b"nothing")
-    with pytest.raises(DataError, match="not a saved"):
+    with pytest.raises(DataError, match="is damaged"):
         FiberRun.load(broken)
     state = lay(SMALL, 1).state()
     state["box"] = np.ones(2)

@@ -6,7 +6,7 @@ from feltmb.gap import (
     Coordinate,
     Effect,
     Lanes,
-    OdeNominal,
+    OdeModel,
     Parameter,
     Record,
     Sensor,
@@ -15,7 +15,7 @@ from feltmb.gap import (
 )
 
 MASS = Coordinate(name="mass", position="q", speed="v", inertia="m")
-NOMINAL = OdeNominal(
+NOMINAL = OdeModel(
     name="oscillator",
     states=[
         State(name="q", unit="m", scale=0.01, start_sd=1e-3),

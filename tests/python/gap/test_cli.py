@@ -40,10 +40,10 @@ def test_diagnose_writes_the_same_report_twice(tmp_path, capsys):
     assert "--force" in capsys.readouterr().err
 
 
-def test_check_foresee_and_fit(capsys):
+def test_check_plan_and_fit(capsys):
     assert run("gap", "check", *EMPS) == 0
     assert "emps_fit" in capsys.readouterr().out
-    assert run("gap", "foresee", EXAMPLES / "emps.py", EMPS[0]) == 0
+    assert run("gap", "plan", EXAMPLES / "emps.py", EMPS[0]) == 0
     assert "dry friction" in capsys.readouterr().out
     assert run("fit", EXAMPLES / "emps.py", EMPS[0], "--json") == 0
     rows = json.loads(capsys.readouterr().out)["parameters"]
@@ -56,8 +56,8 @@ FEW = [
 ]
 
 
-def test_a_mechanism_needs_no_files_to_foresee(capsys):
-    said = ("gap", "foresee", "steinway45", "--channels", "key,hammer_tip,jack", *FEW, "--json")
+def test_a_mechanism_needs_no_files_to_plan(capsys):
+    said = ("gap", "plan", "steinway45", "--channels", "key,hammer_tip,jack", *FEW, "--json")
     assert run(*said) == 0
     found = json.loads(capsys.readouterr().out)
     rows = {r["effect"]: r for r in found["effects"]}
@@ -65,9 +65,9 @@ def test_a_mechanism_needs_no_files_to_foresee(capsys):
     assert rows["let_off_button"]["smallest"] == pytest.approx(SHOWS * 2e-4, rel=0.01)
     further = {e["name"] for e in found["experiments"]}
     assert further == {"piano", "staccato", "whippen.y", "key_balance.y", "backcheck.x"}
-    assert run("gap", "foresee", "steinway45", "--channels", ",") == 2
+    assert run("gap", "plan", "steinway45", "--channels", ",") == 2
     assert "expected items between commas" in capsys.readouterr().err
-    assert run("gap", "foresee", "steinway45", "--channels", "nose") == 2
+    assert run("gap", "plan", "steinway45", "--channels", "nose") == 2
     assert "channel 'nose' is unknown; known are key" in capsys.readouterr().err
 
 
@@ -87,12 +87,12 @@ def test_a_stroke_without_a_sheet(tmp_path, capsys):
     assert run("gap", "diagnose", "steinway45", tmp_path / "a.csv", *FEW, "--json") == 0
     report = json.loads(capsys.readouterr().out)
     assert report["verdict"] == "NO GAP"
-    assert any("samples after" in w for w in report["gates"]["warnings"])
+    assert any("samples after" in w for w in report["data checks"]["warnings"])
     assert run("fit", "steinway45", tmp_path / "a.csv", *FEW, "--json") == 0
     rows = {r["name"]: r for r in json.loads(capsys.readouterr().out)["parameters"]}
     assert abs(rows["let_off_button"]["value"]) < 1e-4
     assert "floor.a.1" in rows
-    assert run("gap", "foresee", "steinway45", tmp_path / "a.csv", *FEW, "--json") == 0
+    assert run("gap", "plan", "steinway45", tmp_path / "a.csv", *FEW, "--json") == 0
     assert json.loads(capsys.readouterr().out)["effects"]
 
 

@@ -7,18 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from feltmb.blind.bench import Bench, _make_records, read_records
-from feltmb.blind.nominal import KeyHammer
+from blind.bench import Bench
+from blind.key_hammer import KeyHammer
 from feltmb.data import Record, Sensor
 from feltmb.fit import Effect, Parameter
-from feltmb.fit.linear import LinearNominal
+from feltmb.fit.linear import LinearModel
 from feltmb.fit.noise import WHITE, Noise
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import make_shot
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Verdict, calibrate, diagnose
+from feltmb.gap.checks import check_records
 from feltmb.gap.color import AVERAGES, BLOCK, color_at_rest, quiet_blocks
-from feltmb.gap.gates import check_records
 from feltmb.gap.refine import tighten
 
 _spec = importlib.util.spec_from_file_location("models", Path(__file__).parent / "models.py")
@@ -197,16 +197,18 @@ def records(noise, *, tau, clock=1.0):
 
 
 def test_the_gates_take_the_color_and_say_so():
-    gates = check_records(records(lambda n, k: mean_of(3, n, k), tau=1.5e-3))
-    assert {c.averaged for c in gates.channels} == {3}
-    assert gates.noise("r2")["q"].averaged == 3
-    assert gates.noise("r2")["q"].correlation_time == pytest.approx(1.5e-3)
-    assert any("q: at rest its noise is that of a mean over 3 samples" in w for w in gates.warnings)
-    gates = check_records(records(lambda n, k: forgetting(1.5, n, k), tau=1.5e-3))
-    assert {c.averaged for c in gates.channels} == {1}
-    assert gates.warnings == ()
-    gates = check_records(records(lambda n, k: mean_of(3, n, k), tau=1.5e-3, clock=1.3))
-    assert {c.averaged for c in gates.channels} == {1}  # samples at no even distance
+    checks = check_records(records(lambda n, k: mean_of(3, n, k), tau=1.5e-3))
+    assert {c.averaged for c in checks.channels} == {3}
+    assert checks.noise("r2")["q"].averaged == 3
+    assert checks.noise("r2")["q"].correlation_time == pytest.approx(1.5e-3)
+    assert any(
+        "q: at rest its noise is that of a mean over 3 samples" in w for w in checks.warnings
+    )
+    checks = check_records(records(lambda n, k: forgetting(1.5, n, k), tau=1.5e-3))
+    assert {c.averaged for c in checks.channels} == {1}
+    assert checks.warnings == ()
+    checks = check_records(records(lambda n, k: mean_of(3, n, k), tau=1.5e-3, clock=1.3))
+    assert {c.averaged for c in checks.channels} == {1}  # samples at no even distance
     unknown = [
         replace(r, sensors={"q": Sensor(name="q")})
         for r in records(lambda n, k: mean_of(3, n, k), tau=0.0)
@@ -215,22 +217,22 @@ def test_the_gates_take_the_color_and_say_so():
 
 
 def test_a_stuck_fit_with_tight_gaps_is_no_unknown_force(tmp_path):
-    """Once a window of this nominal stayed in a wrong place, which looked like 91 nats."""
+    """Once a window of this model stayed in a wrong place, which looked like 91 nats."""
     bench = Bench(tmp_path / "b")
     bench.seal(792, 20261122)
-    _make_records(bench.folder, None, [791])
-    nominal = KeyHammer()
-    own = read_records(bench.folder / "records" / "791.npz")
-    gates = check_records(own, nominal.outputs)
-    shots = tuple(make_shot(nominal, r, gates.noise(r.name), None) for r in own if r.role == "fit")
-    fit = fit_problem(Problem(nominal, shots))
+    bench.machine.make_records(bench.folder, None, [791])
+    model = KeyHammer()
+    own = bench.machine.read_records(bench.folder / "records" / "791.npz")
+    checks = check_records(own, model.outputs)
+    shots = tuple(make_shot(model, r, checks.noise(r.name), None) for r in own if r.role == "fit")
+    fit = fit_problem(Problem(model, shots))
     assert fit.explains
     tight = tighten(fit, FitSettings())
     assert tight is not None
     assert tight.log_evidence > fit.log_evidence - 6.0
 
 
-LINE = LinearNominal(
+LINE = LinearModel(
     output="y",
     columns={"slope": lambda r: r.inputs["x"]},
     parameters=[Parameter(name="slope", value=1.0, sd=0.2)],
@@ -271,9 +273,9 @@ def remembered(random):
 def test_colored_noise_that_is_told_as_white_is_no_gap_and_warned_of():
     report = diagnose(LINE, [CUBIC], runs(remembered))
     assert report.verdict is Verdict.NO_GAP
-    (warning,) = report.gates.warnings
+    (warning,) = report.checks.warnings
     assert "correlation_time" in warning
-    assert report.gates.channels[0].correlation_time == pytest.approx(0.04, rel=0.4)
+    assert report.checks.channels[0].correlation_time == pytest.approx(0.04, rel=0.4)
 
 
 def test_an_effect_is_named_through_such_noise():
@@ -289,4 +291,4 @@ def test_a_smooth_rest_in_white_noise_is_not_taken_for_its_color():
 
     report = diagnose(LINE, [CUBIC], runs(swaying))
     assert report.verdict is Verdict.UNKNOWN
-    assert not report.gates.warnings
+    assert not report.checks.warnings

@@ -117,10 +117,10 @@ def test_noise_is_found_where_it_is_not_told():
         )
         for i in range(3)
     ]
-    gates = check_records(records)
-    assert gates.channels[0].method == "repeats"
-    assert gates.channels[2].method in ("differences", "rest", "prediction")
-    for channel in gates.channels:
+    checks = check_records(records)
+    assert checks.channels[0].method == "repeats"
+    assert checks.channels[2].method in ("differences", "rest", "prediction")
+    for channel in checks.channels:
         assert channel.sigma == pytest.approx(0.01, rel=0.1)
 
 
@@ -128,9 +128,9 @@ def test_gates_see_clocks_and_saturation():
     time = np.arange(300) * 0.01
     jumped = np.where(time > 1.0, time + 5.0, time)
     signal = np.clip(np.sin(3.0 * time), -0.5, 0.5)
-    gates = check_records([Record(name="a", time=jumped, inputs={}, outputs={"q": signal})])
-    assert "the clock jumps" in gates.problems[0]
-    assert any("saturated" in w for w in gates.warnings)
+    checks = check_records([Record(name="a", time=jumped, inputs={}, outputs={"q": signal})])
+    assert "the clock jumps" in checks.problems[0]
+    assert any("saturated" in w for w in checks.warnings)
 
 
 def test_a_unit_that_does_not_exist_is_refused(tmp_path):
@@ -272,20 +272,20 @@ def test_numbers_that_no_instrument_gives_are_refused(tmp_path):
 
 
 def test_units_of_records_are_compared_with_those_of_the_model(tmp_path):
-    from feltmb.gap import diagnose, fit_nominal, foresee
+    from feltmb.gap import diagnose, fit_model, plan
 
     record = models.records(4)[0]
     path = write_record(record, tmp_path / "a.csv")
     text = path.read_text().splitlines()
     path.write_text("\n".join(["time [s],f [N],q [N]", *text[1:]]) + "\n")
     wrong = read_record(path)
-    nominal = models.NOMINAL
-    assert dict(nominal.units) == {"q": "m"}
+    model = models.NOMINAL
+    assert dict(model.units) == {"q": "m"}
     said = "q is in N, in the model oscillator in m"
     for work in (
-        lambda: diagnose(nominal, models.EFFECTS, [wrong]),
-        lambda: fit_nominal(nominal, [wrong]),
-        lambda: foresee(nominal, models.EFFECTS, [wrong]),
+        lambda: diagnose(model, models.EFFECTS, [wrong]),
+        lambda: fit_model(model, [wrong]),
+        lambda: plan(model, models.EFFECTS, [wrong]),
     ):
         with pytest.raises(DataError, match=said):
             work()
@@ -297,21 +297,21 @@ def test_units_of_records_are_compared_with_those_of_the_model(tmp_path):
 
 
 def test_the_input_of_a_mechanism_has_a_unit_too():
-    from feltmb.gap.gates import faults_against
-    from feltmb.subjects import mechanism_nominal
+    from feltmb.adapters import mechanism_model
+    from feltmb.gap.checks import faults_against
 
-    nominal, _ = mechanism_nominal(feltmb.load_action("steinway45"))
-    assert nominal.units["force"] == "N"
+    model, _ = mechanism_model(feltmb.load_action("steinway45"))
+    assert model.units["force"] == "N"
     time = np.arange(20) * 1e-3
-    outputs = dict.fromkeys(nominal.outputs, time)
+    outputs = dict.fromkeys(model.outputs, time)
     record = Record(
         name="a", time=time, inputs={"force": time}, outputs=outputs, input_units={"force": "m"}
     )
-    assert faults_against(nominal, [record]) == ["a: force is in m, in the model steinway45 in N"]
+    assert faults_against(model, [record]) == ["a: force is in m, in the model steinway45 in N"]
 
 
 def test_two_samples_are_no_time_series():
-    from feltmb.gap import diagnose, fit_nominal
+    from feltmb.gap import diagnose, fit_model
 
     sensors = {"q": Sensor(name="q", unit="m", sigma=1e-4)}
     short = Record(
@@ -320,7 +320,7 @@ def test_two_samples_are_no_time_series():
     )  # fmt: skip
     said = "a.q: 2 values: enough for a model of single numbers"
     assert said in check_records([short]).warnings[0]
-    for work in (diagnose, lambda n, e, r: fit_nominal(n, r)):
+    for work in (diagnose, lambda n, e, r: fit_model(n, r)):
         with pytest.raises(DataError, match="a: 2 samples; the model oscillator needs at least 8"):
             work(models.NOMINAL, models.EFFECTS, [short])
 

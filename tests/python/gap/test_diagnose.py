@@ -13,10 +13,10 @@ from feltmb.data import read_records
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Noise, make_shot
 from feltmb.fit.solve import fit_problem
-from feltmb.gap import Options, Verdict, diagnose, fit_nominal, including
-from feltmb.gap.files import report_json
+from feltmb.gap import Options, Verdict, diagnose, fit_model, including
 from feltmb.gap.page import page
 from feltmb.gap.refine import refit
+from feltmb.gap.report import report_json
 from feltmb.gap.score import all_terms, family_threshold, score_fit, screen_sets
 
 HERE = Path(__file__).parent
@@ -34,7 +34,7 @@ def load(path):
 models = load(HERE / "models.py")
 
 
-def test_score_foretells_the_refit():
+def test_score_predicts_the_refit():
     data = models.records(1, dry=2e-3)[:2]
     shots = tuple(make_shot(models.NOMINAL, r, {"q": Noise(1e-4)}, None) for r in data)
     problem = Problem(models.NOMINAL, shots, state_scale=np.array([0.01, 0.1]))
@@ -89,7 +89,7 @@ def test_withheld_effects_are_named(what, named):
             assert abs(row.size - what[size]) < 4.0 * row.sd
     shares = dict(report.how_far.waterfall)
     total = sum(-shares[n] for n in named)
-    assert shares["nominal"] - total == pytest.approx(
+    assert shares["model"] - total == pytest.approx(
         shares["unexplained"] + shares["floor"], rel=1e-6
     )
 
@@ -154,10 +154,10 @@ def test_an_edited_prior_is_not_taken_from_a_cut_off_run(tmp_path):
     data = models.records(4)
     for sd in (1e-4, 10.0):  # at its start a fit does not feel the tolerance
         free = [replace(p, sd=sd) if p.name == "k" else p for p in models.NOMINAL.parameters]
-        nominal = copy.copy(models.NOMINAL)
-        nominal.parameters = tuple(free)
-        found = fit_nominal(nominal, data, resume=tmp_path / "resume")
-        fresh = fit_nominal(nominal, data)
+        model = copy.copy(models.NOMINAL)
+        model.parameters = tuple(free)
+        found = fit_model(model, data, resume=tmp_path / "resume")
+        fresh = fit_model(model, data)
         assert [i.value for i in found.intervals()] == [i.value for i in fresh.intervals()]
 
 
@@ -165,7 +165,7 @@ def test_emps_names_dry_friction():
     """Measured: mass and viscous friction only; withheld is the dry friction of the guide."""
     subject = load(EXAMPLES / "emps.py")
     data = read_records(sorted((EXAMPLES / "data").glob("emps_*.csv")))
-    report = diagnose(subject.nominal, subject.effects, data)
+    report = diagnose(subject.model, subject.effects, data)
     assert report.named[0] == "dry friction"
     row = next(r for r in report.how_far.rows if r.metric == "open loop")
     spread = float(np.sqrt(np.mean(data[1].outputs["force"] ** 2)))
@@ -206,10 +206,10 @@ def test_known_sensors_are_applied_to_the_model():
 
 @pytest.mark.slow
 def test_silverbox_names_the_cubic_stiffness():
-    """Measured: a linear nominal; withheld is the cubic stiffness of the oscillator."""
+    """Measured: a linear model; withheld is the cubic stiffness of the oscillator."""
     subject = load(EXAMPLES / "silverbox.py")
     data = read_records(sorted((EXAMPLES / "data").glob("silverbox_*.nc")))
-    report = diagnose(subject.nominal, subject.effects, data)
+    report = diagnose(subject.model, subject.effects, data)
     assert "cubic stiffness mass" in report.named
     row = next(r for r in report.how_far.rows if r.metric == "open loop")
     assert row.after < 0.3 * row.before
@@ -220,16 +220,16 @@ def test_tanks_name_the_overflow():
     """Measured: square-root outflow; withheld is the overflow of the upper tank."""
     subject = load(EXAMPLES / "tanks.py")
     data = read_records(sorted((EXAMPLES / "data").glob("tanks_*.csv")))
-    report = diagnose(subject.nominal, subject.effects, data)
+    report = diagnose(subject.model, subject.effects, data)
     assert report.named[0] == "overflow upper"
     row = next(r for r in report.how_far.rows if r.metric == "open loop")
     assert row.before > 0.6
     assert row.after < 0.574  # what a plain trial reached
     # With what was found included there is no overflow to be found, and the gap is the smaller one.
-    model = report.model
-    nominal = including(subject.nominal, model.terms, model.sizes)
-    left = [e for e in subject.effects if e.name not in [t.name for t in model.terms]]
-    again = diagnose(nominal, left, data)
+    amended = report.model
+    model = including(subject.model, amended.terms, amended.sizes)
+    left = [e for e in subject.effects if e.name not in [t.name for t in amended.terms]]
+    again = diagnose(model, left, data)
     smaller = next(r for r in again.how_far.rows if r.metric == "open loop")
     assert smaller.before < 1.05 * row.after
     assert smaller.after <= smaller.before

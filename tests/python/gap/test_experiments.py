@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from feltmb.data import Record, Sensor
-from feltmb.fit.linear import LinearNominal
-from feltmb.fit.nominal import Effect, Parameter, Term
+from feltmb.fit.linear import LinearModel
+from feltmb.fit.model import Effect, Parameter, Term
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Noise, make_shot
 from feltmb.fit.solve import fit_problem
 from feltmb.gap.advise import confusion_at
 from feltmb.gap.experiments import _advice, _plans
-from feltmb.gap.foresee import planned_scores
+from feltmb.gap.planning import planned_scores
 
 NOISE = 0.02
-LINE = LinearNominal(
+LINE = LinearModel(
     output="y",
     columns={"slope": lambda record: record.inputs["u"]},
     parameters=[Parameter(name="slope", value=1.0, sd=0.1)],

@@ -18,14 +18,14 @@ from feltmb.gap import (
     Coordinate,
     Coupling,
     Lanes,
-    OdeNominal,
+    OdeModel,
     Parameter,
     Rate,
     Record,
     Sensor,
     State,
     Term,
-    fit_nominal,
+    fit_model,
     library,
 )
 
@@ -197,9 +197,9 @@ def test_a_window_in_a_wrong_valley_is_not_taken_for_a_gap():
 
     from feltmb.fit.linearize import Place
     from feltmb.fit.problem import Point
-    from feltmb.gap import OdeNominal, Parameter, State
+    from feltmb.gap import OdeModel, Parameter, State
 
-    pendulum = OdeNominal(
+    pendulum = OdeModel(
         states=[State(name="a", scale=1.0, start_sd=0.3), State(name="w", scale=3.0, start_sd=1.0)],
         parameters=[
             Parameter(name="g", value=20.0, sd=2.0),
@@ -233,40 +233,41 @@ def test_a_window_in_a_wrong_valley_is_not_taken_for_a_gap():
 def test_all_that_is_wrong_with_a_model_is_told_at_once():
     arm = Coordinate(name="arm", position="q", speed="v")
     with pytest.raises(InvalidParameter) as error:
-        OdeNominal(
+        OdeModel(
             name="arm",
             states=[State(name="q"), State(name="v")],
             rates=lambda t, x, u, p: (x.v, -x.q),
             outputs={"q": "q"},
             coordinates=[arm, arm, Coupling(name="joint", first=arm, second=arm)],
-            method="euler",
-            hold="cubic",
-            substeps=2.5,
+            substeps=0,
         )
     text = str(error.value)
     for part in (
         "'arm' names two coordinates or ports",
         "coupling joint: lies between arm and itself",
-        "substeps = 2.5, expected a whole number >= 1, or None",
-        "method = 'euler', expected one of rk4, rosenbrock",
-        "hold = 'cubic', expected one of auto, linear, zero, spline",
+        "substeps = 0, expected a whole number >= 1, or None",
     ):
         assert part in text
+    # Arguments of a wrong kind are told before.
+    given = {"states": [State(name="q")], "rates": lambda t, x, u, p: (x.q,), "outputs": {"q": "q"}}
+    for name, value in (("method", "euler"), ("hold", "cubic"), ("substeps", 2.5)):
+        with pytest.raises(InvalidParameter, match=f"{name}: got {value!r}, expected"):
+            OdeModel(**given, **{name: value})
 
 
 def test_a_parameter_far_off_its_prior_is_told():
     data = models.records(4)
-    nominal = copy.copy(models.NOMINAL)
-    nominal.parameters = tuple(
-        replace(p, value=70.0, sd=1.0) if p.name == "k" else p for p in nominal.parameters
+    model = copy.copy(models.NOMINAL)
+    model.parameters = tuple(
+        replace(p, value=70.0, sd=1.0) if p.name == "k" else p for p in model.parameters
     )
-    notes = fit_nominal(nominal, data).notes
+    notes = fit_model(model, data).notes
     assert any("beyond their priors" in note and "k by" in note for note in notes)
 
 
 def test_an_accelerometer_feels_effects_and_unknown_forces():
     slide = Coordinate(name="slide", position="q", speed="v", inertia="m")
-    nominal = OdeNominal(
+    model = OdeModel(
         states=[State(name="q", unit="m", start=0), State(name="v", unit="m/s", scale=1)],
         parameters=[Parameter(name="m", value=2.0), Parameter(name="k", value=100.0)],
         inputs=["f"],
@@ -275,7 +276,7 @@ def test_an_accelerometer_feels_effects_and_unknown_forces():
         coordinates=[slide],
         substeps=4,
     )
-    assert nominal.units == {"a": "m/s^2", "v": "m/s"}
+    assert model.units == {"a": "m/s^2", "v": "m/s"}
     time = np.arange(401) * 2.5e-3
     record = Record(name="r", time=time, inputs={"f": np.sin(20.0 * time)}, outputs={"a": 0 * time})
     cube = library.polynomial_stiffness(slide, 3, scale=1.0)
@@ -287,13 +288,13 @@ def test_an_accelerometer_feels_effects_and_unknown_forces():
         sizes=np.array([[2e6]]),
         forces=np.array([[[0.0, 0.5]]]),
     )
-    a, v = nominal.simulate(record, lanes).outputs[0].T
+    a, v = model.simulate(record, lanes).outputs[0].T
     assert np.allclose(a[1:-1], (v[2:] - v[:-2]) / 5e-3, atol=2e-3 * np.max(abs(a)))
     bare = replace(lanes, terms=(), sizes=np.zeros((1, 0)), forces=None)
-    without = nominal.simulate(record, bare).outputs[0, :, 0]
+    without = model.simulate(record, bare).outputs[0, :, 0]
     assert np.max(abs(a - without)) > 0.2 * np.max(abs(a))
     with pytest.raises(InvalidParameter, match="output a: 'w' is no state; known are q, v"):
-        OdeNominal(
+        OdeModel(
             states=[State(name="q"), State(name="v")],
             rates=lambda t, x, u, p: (x.v, -x.q),
             outputs={"a": Rate("w")},

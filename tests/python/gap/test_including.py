@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from feltmb.blind.nominal import KeyHammer, effects
+from blind.key_hammer import KeyHammer, effects
 from feltmb.cli import main
 from feltmb.data import Record, read_records
 from feltmb.errors import InvalidParameter
@@ -35,30 +35,30 @@ def stroke():
     return Record(name="s", time=time, inputs={"finger": force}, outputs=zero)
 
 
-def test_it_is_the_nominal_with_the_term():
-    nominal, record = KeyHammer(), stroke()
-    model = including(nominal, [CREEP], [3e-5])
-    assert model.parameters[-1].name == "bed_creep"
-    assert [s.name for s in model.states()][-1] == "bed_set"
-    assert not any(s.hidden for s in model.states())
+def test_it_is_the_model_with_the_term():
+    model, record = KeyHammer(), stroke()
+    included = including(model, [CREEP], [3e-5])
+    assert included.parameters[-1].name == "bed_creep"
+    assert [s.name for s in included.states()][-1] == "bed_set"
+    assert not any(s.hidden for s in included.states())
     windows = np.array([[0, 60], [60, 239]])
-    theta = np.array([p.value for p in nominal.parameters])
+    theta = np.array([p.value for p in model.parameters])
     starts = np.zeros((2, 5))
     starts[1, :4] = [9.7e-3, 40e-3, 0.1, 1.0]
-    plain = nominal.simulate(
+    plain = model.simulate(
         record, Lanes.at_point(theta, windows, starts, (Term(CREEP),), np.array([3e-5]))
     )
-    same = model.simulate(
+    same = included.simulate(
         record, Lanes.at_point(np.append(theta, 3e-5), windows, starts, (), np.zeros(0))
     )
     np.testing.assert_array_equal(same.outputs, plain.outputs)
     np.testing.assert_array_equal(same.ends, plain.ends)
 
     # With another term: columns go where they belong, in the order asked for.
-    both = nominal.sensitivities(
+    both = model.sensitivities(
         record, theta, windows, starts, (Term(CREEP), Term(DRAG)), np.array([3e-5, 1e-3])
     )
-    mine = model.sensitivities(
+    mine = included.sensitivities(
         record,
         np.append(theta, 3e-5),
         windows,
@@ -118,9 +118,9 @@ def test_silverbox_with_what_it_lacked():
     records = read_records(sorted((EXAMPLES / "data").glob("silverbox_*.nc")))
     known = {e.name: e for e in module.effects}
     included = ["cubic stiffness mass", "quadratic stiffness mass"]
-    model = including(module.nominal, [known[n] for n in included])
+    model = including(module.model, [known[n] for n in included])
     rest = [e for e in module.effects if e.name not in included]
-    before = diagnose(module.nominal, module.effects, records)
+    before = diagnose(module.model, module.effects, records)
     after = diagnose(model, rest, records)
     gap = [r.how_far.rows[0].before for r in (before, after)]
     assert gap[1] < 0.8 * gap[0]

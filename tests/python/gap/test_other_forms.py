@@ -6,11 +6,11 @@ from scipy.integrate import solve_ivp
 
 from feltmb.data import Record, Sensor
 from feltmb.fit import Parameter, State
-from feltmb.gap import Coordinate, OdeNominal, Verdict, diagnose, library
+from feltmb.gap import Coordinate, OdeModel, Verdict, diagnose, library
 
 STEP, COUNT, NOISE = 0.005, 800, 1e-4
 SLIDE = Coordinate(name="slide", position="q", speed="v", inertia="m")
-NOMINAL = OdeNominal(
+NOMINAL = OdeModel(
     name="slide",
     states=[
         State(name="q", unit="m", scale=0.02, start_sd=1e-3),

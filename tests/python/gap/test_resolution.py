@@ -10,7 +10,7 @@ from feltmb.gap import (
     Coordinate,
     Coupling,
     Effect,
-    OdeNominal,
+    OdeModel,
     Options,
     Parameter,
     Record,
@@ -25,8 +25,8 @@ NOISE = 1e-4
 SLIDE = Coordinate(name="slide", position="q", speed="v", inertia="m")
 
 
-def model(k: float = 400.0, **options: object) -> OdeNominal:
-    return OdeNominal(
+def make_model(k: float = 400.0, **options: object) -> OdeModel:
+    return OdeModel(
         name="slide",
         states=[
             State(name="q", unit="m", scale=0.01, start_sd=1e-3),
@@ -92,55 +92,57 @@ def test_the_run_of_an_input_between_samples_is_estimated_and_is_no_cause() -> N
         ["q"], ["f"], [SLIDE], runs("smooth", samples=50)[0], force=4.0, travel=0.03, speed=0.5
     )
     for held, share in (("smooth", 1.0), ("straight", 0.0)):
-        report = diagnose(model(), effects, runs(held), options=Options(bootstrap=0))
+        report = diagnose(make_model(), effects, runs(held), options=Options(bootstrap=0))
         assert report.verdict is Verdict.NO_GAP, report.statement
         assert abs(report.model.parameters["between.f"] - share) < 0.05
     # Straight lines, said by the user, where the signal was smooth: something is found.
-    told = diagnose(model(hold="linear"), effects, runs("smooth"), options=Options(bootstrap=0))
+    told = diagnose(
+        make_model(hold="linear"), effects, runs("smooth"), options=Options(bootstrap=0)
+    )
     assert told.verdict is not Verdict.NO_GAP
 
 
 def test_substeps_are_as_many_as_it_takes() -> None:
     found = {}
     for k in (40.0, 400.0, 1e4):
-        ready = model(k=k).ready(runs("straight", k=k))
+        ready = make_model(k=k).ready(runs("straight", k=k))
         assert ready.notes == ()
-        found[k] = ready.nominal.substeps  # type: ignore[attr-defined]
+        found[k] = ready.model.substeps  # type: ignore[attr-defined]
     assert found[40.0] == 1
     assert found[400.0] > 1
     assert found[1e4] > 1  # though it hardly moves: one step a sample would not be stable
-    told = model(k=1e4, substeps=1).ready(runs("straight", k=1e4))
+    told = make_model(k=1e4, substeps=1).ready(runs("straight", k=1e4))
     assert "substeps = 1: half the step changes the outputs by" in told.notes[0]
-    assert told.nominal.substeps == 1  # type: ignore[attr-defined]
+    assert told.model.substeps == 1  # type: ignore[attr-defined]
 
 
-def test_an_effect_that_is_sharper_than_the_nominal_gets_finer_steps() -> None:
-    """Friction: in the steps of the nominal its error would look like a further cause."""
+def test_an_effect_that_is_sharper_than_the_model_gets_finer_steps() -> None:
+    """Friction: in the steps of the model its error would look like a further cause."""
     records = runs("straight", k=40.0, dry=0.3)
-    nominal = model(k=40.0)
-    coarse = nominal.ready(records).nominal.substeps  # type: ignore[attr-defined]
+    model = make_model(k=40.0)
+    coarse = model.ready(records).model.substeps  # type: ignore[attr-defined]
     effects = [
         library.dry_friction(SLIDE, scale=0.1, speed=0.3),
         library.static_friction(SLIDE, scale=0.1, speed=0.3),
         library.viscous_friction(SLIDE, scale=0.5),
         library.polynomial_stiffness(SLIDE, 3, scale=1e4),
     ]
-    report = diagnose(nominal, effects, records, options=Options(bootstrap=0))
+    report = diagnose(model, effects, records, options=Options(bootstrap=0))
     assert report.verdict is Verdict.NAMED, report.statement
     assert report.named == ("dry friction slide",)
-    assert report.model.nominal.substeps > coarse  # type: ignore[attr-defined]
+    assert report.model.base.substeps > coarse  # type: ignore[attr-defined]
     row = report.which.effects[0]
     assert row.low < 0.3 < row.high
     # Where the user says how many, that many are taken.
-    told = model(k=40.0, substeps=1).ready(records).nominal
+    told = make_model(k=40.0, substeps=1).ready(records).model
     assert told.finer([]) is told
 
 
 def test_what_is_ready_comes_back_as_it_is() -> None:
     records = runs("smooth")
-    ready = model().ready(records)
-    assert [p.name for p in ready.nominal.parameters] == ["m", "k", "d", "between.f"]
-    assert ready.nominal.ready(records).nominal is ready.nominal
+    ready = make_model().ready(records)
+    assert [p.name for p in ready.model.parameters] == ["m", "k", "d", "between.f"]
+    assert ready.model.ready(records).model is ready.model
 
 
 def test_a_clearance_between_two_masses_is_named() -> None:
@@ -181,7 +183,7 @@ def test_a_clearance_between_two_masses_is_named() -> None:
                 sensors={n: Sensor(name=n, unit="rad", sigma=sigma) for n in "ab"},
             )
         )
-    nominal = OdeNominal(
+    model = OdeModel(
         name="drive",
         states=[State(name=n, unit="rad", scale=0.1, start_sd=1e-3) for n in "ab"]
         + [State(name=n, unit="rad/s", scale=2.0, start_sd=1e-2) for n in "vw"],
@@ -207,7 +209,7 @@ def test_a_clearance_between_two_masses_is_named() -> None:
         library.dry_friction(wheel, scale=0.05, speed=3.0),
         library.viscous_friction(shaft, scale=0.01),
     ]
-    report = diagnose(nominal, effects, records, options=Options(bootstrap=0))
+    report = diagnose(model, effects, records, options=Options(bootstrap=0))
     assert report.named == ("dead zone shaft",), report.statement
     found = report.which.effects[0]
     assert abs(found.size - 1.0) < 0.05
@@ -231,7 +233,7 @@ def test_rivals_stay_rivals_in_finer_steps() -> None:
         ),
     )
     effects = [library.dry_friction(SLIDE, scale=0.1, speed=0.3), cube, twin]
-    report = diagnose(model(k=40.0), effects, records, options=Options(bootstrap=0))
+    report = diagnose(make_model(k=40.0), effects, records, options=Options(bootstrap=0))
     assert report.named == ("dry friction slide",), report.statement
     assert set(report.one_of) == {cube.name, "twin"}
     friction = report.which["dry friction slide"]

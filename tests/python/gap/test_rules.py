@@ -7,28 +7,28 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from feltmb.blind.bench import Bench, _make_records, read_records
-from feltmb.blind.nominal import KeyHammer
+from blind.bench import Bench
+from blind.key_hammer import KeyHammer
 from feltmb.data import Record, Sensor
-from feltmb.fit.linear import LinearNominal
+from feltmb.fit.linear import LinearModel
 from feltmb.fit.linearize import Linear, _tame
-from feltmb.fit.nominal import Effect, Parameter
+from feltmb.fit.model import Effect, Parameter
 from feltmb.fit.problem import Problem, _by_input_noise
 from feltmb.fit.shots import Noise, make_shot
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Options, Verdict, diagnose
+from feltmb.gap.acceptance import _certainty
 from feltmb.gap.decide import TRUST, decide
 from feltmb.gap.diagnose import _explained
 from feltmb.gap.refine import refit
 from feltmb.gap.search import search
-from feltmb.gap.settle import _certainty
 
 _spec = importlib.util.spec_from_file_location("models", Path(__file__).parent / "models.py")
 models = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(models)
 
 NOISE = 0.01
-LINE = LinearNominal(
+LINE = LinearModel(
     output="y",
     columns={"slope": lambda record: record.inputs["u"]},
     parameters=[Parameter(name="slope", value=1.0, sd=0.1)],
@@ -79,21 +79,21 @@ def test_the_statement_tells_what_held_out_records_say(monkeypatch):
     assert report.named == ("power 3",)
     assert f"closes {report.how_far.closed:.0%} of the held-out gap" in report.statement
     far = facts.how_far
-    within = replace(far, waterfall=(("nominal", 0.98), *far.waterfall[1:]), closed=0.0, low=0.0)
+    within = replace(far, waterfall=(("model", 0.98), *far.waterfall[1:]), closed=0.0, low=0.0)
     gain = f"{facts.accepted.proof['power 3'].gain:.2g}"
     said = decide(replace(facts, how_far=within))
     assert said.named == ("power 3",)
     assert f"hardly above their noise, gain {gain} nats by it" in said.statement
-    stopped = replace(within, waterfall=(("nominal", np.inf), *far.waterfall[1:]))
+    stopped = replace(within, waterfall=(("model", np.inf), *far.waterfall[1:]))
     assert "cannot simulate" in decide(replace(facts, how_far=stopped)).statement
     # Held-out records that surely get worse refuse a name; those that may do not.
     maybe = decide(replace(facts, how_far=replace(far, closed=-0.1, low=-0.4, high=0.2)))
     assert maybe.named == ("power 3",)
     assert "closes -10% of the held-out gap, 95% from -40% to 20%" in maybe.statement
     grown = replace(far, closed=-0.3, low=-0.5, high=-0.1)
-    trifle = (("nominal", 1.3), ("power 3", 0.01), ("unexplained", 0.31), ("floor", 1.0))
+    trifle = (("model", 1.3), ("power 3", 0.01), ("unexplained", 0.31), ("floor", 1.0))
     assert decide(replace(facts, how_far=replace(grown, waterfall=trifle))).named == ("power 3",)
-    wider = (("nominal", 1.3), ("power 3", 0.5), ("unexplained", 0.8), ("floor", 1.0))
+    wider = (("model", 1.3), ("power 3", 0.5), ("unexplained", 0.8), ("floor", 1.0))
     worse = decide(replace(facts, how_far=replace(grown, waterfall=wider)))
     assert worse.named == ()
     assert worse.verdict == Verdict.UNKNOWN
@@ -144,7 +144,7 @@ def test_certainty_is_that_of_least_squares():
 
 
 def _terms(effect):
-    from feltmb.fit.nominal import Term
+    from feltmb.fit.model import Term
 
     yield Term(effect)
 
@@ -191,18 +191,18 @@ def test_windows_that_run_away_leave_finite_numbers():
     assert np.allclose(part, 4.0)  # the two columns explain all of it
 
 
-def test_a_nominal_that_tears_at_an_impact_gets_through(tmp_path):
+def test_a_model_that_tears_at_an_impact_gets_through(tmp_path):
     """Window by window these strokes can be followed; closed too fast, the gaps once tore them."""
     bench = Bench(tmp_path / "b")
     bench.seal(5, 20261120)
-    _make_records(bench.folder, None, [4])
-    nominal = KeyHammer()
+    bench.machine.make_records(bench.folder, None, [4])
+    model = KeyHammer()
     shots = tuple(
-        make_shot(nominal, r, {c: Noise(5e-5, 7.5e-4) for c in nominal.outputs}, None)
-        for r in read_records(bench.folder / "records" / "4.npz")
+        make_shot(model, r, {c: Noise(5e-5, 7.5e-4) for c in model.outputs}, None)
+        for r in bench.machine.read_records(bench.folder / "records" / "4.npz")
         if r.role == "fit"
     )
-    fit = fit_problem(Problem(nominal, shots))
+    fit = fit_problem(Problem(model, shots))
     assert fit.level <= 1e-4
     assert fit.converged
     assert fit.chi2 < fit.dof
@@ -235,7 +235,7 @@ def test_probabilities_leave_room_for_what_the_library_lacks():
     assert np.isclose(which.other, 1.0 - TRUST[Verdict.NAMED])
 
 
-def test_a_quiet_nominal_needs_no_refits():
+def test_a_quiet_model_needs_no_refits():
     report = diagnose(
         LINE, [power(3), power(5)], records(lambda u: u), options=Options(bootstrap=0)
     )
@@ -271,7 +271,7 @@ def test_what_a_limit_forbids_is_not_explained():
     steep = records(lambda u: 1.3 * u)
     for upper, verdict in ((np.inf, Verdict.NO_GAP), (1.1, Verdict.UNKNOWN)):
         slope = Parameter(name="slope", value=1.0, sd=0.3, upper=upper)
-        line = LinearNominal(output="y", columns=LINE.columns, parameters=[slope], name="line")
+        line = LinearModel(output="y", columns=LINE.columns, parameters=[slope], name="line")
         report = diagnose(line, [], steep, options=Options(bootstrap=0))
         assert report.verdict == verdict
         assert report.fit.intervals()[0].at_limit == (upper < 2.0)
@@ -309,4 +309,4 @@ def test_a_set_found_beside_a_rest_is_asked_whether_there_is_one():
         assert (found is not None) is explains
         if explains:
             assert found.best.names == ("power 3",)
-            assert found.nominal is first.nominal
+            assert found.model_fit is first.model_fit

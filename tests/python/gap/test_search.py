@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from feltmb.blind.bench import Bench, _make_records, read_records
-from feltmb.blind.nominal import KeyHammer, effects
+from blind.bench import Bench
+from blind.key_hammer import KeyHammer, effects
 from feltmb.data import Record, Sensor
 from feltmb.fit import Effect, Parameter, Term
-from feltmb.fit.linear import LinearNominal
+from feltmb.fit.linear import LinearModel
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Noise, make_shot
 from feltmb.fit.solve import FitSettings, fit_problem
@@ -19,15 +19,15 @@ def searched(folder, number, *names):
     """Search of a case of seed 20261124, with these effects alone."""
     bench = Bench(folder / "b")
     bench.seal(number + 1, 20261124)
-    _make_records(bench.folder, None, [number])
-    nominal = KeyHammer()
+    bench.machine.make_records(bench.folder, None, [number])
+    model = KeyHammer()
     shots = tuple(
-        make_shot(nominal, r, {c: Noise(5e-5, 7.5e-4) for c in nominal.outputs}, None)
-        for r in read_records(bench.folder / "records" / f"{number}.npz")
+        make_shot(model, r, {c: Noise(5e-5, 7.5e-4) for c in model.outputs}, None)
+        for r in bench.machine.read_records(bench.folder / "records" / f"{number}.npz")
         if r.role == "fit"
     )
     chosen = [e for e in effects() if e.name in names]
-    return search(fit_problem(Problem(nominal, shots)), chosen, FitSettings())
+    return search(fit_problem(Problem(model, shots)), chosen, FitSettings())
 
 
 def assert_size(candidate, name, true):
@@ -36,7 +36,7 @@ def assert_size(candidate, name, true):
 
 
 @pytest.mark.slow
-def test_parameters_come_back_from_where_the_nominal_without_the_effect_had_put_them(tmp_path):
+def test_parameters_come_back_from_where_the_model_without_the_effect_had_put_them(tmp_path):
     # The butt spring had gone 6 standard deviations from its prior; the size had the wrong sign.
     best = searched(tmp_path, 560, "spring_preload").candidates[0]
     assert best.fit.converged
@@ -52,7 +52,7 @@ def test_a_set_is_fitted_again_from_a_larger_one_that_got_further(tmp_path):
 
 
 def test_an_effect_with_a_like_trace_is_found_with_its_size():
-    line = LinearNominal(
+    line = LinearModel(
         output="y",
         columns={"slope": lambda r: r.inputs["x"]},
         parameters=[Parameter(name="slope", value=1.0, sd=0.2)],

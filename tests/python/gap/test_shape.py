@@ -7,7 +7,7 @@ import pytest
 
 from feltmb.data import Record, Sensor
 from feltmb.fit import Effect, Named, Parameter, Term
-from feltmb.fit.linear import LinearNominal
+from feltmb.fit.linear import LinearModel
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Noise, make_shot
 from feltmb.fit.solve import FitSettings, fit_problem
@@ -17,7 +17,7 @@ from feltmb.gap.search import search
 from feltmb.gap.shape import movable
 
 NOISE = 0.01
-LINE = LinearNominal(
+LINE = LinearModel(
     output="y",
     columns={"slope": lambda r: r.inputs["x"]},
     parameters=[Parameter(name="slope", value=1.0, sd=0.2)],
@@ -180,7 +180,7 @@ def test_an_end_stop_acts_beyond_its_end_alone():
     assert lower == pytest.approx([1.5, 0.0, 0.0, 0.0, 0.0])
 
 
-def test_a_bent_sensor_and_a_bent_input_are_the_nominal_at_size_zero_and_bend_as_they_say():
+def test_a_bent_sensor_and_a_bent_input_are_the_model_at_size_zero_and_bend_as_they_say():
     run = records(lambda x: x, count=1)[0]
     bent = library.bent_input("x", level=2.0)
     x = run.inputs["x"]

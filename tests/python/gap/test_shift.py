@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from feltmb.data import Record, Sensor
-from feltmb.fit import OdeNominal
-from feltmb.fit.linear import LinearNominal
+from feltmb.fit import OdeModel
+from feltmb.fit.linear import LinearModel
 from feltmb.fit.linearize import predict
-from feltmb.fit.nominal import Lanes, Parameter, State
+from feltmb.fit.model import Lanes, Parameter, State
 from feltmb.fit.observe import observe_lanes
 from feltmb.fit.problem import Problem
 from feltmb.fit.shift import shifted
@@ -105,7 +105,7 @@ def test_a_known_delay_does_not_depend_on_the_windows():
         inputs={"u": motion(time)[:, 0]},
         sensors={"y": replace(r.sensors["y"], delay=0.004)},
     )
-    nominal = LinearNominal(
+    model = LinearModel(
         output="y",
         columns={"slope": lambda record: record.inputs["u"]},
         parameters=[Parameter(name="slope", value=1.0, sd=0.1)],
@@ -113,13 +113,13 @@ def test_a_known_delay_does_not_depend_on_the_windows():
     )
     windows = np.array([[0, 40], [40, 100]])
     lanes = Lanes.at_point(np.ones(1), windows, np.zeros((2, 0)), (), np.zeros(0))
-    seen = observe_lanes(nominal, r, lanes).outputs
+    seen = observe_lanes(model, r, lanes).outputs
     want = motion(time - 0.004)[:, 0]
     assert np.allclose(seen[0, :41, 0], want[:41], atol=5e-5)
     assert np.allclose(seen[1, :61, 0], want[40:], atol=5e-5)
 
 
-OSCILLATOR = OdeNominal(
+OSCILLATOR = OdeModel(
     states=[State(name="x", start_sd=1.0), State(name="v", start_sd=100.0, scale=50.0)],
     rates=lambda t, x, u, p: (x.v, p.k * (u.u - x.x) - 20.0 * x.v),
     outputs={"y": "x"},

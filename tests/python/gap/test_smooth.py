@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from feltmb.data import Array, Record, Sensor
-from feltmb.fit.linear import FunctionNominal, LinearNominal
-from feltmb.fit.nominal import Parameter
+from feltmb.fit.linear import FunctionModel, LinearModel
+from feltmb.fit.model import Parameter
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Noise, make_shot
 from feltmb.fit.solve import Fit, fit_problem
@@ -23,7 +23,7 @@ COLUMNS = {
     "slope": lambda r: r.time,
     "wave": lambda r: np.sin(9.0 * r.time),
 }
-NOMINAL = LinearNominal(
+NOMINAL = LinearModel(
     output="y",
     columns=COLUMNS,
     parameters=[Parameter(name="offset", value=0.0, sd=0.1), Parameter(name="slope", value=0.0)],
@@ -129,7 +129,7 @@ def test_what_the_fit_can_take_up_altogether_is_no_signal() -> None:
 
 def test_nothing_free_is_no_fault() -> None:
     fit = fitted(5)
-    fixed = LinearNominal(
+    fixed = LinearModel(
         output="y",
         columns=COLUMNS,
         parameters=[Parameter(name=n, value=0.1, sd=0.0) for n in COLUMNS],
@@ -144,7 +144,7 @@ def test_nothing_free_is_no_fault() -> None:
 )
 def test_parameters_that_the_beginning_does_not_show_are_found(late) -> None:
     """A model that is not linear, exact, without priors, whose last effect comes late."""
-    nominal = FunctionNominal(
+    model = FunctionModel(
         outputs={"y": lambda r, p: p.a * np.ones(r.samples) + np.sinh(p.b) * late(r.time)},
         parameters=[Parameter(name="a", value=0.0), Parameter(name="b", value=0.1)],
         window=10.0,
@@ -152,5 +152,5 @@ def test_parameters_that_the_beginning_does_not_show_are_found(late) -> None:
     y = 0.5 + np.sinh(1.5) * late(TIME) + noise(np.random.default_rng(2), 0.0)
     sensor = Sensor(name="y", sigma=SIGMA)
     record = Record(name="one", time=TIME, inputs={}, outputs={"y": y}, sensors={"y": sensor})
-    shot = make_shot(nominal, record, {"y": Noise(SIGMA)}, None)
-    assert fit_problem(Problem(nominal, (shot,))).explains
+    shot = make_shot(model, record, {"y": Noise(SIGMA)}, None)
+    assert fit_problem(Problem(model, (shot,))).explains

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from feltmb.fit import Effect, LinearNominal, Parameter, Term
+from feltmb.fit import Effect, LinearModel, Parameter, Term
 from feltmb.fit.problem import Problem
 from feltmb.fit.shots import Noise, make_shot
 from feltmb.fit.solve import FitSettings, fit_problem, polish
@@ -12,7 +12,7 @@ from feltmb.gap import Record
 from feltmb.gap.spread import WIDE, spread
 
 SIGMA = 0.01
-LINE = LinearNominal(
+LINE = LinearModel(
     name="line",
     output="y",
     columns={"slope": lambda record: record.inputs["x"]},

@@ -10,12 +10,12 @@ import pytest
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Effect, Lanes, Simulated, State, Term, including
 from feltmb.fit.together import each
-from feltmb.gap import Coordinate, OdeNominal, Parameter, Record, library
+from feltmb.gap import Coordinate, OdeModel, Parameter, Record, library
 
 SLIDE = Coordinate(name="slide", position="q", speed="v", inertia="m")
 
 
-def model(of: type[OdeNominal] = OdeNominal, **options: object) -> OdeNominal:
+def make_model(of: type[OdeModel] = OdeModel, **options: object) -> OdeModel:
     rates = options.pop("rates", lambda t, x, u, p: (x.v, (u.f - 50.0 * x.q - 0.4 * x.v) / p.m))
     return of(
         states=[State(name="q", unit="m", scale=0.01), State(name="v", unit="m/s", scale=0.1)],
@@ -51,47 +51,47 @@ def lanes(r: Record, term: Term) -> Lanes:
 
 @pytest.mark.parametrize("hold", ["linear", "zero", "spline"])
 def test_records_together_are_records_one_by_one(hold: str) -> None:
-    nominal = model(hold=hold)
+    model = make_model(hold=hold)
     term = Term(library.hysteresis(SLIDE, scale=0.1, travel=0.02), (0.002, 2.0))
     jobs = [(r, lanes(r, term)) for r in RECORDS]
-    for one, (r, own) in zip(nominal.simulate_all(jobs), jobs, strict=True):
-        alone = nominal.simulate(r, own)
+    for one, (r, own) in zip(model.simulate_all(jobs), jobs, strict=True):
+        alone = model.simulate(r, own)
         assert one.outputs.shape == alone.outputs.shape
         assert np.allclose(one.outputs, alone.outputs, rtol=1e-13, atol=1e-16)
         assert np.allclose(one.ends, alone.ends, rtol=1e-13, atol=1e-16)
 
 
 def test_all_that_is_asked_at_once_is_one_simulation() -> None:
-    nominal = model()
+    model = make_model()
     asked: list[int] = []
-    plain = nominal.simulate_all
+    plain = model.simulate_all
 
     def counted(jobs):  # type: ignore[no-untyped-def]
         asked.append(len(jobs))
         return plain(jobs)
 
-    nominal.simulate_all = counted  # type: ignore[method-assign]
+    model.simulate_all = counted  # type: ignore[method-assign]
     windows = [np.array([[0, 10], [10, 20], [20, r.samples - 1]]) for r in RECORDS]
-    found = each(nominal, lambda m, i: m.guess(RECORDS[i], windows[i]), [0, 1, 2])
+    found = each(model, lambda m, i: m.guess(RECORDS[i], windows[i]), [0, 1, 2])
     assert asked == [3, 3, 3]
     for i, starts in enumerate(found):
-        assert np.allclose(starts, nominal.guess(RECORDS[i], windows[i]), rtol=1e-13, atol=1e-16)
+        assert np.allclose(starts, model.guess(RECORDS[i], windows[i]), rtol=1e-13, atol=1e-16)
 
 
 def test_who_asks_less_often_is_not_waited_for() -> None:
-    nominal = model()
+    model = make_model()
     windows = [np.array([[0, 10], [10, 20]][: 1 + i]) for i in range(2)]
-    found = each(nominal, lambda m, i: m.guess(RECORDS[i], windows[i]).shape, [0, 1])
+    found = each(model, lambda m, i: m.guess(RECORDS[i], windows[i]).shape, [0, 1])
     assert found == [(1, 2), (2, 2)]
 
 
 def test_a_model_that_includes_an_effect_asks_its_core() -> None:
     effect = library.viscous_friction(SLIDE, scale=0.1)
-    nominal = including(model(), [effect], [0.3])
+    model = including(make_model(), [effect], [0.3])
     windows = np.array([[0, 20], [20, 39]])
-    found = each(nominal, lambda m, r: m.guess(r, windows), RECORDS)
+    found = each(model, lambda m, r: m.guess(r, windows), RECORDS)
     for r, starts in zip(RECORDS, found, strict=True):
-        assert np.allclose(starts, nominal.guess(r, windows), rtol=1e-13, atol=1e-16)
+        assert np.allclose(starts, model.guess(r, windows), rtol=1e-13, atol=1e-16)
 
 
 def test_a_fault_is_raised_and_nobody_waits() -> None:
@@ -103,9 +103,9 @@ def test_a_fault_is_raised_and_nobody_waits() -> None:
         mechanism="Wrong.",
         rate=lambda t, x, u, p, size, shape: {"w": size},
     )
-    nominal = model()
+    model = make_model()
 
-    def work(m: OdeNominal, r: Record) -> int:
+    def work(m: OdeModel, r: Record) -> int:
         own = lanes(r, Term(bad, None))
         m.simulate(
             r,
@@ -120,7 +120,7 @@ def test_a_fault_is_raised_and_nobody_waits() -> None:
         return 0
 
     with pytest.raises(InvalidParameter, match="'w', which is no state"):
-        each(nominal, work, RECORDS)
+        each(model, work, RECORDS)
 
 
 @pytest.mark.parametrize("kind", [SystemExit, KeyboardInterrupt])
@@ -128,20 +128,20 @@ def test_an_exit_within_a_model_is_raised_and_nobody_waits(kind: type[BaseExcept
     def rates(*_: object) -> object:
         raise kind
 
-    nominal = model(rates=rates)
+    model = make_model(rates=rates)
     windows = np.array([[0, 10], [10, 20]])
     with pytest.raises(kind):
-        each(nominal, lambda m, r: m.guess(r, windows), RECORDS)
+        each(model, lambda m, r: m.guess(r, windows), RECORDS)
 
 
 def test_a_subclass_with_a_simulation_of_its_own_is_asked_for_it() -> None:
-    class Doubled(OdeNominal):
+    class Doubled(OdeModel):
         def simulate(self, record: Record, lanes: Lanes) -> Simulated:
             run = super().simulate(record, lanes)
             return Simulated(outputs=2.0 * run.outputs, ends=run.ends)
 
     term = Term(library.viscous_friction(SLIDE, scale=0.1))
     jobs = [(r, replace(lanes(r, term), starts=lanes(r, term).starts[:, :2])) for r in RECORDS]
-    plain, doubled = model(), model(of=Doubled)
+    plain, doubled = make_model(), make_model(of=Doubled)
     for one, other in zip(plain.simulate_all(jobs), doubled.simulate_all(jobs), strict=True):
         assert np.array_equal(2.0 * one.outputs, other.outputs, equal_nan=True)

@@ -24,6 +24,8 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "bench"))
+
 HERE = Path(__file__).resolve()
 DATA = HERE.parents[2] / "data"
 MEMORY = 6 << 30  # address space of the process: more is a fault of the case
@@ -242,7 +244,7 @@ def stroke_toml(case: Case) -> None:
 
 def curves(case: Case) -> None:
     """A table of measured curves, and its page."""
-    from feltmb.viewer import page, read_curves
+    from feltmb.graphics.viewer import page, read_curves
 
     text = page(read_curves(given_file(case, "curves", ".csv", tree=False)))
     assert text.count("<script") == 2, "a text became markup"
@@ -265,14 +267,14 @@ def felt(case: Case) -> None:
 
 def study(case: Case) -> None:
     """A study: read and checked, not run."""
-    from feltmb.study import load_study
+    from feltmb.run.study import load_study
 
     load_study(given_file(case, "study", ".toml", tree=True))
 
 
 def actuator(case: Case) -> None:
     """A key actuator: read and checked, not simulated."""
-    from feltmb.actuator import load_actuator
+    from feltmb.action.actuator import load_actuator
 
     load_actuator(given_file(case, "actuator", ".toml", tree=True))
 
@@ -297,7 +299,7 @@ def run_file(case: Case) -> None:
     import numpy as np
 
     import feltmb
-    from feltmb.viewer import page
+    from feltmb.graphics.viewer import page
 
     rng = case.rng
     path = case.folder / "given.nc"
@@ -448,7 +450,7 @@ def csv_heading(case: Case) -> None:
     import feltmb
     from feltmb.data import read_record
     from feltmb.fiber import read_compression
-    from feltmb.viewer import read_curves
+    from feltmb.graphics.viewer import read_curves
 
     rng = case.rng
     parts = []
@@ -597,7 +599,7 @@ def record_file(case: Case) -> None:
 @cache
 def scored_bench() -> dict[str, bytes]:
     """Files of a small bench whose cases were diagnosed, made without a diagnosis."""
-    from feltmb.blind.bench import Bench
+    from blind.bench import Bench
 
     answer = {
         "verdict": "explained", "statement": "x", "named": ["bed_softer"], "one_of": [],
@@ -624,8 +626,8 @@ def scored_bench() -> dict[str, bytes]:
 def bench_folder(case: Case) -> None:
     """A blind bench with one of its files damaged: scored."""
     import feltmb
-    from feltmb.blind.bench import Bench, read_records
-    from feltmb.blind.score import read, score
+    from blind.bench import Bench
+    from blind.score import read, score
 
     rng = case.rng
     files = dict(scored_bench())
@@ -648,7 +650,7 @@ def bench_folder(case: Case) -> None:
     except ValueError as error:  # it imports nothing of feltmb; the command makes it a message
         raise feltmb.InvalidParameter(str(error)) from None
     score(cases)
-    read_records(case.folder / "records" / "0.npz")
+    bench.machine.read_records(case.folder / "records" / "0.npz")
 
 
 SAFE = (  # command lines that are quick when they are right

@@ -9,7 +9,7 @@ HERE = Path(__file__).resolve()
 SUBJECT = f"""
 import sys
 sys.path.insert(0, {str(HERE.parents[1] / "gap")!r})
-from models import EFFECTS as effects, NOMINAL as nominal
+from models import EFFECTS as effects, NOMINAL as model
 """
 
 

@@ -104,7 +104,7 @@ WRITERS = {
 }
 CHILD_THAT_WRITES = """
 import json, pathlib, resource, sys, traceback
-import feltmb, feltmb.plot, feltmb.animate, feltmb.files
+import feltmb, feltmb.files
 action_file, folder, limit, writers = json.loads(sys.argv[1])
 folder = pathlib.Path(folder)
 action = feltmb.load_action(action_file)

@@ -66,7 +66,7 @@ def test_the_source_distribution_holds_what_the_wheel_needs(tmp_path):
         "LICENSE",
         "cpp/CMakeLists.txt",
         "cpp/bindings/CMakeLists.txt",
-        "python/feltmb/viewer/assets/viewer.js",
+        "python/feltmb/graphics/viewer/assets/viewer.js",
         "python/feltmb/params/steinway45.toml",
         *(f"licenses/{name}.txt" for name in PARTIES),
     ):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import feltmb
-from feltmb.layer import layer_parameters
+from feltmb.contact.layer import layer_parameters
 
 sys.path.insert(0, str(Path(__file__).parent))
 import random_models

@@ -8,7 +8,7 @@ from test_jacobian import check_along
 
 import feltmb
 from feltmb import _core
-from feltmb.config import Action
+from feltmb.mechanism import Action
 
 OPTIONS = {
     "bodies.butt.friction.viscous": 2e-5,

@@ -3,7 +3,7 @@
 import pytest
 
 from feltmb import load_action
-from feltmb.quasistatic import simulated_press, static_let_off
+from feltmb.run.quasistatic import simulated_press, static_let_off
 
 pytestmark = pytest.mark.slow
 

@@ -70,7 +70,7 @@ def made(name):
 
 
 def test_every_law_of_a_mechanism_file_is_here():
-    from feltmb.config import LAWS as known
+    from feltmb.mechanism import LAWS as known
 
     covered = {made(name).name for name in LAWS}
     # The printed pair is not passive; tests/python/felt/test_audit.py says where.

@@ -8,7 +8,7 @@ from scipy.special import ellipj, ellipk
 
 import feltmb
 from feltmb import _core
-from feltmb.sensitivity import Window, gradient, state_at, state_names, windows
+from feltmb.run.sensitivity import Window, gradient, state_at, state_names, windows
 
 STILL = feltmb.ramp_stroke(0.0, duration=0.02)
 MASS, STIFFNESS = 20e-3, 2e4  # kg, N/m: tests/data/mass_spring.toml
@@ -202,7 +202,7 @@ def test_laws_with_branches_and_memory(pendulum, law):
             action, stroke, [window], (), ["arm.angle"], directions=None, rtol=1e-12, jobs=1
         )[0].values[:, 0]
 
-    from feltmb.parameters import find_parameters
+    from feltmb.mechanism.parameters import find_parameters
 
     (parameter,) = find_parameters(felt, path)
     (g,) = windows(
@@ -307,7 +307,7 @@ QUICK = [
 @pytest.mark.parametrize("law", ["guarded", "felt_memory"])
 def test_what_a_parameter_touches_is_all_that_it_touches(action, monkeypatch, law):
     """With and without knowing it: one right-hand side with the shifted model instead."""
-    from feltmb.sensitivity import shifting
+    from feltmb.run.sensitivity import shifting
 
     felt = action.with_values({"contacts.06.law": law, "shank.rigid": True, "wire.rigid": True})
     options = {"duration": 0.11, "rtol": 1e-8, "tolerance": 1e-3}
@@ -350,7 +350,7 @@ def test_a_string_left_alone_by_differences(rigid):
 
 def test_a_felt_of_fibers_by_its_own_numbers(rigid):
     """Thickness, fibers and loop of a micromechanical contact, against Richardson differences."""
-    from feltmb.parameters import find_parameters
+    from feltmb.mechanism.parameters import find_parameters
 
     law = {"name": "micromechanical", "felt": "synthetic_hammer", "thickness": "6 mm"}
     area = {"kind": "crossed_cylinders"}

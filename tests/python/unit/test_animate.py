@@ -7,8 +7,8 @@ import pytest
 
 import feltmb
 from feltmb import FileExists, InvalidParameter
-from feltmb.animate import _times, animate
-from feltmb.film import Film
+from feltmb.graphics.animate import _times, animate
+from feltmb.graphics.film import Film
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import weakref
 import pytest
 
 import feltmb
-from feltmb.batch import simulate_many
+from feltmb.run.batch import simulate_many
 
 SHORT = {"duration": 0.02, "output_rate": 500.0}
 

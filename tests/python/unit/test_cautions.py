@@ -48,7 +48,7 @@ def test_all_faults_of_a_law_come_at_once():
     assert str(error.value).splitlines() == [
         "law 'felt_memory': parameter 'unloading' is missing",
         "law 'felt_memory': unknown parameter kapa; known are loading, unloading, envelope, "
-        "closing_compression, kappa, recovery_time, creep_stiffness, creep_damping, "
+        "closing_compression, kappa, wiping_out, recovery_time, creep_stiffness, creep_damping, "
         "rate_amplitude, rate_time",
         "law 'felt_memory': loading = (1.0, 2.0), expected (a [N/m], b [1/m], c [N/m]) of eq. 4.21",
         "law 'felt_memory': rate_time = 'x', expected a number",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import feltmb
-from feltmb.config import parse_setting
+from feltmb.mechanism import parse_setting
 
 
 def test_packaged_actions():

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import feltmb
-from feltmb.config import Action
+from feltmb.mechanism import Action
 
 
 @pytest.fixture
@@ -108,7 +108,7 @@ def test_a_body_that_moves_no_mass_is_told_beside_other_faults(raw):
         (("bodies", "key", "joint"), "ball", "got 'ball', expected 'revolute'"),
         (("bodies", "key", "parent"), "nobody", "bodies.key.parent: body 'nobody' is missing"),
         (("bodies", "key", "position"), [1.0], "got [1.0], expected 2 numbers"),
-        (("bodies", "key", "position"), {"value": [1.0, "x"], "unit": "mm"}, "expected a number"),
+        (("bodies", "key", "position"), {"value": [1.0, "x"], "unit": "mm"}, "a finite number"),
         (("surfaces", "Gp6", "kind"), "plane", "got 'plane', expected 'line', 'circle'"),
         (("surfaces", "Gp6", "normal"), [0.5, 0.5], "normal has length"),
         (("contacts", "06", "surfaces"), ["Hp2"], "contacts.06.surfaces"),
@@ -289,7 +289,7 @@ def test_control_letters_of_names_are_escaped_in_messages(data):
 
 def test_an_actuator_whose_pad_is_no_name(tmp_path):
     from feltmb import params
-    from feltmb.actuator import load_actuator
+    from feltmb.action.actuator import load_actuator
 
     text = (params.folder("actuators") / "wood.toml").read_text("utf-8")
     path = tmp_path / "bad.toml"

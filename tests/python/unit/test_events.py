@@ -2,8 +2,8 @@
 
 import itertools
 
-from feltmb.config import NamedEvent
-from feltmb.events import Change, name_events
+from feltmb.mechanism import NamedEvent
+from feltmb.run.events import Change, name_events
 
 
 def closes(time, contact):

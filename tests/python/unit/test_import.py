@@ -52,8 +52,8 @@ def test_a_mechanism_needs_no_tables_or_plots():
 def test_functions_that_bear_the_name_of_their_module():
     """Whatever was imported first, feltmb.sweep is the function."""
     code = (
-        "import feltmb.sweep, feltmb.study\n"
-        "from feltmb.touch import Touch\n"
+        "import feltmb.run.sweep, feltmb.run.study\n"
+        "from feltmb.action.touch import Touch\n"
         "import feltmb\n"
         "for f in (feltmb.sweep, feltmb.study, feltmb.touch, feltmb.simulate, feltmb.regulate):\n"
         "    assert callable(f), f\n"

@@ -16,11 +16,11 @@ import pytest
 
 import feltmb
 from feltmb.cli import main
-from feltmb.config import Action
 from feltmb.contact import law
 from feltmb.files import check_writable, write_text
-from feltmb.study import load_study
-from feltmb.study_expression import Formula
+from feltmb.mechanism import Action
+from feltmb.run.study import load_study
+from feltmb.run.study.expression import Formula
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def test_integer_of_thousands_of_digits(tmp_path):
     refused(lambda: feltmb.load_action(path), "digits.toml")
     refused(
         lambda: Action({"name": "x"}).with_values(
-            dict([feltmb.config.parse_setting("schema=" + "1" * 5000)])
+            dict([feltmb.mechanism.parse_setting("schema=" + "1" * 5000)])
         )
     )
 
@@ -258,7 +258,7 @@ def test_interrupted_jobs_keep_what_was_finished(tmp_path, monkeypatch):
         short_done.set()
         return run
 
-    monkeypatch.setattr(sys.modules["feltmb.simulate"], "simulate", interrupted)
+    monkeypatch.setattr(sys.modules["feltmb.run.simulate"], "simulate", interrupted)
     out = tmp_path / "out"
     assert stroke_command("steinway45", *blows, "--out", out, "--jobs", 2) == 130
     assert [p.name for p in out.iterdir()] == ["short.nc"]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from blind.lumped import Network
 from feltmb.errors import InvalidParameter
-from feltmb.lumped import Network
 
 DESCRIPTION = {
     "masses": {"x": "m"},

@@ -12,7 +12,7 @@ import pytest
 
 import feltmb
 from feltmb import Action, InvalidParameter, _core, plot
-from feltmb.plot.poses import bent_beams, point_at
+from feltmb.graphics.plot.poses import bent_beams, point_at
 
 NUMERIC = ("forte", "piano")
 
@@ -450,7 +450,7 @@ def test_save_all_writes_pictures_and_never_over_others(runs, tmp_path, monkeypa
     from PIL import Image
 
     few = {name: plot.PICTURES[name] for name in ("hammer_speed", "string")}
-    monkeypatch.setattr("feltmb.plot.files.PICTURES", few)
+    monkeypatch.setattr("feltmb.graphics.plot.files.PICTURES", few)
     kept = tmp_path / "a_string.png"
     kept.write_bytes(b"mine")
     with pytest.raises(feltmb.FileExists):
@@ -467,7 +467,7 @@ def test_save_all_writes_pictures_and_never_over_others(runs, tmp_path, monkeypa
 
 def test_no_global_state_of_matplotlib_is_touched():
     code = (
-        "import sys, feltmb, feltmb.plot, feltmb.animate, feltmb.graph\n"
+        "import sys, feltmb.graphics.plot, feltmb.graphics.animate, feltmb.graphics.graph\n"
         "assert not any(m.startswith('matplotlib') for m in sys.modules), 'early import'\n"
         "run = feltmb.simulate('steinway45', 'forte', 0.11)\n"
         "import matplotlib\n"

@@ -7,17 +7,17 @@ import pytest
 from click.testing import CliRunner
 
 from feltmb import FeltmbError, InvalidParameter, load_action
-from feltmb.cli.regulate import command
-from feltmb.config import Action
-from feltmb.regulate import (
+from feltmb.action.regulate import (
     Regulation,
     Targets,
     load_targets,
     packaged_targets,
     regulate,
 )
-from feltmb.regulate.measuring import CannotMeasure
-from feltmb.regulate.solving import solve
+from feltmb.action.regulate.measuring import CannotMeasure
+from feltmb.action.regulate.solving import solve
+from feltmb.cli.regulate import command
+from feltmb.mechanism import Action
 
 STEP = {
     "name": "height",

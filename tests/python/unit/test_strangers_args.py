@@ -1,5 +1,6 @@
 """Every public function and method refuses wrong arguments with a message of ours."""
 
+import dataclasses
 import importlib
 import inspect
 import math
@@ -12,22 +13,22 @@ import pytest
 
 import feltmb
 from feltmb import actuator, contact, felt, fiber, fit, gap, sensitivity
-from feltmb.arguments import checked, shown
-from feltmb.errors import FeltmbError, InvalidParameter
+from feltmb.arguments import checked
+from feltmb.errors import FeltmbError, InvalidParameter, shown
 
 MODULES = [
-    "actuator",
+    "action.actuator",
     "contact",
     "felt",
     "fiber",
     "fit",
     "gap",
-    "material",
-    "regulate",
-    "sensitivity",
-    "study",
-    "sweep",
-    "touch",
+    "fiber.material",
+    "action.regulate",
+    "run.sensitivity",
+    "run.study",
+    "run.sweep",
+    "action.touch",
 ]
 DATA = Path(__file__).resolve().parents[2] / "data"
 
@@ -79,6 +80,21 @@ def compressed():
     v = np.r_[np.linspace(0.05, 0.2, 20), np.linspace(0.2, 0.05, 20)[1:]]
     p = 1e6 * (v**3 - 0.04**3)
     return fiber.CompressionData(v, p, np.arange(v.size) < 20, 0.04)
+
+
+def compressed_by_thickness():
+    """The same test, told by thickness: 10 mm unloaded."""
+    data = compressed()
+    return dataclasses.replace(data, thickness=0.01 * data.v_f0 / data.v_f)
+
+
+def hammer_test_data():
+    """A compression test that has the shape of the law."""
+    felt_ = hammer()
+    v = np.linspace(1.001 * felt_.v_f0, felt_.end, 40)
+    both = np.r_[v, v[-2::-1]]
+    p = np.r_[felt_.pressure("loading", v), felt_.pressure("unloading", v[-2::-1])]
+    return fiber.CompressionData(both, p, np.arange(both.size) < v.size, felt_.v_f0)
 
 
 EYE = np.eye(3)
@@ -140,7 +156,7 @@ FUNCTION = {
 
 @cache
 def oscillator():
-    return gap.OdeNominal(**ODE)
+    return gap.OdeModel(**ODE)
 
 
 @cache
@@ -171,6 +187,14 @@ def lanes():
     return gap.Lanes(
         theta=np.array([[1.0, 100.0]]), windows=np.array([[0, 199]]), starts=np.zeros((1, 2))
     )
+
+
+def withheld_case():
+    return gap.WithheldCase(
+        number=0, effect="dry", size=1.0, unit="N", signal_to_noise=9.0, outcome="right",
+        verdict="NAMED", named=("dry",), one_of=(), first="dry", confidence=1.0, seconds=0.0,
+        error="",
+    )  # fmt: skip
 
 
 @cache
@@ -247,11 +271,11 @@ def actuator_run():
 
 
 def sweeps():
-    return importlib.import_module("feltmb.sweep")
+    return importlib.import_module("feltmb.run.sweep")
 
 
 def studies():
-    return importlib.import_module("feltmb.study")
+    return importlib.import_module("feltmb.run.study")
 
 
 def member():
@@ -294,14 +318,14 @@ def study_result():
 
 @cache
 def one_step():
-    return importlib.import_module("feltmb.regulate").Step(
+    return importlib.import_module("feltmb.action.regulate").Step(
         name="height", measure="rest_gap", contact=2, target=0.01, tolerance=1e-5
     )
 
 
 @cache
 def nothing_to_turn():
-    return importlib.import_module("feltmb.regulate").Targets(
+    return importlib.import_module("feltmb.action.regulate").Targets(
         schema=1, name="t", rounds=1, steps=[one_step()]
     )
 
@@ -547,7 +571,7 @@ CALLS = {
         "young_modulus": None,
         "Q": 2.0,
     },
-    "feltmb.material.CriticalAngles": lambda: {
+    "feltmb.fiber.material.CriticalAngles": lambda: {
         "v_f": (0.1, 0.2),
         "loading": (0.1, 0.2),
         "unloading": (0.1, 0.2),
@@ -591,7 +615,7 @@ CALLS = {
         "about": "",
     },
     "feltmb.felt.identify": lambda: {
-        "data": compressed(),
+        "data": hammer_test_data(),
         "pressure": None,
         "material": hammer(),
         "loading": None,
@@ -611,6 +635,10 @@ CALLS = {
         "v_f0": 0.04,
         "name": "d",
     },
+    "feltmb.fiber.CompressionData.with_thickness": lambda: (
+        compressed_by_thickness(),
+        {"thickness0": 0.01},
+    ),
     "feltmb.fiber.CompressionData.branch": lambda: (compressed(), {"which": "loading"}),
     "feltmb.fiber.Cycle": lambda: {
         "v_max": 0.3,
@@ -781,9 +809,9 @@ CALLS = {
     "feltmb.fit.Effect": lambda: {
         name: getattr(DRY, name) for name in inspect.signature(gap.Effect).parameters
     },
-    "feltmb.fit.FunctionNominal": lambda: dict(FUNCTION),
+    "feltmb.fit.FunctionModel": lambda: dict(FUNCTION),
     "feltmb.fit.Including": lambda: {
-        "nominal": oscillator(),
+        "model": oscillator(),
         "terms": (gap.Term(DRY),),
         "sizes": np.array([0.01]),
     },
@@ -805,9 +833,9 @@ CALLS = {
             "sizes": np.zeros(0),
         },
     ),
-    "feltmb.fit.LinearNominal": lambda: dict(LINEAR),
+    "feltmb.fit.LinearModel": lambda: dict(LINEAR),
     "feltmb.fit.Named": lambda: {"values": {"a": 1.0}},
-    "feltmb.fit.OdeNominal": lambda: dict(ODE),
+    "feltmb.fit.OdeModel": lambda: dict(ODE),
     "feltmb.fit.Parameter": lambda: {
         "name": "p",
         "value": 1.0,
@@ -827,7 +855,7 @@ CALLS = {
         "speed": "v",
     },
     "feltmb.fit.Rate": lambda: {"state": "v"},
-    "feltmb.fit.Ready": lambda: {"nominal": oscillator(), "records": (record(),), "notes": ()},
+    "feltmb.fit.Ready": lambda: {"model": oscillator(), "records": (record(),), "notes": ()},
     "feltmb.fit.Sensitivity": lambda: {
         name: np.zeros((1, 2)) for name in inspect.signature(gap.Sensitivity).parameters
     },
@@ -842,7 +870,7 @@ CALLS = {
     },
     "feltmb.fit.Term": lambda: {"effect": DRY, "shape": None},
     "feltmb.fit.including": lambda: {
-        "nominal": oscillator(),
+        "model": oscillator(),
         "terms": [DRY],
         "sizes": [0.01],
     },
@@ -851,7 +879,7 @@ CALLS = {
         report().model,
         {"record": record(), "start": None},
     ),
-    "feltmb.gap.Gates.noise": lambda: (gap.check_records([record()]), {"record": "one"}),
+    "feltmb.gap.DataChecks.noise": lambda: (gap.check_records([record()]), {"record": "one"}),
     "feltmb.gap.Options": lambda: {
         name: getattr(gap.Options(), name) for name in inspect.signature(gap.Options).parameters
     },
@@ -873,23 +901,23 @@ CALLS = {
     "feltmb.gap.Verdict": None,  # an enumeration
     "feltmb.gap.check_records": lambda: {"records": [record()], "outputs": ["q"]},
     "feltmb.gap.diagnose": lambda: {
-        "nominal": oscillator(),
+        "model": oscillator(),
         "effects": [DRY],
         "records": [record("one", 1), record("two", 2)],
         "hold_out": None,
         "options": gap.Options(bootstrap=0, advice=False),
         "progress": None,
     },
-    "feltmb.gap.fit_nominal": lambda: {
-        "nominal": oscillator(),
+    "feltmb.gap.fit_model": lambda: {
+        "model": oscillator(),
         "records": [record()],
         "window": None,
         "settings": None,
         "progress": None,
         "resume": None,
     },
-    "feltmb.gap.foresee": lambda: {
-        "nominal": oscillator(),
+    "feltmb.gap.plan": lambda: {
+        "model": oscillator(),
         "effects": [DRY],
         "records": [record()],
         "channels": None,
@@ -897,8 +925,26 @@ CALLS = {
         "candidates": (),
         "window": None,
     },
+    "feltmb.gap.Withheld": lambda: {"cases": (withheld_case(),)},
+    "feltmb.gap.Withheld.share": lambda: (
+        gap.Withheld(cases=(withheld_case(),)),
+        {"outcome": "right", "clear": True},
+    ),
+    "feltmb.gap.WithheldCase": lambda: dataclasses.asdict(withheld_case()),
+    "feltmb.gap.withhold": lambda: {
+        "model": oscillator(),
+        "effects": [DRY],
+        "records": [record("one", 1), record("two", 2)],
+        "cases": 1,
+        "seed": 0,
+        "only": None,
+        "hold_out": None,
+        "options": gap.Options(bootstrap=0, advice=False),
+        "folder": None,
+        "progress": None,
+    },
     "feltmb.gap.noncentrality": lambda: {
-        "nominal": oscillator(),
+        "model": oscillator(),
         "effect": DRY,
         "size": 0.01,
         "records": [record()],
@@ -917,25 +963,25 @@ CALLS = {
         "parameters": {"stiffness": 1e6},
     },
     # actuator
-    "feltmb.actuator.Actuator": lambda: {"raw": wood().raw, "origin": "a"},
-    "feltmb.actuator.Actuator.frequencies": lambda: (wood(), {"count": 2, "clamped": False}),
-    "feltmb.actuator.Actuator.with_damper": lambda: (
+    "feltmb.action.actuator.Actuator": lambda: {"raw": wood().raw, "origin": "a"},
+    "feltmb.action.actuator.Actuator.frequencies": lambda: (wood(), {"count": 2, "clamped": False}),
+    "feltmb.action.actuator.Actuator.with_damper": lambda: (
         wood(),
         {"kind": "dashpot", "coefficient": 1.0},
     ),
-    "feltmb.actuator.Actuator.with_values": lambda: (wood(), {"values": {"tip.mass": 0.05}}),
-    "feltmb.actuator.ActuatorRun.save": lambda: (
+    "feltmb.action.actuator.Actuator.with_values": lambda: (wood(), {"values": {"tip.mass": 0.05}}),
+    "feltmb.action.actuator.ActuatorRun.save": lambda: (
         actuator_run(),
         {"path": "actuator.nc", "force": True},
     ),
-    "feltmb.actuator.ActuatorStudy.save": None,  # minutes of simulation for one path
-    "feltmb.actuator.compose": lambda: {
+    "feltmb.action.actuator.ActuatorStudy.save": None,  # minutes of simulation for one path
+    "feltmb.action.actuator.compose": lambda: {
         "action": "steinway45",
         "actuator": "wood",
         "pad": None,
     },
-    "feltmb.actuator.load_actuator": lambda: {"name_or_path": "wood"},
-    "feltmb.actuator.match": lambda: {
+    "feltmb.action.actuator.load_actuator": lambda: {"name_or_path": "wood"},
+    "feltmb.action.actuator.match": lambda: {
         "actuator": "wood",
         "target": stroke(),
         "action": None,
@@ -944,57 +990,66 @@ CALLS = {
         "start_torque": None,
         "max_evaluations": 1,
     },
-    "feltmb.actuator.simulate_actuator": lambda: {
+    "feltmb.action.actuator.simulate_actuator": lambda: {
         "actuator": "wood",
         "torque": None,
         "duration": 0.002,
         "output_rate": 1000.0,
         "tolerance": 1e-3,
     },
-    "feltmb.actuator.stand_alone": lambda: {"actuator": "wood"},
-    "feltmb.actuator.study_actuator": lambda: {"duration": -1.0},  # long: refused at the door
+    "feltmb.action.actuator.stand_alone": lambda: {"actuator": "wood"},
+    "feltmb.action.actuator.study_actuator": lambda: {
+        "duration": -1.0
+    },  # long: refused at the door
     # regulate
-    "feltmb.regulate.Screw": lambda: {
+    "feltmb.action.regulate.Screw": lambda: {
         "name": "s",
         "path": "surfaces.Gp3.point",
         "direction": (0.0, 1.0),
         "low": "-5 mm",
         "high": "5 mm",
     },
-    "feltmb.regulate.Step": lambda: {
+    "feltmb.action.regulate.Step": lambda: {
         "name": "height",
         "measure": "rest_gap",
         "contact": 2,
         "target": 0.01,
         "tolerance": 1e-5,
     },
-    "feltmb.regulate.Step.error": lambda: (one_step(), {"value": 0.01}),
-    "feltmb.regulate.Step.holds": lambda: (one_step(), {"value": 0.01}),
-    "feltmb.regulate.Targets": lambda: {
+    "feltmb.action.regulate.Step.error": lambda: (one_step(), {"value": 0.01}),
+    "feltmb.action.regulate.Step.holds": lambda: (one_step(), {"value": 0.01}),
+    "feltmb.action.regulate.Targets": lambda: {
         "schema": 1,
         "name": "t",
         "rounds": 2,
         "steps": [one_step()],
     },
+    "feltmb.action.regulate.Targets.amended": lambda: (
+        importlib.import_module("feltmb.action.regulate").load_targets("steinway45"),
+        {"targets": {"let-off": "4 mm"}},
+    ),
+    "feltmb.action.regulate.default_targets": lambda: {
+        "action": feltmb.load_action("steinway45"),
+    },
     # touch
-    "feltmb.touch.static_touch": lambda: {"action": pendulum(), "most_travel": 0.02},
+    "feltmb.action.touch.static_touch": lambda: {"action": pendulum(), "most_travel": 0.02},
     # sweep
-    "feltmb.sweep.Axis": lambda: {
+    "feltmb.run.sweep.Axis": lambda: {
         "name": "mass",
         "values": (0.02,),
         "paths": ("arm.mass",),
         "how": "set",
         "inverse": (),
     },
-    "feltmb.sweep.Axis.at": lambda: (
+    "feltmb.run.sweep.Axis.at": lambda: (
         sweeps().Axis("mass", (2.0,), ("arm.mass",), "scale"),
         {"action": pendulum(), "value": 2.0},
     ),
-    "feltmb.sweep.Extract": lambda: {
+    "feltmb.run.sweep.Extract": lambda: {
         "function": lambda *_: ({}, {}),
         "spec": None,
     },
-    "feltmb.sweep.Member": lambda: {
+    "feltmb.run.sweep.Member": lambda: {
         "action": pendulum(),
         "stroke": stroke(),
         "values": {},
@@ -1003,84 +1058,87 @@ CALLS = {
         "extract": None,
         "save_run": "",
     },
-    "feltmb.sweep.Outcome": None,  # a result
-    "feltmb.sweep.ProgressBar": lambda: {"progress": False, "total": 3, "title": "t"},
-    "feltmb.sweep.ProgressBar.step": lambda: (sweeps().ProgressBar(False, 3), {"name": "m"}),
-    "feltmb.sweep.SweepResult.run": lambda: (swept(), {"index": 0}),
-    "feltmb.sweep.SweepResult.save": lambda: (swept(), {"path": "t.csv", "force": True}),
-    "feltmb.sweep.apply_point": lambda: {
+    "feltmb.run.sweep.Outcome": None,  # a result
+    "feltmb.run.sweep.ProgressBar": lambda: {"progress": False, "total": 3, "title": "t"},
+    "feltmb.run.sweep.ProgressBar.step": lambda: (sweeps().ProgressBar(False, 3), {"name": "m"}),
+    "feltmb.run.sweep.SweepResult.run": lambda: (swept(), {"index": 0}),
+    "feltmb.run.sweep.SweepResult.save": lambda: (swept(), {"path": "t.csv", "force": True}),
+    "feltmb.run.sweep.apply_point": lambda: {
         "action": pendulum(),
         "stroke": stroke(),
         "options": {},
         "values": {"arm.mass": 0.02},
     },
-    "feltmb.sweep.axis_values": lambda: {"given": [1.0, 2.0], "where": "here"},
-    "feltmb.sweep.check_options": lambda: {"names": ["rtol"]},
-    "feltmb.sweep.grid_points": lambda: {
+    "feltmb.run.sweep.axis_values": lambda: {"given": [1.0, 2.0], "where": "here"},
+    "feltmb.run.sweep.grid_points": lambda: {
         "axes": (sweeps().Axis("mass", (2.0,), ("arm.mass",)),),
         "mode": "grid",
     },
-    "feltmb.sweep.run_member": lambda: {"member": member()},
-    "feltmb.sweep.run_members": lambda: {
+    "feltmb.run.sweep.run_member": lambda: {"member": member()},
+    "feltmb.run.sweep.run_members": lambda: {
         "members": [member()],
         "executor": None,
         "jobs": 1,
         "folder": None,
     },
-    "feltmb.sweep.value_at": lambda: {"action": pendulum(), "path": "arm.mass"},
+    "feltmb.run.sweep.value_at": lambda: {"action": pendulum(), "path": "arm.mass"},
     # study
-    "feltmb.study.Case": lambda: {"variant": "base", "stroke": "s", "point": ()},
-    "feltmb.study.Study": lambda: {
+    "feltmb.run.study.Case": lambda: {"variant": "base", "stroke": "s", "point": ()},
+    "feltmb.run.study.Study": lambda: {
         name: getattr(a_study(), name) for name in ("spec", "actions", "strokes", "axes", "origin")
     },
-    "feltmb.study.Study.from_dict": lambda: (
+    "feltmb.run.study.Study.from_dict": lambda: (
         studies().Study,
         {"raw": study_tables(), "origin": "s", "folder": None},
     ),
-    "feltmb.study.Study.label": lambda: (a_study(), {"variant": "base"}),
-    "feltmb.study.Study.member": lambda: (a_study(), {"case": case()}),
-    "feltmb.study.Study.number_spec": lambda: (a_study(), {"name": "n"}),
-    "feltmb.study.Study.read": lambda: (
+    "feltmb.run.study.Study.label": lambda: (a_study(), {"variant": "base"}),
+    "feltmb.run.study.Study.member": lambda: (a_study(), {"case": case()}),
+    "feltmb.run.study.Study.number_spec": lambda: (a_study(), {"name": "n"}),
+    "feltmb.run.study.Study.read": lambda: (
         studies().Study,
         {"path": Path(feltmb.__file__).parent / "params/studies/letoff.toml"},
     ),
-    "feltmb.study.Study.shown": lambda: (a_study(), {"name": "n"}),
-    "feltmb.study.Study.strokes_of": lambda: (a_study(), {"variant": "base"}),
-    "feltmb.study.extract_run": lambda: {
+    "feltmb.run.study.Study.shows": lambda: (
+        a_study(),
+        {"panel": a_study().spec.figures["f"].panels[0], "case": case()},
+    ),
+    "feltmb.run.study.Study.shown": lambda: (a_study(), {"name": "n"}),
+    "feltmb.run.study.Study.strokes_of": lambda: (a_study(), {"variant": "base"}),
+    "feltmb.run.study.extract_run": lambda: {
         "run": run(),
         "action": pendulum(),
         "spec": a_study().member(case()).extract.spec,
     },
-    "feltmb.study.load_study": lambda: {"name_or_path": "letoff"},
-    "feltmb.study.run_studies": lambda: {
+    "feltmb.run.study.load_study": lambda: {"name_or_path": "letoff"},
+    "feltmb.run.study.run_studies": lambda: {
         "studies": [a_study()],
         "executor": None,
         "jobs": 1,
         "folder": None,
         "progress": False,
     },
-    "feltmb.study.statistic": lambda: {
+    "feltmb.run.study.statistic": lambda: {
         "stat": "pulses",
         "time": np.arange(9.0),
         "samples": np.arange(9.0),
         "level": 3.0,
     },
-    "feltmb.study.study_targets": lambda: {"made": a_study(), "folder": "out"},
+    "feltmb.run.study.study_targets": lambda: {"made": a_study(), "folder": "out"},
     # sensitivity
-    "feltmb.sensitivity.Window": lambda: {
+    "feltmb.run.sensitivity.Window": lambda: {
         "begin": 0.0,
         "end": 0.01,
         "state": [0.0, 0.0],
         "memory": None,
     },
-    "feltmb.sensitivity.state_at": lambda: {
+    "feltmb.run.sensitivity.state_at": lambda: {
         "action": pendulum(),
         "stroke": stroke(),
         "times": [0.0, 0.01],
         "rtol": 1e-7,
     },
-    "feltmb.sensitivity.state_names": lambda: {"action": pendulum()},
-    "feltmb.sensitivity.windows": lambda: {
+    "feltmb.run.sensitivity.state_names": lambda: {"action": pendulum()},
+    "feltmb.run.sensitivity.windows": lambda: {
         "action": pendulum(),
         "stroke": stroke(),
         "windows": [sensitivity.Window(0.0, 0.01)],
@@ -1097,12 +1155,12 @@ CALLS = {
 
 def _models():
     """Classes of models and one of each."""
-    line = fit.LinearNominal(**LINEAR)
+    line = fit.LinearModel(**LINEAR)
     return {
-        "Nominal": oscillator(),
-        "OdeNominal": oscillator(),
-        "LinearNominal": line,
-        "FunctionNominal": fit.FunctionNominal(**FUNCTION),
+        "Model": oscillator(),
+        "OdeModel": oscillator(),
+        "LinearModel": line,
+        "FunctionModel": fit.FunctionModel(**FUNCTION),
         "Including": fit.including(oscillator(), [DRY], [0.01]),
     }
 
@@ -1180,7 +1238,7 @@ NAMES = public_names()
 
 def test_every_public_callable_has_a_valid_call():
     """So that none is forgotten below."""
-    models = ("Nominal", "OdeNominal", "LinearNominal", "FunctionNominal", "Including")
+    models = ("Model", "OdeModel", "LinearModel", "FunctionModel", "Including")
     missing = [n for n in NAMES if n not in CALLS and n.split(".")[-2] not in models]
     assert not missing
     assert not set(CALLS) - {*NAMES, *_constructed()}
@@ -1188,17 +1246,17 @@ def test_every_public_callable_has_a_valid_call():
 
 def _constructed():
     """Classes whose arguments are checked by their schema."""
-    return ["feltmb.felt.Branch", "feltmb.felt.Fiber", "feltmb.material.CriticalAngles"] + [
-        f"feltmb.regulate.{n}" for n in ("Screw", "Step", "Targets")
+    return ["feltmb.felt.Branch", "feltmb.felt.Fiber", "feltmb.fiber.material.CriticalAngles"] + [
+        f"feltmb.action.regulate.{n}" for n in ("Screw", "Step", "Targets")
     ]
 
 
 SLOW_VALID = (
     "feltmb.regulate",
     "feltmb.touch",
-    "feltmb.actuator.match",
-    "feltmb.actuator.study_actuator",
-    "feltmb.touch.static_touch",
+    "feltmb.action.actuator.match",
+    "feltmb.action.actuator.study_actuator",
+    "feltmb.action.touch.static_touch",
 )
 
 
@@ -1374,6 +1432,6 @@ def test_a_long_chain_of_extends_is_refused(tmp_path):
         base = f"c{i - 1}.toml" if i else "steinway45"
         text = f'schema = 1\nname = "c"\nextends = "{base}"\n'
         (tmp_path / f"c{i}.toml").write_text(text, encoding="utf-8")
-    with pytest.raises(InvalidParameter, match=r"c199.toml: extends: leads over more than 50"):
+    with pytest.raises(InvalidParameter, match=r"c199.toml: extends: leads over more than 20"):
         feltmb.load_action(tmp_path / "c199.toml")
     assert feltmb.load_action(tmp_path / "c9.toml").name == "c"

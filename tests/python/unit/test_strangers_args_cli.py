@@ -11,9 +11,9 @@ from click.testing import CliRunner
 import feltmb
 from feltmb import _core, plot
 from feltmb.cli import cli
-from feltmb.config import Action, core_law, describe
 from feltmb.errors import FeltmbError, InvalidParameter
-from feltmb.parameters import all_parameters
+from feltmb.mechanism import Action, core_law, describe
+from feltmb.mechanism.parameters import all_parameters
 
 
 def command(*arguments):
@@ -66,7 +66,7 @@ def test_a_value_is_scaled_however_it_is_written(pendulum, written):
     raw = pendulum.raw
     raw["bodies"]["arm"]["mass"] = written
     made = Action(raw)
-    axis = importlib.import_module("feltmb.sweep").Axis("m", (1.2,), ("arm.mass",), "scale")
+    axis = importlib.import_module("feltmb.run.sweep").Axis("m", (1.2,), ("arm.mass",), "scale")
     assert made.with_values(axis.at(made, 1.2)).config.bodies["arm"].mass == pytest.approx(0.018)
     table = feltmb.sweep(
         made,
@@ -165,7 +165,7 @@ def test_a_file_is_judged_as_what_it_is_meant_to_be(tmp_path, text, message):
 
 
 def test_the_mechanism_of_a_run_is_drawn_at_impact(template):
-    from feltmb.plot.portrait import moment_of_run
+    from feltmb.graphics.plot.portrait import moment_of_run
 
     action = feltmb.load_action(template)
     run = feltmb.simulate(action, "press_release")
@@ -180,7 +180,7 @@ def test_help_of_the_actuator_writes_a_mass_with_its_unit():
     told = command("actuator", "--help").output
     assert "tip.mass=0.05" not in told
     assert "tip.mass=1.5g" in told
-    from feltmb.actuator import load_actuator
+    from feltmb.action.actuator import load_actuator
 
     assert load_actuator("wood").with_values({"tip.mass": "1.5g"}).config.tip.mass == 0.0015
 
@@ -226,7 +226,7 @@ def test_the_law_in_use_is_drawn(template, law, inherited):
 
 
 def test_a_picture_that_fails_loses_nothing(template, tmp_path, monkeypatch):
-    import feltmb.plot
+    import feltmb.graphics.plot
 
     def fail(*_args, **_options):
         raise AssertionError("no curve")
@@ -303,7 +303,7 @@ def test_a_cut_off_command_goes_on(template, tmp_path, monkeypatch):
     (out / "forte.nc").unlink()  # as if it had been killed
     before = (out / "piano.nc").read_bytes()
     simulated = []
-    module = sys.modules["feltmb.simulate"]
+    module = sys.modules["feltmb.run.simulate"]
     real = module.simulate
 
     def count(action, stroke, *args, **options):

@@ -51,15 +51,6 @@ def test_with_strings_in_the_integrator_members_make_no_energy_either(ringing):
     assert run.energy["residual_relative"] < 1e-3
 
 
-def test_a_struck_string_leaves_the_integrator_with_a_ledger_too(action):
-    """The ledger looks at the same state as the right-hand side before it."""
-    with_ledger, without = (
-        feltmb.simulate(action, "staccato", 0.2, ledger=ledger).stats["steps"]
-        for ledger in (True, False)
-    )
-    assert with_ledger < 1.4 * without
-
-
 def test_a_run_whose_ledger_is_off_has_failed_and_keeps_its_trajectory(ringing):
     options = {"duration": 0.1, "rtol": 1e-5, "max_order": 3}
     with pytest.raises(feltmb.IntegrationError, match=r"not accounted for.*ledger_limit") as caught:
@@ -68,7 +59,7 @@ def test_a_run_whose_ledger_is_off_has_failed_and_keeps_its_trajectory(ringing):
     assert run.status == "failed"
     assert run.time[-1] == pytest.approx(0.1)
     assert run.energy["residual_relative"] > 0.1
-    assert feltmb.simulate(ringing, "staccato", ledger_limit=math.inf, **options).status == "done"
+    assert feltmb.simulate(ringing, "staccato", ledger_limit=1e9, **options).status == "done"
 
 
 def test_rows_of_a_sweep_whose_ledger_is_off_have_failed(ringing):
@@ -146,7 +137,7 @@ def test_a_string_under_a_weight_takes_its_static_deflection(data, start):
 
 @pytest.mark.parametrize(
     ("radius", "what"),
-    [(573.0, r"J in contacts.*member wire"), (430.0, r"J in contacts.*contact05")],
+    [(573.0, r"J in contacts.*strap bridle_strap"), (430.0, r"J in contacts.*contact05")],
 )
 def test_a_rest_pose_with_energy_from_nowhere_is_refused(action, radius, what):
     """The rail of the key is lifted by decimeters: bodies are pushed past each other and jam."""
@@ -276,7 +267,7 @@ def test_daemon_threads_that_simulate_at_exit_end_cleanly(progress, call):
     done = run_alone(
         f"""
         import itertools, threading, time
-        from feltmb.batch import simulate_many
+        from feltmb.run.batch import simulate_many
         import feltmb
         rigid = {{"shank.rigid": True, "wire.rigid": True}}
         a = feltmb.load_action("steinway45").with_values(rigid)

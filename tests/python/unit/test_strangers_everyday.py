@@ -7,21 +7,21 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from blind.key_hammer import SAMPLE_TIME, KeyHammer, effects
+from blind.truth import STROKES, Part, plain_case
+from blind.truth_sensors import _input
 from feltmb import load_action
-from feltmb.blind.nominal import SAMPLE_TIME, KeyHammer, effects
-from feltmb.blind.truth import STROKES, Part, plain_case
-from feltmb.blind.truth_sensors import _input
+from feltmb.adapters.library import Signal, load_library
+from feltmb.adapters.signals import excite_by, observe_by
 from feltmb.cli.stroke import summary_table
 from feltmb.data import Record
 from feltmb.errors import InvalidParameter
-from feltmb.events import Change, name_events
 from feltmb.fit import Lanes, Term
 from feltmb.gap import library
 from feltmb.gap.library.readings import acting
-from feltmb.quasistatic import SlowPress, simulated_press
-from feltmb.results import let_off_words
-from feltmb.subjects.library import Signal, load_library
-from feltmb.subjects.signals import excite_by, observe_by
+from feltmb.run.events import Change, name_events
+from feltmb.run.quasistatic import SlowPress, simulated_press
+from feltmb.run.results import let_off_words
 
 # --- friction of slow presses --------------------------------------------------------------------
 

@@ -15,14 +15,14 @@ from click.testing import CliRunner
 
 import feltmb.cli
 from feltmb import load_action, simulate
+from feltmb.action.regulate import load_targets
+from feltmb.action.touch import Touch, TouchRow
 from feltmb.cli import cli, completing, tables
 from feltmb.cli.common import new_table
 from feltmb.cli.tables import FittingTable, Screen, _words
-from feltmb.config import apply_values
 from feltmb.errors import InvalidParameter
 from feltmb.files import make_folder
-from feltmb.regulate import load_targets
-from feltmb.touch import Touch, TouchRow
+from feltmb.mechanism import apply_values
 
 # --- tables --------------------------------------------------------------------------------------
 
@@ -331,7 +331,7 @@ def test_touch_shows_before_and_after(monkeypatch):
         rows = (TouchRow("a", "down-weight", weight, "gf"), TouchRow("b", "key dip", None, "mm"))
         return Touch(action, rows, SimpleNamespace(window=(0.0, 0.0)), None, (), {})
 
-    monkeypatch.setattr(sys.modules["feltmb.touch"], "touch", fake)
+    monkeypatch.setattr(sys.modules["feltmb.action.touch"], "touch", fake)
     plain = _call("touch", "steinway45")[0].stdout
     assert "here" in plain
     assert "before" not in plain
@@ -341,3 +341,16 @@ def test_touch_shows_before_and_after(monkeypatch):
     assert re.search(r"down-weight +50\.0 +80\.0 +gf", changed)
     other = _call("touch", "steinway45", "--before", "steinway45_printed")[0].stdout
     assert "touch of steinway45, before: steinway45_printed" in other
+
+
+def test_numbers_are_aligned_to_the_right(capsys):
+    from feltmb.cli.common import console, new_table
+
+    table = new_table("", "name", "value", right=(1,))
+    table.add_row("a", "1.5")
+    table.add_row("b", "100.25")
+    console().print(table)
+    rows = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
+    (one,) = [r for r in rows if r.endswith("1.5")]
+    (hundred,) = [r for r in rows if r.endswith("100.25")]
+    assert len(one) == len(hundred)

@@ -10,11 +10,11 @@ from click.testing import CliRunner
 
 from feltmb.cli import cli
 from feltmb.cli.common import ListOption, Quantity, split_list
-from feltmb.config import load_action
 from feltmb.contact import law as contact_law
 from feltmb.errors import DataError, InvalidParameter, ModelError
 from feltmb.felt import identify, load_material
 from feltmb.fiber import CompressionData, Cycle, FiberBox, fit, law, lay, read_compression, simulate
+from feltmb.mechanism import load_action
 from feltmb.units import conversion_factor
 
 UNIT = re.compile(r"\[(m|m\^2|s|rad|Hz|Pa|N/m|N|kg)\]")

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 import feltmb
 from feltmb.cli.show import command as show
-from feltmb.parameters import find_parameters
+from feltmb.mechanism.parameters import find_parameters
 
 TENSION, DENSITY = 654.0, 5.98e-3  # of one string [N], [kg/m]
 STILL = feltmb.ramp_stroke(0.0, duration=4e-3)
@@ -192,9 +192,9 @@ def words_of(figure):
 
 def test_impact_speed_is_that_of_the_contact_wherever_it_is_printed(action):
     from feltmb import plot
+    from feltmb.action.touch.blows import simulate_blow
     from feltmb.cli.stroke import SUMMARY_ROWS
-    from feltmb.study.schema import KNOWN
-    from feltmb.touch.blows import simulate_blow
+    from feltmb.run.study.schema import KNOWN
 
     run = feltmb.simulate(action, "forte", duration=0.12, rtol=1e-5)
     speed = run.summary["impact_speed"]

@@ -17,7 +17,7 @@ import pytest
 
 import feltmb
 from feltmb.errors import InvalidParameter
-from feltmb.sweep import Axis, Member, axis_values, run_member, run_members, sweep, value_at
+from feltmb.run.sweep import Axis, Member, axis_values, run_member, run_members, sweep, value_at
 
 SHORT = {"duration": 0.03}
 FORCES = {"stroke.scale": [0.5, 1.0, 2.0]}
@@ -104,7 +104,7 @@ def test_solver_failure_keeps_what_was_reached(action, stroke, monkeypatch):
     def fail(*_args, **_options):
         raise feltmb.IntegrationError("stopped", partial=run, time=0.01, state="x", contact="c")
 
-    monkeypatch.setattr(sys.modules["feltmb.simulate"], "simulate", fail)
+    monkeypatch.setattr(sys.modules["feltmb.run.simulate"], "simulate", fail)
     outcome = run_member(Member(action, stroke))
     assert (outcome.status, outcome.error) == ("failed", "stopped")
     assert outcome.reached == run.reached
@@ -148,7 +148,7 @@ def test_broken_executor_is_reported_and_repaired_by_resuming(action, stroke, tm
 
 CHILD = """
 import feltmb
-from feltmb.sweep import sweep
+from feltmb.run.sweep import sweep
 if __name__ == "__main__":
     stroke = feltmb.pulse_stroke(8.0, start=0.0, duration=0.1)
     sweep("steinway45", stroke, {{"string.modes": list(range(20, 28))}}, jobs=1, folder={folder!r},

@@ -8,16 +8,16 @@ import pytest
 from click.testing import CliRunner
 
 from feltmb import FeltmbError, InvalidParameter, _core, load_action
+from feltmb.action.touch import Blow, TouchRow, static_touch, touch
+from feltmb.action.touch.blows import at_speed, fit_travel_time
 from feltmb.cli.touch import command
-from feltmb.config import Action
-from feltmb.quasistatic import (
+from feltmb.mechanism import Action
+from feltmb.run.quasistatic import (
     SlowPress,
     simulated_press,
     slow_press,
     static_let_off,
 )
-from feltmb.touch import Blow, TouchRow, static_touch, touch
-from feltmb.touch.blows import at_speed, fit_travel_time
 
 
 @pytest.fixture(scope="module")
@@ -280,7 +280,7 @@ def test_pictures(measured, tmp_path):
 
 def test_command(action, measured, monkeypatch):
     # The package's front holds the function under the module's name.
-    monkeypatch.setattr(sys.modules["feltmb.touch"], "touch", lambda *_args, **_kw: measured)
+    monkeypatch.setattr(sys.modules["feltmb.action.touch"], "touch", lambda *_args, **_kw: measured)
     result = CliRunner().invoke(command, ["steinway45"])
     assert result.exit_code == 0, result.output
     assert "down-weight" in result.output

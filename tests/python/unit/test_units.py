@@ -5,8 +5,8 @@ import math
 import pytest
 
 from feltmb.errors import InvalidParameter
-from feltmb.quantity import parse_scalar
 from feltmb.units import ACCEPTED_UNITS, conversion_factor, convert, dimension_text
+from feltmb.units.quantity import parse_scalar
 
 
 @pytest.mark.parametrize(

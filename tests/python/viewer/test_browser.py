@@ -8,8 +8,8 @@ import pytest
 
 import feltmb
 from feltmb import Action
-from feltmb.plot.poses import body_poses
-from feltmb.viewer import Curves, assets, fragment, view
+from feltmb.graphics.plot.poses import body_poses
+from feltmb.graphics.viewer import Curves, assets, fragment, view
 
 VIEWER = "document.querySelector('.feltmb-view').viewer"
 

@@ -3,7 +3,7 @@
 import pytest
 
 from feltmb.errors import DataError
-from feltmb.viewer import read_curves
+from feltmb.graphics.viewer import read_curves
 
 
 def test_single_carriage_returns_end_lines(tmp_path):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from feltmb.viewer import assets, fragment, view
+from feltmb.graphics.viewer import assets, fragment, view
 
 VIEWER = "document.querySelector('.feltmb-view').viewer"
 

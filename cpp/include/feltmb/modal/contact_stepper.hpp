@@ -5,7 +5,7 @@
 /// Within a step the forces are parabolas of time through their values at its start, middle and
 /// end, and the modes answer exactly (ModalResponse): no frequency and no damping limits the step.
 /// The two new values of each contact are found by Newton's method on them alone. The error of the
-/// parabola, from what the parabola before foretold, chooses the step among halves of the sample
+/// parabola, from what the parabola before predicted, chooses the step among halves of the sample
 /// interval. Error of the force O(h^3), of the motion O(h^4), while the force is smooth.
 #pragma once
 
@@ -135,7 +135,7 @@ class ModalContactStepper {
   std::vector<Point> now_, middle_, end_;
   std::vector<Past> past_;
   std::vector<Peak> peak_;
-  double past_step_ = 0.0;  ///< 0: nothing to foretell from
+  double past_step_ = 0.0;  ///< 0: nothing to predict from
   std::vector<double> drive_now_, drive_middle_, drive_end_;
   std::vector<std::size_t> rigid_;  ///< modes without stiffness
   std::vector<double> reach_;

@@ -125,7 +125,7 @@ def _add_values(
     text: str,
     separator: str,
 ) -> None:
-    from feltmb.quantity import parse_scalar
+    from feltmb.units.quantity import parse_scalar
 
     try:
         out[name] = [

@@ -16,7 +16,7 @@ def for_force_balance(
 ) -> tuple[Effect, ...]:
     """Terms of a measured force balance that is linear in its parameters.
 
-    For :class:`~feltmb.fit.LinearNominal` with ``position`` and ``speed`` among the inputs of the
+    For :class:`~feltmb.fit.LinearModel` with ``position`` and ``speed`` among the inputs of the
     records; ``force``, ``travel`` and ``pace`` are their typical sizes.
     """
 

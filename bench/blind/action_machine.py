@@ -1,0 +1,113 @@
+"""The full action as a machine of the bench."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from blind import action_truth as truth
+from blind.action_calibration import packaged_scales, to_record
+from blind.action_strength import noncentralities
+from blind.machine import Machine
+from feltmb import gap
+from feltmb.adapters import mechanism_model
+from feltmb.data import Record
+from feltmb.errors import InvalidParameter
+from feltmb.files import make_folder, read_json, read_npz, write_file
+
+__all__ = ["ActionMachine"]
+
+#: Tolerance of the model's integrator: near let-off a motion is heard to jump by 0.1 of the
+#: camera's noise at 3e-6, by 0.02 at this one.
+RTOL = 1e-6
+
+
+class ActionMachine(Machine):
+    """The packaged upright action with all its tolerances and effects."""
+
+    name = "steinway45"
+    generator = ("action_truth.py", "action_scales.json")
+    engine = ("adapters", "params", "action_machine.py", "action_calibration.py")
+
+    def draw(self, seed: int, cases: int, outside: Path | None) -> list[Any]:
+        if outside is not None:
+            raise InvalidParameter(
+                f"{outside}: kinds of one's own are for the machine key_hammer; those of "
+                f"{self.name} are in action_truth.py"
+            )
+        _, _, library, outputs = truth.setup()
+        scales = packaged_scales()
+        return [truth.as_dict(truth.draw(seed, n, scales, library, outputs)) for n in range(cases)]
+
+    def make_records(self, folder: Path, _outside: Path | None, numbers: Sequence[int], /) -> None:
+        truths = read_json(folder / "truths.json")
+        for n in numbers:
+            answer = _make(truths[n], make_folder(folder / "records") / f"{n}.npz")
+            self.write_answer(folder, n, answer)
+
+    def read_records(self, path: Path) -> list[Record]:
+        outputs = _setup()[3]
+        file = read_npz(path)
+        return [
+            to_record(s, {c: file[f"{s}.{c}"] for c in ("force", *outputs)}, outputs)
+            for s in truth.STROKES
+        ]
+
+    def diagnose(self, records: Sequence[Record], names: Sequence[str] = ()) -> Any:
+        action, _, library, outputs = _setup()
+        asked = list(names) or [e.name for e in truth.candidates(library, outputs)]
+        model, known = mechanism_model(
+            action, library=library, effects=asked, shooting="single", rtol=RTOL, workers=1
+        )
+        model = model.with_floor(records, truth.VARIATION)  # type: ignore[attr-defined]
+        options = gap.Options(bootstrap=0, restarts=0, width=3, max_effects=3, advice=False)
+        return gap.diagnose(model, known, records, options=options)
+
+
+@functools.cache
+def _setup() -> tuple[Any, ...]:
+    return truth.setup()
+
+
+def _make(data: dict[str, Any], path: Path) -> dict[str, Any]:
+    """Simulate and store the records of one case; what the scorer must know of it."""
+    _, base, library, outputs = _setup()
+    case = truth.from_dict(data)
+    arrays: dict[str, Any] = {}
+    onsets: dict[str, list[float]] = {}
+    for stroke in truth.STROKES:
+        view, _ = truth.record(base, library, case, stroke, outputs)
+        onsets[stroke] = [truth.onset(p, view) for p in case.parts]
+        arrays |= {f"{stroke}.{channel}": values for channel, values in view.items()}
+
+    def save(path: Path) -> None:
+        with path.open("wb") as file:
+            np.savez_compressed(file, **arrays)
+
+    write_file(path, save, force=True)
+    return _answer(case, library, onsets)
+
+
+def _answer(case: truth.Case, library: Any, onsets: dict[str, list[float]]) -> dict[str, Any]:
+    """What the scorer needs to know of a case."""
+    parts = []
+    strengths = noncentralities(case)
+    for k, part in enumerate(case.parts):
+        data = False
+        if part.form == "outside":
+            component = truth.OUTSIDE[part.name][0]
+        else:
+            entry = library.effect(part.name)
+            component = entry.component
+            data = truth.is_signal(entry) or entry.kind in ("sensor", "input")
+        times = {s: onsets[s][k] for s in onsets}
+        told = {"component": component, "data": data, "onset": times}
+        if strengths[k] is not None:
+            told["nc"] = strengths[k]
+        parts.append({**asdict(part), **told})
+    return {"number": case.number, "mode": "force", "parts": parts}

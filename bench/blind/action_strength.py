@@ -1,0 +1,185 @@
+"""How far a withheld effect of a case stands out of what the tolerances can take up.
+
+The scales of :mod:`blind.action_calibration` choose sizes before there is a case: one
+linearization at drawing values, columns of the model. Where an effect is nearly the same as a
+tolerance, or large, they promise more than any engine could see. Here the tolerances of the
+generator's own machine are fitted to what the effect does, without noise, so that nothing of the
+engine and nothing of its model's run is in it:
+
+    nc^2 = min over p, z of |W (y(with) - y(p) - D z)|^2 + |(p - p0) / sd|^2 + |z|^2,
+
+p0 the case's own tolerances, D the floor, W the whitening by the camera's noise.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from blind import action_truth as truth
+from blind.action_calibration import answer_to_force, to_record, whole_shot
+from feltmb.data import Array
+from feltmb.fit.shots import Shot
+
+__all__ = ["noncentralities"]
+
+#: Step of a tolerance for its column, in standard deviations.
+STEP = 0.25
+#: Steps of the fit along the same columns, each one run of every stroke, and how often columns are
+#: taken anew where it stops.
+ITERATIONS, RENEWALS = 20, 2
+
+
+@dataclass(frozen=True, eq=False)
+class _Stroke:
+    """One stroke without the effect, at the case's own tolerances."""
+
+    name: str
+    length: float
+    view: Mapping[str, Array]
+    shot: Shot
+    columns: Array
+    """Whitened, by tolerances, in standard deviations."""
+    floor: Array
+    """Whitened, of this record's floor, in standard deviations."""
+
+
+@functools.cache
+def _fixed() -> tuple[Any, ...]:
+    from feltmb.adapters import mechanism_model
+
+    action, base, library, outputs = truth.setup()
+    model = mechanism_model(action, shooting="single", rtol=1e-6, workers=1)[0]
+    return base, library, outputs, model
+
+
+def noncentralities(case: truth.Case) -> list[float | None]:
+    """Noncentrality of every part of a case, the others left out [1].
+
+    An upper bound: the fit may end above its minimum. None where it could not be computed.
+    """
+    if not case.parts:
+        return []
+    bare = replace(case, parts=())
+    try:
+        strokes = [_stroke(bare, name) for name in truth.FIT]
+    except Exception:  # no mechanism: the case has no records either
+        return [None for _ in case.parts]
+    out: list[float | None] = []
+    for part in case.parts:
+        try:
+            out.append(_strength(replace(case, parts=(part,)), bare, strokes))
+        except Exception:
+            out.append(None)
+    return out
+
+
+def _view(case: truth.Case, name: str, length: float | None = None) -> dict[str, Array]:
+    base, library, outputs, _ = _fixed()
+    return truth.record(base, library, case, name, outputs, rtol=1e-7, ideal=True, length=length)[0]
+
+
+def _stacked(view: Mapping[str, Array]) -> Array:
+    return np.stack([view[o] for o in _fixed()[2]], axis=-1)
+
+
+def _stroke(bare: truth.Case, name: str) -> _Stroke:
+    _, _, outputs, model = _fixed()
+    view = _view(bare, name)
+    length = view["force"].size / truth.RATE
+    record = to_record(name, view, outputs)
+    shot = whole_shot(model, record)
+    floor = model.with_floor([record], truth.VARIATION).floors[name].columns
+    white = shot.whiten(floor[None]).reshape(-1, floor.shape[2])
+    return _Stroke(name, length, view, shot, _columns(bare, name, length, shot), white)
+
+
+def _columns(case: truth.Case, name: str, length: float, shot: Shot) -> Array:
+    """Whitened derivatives of a stroke by all tolerances at those of the case."""
+    base = _stacked(_view(case, name, length))
+    columns = []
+    for e in _fixed()[1].tolerances:
+        at = case.tolerances.get(e.name, 0.0)
+        step = STEP * e.size if at <= 0.0 else -STEP * e.size
+        moved = replace(case, tolerances={**case.tolerances, e.name: at + step})
+        change = (_stacked(_view(moved, name, length)) - base) * (e.size / step)
+        columns.append(shot.whiten(change[None]).reshape(-1))
+    return np.column_stack(columns)
+
+
+def _strength(case: truth.Case, bare: truth.Case, strokes: list[_Stroke]) -> float:
+    _, library, _, model = _fixed()
+    targets = []
+    for s in strokes:
+        moved = _view(case, s.name, s.length)
+        answer = answer_to_force(model, s.shot.record, moved["force"])
+        targets.append(_stacked(moved) - answer)
+    sizes = np.array([e.size for e in library.tolerances])
+    names = [e.name for e in library.tolerances]
+    own = np.array([bare.tolerances.get(n, 0.0) for n in names])
+    count = sizes.size
+    floor = _diagonal([s.floor for s in strokes])
+    clean = np.linalg.inv(floor.T @ floor + np.eye(floor.shape[1]))
+
+    def at(p: Array) -> truth.Case:
+        return replace(bare, tolerances=dict(zip(names, own + p * sizes, strict=True)))
+
+    def residual(p: Array) -> Array:
+        parts = [
+            s.shot.whiten((y - _stacked(_view(at(p), s.name, s.length)))[None]).reshape(-1)
+            for s, y in zip(strokes, targets, strict=True)
+        ]
+        return np.concatenate(parts)
+
+    def cost(r: Array, p: Array) -> float:
+        pull = floor.T @ r  # the floor acts linearly: it is eliminated at every point
+        return float(r @ r - pull @ clean @ pull + p @ p)
+
+    p = np.zeros(count)
+    r = residual(p)
+    best = cost(r, p)
+    columns = np.vstack([s.columns for s in strokes])
+    for renewal in range(1 + RENEWALS):
+        if renewal:
+            columns = np.vstack([_columns(at(p), s.name, s.length, s.shot) for s in strokes])
+        before = best
+        root = np.hstack([columns, floor])
+        height = np.linalg.inv(root.T @ root + np.eye(root.shape[1]))
+        share = 1.0
+        for _ in range(ITERATIONS):
+            z = clean @ (floor.T @ r)
+            left = np.concatenate([columns.T @ (r - floor @ z) - p, np.zeros(z.size)])
+            moved = p + share * (height @ left)[:count]
+            try:
+                other = residual(moved)
+                value = cost(other, moved)
+            except Exception:  # these numbers make no mechanism
+                value = math.inf
+            if value < best:
+                done = best - value < 1e-3 * best + 0.05
+                p, r, best = moved, other, value
+                share = min(1.0, 2.0 * share)
+                if done:
+                    break
+            else:
+                share *= 0.4
+                if share < 0.02:
+                    break
+        if before - best < 0.02 * best + 0.1:
+            break
+    return math.sqrt(max(best, 0.0))
+
+
+def _diagonal(blocks: list[Array]) -> Array:
+    """Blocks along the diagonal of an otherwise empty matrix."""
+    out = np.zeros((sum(b.shape[0] for b in blocks), sum(b.shape[1] for b in blocks)))
+    row, column = 0, 0
+    for b in blocks:
+        out[row : row + b.shape[0], column : column + b.shape[1]] = b
+        row, column = row + b.shape[0], column + b.shape[1]
+    return out

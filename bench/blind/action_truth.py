@@ -1,0 +1,354 @@
+"""Generator of the blind bench of the full action: the machine as it "really" is.
+
+The machine is not the model: all tolerances are off their values, felt and friction change from
+stroke to stroke, beams and string have more shapes and modes, friction turns over at a third of the
+speed, the integrator is another one with tighter tolerance, half of the effects act in another form
+than the library's. What it shares with the diagnosis is the simulator's contact laws and the
+meaning of an effect's size; sensors are its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feltmb.adapters.amend import amended_action
+from feltmb.adapters.changes import Change
+from feltmb.adapters.finer import finer
+from feltmb.adapters.library import Entry, Library, load_library
+from feltmb.mechanism import Action, load_action
+from feltmb.run.results import Run
+from feltmb.run.simulate import simulate
+from feltmb.run.stroke import Stroke, load_stroke, pulse_stroke, ramp_stroke
+
+Array = NDArray[np.float64]
+
+ACTION = "steinway45"
+RATE = 2000.0  # camera and force sensor [1/s]
+FIT = ("piano", "mezzo", "staccato")
+HELD_OUT = ("forte", "soft_staccato")
+STROKES = FIT + HELD_OUT
+AFTER_BLOW = 0.010  # records end so long after the hammer was farthest [s]
+NOISE_CAMERA, PIXEL = 5e-5, 2e-5  # [m]
+NOISE_FORCE, STEP_FORCE = 0.01, 25.0 / 4096.0  # [N]
+VARIATION = 0.01  # from stroke to stroke [1]
+VARYING = ("felt.", "joint_friction.", "contact_friction.")
+LARGEST = 3.0  # of an effect, times the size that one would expect to meet
+#: Same number of the mechanism under two names: one is enough.
+SYNONYMS = ("compliance.wire", "compliance.shank", "key_lift_off", "channel_gain.hammer")
+
+#: Causes that neither the library nor the tolerances hold: (component, changes by one unit).
+OUTSIDE: dict[str, tuple[str, tuple[Change, ...]]] = {
+    "head_lead": ("hammer head", (Change(path="bodies.head.center_of_mass.y", add=1e-3),)),
+    "butt_lead": ("hammer butt", (Change(path="bodies.butt.center_of_mass.x", add=1e-3),)),
+    "key_lead": ("key", (Change(path="bodies.key.center_of_mass.x", add=1e-3),)),
+    "key_inertia": ("key", (Change(path="bodies.key.inertia", scale=0.03),)),
+    "whippen_flange": ("whippen", (Change(path="bodies.whippen.position.x", add=2e-4),)),
+    "butt_flange": ("hammer butt", (Change(path="bodies.butt.position.x", add=2e-4),)),
+    "jack_flange": ("jack", (Change(path="bodies.jack.position.x", add=1e-4),)),
+    "string_distance": ("string", (Change(path="surfaces.Gp6.point.x", add=5e-4),)),
+    "shank_wood": ("hammer shank", (Change(path="bodies.shank.density", scale=0.1),)),
+    "butt_leather_shape": (
+        "contact 04, jack - hammer butt leather",
+        (Change(path="surfaces.Hbp4.point.y", add=2e-4),),
+    ),
+}
+LARGEST_OUTSIDE = 10.0
+
+#: The other form of an effect: (effect, share of its size), the second in its own natural size.
+MIXED = {
+    "felt_stiffness": (0.8, "felt_hardening", 0.3),
+    "felt_hardening": (0.8, "felt_stiffness", 0.2),
+    "felt_hysteresis": (0.8, "transition_speed", 0.5),
+    "felt_thickness": (0.9, "felt_stiffness", -0.1),
+    "transition_speed": (0.8, "felt_hysteresis", 0.1),
+    "spring_rate": (0.85, "spring_preload", 0.15),
+    "spring_preload": (0.85, "spring_rate", 0.15),
+}
+
+
+@dataclass(frozen=True)
+class Part:
+    """One withheld effect of a case."""
+
+    name: str
+    form: str
+    """A: the library's form; B: another; outside: a kind that the library does not hold."""
+    size: float
+    """In the library's unit; for kinds from outside in units of :data:`OUTSIDE`."""
+    target: float
+    """Noncentrality that the size was chosen for."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """Truth of one case; everything random in it comes from the seed."""
+
+    number: int
+    parts: tuple[Part, ...]
+    tolerances: Mapping[str, float]
+    varied: Mapping[str, Mapping[str, float]]
+    """By stroke: what is added to the tolerances."""
+    strength: Mapping[str, float]
+    seed: tuple[int, int]
+
+
+def forms(entry: Entry, library: Library) -> list[tuple[str, list[tuple[Entry, float]]]]:
+    """Forms of an effect: its name, and the entries with what one unit of size gives each."""
+    family, _, rest = entry.name.partition(".")
+    out: list[tuple[str, list[tuple[Entry, float]]]] = [("A", [(entry, 1.0)])]
+    if family in ("coulomb_friction", "viscous_friction"):
+        first = entry.changes[0]
+        other = "stribeck" if family == "coulomb_friction" else "quadratic"
+        share, more = (0.8, 0.5) if family == "coulomb_friction" else (0.7, 0.2)
+        path = f"bodies.{rest}.friction.{other}"
+        changes = (replace(first, add=share), replace(first, path=path, add=more))
+        out.append(("B", [(replace(entry, changes=changes), 1.0)]))
+    elif entry.insertion is not None and entry.insertion.kind == "clearance":
+        seated = replace(entry, insertion=replace(entry.insertion, seating=0.6))
+        out.append(("B", [(seated, 1.0)]))
+    elif entry.shape_path and len(entry.shapes) > 1:
+        low, high = (float(s) for s in (entry.shapes[0], entry.shapes[-1]) if s is not None)
+        out.append(("B", [(replace(entry, shapes=(float(np.sqrt(low * high)),)), 1.0)]))
+    elif family in MIXED:
+        share, name, other_share = MIXED[family]
+        second = library.effect(f"{name}.{rest}")
+        out.append(("B", [(entry, share), (second, other_share * second.size / entry.size)]))
+    return out
+
+
+def is_signal(entry: Entry) -> bool:
+    """Whether the effect is one of sensors or of the input."""
+    return entry.sensor is not None or entry.input is not None
+
+
+def candidates(library: Library, outputs: Sequence[str]) -> list[Entry]:
+    """Effects that a case may withhold: those that these records could show."""
+    points = {o.rpartition(".")[0] for o in outputs}
+    out = []
+    for e in library.effects:
+        if e.condition is not None or e.name in SYNONYMS:
+            continue
+        moved = {c.path.split(".")[1] for c in e.changes if c.path.startswith("points.")}
+        if moved and not moved & points:
+            continue
+        near = {*outputs} if e.sensor is None or e.sensor.channels == "camera" else {
+            *library.outputs([e.sensor.channels])
+        }  # fmt: skip
+        if near & {*outputs}:
+            out.append(e)
+    return out
+
+
+def draw(
+    seed: int,
+    number: int,
+    scales: Mapping[str, float],
+    library: Library,
+    outputs: Sequence[str],
+    *,
+    mix: Sequence[float] = (0.25, 0.45, 0.15, 0.05, 0.10),
+) -> Case:
+    """Draw the truth of a case.
+
+    ``scales``: {"name:form": noncentrality per unit of size}. ``mix``: shares of none, one, two,
+    three effects, outside.
+    """
+    rng = np.random.default_rng([seed, number, 1])
+    kind = int(rng.choice(5, p=np.asarray(mix) / np.sum(mix)))
+    entries = {e.name: e for e in candidates(library, outputs)}
+    pool = [
+        (name, form, LARGEST * e.size)
+        for name, e in sorted(entries.items())
+        for form, _ in forms(e, library)
+    ]
+    if kind == 4:
+        pool = [(name, "outside", LARGEST_OUTSIDE) for name in sorted(OUTSIDE)]
+    weakest = 5.0 if kind == 4 else 0.5
+    parts: list[Part] = []
+    while len(parts) < (1 if kind == 4 else kind):
+        target = float(np.exp(rng.uniform(np.log(weakest), np.log(50.0))))
+        able = [
+            (name, form, target / scales[f"{name}:{form}"])
+            for name, form, limit in pool
+            if limit * scales[f"{name}:{form}"] >= target and all(name != q.name for q in parts)
+        ]
+        if not able:
+            continue
+        names = sorted({name for name, _, _ in able})
+        name = names[int(rng.integers(len(names)))]
+        chosen = [(form, size) for other, form, size in able if other == name]
+        form, size = chosen[int(rng.integers(len(chosen)))]
+        signed = form == "outside" or entries[name].sign == 0
+        if signed and rng.random() < 0.5:
+            size = -size
+        if form != "outside" and not entries[name].lower <= size <= entries[name].upper:
+            size = -size
+        parts.append(Part(name, form, float(size), target))
+    tolerances = {
+        e.name: float(e.size * np.clip(rng.standard_normal(), -2.5, 2.5))
+        for e in library.tolerances
+    }
+    varied = {
+        s: {
+            e.name: float(VARIATION * rng.standard_normal())
+            for e in library.tolerances
+            if e.unit == "1" and e.name.startswith(VARYING)
+        }
+        for s in STROKES
+    }
+    strength = {s: float(np.exp(0.05 * rng.standard_normal())) for s in STROKES}
+    return Case(number, tuple(parts), tolerances, varied, strength, (seed, number))
+
+
+def plain_case(parts: Sequence[Part] = ()) -> Case:
+    """Drawing values, plain strokes: for the calibration of sizes."""
+    return Case(0, tuple(parts), {}, {}, {}, (0, 0))
+
+
+def as_dict(case: Case) -> dict[str, Any]:
+    """Plain data."""
+    return asdict(case)
+
+
+def from_dict(data: Mapping[str, Any]) -> Case:
+    """Back from plain data."""
+    values = dict(data)
+    values["parts"] = tuple(Part(**p) for p in values["parts"])
+    values["seed"] = tuple(values["seed"])
+    return Case(**values)
+
+
+# ---------------------------------------------------------------- the machine
+
+
+def machine(base: Action, library: Library, case: Case, stroke: str) -> Action:
+    """The machine at one stroke of a case."""
+    entries: list[tuple[Entry, float, float | None]] = []
+    varied = case.varied.get(stroke, {})
+    for e in library.tolerances:
+        value = case.tolerances.get(e.name, 0.0) + varied.get(e.name, 0.0)
+        if value != 0.0:
+            entries.append((e, value, None))
+    for part in case.parts:
+        if part.form == "outside":
+            component, changes = OUTSIDE[part.name]
+            kind = Entry(
+                name=part.name, kind="parameter", component=component, mechanism="", unit="1",
+                size=1.0, changes=changes,
+            )  # fmt: skip
+            entries.append((kind, part.size, None))
+            continue
+        entry = library.effect(part.name)
+        if is_signal(entry):
+            continue
+        for other, share in dict(forms(entry, library))[part.form]:
+            entries.append((other, share * part.size, other.shapes[0]))
+    return amended_action(base, entries)
+
+
+def command(stroke: str, case: Case) -> tuple[Stroke, float]:
+    """What the finger does, and for how long it is watched at most [s]."""
+    plans = {
+        "piano": lambda: (load_stroke("piano"), 0.32),
+        "mezzo": lambda: (ramp_stroke(12.0, 0.05, 0.18, name="mezzo"), 0.22),
+        "staccato": lambda: (pulse_stroke(17.0, 0.045, name="staccato"), 0.15),
+        "forte": lambda: (load_stroke("forte"), 0.16),
+        "soft_staccato": lambda: (pulse_stroke(12.0, 0.05, name="soft_staccato"), 0.2),
+    }
+    made, length = plans[stroke]()
+    return made.scaled(case.strength.get(stroke, 1.0)), length
+
+
+# ---------------------------------------------------------------- the sensors
+
+
+def _sizes(case: Case) -> dict[str, float]:
+    return {p.name: p.size for p in case.parts}
+
+
+def _seen(run: Run, output: str, frames: Array, size: Mapping[str, float]) -> Array:
+    """A tracked point as the camera sees it: mean over half a frame, from rest."""
+    point, _, axis = output.rpartition(".")
+    late = size.get("camera_skew", 0.0)
+    moments = frames[:, None] - late + np.linspace(-0.25, 0.25, 5)[None, :] / RATE
+
+    def moved(name: str) -> Array:
+        values = run[name] - run[name][0]
+        return np.asarray(np.interp(moments, run.time, values).mean(axis=1))
+
+    value = moved(output)
+    tilt = size.get("camera_tilt", 0.0)
+    if tilt:
+        value = value + (tilt if axis == "x" else -tilt) * moved(
+            f"{point}.{'y' if axis == 'x' else 'x'}"
+        )
+    gain = 1.0 + size.get("camera_scale", 0.0)
+    return np.asarray(gain * value)
+
+
+def record(
+    base: Action,
+    library: Library,
+    case: Case,
+    stroke: str,
+    outputs: Sequence[str],
+    *,
+    rtol: float = 1e-8,
+    ideal: bool = False,
+    length: float | None = None,
+) -> tuple[dict[str, Array], Run]:
+    """Sensors' view of one stroke, {"force", output, ...}, and the run behind it.
+
+    ``ideal``: no noise and no steps. ``length``: of the record [s]; None: until ``AFTER_BLOW``
+    after the hammer was farthest.
+    """
+    played, longest = command(stroke, case)
+    run = simulate(
+        machine(base, library, case, stroke), played, duration=length or longest, rtol=rtol,
+        method="cvode", output_rate=8.0 * RATE, ledger=False, events=False,
+    )  # fmt: skip
+    if length is None:
+        tip = run["hammer_tip.x"]
+        farthest = float(run.time[int(np.argmax(np.abs(tip - tip[0])))])
+        length = min(longest, farthest + AFTER_BLOW)
+    frames = np.arange(int(length * RATE + 1e-9)) / RATE
+    size = _sizes(case)
+    rng = np.random.default_rng([*case.seed, 2, STROKES.index(stroke)])
+    view = {o: _seen(run, o, frames, size) for o in outputs}
+    for channel, names in library.channels.items():
+        gain = size.get(f"channel_gain.{channel}", 0.0)
+        for o in names:
+            if o in view and gain:
+                view[o] = (1.0 + gain) * view[o]
+    force = played.at(frames - size.get("input_delay", 0.0))
+    force = (1.0 + size.get("input_gain", 0.0)) * force + size.get("input_offset", 0.0)
+    view["force"] = np.asarray(force)
+    if ideal:
+        return view, run
+    view["force"] = force + NOISE_FORCE * rng.standard_normal(frames.size)
+    view["force"] = np.round(view["force"] / STEP_FORCE) * STEP_FORCE
+    for o in outputs:
+        white = rng.standard_normal(frames.size + 2)
+        grain = (white[:-2] + white[1:-1] + white[2:]) / np.sqrt(3.0)
+        view[o] = np.round((view[o] + NOISE_CAMERA * grain) / PIXEL) * PIXEL
+    return view, run
+
+
+def onset(part: Part, view: Mapping[str, Array]) -> float:
+    """Time [s] at which the key starts to move: what effects of the machine cannot precede."""
+    if part.name in ("input_offset",):
+        return 0.0
+    moved = np.flatnonzero(np.abs(view["key_front.y"]) > 3e-4)
+    return float(moved[0] / RATE) if moved.size else float("nan")
+
+
+def setup(outputs: Sequence[str] = ()) -> tuple[Action, Action, Library, tuple[str, ...]]:
+    """Packaged action, the refined one, the library, the measured outputs."""
+    action = load_action(ACTION)
+    library = load_library(action)
+    return action, finer(action), library, tuple(outputs or library.outputs())

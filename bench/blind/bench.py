@@ -1,0 +1,220 @@
+"""The blind bench: seal truths, make records, diagnose them, keep every result in its own file.
+
+Folder of a bench::
+
+    seal.json       seed, number of cases, SHA-256 of truths.json and of the kinds from outside
+    truths.json     what was withheld, written and hashed before anything is diagnosed
+    records/N.npz   what the engine is shown
+    answers/N.json  what only the scorer reads
+    results/N.json  what the engine said
+
+All files are written whole or not at all, so that a bench that was cut off goes on where it was.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from multiprocessing import get_context, parent_process
+from pathlib import Path
+from typing import Any, Literal
+
+from blind.action_machine import ActionMachine
+from blind.machine import Machine, as_json, digest_of, sha256
+from blind.small_machine import KeyHammerMachine
+from feltmb.errors import DataError, FileExists, InvalidParameter
+from feltmb.files import LARGEST_JSON, make_folder, read_input, read_json, write_text
+
+__all__ = ["MACHINES", "Bench", "Half"]
+
+Half = Literal["development", "test", "both"]
+MOST_CASES = 100_000
+#: Machines by name.
+MACHINES: dict[str, Machine] = {m.name: m for m in (KeyHammerMachine(), ActionMachine())}
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A bench in a folder.
+
+    Parameters
+    ----------
+    folder
+        Where it is kept.
+    outside
+        Python file with further kinds from outside the library.
+    machine
+        What is simulated and diagnosed, see :data:`MACHINES`.
+    """
+
+    folder: Path
+    outside: Path | None = None
+    machine: Machine = MACHINES["key_hammer"]
+
+    # ------------------------------------------------------------ sealing
+
+    def seal(self, cases: int, seed: int, *, resume: bool = False) -> dict[str, Any]:
+        """Draw the truths and write their hash, before anything is diagnosed."""
+        if not 1 <= cases <= MOST_CASES or seed < 0:
+            raise InvalidParameter(
+                f"cases = {cases}, seed = {seed}: expected 1 to {MOST_CASES} and >= 0"
+            )
+        path = self.folder / "seal.json"
+        if path.exists():
+            seal = self.sealed()
+            if not resume:
+                raise FileExists(f"{self.folder}: holds a bench already; go on with --resume")
+            wanted = {"cases": cases, "seed": seed, "outside": self._outside_hash()}
+            wanted["machine"] = self.machine.name
+            other = [f"{k} = {seal[k]}, got {v}" for k, v in wanted.items() if seal[k] != v]
+            if other:
+                raise InvalidParameter(f"{path}: the bench was sealed with {'; '.join(other)}")
+            return seal
+        from feltmb import __version__
+
+        text = as_json(self.machine.draw(seed, cases, self.outside))
+        make_folder(self.folder)
+        write_text(self.folder / "truths.json", text, force=True)
+        seal = {
+            "version": __version__,
+            "machine": self.machine.name,
+            "cases": cases,
+            "seed": seed,
+            "sealed": datetime.now(UTC).isoformat(timespec="seconds"),
+            "truths_sha256": sha256(text.encode()),
+            "generator_sha256": digest_of(*self.machine.generator),
+            "outside": self._outside_hash(),
+        }
+        write_text(path, as_json(seal))
+        return seal
+
+    def sealed(self) -> dict[str, Any]:
+        """Return the seal, after a check that the truths are those that were sealed."""
+        path = self.folder / "seal.json"
+        try:
+            seal: dict[str, Any] = read_json(path)
+            truths = read_input(self.folder / "truths.json", most=LARGEST_JSON)
+        except DataError as error:
+            raise InvalidParameter(f"{self.folder}: is no bench: {error}") from None
+        kinds = {"cases": int, "seed": int, "truths_sha256": str, "outside": str, "version": str,
+                 "sealed": str, "machine": str}  # fmt: skip
+        wrong = [
+            k for k, t in kinds.items() if not isinstance(seal, dict) or type(seal.get(k)) is not t
+        ]
+        if wrong or not 1 <= seal["cases"] <= MOST_CASES:
+            raise InvalidParameter(f"{path}: is damaged: {', '.join(wrong) or 'cases'}")
+        if sha256(truths) != seal["truths_sha256"]:
+            raise InvalidParameter(f"{self.folder}: truths.json is not what was sealed")
+        return seal
+
+    def _outside_hash(self) -> str:
+        return "" if self.outside is None else sha256(self.outside.read_bytes())
+
+    def numbers(self, half: Half) -> list[int]:
+        """Numbers of the cases of a half: even ones for development, odd ones for the test."""
+        every = range(int(self.sealed()["cases"]))
+        return [n for n in every if half == "both" or (n % 2 == 0) == (half == "development")]
+
+    # ------------------------------------------------------------ work
+
+    def make_records(
+        self, half: Half = "both", *, workers: int = 2, progress: Progress | None = None
+    ) -> None:
+        """Simulate the records of all cases that have none yet."""
+        todo = [n for n in self.numbers(half) if not self._made(n)]
+        size = self.machine.chunk
+        chunks = [todo[i : i + size] for i in range(0, len(todo), size)]
+        jobs = [(_make, (self.machine, self.folder, self.outside, chunk)) for chunk in chunks]
+        done = 0
+        for made in _run(jobs, workers):
+            done += len(made)
+            if progress is not None:
+                progress("records", done, len(todo))
+
+    def _made(self, number: int) -> bool:
+        return (self.folder / "records" / f"{number}.npz").exists() and (
+            self.folder / "answers" / f"{number}.json"
+        ).exists()
+
+    def diagnose(
+        self,
+        half: Half = "both",
+        *,
+        workers: int = 2,
+        oracle: bool = True,
+        progress: Progress | None = None,
+    ) -> None:
+        """Diagnose all cases that have no result of this engine yet."""
+        results = self.folder / "results"
+        engine = self.machine.engine_hash
+        todo = [n for n in self.numbers(half) if _engine_of(results / f"{n}.json") != engine]
+        jobs = [(_diagnose, (self.machine, self.folder, n, oracle)) for n in todo]
+        for done, _ in enumerate(_run(jobs, workers), start=1):
+            if progress is not None:
+                progress("diagnoses", done, len(todo))
+
+
+def _engine_of(path: Path) -> str:
+    """Hash of the engine that made a result; empty if there is none that can be read."""
+    try:
+        return str(read_json(path)["engine"])
+    except (ValueError, LookupError, TypeError):
+        return ""
+
+
+def _end_with_parent() -> None:
+    """Let a worker end when the process that asked for its work was killed."""
+    parent = parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _run(jobs: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]], workers: int) -> Iterator[Any]:
+    """Results of jobs as they come, by worker processes with one thread each."""
+    if workers <= 1 or len(jobs) <= 1:
+        for function, arguments in jobs:
+            yield function(*arguments)
+        return
+    limits = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+    before = {k: os.environ.get(k) for k in limits}
+    os.environ.update(dict.fromkeys(limits, "1"))
+    try:
+        with ProcessPoolExecutor(
+            workers, mp_context=get_context("spawn"), initializer=_end_with_parent
+        ) as pool:
+            pending = [pool.submit(function, *arguments) for function, arguments in jobs]
+            try:
+                for future in as_completed(pending):
+                    yield future.result()
+            finally:
+                for future in pending:
+                    future.cancel()
+    finally:
+        for key, value in before.items():
+            if value is None:
+                os.environ.pop(key, None)
+            else:
+                os.environ[key] = value
+
+
+def _make(
+    machine: Machine, folder: Path, outside: Path | None, numbers: Sequence[int]
+) -> Sequence[int]:
+    machine.make_records(folder, outside, numbers)
+    return numbers
+
+
+def _diagnose(machine: Machine, folder: Path, number: int, oracle: bool) -> int:
+    found = machine.result(folder, number, oracle=oracle)
+    write_text(make_folder(folder / "results") / f"{number}.json", as_json(found), force=True)
+    return number

@@ -1,0 +1,166 @@
+"""What a machine of the bench is, and what all machines share."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import feltmb
+from feltmb.data import Record
+from feltmb.files import make_folder, read_json, write_text
+
+__all__ = ["Machine", "as_json", "digest_of", "sha256", "summarize"]
+
+#: Folders whose files decide what a bench does: this package, and feltmb.
+HERE = Path(__file__).resolve().parent
+PACKAGE = Path(feltmb.__file__).resolve().parent
+
+
+class Machine(ABC):
+    """A machine whose truth is sealed.
+
+    A subclass draws truths, makes records of them and diagnoses one case. It holds no data of a
+    bench: the folder of the bench does.
+    """
+
+    name: str
+    """As ``--machine`` and the seal call it."""
+    chunk: int = 1
+    """Cases that are simulated together."""
+    generator: tuple[str, ...] = ()
+    """Files of this package on which truths and records depend."""
+    engine: tuple[str, ...] = ()
+    """Files of this package and parts of feltmb on which a result depends, beside the engine."""
+
+    @abstractmethod
+    def draw(self, seed: int, cases: int, outside: Path | None) -> list[Any]:
+        """Truths as plain data.
+
+        Raises
+        ------
+        InvalidParameter
+            ``outside`` cannot be loaded, or the machine takes no causes from outside.
+        """
+
+    @abstractmethod
+    def make_records(self, folder: Path, outside: Path | None, numbers: Sequence[int], /) -> None:
+        """Write records and answers of some cases into the folder of a bench."""
+
+    @abstractmethod
+    def read_records(self, path: Path) -> list[Record]:
+        """Records of a case with what a data sheet says of their sensors."""
+
+    @abstractmethod
+    def diagnose(self, records: Sequence[Record], names: Sequence[str] = ()) -> Any:
+        """Report of one case; ``names``: effects of the library that are asked, default all."""
+
+    @functools.cached_property
+    def engine_hash(self) -> str:
+        """Hash of all that a result depends on."""
+        return digest_of("fit", "gap", "data", *self.engine)
+
+    def result(self, folder: Path, number: int, *, oracle: bool) -> dict[str, Any]:
+        """What the engine says of a case, as plain data.
+
+        ``oracle`` adds the diagnosis with a library of nothing but the true effects.
+        """
+        records = self.read_records(folder / "records" / f"{number}.npz")
+        clock = time.process_time()
+        found: dict[str, Any] = {"number": number, "engine": self.engine_hash}
+        try:
+            report = self.diagnose(records)
+        except Exception as error:  # a crash is a result too, and a bad one
+            found["error"] = f"{type(error).__name__}: {error}"
+        else:
+            found |= summarize(report)
+        found["cpu_seconds"] = time.process_time() - clock
+        if oracle and "error" not in found:
+            found["oracle"] = self._oracle(folder, number, records)
+        return found
+
+    def _oracle(
+        self, folder: Path, number: int, records: Sequence[Record]
+    ) -> dict[str, Any] | None:
+        """Diagnosis with the true structure; None without an effect or with one from outside.
+
+        Reads the truth, so it runs when the blind result is complete.
+        """
+        answer = read_json(folder / "answers" / f"{number}.json")
+        names = sorted({p["name"] for p in answer["parts"]})
+        if not names or any(p["form"] == "outside" for p in answer["parts"]):
+            return None
+        try:
+            report = self.diagnose(records, names)
+        except Exception as error:
+            return {"error": f"{type(error).__name__}: {error}", "closed": None, "named": []}
+        return {"closed": float(report.how_far.closed), "named": list(report.named)}
+
+    def write_answer(self, folder: Path, number: int, answer: Mapping[str, Any]) -> None:
+        """Write what only the scorer reads."""
+        path = make_folder(folder / "answers") / f"{number}.json"
+        write_text(path, as_json(answer), force=True)
+
+
+def as_json(value: Any) -> str:
+    """Plain data as text, the same for the same data."""
+    return json.dumps(value, indent=1, sort_keys=True, allow_nan=True) + "\n"
+
+
+def sha256(data: bytes) -> str:
+    """Hash of bytes."""
+    return hashlib.sha256(data).hexdigest()
+
+
+def digest_of(*names: str) -> str:
+    """Hash of files of this package, and of files and folders of feltmb."""
+    digest = hashlib.sha256()
+    for name in names:
+        path = HERE / name if (HERE / name).is_file() else PACKAGE / name
+        for file in [path] if path.is_file() else sorted(path.rglob("*.py")):
+            digest.update(file.read_bytes())
+    return digest.hexdigest()
+
+
+def summarize(report: Any) -> dict[str, Any]:
+    """What the scorer needs of a report, as plain data."""
+    return {
+        "verdict": str(report.verdict),
+        "statement": report.statement,
+        "named": list(report.named),
+        "one_of": list(report.one_of),
+        "confidence": float(report.confidence),
+        "none": float(report.which.none),
+        "other": float(report.which.other),
+        "effects": [
+            {
+                "effect": r.effect,
+                "component": r.component,
+                "kind": r.kind,
+                "size": float(r.size),
+                "low": float(r.low),
+                "high": float(r.high),
+                "refitted": bool(r.refitted),
+                "statistic": float(r.statistic),
+                "posterior": float(r.posterior),
+                "confusable": list(r.confusable),
+            }
+            for r in report.which.effects
+        ],
+        "sets": [
+            {"effects": list(s.effects), "posterior": float(s.posterior)}
+            for s in report.which.sets[:10]
+        ],
+        "components": [
+            {"component": c.component, "p": float(c.p), "significant": bool(c.significant)}
+            for c in report.where.components
+        ],
+        "onset": {k: float(v) for k, v in report.where.onset.items()},
+        "closed": float(report.how_far.closed),
+        "per_record": {k: [float(a) for a in v] for k, v in report.how_far.per_record.items()},
+    }

@@ -1,0 +1,196 @@
+"""Sealed cases of a machine, their diagnosis, the score.
+
+python bench/blind/run.py --cases 40 --seed 7 -o out/bench --half development
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from blind.bench import MACHINES, Bench
+from blind.score import markdown, read, score
+from feltmb.cli import main
+from feltmb.cli.common import (
+    complain,
+    console,
+    is_terminal,
+    json_option,
+    new_table,
+    print_json,
+    say_written,
+)
+from feltmb.errors import InvalidParameter
+from feltmb.files import write_text
+
+__all__ = ["command"]
+
+
+class _Told:
+    """Progress with an estimate: a line on a terminal, else one now and then."""
+
+    def __init__(self) -> None:
+        self.start: dict[str, float] = {}
+        self.last = 0.0
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        now = time.monotonic()
+        start = self.start.setdefault(stage, now)
+        if done < total and now - self.last < (1.0 if is_terminal() else 30.0):
+            return
+        self.last = now
+        rate = (now - start) / max(done - 1, 1)
+        left = f", about {rate * (total - done):.0f} s left" if done > 1 and done < total else ""
+        text = f"{stage}: {done} of {total}{left}"
+        if is_terminal():
+            click.echo(f"\r{text:<70}", nl=done == total, err=True)
+        else:
+            click.echo(text, err=True)
+
+
+@click.command()
+@click.option(
+    "--cases",
+    type=click.IntRange(1, 100_000),
+    default=20,
+    show_default=True,
+    help="Number of sealed cases; even numbers are for development, odd ones for the test.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    default=1,
+    show_default=True,
+    help="All that is random in the cases comes from it.",
+)
+@click.option(
+    "--out",
+    "-o",
+    "output",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="Folder of the bench.",
+)
+@click.option(
+    "--machine",
+    type=click.Choice([*MACHINES]),
+    default="key_hammer",
+    show_default=True,
+    help="The small machine, or the full action with all its tolerances.",
+)
+@click.option(
+    "--outside",
+    type=click.Path(path_type=Path),
+    help="Python file with KINDS: further causes that the library does not hold.",
+)
+@click.option(
+    "--half",
+    type=click.Choice(["development", "test", "both"]),
+    default="both",
+    show_default=True,
+    help="Which half to diagnose and score.",
+)
+@click.option("--resume", is_flag=True, help="Go on with a bench that was cut off.")
+@click.option(
+    "--workers", type=click.IntRange(1, 64), default=2, show_default=True, help="Processes."
+)
+@click.option(
+    "--oracle/--no-oracle",
+    default=True,
+    show_default=True,
+    help="Whether to compare the held-out gap with that of the true structure.",
+)
+@click.option("--score-only", is_flag=True, help="Score what is there, diagnose nothing.")
+@json_option
+def command(
+    cases: int, seed: int, output: Path, machine: str, outside: Path | None, half: Any,
+    resume: bool, workers: int, oracle: bool, score_only: bool, as_json: bool,
+) -> None:  # fmt: skip
+    """Make sealed cases of a model, diagnose them blindly, score.
+
+    Writes the truths and their SHA-256 first, then records, results (a file a case, so that a
+    bench that was cut off goes on with --resume) and the table of scores as score.json and
+    score.md. See docs/gap-validation.md.
+    """
+    bench = Bench(output, outside, MACHINES[machine])
+    told = _Told()
+    if score_only:
+        seal = bench.sealed()
+    else:
+        seal = bench.seal(cases, seed, resume=resume)
+        complain(f"sealed {seal['cases']} cases, SHA-256 {seal['truths_sha256'][:16]}...")
+        bench.make_records(half, workers=workers, progress=told)
+        bench.diagnose(half, workers=workers, oracle=oracle, progress=told)
+    try:
+        scored = read(output, bench.numbers(half))
+    except ValueError as error:
+        raise InvalidParameter(str(error)) from None
+    figures = score(scored)
+    rows = [asdict(f) for f in figures]
+    result = {"seal": seal, "half": half, "cases": len(scored), "figures": rows,
+              "verdicts": _verdicts(scored)}  # fmt: skip
+    # NaN is no JSON: a figure without cases has null.
+    result = json.loads(json.dumps(result), parse_constant=lambda _: None)
+    name = "score" if half == "both" else f"score_{half}"
+    text = _head(result) + "\n" + markdown(figures)
+    for path, content in (
+        (output / f"{name}.json", json.dumps(result, indent=1, sort_keys=True) + "\n"),
+        (output / f"{name}.md", text),
+    ):
+        say_written(write_text(path, content, force=True))
+    if as_json:
+        print_json(result)
+        return
+    table = new_table(
+        f"Blind bench, {half} half, {len(scored)} cases, seed {seal['seed']}",
+        "figure", "value", "95 %", "n", "target", right=(1, 3),
+    )  # fmt: skip
+    for f in figures:
+        unit = "" if f.unit == "1" else f" {f.unit}"
+        shown = "-" if math.isnan(f.value) else f"{f.value:.3g}{unit}"
+        span = "" if math.isnan(f.value) else f"{f.low:.3g}..{f.high:.3g}"
+        met = "" if f.met is None else " met" if f.met else " MISSED"
+        table.add_row(f.name, shown, span, str(f.n), f"{f.target}{met}")
+    console().print(table)
+
+
+def _verdicts(scored: list[Any]) -> dict[str, dict[str, int]]:
+    """Count the verdicts by the number of effects that were withheld."""
+    names = {0: "none", 1: "one", 2: "two", 3: "three", 4: "outside"}
+    counts: dict[str, dict[str, int]] = {}
+    for c in scored:
+        row = counts.setdefault(names[c.kind], {})
+        row[c.verdict] = row.get(c.verdict, 0) + 1
+    return counts
+
+
+def _head(result: dict[str, Any]) -> str:
+    seal = result["seal"]
+    counts = result["verdicts"]
+    verdicts = sorted({v for row in counts.values() for v in row})
+    lines = [
+        f"Blind bench of {seal['machine']}: seed {seal['seed']}, {seal['cases']} cases sealed "
+        f"{seal['sealed']}, feltmb {seal['version']}, {result['half']} half, "
+        f"{result['cases']} cases scored. SHA-256 of the truths: `{seal['truths_sha256']}`.",
+        "",
+        f"| withheld | {' | '.join(verdicts)} |",
+        "|---|" + "---|" * len(verdicts),
+    ]
+    for kind in ("none", "one", "two", "three", "outside"):
+        if kind in counts:
+            cells = " | ".join(str(counts[kind].get(v, 0)) for v in verdicts)
+            lines.append(f"| {kind} | {cells} |")
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    main(command=command, name="run.py")

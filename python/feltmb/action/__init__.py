@@ -1,0 +1,1 @@
+"""Piano actions: touch, regulation and the key actuator."""

@@ -1,0 +1,33 @@
+"""The key actuator of thesis chapter 5: alone, coupled to an action, and its design.
+
+SI units, positive pressing. See ``docs/actuator.md``.
+"""
+
+from feltmb.action.actuator.compose import compose, stand_alone
+from feltmb.action.actuator.match import Match, MatchParameter, match
+from feltmb.action.actuator.model import (
+    DAMPING,
+    Actuator,
+    ActuatorRun,
+    load_actuator,
+    packaged_actuators,
+    simulate_actuator,
+)
+from feltmb.action.actuator.studies import ActuatorStudy, StudyFinding, study_actuator
+
+__all__ = [
+    "DAMPING",
+    "Actuator",
+    "ActuatorRun",
+    "ActuatorStudy",
+    "Match",
+    "MatchParameter",
+    "StudyFinding",
+    "compose",
+    "load_actuator",
+    "match",
+    "packaged_actuators",
+    "simulate_actuator",
+    "stand_alone",
+    "study_actuator",
+]

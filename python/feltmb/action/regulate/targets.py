@@ -1,0 +1,317 @@
+"""What a regulation asks for: steps, what each measures, the screw that sets it."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+
+from feltmb import params
+from feltmb.arguments import checked
+from feltmb.errors import InvalidParameter
+from feltmb.files import is_file, read_toml
+from feltmb.mechanism import Action
+from feltmb.units.quantity import SI, Schema, fault_lines, fault_text, parse_scalar, shortened
+
+#: measure -> (SI unit, unit for people, its factor, what is measured)
+MEASURES: dict[str, tuple[str, str, float, str]] = {
+    "rest_gap": ("m", "mm", 1e3, "distance of the surfaces of a contact at rest"),
+    "rest_force": ("N", "N", 1.0, "normal force of a contact at rest"),
+    "simulated_press": ("m", "mm", 1e3, "closest approach of hammer and string, slow press"),
+    "static_press": ("m", "mm", 1e3, "the same without inertia"),
+    "simulated_start": ("1", "", 1.0, "part of the blow done when a contact closes, slow press"),
+    "check_distance": ("m", "mm", 1e3, "hammer in the backcheck to the string after a stroke"),
+}
+MeasureName = Literal[
+    "rest_gap",
+    "rest_force",
+    "simulated_press",
+    "static_press",
+    "simulated_start",
+    "check_distance",
+]
+
+
+class Screw(Schema):
+    """A value of the mechanism file that a step may change."""
+
+    name: str
+    path: str
+    direction: Annotated[
+        Literal["normal"] | tuple[float, float] | None, BeforeValidator(lambda n: _direction(n))
+    ] = None
+    low: Annotated[float, BeforeValidator(lambda n: _turn(n))]
+    high: Annotated[float, BeforeValidator(lambda n: _turn(n))]
+    gain: float | None = None
+
+    @property
+    def unit(self) -> str:
+        """SI unit of a turn: m for a point that is moved, rad for an angle."""
+        return "rad" if self.direction is None else "m"
+
+
+def _direction(node: object) -> object:
+    if isinstance(node, list) and len(node) == 2 and all(isinstance(v, (int, float)) for v in node):
+        length = math.hypot(float(node[0]), float(node[1]))
+        if not abs(length - 1.0) < 1e-3:
+            raise ValueError(f"got {node!r} of length {length:g}, expected a direction of length 1")
+        return (node[0] / length, node[1] / length)
+    return node
+
+
+def _turn(node: object) -> float:
+    """A length [m] or an angle [rad]."""
+    try:
+        return parse_scalar(node, "m")
+    except ValueError as error:
+        if "does not measure" not in str(error):
+            raise
+        return parse_scalar(node, "rad")
+
+
+@checked
+class Step(Schema):
+    """One thing that is measured, and the screw that sets it (none: it is only checked).
+
+    ``speed`` and ``travel`` are of the finger in a slow press, ``friction`` of ``static_press``.
+    """
+
+    letter: str = ""
+    name: str
+    note: str = ""
+    measure: MeasureName
+    contact: int | None = None
+    stroke: str = "piano"
+    speed: Annotated[float, BeforeValidator(lambda n: _speed(n)), Field(gt=0)] = 0.010
+    travel: Annotated[float, SI("m"), Field(gt=0)] = 0.012
+    friction: Literal["law", "saturated", "breakaway", "none"] = "breakaway"
+    target: float | None = None
+    tolerance: Annotated[float, Field(gt=0)] | None = None
+    low: float | None = None
+    high: float | None = None
+    screw: Screw | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _quantities(cls, node: Any) -> Any:
+        """Targets have the unit of their measure."""
+        measure = node.get("measure") if isinstance(node, Mapping) else None
+        if not isinstance(measure, str) or measure not in MEASURES:
+            return node
+        unit = MEASURES[measure][0]
+        out = dict(node)
+        for key in ("target", "tolerance", "low", "high"):
+            if key in out:
+                try:
+                    out[key] = parse_scalar(out[key], unit)
+                except ValueError as error:
+                    raise ValueError(f"{key}: {error}") from None
+        return out
+
+    @model_validator(mode="after")
+    def _complete(self) -> Step:
+        if self.screw is not None and (self.target is None or self.tolerance is None):
+            raise ValueError("a step with a screw needs target and tolerance")
+        if self.target is not None and self.tolerance is None:
+            raise ValueError("a target needs a tolerance")
+        if self.target is None and self.low is None and self.high is None:
+            raise ValueError("give target and tolerance, or low and high")
+        if self.target is not None and (self.low is not None or self.high is not None):
+            raise ValueError("give either a target or low and high")
+        if self.measure in ("rest_gap", "rest_force", "simulated_start") and self.contact is None:
+            raise ValueError(f"measure {self.measure!r} needs a contact")
+        if self.screw is not None and not self.screw.low < 0.0 < self.screw.high:
+            raise ValueError("bounds of a screw must lie on both sides of zero")
+        return self
+
+    def error(self, value: float) -> float:
+        """How far a measured value is off, SI; zero inside a range."""
+        if self.target is not None:
+            return value - self.target
+        if self.low is not None and value < self.low:
+            return value - self.low
+        if self.high is not None and value > self.high:
+            return value - self.high
+        return 0.0
+
+    def holds(self, value: float | None) -> bool:
+        """Whether a measured value is what is asked for."""
+        return value is not None and abs(self.error(value)) <= (self.tolerance or 0.0)
+
+    @property
+    def wanted(self) -> str:
+        """Target in the unit for people."""
+        _, _, factor, _ = MEASURES[self.measure]
+        if self.target is not None:
+            return f"{self.target * factor:g}"
+        if self.low is None:
+            return f"<= {(self.high or 0.0) * factor:g}"
+        if self.high is None:
+            return f">= {self.low * factor:g}"
+        return f"{self.low * factor:g} to {self.high * factor:g}"
+
+
+def _speed(node: object) -> float:
+    return parse_scalar(node, "m/s")
+
+
+class Targets(Schema):
+    """A targets file."""
+
+    schema_version: Annotated[Literal[1], Field(alias="schema")]
+    name: str
+    extends: str = ""
+    about: str = ""
+    cite: str = ""
+    rounds: Annotated[int, Field(ge=1, le=100)] = 8
+    steps: Annotated[list[Step], Field(min_length=1)]
+
+    @checked
+    def amended(self, targets: Mapping[str, str]) -> Targets:
+        """The same steps with other targets.
+
+        Parameters
+        ----------
+        targets
+            By the name of a step, or its letter where only one has it: ``{"let-off": "4 mm"}``. A
+            number without a unit is in SI. Of a step with a range ``"0.01 N to 0.2 N"``.
+
+        Raises
+        ------
+        InvalidParameter
+            No such step, or no such quantity; all faults at once.
+        """
+        steps, faults = list(self.steps), []
+        for name, text in targets.items():
+            try:
+                i = self._find(name)
+                steps[i] = _with_target(steps[i], text)
+            except ValueError as error:
+                faults.append(f"target {shortened(repr(name))}: {error}")
+        if faults:
+            raise InvalidParameter("\n".join(faults))
+        changed = ", ".join(f"{name} = {text}" for name, text in targets.items())
+        name = f"{self.name} with {changed}" if targets else self.name
+        return self.model_copy(update={"steps": steps, "name": name})
+
+    def _find(self, name: str) -> int:
+        wanted = _plain(name)
+        by_name = [i for i, step in enumerate(self.steps) if _plain(step.name) == wanted]
+        by_letter = [i for i, step in enumerate(self.steps) if _plain(step.letter) == wanted]
+        for found in (by_name, by_letter):
+            if len(found) == 1:
+                return found[0]
+        names = ", ".join(step.name for step in self.steps)
+        if by_name or by_letter:
+            raise ValueError(f"names {len(by_name or by_letter)} steps; steps are {names}")
+        known = {_plain(step.name): step.name for step in self.steps}
+        near = difflib.get_close_matches(wanted, known, n=1)
+        hint = f"did you mean {known[near[0]]!r}? " if near else ""
+        raise ValueError(f"there is no such step; {hint}steps are {names}")
+
+
+def _plain(name: str) -> str:
+    """A name as people may write it: small letters, no matter what separates the words."""
+    return re.sub(r"[\s_-]+", "-", name.strip().lower())
+
+
+def _with_target(step: Step, text: str) -> Step:
+    unit = MEASURES[step.measure][0]
+    low, sign, high = (part.strip() for part in text.partition(" to "))
+    if step.target is None:
+        if not sign:
+            raise ValueError(f"is a range of {step.wanted}; got {text!r}, expected LOW to HIGH")
+        change = {"low": parse_scalar(low, unit), "high": parse_scalar(high, unit)}
+        if not change["low"] <= change["high"]:
+            raise ValueError(f"got {text!r}, expected the smaller number first")
+    else:
+        change = {"target": parse_scalar(text, unit)}
+    if not all(math.isfinite(v) for v in change.values()):
+        raise ValueError(f"got {text!r}, expected a finite quantity")
+    return step.model_copy(update=change)
+
+
+def packaged_targets() -> list[str]:
+    """Names of the targets files that come with the package."""
+    return params.names("regulation")
+
+
+@checked
+def load_targets(name_or_path: str | Path) -> Targets:
+    """Read targets: the name of a packaged file, or the path of a TOML file.
+
+    A file that ``extends`` another, by a packaged name or by a path beside it, changes the steps of
+    the same names and adds its others at the end.
+
+    Raises
+    ------
+    InvalidParameter
+        Listing all faults at once.
+    """
+    path = _path_of(str(name_or_path), Path())
+    try:
+        return Targets.model_validate(_tables(path, ()))
+    except ValidationError as error:
+        raise InvalidParameter(fault_text(path.name, fault_lines(error, Targets))) from None
+
+
+def _path_of(text: str, folder: Path) -> Path:
+    if text in packaged_targets():
+        return params.folder("regulation") / f"{text}.toml"
+    path = folder / text
+    if not is_file(path):
+        raise InvalidParameter(
+            f"targets {shortened(repr(text))} are unknown; "
+            f"packaged are {', '.join(packaged_targets())}; or give the path of a TOML file"
+        )
+    return path
+
+
+#: Of what a step asks for, one way excludes the other.
+_TARGET, _RANGE = ("target",), ("low", "high")
+MOST_EXTENDS = 16
+
+
+def _tables(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
+    """Tables of a file, on top of those that it extends."""
+    raw = read_toml(path)
+    base = raw.get("extends", "")
+    if not base or not isinstance(base, str):
+        return raw
+    if path.resolve() in seen:
+        raise InvalidParameter(f"{path}: extends {base!r}, which leads back to itself")
+    if len(seen) >= MOST_EXTENDS:
+        raise InvalidParameter(f"{path}: extends {base!r}; the limit is {MOST_EXTENDS} files")
+    below = _tables(_path_of(base, path.parent), (*seen, path.resolve()))
+    steps, own = below.get("steps", []), raw.get("steps", [])
+    if not isinstance(own, list) or not isinstance(steps, list):
+        return {**below, **raw}
+    merged = list(steps)
+    for step in own:
+        name = step.get("name") if isinstance(step, Mapping) else None
+        at = next((i for i, s in enumerate(merged) if name and s.get("name") == name), None)
+        if at is None:
+            merged.append(step)
+            continue
+        gone = _RANGE if set(_TARGET) & set(step) else _TARGET if set(_RANGE) & set(step) else ()
+        merged[at] = {**{k: v for k, v in merged[at].items() if k not in gone}, **step}
+    return {**below, **raw, "steps": merged}
+
+
+@checked
+def default_targets(action: Action) -> Targets:
+    """Packaged targets of a mechanism by its name, variants (``name_x``) by the part before."""
+    name = action.name
+    while name:
+        if name in packaged_targets():
+            return load_targets(name)
+        name = name.rpartition("_")[0]
+    raise InvalidParameter(
+        f"there are no packaged targets for mechanism {action.name!r}; give targets "
+        f"(packaged are {', '.join(packaged_targets())})"
+    )

@@ -1,0 +1,288 @@
+"""The work of a regulation and its result."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from feltmb import _core
+from feltmb.action.regulate.measuring import Bench, CannotMeasure
+from feltmb.action.regulate.screws import Screws, tidy
+from feltmb.action.regulate.solving import solve
+from feltmb.action.regulate.targets import MEASURES, Step, Targets, default_targets, load_targets
+from feltmb.arguments import checked
+from feltmb.mechanism import Action, load_action
+
+
+@dataclass(frozen=True)
+class Row:
+    """One step of a regulation."""
+
+    letter: str
+    name: str
+    measure: str
+    target: str  #: in ``unit``: a number or a range
+    before: float | None  #: measured on the action as it was given, in ``unit``; None: not possible
+    after: float | None  #: on the regulated action, in ``unit``
+    unit: str  #: of target, before and after
+    screw: str  #: name of the screw, empty if the step only checks
+    path: str  #: of the value that it changes
+    turned: float  #: in ``turn_unit``, along the direction of the screw
+    turn_unit: str  #: mm or deg
+    value_before: str  #: of the value in the file, with its unit; empty without a screw
+    value_after: str
+    holds: bool
+    why: str  #: why it does not hold, or why ``before`` could not be measured
+
+
+@dataclass(frozen=True, eq=False)
+class Regulation:
+    """What a regulation did.
+
+    Attributes
+    ----------
+    table : tuple of Row
+        One row a step, in the order of the targets.
+    action : Action
+        The regulated mechanism; the very one that was given if no screw was turned.
+    rounds : int
+        Times the steps were gone through, the last one finding that all hold.
+    converged : bool
+        All steps hold at once.
+    counts : dict
+        Number of rest poses, slow presses and strokes that were computed.
+    provenance : dict
+        Data set and its hash, targets, version, and what each screw was turned by.
+    """
+
+    table: tuple[Row, ...]
+    action: Action
+    rounds: int
+    converged: bool
+    counts: dict[str, int]
+    provenance: dict[str, Any]
+
+    @property
+    def unmet(self) -> tuple[Row, ...]:
+        """Rows that do not hold."""
+        return tuple(row for row in self.table if not row.holds)
+
+    def to_toml(self) -> str:
+        """Text of a file that loads as the regulated mechanism, its provenance in front."""
+        lines = [
+            f"Regulated by feltmb {self.provenance['version']}.",
+            f"Data set {self.provenance['action']}, hash {self.provenance['hash']}.",
+            f"Targets {self.provenance['targets']}: {self.provenance['about']}.",
+        ]
+        for row in self.table:
+            state = "" if row.holds else " NOT REACHED"
+            lines.append(
+                f"{row.letter} {row.name}: target {row.target} {row.unit}, before "
+                f"{_number(row.before)}, after {_number(row.after)} {row.unit}{state}".rstrip()
+            )
+            if row.screw and row.turned:
+                lines.append(f"  {row.screw}: {row.path} by {row.turned:+.5g} {row.turn_unit}")
+        return "".join(f"# {line}\n" for line in lines) + "\n" + self.action.to_toml()
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data, for JSON."""
+        return {
+            "steps": [dict(vars(row)) for row in self.table],
+            "rounds": self.rounds,
+            "converged": self.converged,
+            "counts": dict(self.counts),
+            "provenance": self.provenance,
+        }
+
+
+def _number(value: float | None) -> str:
+    return "none" if value is None else f"{value:.5g}"
+
+
+@checked
+def regulate(
+    action: Action | str,
+    targets: Targets | str | Path | None = None,
+    *,
+    progress: Callable[[str], None] | None = None,
+) -> Regulation:
+    """Regulate an action.
+
+    Parameters
+    ----------
+    action
+        Mechanism, or its name for :func:`load_action`.
+    targets
+        Targets, or their name or path for :func:`load_targets`; default: the packaged ones of the
+        mechanism's name (``steinway45_printed`` takes those of ``steinway45``).
+    progress
+        Called with a line of text before each solve.
+
+    Returns
+    -------
+    Regulation
+        Also when a target cannot be met: ``converged`` is false then, ``unmet`` says which and
+        why, and its screw stays where it was.
+
+    Raises
+    ------
+    InvalidParameter
+        The targets do not fit the mechanism.
+    """
+    if isinstance(action, str):
+        action = load_action(action)
+    if targets is None:
+        targets = default_targets(action)
+    elif not isinstance(targets, Targets):
+        targets = load_targets(targets)
+    say = progress or (lambda _text: None)
+    bench = Bench()
+    screws = Screws(action, targets.steps)
+    n = len(targets.steps)
+    reasons = [""] * n
+    before: list[float | None] = [None] * n
+    for i, step in enumerate(targets.steps):
+        say(f"measuring: {step.name}")
+        try:
+            before[i] = bench.measure(action, step)
+        except CannotMeasure as failure:
+            reasons[i] = str(failure)
+    after = list(before)
+    first_reasons = list(reasons)
+    rounds = 0
+    holding = False
+    while rounds < targets.rounds and not holding:
+        rounds += 1
+        turned = False
+        holding = True
+        for i, step in enumerate(targets.steps):
+            after[i], reasons[i] = _try_measure(bench, screws.apply(screws.turns), step)
+            if step.holds(after[i]):
+                continue
+            holding = False
+            if step.screw is None:
+                reasons[i] = reasons[i] or "is only checked: no screw of these targets sets it"
+                continue
+            say(f"round {rounds}: {step.name}, turning {step.screw.name}")
+            solved = solve(
+                step,
+                screws.turns[i],
+                lambda turn, i=i, step=step: bench.measure(  # type: ignore[misc]
+                    screws.apply([*screws.turns[:i], turn, *screws.turns[i + 1 :]]), step
+                ),
+                after[i],
+            )
+            if solved.turn is None:
+                reasons[i] = solved.why
+            elif solved.turn != screws.turns[i]:
+                screws.turns[i] = solved.turn
+                turned = True
+        if not turned:
+            break
+    # One more look: the last round may have ended with a turn.
+    plain = screws.apply(screws.turns)
+    for i, step in enumerate(targets.steps):
+        after[i], why = _try_measure(bench, plain, step)
+        if step.holds(after[i]):
+            reasons[i] = ""
+        else:
+            reasons[i] = reasons[i] or why or f"does not settle within {targets.rounds} rounds"
+    rows = tuple(
+        _row(
+            step,
+            before[i],
+            after[i],
+            screws.turns[i],
+            reasons[i] or first_reasons[i],
+            [screws.value(step.screw, a) if step.screw else "" for a in (action, plain)],
+        )
+        for i, step in enumerate(targets.steps)
+    )
+    provenance = _provenance(action, targets, rows)
+    regulated = _with_provenance(screws, targets, provenance)
+    return Regulation(rows, regulated, rounds, all(r.holds for r in rows), bench.counts, provenance)
+
+
+def _try_measure(bench: Bench, action: Action, step: Step) -> tuple[float | None, str]:
+    try:
+        return bench.measure(action, step), ""
+    except CannotMeasure as failure:
+        return None, str(failure)
+
+
+def _row(
+    step: Step,
+    before: float | None,
+    after: float | None,
+    turn: float,
+    why: str,
+    values: list[str],
+) -> Row:
+    _, unit, factor, _ = MEASURES[step.measure]
+    screw = step.screw
+    per, people = (1e3, "mm")
+    if screw is not None and screw.unit == "rad":
+        per, people = (180.0 / math.pi, "deg")
+    return Row(
+        letter=step.letter,
+        name=step.name,
+        measure=step.measure,
+        target=step.wanted,
+        before=None if before is None else before * factor,
+        after=None if after is None else after * factor,
+        unit=unit,
+        screw=screw.name if screw is not None else "",
+        path=screw.path if screw is not None else "",
+        turned=tidy(turn * per),
+        turn_unit=people if screw is not None else "",
+        value_before=values[0],
+        value_after=values[1],
+        holds=step.holds(after),
+        why=why,
+    )
+
+
+def _provenance(action: Action, targets: Targets, rows: tuple[Row, ...]) -> dict[str, Any]:
+    return {
+        "action": action.name,
+        "hash": action.hash,
+        "targets": targets.name,
+        "about": targets.about,
+        "cite": targets.cite,
+        "version": _core.__version__,
+        "screws": {
+            row.path: {"turned": row.turned, "unit": row.turn_unit, "step": row.name}
+            for row in rows
+            if row.screw and row.turned
+        },
+    }
+
+
+def _with_provenance(screws: Screws, targets: Targets, provenance: dict[str, Any]) -> Action:
+    """The regulated action, what was done to it written at each changed value."""
+
+    def note(i: int) -> str:
+        step = screws.steps[i]
+        assert step.screw is not None
+        per, unit = (1e3, "mm") if step.screw.unit == "m" else (180.0 / math.pi, "deg")
+        return (
+            f"regulation {step.letter} {step.name}: {screws.turns[i] * per:+.5g} {unit} from data "
+            f"set {provenance['action']} {provenance['hash'][:12]}, targets {targets.name}, "
+            f"feltmb {provenance['version']}"
+        )
+
+    regulated = screws.apply(screws.turns, note)
+    if regulated is screws.base:
+        return regulated
+    about = str(regulated.raw.get("about", "")) or str(provenance["action"])
+    about = about.removesuffix(", not regulated").partition("; regulated to targets ")[0]
+    name = screws.base.name.removesuffix("_regulated")
+    return regulated.with_values(
+        {
+            "name": f"{name}_regulated",
+            "about": f"{about}; regulated to targets {targets.name}",
+        }
+    )

@@ -1,0 +1,102 @@
+"""Dynamic touch: simulated blows, pressed and struck, and what a family of them tells."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from feltmb.errors import FeltmbError, InvalidParameter
+from feltmb.mechanism import Action
+
+RISE = 0.020  # s, of the force of a pressed blow
+START = 0.020  # s, when the finger begins
+
+
+@dataclass(frozen=True)
+class Blow:
+    """One simulated blow."""
+
+    kind: str  #: pressed or struck
+    level: float  #: force level [N] or finger speed [m/s]
+    hammer_speed: float | None  #: impact speed, of the contact [m/s]; None: string not reached
+    key_speed: float | None  #: largest speed of the key front up to then [m/s]
+    travel_time: float | None  #: key start (0.1 mm) to string contact [s]
+    bottom_after_start: float | None  #: key start to key bottom [s]
+    bottom_after_string: float | None  #: string contact to key bottom [s]
+    failure: str = ""  #: why there is no result
+
+
+def simulate_blow(action: Action, kind: str, level: float, dip: float) -> Blow:
+    """Simulate a blow of a kind at a level; ``dip`` is the key's travel to its punching [m]."""
+    import numpy as np
+
+    from feltmb.run.simulate import simulate
+    from feltmb.run.stroke import motion_stroke, ramp_stroke
+
+    if kind == "pressed":
+        stroke = ramp_stroke(level, START, RISE, duration=0.45, name=f"pressed {level:g} N")
+    else:
+        # The finger goes on until 1 mm below where the key meets its punching.
+        end = START + (dip + 1e-3) / level
+        stroke = motion_stroke(
+            [START, end],
+            [0.0, dip + 1e-3],
+            interpolation="linear",
+            duration=end + 0.08,
+            name=f"struck {level:g} m/s",
+        )
+    try:
+        run = simulate(action, stroke, ledger=False, output_rate=5000.0)
+    except InvalidParameter:
+        raise
+    except FeltmbError as error:
+        return Blow(kind, level, None, None, None, None, None, str(error))
+    s = run.summary
+    start, hit = s.get("key_start_time"), s.get("string_contact_on_time")
+    land = s.get("key_landing_time")
+    if hit is None or start is None:
+        return Blow(
+            kind, level, None, None, None, None, None, "the hammer does not reach the string"
+        )
+    point = action.config.summary.key_point
+    speed = None
+    if point is not None:
+        speed = float(np.max(-run[f"{point}.vy"][run.time <= hit]))
+    return Blow(
+        kind,
+        level,
+        s["impact_speed"],
+        speed,
+        hit - start,
+        None if land is None else land - start,
+        None if land is None else land - hit,
+    )
+
+
+def fit_travel_time(blows: Sequence[Blow]) -> tuple[float, float, float] | None:
+    """A and b of travel time = a v^b, least squares in the logarithms; largest residual."""
+    import numpy as np
+
+    pairs = [(b.hammer_speed, b.travel_time) for b in blows if b.hammer_speed and b.travel_time]
+    if len(pairs) < 3:
+        return None
+    v, t = np.log(np.array(pairs)).T
+    b, log_a = np.polyfit(v, t, 1)
+    worst = float(np.max(np.abs(np.exp(log_a + b * v - t) - 1.0)))
+    return float(np.exp(log_a)), float(b), worst
+
+
+def at_speed(blows: Sequence[Blow], field: str, speed: float) -> float | None:
+    """A number of a family at an impact speed, interpolated in its logarithm."""
+    import numpy as np
+
+    pairs = sorted(
+        (b.hammer_speed, getattr(b, field))
+        for b in blows
+        if b.hammer_speed and getattr(b, field) is not None
+    )
+    if not pairs or not pairs[0][0] <= speed <= pairs[-1][0]:
+        return None
+    v, y = np.array(pairs, dtype=float).T
+    return float(np.interp(math.log(speed), np.log(v), y))

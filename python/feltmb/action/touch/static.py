@@ -1,0 +1,199 @@
+"""Static touch: a slow press and release without inertia, and what is read from them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from feltmb.arguments import checked
+from feltmb.errors import FeltmbError, InvalidParameter
+from feltmb.mechanism import Action
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from feltmb.run.quasistatic import PressPath
+
+    Array = npt.NDArray[np.float64]
+
+
+#: Rows of the static path [m]; margin of the window for the weights [m]; force at its end [N].
+STEP, MARGIN, BOTTOM_FORCE = 2.5e-5, 5e-4, 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class StaticTouch:
+    """Slow press and release without inertia, friction saturated.
+
+    Forces in N at the finger, travels in m of the finger's point on the key from rest.
+    """
+
+    down_weight: float  #: mean force of the press in the window, damper lifted
+    up_weight: float  #: mean force of the release in the window, damper lifted
+    down_weight_most: float  #: largest force of the press in the window
+    up_weight_least: float  #: smallest force of the release in the window
+    down_weight_damper: (
+        float  #: force of the press just before the toe meets the button, damper in action
+    )
+    window: tuple[float, float]  #: travels between which the weights are taken
+    take_up: float  #: travel at which the jack meets the butt
+    damper_start: float | None  #: part of the blow done when the spoon meets the damper lever
+    let_off_force: float  #: largest force up to the let-off
+    let_off_travel: float  #: travel at which the jack slips out
+    let_off_gap: float  #: hammer to string there, without inertia
+    key_dip: float  #: travel at which the key meets the front punching
+    aftertouch: float  #: key_dip - let_off_travel
+    press: PressPath  #: to the bottom, the damper in action
+    release: PressPath  #: back again
+    lifted_press: PressPath  #: the same within the window, damper lifted
+    lifted_release: PressPath
+
+    @property
+    def friction(self) -> float:
+        """(down-weight - up-weight) / 2 [N]."""
+        return 0.5 * (self.down_weight - self.up_weight)
+
+    @property
+    def balance_weight(self) -> float:
+        """(down-weight + up-weight) / 2 [N]."""
+        return 0.5 * (self.down_weight + self.up_weight)
+
+
+def roles_of(action: Action) -> dict[str, int]:
+    """Contacts by what they do; from the events and the summary roles of the mechanism file."""
+    events, summary = action.config.events, action.config.summary
+    found: dict[str, int | None] = {
+        "strike": summary.strike_contact,
+        "let_off": summary.let_off_contact,
+    }
+    for role, name in (("damper", "damper_start"), ("toe", "jack_toe"), ("bottom", "key_landing")):
+        rule = events.get(name)
+        found[role] = rule.contact if rule is not None and isinstance(rule.contact, int) else None
+    missing = [role for role, number in found.items() if number is None and role != "damper"]
+    if action.config.finger is None:
+        missing.append("finger")
+    if missing:
+        raise InvalidParameter(
+            f"touch: mechanism {action.name!r} does not say which contact is {', '.join(missing)}; "
+            f"needed are [finger], summary.strike_contact, summary.let_off_contact and the events "
+            f"jack_toe and key_landing"
+        )
+    return {role: number for role, number in found.items() if number is not None}
+
+
+def _follow(press: Any, targets: Array, stop: Callable[[Any], bool] | None = None) -> PressPath:
+    from feltmb.run.quasistatic import path_of
+
+    rows: list[tuple[float, float, Array, dict[int, tuple[float, float]]]] = []
+    jumps: list[int] = []
+    for target in targets:
+        press.advance(float(target))
+        if press.jumped:
+            jumps.append(len(rows))
+        rows.append((press.travel, press.force, press.q, press.state()))
+        if stop is not None and stop(press):
+            break
+    return path_of(rows, jumps, press.evaluations)
+
+
+@checked
+def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
+    """Slow press and release at the key front; see ``docs/touch.md``.
+
+    Raises
+    ------
+    ModelError
+        No equilibrium beyond some travel.
+    FeltmbError
+        The jack does not meet the butt or the button, or does not let off, so that there is
+        nothing to measure.
+    """
+    import numpy as np
+
+    from feltmb.run.quasistatic import SlowPress
+
+    roles = roles_of(action)
+    strike, let_off, bottom = roles["strike"], roles["let_off"], roles["bottom"]
+    grid = np.arange(0.0, most_travel, STEP)
+    press = SlowPress(action, friction="saturated")
+    down = _follow(press, grid, lambda p: bool(p.force > BOTTOM_FORCE))
+    release = _follow(press, down.travel[::-1])
+    take_up = down.when(let_off)
+    toe = down.when(roles["toe"])
+    dip = down.when(bottom)
+    if take_up is None or toe is None:
+        what = "the butt" if take_up is None else "the let-off button"
+        raise FeltmbError(f"touch of {action.name!r}: the jack does not meet {what} in a press")
+    if dip is None:
+        raise FeltmbError(
+            f"touch of {action.name!r}: the key does not reach its front punching in a press up to "
+            f"{BOTTOM_FORCE:g} N (hammer blocked on the string?)"
+        )
+    opened = (roles["damper"],) if "damper" in roles else ()
+    lifted = SlowPress(action, friction="saturated", open_contacts=opened)
+    # It turns where the toe meets the button, so that friction has turned over before the window.
+    lifted_down = _follow(lifted, grid, lambda p: bool(p.state()[roles["toe"]][0] <= 0.0))
+    lifted_up = _follow(lifted, lifted_down.travel[::-1])
+    starts, ends = lifted_down.when(let_off), lifted_down.when(roles["toe"])
+    if starts is None or ends is None or not starts + MARGIN < ends - MARGIN:
+        raise FeltmbError(
+            f"touch of {action.name!r}: there is no travel between the take-up of the hammer at "
+            f"{1e3 * take_up:.2f} mm and the jack toe at {1e3 * toe:.2f} mm to take weights in"
+        )
+    window = (starts + MARGIN, ends - MARGIN)
+    forces = lifted_down.force[_within(lifted_down, window)]
+    back = lifted_up.force[_within(lifted_up, window)]
+    row, end, tripped = _let_off(down, toe, dip)
+    if not tripped:
+        raise FeltmbError(f"touch of {action.name!r}: the jack does not slip out of the butt")
+    damper_start, down_damper = None, math.nan
+    if "damper" in roles:
+        start = down.when(roles["damper"])
+        if start is not None:
+            damper_start = 1.0 - down.at(down.gap[strike], start) / float(down.gap[strike][0])
+            # Just before the toe the damper is off the string, if it starts in time.
+            down_damper = down.at(down.force, toe - 0.5 * MARGIN)
+    return StaticTouch(
+        down_weight=float(np.mean(forces)),
+        up_weight=float(np.mean(back)),
+        down_weight_most=float(np.max(forces)),
+        up_weight_least=float(np.min(back)),
+        down_weight_damper=down_damper,
+        window=window,
+        take_up=take_up,
+        damper_start=damper_start,
+        let_off_force=float(down.force[row]),
+        let_off_travel=float(down.travel[row]),
+        let_off_gap=float(np.min(down.gap[strike][:end])),
+        key_dip=dip,
+        aftertouch=dip - float(down.travel[row]),
+        press=down,
+        release=release,
+        lifted_press=lifted_down,
+        lifted_release=lifted_up,
+    )
+
+
+def _within(path: PressPath, window: tuple[float, float]) -> npt.NDArray[np.bool_]:
+    inside: npt.NDArray[np.bool_] = (path.travel >= window[0]) & (path.travel <= window[1])
+    return inside
+
+
+def _let_off(path: PressPath, toe: float, dip: float) -> tuple[int, int, bool]:
+    """Row of the force peak, first row after the let-off, and whether the jack let go.
+
+    It lets go where the path jumps, or else where the force falls before the key bottoms.
+    """
+    import numpy as np
+
+    first = int(np.searchsorted(path.travel, toe))
+    jumps = [row for row in path.jumps if row > first]
+    end = jumps[0] if jumps else int(np.searchsorted(path.travel, dip))
+    if end <= first:
+        return first, first + 1, False
+    row = first + int(np.argmax(path.force[first:end]))
+    fell = bool(np.min(path.force[row:end]) < 0.9 * path.force[row])
+    return row, end, bool(jumps) or fell

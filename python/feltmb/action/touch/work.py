@@ -1,0 +1,359 @@
+"""The whole touch of an action, and its table beside published numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from feltmb import _core
+from feltmb.action.touch.blows import Blow, at_speed, fit_travel_time, simulate_blow
+from feltmb.action.touch.pictures import dynamic_figure, static_figure
+from feltmb.action.touch.published import published_numbers
+from feltmb.action.touch.static import StaticTouch, roles_of, static_touch
+from feltmb.arguments import checked
+from feltmb.errors import InvalidParameter
+from feltmb.files import make_folder, write_file
+from feltmb.mechanism import Action, load_action
+from feltmb.units import conversion_factor
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from feltmb.run.quasistatic import PressPath, SimulatedPress
+
+
+#: Force levels of the pressed blows [N] and finger speeds of the struck ones [m/s].
+FORCES = (1.2, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 35.0)
+SPEEDS = (0.05, 0.08, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8)
+
+#: Impact speeds of the thesis's piano and forte blow [m/s].
+PIANO, FORTE = 1.06, 3.36
+
+
+@dataclass(frozen=True)
+class TouchRow:
+    """One number of the touch beside a published one."""
+
+    key: str
+    name: str
+    value: float | None  #: in ``unit``
+    unit: str
+    low: float | None = None  #: published range
+    high: float | None = None
+    published: float | None = None  #: a single published number
+    source: str = ""
+
+    @property
+    def verdict(self) -> str:
+        """``inside``, ``below`` or ``above`` a range; the difference from a number; else empty."""
+        if self.value is None:
+            return ""
+        if self.low is not None and self.high is not None:
+            if self.value < self.low:
+                return "below"
+            return "above" if self.value > self.high else "inside"
+        if self.published is not None:
+            unit = "" if self.unit == "1" else f" {self.unit}"
+            return f"{round(self.value - self.published, 2) + 0.0:+.3g}{unit}"
+        return ""
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """Touch of an action.
+
+    Attributes
+    ----------
+    rows : tuple of TouchRow
+        The table: ours beside published numbers.
+    static : StaticTouch
+        Slow press and release.
+    slow : SimulatedPress
+        Simulated press and release at 10 mm/s, for comparison.
+    blows : tuple of Blow
+        Pressed, then struck, by level.
+    fits : dict
+        By kind of blow, a [s] and b of travel time = a v^b, v the impact speed in m/s, and the
+        largest relative residual.
+    """
+
+    action: Action
+    rows: tuple[TouchRow, ...]
+    static: StaticTouch
+    slow: SimulatedPress
+    blows: tuple[Blow, ...]
+    fits: dict[str, tuple[float, float, float]]
+
+    def __getitem__(self, key: str) -> float | None:
+        """Value of a row by key, in the unit of the row."""
+        for row in self.rows:
+            if row.key == key:
+                return row.value
+        raise InvalidParameter(f"touch has no {key!r}; keys are {', '.join(self.keys())}")
+
+    def keys(self) -> list[str]:
+        """Keys of the rows."""
+        return [row.key for row in self.rows]
+
+    @cached_property
+    def curve(self) -> pd.DataFrame:
+        """Force against travel.
+
+        Columns: ``branch`` (press, release, press_lifted, release_lifted: the damper lifted),
+        ``travel`` [m], ``force`` [N], ``hammer_gap`` [m].
+        """
+        import pandas as pd
+
+        strike = self.action.config.summary.strike_contact
+        assert strike is not None
+        parts = []
+        for name, path in _branches(self.static):
+            parts.append(
+                pd.DataFrame(
+                    {
+                        "branch": name,
+                        "travel": path.travel,
+                        "force": path.force,
+                        "hammer_gap": path.gap[strike],
+                    }
+                )
+            )
+        return pd.concat(parts, ignore_index=True)
+
+    @cached_property
+    def blow_table(self) -> pd.DataFrame:
+        """One row a blow, SI units; see :class:`Blow`."""
+        import pandas as pd
+
+        return pd.DataFrame([vars(blow) for blow in self.blows])
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data, for JSON."""
+        curve = {
+            name: {"travel": path.travel.tolist(), "force": path.force.tolist()}
+            for name, path in _branches(self.static)
+        }
+        return {
+            "action": self.action.name,
+            "hash": self.action.hash,
+            "version": _core.__version__,
+            "rows": [{**vars(row), "verdict": row.verdict} for row in self.rows],
+            "window": list(self.static.window),
+            "curve": curve,
+            "blows": [dict(vars(blow)) for blow in self.blows],
+            "fits": {
+                kind: {"a": a, "b": b, "largest_residual": worst}
+                for kind, (a, b, worst) in self.fits.items()
+            },
+        }
+
+    @checked
+    def plot(self, folder: str | Path, *, force: bool = False) -> list[Path]:
+        """Draw ``touch_static.png`` and ``touch_dynamic.png`` in a folder."""
+        folder = make_folder(folder)
+        written = []
+        for name, figure in (
+            ("touch_static", static_figure(self.action.name, self.static, self.slow)),
+            ("touch_dynamic", dynamic_figure(self.action.name, self.blows, self.fits)),
+        ):
+
+            def save(path: Path, figure: Any = figure) -> None:
+                figure.savefig(path, dpi=150)
+
+            written.append(write_file(folder / f"{name}.png", save, force=force))
+        return written
+
+
+def _branches(static: StaticTouch) -> list[tuple[str, PressPath]]:
+    return [
+        ("press", static.press),
+        ("release", static.release),
+        ("press_lifted", static.lifted_press),
+        ("release_lifted", static.lifted_release),
+    ]
+
+
+@checked
+def touch(
+    action: Action | str,
+    *,
+    forces: Sequence[float] = FORCES,
+    speeds: Sequence[float] = SPEEDS,
+    executor: Executor | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Touch:
+    """Measure the touch of an action.
+
+    Parameters
+    ----------
+    action
+        Mechanism, or its name for :func:`load_action`.
+    forces
+        Levels of the pressed blows [N], > 0.
+    speeds
+        Finger speeds of the struck blows [m/s], > 0.
+    executor
+        Runs the blows; default: threads, one a core.
+    progress
+        Called with a line of text now and then.
+
+    Raises
+    ------
+    InvalidParameter
+        A level is not > 0, or the mechanism does not name the contacts that are looked at.
+    FeltmbError
+        The action cannot be measured, for example because its hammer is blocked.
+    """
+    from feltmb.run.quasistatic import simulated_press
+
+    if isinstance(action, str):
+        action = load_action(action)
+    for name, levels in (("forces", forces), ("speeds", speeds)):
+        for level in levels:
+            if not (math.isfinite(level) and level > 0):
+                raise InvalidParameter(f"touch: {name} holds {level!r}, must be > 0")
+    say = progress or (lambda _text: None)
+    say("slow press and release")
+    static = static_touch(action)
+    dip = static.key_dip
+    say(f"{len(forces) + len(speeds)} blows")
+    jobs = [("pressed", f) for f in sorted(forces)] + [("struck", v) for v in sorted(speeds)]
+    pool = executor if executor is not None else ThreadPoolExecutor()
+    try:
+        slow_future = pool.submit(simulated_press, action, travel=dip + 1.2e-3, release=True)
+        futures = [pool.submit(simulate_blow, action, kind, level, dip) for kind, level in jobs]
+        slow = slow_future.result()
+        blows = tuple(future.result() for future in futures)
+    finally:
+        if executor is None:
+            pool.shutdown(cancel_futures=True)
+    fits = {}
+    for kind in ("pressed", "struck"):
+        fit = fit_travel_time([b for b in blows if b.kind == kind])
+        if fit is not None:
+            fits[kind] = fit
+    rows = _rows(action, static, slow, blows, fits)
+    return Touch(action, rows, static, slow, blows, fits)
+
+
+def _rows(
+    action: Action,
+    static: StaticTouch,
+    slow: SimulatedPress,
+    blows: tuple[Blow, ...],
+    fits: dict[str, tuple[float, float, float]],
+) -> tuple[TouchRow, ...]:
+    roles = roles_of(action)
+    strike, bottom = roles["strike"], roles["bottom"]
+    pressed = [b for b in blows if b.kind == "pressed" and b.hammer_speed]
+    struck = [b for b in blows if b.kind == "struck" and b.hammer_speed]
+    landed = [b for b in (*pressed, *struck) if b.bottom_after_string is not None]
+    after_start = [b.bottom_after_start for b in landed if b.bottom_after_start is not None]
+    by_speed = sorted(landed, key=lambda b: b.hammer_speed or 0.0)
+    rows: list[tuple[str, str, float | None, str, str]] = [
+        ("down_weight", "down-weight", static.down_weight, "N", "gf"),
+        ("up_weight", "up-weight", static.up_weight, "N", "gf"),
+        ("friction", "friction (DW-UW)/2", static.friction, "N", "gf"),
+        ("balance_weight", "balance (DW+UW)/2", static.balance_weight, "N", "gf"),
+        (
+            "down_weight_most",
+            "largest press force",
+            static.down_weight_most,
+            "N",
+            "gf",
+        ),
+        ("up_weight_least", "least release force", static.up_weight_least, "N", "gf"),
+        (
+            "down_weight_damper",
+            "press, damper off",
+            static.down_weight_damper,
+            "N",
+            "gf",
+        ),
+        ("let_off_force", "let-off force peak", static.let_off_force, "N", "gf"),
+        ("blow", "hammer blow", float(static.press.gap[strike][0]), "m", "mm"),
+        ("let_off_distance", "let-off distance", slow.closest, "m", "mm"),
+        ("let_off_gap_static", "same without inertia", static.let_off_gap, "m", "mm"),
+        ("damper_start", "damper start / blow", static.damper_start, "1", "1"),
+        ("let_off_travel", "travel at let-off", static.let_off_travel, "m", "mm"),
+        ("key_dip", "key dip", float(static.press.gap[bottom][0]), "m", "mm"),
+        ("key_travel", "travel at punching", static.key_dip, "m", "mm"),
+        ("aftertouch", "aftertouch", static.aftertouch, "m", "mm"),
+        (
+            "bottom_after_start_fastest",
+            "bottom-start, least",
+            min(after_start, default=None),
+            "s",
+            "ms",
+        ),
+        (
+            "bottom_after_start_slowest",
+            "bottom-start, most",
+            max(after_start, default=None),
+            "s",
+            "ms",
+        ),
+        (
+            "bottom_after_string_softest",
+            "bottom-string, soft",
+            by_speed[0].bottom_after_string if by_speed else None,
+            "s",
+            "ms",
+        ),
+        (
+            "bottom_after_string_loudest",
+            "bottom-string, loud",
+            by_speed[-1].bottom_after_string if by_speed else None,
+            "s",
+            "ms",
+        ),
+        (
+            "bottom_after_string_piano",
+            f"same, pressed {PIANO:g} m/s",
+            at_speed(pressed, "bottom_after_string", PIANO),
+            "s",
+            "ms",
+        ),
+        (
+            "bottom_after_string_forte",
+            f"same, pressed {FORTE:g} m/s",
+            at_speed(pressed, "bottom_after_string", FORTE),
+            "s",
+            "ms",
+        ),
+    ]
+    for kind in ("pressed", "struck"):
+        a, b, _ = fits.get(kind, (None, None, None))
+        rows.append((f"travel_time_factor_{kind}", f"travel 1 m/s, {kind}", a, "s", "ms"))
+        rows.append((f"travel_time_exponent_{kind}", f"exponent, {kind}", b, "1", "1"))
+    shorter = None
+    if "pressed" in fits and "struck" in fits:
+        shorter = sum(
+            sign * fits[kind][0] * 2.0 ** fits[kind][1]
+            for kind, sign in (("pressed", 1.0), ("struck", -1.0))
+        )
+    rows.append(("struck_shorter", "struck shorter, 2 m/s", shorter, "s", "ms"))
+    published = published_numbers()
+    out = []
+    for key, name, value, si, unit in rows:
+        beside = published.get(key, {})
+        scale = 1.0 / conversion_factor(unit, si)
+        missing = value is None or not math.isfinite(value)
+        out.append(
+            TouchRow(
+                key,
+                name,
+                None if missing or value is None else value * scale,
+                unit,
+                beside.get("low"),
+                beside.get("high"),
+                beside.get("value"),
+                str(beside.get("source", "")),
+            )
+        )
+    return tuple(out)

@@ -1,0 +1,99 @@
+"""Effects that move the same numbers of a mechanism as a tolerance: another name for more of it.
+
+A let-off button that stands 0.2 mm off its place is regulation, one that stands 1.5 mm off is a
+cause. To first order both are one direction, which must be told by its size alone: where the two
+were differenced with steps of their own, what is not linear in them looked like a trace that only
+the effect has, and never was in the records.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from feltmb.adapters.changes import read_entry
+from feltmb.adapters.library import Entry
+from feltmb.mechanism import MechanismFile
+
+__all__ = ["Alias", "alias_of"]
+
+#: Relative difference of the ratios of two directions that are one.
+SAME = 1e-9
+
+
+@dataclass(frozen=True)
+class Alias:
+    """An effect and the tolerance that moves the same numbers."""
+
+    index: int
+    """Of the tolerance."""
+    tolerance: Entry
+    effect: Entry
+    config: MechanismFile
+
+    def ratio(self, departure: float, size: float) -> float:
+        """What a unit of the effect does, in units of the tolerance, at values of both."""
+        by_effect = _slopes(self.config, self.effect, size, self.tolerance, departure)
+        by_tolerance = _slopes(self.config, self.tolerance, departure, self.effect, size)
+        path = max(by_tolerance, key=lambda p: abs(by_tolerance[p]))
+        return by_effect[path] / by_tolerance[path]
+
+
+def alias_of(config: MechanismFile, effect: Entry, tolerances: Sequence[Entry]) -> Alias | None:
+    """The tolerance that an effect is more of; None: it does something else.
+
+    Parameters
+    ----------
+    config
+        The mechanism.
+    effect
+        An entry of its library.
+    tolerances
+        Those that are estimated along.
+    """
+    if not _plain(effect):
+        return None
+    for i, tolerance in enumerate(tolerances):
+        paths = {c.path for c in effect.changes}
+        if not _plain(tolerance) or paths != {c.path for c in tolerance.changes}:
+            continue
+        ours = _slopes(config, effect, 0.0, tolerance, 0.0)
+        theirs = _slopes(config, tolerance, 0.0, effect, 0.0)
+        moved = [p for p in ours if ours[p] != 0.0 or theirs[p] != 0.0]
+        if not moved or any(theirs[p] == 0.0 for p in moved):
+            continue
+        ratios = [ours[p] / theirs[p] for p in moved]
+        if max(ratios) - min(ratios) <= SAME * max(abs(r) for r in ratios) and ratios[0] != 0.0:
+            return Alias(i, tolerance, effect, config)
+    return None
+
+
+def _plain(entry: Entry) -> bool:
+    """Whether an entry does nothing but to change numbers, the same in every record."""
+    return (
+        bool(entry.changes)
+        and entry.insertion is None
+        and entry.sensor is None
+        and entry.input is None
+        and entry.condition is None
+        and not entry.shape_path
+    )
+
+
+def _slopes(
+    config: MechanismFile, entry: Entry, size: float, other: Entry, other_size: float
+) -> dict[str, float]:
+    """Derivatives of the changed numbers by the size of an entry, with another one in place."""
+    out: dict[str, float] = {}
+    for path in {c.path: None for c in entry.changes}:
+        own = [c for c in entry.changes if c.path == path]
+        beside = [c for c in other.changes if c.path == path]
+        factor = math.prod(
+            (1.0 + c.scale * other_size) * math.exp(c.exp * other_size) for c in beside
+        )
+        factor *= math.prod((1.0 + c.scale * size) * math.exp(c.exp * size) for c in own)
+        by_factor = sum(c.scale / (1.0 + c.scale * size) + c.exp for c in own)
+        value = float(read_entry(config, path))
+        out[path] = value * factor * by_factor + sum(c.add for c in own)
+    return out

@@ -1,0 +1,425 @@
+"""Numbers of single blows as a model: sparse published data instead of time series.
+
+A record is one blow: its input is the speed before impact, its outputs are numbers of
+``run.summary`` such as the largest force and the duration of contact. The blow is a stroke of the
+whole mechanism, whose speeds are scaled, 3 ms before it, so that the hammer arrives as given.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError
+
+from feltmb import _core
+from feltmb.adapters.effects import effect_of
+from feltmb.adapters.library import Entry, load_library
+from feltmb.adapters.reuse import Question, Reuse
+from feltmb.adapters.variants import Variant, Workshop, changed_config
+from feltmb.data import Array, Record, Sensor
+from feltmb.errors import DataError, FeltmbError, InvalidParameter
+from feltmb.files import named_file, read_toml
+from feltmb.fit import (
+    Effect,
+    Lanes,
+    Model,
+    Parameter,
+    Sensitivity,
+    Simulated,
+    State,
+    Term,
+)
+from feltmb.mechanism import Action, load_action
+from feltmb.run.simulate import simulate
+from feltmb.run.stroke import Stroke, load_stroke
+from feltmb.units.quantity import SI, Schema, fault_lines, fault_text, parse_scalar
+
+__all__ = ["ImpactModel", "blow_record", "load_blows"]
+
+#: The hammer's speed is set this long before it meets the string [s].
+BEFORE = 3e-3
+#: A blow is followed for this long after the speed was set [s].
+AFTER = 13e-3
+#: A hammer may leave the string and touch it again within this time of one blow [s].
+ONE_BLOW = 6e-3
+
+
+def blow_record(
+    name: str,
+    stroke: str,
+    impact_speed: float,
+    numbers: Mapping[str, tuple[float, float, str]],
+    *,
+    values: Mapping[str, float | str | bool] | None = None,
+    role: str = "fit",
+    source: str = "",
+) -> Record:
+    """Record of one blow.
+
+    Parameters
+    ----------
+    stroke
+        Packaged stroke or file that brings the hammer to the string.
+    impact_speed
+        Before impact, normal to the string [m/s].
+    numbers
+        Key of ``run.summary`` -> (value, standard deviation, unit), SI.
+    values
+        Overrides of this blow, such as ``{"string.kind": "rigid_stop"}``.
+    """
+    conditions: dict[str, float | str] = {"stroke": stroke}
+    conditions |= {
+        f"set {k}": v if isinstance(v, str) else float(v) for k, v in (values or {}).items()
+    }
+    return Record(
+        name=name,
+        time=np.array([0.0, 1.0]),
+        inputs={"impact_speed": np.full(2, impact_speed)},
+        outputs={k: np.array([v, np.nan]) for k, (v, _, _) in numbers.items()},
+        sensors={k: Sensor(name=k, unit=u, sigma=s) for k, (_, s, u) in numbers.items()},
+        conditions=conditions,
+        role="held_out" if role == "held_out" else "fit",
+        source=source,
+    )
+
+
+class ImpactModel(Model):
+    """A mechanism asked for numbers of blows.
+
+    Parameters
+    ----------
+    action
+        The mechanism; it needs ``summary.strike_contact``.
+    tolerances
+        Parameters to be estimated.
+    outputs
+        Keys of ``run.summary``.
+    rtol
+        Relative tolerance of the integrator.
+    """
+
+    window = None
+    chaotic = False
+    least_samples = 2
+    difference_step = 0.05
+
+    def __init__(
+        self,
+        action: Action,
+        tolerances: Sequence[Entry],
+        outputs: Sequence[str],
+        *,
+        rtol: float = 1e-7,
+    ):
+        if action.config.summary.strike_contact is None:
+            raise InvalidParameter(
+                f"mechanism {action.name!r} names no strike contact in [summary]: it has no blows"
+            )
+        self.action = action
+        self.name = action.name
+        self.outputs = tuple(outputs)
+        self.units = {**_UNITS, "impact_speed": "m/s"}
+        self.tolerances = tuple(tolerances)
+        self.rtol = rtol
+        self.parameters = tuple(
+            Parameter(
+                name=e.name,
+                value=0.0,
+                sd=e.size,
+                unit=e.unit,
+                lower=max(e.lower, -0.9 if e.unit == "1" else -np.inf),
+                upper=e.upper,
+                component=e.component,
+            )
+            for e in tolerances
+        )
+        self.reuse = Reuse()
+        self._known: dict[bytes, Array] = {}
+        self._impact: dict[str, float] = {}
+        self._actions: dict[str, Action] = {}
+        self._lock = threading.Lock()
+        self._workshop = Workshop(action)
+        self._strike_contact = action.config.summary.strike_contact
+        self._strike_index = action.mechanism.contact_numbers.index(self._strike_contact)
+
+    def states(self, terms: Sequence[Term] = ()) -> tuple[State, ...]:
+        """A blow starts at rest: no states of its own."""
+        del terms
+        return ()
+
+    def forget(self) -> None:
+        """See :class:`~feltmb.fit.Model`: the derivatives that are kept."""
+        self.reuse.clear()
+
+    def accepts(self, effect: Effect) -> bool:
+        """Effects that carry an :class:`Entry`."""
+        return isinstance(effect.data, Entry) or super().accepts(effect)
+
+    def simulate(self, record: Record, lanes: Lanes) -> Simulated:
+        """One blow a lane; both samples of the record show it."""
+        outputs = np.full((lanes.count, lanes.longest, len(self.outputs)), np.nan)
+
+        def work(b: int) -> None:
+            sizes = lanes.sizes[b] if lanes.terms else np.zeros(0)
+            outputs[b] = self._blow(record, lanes.theta[b], lanes.terms, sizes)
+
+        with ThreadPoolExecutor(min(8, os.cpu_count() or 1)) as pool:
+            list(pool.map(work, range(lanes.count)))
+        return Simulated(outputs=outputs, ends=np.zeros((lanes.count, 0)))
+
+    def sensitivities(
+        self,
+        record: Record,
+        theta: Array,
+        windows: NDArray[np.intp],
+        starts: Array,
+        terms: tuple[Term, ...] = (),
+        sizes: Array | None = None,
+        *,
+        by_theta: Sequence[int] | None = None,
+        by_starts: bool = True,
+        candidates: tuple[Term, ...] = (),
+    ) -> Sensitivity:
+        """Differences, kept while the point moves little."""
+        theta = np.asarray(theta, dtype=float)
+        given = np.zeros(len(terms)) if sizes is None else np.asarray(sizes, dtype=float)
+        wanted = tuple(range(len(self.parameters)) if by_theta is None else by_theta)
+
+        def compute() -> Sensitivity:
+            return super(ImpactModel, self).sensitivities(
+                record,
+                theta,
+                windows,
+                starts,
+                terms,
+                given,
+                by_theta=wanted,
+                by_starts=by_starts,
+                candidates=candidates,
+            )
+
+        question = Question(
+            record, windows, theta, starts, terms, given, wanted, by_starts, candidates
+        )
+        return self.reuse.ask(self, question, compute)
+
+    def numbers(
+        self, record: Record, theta: Array, terms: tuple[Term, ...] = (), sizes: Array | None = None
+    ) -> dict[str, float]:
+        """Numbers of a blow by key; NaN where the blow has none."""
+        values = self._blow(record, theta, terms, np.zeros(0) if sizes is None else sizes)
+        return dict(zip(self.outputs, values.tolist(), strict=True))
+
+    def _blow(self, record: Record, theta: Array, terms: tuple[Term, ...], sizes: Array) -> Array:
+        entries: list[tuple[Entry, float, float | None]] = [
+            (e, float(v), None) for e, v in zip(self.tolerances, theta, strict=True)
+        ]
+        for term, size in zip(terms, sizes, strict=True):
+            if isinstance(term.effect.data, Entry):
+                entries.append((term.effect.data, float(size), term.shape))
+        if "impact_speed" not in record.inputs:
+            raise DataError(f"record {record.name}: input 'impact_speed' is missing")
+        speed = float(record.inputs["impact_speed"][0])
+        key = repr(
+            (sorted(record.conditions.items()), speed, [(e.name, s, x) for e, s, x in entries if s])
+        ).encode()
+        if key not in self._known:
+            self._known[key] = self._run(record, speed, entries)
+        return self._known[key]
+
+    def _run(
+        self, record: Record, speed: float, entries: Sequence[tuple[Entry, float, float | None]]
+    ) -> Array:
+        stroke = load_stroke(str(record.conditions.get("stroke", "")))
+        values = {
+            k.removeprefix("set "): v for k, v in record.conditions.items() if k.startswith("set ")
+        }
+        try:
+            config = changed_config(self._with(values).config, entries, record.conditions)
+            numbers = self._strike(self._workshop.build(config), stroke, speed)
+        except (FeltmbError, RuntimeError):
+            return np.full(len(self.outputs), np.nan)
+        return np.array([numbers.get(o, np.nan) for o in self.outputs])
+
+    def _with(self, values: Mapping[str, float | str]) -> Action:
+        key = repr(sorted(values.items()))
+        if key not in self._actions:
+            self._actions[key] = self.action.with_values(values) if values else self.action
+        return self._actions[key]
+
+    def _strike(self, v: Variant, stroke: Stroke, speed: float) -> dict[str, float]:
+        """Numbers of a blow that arrives with the given speed."""
+        start = self._start(stroke)
+        before = self._simulate(v, stroke, list(v.rest), list(v.memory), start, events=False)
+        later = stroke.shifted(-start)
+        n = len(v.mechanism.coordinates)
+        numbers: dict[str, float] = {}
+        factor = 1.0
+        for _ in range(3):
+            state = np.asarray(before.end_state).copy()
+            state[n : 2 * n] *= factor
+            memory = list(before.end_largest_compression)
+            run = self._simulate(v, later, list(state), memory, AFTER, events=True)
+            numbers = self._numbers(run)
+            if "impact_speed" not in numbers:
+                raise InvalidParameter(f"stroke {stroke.name!r}: no blow within {AFTER:g} s")
+            if abs(numbers["impact_speed"] / speed - 1.0) < 1e-5:
+                break
+            factor *= speed / numbers["impact_speed"]
+        return numbers
+
+    def _simulate(
+        self,
+        v: Variant,
+        stroke: Stroke,
+        state: list[float],
+        memory: list[float],
+        duration: float,
+        *,
+        events: bool,
+    ) -> Any:
+        options = _core.SimulationOptions()
+        options.duration, options.rtol = duration, self.rtol
+        options.output_rate = 2.0 / duration
+        options.ledger = options.diagnose = False
+        options.events = events
+        options.finger_reference = v.finger_reference
+        if events:
+            options.peak_contacts = [self._strike_contact]
+        return _core.simulate(
+            v.mechanism, stroke.profile, stroke.kind == "motion", options, state, [], None, memory
+        )
+
+    def _numbers(self, run: Any) -> dict[str, float]:
+        """First closing of the strike contact, its last opening within one blow, and the peak."""
+        changes = [
+            (i, time, direction)
+            for i, (time, contact, _, direction) in enumerate(run.events)
+            if contact == self._strike_index
+        ]
+        on = next(((i, t) for i, t, d in changes if d > 0), None)
+        if on is None:
+            return {}
+        approach = run.event_approach[:, self._strike_index]
+        out = {"impact_speed": float(approach[on[0]])}
+        offs = [(i, t) for i, t, d in changes if d < 0 and on[1] < t <= on[1] + ONE_BLOW]
+        if offs:
+            out["rebound_speed"] = float(-approach[offs[-1][0]])
+            out["string_contact_duration"] = offs[-1][1] - on[1]
+        for contact, force, _ in run.peaks:
+            if contact == self._strike_index:
+                out["max_string_force"] = float(force)
+        return out
+
+    def _start(self, stroke: Stroke) -> float:
+        """When the speed is set: before the impact of the mechanism as it is [s]."""
+        with self._lock:
+            if stroke.name not in self._impact:
+                run = simulate(self.action, stroke, ledger=False, output_rate=100.0)
+                if "impact_time" not in run.summary:
+                    raise InvalidParameter(
+                        f"stroke {stroke.name!r}: the hammer does not meet the string"
+                    )
+                self._impact[stroke.name] = run.summary["impact_time"]
+            return self._impact[stroke.name] - BEFORE
+
+
+class _BlowTable(Schema):
+    name: str
+    stroke: str
+    impact_speed: Annotated[float, SI("m/s"), Field(gt=0)]
+    role: Literal["fit", "held_out"] = "fit"
+    values: dict[str, float | str | bool] = {}
+    note: str = ""
+    rebound_speed: dict[str, Any] | None = None
+    max_string_force: dict[str, Any] | None = None
+    string_contact_duration: dict[str, Any] | None = None
+
+
+class _BlowFile(Schema):
+    schema_version: Annotated[Literal[1], Field(alias="schema")]
+    about: str = ""
+    action: str
+    values: dict[str, float | str | bool] = {}
+    cite: str = ""
+    tolerances: list[str] = []
+    effects: list[str] = []
+    records: list[_BlowTable]
+
+
+_UNITS = {"rebound_speed": "m/s", "max_string_force": "N", "string_contact_duration": "s"}
+
+
+def load_blows(path: str | Path) -> tuple[ImpactModel, tuple[Effect, ...], tuple[Record, ...]]:
+    """Model, effects and records of a TOML file of blows.
+
+    Every number is a table ``{ value, unit, sd }``; ``sd`` is in the same unit and required.
+    ``values`` at the top are values of the mechanism by dotted path, for all blows.
+
+    Raises
+    ------
+    InvalidParameter
+        Faults of the file, all at once.
+    """
+    path = Path(path)
+    try:
+        file = _BlowFile.model_validate(read_toml(path))
+    except ValidationError as error:
+        raise InvalidParameter(fault_text(path.name, fault_lines(error, _BlowFile))) from None
+    action = load_action(named_file(path.parent, file.action, f"{path.name}: action"))
+    if file.values:
+        action = action.with_values(file.values)
+    library = load_library(action)
+    faults, records, used = [], [], []
+    for table in file.records:
+        numbers = {}
+        for key, unit in _UNITS.items():
+            node = getattr(table, key)
+            if node is None:
+                continue
+            try:
+                if "sd" not in node:
+                    raise ValueError("sd is missing")
+                value = parse_scalar(node, unit)
+                sd = parse_scalar({"value": node["sd"], "unit": node.get("unit", unit)}, unit)
+                numbers[key] = (value, sd, unit)
+                used.append(key)
+            except ValueError as error:
+                faults.append(f"records.{table.name}.{key}: {error}")
+        if all(getattr(table, key) is None for key in _UNITS):
+            faults.append(f"records.{table.name}: no number; known are {', '.join(_UNITS)}")
+        if not numbers:
+            continue
+        records.append(
+            blow_record(
+                table.name,
+                str(
+                    named_file(
+                        path.parent, table.stroke, f"{path.name}: records.{table.name}.stroke"
+                    )
+                ),
+                table.impact_speed,
+                numbers,
+                values={k: v for k, v in table.values.items()},
+                role=table.role,
+                source=file.cite,
+            )
+        )
+    tolerances: tuple[Entry, ...] = ()
+    try:
+        tolerances = library.choose_tolerances(file.tolerances or ["none"])
+    except InvalidParameter as error:
+        faults.append(str(error))
+    if faults:
+        raise InvalidParameter(fault_text(path.name, faults))
+    outputs = [key for key in _UNITS if key in used]
+    model = ImpactModel(action, tolerances, outputs)
+    effects = tuple(effect_of(e, (), {}) for e in library.select(file.effects))
+    return model, effects, tuple(records)

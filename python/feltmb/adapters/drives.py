@@ -1,0 +1,118 @@
+"""What a record puts into a mechanism: force of the finger, or motion of the key's front."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from feltmb import _core
+from feltmb.adapters.latest import Latest
+from feltmb.adapters.variants import Variant
+from feltmb.data import Array, Record
+from feltmb.data.smoothing import LEAST_SAMPLES, noise_of_record, smooth_record
+from feltmb.errors import DataError
+from feltmb.mechanism import Action
+
+__all__ = ["Drive", "Drives", "follow", "with_noise"]
+
+#: Smoothed motions that are kept: a diagnosis asks for each of them thousands of times.
+SMOOTHED = 256
+#: Estimated noise of a motion from which it is told [m].
+AUDIBLE = 2e-7
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What a record puts in: force of the finger [N], or displacement of the key's front [m]."""
+
+    time: Array
+    value: Array
+    motion: bool
+
+    def profile(self, begin: float, duration: float) -> _core.Profile:
+        """Input on the clock of a window that begins at ``begin`` [s].
+
+        A force goes through its samples without overshoot; a motion, whose acceleration counts,
+        as a spline through the whole record.
+        """
+        low, high = 0, self.time.size
+        if not self.motion:
+            low = max(0, int(np.searchsorted(self.time, begin - 1e-12)) - 2)
+            high = min(high, int(np.searchsorted(self.time, begin + duration + 1e-12)) + 3)
+        kind = _core.Interpolation.spline if self.motion else _core.Interpolation.monotone
+        return _core.Profile(list(self.time[low:high] - begin), list(self.value[low:high]), kind)
+
+
+class Drives:
+    """Drives of records; a noisy motion is smoothed once and kept."""
+
+    def __init__(self) -> None:
+        self._smoothed: Latest[tuple[object, ...], Array] = Latest(SMOOTHED)
+
+    def of(self, record: Record) -> Drive:
+        """What the record puts in.
+
+        Raises
+        ------
+        DataError
+            The input that its mode needs is missing.
+        """
+        motion = record.input_mode == "motion"
+        wanted = "displacement" if motion else "force"
+        if wanted not in record.inputs:
+            raise DataError(
+                f"record {record.name}: input {wanted!r} is missing "
+                f"(inputs are {', '.join(record.inputs) or 'none'}); "
+                f"input_mode {record.input_mode!r} needs it"
+            )
+        value, sigma = record.inputs[wanted], record.input_sigma.get(wanted, 0.0)
+        if motion and sigma > 0.0 and value.size >= LEAST_SAMPLES:
+            key = (record.time.tobytes(), value.tobytes(), sigma)
+            noisy = value
+            value = self._smoothed.get(key, lambda: smooth_record(record.time, noisy, sigma))
+        return Drive(record.time, value, motion)
+
+
+def follow(action: Action, v: Variant, full: Array, profile: _core.Profile) -> None:
+    """Put the joint of the finger's body where the prescribed motion wants it, and its rate.
+
+    The start state of that joint has no say under motion input.
+    """
+    finger = action.config.finger
+    assert finger is not None
+    name = action.config.bodies[finger.body].coordinate
+    k, n = v.place[name], len(v.mechanism.coordinates)
+    wanted = v.finger_reference + float(profile.value(0.0))
+
+    def place(q: Array) -> float:
+        return float(_core.finger_place(v.mechanism, q))
+
+    step = 1e-6
+    for _ in range(4):
+        here = place(full[:n])
+        ahead = full[:n].copy()
+        ahead[k] += step
+        full[k] -= (here - wanted) * step / (place(ahead) - here)
+    full[n + k] = 0.0
+    here = place(full[:n])
+    ahead = full[:n].copy()
+    ahead[k] += step
+    lever = (place(ahead) - here) / step
+    drift = (place(full[:n] + step * full[n : 2 * n]) - here) / step
+    full[n + k] = (float(profile.rate(0.0)) - drift) / lever
+
+
+def with_noise(record: Record, notes: list[str]) -> Record:
+    """A motion whose noise is told; estimated, and noted, where it was not."""
+    if "displacement" in record.input_sigma:
+        return record
+    sigma = noise_of_record(record.inputs["displacement"])
+    if not sigma > 0.0:
+        return record
+    if sigma > AUDIBLE:
+        notes.append(
+            f"{record.name}: nothing is said of the noise of displacement; {sigma:.2g} m are "
+            "estimated and taken out (sigma in the TOML tells better)"
+        )
+    return replace(record, input_sigma={**record.input_sigma, "displacement": sigma})

@@ -1,0 +1,79 @@
+"""Entries of a library as effects of :mod:`feltmb.gap`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from feltmb.adapters.insertions import inserted_coordinates
+from feltmb.adapters.library import Entry
+from feltmb.adapters.signals import excite_by, observe_by
+from feltmb.fit import Effect, State
+
+__all__ = ["effect_of"]
+
+
+def effect_of(
+    entry: Entry,
+    outputs: Sequence[str],
+    channels: Mapping[str, Sequence[str]],
+    *,
+    states: bool = True,
+    beyond: str = "",
+) -> Effect:
+    """Effect for the engine.
+
+    Parameters
+    ----------
+    outputs
+        Those of the model, on which sensor effects act.
+    channels
+        Outputs behind the names of channels.
+    states
+        Whether the states that it brings are shown; not where records are simulated whole.
+    beyond
+        Tolerance that it is more of.
+    """
+    hidden = [
+        State(name=name, unit=unit, scale=size, start_sd=0.0, hidden=True)
+        for name, unit, size in entry.hidden
+    ]
+    if entry.insertion is not None:
+        for name, unit, size in inserted_coordinates(entry.insertion):
+            hidden.append(State(name=name, unit=unit, scale=size, start_sd=0.0, hidden=True))
+            hidden.append(
+                State(
+                    name=f"{name}.rate",
+                    unit=f"{unit}/s",
+                    scale=size * 100.0,
+                    start_sd=0.0,
+                    hidden=True,
+                )
+            )
+    observe: Any = None
+    excite: Any = None
+    data: Any = entry
+    if entry.sensor is not None:
+        observe, data = observe_by(entry.sensor, outputs, channels), None
+    elif entry.input is not None:
+        excite, data = excite_by(entry.input), None
+    return Effect(
+        name=entry.name,
+        component=entry.component,
+        unit=entry.unit.replace("{input_unit}", "N"),
+        scale=entry.size,
+        sign=entry.sign,
+        mechanism=entry.mechanism,
+        kind=entry.kind,
+        shapes=entry.shapes,
+        remedy=entry.remedy,
+        lower=entry.lower,
+        upper=entry.upper,
+        confounders=entry.confounders,
+        hidden=tuple(hidden) if states else (),
+        step=entry.step,
+        observe=observe,
+        excite=excite,
+        beyond=beyond,
+        data=data,
+    )

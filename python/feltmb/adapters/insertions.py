@@ -1,0 +1,186 @@
+"""Parts that a size brings into a mechanism: pivots that give, a hinge in a body, an added mass.
+
+At size zero nothing is inserted: the mechanism is the old one to the last bit. As the size goes to
+zero the inserted joint stiffens without bound and the motion tends to the old one in proportion.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from feltmb.errors import InvalidParameter
+from feltmb.mechanism import Body, FrictionParameters, MechanismFile, Spring
+
+__all__ = ["Insertion", "insert", "inserted_coordinates"]
+
+Kind = Literal["clearance", "compliance", "hinge", "mass"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Insertion:
+    """What is inserted where."""
+
+    kind: Kind
+    """``clearance``: the pivot of a body moves in a hole of radius ``size`` [m]; ``compliance``:
+    it gives by ``size`` [m/N] both ways; ``hinge``: the body bends at a point by ``size``
+    [rad/(N m)]; ``mass``: ``size`` [kg] rides on a point of the body."""
+    body: str
+    damping: float = 20.0
+    """Of the pivot [N s/m] or hinge [N m s/rad]."""
+    seating: float = 0.2
+    """Load that seats the pin of a clearance against its wall [N]."""
+    point: tuple[float, float] = (0.0, 0.0)
+    """Of the mass or the hinge, in the frame of the body [m]."""
+    part: str = ""
+    """Hinge: name of the part beyond it."""
+    carries: tuple[str, ...] = ()
+    """Hinge: surfaces and points that lie beyond it; ``finger`` for the finger."""
+    share: float = 0.5
+    """Hinge: share of the mass beyond it, a slender uniform piece from the hinge to ``end``."""
+    end: tuple[float, float] = (0.0, 0.0)
+    """Hinge: far end of that piece, in the frame of the body [m]."""
+
+
+_AXIS: dict[str, tuple[float, float]] = {"x": (1.0, 0.0), "y": (0.0, 1.0)}
+
+
+def inserted_coordinates(insertion: Insertion) -> tuple[tuple[str, str, float], ...]:
+    """Name, unit and natural size of the coordinates that an insertion brings."""
+    if insertion.kind in ("clearance", "compliance"):
+        return tuple((f"{insertion.body}.pin.{axis}", "m", 1e-5) for axis in _AXIS)
+    if insertion.kind == "hinge":
+        return ((f"{insertion.part}.bend", "rad", 1e-4),)
+    return ()
+
+
+def insert(config: MechanismFile, insertion: Insertion, size: float) -> MechanismFile:
+    """Mechanism with the insertion; the old one at size zero.
+
+    Raises
+    ------
+    InvalidParameter
+        The size is negative, the body is missing or cannot take the insertion.
+    """
+    if size == 0.0:
+        return config
+    if size < 0.0 or not math.isfinite(size):
+        raise InvalidParameter(
+            f"{insertion.kind} of {insertion.body}: size = {size!r}, expected a finite number >= 0"
+        )
+    if insertion.body not in config.bodies:
+        raise InvalidParameter(f"{insertion.kind}: body {insertion.body!r} is missing")
+    if insertion.kind == "mass":
+        return _added_mass(config, insertion, size)
+    if insertion.kind == "hinge":
+        return _hinged(config, insertion, size)
+    return _loose_pivot(config, insertion, size)
+
+
+def _loose_pivot(config: MechanismFile, insertion: Insertion, size: float) -> MechanismFile:
+    name = insertion.body
+    body = config.bodies[name]
+    if body.joint != "revolute":
+        raise InvalidParameter(f"{insertion.kind} of {name}: its joint is {body.joint}, no pivot")
+    bodies: dict[str, Body] = {}
+    for key, value in config.bodies.items():
+        if key != name:
+            bodies[key] = value
+            continue
+        parent, position = body.parent, body.position
+        for axis, direction in _AXIS.items():
+            bodies[f"{name}_pin_{axis}"] = Body(
+                parent=parent,
+                joint="prismatic",
+                coordinate=f"{name}.pin.{axis}",
+                position=position,
+                axis=direction,
+                friction=FrictionParameters(threshold_speed=1e-3),
+            )
+            parent, position = f"{name}_pin_{axis}", (0.0, 0.0)
+        bodies[name] = body.model_copy(update={"parent": parent, "position": position})
+    springs = dict(config.springs)
+    for axis in _AXIS:
+        spring: dict[str, Any] = {
+            "coordinate": f"{name}.pin.{axis}",
+            "rest_angle": 0.0,
+            "damping": insertion.damping,
+        }
+        if insertion.kind == "clearance":
+            spring |= {"stiffness": 0.0, "clearance": size, "seating": insertion.seating}
+        else:
+            spring |= {"stiffness": 1.0 / size}
+        springs[f"{name}_pin_{axis}"] = Spring(**spring)
+    return config.model_copy(update={"bodies": bodies, "springs": springs})
+
+
+def _added_mass(config: MechanismFile, insertion: Insertion, size: float) -> MechanismFile:
+    rider = Body(parent=insertion.body, joint="weld", position=insertion.point, mass=size)
+    return config.model_copy(update={"bodies": {**config.bodies, f"{insertion.body}_rider": rider}})
+
+
+def _hinged(config: MechanismFile, insertion: Insertion, size: float) -> MechanismFile:
+    """Split a body at a point: the part beyond hangs on a stiff, damped hinge."""
+    body = config.bodies[insertion.body]
+    hinge, end = insertion.point, insertion.end
+    mass = insertion.share * body.mass
+    center = (0.5 * (hinge[0] + end[0]), 0.5 * (hinge[1] + end[1]))
+    length = math.dist(hinge, end)
+    inertia = mass * length**2 / 12.0
+    rest = body.mass - mass
+    if rest <= 0.0:
+        raise InvalidParameter(f"hinge of {insertion.body}: nothing is left before it")
+    old = body.center_of_mass
+    rest_center = (
+        (body.mass * old[0] - mass * center[0]) / rest,
+        (body.mass * old[1] - mass * center[1]) / rest,
+    )
+    rest_inertia = (
+        body.inertia
+        - inertia
+        - mass * math.dist(center, old) ** 2
+        - rest * math.dist(rest_center, old) ** 2
+    )
+    if rest_inertia <= 0.0:
+        raise InvalidParameter(
+            f"hinge of {insertion.body}: the part beyond it takes more than the moment of inertia"
+        )
+    bodies = dict(config.bodies)
+    bodies[insertion.body] = body.model_copy(
+        update={"mass": rest, "center_of_mass": rest_center, "inertia": rest_inertia}
+    )
+    bodies[insertion.part] = Body(
+        parent=insertion.body,
+        joint="revolute",
+        coordinate=f"{insertion.part}.bend",
+        position=hinge,
+        friction=FrictionParameters(threshold_speed=1e-3),
+        mass=mass,
+        center_of_mass=(center[0] - hinge[0], center[1] - hinge[1]),
+        inertia=inertia,
+    )
+
+    def moved(node: Any) -> Any:
+        point = (node.point[0] - hinge[0], node.point[1] - hinge[1])
+        return node.model_copy(update={"body": insertion.part, "point": point})
+
+    update: dict[str, Any] = {"bodies": bodies}
+    for table in ("surfaces", "points"):
+        entries = getattr(config, table)
+        update[table] = {
+            name: moved(node) if name in insertion.carries and node.body == insertion.body else node
+            for name, node in entries.items()
+        }
+    if "finger" in insertion.carries and config.finger is not None:
+        update["finger"] = moved(config.finger)
+    update["springs"] = {
+        **config.springs,
+        f"{insertion.part}_bend": Spring(
+            coordinate=f"{insertion.part}.bend",
+            rest_angle=0.0,
+            stiffness=1.0 / size,
+            damping=insertion.damping,
+        ),
+    }
+    return config.model_copy(update=update)

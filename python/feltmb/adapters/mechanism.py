@@ -1,0 +1,72 @@
+"""A mechanism with its tolerances and its library of effects, ready for a fit or a diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from feltmb.adapters.effects import effect_of
+from feltmb.adapters.library import Entry, Library, load_library
+from feltmb.adapters.model import MechanismModel
+from feltmb.adapters.signals import columns_of
+from feltmb.adapters.strokes import StrokeModel
+from feltmb.fit import Effect
+from feltmb.mechanism import Action
+
+__all__ = ["mechanism_model"]
+
+
+def mechanism_model(
+    action: Action,
+    *,
+    channels: Sequence[str] = (),
+    library: Library | str | None = None,
+    effects: Sequence[str] = (),
+    **options: Any,
+) -> tuple[MechanismModel, tuple[Effect, ...]]:
+    """A mechanism with its tolerances and its library of effects, ready for a fit or a diagnosis.
+
+    Parameters
+    ----------
+    channels
+        Names of the library (``key``, ``hammer_tip``) or outputs (``hammer_tip.x``); default:
+        those of the library.
+    library
+        A library, its name or path; default: that of the mechanism.
+    effects
+        Names or patterns (``felt_*``, ``all``); default: the default set of the library.
+    options
+        Of :class:`MechanismModel`.
+
+    Raises
+    ------
+    InvalidParameter
+        Unknown names, with the nearest known ones.
+    """
+    if not isinstance(library, Library):
+        library = load_library(action, library)
+    whole = options.get("shooting", "single") == "single"
+    kind = StrokeModel if whole and options.get("derivatives") != "forward" else MechanismModel
+    model = kind(action, library, library.outputs(channels), **options)
+    chosen = [e for e in library.select(effects) if _can_show(model, e)]
+    ready = []
+    for e in chosen:
+        alias = model.alias(e)
+        ready.append(
+            effect_of(
+                e,
+                model.outputs,
+                library.channels,
+                states=not model.single,
+                beyond="" if alias is None else alias.tolerance.name,
+            )
+        )
+    return model, tuple(ready)
+
+
+def _can_show(model: MechanismModel, entry: Entry) -> bool:
+    """Whether a sensor effect has a channel to act on."""
+    if entry.sensor is None:
+        moved = {c.path.split(".")[1] for c in entry.changes if c.path.startswith("points.")}
+        return not moved or any(o.rpartition(".")[0] in moved for o in model.outputs)
+    return bool(columns_of(entry.sensor, model.outputs, model.library.channels))

@@ -1,0 +1,558 @@
+"""A mechanism as a model: what :mod:`feltmb.fit` fits and :mod:`feltmb.gap` diagnoses.
+
+Outputs are displacements of tracking points from rest [m] and, under motion input, the force of the
+finger [N]. States are the departures of the mechanical coordinates from the rest pose of the same
+parameters, and their rates, so that a record that starts at rest starts at zero whatever the
+parameters are. The string starts every window at rest: its vibrations die within 20 ms and reach
+nothing that a camera sees.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feltmb import _core
+from feltmb.adapters.aliases import Alias, alias_of
+from feltmb.adapters.derivatives import sensitivities
+from feltmb.adapters.differentiable import DifferentiableMechanism
+from feltmb.adapters.drives import Drive, Drives, follow, with_noise
+from feltmb.adapters.landmarks import first_turn, landmarks
+from feltmb.adapters.library import Entry, Library
+from feltmb.adapters.reuse import Question, Reuse
+from feltmb.adapters.variants import Variant, Workshop, changed_config
+from feltmb.data import Array, Record
+from feltmb.errors import FeltmbError, InvalidParameter, ModelError
+from feltmb.fit import (
+    Effect,
+    Lanes,
+    Parameter,
+    Ready,
+    Sensitivity,
+    Simulated,
+    State,
+    Term,
+)
+from feltmb.mechanism import Action
+
+__all__ = ["MechanismModel"]
+
+#: Natural size of a departure from the model motion, as a share of 1 mm of felt travel.
+DEPARTURE = 0.05
+#: The same of the rate: departures last for some milliseconds [1/s].
+DEPARTURE_RATE = 50.0
+
+
+@dataclass(frozen=True)
+class _Job:
+    """A run of one lane."""
+
+    lane: int
+    variant: Variant
+    first: int
+    last: int
+    start: Array
+
+
+class MechanismModel(DifferentiableMechanism):
+    """A mechanism that :mod:`feltmb.fit` and :mod:`feltmb.gap` can work on.
+
+    Parameters
+    ----------
+    action
+        The mechanism.
+    library
+        Effects and tolerances, see :func:`load_library`.
+    outputs
+        Names such as ``hammer_tip.x`` (displacement from rest [m]) or ``finger.force`` [N].
+    tolerances
+        Parameters to be estimated; default: all of the library.
+    rtol
+        Relative tolerance of the integrator; default: 1e-6 with single shooting, else 1e-7.
+    window
+        Length of shooting windows [s].
+    shooting
+        ``single``: every record in one go from rest. ``multiple``: windows with start states of
+        their own, tied to one another, which keeps a record linear through impacts and noise of the
+        input, for ten times the time.
+    until
+        How long after the first turn of the library's ``until.output`` (the blow) samples count
+        with single shooting [s]; infinite: to their end. Default: that of the library.
+    derivatives
+        ``differences``, or ``forward``: exact, at about twice the cost.
+    workers
+        Threads; default: one a core.
+
+    Raises
+    ------
+    InvalidParameter
+        An output that the mechanism does not have.
+    """
+
+    difference_step = 0.1
+    input_modes = MappingProxyType({"force": ("force",), "motion": ("displacement",)})
+
+    def __init__(
+        self,
+        action: Action,
+        library: Library,
+        outputs: Sequence[str],
+        *,
+        tolerances: Sequence[Entry] | None = None,
+        rtol: float | None = None,
+        window: float | None = None,
+        shooting: Literal["single", "multiple"] = "single",
+        until: float | None = None,
+        derivatives: Literal["differences", "forward"] = "differences",
+        workers: int | None = None,
+    ):
+        if shooting not in ("multiple", "single"):
+            raise InvalidParameter(f"shooting = {shooting!r}, expected single or multiple")
+        if rtol is not None and not 0.0 < rtol < 1.0:
+            raise InvalidParameter(f"rtol = {rtol!r}, expected in (0, 1)")
+        if until is not None and not until >= 0.0:
+            raise InvalidParameter(f"until = {until!r} s, expected >= 0")
+        if derivatives not in ("differences", "forward"):
+            raise InvalidParameter(
+                f"derivatives = {derivatives!r}, expected differences or forward"
+            )
+        self.action = action
+        self.library = library
+        self.name = action.name
+        self.outputs = tuple(outputs)
+        self.units = {o: "N" if o == "finger.force" else "m" for o in self.outputs}
+        self.units |= {"force": "N", "displacement": "m"}
+        self.tolerances = tuple(library.tolerances if tolerances is None else tolerances)
+        self.parameters = tuple(
+            Parameter(
+                name=e.name,
+                value=0.0,
+                sd=e.size,
+                unit=e.unit,
+                lower=max(e.lower, -0.9 if e.unit == "1" else -math.inf),
+                upper=e.upper,
+                component=e.component,
+            )
+            for e in self.tolerances
+        )
+        self.window = library.window if window is None else window
+        self.rtol = (1e-6 if shooting == "single" else 1e-7) if rtol is None else rtol
+        self.single = self.from_rest = shooting == "single"
+        self.until = library.until
+        if until is not None and math.isfinite(until) and library.until is None:
+            raise InvalidParameter(
+                f"until: the library {library.name} does not say where a stroke turns "
+                "(defaults.until); all of a record counts"
+            )
+        if until is not None and library.until is not None:
+            self.until = None if math.isinf(until) else replace(library.until, after_turn=until)
+        self.chaotic = not self.single
+        self.forward = derivatives == "forward"
+        self.workers = workers or min(8, os.cpu_count() or 1)
+        self.reuse = Reuse()
+        self.drives = Drives()
+        self._aliases: dict[str, Alias | None] = {}
+        self._workshop = Workshop(action)
+        base = self._base()
+        condensed = {
+            f"{name}.u{k + 1}"
+            for name, body in action.config.bodies.items()
+            if body.kind == "beam" and not body.rigid and body.condense_axial
+            for k in range(body.axial_shapes)
+        }
+        scales = dict(zip(action.coordinates, base.mechanism.coordinate_scale, strict=True))
+        moving = [c for c in action.coordinates if c not in condensed]
+        self._condensed = [c for c in action.coordinates if c in condensed]
+        bodies = action.config.bodies.values()
+        turning = {b.coordinate for b in bodies if b.joint == "revolute" and b.coordinate}
+        self._states = tuple(
+            State(
+                name=name,
+                unit="rad" if name in turning else "m",
+                scale=DEPARTURE * scales[name],
+                start_sd=0.0,
+            )
+            for name in moving
+        ) + tuple(
+            State(
+                name=f"{name}.rate",
+                unit="rad/s" if name in turning else "m/s",
+                scale=DEPARTURE * DEPARTURE_RATE * scales[name],
+                start_sd=0.0,
+            )
+            for name in moving
+        )
+        self._column: dict[str, int] = {}
+        self._check_outputs(base)
+
+    def _base(self) -> Variant:
+        variant = self._workshop.variant(b"", [], {})
+        if variant is None:
+            raise InvalidParameter(f"mechanism {self.action.name!r} has no rest pose")
+        return variant
+
+    def _check_outputs(self, base: Variant) -> None:
+        known = [f"{p}.{axis}" for p in base.points for axis in "xy"]
+        if self.action.config.finger is not None:
+            known.append("finger.force")
+        unknown = [o for o in self.outputs if o not in known]
+        if unknown:
+            raise InvalidParameter(
+                f"outputs {', '.join(unknown)}: mechanism {self.name!r} has "
+                f"{', '.join(known) or 'no tracking points'}"
+            )
+
+    # --- the interface of Model ---------------------------------------------------------------
+
+    def states(self, terms: Sequence[Term] = ()) -> tuple[State, ...]:
+        """Departures of the coordinates and rates, then what the terms bring; none if single."""
+        if self.single:
+            return ()
+        extra = []
+        for term in terms:
+            extra += list(term.effect.hidden)
+        return (*self._states, *extra)
+
+    def forget(self) -> None:
+        """See :class:`~feltmb.fit.Model`: the derivatives that are kept."""
+        self.reuse.clear()
+
+    def ready(self, records: Sequence[Record]) -> Ready:
+        """With single shooting the records up to shortly after the blow.
+
+        The noise of a measured motion is estimated where nothing is said of it.
+        """
+        cut: list[Record] = []
+        notes: list[str] = []
+        for record in records:
+            if record.input_mode == "motion" and "displacement" in record.inputs:
+                record = with_noise(record, notes)
+            if not self.single or self.until is None:
+                cut.append(record)
+                continue
+            turn = self._turn(record)
+            last = record.time[-1] if turn is None else turn + self.until.after_turn
+            kept = int(np.searchsorted(record.time, last + 1e-9, side="right"))
+            if self.least_samples <= kept < record.samples:
+                notes.append(
+                    f"{record.name}: samples after {record.time[kept - 1]:.4g} s are not used, "
+                    f"{self.until.after_turn:g} s after {self.until.output} turned: what follows "
+                    "hangs on the smallest things (--set until=end uses them)"
+                )
+                record = record.cut(0, kept)
+            cut.append(record)
+        return Ready(self, tuple(cut), tuple(notes))
+
+    def _turn(self, record: Record) -> float | None:
+        """When the stroke of a record turns [s]: measured, else as the model moves."""
+        assert self.until is not None
+        name = self.until.output
+        if name in record.outputs and np.isfinite(record.outputs[name]).sum() > 10:
+            return first_turn(record.time, record.outputs[name])
+        base = self._base()
+        job = _Job(0, base, 0, record.samples - 1, np.zeros(0))
+        run = self._integrate(record, self.drives.of(record), job, ())
+        if run is None:
+            return None
+        result = run[2]
+        column = np.array(result.data)[:, list(result.names).index(name)]
+        return first_turn(record.time[0] + result.time, column - self.at_rest(base, name))
+
+    def accepts(self, effect: Effect) -> bool:
+        """Effects that carry an :class:`Entry`, and all sensor and input effects."""
+        return isinstance(effect.data, Entry) or super().accepts(effect)
+
+    def simulate(self, record: Record, lanes: Lanes) -> Simulated:
+        """Every lane from its start; lanes that fail are NaN."""
+        if self.single:
+            return self._simulate_whole(record, lanes)
+        outputs = np.full((lanes.count, lanes.longest, len(self.outputs)), np.nan)
+        ends = np.full((lanes.count, lanes.starts.shape[1]), np.nan)
+        names = [s.name for s in self.states(lanes.terms)]
+        jobs = []
+        last_key: bytes | None = None
+        variant: Variant | None = None
+        for b in range(lanes.count):
+            sizes = lanes.sizes[b] if lanes.terms else np.zeros(0)
+            key = self._key(record, lanes.theta[b], lanes.terms, sizes)
+            if key != last_key:
+                variant = self._variant(record, key, lanes.theta[b], lanes.terms, sizes)
+                last_key = key
+            if variant is None or not np.all(np.isfinite(lanes.starts[b])):
+                continue
+            first, last = (int(i) for i in lanes.windows[b])
+            jobs.append(_Job(b, variant, first, last, lanes.starts[b]))
+        drive = self.drives.of(record)
+
+        def work(job: _Job) -> None:
+            out = self._run(record, drive, job, names)
+            if out is not None:
+                length = job.last - job.first + 1
+                outputs[job.lane, :length], ends[job.lane] = out
+
+        self.in_parallel(work, jobs)
+        return Simulated(outputs=outputs, ends=ends)
+
+    def _simulate_whole(self, record: Record, lanes: Lanes) -> Simulated:
+        """Lanes of one version share one run from rest."""
+        outputs = np.full((lanes.count, lanes.longest, len(self.outputs)), np.nan)
+        groups: dict[bytes, list[int]] = {}
+        for b in range(lanes.count):
+            sizes = lanes.sizes[b] if lanes.terms else np.zeros(0)
+            key = self._key(record, lanes.theta[b], lanes.terms, sizes)
+            groups.setdefault(key, []).append(b)
+        drive = self.drives.of(record)
+
+        def work(item: tuple[bytes, list[int]]) -> None:
+            key, rows = item
+            sizes = lanes.sizes[rows[0]] if lanes.terms else np.zeros(0)
+            variant = self._variant(record, key, lanes.theta[rows[0]], lanes.terms, sizes)
+            if variant is None:
+                return
+            last = int(max(lanes.windows[b, 1] for b in rows))
+            run = self._integrate(record, drive, _Job(0, variant, 0, last, np.zeros(0)), ())
+            if run is None:
+                return
+            for b in rows:
+                i, j = (int(k) for k in lanes.windows[b])
+                outputs[b, : j - i + 1] = run[1][i : j + 1]
+
+        self.in_parallel(work, list(groups.items()))
+        return Simulated(outputs=outputs, ends=np.zeros((lanes.count, 0)))
+
+    def whole(self, record: Record, variant: Variant) -> Array | None:
+        """Outputs of a version over the whole record from rest, (n, ny); None if it failed."""
+        job = _Job(0, variant, 0, record.samples - 1, np.zeros(0))
+        run = self._integrate(record, self.drives.of(record), job, ())
+        return None if run is None else run[1]
+
+    def sensitivities(
+        self,
+        record: Record,
+        theta: Array,
+        windows: NDArray[np.intp],
+        starts: Array,
+        terms: tuple[Term, ...] = (),
+        sizes: Array | None = None,
+        *,
+        by_theta: Sequence[int] | None = None,
+        by_starts: bool = True,
+        candidates: tuple[Term, ...] = (),
+    ) -> Sensitivity:
+        """Derivatives, kept while the point moves little.
+
+        See :mod:`feltmb.adapters.forward`, :mod:`feltmb.adapters.derivatives` and
+        :mod:`feltmb.adapters.reuse`.
+        """
+        theta, starts = np.asarray(theta, dtype=float), np.asarray(starts, dtype=float)
+        sizes = np.zeros(len(terms)) if sizes is None else np.asarray(sizes, dtype=float)
+        wanted = tuple(range(len(self.parameters)) if by_theta is None else by_theta)
+
+        def compute() -> Sensitivity:
+            return sensitivities(
+                self,
+                record,
+                theta,
+                windows,
+                starts,
+                terms,
+                sizes,
+                by_theta=wanted,
+                by_starts=by_starts,
+                candidates=candidates,
+            )
+
+        question = Question(
+            record, windows, theta, starts, terms, sizes, wanted, by_starts, candidates
+        )
+        return self.reuse.ask(self, question, compute)
+
+    def guess(self, record: Record, windows: NDArray[np.intp]) -> Array:
+        """Start states on the model's own way through the record."""
+        if self.single:
+            return np.zeros((len(windows), 0))
+        last = int(np.max(windows[:, 1]))
+        names = [s.name for s in self.states()]
+        job = _Job(0, self._base(), 0, last, np.zeros(len(names)))
+        run = self._integrate(record, self.drives.of(record), job, names)
+        starts = np.zeros((len(windows), len(names)))
+        if run is None:
+            return starts
+        states, _, _ = run
+        for w, (first, _) in enumerate(windows):
+            starts[w] = states[int(first)]
+        return starts
+
+    def events(self, record: Record, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:
+        """Key start, key landing and turn of the hammer, as far as channels show them."""
+        return landmarks(record.time, outputs)
+
+    def alias(self, entry: Entry) -> Alias | None:
+        """The tolerance that an effect of the library is more of, if there is one."""
+        if entry.name not in self._aliases:
+            self._aliases[entry.name] = alias_of(self.action.config, entry, self.tolerances)
+        return self._aliases[entry.name]
+
+    # --- what it rests on -------------------------------------------------------------------------
+
+    def variant(
+        self,
+        theta: Array,
+        terms: tuple[Term, ...] = (),
+        sizes: Array | None = None,
+        conditions: Mapping[str, float | str] | None = None,
+    ) -> Variant:
+        """The assembled mechanism of parameters and sizes.
+
+        Raises
+        ------
+        InvalidParameter
+            These numbers make no mechanism, or it has no rest.
+        """
+        entries = self._chosen(theta, terms, np.zeros(0) if sizes is None else sizes)
+        return self._workshop.build(changed_config(self.action.config, entries, conditions or {}))
+
+    def _chosen(
+        self, theta: Array, terms: tuple[Term, ...], sizes: Array
+    ) -> list[tuple[Entry, float, float | None]]:
+        out: list[tuple[Entry, float, float | None]] = [
+            (e, float(v), None) for e, v in zip(self.tolerances, theta, strict=True)
+        ]
+        for term, size in zip(terms, sizes, strict=True):
+            if isinstance(term.effect.data, Entry):
+                out.append((term.effect.data, float(size), term.shape))
+        return out
+
+    def _key(self, record: Record, theta: Array, terms: tuple[Term, ...], sizes: Array) -> bytes:
+        drifting = [
+            (t.effect.data.condition.factor(record.conditions) if t.effect.data.condition else 1.0)
+            if isinstance(t.effect.data, Entry)
+            else 1.0
+            for t in terms
+        ]
+        parts = [theta.tobytes()]
+        parts += [
+            f"{t.name}|{t.shape}|{float(size * drift)!r}".encode()
+            for t, size, drift in zip(terms, sizes, drifting, strict=True)
+            if size * drift != 0.0
+        ]
+        return b";".join(parts)
+
+    def _variant(
+        self, record: Record, key: bytes, theta: Array, terms: tuple[Term, ...], sizes: Array
+    ) -> Variant | None:
+        if not any(theta) and not any(sizes):
+            return self._base()
+        return self._workshop.variant(key, self._chosen(theta, terms, sizes), record.conditions)
+
+    def version(
+        self, record: Record, theta: Array, terms: tuple[Term, ...], sizes: Array
+    ) -> Variant:
+        """The mechanism of parameters and sizes under the conditions of a record.
+
+        Raises
+        ------
+        ModelError
+            These numbers make no mechanism, or it has no rest.
+        """
+        key = self._key(record, theta, terms, sizes)
+        variant = self._variant(record, key, theta, terms, sizes)
+        if variant is None:
+            raise ModelError(f"mechanism {self.name!r}: no rest pose at these numbers")
+        return variant
+
+    def condensed_places(self, variant: Variant) -> list[int]:
+        """Places of the held axial coordinates in the full state."""
+        return [variant.place[name] for name in self._condensed]
+
+    def at_rest(self, variant: Variant, output: str) -> float:
+        """Value of an output at rest: where the tracking point is [m]; 0 for a force."""
+        point, _, axis = output.rpartition(".")
+        return variant.points[point]["xy".index(axis)] if point in variant.points else 0.0
+
+    def in_parallel(self, work: Callable[[Any], None], jobs: Sequence[Any]) -> None:
+        """Do the jobs on the threads of the model; the results do not depend on their number."""
+        if self.workers <= 1 or len(jobs) < 2:
+            for job in jobs:
+                work(job)
+            return
+        with ThreadPoolExecutor(self.workers) as pool:
+            list(pool.map(work, jobs))
+
+    def _run(
+        self, record: Record, drive: Drive, job: _Job, names: Sequence[str]
+    ) -> tuple[Array, Array] | None:
+        run = self._integrate(record, drive, job, names)
+        if run is None:
+            return None
+        states, columns, _ = run
+        return columns, states[-1]
+
+    def _integrate(
+        self, record: Record, drive: Drive, job: _Job, names: Sequence[str]
+    ) -> tuple[Array, Array, Any] | None:
+        """States (n, nx) and outputs (n, ny) at the samples of one window; None if it failed."""
+        v = job.variant
+        full = v.rest.copy()
+        index = np.array([v.place.get(name, -1) for name in names], dtype=int)
+        full[index[index >= 0]] += job.start[index >= 0]
+        time = record.time[job.first : job.last + 1] - record.time[job.first]
+        count = time.size
+        options = _core.SimulationOptions()
+        options.duration = float(time[-1])
+        options.rtol = self.rtol
+        even = np.ptp(np.diff(time)) < 1e-6 * time[1] if count > 2 else True
+        options.output_rate = (count - 1) / time[-1] if even else 8.0 * (count - 1) / time[-1]
+        options.ledger = options.events = options.diagnose = False
+        options.finger_reference = v.finger_reference
+        profile = drive.profile(float(record.time[job.first]), float(time[-1]))
+        if drive.motion:
+            follow(self.action, v, full, profile)
+        try:
+            result = _core.simulate(
+                v.mechanism,
+                profile,
+                False,
+                options,
+                list(full),
+                [],
+                None,
+                list(v.memory),
+                prescribed=drive.motion,
+            )
+        except (RuntimeError, ValueError, FeltmbError):
+            return None
+        if result.time.size < 2 or result.reached < time[-1] * (1.0 - 1e-9):
+            return None
+        states, data = result.states, result.data
+        if not even or result.time.size != count:
+            states = _resample(result.time, states, time)
+            data = _resample(result.time, data, time)
+        x = np.zeros((count, len(names)))
+        known = index >= 0
+        x[:, known] = states[:, index[known]] - v.rest[index[known]]
+        return x, self._columns(result, data, v), result
+
+    def _columns(self, result: Any, data: Array, v: Variant) -> Array:
+        where = {name: i for i, name in enumerate(result.names)}
+        out = np.empty((data.shape[0], len(self.outputs)))
+        for o, name in enumerate(self.outputs):
+            column = data[:, where[name]] if name in where else np.full(data.shape[0], np.nan)
+            out[:, o] = column - self.at_rest(v, name)
+        return out
+
+
+def _resample(old: Array, values: Array, new: Array) -> Array:
+    from scipy.interpolate import CubicHermiteSpline
+
+    slope = np.gradient(values, old, axis=0)
+    out: Array = CubicHermiteSpline(old, values, slope, axis=0)(new)
+    return out

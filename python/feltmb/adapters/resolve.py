@@ -1,0 +1,137 @@
+"""From a name on a command line to a model with its effects."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from feltmb.adapters.library import load_library
+from feltmb.adapters.mechanism import mechanism_model
+from feltmb.adapters.model import MechanismModel
+from feltmb.errors import InvalidParameter
+from feltmb.fit import Effect
+from feltmb.mechanism import Action, load_action, packaged_actions, parse_setting
+
+__all__ = ["SETTINGS", "resolve"]
+
+#: What a command may set: name -> meaning.
+SETTINGS = {
+    "channels": "channels or outputs, with commas: key,hammer_tip (default: those of the library)",
+    "effects": "names or patterns, with commas: felt_*,let_off_button; all (default: a core set)",
+    "tolerances": "parameters to estimate, names or patterns (default: all of the library)",
+    "library": "packaged library of effects or TOML file (default: that of the mechanism)",
+    "rtol": "relative tolerance of the integrator (default 1e-6, with multiple shooting 1e-7)",
+    "shooting": "single (default): every record in one go from rest; or multiple",
+    "until": "with single shooting: how long after the blow samples count in s, or end: all of "
+    "them (default: that of the library, 0.01)",
+    "window": "with multiple shooting: length of shooting windows in s",
+    "derivatives": "differences (default) or forward",
+    "floor": "with single shooting: change of felt and friction from stroke to stroke as a share "
+    "(default 0.01), none: no floor",
+}
+
+
+def _mechanism(name: str) -> Action | None:
+    if name in packaged_actions():
+        return load_action(name)
+    if not name.endswith(".toml"):
+        return None
+    return load_action(name)
+
+
+def resolve(
+    name: str, settings: Mapping[str, str], also: Sequence[str] = ()
+) -> tuple[MechanismModel, tuple[Effect, ...]] | None:
+    """Model and effects of a packaged mechanism or a mechanism file; None for other names.
+
+    Parameters
+    ----------
+    settings
+        Those of :data:`SETTINGS`; a name with a dot is a path of the mechanism, ``string.modes``.
+    also
+        Channels besides those of the settings.
+
+    Raises
+    ------
+    InvalidParameter
+        Unknown settings, channels or effects, with what is known.
+    """
+    action = _mechanism(name)
+    if action is None:
+        return None
+    paths = {k: v for k, v in settings.items() if "." in k}
+    unknown = sorted(set(settings) - set(SETTINGS) - set(paths))
+    if unknown:
+        raise InvalidParameter(
+            f"--set {', '.join(unknown)}: expected {', '.join(SETTINGS)}, or a path of the "
+            "mechanism such as string.modes"
+        )
+    if paths:
+        action = action.with_values(dict(parse_setting(f"{k}={v}") for k, v in paths.items()))
+    options: dict[str, Any] = {}
+    for key in ("shooting", "derivatives"):
+        if key in settings:
+            options[key] = settings[key]
+    for key in ("rtol", "window"):
+        if key not in settings:
+            continue
+        try:
+            options[key] = float(settings[key])
+        except ValueError:
+            raise InvalidParameter(f"{key}: got {settings[key]!r}, expected a number") from None
+    if "until" in settings:
+        options["until"] = _until(settings)
+    if "floor" in settings:
+        options["variation"] = _floor(settings)
+    library = load_library(action, settings.get("library"))
+    if "tolerances" in settings:
+        options["tolerances"] = library.choose_tolerances(_list(settings["tolerances"]))
+    channels = _list(settings.get("channels", "")) or list(library.default_channels)
+    return mechanism_model(
+        action,
+        channels=[*channels, *also],
+        effects=_list(settings.get("effects", "")),
+        library=library,
+        **options,
+    )
+
+
+def _single(settings: Mapping[str, str]) -> bool:
+    return settings.get("shooting", "single") == "single"
+
+
+def _until(settings: Mapping[str, str]) -> float:
+    """Time after the blow [s]; infinite: to the end."""
+    text = settings["until"]
+    if not _single(settings):
+        raise InvalidParameter("until: works with shooting=single")
+    if text == "end":
+        return math.inf
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 <= value < math.inf:
+        raise InvalidParameter(f"until: got {text!r}, expected seconds >= 0, or end")
+    return value
+
+
+def _floor(settings: Mapping[str, str]) -> float | None:
+    """Variation from stroke to stroke; None: no floor."""
+    text = settings["floor"]
+    if not _single(settings) or settings.get("derivatives") == "forward":
+        raise InvalidParameter("floor: works with shooting=single and derivatives=differences")
+    if text == "none":
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value <= 0.5:
+        raise InvalidParameter(f"floor: got {text!r}, expected a share from 0 to 0.5, or none")
+    return value
+
+
+def _list(text: str) -> list[str]:
+    return [part.strip() for part in text.split(",") if part.strip()]

@@ -1,0 +1,78 @@
+"""Configurations of parameters one after the other: only what moved is worked out again."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Mapping, Sequence
+
+from feltmb.adapters.changes import read_entry, replace_entry
+from feltmb.adapters.library import Entry
+from feltmb.adapters.variants import changed_config
+from feltmb.mechanism import MechanismFile
+
+__all__ = ["Shifter"]
+
+Chosen = Sequence[tuple[Entry, float, float | None]]
+
+
+class Shifter:
+    """:func:`~feltmb.adapters.variants.changed_config` of many similar lists of entries.
+
+    A derivative moves one entry of fifty; the mechanism of the list before is taken and the paths
+    of the entries that differ are set anew, from the values of the file.
+    """
+
+    def __init__(self, config: MechanismFile):
+        self._file = config
+        self._sizes: dict[str, float] = {}
+        self._config = config
+        self._entries: dict[str, Entry] = {}
+        self._lock = threading.Lock()
+
+    def config(self, entries: Chosen, conditions: Mapping[str, float | str]) -> MechanismFile:
+        """The mechanism with entries of given sizes and shapes; that of the file if all are zero.
+
+        Raises
+        ------
+        InvalidParameter
+            A path that is no number.
+        """
+        plain = [e for e, _, _ in entries if e.insertion is None and not e.shape_path]
+        names = [e.name for e in plain]
+        paths = {c.path for e in plain for c in e.changes}
+        special = [t for t in entries if t[0].insertion is not None or t[0].shape_path]
+        mixed = any(c.path in paths for e, _, _ in special for c in e.changes)
+        if mixed or len(set(names)) < len(names):
+            return changed_config(self._file, entries, conditions)
+        sizes: dict[str, float] = {}
+        by_path: dict[str, list[tuple[Entry, float]]] = {}
+        for e, size, _ in entries:
+            if e.insertion is not None or e.shape_path:
+                continue
+            if e.condition is not None:
+                size = size * e.condition.factor(conditions)
+            if size != 0.0:
+                sizes[e.name] = size
+                for path in {c.path for c in e.changes}:
+                    by_path.setdefault(path, []).append((e, size))
+        with self._lock:
+            last, config = self._sizes, self._config
+            known = {e.name: e for e in plain} | self._entries
+            moved = {n for n in {*sizes, *last} if sizes.get(n, 0.0) != last.get(n, 0.0)}
+            for path in {c.path for n in moved for c in known[n].changes}:
+                factor, added = 1.0, 0.0
+                for e, size in by_path.get(path, ()):
+                    for c in e.changes:
+                        if c.path == path:
+                            factor *= (1.0 + c.scale * size) * math.exp(c.exp * size)
+                            added += c.add * size
+                value = read_entry(self._file, path)
+                if factor != 1.0 or added != 0.0:
+                    value = value * factor + added
+                config = replace_entry(config, path, value)
+            if not sizes:
+                config = self._file
+            self._sizes, self._config = sizes, config
+            self._entries = {n: known[n] for n in sizes}
+        return changed_config(config, special, conditions) if special else config

@@ -1,0 +1,84 @@
+"""Sensor and input effects of a mechanism's records: delay, gain, offset, tilt.
+
+Signs: a channel reads (1 + gain) times the truth plus offset, late by delay, the channel of the
+input too (:mod:`feltmb.gap.library.readings`). At size zero every one gives back its argument, to
+the last bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from feltmb.adapters.library import Signal
+from feltmb.data import Array, Record
+from feltmb.fit.shift import shifted
+from feltmb.gap.library.readings import acting
+
+__all__ = ["columns_of", "excite_by", "observe_by"]
+
+
+def columns_of(
+    signal: Signal, outputs: Sequence[str], channels: Mapping[str, Sequence[str]]
+) -> list[int]:
+    """Columns that a sensor effect acts on; ``camera`` is every tracking point."""
+    if signal.channels == "camera":
+        return [i for i, name in enumerate(outputs) if name != "finger.force"]
+    named = set(channels.get(signal.channels, (signal.channels,)))
+    return [i for i, name in enumerate(outputs) if name in named]
+
+
+def observe_by(
+    signal: Signal, outputs: Sequence[str], channels: Mapping[str, Sequence[str]]
+) -> Callable[..., Array]:
+    """Sensor effect for the engine."""
+    columns = columns_of(signal, outputs, channels)
+    pairs = []
+    for i in columns:
+        point, _, axis = outputs[i].rpartition(".")
+        other = f"{point}.{'y' if axis == 'x' else 'x'}"
+        pairs.append((i, outputs.index(other) if other in outputs else -1, axis))
+
+    def observe(
+        record: Record, y: Array, windows: Array, sizes: Array, shape: object = None
+    ) -> Array:
+        del shape
+        active = [b for b in range(y.shape[0]) if sizes[b] != 0.0]
+        if not active:
+            return y
+        out = y.copy()
+        if signal.kind == "delay":
+            out[:, :, columns] = shifted(record, y[:, :, columns], windows, sizes)
+            return out
+        for b in active:
+            first, last = int(windows[b, 0]), int(windows[b, 1])
+            span = slice(0, last - first + 1)
+            if signal.kind == "gain":
+                out[b, span, columns] *= 1.0 + sizes[b]
+            elif signal.kind == "offset":
+                out[b, span, columns] += sizes[b]
+            else:
+                for i, other, axis in pairs:
+                    if other < 0:
+                        continue
+                    turn = sizes[b] if axis == "x" else -sizes[b]
+                    out[b, span, i] += turn * y[b, span, other]
+        return out
+
+    return observe
+
+
+def excite_by(signal: Signal) -> Callable[..., Mapping[str, Array]]:
+    """Input effect for the engine: what the machine really got, given what was recorded."""
+    assert signal.kind != "tilt"
+    error = signal.kind
+
+    def excite(record: Record, size: float, shape: object = None) -> Mapping[str, Array]:
+        del shape
+        if size == 0.0:
+            return {}
+        return {
+            name: acting(record.time, recorded, error, size, smooth=True)
+            for name, recorded in record.inputs.items()
+        }
+
+    return excite

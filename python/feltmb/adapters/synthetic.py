@@ -1,0 +1,321 @@
+"""Records of a mechanism whose causes are known: what a diagnosis is tried on.
+
+The machine behind the records is not the model: every tolerance is off its value, beams and
+string have more shapes and modes, friction turns over at a third of the speed, the integrator is
+tighter, and half of the effects act in another form than in the library. Sensors are a camera with
+noise and pixels and a force sensor with noise and steps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from feltmb.adapters.amend import amended_action
+from feltmb.adapters.finer import finer
+from feltmb.adapters.library import Entry, Library, load_library
+from feltmb.data import Array, Record, Role, Sensor
+from feltmb.errors import InvalidParameter
+from feltmb.mechanism import Action
+from feltmb.run.simulate import simulate
+from feltmb.run.stroke import Stroke, load_stroke, pulse_stroke, ramp_stroke
+
+__all__ = ["Case", "Sensors", "Truth", "make_case", "make_record"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensors:
+    """What measures the machine."""
+
+    rate: float = 2000.0
+    """Samples a second, camera and force alike."""
+    noise: float = 2e-5
+    """Of a tracked point [m], standard deviation."""
+    pixel: float = 2e-5
+    """Step of a tracked point [m]; 0: none."""
+    correlation_time: float = 0.0
+    """Of the camera's noise [s]."""
+    force_noise: float = 0.01
+    """Of the force sensor [N]."""
+    force_step: float = 0.006
+    """Step of the force sensor [N]: 25 N in 12 bit."""
+    motion_noise: float = 2e-6
+    """Of the key's displacement when it is the input [m]: a laser."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth:
+    """What is behind the records of a case."""
+
+    seed: int
+    effects: Mapping[str, float]
+    """Name -> size [unit of the effect]."""
+    forms: Mapping[str, str]
+    """Name -> how it differs from the library's form; absent: as in the library."""
+    tolerances: Mapping[str, float]
+    """Name -> departure of the parameter [its unit]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Case:
+    """Records with what made them."""
+
+    name: str
+    records: tuple[Record, ...]
+    truth: Truth
+
+
+#: Strokes of a case: three to fit, two of another strength to be held out.
+STROKES: tuple[tuple[str, Role], ...] = (
+    ("piano", "fit"),
+    ("mezzo", "fit"),
+    ("staccato", "fit"),
+    ("forte", "held_out"),
+    ("soft_staccato", "held_out"),
+)
+
+
+def _stroke(name: str) -> tuple[Stroke, float]:
+    """Stroke and how long it is recorded [s]."""
+    if name == "fast":
+        return load_stroke("forte").scaled(0.9), 0.13
+    if name == "slow":
+        return ramp_stroke(10.0, 0.02, 0.15, name="slow"), 0.2
+    if name == "mezzo":
+        return ramp_stroke(12.0, 0.05, 0.18, name="mezzo"), 0.24
+    if name == "soft_staccato":
+        return pulse_stroke(12.0, 0.05, name="soft_staccato"), 0.26
+    return load_stroke(name), {"piano": 0.32, "staccato": 0.26, "forte": 0.18}.get(name, 0.3)
+
+
+def _other_form(entry: Entry, rng: np.random.Generator) -> tuple[Entry, str]:
+    """The same cause in another form than the library's, where there is one."""
+    if entry.insertion is not None and entry.insertion.kind == "clearance":
+        seating = 0.6
+        changed = replace(entry.insertion, seating=seating)
+        return replace(entry, insertion=changed), f"the pin seats at {seating} N"
+    if entry.shape_path:
+        low, high = (s for s in (entry.shapes[0], entry.shapes[-1]) if s is not None)
+        value = float(np.exp(rng.uniform(np.log(low), np.log(high))))
+        what = entry.shape_path.rpartition(".")[2]
+        return replace(entry, shapes=(value,)), f"{what} = {value:.3g} {entry.shape_unit}"
+    if entry.name.startswith("coulomb_friction."):
+        body = entry.name.partition(".")[2]
+        stribeck = replace(entry.changes[0], path=f"bodies.{body}.friction.stribeck", add=0.5)
+        dry = replace(entry.changes[0], add=0.8)
+        return replace(entry, changes=(dry, stribeck)), "80 % dry friction, 50 % at slow turning"
+    if entry.name.startswith("viscous_friction."):
+        body = entry.name.partition(".")[2]
+        square = replace(entry.changes[0], path=f"bodies.{body}.friction.quadratic", add=0.2)
+        return replace(entry, changes=(replace(entry.changes[0], add=0.7), square)), "partly v^2"
+    return entry, ""
+
+
+def make_record(
+    machine: Action,
+    stroke: Stroke,
+    outputs: Sequence[str],
+    *,
+    duration: float,
+    sensors: Sensors,
+    rng: np.random.Generator,
+    motion: bool = False,
+    rtol: float = 1e-8,
+    name: str = "",
+    role: Role = "fit",
+    signals: Mapping[str, float] | None = None,
+) -> Record:
+    """One measured stroke of a machine.
+
+    Parameters
+    ----------
+    outputs
+        ``POINT.x``, ``POINT.y`` [m], ``finger.force`` [N].
+    motion
+        Whether the record's input is the motion of the key's front instead of the force.
+    signals
+        Sensor and input effects by name of the library: ``camera_skew`` and so on.
+    """
+    chosen = dict(signals or {})
+    fine = 4.0 * sensors.rate
+    run = simulate(
+        machine, stroke, duration=duration, rtol=rtol, output_rate=fine, ledger=False, events=False
+    )
+    time = np.arange(0.0, duration * (1.0 - 1e-9), 1.0 / sensors.rate)
+
+    def sampled(values: Array, delay: float = 0.0) -> Array:
+        out: Array = np.interp(time - delay, run.time, values)
+        return out
+
+    skew = chosen.get("camera_skew", 0.0)
+    shown: dict[str, Array] = {}
+    for output in outputs:
+        column = run[output]
+        if output == "finger.force":
+            shown[output] = sampled(column)
+            continue
+        moved = sampled(column - column[0], skew)
+        point, _, axis = output.rpartition(".")
+        tilt = chosen.get("camera_tilt", 0.0)
+        if tilt:
+            other = run[f"{point}.{'y' if axis == 'x' else 'x'}"]
+            moved = moved + (tilt if axis == "x" else -tilt) * sampled(other - other[0], skew)
+        shown[output] = (1.0 + chosen.get("camera_scale", 0.0)) * moved
+    noisy = {}
+    for output, values in shown.items():
+        camera = output != "finger.force"
+        sigma = sensors.noise if camera else sensors.force_noise
+        step = sensors.pixel if camera else sensors.force_step
+        values = values + _noise(time, sigma, sensors.correlation_time if camera else 0.0, rng)
+        noisy[output] = np.round(np.round(values / step) * step, 9) if step else values
+    applied = stroke.at(time)
+    if motion:
+        drop = -(run["key_front.y"] - run["key_front.y"][0])
+        error = sensors.motion_noise * rng.standard_normal(time.size)
+        inputs = {"displacement": np.round(sampled(drop) + error, 9)}
+        input_sigma = {"displacement": sensors.motion_noise}
+    else:
+        delay = chosen.get("input_delay", 0.0)
+        read = (1.0 + chosen.get("input_gain", 0.0)) * stroke.at(time - delay)
+        read = read + chosen.get("input_offset", 0.0)
+        read = read + sensors.force_noise * rng.standard_normal(applied.size)
+        if sensors.force_step:
+            read = np.round(np.round(read / sensors.force_step) * sensors.force_step, 9)
+        inputs = {"force": read}
+        input_sigma = {"force": math.hypot(sensors.force_noise, sensors.force_step / math.sqrt(12))}
+    return Record(
+        name=name or stroke.name,
+        time=time,
+        inputs=inputs,
+        outputs=noisy,
+        sensors={
+            o: Sensor(
+                name=o,
+                unit="N" if o == "finger.force" else "m",
+                sigma=sensors.noise if o != "finger.force" else sensors.force_noise,
+                quantum=sensors.pixel if o != "finger.force" else sensors.force_step,
+                correlation_time=sensors.correlation_time if o != "finger.force" else 0.0,
+            )
+            for o in noisy
+        },
+        input_mode="motion" if motion else "force",
+        input_sigma=input_sigma,
+        role=role,
+        source="synthetic",
+    )
+
+
+def _noise(time: Array, sigma: float, tau: float, rng: np.random.Generator) -> Array:
+    white = sigma * rng.standard_normal(time.size)
+    if tau <= 0.0:
+        return white
+    from scipy.signal import lfilter
+
+    decay = math.exp(-(time[1] - time[0]) / tau)
+    start = sigma * rng.standard_normal()
+    out, _ = lfilter([math.sqrt(1.0 - decay**2)], [1.0, -decay], white, zi=[decay * start])
+    return np.asarray(out)
+
+
+def make_case(
+    action: Action,
+    effects: Mapping[str, float],
+    *,
+    seed: int,
+    name: str = "case",
+    library: Library | None = None,
+    channels: Sequence[str] = (),
+    strokes: Sequence[tuple[str, Role]] = STROKES,
+    sensors: Sensors | None = None,
+    motion: bool = False,
+    spread: float = 1.0,
+    tolerances: Sequence[str] = ("all",),
+    refined: bool = True,
+    after_impact: float | None = None,
+    other_forms: bool | None = None,
+    rtol: float = 1e-8,
+) -> Case:
+    """Records of strokes with causes.
+
+    Parameters
+    ----------
+    effects
+        Name of the library -> size in the effect's own scale (1: what one would expect to meet).
+    seed
+        Of all that is drawn: tolerances, forms, noise.
+    spread
+        Departures of the tolerances, in their standard deviations.
+    tolerances
+        Those that depart; names or patterns.
+    after_impact
+        Records end this long after the hammer met the string [s]; None: as long as the stroke. Up
+        to there single shooting is nearly linear.
+    refined
+        Whether the machine has finer shapes and modes and sharper friction than the model.
+    other_forms
+        Whether effects act in another form than the library's, where there is one; None: drawn.
+    motion
+        Whether records are driven by motion instead of force.
+
+    Raises
+    ------
+    InvalidParameter
+        An effect that is not in the library, or that a machine cannot have twice.
+    """
+    rng = np.random.default_rng(seed)
+    library = library or load_library(action)
+    sensors = sensors or Sensors()
+    outputs = library.outputs(channels)
+    entries: list[tuple[Entry, float, float | None]] = []
+    departures = {}
+    moved = {e.name for e in library.choose_tolerances(tolerances)}
+    for entry in library.tolerances:
+        value = float(spread * entry.size * rng.standard_normal())
+        if entry.name not in moved:
+            continue
+        departures[entry.name] = value
+        entries.append((entry, value, None))
+    forms, sizes, signals = {}, {}, {}
+    for effect, share in effects.items():
+        entry = library.effect(effect)
+        size = share * entry.size
+        if entry.sign > 0 and size < 0.0:
+            raise InvalidParameter(f"effect {effect}: size {size:g}, it has none below zero")
+        sizes[effect] = size
+        other = bool(rng.random() < 0.5) if other_forms is None else other_forms
+        if other:
+            entry, form = _other_form(entry, rng)
+            if form:
+                forms[effect] = form
+        if entry.sensor is not None or entry.input is not None:
+            signals[effect] = size
+        else:
+            entries.append((entry, size, entry.shapes[0]))
+    machine = amended_action(finer(action) if refined else action, entries)
+    records = []
+    for stroke_name, role in strokes:
+        stroke, duration = _stroke(stroke_name)
+        if after_impact is not None:
+            found = simulate(machine, stroke, ledger=False, output_rate=100.0).summary
+            if "impact_time" in found:
+                duration = found["impact_time"] + after_impact
+        records.append(
+            make_record(
+                machine,
+                stroke,
+                outputs,
+                duration=duration,
+                sensors=sensors,
+                rng=rng,
+                motion=motion,
+                rtol=rtol,
+                name=stroke_name,
+                role=role,
+                signals=signals,
+            )
+        )
+    truth = Truth(seed=seed, effects=sizes, forms=forms, tolerances=departures)
+    return Case(name=name, records=tuple(records), truth=truth)

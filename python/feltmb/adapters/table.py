@@ -1,0 +1,42 @@
+"""The library as a text that people read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from feltmb.adapters.library import Entry, Library
+
+__all__ = ["effects_markdown", "tolerances_markdown"]
+
+
+def _size(entry: Entry) -> str:
+    sign = {1: "+", -1: "-", 0: "±"}[entry.sign]
+    unit = entry.unit.replace("{input_unit}", "N")
+    return f"{sign}{entry.size:.3g}" + ("" if unit == "1" else f" {unit}")
+
+
+def _shapes(entry: Entry) -> str:
+    if not entry.shape_path:
+        return ""
+    values = ", ".join(f"{v:g}" for v in entry.shapes if v is not None)
+    return f"{entry.shape_path.rpartition('.')[2]} {values} {entry.shape_unit}".strip()
+
+
+def effects_markdown(library: Library, names: Iterable[str] | None = None) -> str:
+    """Table of effects: name, component, mechanism, size, shapes, kind."""
+    chosen = set(names) if names is not None else None
+    rows = ["| effect | what happens | size | kind | shapes |", "|---|---|---|---|---|"]
+    for e in library.effects:
+        if chosen is not None and e.name not in chosen:
+            continue
+        rows.append(f"| `{e.name}` | {e.mechanism} | {_size(e)} | {e.kind} | {_shapes(e)} |")
+    return "\n".join(rows) + "\n"
+
+
+def tolerances_markdown(library: Library) -> str:
+    """Table of tolerances: name, standard deviation, where it is known from."""
+    rows = ["| parameter | standard deviation | known from |", "|---|---|---|"]
+    for e in library.tolerances:
+        size = f"{100 * e.size:g} %" if e.unit == "1" else f"{e.size:.3g} {e.unit}"
+        rows.append(f"| `{e.name}` ({e.mechanism}) | {size} | {e.source} |")
+    return "\n".join(rows) + "\n"

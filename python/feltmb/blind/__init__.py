@@ -1,8 +1,0 @@
-"""Blind bench of the gap diagnosis: sealed cases, their diagnosis, the score.
-
-Four parts that know as little of each other as can be: the *nominal* with its library of effects
-(:mod:`~feltmb.blind.nominal`), the *generator* of truths, which shares no code with it
-(:mod:`~feltmb.blind.truth`), the *bench* that seals, diagnoses and stores
-(:mod:`~feltmb.blind.bench`), and the *scorer*, which reads stored files only
-(:mod:`~feltmb.blind.score`).
-"""

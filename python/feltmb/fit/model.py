@@ -1,0 +1,740 @@
+"""What can be fitted and diagnosed: anything that simulates named outputs from parameters.
+
+A *model* turns a record's inputs into outputs, given parameters theta, sizes phi of some effects
+and start states x of time windows. It is asked in *lanes*: every lane is one window with its own
+theta, phi and start, so that a batch of windows and finite differences is one call.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from feltmb.arguments import checked
+from feltmb.data import Array, InputMode, Record
+from feltmb.errors import InvalidParameter
+
+__all__ = [
+    "FLOOR",
+    "Effect",
+    "EffectKind",
+    "Job",
+    "Lanes",
+    "Model",
+    "Parameter",
+    "Port",
+    "Ready",
+    "Sensitivity",
+    "Simulated",
+    "State",
+    "Term",
+]
+
+#: Component of parameters that stand for what differs from record to record without a cause.
+FLOOR = "floor"
+
+EffectKind = Literal["force", "kinematic", "state", "parameter", "sensor", "input", "drift"]
+Integers = NDArray[np.intp]
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """A number of the model with its prior N(value, sd^2), cut at lower and upper."""
+
+    name: str
+    value: float
+    sd: float = math.inf
+    """Standard deviation of the prior [unit]; inf: nothing is known beforehand; 0: fixed."""
+    unit: str = "1"
+    lower: float = -math.inf
+    upper: float = math.inf
+    component: str = ""
+    scale: float | None = None
+    """Natural size for steps of differences [unit]; default: sd if finite, else abs(value) or 1."""
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.value) and self.lower <= self.value <= self.upper):
+            raise InvalidParameter(
+                f"parameter {self.name}: value {self.value!r}, expected a finite number in "
+                f"[{self.lower:g}, {self.upper:g}] {self.unit}"
+            )
+        if not self.sd >= 0.0:
+            raise InvalidParameter(f"parameter {self.name}: sd = {self.sd!r}, expected >= 0")
+
+    @property
+    def size(self) -> float:
+        """Natural size [unit], > 0."""
+        if self.scale is not None:
+            return self.scale
+        if 0.0 < self.sd < math.inf:
+            return self.sd
+        return abs(self.value) or 1.0
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class State:
+    """One state variable of the model, or a hidden one that an effect brings."""
+
+    name: str
+    unit: str = "1"
+    scale: float = 1.0
+    """Natural size [unit]: sets steps of differences and the unit of gaps between windows."""
+    start: float = 0.0
+    """Prior mean at the first sample of a record, unless the record says otherwise [unit]."""
+    start_sd: float = math.inf
+    """Prior standard deviation there [unit]; inf: unknown; 0: fixed."""
+    hidden: bool = False
+    """Memory that an effect brings: no influence on the outputs while the effect has size 0."""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Effect:
+    """A cause that the model lacks. Contract: at size zero it is exactly the model.
+
+    How it enters is told by at most one of the callables, or is known to the model by ``name``:
+
+    ``rate(t, x, u, p, size, shape) -> {state: (B,)}``
+        For :class:`~feltmb.gap.OdeModel`: what it adds to the rates of states, its own hidden
+        states included.
+    ``regressor(record, shape) -> (n,)``
+        For :class:`~feltmb.gap.LinearModel`: output per unit of size.
+    ``observe(record, outputs (B, L, ny), windows (B, 2), sizes (B,), shape) -> (B, L, ny)``
+        Sensor effect, for any model.
+    ``excite(record, size, shape) -> {input: (n,)}``
+        Input effect, for any model: the inputs that replace those of the record.
+    """
+
+    name: str
+    component: str
+    unit: str = "1"
+    scale: float = 1.0
+    """Size that one would expect if it were there [unit]: prior sd, steps of differences."""
+    sign: Literal[-1, 0, 1] = 0
+    """+1: size >= 0 (friction), -1: size <= 0, 0: any."""
+    mechanism: str = ""
+    """One sentence: what happens in the machine."""
+    kind: EffectKind = "force"
+    shapes: tuple[Any, ...] = (None,)
+    """Shape parameters that mean nothing at size zero; each is tried, the best is kept.
+
+    Positive floats of which the list has two or more values are a net: values between and near
+    them are tried as well. Use whole numbers or words for what only the listed values mean.
+    """
+    shape_names: tuple[str, ...] = ()
+    """What the numbers of a shape are, with their unit: ``("half width [m]",)``."""
+    remedy: str = ""
+    """What to do about it."""
+    lower: float = -math.inf
+    upper: float = math.inf
+    """Hard limits of the size [unit]; ``sign`` is applied on top."""
+    confounders: tuple[str, ...] = ()
+    """Effects known beforehand to look alike."""
+    weight: float = 1.0
+    """Prior weight against the other effects."""
+    hidden: tuple[State, ...] = ()
+    """Memory states that it brings, appended to those of the model."""
+    step: float = 0.01
+    """First step of differences, as a share of ``scale``."""
+    rate: Callable[..., Mapping[str, Any]] | None = None
+    regressor: Callable[..., Array] | None = None
+    observe: Callable[..., Array] | None = None
+    excite: Callable[..., Mapping[str, Array]] | None = None
+    beyond: str = ""
+    """Name of the parameter that it is more of: within its tolerance the departure is the
+    parameter's, a diagnosis calls what goes far beyond it this effect."""
+    data: Any = None
+    """Anything the model wants to find again; the engine does not look at it."""
+
+    def __post_init__(self) -> None:
+        faults = []
+        if not (math.isfinite(self.scale) and self.scale > 0.0):
+            faults.append(f"scale = {self.scale!r}, expected a finite number > 0")
+        if self.sign not in (-1, 0, 1):
+            faults.append(f"sign = {self.sign!r}, expected -1, 0 or 1")
+        if not self.shapes:
+            faults.append("shapes is empty, expected at least (None,)")
+        if not self.lower <= 0.0 <= self.upper:
+            faults.append(f"limits [{self.lower:g}, {self.upper:g}] do not hold 0, the model")
+        if not self.weight > 0.0:
+            faults.append(f"weight = {self.weight!r}, expected > 0")
+        if faults:
+            raise InvalidParameter(f"effect {self.name}: " + "; ".join(faults))
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Permitted sizes [unit]."""
+        low = max(self.lower, 0.0) if self.sign > 0 else self.lower
+        high = min(self.upper, 0.0) if self.sign < 0 else self.upper
+        return low, high
+
+
+@checked
+@dataclass(frozen=True)
+class Term:
+    """An effect with one of its shapes."""
+
+    effect: Effect
+    shape: Any = None
+
+    @property
+    def name(self) -> str:
+        """Name of the effect."""
+        return self.effect.name
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class Port:
+    """A place where an unknown force may act (a coordinate, a contact): for the component table."""
+
+    name: str
+    component: str
+    unit: str = "N"
+    scale: float = 1.0
+    """Natural size of such a force [unit]."""
+    position: str = ""
+    """State that holds the displacement on which it works, if there is one."""
+    speed: str = ""
+    """State that holds the speed, if there is one."""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Lanes:
+    """A batch of B windows to be simulated. Row b of every array belongs to lane b."""
+
+    theta: Array
+    """Parameters, (B, p), in the order of ``model.parameters``."""
+    windows: Integers
+    """First and last sample, (B, 2): outputs at i0 <= i <= i1, the end state at i1."""
+    starts: Array
+    """States at i0, (B, nx); order of ``model.states(terms)``."""
+    terms: tuple[Term, ...] = ()
+    sizes: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """Sizes of the terms [their units], (B, k)."""
+    forces: Array | None = None
+    """Unknown forces, (B, ports, m): linear between m knots from i0 to i1; None: no force."""
+
+    @classmethod
+    def at_point(
+        cls,
+        theta: Array,
+        windows: Integers,
+        starts: Array,
+        terms: tuple[Term, ...],
+        sizes: Array,
+    ) -> Lanes:
+        """All windows at the same parameters, (p,), and sizes of the terms, (k,)."""
+        count = len(windows)
+        return cls(
+            theta=np.tile(theta, (count, 1)),
+            windows=windows,
+            starts=starts,
+            terms=terms,
+            sizes=np.tile(sizes, (count, 1)),
+        )
+
+    def __post_init__(self) -> None:
+        count = self.windows.shape[0]
+        wanted = {"theta": self.theta, "windows": self.windows, "starts": self.starts}
+        if self.terms:
+            wanted["sizes"] = self.sizes
+        faults = [
+            f"{name} has shape {array.shape}, expected {count} rows"
+            for name, array in wanted.items()
+            if array.ndim != 2 or array.shape[0] != count
+        ]
+        if self.windows.shape[1:] != (2,):
+            faults.append(f"windows has shape {self.windows.shape}, expected (B, 2)")
+        if faults:
+            raise InvalidParameter("lanes: " + "; ".join(faults))
+
+    @property
+    def count(self) -> int:
+        """Number of lanes B."""
+        return int(self.windows.shape[0])
+
+    @property
+    def longest(self) -> int:
+        """Samples of the longest window, both ends counted."""
+        return int(np.max(self.windows[:, 1] - self.windows[:, 0])) + 1
+
+
+def check_windows(
+    model: Model,
+    record: Record,
+    windows: Integers,
+    starts: Array | None = None,
+    terms: Sequence[Term] = (),
+    sizes: Array | None = None,
+    theta: Array | None = None,
+) -> None:
+    """Refuse windows that are not of the record, and numbers that are not of the model."""
+    wanted = {
+        "windows": (windows, (len(windows), 2)),
+        "starts": (starts, (len(windows), len(model.states(terms)))),
+        "sizes": (sizes, (len(terms),)),
+        "theta": (theta, (len(model.parameters),)),
+    }
+    faults = [
+        f"{name} has shape {array.shape}, expected {shape}"
+        for name, (array, shape) in wanted.items()
+        if array is not None and array.shape != shape
+    ]
+    if not faults and windows.size and not (0 <= windows.min() <= windows.max() < record.samples):
+        faults.append(f"windows lie outside the {record.samples} samples of the record")
+    if not faults and np.any(windows[:, 1] < windows[:, 0]):
+        faults.append("a window ends before it begins")
+    if faults:
+        raise InvalidParameter(f"model {model.name}: " + "; ".join(faults))
+
+
+#: Lanes of a record to be simulated.
+Job = tuple[Record, Lanes]
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Simulated:
+    """What every lane gave; a lane that failed holds NaN."""
+
+    outputs: Array
+    """(B, L, ny) at the samples i0, i0+1, ..., i1 of each lane; beyond i1: anything."""
+    ends: Array
+    """States at sample i1, (B, nx)."""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sensitivity:
+    """Outputs and end states of W windows with their derivatives.
+
+    The last axis of every ``d_*`` is what is differentiated by; it has length 0 where nothing was
+    asked for.
+    """
+
+    outputs: Array
+    """(W, L, ny)"""
+    ends: Array
+    """(W, nx)"""
+    d_theta: Array
+    """(W, L, ny, p) by the parameters asked for."""
+    d_theta_ends: Array
+    """(W, nx, p)"""
+    d_sizes: Array
+    """(W, L, ny, k) by the sizes of the terms."""
+    d_sizes_ends: Array
+    """(W, nx, k)"""
+    d_starts: Array
+    """(W, L, ny, nx)"""
+    d_starts_ends: Array
+    """(W, nx, nx)"""
+    d_candidates: Array
+    """(W, L, ny, c) by the sizes of the candidates, at zero"""
+    d_candidates_ends: Array
+    """(W, nx, c)"""
+
+
+@checked
+@dataclass(frozen=True, eq=False)
+class Ready:
+    """A model and records as a fit takes them; see :meth:`Model.ready`."""
+
+    model: Model
+    records: tuple[Record, ...]
+    notes: tuple[str, ...] = ()
+    """What was left out, in words, for the report."""
+
+
+@checked
+class Model(ABC):
+    """Base of all that can be fitted and diagnosed.
+
+    A subclass sets the attributes and writes :meth:`simulate`. If it has derivatives, it overrides
+    :meth:`sensitivities` as well; otherwise batched differences are taken.
+    """
+
+    name: str = "model"
+    parameters: tuple[Parameter, ...] = ()
+    outputs: tuple[str, ...] = ()
+    """Names of the outputs; a record may have measured some of them only."""
+    units: Mapping[str, str] = MappingProxyType({})
+    """SI units of outputs and inputs by name, as far as the model knows them: records that say
+    otherwise are refused."""
+    input_modes: Mapping[InputMode, Sequence[str]] = MappingProxyType({})
+    """Inputs by the mode of a record, where it reads others in each: what a measured file without a
+    sheet is searched for."""
+    least_samples: int = 8
+    """Samples that a record must have at least; fewer only where an output is a single number."""
+    ports: tuple[Port, ...] = ()
+    """Where unknown forces may act; empty: no component table from forces."""
+    window: float | None = None
+    """Length of shooting windows that suits the model [s]; None: chosen from the data."""
+    difference_step: float = 1e-3
+    """First step of differences by parameters, as a share of their natural size; a tenth of it for
+    states. Larger where the simulation is noisy."""
+    chaotic: bool = False
+    """Whether it has impacts after which a small error of the state grows strongly."""
+    from_rest: bool = False
+    """Whether it can only simulate a record from its first sample on: records are then split by
+    leaving out values instead of cutting them into blocks."""
+
+    together: bool = False
+    """Whether :meth:`simulate_all` is faster than its records one after the other."""
+
+    @abstractmethod
+    def states(self, terms: Sequence[Term] = ()) -> tuple[State, ...]:
+        """States, then the hidden states of the terms in their order; () if it has none."""
+
+    @abstractmethod
+    def simulate(self, record: Record, lanes: Lanes) -> Simulated:
+        """Simulate every lane.
+
+        Inputs are ``record.inputs``. The measured outputs are not to be used: they are what is to
+        be explained.
+        """
+
+    def simulate_all(self, jobs: Sequence[Job]) -> list[Simulated]:
+        """Simulate lanes of several records; see ``together``. Default: one after the other."""
+        return [self.simulate(record, lanes) for record, lanes in jobs]
+
+    def finer(self, jobs: Sequence[Job]) -> Model:
+        """Itself in steps that are fine enough for these lanes, whose terms may need smaller ones.
+
+        Default: as it is.
+        """
+        del jobs
+        return self
+
+    @property
+    def core(self) -> Model:
+        """What simulates: itself, or the model that it is made of."""
+        return self
+
+    def asking(self, ask: Callable[[Sequence[Job]], list[Simulated]]) -> Model:
+        """A copy whose core's simulations are made by ``ask``."""
+        out = copy.copy(self)
+        vars(out).update(simulate=lambda record, lanes: ask([(record, lanes)])[0], simulate_all=ask)
+        return out
+
+    def forget(self) -> None:  # noqa: B027
+        """Drop what earlier fits left behind, so that a fit does not depend on those before it."""
+
+    def ready(self, records: Sequence[Record]) -> Ready:
+        """Itself made ready for all records of a fit or diagnosis, and what it can use of them.
+
+        Default: as they are. What is ready already comes back as it is.
+        """
+        return Ready(self, tuple(records))
+
+    def accepts(self, effect: Effect) -> bool:
+        """Whether it can simulate the effect. Sensor and input effects need no help from it."""
+        return effect.observe is not None or effect.excite is not None
+
+    def guess(self, record: Record, windows: Integers) -> Array:
+        """First guess of the states at the window starts, (W, nx), for the first fit.
+
+        Default: simulate from the prior start through the windows in turn.
+        """
+        check_windows(self, record, windows)
+        states = self.states()
+        starts = np.zeros((len(windows), len(states)))
+        if not states:
+            return starts
+        prior = record.start
+        x = np.array(
+            [prior.mean.get(s.name, s.start) if prior is not None else s.start for s in states]
+        )
+        theta = np.array([[p.value for p in self.parameters]])
+        for w, window in enumerate(windows):
+            starts[w] = x
+            ends = self.simulate(
+                record, Lanes(theta=theta, windows=window[None, :], starts=x[None, :])
+            ).ends[0]
+            x = np.where(np.isfinite(ends), ends, x)
+        return starts
+
+    def events(self, record: Record, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:
+        """Names and times [s] of events found in outputs (measured or simulated, NaN: missing).
+
+        Default: none; the engine then takes the steepest changes of each channel.
+        """
+        del record, outputs
+        return []
+
+    def sensitivities(
+        self,
+        record: Record,
+        theta: Array,
+        windows: Integers,
+        starts: Array,
+        terms: tuple[Term, ...] = (),
+        sizes: Array | None = None,
+        *,
+        by_theta: Sequence[int] | None = None,
+        by_starts: bool = True,
+        candidates: tuple[Term, ...] = (),
+    ) -> Sensitivity:
+        """Outputs and derivatives of windows.
+
+        Parameters
+        ----------
+        theta
+            (p,)
+        windows, starts
+            (W, 2) and (W, nx), states in the order of ``states(terms)``.
+        terms, sizes
+            Terms that are part of the model, and their sizes (k,); derivatives by all of them.
+        by_theta
+            Parameters wanted; default: all.
+        by_starts
+            Whether the derivatives by the start states are wanted.
+        candidates
+            Further terms, all at size zero, whose derivatives at zero are wanted too (one-sided
+            if they have a sign). Their hidden states start at their prior mean at the first
+            window and run through the windows in turn.
+        """
+        sizes = np.zeros(len(terms)) if sizes is None else sizes
+        check_windows(self, record, windows, starts, terms, sizes, theta)
+        if by_theta is not None and not set(by_theta) <= set(range(len(self.parameters))):
+            raise InvalidParameter(
+                f"model {self.name}: by_theta = {list(by_theta)}, expected positions of its "
+                f"{len(self.parameters)} parameters"
+            )
+        return difference_sensitivities(
+            self,
+            record,
+            theta,
+            windows,
+            starts,
+            terms,
+            sizes,
+            by_theta=range(len(self.parameters)) if by_theta is None else by_theta,
+            by_starts=by_starts,
+            candidates=candidates,
+        )
+
+
+# ---------------------------------------------------------------- derivatives by differences
+
+#: Candidates that share one simulation: it pays while the overhead of a step exceeds its work.
+TOGETHER = 8
+
+
+def run_through(
+    model: Model,
+    record: Record,
+    theta: Array,
+    windows: NDArray[np.intp],
+    starts: Array,
+    terms: tuple[Term, ...],
+    sizes: Array,
+    visible: int,
+) -> tuple[Array, Array]:
+    """Simulate windows in turn, several versions at once, hidden states passed on.
+
+    ``starts`` (W, visible); ``sizes`` (V, k) one row a version. The visible states of a window
+    come from ``starts``, its hidden ones from the end of the window before. Outputs (V, W, L, ny),
+    ends (V, W, visible).
+    """
+    versions = sizes.shape[0]
+    states = model.states(terms)
+    hidden = np.tile([s.start for s in states[visible:]], (versions, 1))
+    longest = int(np.max(windows[:, 1] - windows[:, 0])) + 1
+    outputs = np.full((versions, len(windows), longest, len(model.outputs)), np.nan)
+    ends = np.full((versions, len(windows), visible), np.nan)
+    for w, window in enumerate(windows):
+        lanes = Lanes(
+            theta=np.tile(theta, (versions, 1)),
+            windows=np.tile(window, (versions, 1)),
+            starts=np.hstack([np.tile(starts[w], (versions, 1)), hidden]),
+            terms=terms,
+            sizes=sizes,
+        )
+        run = model.simulate(record, lanes)
+        outputs[:, w, : run.outputs.shape[1]] = run.outputs
+        ends[:, w] = run.ends[:, :visible]
+        hidden = run.ends[:, visible:]
+    return outputs, ends
+
+
+def difference_sensitivities(
+    model: Model,
+    record: Record,
+    theta: Array,
+    windows: NDArray[np.intp],
+    starts: Array,
+    terms: tuple[Term, ...],
+    sizes: Array,
+    *,
+    by_theta: Sequence[int],
+    by_starts: bool,
+    candidates: tuple[Term, ...],
+) -> Sensitivity:
+    """Central differences by parameters, sizes and start states.
+
+    One-sided ones of second order where a bound or the sign of an effect forbids the other side.
+    """
+    count = len(windows)
+    theta = np.asarray(theta, dtype=np.float64)
+    sizes = np.asarray(sizes, dtype=np.float64)
+    states = model.states(terms)
+    nx, ny = len(states), len(model.outputs)
+
+    # Every row of the batch: changes of theta, sizes or start; then weights that make derivatives.
+    rows_theta, rows_sizes, rows_start = [theta], [sizes], [np.zeros(nx)]
+    columns: list[list[tuple[int, float]]] = []
+
+    def add(kind: str, index: int, step: float, low: float, high: float, value: float) -> None:
+        if value + step <= high and value - step >= low:
+            offsets = [(step, 0.5 / step), (-step, -0.5 / step)]
+        else:
+            side = step if value + 2.0 * step <= high else -step
+            offsets = [(side, 2.0 / side), (2.0 * side, -0.5 / side), (0.0, -1.5 / side)]
+        entry = []
+        for offset, weight in offsets:
+            if offset == 0.0:
+                entry.append((0, weight))
+                continue
+            t, s, x = theta.copy(), sizes.copy(), np.zeros(nx)
+            {"theta": t, "sizes": s, "start": x}[kind][index] += offset
+            rows_theta.append(t)
+            rows_sizes.append(s)
+            rows_start.append(x)
+            entry.append((len(rows_theta) - 1, weight))
+        columns.append(entry)
+
+    for i in by_theta:
+        p = model.parameters[i]
+        add("theta", i, model.difference_step * p.size, p.lower, p.upper, theta[i])
+    for i, term in enumerate(terms):
+        low, high = term.effect.bounds
+        step = term.effect.step * term.effect.scale
+        add("sizes", i, step, low, high, sizes[i])
+    if by_starts:
+        for i, state in enumerate(states):
+            add("start", i, 0.1 * model.difference_step * state.scale, -np.inf, np.inf, 0.0)
+
+    versions = len(rows_theta)
+    lanes = Lanes(
+        theta=np.repeat(np.array(rows_theta), count, axis=0),
+        windows=np.tile(windows, (versions, 1)),
+        starts=np.tile(starts, (versions, 1)) + np.repeat(np.array(rows_start), count, axis=0),
+        terms=terms,
+        sizes=np.repeat(np.array(rows_sizes).reshape(versions, len(terms)), count, axis=0),
+    )
+    run = model.simulate(record, lanes)
+    longest = run.outputs.shape[1]
+    outputs = run.outputs.reshape(versions, count, longest, ny)
+    ends = run.ends.reshape(versions, count, nx)
+
+    def derive(all_of_it: Array, wanted: list[list[tuple[int, float]]]) -> Array:
+        shape = (*all_of_it.shape[1:], len(wanted))
+        out = np.zeros(shape)
+        with np.errstate(invalid="ignore", over="ignore"):
+            for c, entry in enumerate(wanted):
+                for row, weight in entry:
+                    out[..., c] += weight * (all_of_it[row] - all_of_it[0])
+        return out
+
+    a, b = len(by_theta), len(by_theta) + len(terms)
+    d_candidates = np.zeros((count, longest, ny, len(candidates)))
+    d_candidates_ends = np.zeros((count, nx, len(candidates)))
+    for hidden in (False, True):
+        group = [c for c, t in enumerate(candidates) if bool(t.effect.hidden) is hidden]
+        for at in range(0, len(group), TOGETHER):
+            some = group[at : at + TOGETHER]
+            d_candidates[..., some], d_candidates_ends[..., some] = _candidates(
+                model,
+                record,
+                theta,
+                windows,
+                starts,
+                terms,
+                sizes,
+                tuple(candidates[c] for c in some),
+                outputs[0],
+                ends[0],
+                hidden=hidden,
+            )
+    return Sensitivity(
+        outputs=outputs[0],
+        ends=ends[0],
+        d_theta=derive(outputs, columns[:a]),
+        d_theta_ends=derive(ends, columns[:a]),
+        d_sizes=derive(outputs, columns[a:b]),
+        d_sizes_ends=derive(ends, columns[a:b]),
+        d_starts=derive(outputs, columns[b:]),
+        d_starts_ends=derive(ends, columns[b:]),
+        d_candidates=d_candidates,
+        d_candidates_ends=d_candidates_ends,
+    )
+
+
+def _candidates(
+    model: Model,
+    record: Record,
+    theta: Array,
+    windows: NDArray[np.intp],
+    starts: Array,
+    terms: tuple[Term, ...],
+    sizes: Array,
+    some: tuple[Term, ...],
+    outputs: Array,
+    ends: Array,
+    *,
+    hidden: bool,
+) -> tuple[Array, Array]:
+    """Derivatives of some candidates at size zero: two lanes a window for each of them."""
+    rows, weights = [], []
+    for c, term in enumerate(some):
+        low, high = term.effect.bounds
+        step = term.effect.step * term.effect.scale
+        if high >= step and low <= -step:
+            values, weight = (step, -step), (0.5 / step, -0.5 / step)
+        else:
+            side = step if high >= 2.0 * step else -step
+            values, weight = (side, 2.0 * side), (2.0 / side, -0.5 / side)
+        for value in values:
+            row = np.zeros(len(some))
+            row[c] = value
+            rows.append(np.concatenate([sizes, row]))
+        weights.append(weight)
+    all_terms = (*terms, *some)
+    count, nx, ny = len(windows), starts.shape[1], outputs.shape[2]
+    versions = len(rows)
+    if hidden:
+        table = np.array([np.concatenate([sizes, np.zeros(len(some))]), *rows])
+        y, x = run_through(model, record, theta, windows, starts, all_terms, table, nx)
+        y, x, base_y, base_x = y[1:], x[1:], y[0], x[0]
+    else:
+        lanes = Lanes(
+            theta=np.tile(theta, (versions * count, 1)),
+            windows=np.tile(windows, (versions, 1)),
+            starts=np.tile(starts, (versions, 1)),
+            terms=all_terms,
+            sizes=np.repeat(np.array(rows), count, axis=0),
+        )
+        run = model.simulate(record, lanes)
+        y = run.outputs.reshape(versions, count, -1, ny)
+        x = run.ends.reshape(versions, count, nx)
+        base_y, base_x = outputs, ends
+    with np.errstate(invalid="ignore", over="ignore"):
+        by_lane = np.array(weights).reshape(versions)
+        dy = (y - base_y) * by_lane[:, None, None, None]
+        dx = (x - base_x) * by_lane[:, None, None]
+    return (
+        np.moveaxis(dy[0::2] + dy[1::2], 0, -1),
+        np.moveaxis(dx[0::2] + dx[1::2], 0, -1),
+    )

@@ -1,0 +1,423 @@
+"""From searched sets to accepted effects: held-out proof, classes, posterior."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from feltmb.fit.solve import Fit, FitSettings
+from feltmb.gap.proof import HeldOut, Outcome, Paired, compare, evaluate
+from feltmb.gap.refine import Candidate, full_evidence, refit, tighten
+from feltmb.gap.search import Search
+
+__all__ = ["WIDE", "Accepted", "Posterior", "accept", "posterior", "shapley"]
+
+Progress = Callable[[str, int, int], None]
+
+#: Gain of log predictive density that held-out records must show: ten to one.
+LEAST_GAIN = math.log(10.0)
+
+
+#: Share of the remaining held-out gap that makes more than small print of an effect where an
+#: unknown rest was admitted.
+CLOSES = 0.05
+#: The same share from which an effect is no small print in any case, and the gap [sigma] that it
+#: must then close. The error of another effect's form, in which it would stand in for that, is not
+#: mended to a hundredth by an effect that is not there.
+ALL, DEEP = 0.99, 10.0
+#: The same share from which an effect stands though an unknown force would still bring more: what
+#: is left then is small beside it, however sure it is.
+MOST = 0.8
+#: Held-out gap [sigma] from which such a share counts, and it is asked whether parameters of the
+#: model could close it.
+WIDE = 1.33
+#: Standard deviations by which a size must differ from zero, or the score of the effect alone.
+WALD = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Probabilities of nothing, something unknown, and every refitted set."""
+
+    none: float
+    other: float
+    sets: tuple[float, ...]
+    """By candidate of the search, in its order."""
+    inflation: float
+
+    def trusted(self, share: float) -> Posterior:
+        """The same where only a share of what the sets have is theirs, the rest is unknown."""
+        lost = (1.0 - share) * sum(self.sets)
+        sets = tuple(share * w for w in self.sets)
+        return replace(self, other=self.other + lost, sets=sets)
+
+
+def posterior(search: Search, *, none: float = 0.5, other: float = 0.1) -> Posterior:
+    """Weigh the model as it is, the model with unknown forces, and the refitted sets.
+
+    "Unknown" is the model with gaps between its windows; "none" the model without. Evidence is
+    divided by the residual sum of squares over its degrees of freedom of the best fit: a model
+    that is wrong in a way that no set repairs must not be sure about sets.
+    """
+    fits = [search.model_fit, *(c.fit for c in search.candidates)]
+    inflation = max(1.0, min(f.chi2 / f.dof for f in fits))
+    values = [search.tight_evidence / inflation + math.log(none)]
+    values.append(
+        search.model_evidence / inflation + math.log(other)
+        if search.tight_fit is not None
+        else -math.inf
+    )
+    share = math.log(1.0 - none - other)
+    values += [c.evidence / inflation + share for c in search.candidates]
+    top = max(values)
+    weights = np.exp(np.array(values) - top)
+    weights /= weights.sum()
+    return Posterior(
+        float(weights[0]), float(weights[1]), tuple(float(w) for w in weights[2:]), inflation
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Accepted:
+    """What stood the held-out proof."""
+
+    candidate: Candidate | None
+    """The set of effects that is kept; None: nothing."""
+    before: Outcome
+    after: Outcome
+    proof: dict[str, Paired]
+    """By effect of the best set: gain that it brings over the set without it."""
+    rivals: tuple[Candidate, ...]
+    """Other sets that these records cannot tell from it."""
+    rejected: tuple[tuple[str, str], ...]
+    """Effects that the fit wanted and held-out records refused, with the reason."""
+    outcomes: dict[tuple[str, ...], Outcome] = field(default_factory=dict)
+    tightest: Fit | None = None
+    """The set fitted with the tightest gaps; None where it has them already."""
+
+
+class _Trial:
+    """Sets and their parts before the held-out records; each is refitted and evaluated once."""
+
+    def __init__(
+        self,
+        search: Search,
+        held: HeldOut,
+        settings: FitSettings,
+        inflation: float,
+        *,
+        windowed_level: float,
+        least_share: float,
+        unknown_rest: bool,
+        seed: int,
+        progress: Progress | None,
+    ):
+        self.search, self.held, self.settings = search, held, settings
+        self.inflation, self.seed = inflation, seed
+        self.windowed_level, self.least_share = windowed_level, least_share
+        self.unknown_rest, self.progress = unknown_rest, progress
+        effects = {t.effect.name: t.effect for t in search.scores.terms}
+        self.total = sum(e.weight for e in effects.values())
+        self.outcomes: dict[tuple[str, ...], Outcome] = {}
+        self.tightest: dict[tuple[str, ...], Fit | None] = {}
+        self.known = {c.key: c for c in search.candidates}
+        self.alone: dict[str, float] = {}
+        """Largest score of each effect by itself."""
+        for scores in (search.scores, search.tight):
+            if scores is not None:
+                for term, value in zip(scores.terms, scores.singles(), strict=True):
+                    self.alone[term.name] = max(self.alone.get(term.name, 0.0), float(value))
+        self.before = self.outcome(search.bare)
+
+    def outcome(self, fit: Fit) -> Outcome:
+        """What the held-out records say of a fit."""
+        key = tuple(sorted(t.name for t in fit.terms))
+        if key not in self.outcomes:
+            if self.progress is not None:
+                self.progress("held out: " + (" + ".join(key) or "model"), len(self.outcomes), 0)
+            self.outcomes[key] = evaluate(
+                self.held,
+                fit,
+                self.settings,
+                windowed_level=self.windowed_level,
+                like=self.outcomes.get(()),
+            )
+        return self.outcomes[key]
+
+    def without(self, c: Candidate, name: str) -> Candidate | None:
+        """The set without an effect; None: nothing is left."""
+        kept = [k for k, t in enumerate(c.fit.terms) if t.name != name]
+        if not kept:
+            return None
+        key = tuple(sorted(c.fit.terms[k].name for k in kept))
+        if key not in self.known:
+            fit = _part(self.search, c.fit, kept, self.settings)
+            self.known[key] = Candidate(fit, full_evidence(fit, self.total))
+        return self.known[key]
+
+    def _outcome_without(self, c: Candidate, name: str) -> Outcome:
+        bare = self.without(c, name)
+        return self.before if bare is None else self.outcome(bare.fit)
+
+    def closes(self, c: Candidate, name: str) -> float:
+        """Share of the held-out gap without an effect that it closes."""
+        without, after = self._outcome_without(c, name), self.outcome(c.fit)
+        gaps = zip(self._gaps(without), self._gaps(after), strict=True)
+        shares = [
+            (old - new) / (old - 1.0)
+            for old, new in gaps
+            if np.isfinite(old) and np.isfinite(new) and old > 1.0
+        ]
+        return max(shares, default=0.0)
+
+    def _gaps(self, outcome: Outcome) -> tuple[float, float]:
+        """Held-out gaps, open loop and windowed [sigma]."""
+        sensed = self.held.sensed
+        return outcome.gap(sensed, "open_loop"), outcome.gap(sensed, "windowed")
+
+    def unexplained(self, c: Candidate) -> float:
+        """Log evidence that unknown forces still bring to a set."""
+        if c.key not in self.tightest:
+            self.tightest[c.key] = tighten(c.fit, self.settings)
+        tight = self.tightest[c.key]
+        return 0.0 if tight is None else c.fit.log_evidence - tight.log_evidence
+
+    def _gain(self, c: Candidate) -> float:
+        """Held-out gain of a whole set over the model [nats]."""
+        after = self.outcome(c.fit)
+        return compare(self.before, after, self.held.shots, self.inflation, seed=self.seed).gain
+
+    def faults(self, c: Candidate) -> tuple[dict[str, Paired], dict[str, str]]:
+        """Gain by effect over the set without it, and why some do not stand."""
+        after = self.outcome(c.fit)
+        trials = {
+            name: compare(
+                self._outcome_without(c, name),
+                after,
+                self.held.shots,
+                self.inflation,
+                seed=self.seed,
+            )
+            for name in c.names
+        }
+        most = max(t.gain for t in trials.values())
+        certain = _certainty(c.fit)
+        bad = {}
+        for name, paired in trials.items():
+            why = self._fault(c, name, paired, most, certain[name])
+            if why:
+                bad[name] = why
+        return trials, bad
+
+    def _fault(self, c: Candidate, name: str, paired: Paired, most: float, certain: float) -> str:
+        """Why an effect of a set does not stand; empty: it does."""
+        alone = self.alone.get(name, 0.0)
+        unknown = self.unexplained(c) / self.inflation
+        gain = f"held-out gain {paired.gain:.1f} nats"
+        if certain < WALD and alone < WALD**2:
+            # What it brought was another way down for the other parameters. An effect that
+            # bends so sharply that its size is loose still shows in the score of the model.
+            return (
+                f"its size is {certain:.1f} of its standard deviations, and its score alone "
+                f"{alone:.1f}"
+            )
+        if paired.gain < unknown and not self._carries(c, name, paired):
+            return f"{gain}, less than the {unknown:.1f} that an unknown force would still explain"
+        small = paired.gain < self.least_share * most
+        if small and not self._completes(c, name):
+            return (
+                f"{gain} beside {most:.0f}: no more than an error in the form of the larger effect "
+                "would bring"
+            )
+        if not _improves(paired, self.inflation):
+            return f"{gain}, p = {paired.p:.2g}"
+        return ""
+
+    def _completes(self, c: Candidate, name: str) -> bool:
+        """Whether an effect that is small beside another is more than an error in its form."""
+        share = self.closes(c, name)
+        if self.unknown_rest and share >= CLOSES:
+            return True
+        gaps = self._gaps(self._outcome_without(c, name))
+        return share >= ALL and any(DEEP < g < np.inf for g in gaps)
+
+    def _carries(self, c: Candidate, name: str, paired: Paired) -> bool:
+        """Whether an effect closes most of a held-out gap that is one, and surely."""
+        gaps = self._gaps(self._outcome_without(c, name))
+        wide = any(WIDE < g < np.inf for g in gaps)
+        return wide and _improves(paired, self.inflation) and self.closes(c, name) >= MOST
+
+    def standing(
+        self, first: Candidate, proof: dict[str, Paired], bad: dict[str, str]
+    ) -> tuple[Candidate | None, dict[str, Paired]]:
+        """The largest part of a set all of whose effects stand, and the proof of it.
+
+        What is against others in the largest parts is noted in ``bad``.
+
+        Effects of a set can stand in for each other, so that the first refusal must not decide: of
+        the largest parts that stand, the one with the best evidence is kept.
+        """
+        strongest = max(first.names, key=lambda n: proof[n].gain)
+        needed = set() if strongest in bad else {strongest}
+        # A smaller set leaves more to unknown forces: where they beat the whole set, it is over.
+        # (Effects that stand in for each other gain little each over the set without them.)
+        if self._gain(first) < self.unexplained(first) / self.inflation and not any(
+            self._carries(first, name, proof[name]) for name in first.names
+        ):
+            return None, proof
+        for size in range(len(first.names) - 1, 0, -1):
+            standing = []
+            for names in itertools.combinations(first.names, size):
+                if not needed <= set(names):
+                    continue
+                part: Candidate | None = first
+                for name in set(first.names) - set(names):
+                    assert part is not None
+                    part = self.without(part, name)
+                assert part is not None
+                if part.evidence < self.search.model_evidence:
+                    continue
+                found, wrong = self.faults(part)
+                for name, why in wrong.items():
+                    bad.setdefault(name, why)
+                if not wrong:
+                    standing.append((part, found))
+            if standing:
+                return max(standing, key=lambda s: (s[0].evidence, s[0].key))
+        return None, proof
+
+    def rivals(self, best: Candidate) -> list[Candidate]:
+        """Other sets that these records cannot tell from the best."""
+        after = self.outcome(best.fit)
+        found = []
+        for c in self.search.candidates:
+            if c.key == best.key or len(c.names) > len(best.names):
+                continue
+            if (best.evidence - c.evidence) / self.inflation > math.log(20.0):
+                continue
+            own = self.outcome(c.fit)
+            if not self._improves(self.before, own):
+                continue
+            if self._improves(own, after):
+                continue  # the best one predicts better than it
+            found.append(c)
+        return found
+
+    def _improves(self, old: Outcome, new: Outcome) -> bool:
+        return _improves(compare(old, new, self.held.shots, self.inflation), self.inflation)
+
+
+def accept(
+    search: Search,
+    held: HeldOut,
+    settings: FitSettings,
+    inflation: float,
+    *,
+    windowed_level: float,
+    least_share: float,
+    unknown_rest: bool = False,
+    seed: int,
+    progress: Progress | None = None,
+) -> Accepted:
+    """Keep the effects of the best set that held-out records confirm, and find its rivals.
+
+    ``unknown_rest``: a rest was admitted as noise. Then there is no law that could be right to the
+    last digit, and small print is told by the share of the remaining gap that it closes as well.
+    """
+    trial = _Trial(
+        search,
+        held,
+        settings,
+        inflation,
+        windowed_level=windowed_level,
+        least_share=least_share,
+        unknown_rest=unknown_rest,
+        seed=seed,
+        progress=progress,
+    )
+    proof: dict[str, Paired] = {}
+    rejected: list[tuple[str, str]] = []
+    best = first = search.best
+    if first is not None:
+        proof, bad = trial.faults(first)
+        if bad:
+            without = "does not stand without " + " and ".join(bad)
+            best, proof = trial.standing(first, proof, bad)
+            kept = () if best is None else best.names
+            rejected = [(n, bad.get(n, without)) for n in first.names if n not in kept]
+    return Accepted(
+        best,
+        trial.before,
+        trial.before if best is None else trial.outcome(best.fit),
+        proof,
+        () if best is None else tuple(trial.rivals(best)),
+        tuple(rejected),
+        trial.outcomes,
+        None if best is None else trial.tightest[best.key],
+    )
+
+
+def _part(search: Search, fit: Fit, kept: Sequence[int], settings: FitSettings) -> Fit:
+    """Some effects of a fit, fitted again from what the model does without them."""
+    terms = tuple(fit.terms[k] for k in kept)
+    return refit(search.bare, terms, fit.point.sizes[list(kept)], settings)
+
+
+def _certainty(fit: Fit) -> dict[str, float]:
+    """Size over its standard deviation, by effect."""
+    sizes = fit.intervals()[len(fit.problem.free) :]
+    return {i.name: abs(i.value) / max(i.sd, 1e-150) for i in sizes}
+
+
+def _improves(paired: Paired, inflation: float) -> bool:
+    """Enough gain; and, where the noise model is doubtful, spread over the windows as well."""
+    return paired.gain > LEAST_GAIN and paired.p < (0.4 if inflation < 1.3 else 0.05)
+
+
+def shapley(
+    search: Search,
+    accepted: Accepted,
+    held: HeldOut,
+    settings: FitSettings,
+    *,
+    which: str,
+    windowed_level: float,
+    progress: Progress | None = None,
+) -> dict[str, float]:
+    """Order-free share of every accepted effect in the held-out gap (2^n fits, n <= 4) [sigma]."""
+    if accepted.candidate is None:
+        return {}
+    fit = accepted.candidate.fit
+    names = [t.name for t in fit.terms]
+    known = {c.key: c.fit for c in search.candidates}
+    value: dict[frozenset[str], float] = {}
+    subsets = [
+        frozenset(s) for r in range(len(names) + 1) for s in itertools.combinations(names, r)
+    ]
+    for subset in subsets:
+        key = tuple(sorted(subset))
+        found = accepted.outcomes.get(key)
+        if found is None:
+            if progress is not None:
+                progress("waterfall: " + " + ".join(key), len(value), len(subsets))
+            kept = [k for k, n in enumerate(names) if n in subset]
+            part = known.get(key) or _part(search, fit, kept, settings)
+            found = evaluate(held, part, settings, windowed_level=windowed_level)
+        value[subset] = found.gap(held.sensed, which)
+    n = len(names)
+    out = {}
+    for name in names:
+        share = 0.0
+        for subset in subsets:
+            if name in subset:
+                continue
+            weight = (
+                math.factorial(len(subset)) * math.factorial(n - len(subset) - 1)
+            ) / math.factorial(n)
+            share += weight * (value[subset] - value[subset | {name}])
+        out[name] = share
+    return out

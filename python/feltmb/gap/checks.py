@@ -1,0 +1,391 @@
+"""DataChecks: clocks, missing values, resolution and noise of records before anything is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from feltmb.arguments import checked
+from feltmb.data import Array, Record
+from feltmb.errors import DataError, InvalidParameter
+from feltmb.fit import Model
+from feltmb.fit.noise import Noise
+from feltmb.gap.color import color_at_rest, quiet_blocks
+from feltmb.units import conversion_factor
+
+__all__ = ["ChannelCheck", "DataChecks", "check_records"]
+
+#: Share of the variance that may come from the digitizer where the color of the noise is looked
+#: for: the rounding of a slow motion is a sawtooth.
+COARSE = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelCheck:
+    """What is known of one channel of one record."""
+
+    record: str
+    channel: str
+    unit: str
+    samples: int
+    missing: float
+    """Share of samples without a value [1]."""
+    spread: float
+    """Standard deviation of the signal [unit]."""
+    sigma: float
+    """Noise in use, resolution included [unit]."""
+    method: str
+    """Where sigma comes from: "sensor", "repeats", "rest", "differences", "prediction"."""
+    correlation_time: float
+    """Of the noise [s]."""
+    averaged: int
+    """Samples whose mean the noise is like [1]; 1: it forgets itself exponentially, or is white."""
+    quantum: float
+    """Smallest step seen [unit]; 0: none."""
+    clipped: float
+    """Share of samples that sit at the extremes of the channel [1]."""
+    drift: float
+    """Low-frequency wander of the rest segment, in sigma."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DataChecks:
+    """Outcome of the data checks."""
+
+    channels: tuple[ChannelCheck, ...]
+    problems: tuple[str, ...]
+    """What makes records unusable as they are."""
+    warnings: tuple[str, ...]
+    repeatability: tuple[tuple[str, str, float], ...]
+    """(label, channel, standard deviation between repeats [unit])."""
+    estimated: bool
+    """Whether some sigma had to be estimated from the data."""
+
+    @checked
+    def noise(self, record: str) -> dict[str, Noise]:
+        """Noise by channel of a record."""
+        return {
+            c.channel: Noise(c.sigma, c.correlation_time, c.averaged)
+            for c in self.channels
+            if c.record == record
+        }
+
+
+@checked
+def check_records(records: Sequence[Record], outputs: Sequence[str] | None = None) -> DataChecks:
+    """Look at records before a model is asked.
+
+    Parameters
+    ----------
+    records
+        All of them: repeats are found by their label.
+    outputs
+        Channels that matter; default: all.
+    """
+    if not records:
+        raise DataError("no records: expected at least one")
+    names = [r.name for r in records]
+    doubled = sorted({n for n in names if names.count(n) > 1})
+    if doubled:
+        raise DataError(f"records: the name {', '.join(doubled)} is used twice")
+    problems: list[str] = []
+    warnings: list[str] = []
+    repeats = _repeatability(records, warnings)
+    channels = []
+    estimated = False
+    for record in records:
+        _clock(record, problems, warnings)
+        for name, values in record.outputs.items():
+            if outputs is not None and name not in outputs:
+                continue
+            check = _channel(record, name, values, repeats)
+            estimated |= check.method != "sensor"
+            where = f"{record.name}.{name}"
+            if check.samples < 8 and check.method != "sensor":
+                problems.append(f"{where}: {check.samples} values, expected at least 8")
+            elif check.spread == 0.0:
+                warnings.append(f"{where}: never changes")
+            elif check.samples < 8:
+                warnings.append(
+                    f"{where}: {check.samples} values: enough for a model of single numbers, not "
+                    "for one that moves"
+                )
+            if check.missing > 0.5:
+                warnings.append(f"{where}: {check.missing:.0%} of the values are missing")
+            if check.clipped > 0.02:
+                warnings.append(
+                    f"{where}: {check.clipped:.0%} of the values sit at the end of the range; "
+                    "is the sensor saturated?"
+                )
+            channels.append(check)
+        if outputs is not None and not set(outputs) & set(record.outputs):
+            problems.append(
+                f"{record.name}: none of its outputs ({', '.join(record.outputs)}) is one of the "
+                f"model ({', '.join(outputs)})"
+            )
+    channels = _colored(_pooled(channels), records, warnings)
+    flat = tuple((label, channel, sd) for (label, channel), sd in sorted(repeats.items()))
+    return DataChecks(
+        channels=tuple(channels),
+        problems=tuple(problems),
+        warnings=tuple(warnings),
+        repeatability=flat,
+        estimated=estimated,
+    )
+
+
+def check_against(model: Model, records: Sequence[Record]) -> DataChecks:
+    """Look at records for a model: units and lengths besides what they are on their own.
+
+    Raises
+    ------
+    DataError
+        All that makes the records unusable, in one message.
+    """
+    checks = check_records(records, model.outputs)
+    problems = [*checks.problems, *faults_against(model, records)]
+    if problems:
+        raise DataError("records: " + "; ".join(problems))
+    return checks
+
+
+def with_sigma(record: Record, noise: Mapping[str, Noise]) -> Record:
+    """A record whose sensors say the noise that was found where they say none."""
+    sensors = {
+        name: replace(s, sigma=noise[name].sigma) if s.sigma is None and name in noise else s
+        for name, s in record.sensors.items()
+    }
+    return replace(record, sensors=sensors)
+
+
+def faults_against(model: Model, records: Sequence[Record]) -> list[str]:
+    """Records whose units, lengths or start states are none for the model."""
+    problems = []
+    states = [s.name for s in model.states()]
+    for record in records:
+        known = record.start
+        unknown = (
+            [] if known is None else [n for n in {**known.mean, **known.sd} if n not in states]
+        )
+        if states and unknown:
+            problems.append(
+                f"{record.name}: start of {', '.join(unknown)}, no state of the model "
+                f"{model.name} ({', '.join(states)})"
+            )
+        if record.samples < model.least_samples:
+            problems.append(
+                f"{record.name}: {record.samples} samples; the model {model.name} needs at least "
+                f"{model.least_samples}"
+            )
+        given = {k: s.unit for k, s in record.sensors.items()} | dict(record.input_units)
+        for name, unit in given.items():
+            wanted = model.units.get(name, "1")
+            if "1" not in (unit, wanted) and not _same(unit, wanted):
+                problems.append(
+                    f"{record.name}: {name} is in {unit}, in the model {model.name} in {wanted}"
+                )
+    return problems
+
+
+def _same(unit: str, other: str) -> bool:
+    """Whether two ways to write a unit mean the same; 1 stands for what is not said."""
+    try:
+        return unit == other or conversion_factor(unit, other) == 1.0
+    except (InvalidParameter, ValueError):
+        return False
+
+
+def _pooled(channels: list[ChannelCheck]) -> list[ChannelCheck]:
+    """One noise a sensor: where it was estimated, the quietest record speaks for all of them."""
+    out = []
+    for c in channels:
+        if c.method in ("rest", "differences", "prediction"):
+            same = [
+                o
+                for o in channels
+                if o.channel == c.channel
+                and o.unit == c.unit
+                and o.method in ("rest", "differences", "prediction")
+            ]
+            best = min(same, key=lambda o: o.sigma)
+            c = replace(c, sigma=best.sigma, method=best.method)
+        out.append(c)
+    return out
+
+
+def _colored(
+    channels: list[ChannelCheck], records: Sequence[Record], warnings: list[str]
+) -> list[ChannelCheck]:
+    """Color of the noise that data sheets tell, corrected where the records at rest say other."""
+    by_name = {r.name: r for r in records}
+    sensors: dict[tuple[object, ...], list[ChannelCheck]] = {}
+    for c in channels:
+        steps = np.diff(by_name[c.record].time)
+        interval = float(np.median(steps))
+        fine = c.quantum**2 / 12.0 < COARSE * c.sigma**2
+        if c.method == "sensor" and fine and np.allclose(steps, interval, rtol=1e-3, atol=0.0):
+            # Clocks of one camera may differ in the last digit.
+            sheet = (c.channel, c.sigma, c.correlation_time, f"{interval:.6g}")
+            sensors.setdefault(sheet, []).append(c)
+    found: dict[int, Noise] = {}
+    for group in sensors.values():
+        before = Noise(group[0].sigma, group[0].correlation_time)
+        interval = by_name[group[0].record].interval
+        seen = [quiet_blocks(by_name[c.record].outputs[c.channel], c.sigma) for c in group]
+        noise = color_at_rest(seen, interval, before)
+        if noise == before:
+            continue
+        found |= {id(c): noise for c in group}
+        warnings.append(
+            f"{group[0].channel}: at rest its noise is that of a mean over {noise.averaged} "
+            "samples, not of the correlation time of its data sheet, "
+            f"{before.correlation_time:.3g} s; the former is used"
+        )
+    return [
+        replace(c, correlation_time=found[id(c)].correlation_time, averaged=found[id(c)].averaged)
+        if id(c) in found
+        else c
+        for c in channels
+    ]
+
+
+def _clock(record: Record, problems: list[str], warnings: list[str]) -> None:
+    steps = np.diff(record.time)
+    middle = float(np.median(steps))
+    if steps.max() > 20.0 * middle:
+        at = int(np.argmax(steps))
+        problems.append(
+            f"{record.name}: the clock jumps by {steps[at]:g} s at {record.time[at]:g} s "
+            f"(median step {middle:g} s); split the record there"
+        )
+    elif steps.max() > 1.5 * middle or steps.min() < 0.5 * middle:
+        lost = int(np.sum(steps > 1.5 * middle))
+        warnings.append(f"{record.name}: uneven clock, {lost} steps are longer than 1.5 medians")
+
+
+def _repeatability(records: Sequence[Record], warnings: list[str]) -> dict[tuple[str, str], float]:
+    """Standard deviation between repeats of one run, by label and channel."""
+    groups: dict[str, list[Record]] = {}
+    for r in records:
+        if r.repeats:
+            groups.setdefault(r.repeats, []).append(r)
+    out = {}
+    for label, group in groups.items():
+        same = [
+            r
+            for r in group
+            if r.samples == group[0].samples
+            and np.allclose(np.diff(r.time), np.diff(group[0].time), rtol=1e-3)
+        ]
+        if len(same) < len(group):
+            warnings.append(f"repeats {label}: clocks differ; only {len(same)} are compared")
+        if len(same) < 2:
+            continue
+        for channel in same[0].outputs:
+            if all(channel in r.outputs for r in same):
+                stack = np.array([r.outputs[channel] for r in same])
+                variance = np.nanvar(stack, axis=0, ddof=1)
+                out[label, channel] = float(np.sqrt(np.nanmean(variance)))
+    return out
+
+
+def _channel(
+    record: Record, name: str, values: Array, repeats: dict[tuple[str, str], float]
+) -> ChannelCheck:
+    sensor = record.sensors[name]
+    good = values[np.isfinite(values)]
+    n = good.size
+    spread = float(np.std(good)) if n else 0.0
+    steps = np.abs(np.diff(good)) if n > 1 else np.zeros(1)
+    moved = steps[steps > 0.0]
+    quantum = sensor.quantum
+    if quantum == 0.0 and moved.size > 8 and np.mean(steps == 0.0) > 0.1:
+        smallest = float(np.min(moved))
+        ratio = moved / smallest
+        if np.mean(np.abs(ratio - np.round(ratio)) < 0.02) > 0.95:
+            quantum = smallest
+    clipped = 0.0
+    if n > 50 and spread > 0.0:
+        for extreme in (good.max(), good.min()):
+            held = (good[1:] == extreme) & (good[:-1] == extreme)
+            rest = abs(extreme - np.median(good)) < 0.5 * spread
+            if not rest and quantum < 0.01 * spread:
+                clipped = max(clipped, float(np.mean(held)))
+    tau, drift = sensor.correlation_time, 0.0
+    if sensor.sigma is not None:
+        sigma, method = sensor.sigma, "sensor"
+    else:
+        repeat = repeats.get((record.repeats, name))
+        if repeat is not None and repeat > 0.0:
+            sigma, method = repeat, "repeats"
+        else:
+            sigma, method, drift = _estimate(good, spread)
+            predicted = _predicted(values, record.inputs)
+            if predicted is not None and predicted < sigma:
+                sigma, method = predicted, "prediction"
+    variance = sigma**2 + quantum**2 / 12.0
+    return ChannelCheck(
+        record=record.name,
+        channel=name,
+        unit=sensor.unit,
+        samples=int(n),
+        missing=1.0 - n / max(values.size, 1),
+        spread=spread,
+        sigma=float(max(np.sqrt(variance), 1e-9 * max(spread, 1e-12))),
+        method=method,
+        correlation_time=tau,
+        averaged=1,
+        quantum=quantum,
+        clipped=clipped,
+        drift=drift,
+    )
+
+
+def _predicted(values: Array, inputs: Mapping[str, Array], reach: int = 4) -> float | None:
+    """Error of the best linear prediction of a sample from its neighbors and the inputs.
+
+    The noise of a sample is unknown to all others, so that no prediction can beat it: an upper
+    bound, which is close where the signal is too fast for differences.
+    """
+    n = values.size
+    columns = [np.roll(values, k) for k in range(-reach, reach + 1) if k != 0]
+    for u in list(inputs.values())[:4]:
+        columns += [np.roll(u, k) for k in range(-reach, reach + 1)]
+    part = slice(reach, n - reach)
+    table = np.column_stack([np.ones(n), *columns])[part]
+    wanted = values[part]
+    good = np.isfinite(wanted) & np.all(np.isfinite(table), axis=1)
+    if good.sum() < 5 * table.shape[1]:
+        return None
+    table, wanted = table[good], wanted[good]
+    size = np.maximum(np.sqrt(np.mean(table**2, axis=0)), 1e-300)
+    found = np.linalg.lstsq(table / size, wanted, rcond=1e-10)[0]
+    left = wanted - (table / size) @ found
+    return float(np.sqrt(np.sum(left**2) / (wanted.size - table.shape[1])))
+
+
+def _estimate(values: Array, spread: float) -> tuple[float, str, float]:
+    """Noise from the quietest stretches.
+
+    Third differences annul what is locally a parabola; white noise of variance s^2 leaves 20 s^2.
+    The lower tenth of blocks stands for rest, where the machine adds least.
+    """
+    n = values.size
+    if n < 12 or spread == 0.0:
+        return max(spread, 1e-12), "spread", 0.0
+    third = np.diff(values, 3)
+    block = int(np.clip(third.size // 12, 6, 48))
+    count = third.size // block
+    parts = np.sqrt(np.mean(third[: count * block].reshape(count, block) ** 2, axis=1) / 20.0)
+    everywhere = float(np.median(parts))
+    quiet = float(np.quantile(parts, 0.1))
+    if quiet < 0.5 * everywhere:  # noise is the same everywhere: what exceeds it is the machine
+        method, sigma = "rest", quiet * (1.0 + 1.0 / np.sqrt(block))
+    else:
+        method, sigma = "differences", everywhere
+    first = int(np.argmin(parts)) * block
+    segment = values[first : first + block]
+    drift = float(np.std(segment) / sigma) if sigma > 0.0 else 0.0
+    return float(max(sigma, 1e-6 * spread)), method, drift

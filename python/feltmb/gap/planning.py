@@ -1,0 +1,312 @@
+"""Before any measurement: which effects could be told apart, and what would separate the others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from feltmb.arguments import checked
+from feltmb.data import Array, Record, Sensor
+from feltmb.errors import DataError, InvalidParameter
+from feltmb.fit.calling import calling
+from feltmb.fit.model import Effect, Lanes, Model
+from feltmb.fit.observe import observe_lanes
+from feltmb.fit.problem import Problem
+from feltmb.fit.shots import Noise, make_shot
+from feltmb.fit.solve import FitSettings, finish
+from feltmb.gap.advise import SHOWS, confusion_at
+from feltmb.gap.checks import faults_against, with_sigma
+from feltmb.gap.score import Scores, all_terms, score_fit
+from feltmb.gap.smoke_test import try_effects
+
+__all__ = [
+    "Experiment",
+    "Plan",
+    "Planned",
+    "noncentrality",
+    "plan",
+    "planned",
+    "planned_scores",
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Planned:
+    """What planned records would say about one effect."""
+
+    effect: str
+    component: str
+    unit: str
+    scale: float
+    smallest: float
+    """Smallest size that would show [unit]; inf: never."""
+    surviving: float
+    """Share of its signature (amplitude) that parameters and nuisances cannot imitate [1]."""
+    rival: str
+    """Effect that it would be taken for most often."""
+    confusion: float
+    """Probability of that, at the larger of its scale and its smallest size that shows [1]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """A further record or sensor, and what it would bring."""
+
+    name: str
+    kind: str
+    """"record" or "sensor"."""
+    worst: float
+    """Largest confusion that is left [1]."""
+    mean: float
+    """Mean over the effects of their largest confusion [1]."""
+    gains: tuple[tuple[str, str, float, float], ...]
+    """Pairs that it separates: (effect, rival, confusion before, after), largest gain first."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """Result of :func:`plan`."""
+
+    effects: tuple[Planned, ...]
+    classes: tuple[tuple[str, ...], ...]
+    """Effects that cannot be told apart (confusion above one in ten)."""
+    unseen: tuple[str, ...]
+    """Effects that leave no trace of their own."""
+    names: tuple[str, ...]
+    confusion: tuple[tuple[float, ...], ...]
+    """Probability to take one for the other, in the order of ``names``."""
+    experiments: tuple[Experiment, ...]
+    """Ranked, the best first."""
+
+
+def planned(
+    model: Model,
+    record: Record,
+    sensors: Mapping[str, Sensor],
+    theta: Array | None = None,
+) -> Record:
+    """The record with outputs as the model would give them, without noise.
+
+    ``theta``: parameters; None: their prior values.
+    """
+    states = model.states()
+    prior = {} if record.start is None else record.start.mean
+    start = np.array([[prior.get(s.name, s.start) for s in states]])
+    if theta is None:
+        theta = np.array([p.value for p in model.parameters])
+    lanes = Lanes(
+        theta=theta[None],
+        windows=np.array([[0, record.samples - 1]]),
+        starts=start.reshape(1, len(states)),
+    )
+    names = [n for n in model.outputs if n in sensors]
+    bare = replace(record, outputs={n: np.zeros(record.samples) for n in names}, sensors=sensors)
+    outputs = observe_lanes(model, bare, lanes).outputs[0]
+    columns = {n: outputs[:, model.outputs.index(n)] for n in names}
+    for name, column in columns.items():
+        if not np.all(np.isfinite(column)):
+            raise InvalidParameter(f"record {record.name}: {name} could not be simulated")
+    return replace(bare, outputs=columns)
+
+
+def _noise(record: Record) -> dict[str, Noise]:
+    out = {}
+    for name, sensor in record.sensors.items():
+        sigma = sensor.sigma
+        if sigma is None:
+            # Nothing is known: a thousandth of what it would show.
+            sigma = 1e-3 * (float(np.std(record.outputs[name])) or 1.0)
+        out[name] = Noise(
+            float(np.hypot(sigma, sensor.quantum / np.sqrt(12.0))), sensor.correlation_time
+        )
+    return out
+
+
+def planned_scores(
+    model: Model,
+    effects: Sequence[Effect],
+    records: Sequence[Record],
+    *,
+    window: float | None = None,
+) -> Scores:
+    """Score matrices of records that hold the model's own outputs."""
+    shots = tuple(make_shot(model, r, _noise(r), window) for r in records)
+    problem = Problem(model, shots)
+    point = problem.start()
+    gap_sd = FitSettings().levels[-1] * problem.scale(point)
+    fit = finish(problem, point, FitSettings().levels[-1], gap_sd)
+    return score_fit(fit, all_terms(effects))
+
+
+def _best_shapes(scores: Scores) -> list[int]:
+    """One term for each effect: the shape that shows best."""
+    out: dict[str, int] = {}
+    for i, t in enumerate(scores.terms):
+        if t.name not in out or scores.strength[i] > scores.strength[out[t.name]]:
+            out[t.name] = i
+    return list(out.values())
+
+
+def _matrix(scores: Scores, index: list[int]) -> Array:
+    sizes = np.maximum(1.0, SHOWS / np.maximum(scores.strength, 1e-300))
+    chance = confusion_at(scores, np.where(scores.testable, sizes, 0.0))
+    return np.asarray(chance[np.ix_(index, index)])
+
+
+@checked
+def plan(
+    model: Model,
+    effects: Sequence[Effect],
+    records: Sequence[Record],
+    *,
+    channels: Sequence[str] | None = None,
+    sensors: Mapping[str, Sensor] | None = None,
+    candidates: Sequence[Record] = (),
+    window: float | None = None,
+) -> Plan:
+    """What planned records could tell, from the model alone.
+
+    Parameters
+    ----------
+    records
+        Planned runs: their inputs and clock count, their outputs do not.
+    channels
+        Outputs that will be measured; default: those of the records.
+    sensors
+        Sensors by output, also of outputs that are not among the channels: these are offered as
+        further sensors. An output without one gets a noise of a thousandth of what it shows.
+    candidates
+        Further runs that could be made.
+    """
+    if not records:
+        raise InvalidParameter("plan: no planned records; give inputs over time")
+    wanted = list(channels) if channels is not None else list(records[0].outputs)
+    unknown = [c for c in wanted if c not in model.outputs]
+    if unknown or not wanted:
+        raise InvalidParameter(
+            f"channels: {', '.join(unknown) or 'none'} is no output of {model.name}; "
+            f"there are {', '.join(model.outputs)}"
+        )
+    faults = faults_against(model, [*records, *candidates])
+    if faults:
+        raise DataError("plan: " + "; ".join(faults))
+    known = dict(sensors or {})
+    for r in records:
+        for n, s in r.sensors.items():
+            known.setdefault(n, s)
+    tested = [e for e in effects if model.accepts(e) or e.observe or e.excite]
+    with calling(f"model {model.name}: its simulation"):
+        model, records, candidates = _ready(model, records, candidates, known)
+    try_effects(model, tested, records[0])
+
+    def plan(some: Sequence[Record], names: Sequence[str]) -> list[Record]:
+        seen = {n: known.get(n, Sensor(name=n)) for n in names}
+        return [planned(model, r, seen) for r in some]
+
+    now = planned_scores(model, tested, plan(records, wanted), window=window)
+    index = _best_shapes(now)
+    names = [now.terms[i].name for i in index]
+    matrix = _matrix(now, index)
+    rows = []
+    for k, i in enumerate(index):
+        term = now.terms[i]
+        seen = bool(now.testable[i])
+        rival = int(np.argmax(matrix[k])) if len(index) > 1 else k
+        rows.append(
+            Planned(
+                effect=term.name,
+                component=term.effect.component,
+                unit=term.effect.unit,
+                scale=term.effect.scale,
+                smallest=float(SHOWS * term.effect.scale / now.strength[i]) if seen else np.inf,
+                surviving=float(np.sqrt(now.gram[i, i] / now.raw[i])) if seen else 0.0,
+                rival=names[rival] if len(index) > 1 and seen else "",
+                confusion=float(matrix[k, rival]) if seen else 0.5,
+            )
+        )
+    options = [(r.name, "record", [*records, r], wanted) for r in candidates]
+    options += [
+        (n, "sensor", list(records), [*wanted, n]) for n in model.outputs if n not in wanted
+    ]
+    experiments = []
+    for name, kind, some, outputs in options:
+        then = planned_scores(model, tested, plan(some, outputs), window=window)
+        best = _best_shapes(then)
+        after = _matrix(then, best)
+        pairs = [
+            (names[a], names[b], float(matrix[a, b]), float(after[a, b]))
+            for a in range(len(names))
+            for b in range(a)
+            if matrix[a, b] - after[a, b] > 0.02 and matrix[a, b] > 0.05
+        ]
+        pairs.sort(key=lambda p: -(p[2] - p[3]))
+        experiments.append(
+            Experiment(
+                name=name,
+                kind=kind,
+                worst=float(np.max(after)) if after.size else 0.0,
+                mean=float(np.mean(np.max(after, axis=1))) if after.size else 0.0,
+                gains=tuple(pairs[:8]),
+            )
+        )
+    experiments.sort(key=lambda e: (e.mean, e.worst, e.name))
+    rows.sort(key=lambda r: (r.smallest / r.scale, r.effect))
+    return Plan(
+        effects=tuple(rows),
+        classes=_classes(names, matrix),
+        unseen=tuple(n for n, i in zip(names, index, strict=True) if not now.testable[i]),
+        names=tuple(names),
+        confusion=tuple(tuple(float(v) for v in row) for row in matrix),
+        experiments=tuple(experiments),
+    )
+
+
+def _ready(
+    model: Model,
+    records: Sequence[Record],
+    candidates: Sequence[Record],
+    known: Mapping[str, Sensor],
+) -> tuple[Model, Sequence[Record], Sequence[Record]]:
+    """The model and all runs as a fit would take them, with what the model would show."""
+    sensors = {n: known.get(n, Sensor(name=n)) for n in model.outputs}
+    shown = []
+    for r in (*records, *candidates):
+        full = planned(model, r, sensors)
+        shown.append(with_sigma(full, _noise(full)))
+    ready = model.ready(shown)
+    count = len(records)
+    return ready.model, ready.records[:count], ready.records[count:]
+
+
+def _classes(names: Sequence[str], matrix: Array) -> tuple[tuple[str, ...], ...]:
+    """Cliques by single linkage at one in ten."""
+    parent = list(range(len(names)))
+
+    def root(i: int) -> int:
+        while parent[i] != i:
+            i = parent[i]
+        return i
+
+    for a in range(len(names)):
+        for b in range(a):
+            if matrix[a, b] > 0.1:
+                parent[root(a)] = root(b)
+    groups: dict[int, list[str]] = {}
+    for a, name in enumerate(names):
+        groups.setdefault(root(a), []).append(name)
+    return tuple(sorted(tuple(sorted(g)) for g in groups.values() if len(g) > 1))
+
+
+@checked
+def noncentrality(model: Model, effect: Effect, size: float, records: Sequence[Record]) -> float:
+    """Expected root of T of an effect of a given size in records of these inputs and sensors.
+
+    The best shape counts.
+    """
+    if not records:
+        raise InvalidParameter("noncentrality: no planned records; give inputs over time")
+    plans = [planned(model, r, r.sensors) for r in records]
+    scores = planned_scores(model, [effect], plans)
+    return float(np.max(np.where(scores.testable, scores.strength, 0.0)) * size / effect.scale)

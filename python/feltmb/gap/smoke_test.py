@@ -1,0 +1,121 @@
+"""A first call of every effect that is written in Python: its faults are told before the fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from feltmb.data import Array, Record
+from feltmb.errors import InvalidParameter
+from feltmb.fit.calling import calling
+from feltmb.fit.model import Effect, Lanes, Model, Term
+from feltmb.fit.observe import machine_terms, observe_lanes
+
+__all__ = ["try_effects"]
+
+#: Samples that are simulated: enough for a filter of a sensor.
+SAMPLES = 32
+
+
+def try_effects(model: Model, effects: Sequence[Effect], record: Record) -> None:
+    """Simulate the beginning of a record without effects, then with each, at its expected size.
+
+    Raises
+    ------
+    InvalidParameter
+        The model cannot be simulated, or effects whose callable raises or returns what cannot be
+        used, all of them.
+    """
+    with calling(f"model {model.name}: its simulation"):
+        bare = observe_lanes(model, record, _begin(model, None, record)).outputs
+        _check_numbers(model, record, bare)
+    faults = []
+    for e in effects:
+        if e.rate is None and e.observe is None and e.excite is None:
+            continue
+        for shape in e.shapes:
+            fault = _fault(model, Term(e, shape), record, bare)
+            if fault:
+                faults.append(f"{e.name}: {fault}")
+                break
+    if faults:
+        raise InvalidParameter("effects: " + "; ".join(faults))
+
+
+def _fault(model: Model, term: Term, record: Record, bare: Array) -> str:
+    """What is wrong with a term, or nothing; ``bare``: outputs without it."""
+    e = term.effect
+    try:
+        if e.excite is not None:
+            # The changed record checks lengths; a whole run would cost too much.
+            with calling("its excite"):
+                change = e.excite(record, _size(e), term.shape)
+                same = record.with_inputs(e.excite(record, 0.0, term.shape))
+            new = [n for n in record.with_inputs(change).inputs if n not in record.inputs]
+            if new:
+                return (
+                    f"its excite changes {new[0]!r}, which is no input of the record; known are "
+                    f"{', '.join(record.inputs)}"
+                )
+            moved = [n for n, v in record.inputs.items() if not _alike(same.inputs[n], v)]
+            return f"at size zero it changes the input {', '.join(moved)}" if moved else ""
+        lanes = _begin(model, term, record)
+        seen = observe_lanes(model, record, lanes).outputs
+        if _runs(bare) and not _runs(seen):
+            return f"at size {lanes.sizes[0, 0]:.3g} the model gives no numbers with it"
+        zero = observe_lanes(model, record, replace(lanes, sizes=0.0 * lanes.sizes)).outputs
+        if not _alike(zero, bare):
+            return "at size zero it is not the model: what it adds must vanish with its size"
+    except InvalidParameter as error:
+        return str(error).removeprefix(f"effect {e.name}: ")
+    return ""
+
+
+def _check_numbers(model: Model, record: Record, bare: Array) -> None:
+    """The model must give numbers at its priors, from its start or from one that it guesses."""
+    if _runs(bare):
+        return
+    windows = np.array([[0, min(SAMPLES, record.samples) - 1]])
+    theta = np.array([p.value for p in model.parameters])
+    starts = model.guess(record, windows)
+    lanes = Lanes.at_point(theta, windows, starts, (), np.zeros(0))
+    if not _runs(observe_lanes(model, record, lanes).outputs):
+        raise InvalidParameter(
+            f"model {model.name}: gives no numbers at the beginning of record {record.name} with "
+            "its parameters at their priors: all outputs are NaN or infinite"
+        )
+
+
+def _runs(outputs: Array) -> bool:
+    """Whether there are numbers beyond the start."""
+    later = outputs[:, 1:] if outputs.shape[1] > 1 else outputs
+    return bool(np.any(np.isfinite(later)))
+
+
+def _alike(one: Array, other: Array) -> bool:
+    """Equal but for rounding."""
+    finite = np.abs(other[np.isfinite(other)])
+    size = float(np.max(finite)) if finite.size else 0.0
+    return bool(np.allclose(one, other, rtol=1e-9, atol=1e-9 * size, equal_nan=True))
+
+
+def _begin(model: Model, term: Term | None, record: Record) -> Lanes:
+    """A few samples in three lanes: so many that a wrong shape does not fit by chance."""
+    last = min(SAMPLES, record.samples) - 1
+    terms = () if term is None else (term,)
+    starts: Array = np.array([[s.start for s in model.states(machine_terms(terms))]] * 3)
+    return Lanes(
+        theta=np.array([[p.value for p in model.parameters]] * 3),
+        windows=np.array([[0, last]] * 3),
+        starts=starts.reshape(3, -1),
+        terms=terms,
+        sizes=np.array([[_size(t.effect) for t in terms]] * 3),
+    )
+
+
+def _size(effect: Effect) -> float:
+    """The expected size, on the side that is permitted."""
+    size = -effect.scale if effect.sign < 0 else effect.scale
+    return float(np.clip(size, *effect.bounds))

@@ -1,0 +1,306 @@
+"""Moving picture of a run as GIF; the moving picture in HTML is :mod:`feltmb.graphics.viewer`.
+
+The mechanism is made again from the parameters that the run holds, and drawn as
+:func:`feltmb.graphics.plot.mechanism` draws it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from feltmb.errors import InvalidParameter
+from feltmb.files import check_writable, write_file
+from feltmb.graphics.film import Film, time_window
+from feltmb.graphics.plot.axes import set_window
+from feltmb.graphics.plot.drawing import draw_bodies, draw_fixed, draw_joints
+from feltmb.graphics.plot.poses import (
+    bent_beams,
+    body_poses,
+    to_ground,
+)
+from feltmb.graphics.plot.readings import run_action, run_name
+from feltmb.graphics.plot.shapes import shape_points, upper_right_is_free
+from feltmb.style import (
+    BLACK,
+    FELT,
+    INK,
+    NORMAL,
+    PURPLE,
+    RED,
+    SMALL,
+    SURFACE,
+    new_figure,
+    style_axes,
+)
+
+if TYPE_CHECKING:
+    from feltmb.run.results import Run
+
+Array = npt.NDArray[np.float64]
+Progress = Callable[[float], object]
+
+__all__ = ["animate"]
+
+MOST_FRAMES = 5000
+
+
+def animate(
+    run: Run,
+    path: str | Path,
+    *,
+    fps: float = 30,
+    slowness: float = 20,
+    window: tuple[float, float] | None = None,
+    force: bool = False,
+    progress: Progress | None = None,
+) -> Path:
+    """Write the motion of a run as GIF.
+
+    Parameters
+    ----------
+    run
+        Must hold all coordinates and its parameters.
+    path
+        Ends in ``.gif``.
+    fps
+        Pictures a second, 1 to 50. A GIF times its pictures in steps of 10 ms; the nearest is used
+        and the motion sampled accordingly, so that ``slowness`` holds.
+    slowness
+        How many times slower than the machine.
+    window
+        First and last time [s]; default: from the first to the last motion.
+    force
+        Replace an existing file.
+    progress
+        Called with the finished fraction, 0 to 1.
+
+    Returns
+    -------
+    Path
+        The file written.
+
+    Raises
+    ------
+    InvalidParameter
+        An argument is out of range, the name ends otherwise, or the run lacks coordinates.
+    FileExists
+        The file exists and ``force`` is not given.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".gif":
+        raise InvalidParameter(
+            f"animate: got {path.name!r}, expected a name in .gif; feltmb view writes HTML"
+        )
+    if not (math.isfinite(fps) and 1 <= fps <= 50):
+        raise InvalidParameter(f"animate: fps = {fps:g}, must lie in [1, 50]")
+    if not (math.isfinite(slowness) and slowness > 0):
+        raise InvalidParameter(f"animate: slowness = {slowness:g}, must be > 0")
+    start, end = time_window(run, window, "animate")
+    check_writable(path, force=force)
+    action = run_action(run)
+    delay = max(2, round(100.0 / fps))  # hundredths of a second
+    film = Film(run, action, _times(start, end, 0.01 * delay / slowness))
+    return _write_gif(film, path, delay, slowness, force, progress)
+
+
+def _times(start: float, end: float, step: float) -> Array:
+    count = math.floor((end - start) / step + 1e-9) + 1
+    if count > MOST_FRAMES:
+        raise InvalidParameter(
+            f"animate: {count} pictures, the limit is {MOST_FRAMES}; choose a shorter window or a "
+            "smaller slowness"
+        )
+    out: Array = start + step * np.arange(max(count, 2), dtype=np.float64)
+    return out
+
+
+# --- GIF -----------------------------------------------------------------------------------------
+
+
+def _write_gif(
+    film: Film,
+    path: Path,
+    delay: int,
+    slowness: float,
+    force: bool,
+    progress: Progress | None,
+) -> Path:
+    from PIL import Image
+
+    pictures: list[Any] = []
+    palette: Any = None
+    for i, pixels in enumerate(_pictures(film, slowness)):
+        image = Image.fromarray(pixels)
+        if palette is None:
+            palette = _palette(image)
+        # One palette for all, no dither: unchanged parts stay unchanged and cost nothing.
+        pictures.append(image.quantize(palette=palette, dither=Image.Dither.NONE))
+        if progress is not None:
+            progress((i + 1) / len(film.time))
+
+    def write(target: Path) -> None:
+        pictures[0].save(
+            target,
+            format="GIF",
+            save_all=True,
+            append_images=pictures[1:],
+            duration=10 * delay,
+            loop=0,
+            optimize=False,
+            disposal=1,
+        )
+
+    return write_file(path, write, force=force)
+
+
+def _palette(image: Any) -> Any:
+    """Colors of the first picture, and those that it may lack or have only nearly."""
+    from matplotlib.colors import to_rgb
+    from PIL import Image
+
+    found = image.quantize(colors=112, dither=Image.Dither.NONE).getpalette()[: 3 * 112]
+    # Almost white is white: the background must be one color.
+    for i in range(0, len(found), 3):
+        if min(found[i : i + 3]) > 247:
+            found[i : i + 3] = [255, 255, 255]
+    for color in ("#FFFFFF", RED, PURPLE, INK, BLACK, SURFACE, FELT):
+        rgb = np.array(to_rgb(color))
+        # Also half-way to white, for smooth edges.
+        for share in (1.0, 0.5):
+            found += [int(v) for v in np.round(255.0 * (share * rgb + (1.0 - share)))]
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(found)
+    return palette
+
+
+def _pictures(film: Film, slowness: float) -> Any:
+    """Yield RGB pictures (height, width, 3); what does not move is drawn once."""
+    from matplotlib.collections import LineCollection
+    from matplotlib.transforms import Affine2D
+
+    action, drawn = film.action, film.scene
+    low, high = film.limits
+    width = 7.6
+    height = float(np.clip(width * (high[1] - low[1]) / (high[0] - low[0]), 3.0, 8.0)) + 0.3
+    figure = new_figure(width, height)
+    figure.set_layout_engine("none")
+    figure.set_dpi(100)
+    canvas: Any = figure.canvas
+    ax = figure.add_axes((0.0, 0.0, 1.0, (height - 0.3) / height))
+    ax.set_xlim(low[0], high[0])
+    ax.set_ylim(low[1], high[1])
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.set_axis_off()
+    # Text and lines of the pictures are those of a small figure.
+    name = run_name(film.run)
+    figure.text(0.01, 1.0 - 0.07 / height, name, fontsize=NORMAL, va="top", fontweight="bold")
+    draw_fixed(ax, action, drawn, film.limits, with_string=False)
+    marker = _speed_inset(film, figure, ax)
+
+    poses = film.poses(0)
+    bent = bent_beams(action, film.q[0])
+    bodies = draw_bodies(ax, action, drawn, poses, bent)
+    moving: list[tuple[str, Any]] = [
+        (body, artist) for body, own in bodies.items() for artist, _ in own if body != "ground"
+    ]
+    moving += [(body, artist) for body, artist in draw_joints(ax, action, drawn, poses)]
+    straps = [
+        ax.plot(*curve.T, color=PURPLE, linewidth=1.2, zorder=5.3)[0]
+        for curve in film.straps(0, poses)
+    ]
+    strings = (
+        [ax.plot(*film.string[0].T, color=INK, linewidth=1.4, zorder=1.5)[0]]
+        if film.string is not None
+        else []
+    )
+    arrows = LineCollection([], colors=RED, linewidths=1.8, zorder=7)
+    ax.add_collection(arrows, autolim=False)
+    clock = figure.text(
+        0.99,
+        1.0 - 0.07 / height,
+        "",
+        fontsize=NORMAL,
+        va="top",
+        ha="right",
+        family="monospace",
+    )
+    changing = [artist for _, artist in moving] + straps + strings + [arrows]
+    changing.sort(key=lambda artist: float(artist.get_zorder()))
+    changing += [clock] + ([marker] if marker is not None else [])
+    for artist in changing:
+        artist.set_animated(True)
+    canvas.draw()
+    background = canvas.copy_from_bbox(figure.bbox)
+
+    frames: dict[str, Any] = {}
+    for body, artist in moving:
+        if body not in frames:
+            frames[body] = Affine2D()
+        artist.set_transform(frames[body] + ax.transData)
+    for i in range(len(film.time)):
+        poses = film.poses(i)
+        for body, frame in frames.items():
+            x, y, angle = poses[body]
+            frame.clear().rotate(angle).translate(x, y)
+        bent = bent_beams(action, film.q[i])
+        for body in bent:
+            for artist, shapes in bodies[body]:
+                artist.set_verts([shape_points(action, s, bent) for s in shapes])
+        for line, curve in zip(straps, film.straps(i, poses), strict=True):
+            line.set_data(curve[:, 0], curve[:, 1])
+        if film.string is not None:
+            strings[0].set_data(film.string[i, :, 0], film.string[i, :, 1])
+        arrows.set_segments(_arrow_lines(film.arrows(i, poses), drawn.unit))
+        clock.set_text(f"{1e3 * film.time[i]:7.2f} ms, {slowness:g} times slower")
+        if marker is not None and film.speed is not None:
+            marker.set_data(
+                [1e3 * film.time[i]], [np.interp(film.time[i], film.run.time, film.speed)]
+            )
+        canvas.restore_region(background)
+        for artist in changing:
+            (artist.axes or figure).draw_artist(artist)
+        yield np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
+
+
+def _arrow_lines(arrows: list[tuple[Array, Array]], unit: float) -> list[Array]:
+    lines = []
+    for tail, head in arrows:
+        d = head - tail
+        length = float(np.hypot(*d))
+        barb = min(4.0 * unit, 0.5 * length) / length
+        side = np.array([-d[1], d[0]])
+        lines.append(np.array([tail, head]))
+        lines.append(
+            np.array([head - barb * (d + 0.6 * side), head, head - barb * (d - 0.6 * side)])
+        )
+    return lines
+
+
+def _speed_inset(film: Film, figure: Any, ax: Any) -> Any:
+    """Curve of the speed of the hammer's tip in a free corner; its marker, or None."""
+    if film.speed is None:
+        return None
+    points = np.vstack(
+        [
+            to_ground(body_poses(film.action, q)[s.body], s.points)
+            for q in film.some
+            for s in film.scene.shapes
+        ]
+    )
+    if not upper_right_is_free(points, film.limits, np.array([0.45, 0.42])):
+        return None
+    box = ax.get_position()
+    small = figure.add_axes((0.60, box.y0 + 0.68 * box.height, 0.37, 0.27 * box.height))
+    small.plot(1e3 * film.run.time, film.speed, color=RED, linewidth=1.1)
+    style_axes(small, "time, ms", "")
+    small.set_title("hammer tip toward string, m/s", fontsize=SMALL, loc="left")
+    small.xaxis.label.set_size(SMALL)
+    small.tick_params(labelsize=SMALL)
+    set_window(small, (float(film.time[0]), float(film.time[-1])))
+    return small.plot([], [], "o", color=BLACK, markersize=5)[0]

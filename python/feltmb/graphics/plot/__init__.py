@@ -1,0 +1,38 @@
+"""Pictures of runs and mechanisms.
+
+Every function takes a :class:`~feltmb.run.results.Run` (or several, or an
+:class:`~feltmb.mechanism.Action`) and returns a matplotlib ``Figure`` of its own; nothing is shown
+and no global state of matplotlib is touched. Axes carry the units of a reader: ms, mm, N, m/s, mJ.
+What a run does not have is left out; a picture of which nothing would be left is refused.
+"""
+
+from feltmb.graphics.plot.effects import effects
+from feltmb.graphics.plot.energies import energy, loops
+from feltmb.graphics.plot.files import PICTURES, save_all
+from feltmb.graphics.plot.pages import compare, overview
+from feltmb.graphics.plot.portrait import mechanism
+from feltmb.graphics.plot.poses import body_poses
+from feltmb.graphics.plot.readings import run_action
+from feltmb.graphics.plot.series import contact_forces, finger_force, hammer_speed, motion, string
+from feltmb.graphics.plot.shapes import Scene, Shape, scene
+
+__all__ = [
+    "PICTURES",
+    "Scene",
+    "Shape",
+    "body_poses",
+    "compare",
+    "contact_forces",
+    "effects",
+    "energy",
+    "finger_force",
+    "hammer_speed",
+    "loops",
+    "mechanism",
+    "motion",
+    "overview",
+    "run_action",
+    "save_all",
+    "scene",
+    "string",
+]

@@ -1,0 +1,193 @@
+"""One page of a stroke, and outputs of several runs over each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from feltmb.errors import InvalidParameter
+from feltmb.graphics.plot.axes import head_title, mark_events, set_window
+from feltmb.graphics.plot.readings import (
+    action_window,
+    contact_label,
+    loaded_contacts,
+    need_samples,
+    run_name,
+)
+from feltmb.graphics.plot.series import draw_finger, draw_motion, draw_speed, motion_curves
+from feltmb.run.results import let_off_words
+from feltmb.style import (
+    CYCLE,
+    GRAY,
+    LARGE,
+    NORMAL,
+    SMALL,
+    new_figure,
+    plain_text,
+    reader_unit,
+    side_legend,
+    style_axes,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from feltmb.run.results import Run
+
+__all__ = ["compare", "overview"]
+
+
+def overview(run: Run) -> Figure:
+    """One page of a stroke: finger, motion, hammer speed, largest contact forces, string, felt.
+
+    Raises
+    ------
+    InvalidParameter
+        The run has neither finger, tracking points nor contacts.
+    """
+    need_samples(run)
+    whole = (float(run.time[0]), float(run.time[-1]))
+    near = action_window(run)
+    seen = (run.time >= near[0]) & (run.time <= near[1])
+    peaks = {n: float(np.max(run[f"contact{n:02d}.force"][seen])) for n in loaded_contacts(run)}
+    numbers = sorted((n for n, peak in peaks.items() if peak > 0), key=lambda n: -peaks[n])
+    panels: list[str] = []
+    if "finger.force" in run:
+        panels.append("finger")
+    try:
+        motion_curves(run)
+        panels.append("motion")
+    except InvalidParameter:
+        pass
+    if "hammer_tip.vx" in run:
+        panels.append("speed")
+    if numbers:
+        panels.append("forces")
+    if not panels:
+        raise InvalidParameter("plot overview: the run has no finger, tracking points or contacts")
+    heights = {"finger": 0.9, "motion": 1.5, "speed": 1.1, "forces": 1.5}
+    total = sum(heights[p] for p in panels)
+    figure = new_figure(8.6, 1.9 * total + 0.9)
+    head_title(figure, run, "Stroke")
+    axes = figure.subplots(
+        len(panels), 1, squeeze=False, height_ratios=[heights[p] for p in panels]
+    )[:, 0]
+    labeled = False
+    for ax, panel in zip(axes, panels, strict=True):
+        window = whole if panel == "finger" else near
+        if panel == "finger":
+            draw_finger(ax, run)
+            if near != whole:
+                ax.axvspan(1e3 * near[0], 1e3 * near[1], color="#F2F2F2", zorder=0)
+                ax.set_title("whole run; gray: shown below", fontsize=SMALL, loc="right")
+        elif panel == "motion":
+            draw_motion(ax, run)
+            ax.set_ylabel("displacement, mm", fontsize=NORMAL)
+        elif panel == "speed":
+            draw_speed(ax, run)
+        else:
+            for number, color in zip(numbers[:6], CYCLE, strict=False):
+                ax.plot(
+                    1e3 * run.time,
+                    run[f"contact{number:02d}.force"],
+                    color=color,
+                    linewidth=1.1,
+                    label=contact_label(run, number),
+                )
+            style_axes(ax, "time, ms", "contact force, N")
+        set_window(ax, window)
+        if window == near:
+            mark_events(ax, run, near, width=5.2, labels=not labeled)
+            labeled = True
+        if panel in ("motion", "forces"):
+            side_legend(ax)
+        if ax is not axes[-1] and panel != "finger":
+            ax.set_xlabel("")
+    summary = _summary_line(run)
+    if summary:
+        figure.supxlabel(summary, fontsize=SMALL + 1, x=0.01, ha="left")
+    return figure
+
+
+def _summary_line(run: Run) -> str:
+    s = run.summary
+    parts = []
+    for key, text, factor, unit in (
+        ("impact_speed", "impact speed (of the contact)", 1.0, "m/s"),
+        ("rebound_speed", "rebound speed", 1.0, "m/s"),
+        ("max_string_force", "largest string force", 1.0, "N"),
+        ("string_contact_duration", "string contact", 1e3, "ms"),
+        ("let_off_gap", "let-off gap", 1e3, "mm"),
+        ("check_gap", "check distance", 1e3, "mm"),
+    ):
+        if key in s:
+            parts.append(f"{text} {factor * s[key]:.3g} {unit}")
+        elif key == "let_off_gap" and let_off_words(s):
+            parts.append(let_off_words(s))
+    half = -(-len(parts) // 2)
+    return "\n".join("   ".join(row) for row in (parts[:half], parts[half:]) if row)
+
+
+def compare(runs: Sequence[Run], names: Sequence[str]) -> Figure:
+    """Overlay outputs of several runs, one panel for each output.
+
+    Parameters
+    ----------
+    runs
+        One or more; each becomes one color.
+    names
+        Outputs, such as ``["hammer_tip.vx", "contact06.force"]``. A run without one of them is
+        left out of that panel.
+
+    Raises
+    ------
+    InvalidParameter
+        No runs, no names, or an output that no run has.
+    """
+    if not runs or not names:
+        raise InvalidParameter(
+            f"plot compare: got {len(runs)} runs and {len(names)} outputs, expected one or more"
+        )
+    for run in runs:
+        need_samples(run)
+    figure = new_figure(8.8, 2.3 * len(names) + 0.7)
+    figure.suptitle("Comparison", fontsize=LARGE, x=0.01, ha="left", fontweight="bold")
+    axes = figure.subplots(len(names), 1, squeeze=False, sharex=True)[:, 0]
+    labels = [run_name(run) or f"run {i + 1}" for i, run in enumerate(runs)]
+    doubled = {label for label in labels if labels.count(label) > 1}
+    labels = [f"{label} ({i + 1})" if label in doubled else label for i, label in enumerate(labels)]
+    shown: dict[str, Any] = {}
+    for ax, name in zip(axes, names, strict=True):
+        having = [i for i, run in enumerate(runs) if name in run]
+        if not having:
+            runs[0][name]  # raises with names that are near
+        first = runs[having[0]]
+        factor, unit = reader_unit(first.unit(name))
+        for i in having:
+            (line,) = ax.plot(
+                1e3 * runs[i].time,
+                factor * runs[i][name],
+                color=CYCLE[i % len(CYCLE)],
+                linestyle=("-", "--", ":")[(i // len(CYCLE)) % 3],
+                linewidth=1.1,
+            )
+            shown.setdefault(labels[i], line)
+        style_axes(ax, "", f"{name}, {unit}")
+        text = first.long_names[first.names.index(name)]
+        ax.set_title(plain_text(text), fontsize=SMALL + 0.5, loc="left", color=GRAY)
+    axes[-1].set_xlabel("time, ms", fontsize=NORMAL)
+    axes[0].set_xlim(
+        1e3 * min(float(r.time[0]) for r in runs), 1e3 * max(float(r.time[-1]) for r in runs)
+    )
+    axes[0].legend(
+        shown.values(),
+        shown.keys(),
+        loc="upper left",
+        bbox_to_anchor=(1.01, 1.0),
+        borderaxespad=0.0,
+        frameon=False,
+        fontsize=NORMAL - 0.5,
+    )
+    return figure

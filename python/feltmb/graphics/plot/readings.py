@@ -1,0 +1,180 @@
+"""What the pictures read from a run: contacts, events, windows of time, its mechanism."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from feltmb.errors import InvalidParameter
+from feltmb.style import plain_text
+
+if TYPE_CHECKING:
+    from feltmb.mechanism import Action
+    from feltmb.run.results import Run
+
+Array = npt.NDArray[np.float64]
+
+__all__ = [
+    "action_window",
+    "busy_window",
+    "contact_label",
+    "contact_numbers",
+    "finger_work",
+    "loaded_contacts",
+    "named_events",
+    "need_output",
+    "need_samples",
+    "run_action",
+    "run_name",
+    "speed_name",
+    "string_window",
+]
+
+
+def need_samples(run: Run) -> None:
+    """Refuse a run of fewer than two samples."""
+    if len(run.time) < 2:
+        raise InvalidParameter(f"plot: the run has {len(run.time)} samples, expected at least 2")
+
+
+def need_output(run: Run, name: str, picture: str) -> None:
+    """Refuse a run without an output that a picture needs."""
+    if name not in run:
+        raise InvalidParameter(f"plot {picture}: the run has no output {name!r}")
+
+
+def run_action(run: Run) -> Action:
+    """Mechanism of a run, made again from the text of its parameters.
+
+    Raises
+    ------
+    InvalidParameter
+        The run does not hold its parameters.
+    """
+    import tomllib
+
+    from feltmb.mechanism import Action, without_paths
+
+    text = run.provenance.get("toml")
+    if not text:
+        raise InvalidParameter("plot: the run does not hold the parameters of its mechanism")
+    origin = str(run.provenance.get("action", "run"))
+    try:
+        raw = tomllib.loads(str(text))
+    except (ValueError, RecursionError) as error:
+        raise InvalidParameter(f"{origin}: the run's mechanism cannot be read: {error}") from None
+    return Action(without_paths(raw, origin), origin=origin)
+
+
+def run_name(run: Run) -> str:
+    """Mechanism and stroke of a run, as text for matplotlib."""
+    stroke = run.provenance.get("stroke", {}).get("name", "")
+    action = str(run.provenance.get("action", ""))
+    return plain_text(
+        " · ".join(part for part in (action, f"stroke {stroke}" if stroke else "") if part)
+    )
+
+
+def contact_label(run: Run, number: int) -> str:
+    """Number and name of a contact, as text for matplotlib."""
+    name = f"contact{number:02d}.force"
+    text = run.long_names[run.names.index(name)]
+    label = text.partition(": ")[2]
+    return plain_text(f"{number} {label}" if label else f"contact {number}")
+
+
+def contact_numbers(run: Run) -> list[int]:
+    """Numbers of the contacts that the run holds, in order."""
+    found = (re.fullmatch(r"contact(\d+)\.force", name) for name in run.names)
+    return sorted(int(match.group(1)) for match in found if match)
+
+
+def loaded_contacts(run: Run, least: float = 1e-6) -> list[int]:
+    """Numbers of the contacts that carry more than ``least`` [N] at some sample."""
+    return [n for n in contact_numbers(run) if float(np.max(run[f"contact{n:02d}.force"])) > least]
+
+
+_AUTOMATIC = re.compile(r"(contact\d+|finger)_(on|off)")
+
+
+def named_events(run: Run) -> list[tuple[float, str]]:
+    """Times [s] and names of the events that the mechanism file names, in time, each once.
+
+    A point that passes its travel again and again is an event each time; a rule names the first.
+    """
+    table = run.event_table
+    first: dict[str, float] = {}
+    for name, time in zip(table.get("event", []), table.get("time", []), strict=True):
+        if not _AUTOMATIC.fullmatch(str(name)):
+            first.setdefault(str(name), float(time))
+    return sorted((time, name) for name, time in first.items())
+
+
+def action_window(run: Run) -> tuple[float, float]:
+    """Times [s] around the named events, or the whole run if there are none or they fill it."""
+    times = [t for t, _ in named_events(run)]
+    start, end = float(run.time[0]), float(run.time[-1])
+    if len(times) < 2:
+        return start, end
+    first = min((t for t, name in named_events(run) if name != "key_start"), default=times[0])
+    span = max(times[-1] - first, 1e-3)
+    return max(start, first - 0.6 * span), min(end, times[-1] + 1.2 * span)
+
+
+def busy_window(run: Run) -> tuple[float, float]:
+    """Times [s] between which forces and motions change, with a margin."""
+    start, end = float(run.time[0]), float(run.time[-1])
+    columns = [
+        i
+        for i, name in enumerate(run.names)
+        if re.fullmatch(r"contact\d+\.force|finger\.force|.+\.[xy]", name)
+    ]
+    if not columns:
+        return start, end
+    values = run.values[:, columns]
+    size = np.ptp(values, axis=0)
+    values = values[:, size > 1e-6 * max(float(size.max()), 1e-30)]
+    size = np.ptp(values, axis=0)
+    if size.size == 0:
+        return start, end
+    leaves = np.any(np.abs(values - values[0]) > 0.02 * size, axis=1)
+    settles = np.any(np.abs(values - values[-1]) > 0.02 * size, axis=1)
+    first = float(run.time[int(np.argmax(leaves))])
+    last = float(run.time[len(run.time) - 1 - int(np.argmax(settles[::-1]))])
+    span = max(last - first, 1e-3)
+    return max(start, first - 0.06 * span), min(end, last + 0.06 * span)
+
+
+def string_window(run: Run) -> tuple[float, float]:
+    """Times [s] between which the string moves at the strike point, with a margin."""
+    start, end = float(run.time[0]), float(run.time[-1])
+    strike = np.abs(run["string.strike"]) if "string.strike" in run else np.zeros(1)
+    top = float(strike.max())
+    if top <= 0:
+        return start, end
+    moving = np.flatnonzero(strike > 0.02 * top)
+    first, last = float(run.time[moving[0]]), float(run.time[moving[-1]])
+    span = max(last - first, 2e-3)
+    return max(start, first - 0.08 * span), min(end, last + 0.08 * span)
+
+
+def speed_name(run: Run) -> str:
+    """Name of the output that is the speed of the hammer."""
+    if "hammer_tip.vx" in run:
+        return "hammer_tip.vx"
+    raise InvalidParameter(
+        "plot hammer_speed: the run has no output 'hammer_tip.vx'; give the mechanism a tracking "
+        "point hammer_tip"
+    )
+
+
+def finger_work(run: Run) -> Array | None:
+    """Work [J] of the finger since the start, from force and travel; None without them."""
+    if "finger.force" not in run or "finger.displacement" not in run:
+        return None
+    force, travel = run["finger.force"], run["finger.displacement"]
+    steps = 0.5 * (force[1:] + force[:-1]) * np.diff(travel)
+    return np.concatenate([[0.0], np.cumsum(steps)])

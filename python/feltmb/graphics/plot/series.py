@@ -1,0 +1,363 @@
+"""Pictures over time: motion, hammer speed, forces of contacts and finger, string."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from feltmb import _core
+from feltmb.errors import InvalidParameter
+from feltmb.graphics.plot.axes import head_title, mark_events, panel_grid, set_window
+from feltmb.graphics.plot.readings import (
+    action_window,
+    busy_window,
+    contact_label,
+    loaded_contacts,
+    named_events,
+    need_output,
+    need_samples,
+    speed_name,
+    string_window,
+)
+from feltmb.style import (
+    BLACK,
+    BLUE,
+    CYCLE,
+    GRAY,
+    GREEN,
+    NORMAL,
+    ORANGE,
+    PURPLE,
+    RED,
+    SMALL,
+    new_figure,
+    plain_text,
+    reader_unit,
+    side_legend,
+    style_axes,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from feltmb.run.results import Run
+
+Array = npt.NDArray[np.float64]
+
+__all__ = [
+    "contact_forces",
+    "draw_finger",
+    "draw_motion",
+    "draw_speed",
+    "finger_force",
+    "hammer_speed",
+    "motion",
+    "motion_curves",
+    "string",
+]
+
+#: label, output, factor: what the thesis draws together in Figs 4.12 to 4.16.
+_MOTION = (
+    ("key front, dy", "key_front.y", 1.0, BLUE, "-"),
+    ("whippen, dy", "whippen.y", 1.0, GREEN, "-"),
+    ("4 × key lift", "key_balance.y", 4.0, PURPLE, "-"),
+    ("hammer tip, dx", "hammer_tip.x", 1.0, RED, "-"),
+    ("hammer tip, dy", "hammer_tip.y", 1.0, ORANGE, "--"),
+)
+
+
+def motion_curves(run: Run) -> list[tuple[str, Array, str, str]]:
+    """Label, displacement from the start [m], color and line style."""
+    curves = [
+        (label, factor * (run[name] - run[name][0]), color, style)
+        for label, name, factor, color, style in _MOTION
+        if name in run
+    ]
+    if curves:
+        return curves
+    points = [n for n in run.names if re.fullmatch(r".+\.[xy]", n) and run.unit(n) == "m"]
+    for i, name in enumerate(points[:12]):
+        point, axis = name[:-2], name[-1]
+        color = CYCLE[(i // 2) % len(CYCLE)]
+        style = "-" if axis == "y" else "--"
+        curves.append((plain_text(f"{point}, d{axis}"), run[name] - run[name][0], color, style))
+    if not curves:
+        raise InvalidParameter(
+            "plot motion: the run has no tracking points; give the mechanism [points]"
+        )
+    return curves
+
+
+def draw_motion(ax: Axes, run: Run) -> None:
+    """Draw the displacements of a run on axes."""
+    for label, values, color, style in motion_curves(run):
+        ax.plot(
+            1e3 * run.time, 1e3 * values, color=color, linestyle=style, linewidth=1.3, label=label
+        )
+    style_axes(ax, "time, ms", "displacement from start, mm")
+
+
+def motion(run: Run) -> Figure:
+    """Motion of key front, whippen, key lift (times 4) and hammer tip from their start.
+
+    As thesis Figs 4.12 to 4.16; below, the time around the blow. A mechanism without these points
+    shows its first tracking points.
+
+    Raises
+    ------
+    InvalidParameter
+        The run has no tracking points.
+    """
+    need_samples(run)
+    motion_curves(run)
+    whole = (float(run.time[0]), float(run.time[-1]))
+    near = action_window(run)
+    zoom = near[1] - near[0] < 0.8 * (whole[1] - whole[0])
+    figure = new_figure(9.0, 7.4 if zoom else 4.6)
+    head_title(figure, run, "Motion")
+    axes = figure.subplots(2 if zoom else 1, 1, squeeze=False)[:, 0]
+    for ax, window in zip(axes, (whole, near), strict=False):
+        draw_motion(ax, run)
+        set_window(ax, window)
+    if zoom:
+        axes[0].axvspan(1e3 * near[0], 1e3 * near[1], color="#F2F2F2", zorder=0)
+        axes[0].set_xlabel("")
+        axes[0].set_title("whole run; gray: shown below", fontsize=SMALL + 0.5, loc="right")
+        early = [name for t, name in named_events(run) if not near[0] <= t <= near[1]]
+        mark_events(axes[0], run, whole, width=6.4, only=early)
+    mark_events(axes[-1], run, near if zoom else whole, width=6.4)
+    side_legend(axes[0])
+    return figure
+
+
+def draw_speed(ax: Axes, run: Run, *, marks: bool = True) -> None:
+    """Draw the horizontal speed of the hammer's tip toward the string on axes.
+
+    It is not the impact speed, which is that of the contact (``run.summary["impact_speed"]``).
+    """
+    # x points to the player: the hammer runs toward the string with negative speed.
+    speed = -run[speed_name(run)]
+    ax.plot(1e3 * run.time, speed, color=RED, linewidth=1.3, label="hammer tip")
+    ax.axhline(0.0, color=GRAY, linewidth=0.6)
+    style_axes(ax, "time, ms", "hammer tip toward string, m/s")
+    if not marks:
+        return
+    top = float(np.max(speed))
+    # After the impact the hammer runs away from the string: above zero there is room.
+    for event, word, color, height in (
+        ("string_contact_on", "string met", BLACK, 0.97),
+        ("string_contact_off", "string left", BLUE, 0.42),
+    ):
+        time = run.event_time(event)
+        if time is None:
+            continue
+        value = float(np.interp(time, run.time, speed))
+        ax.plot([1e3 * time], [value], "o", color=color, markersize=4, zorder=4)
+        ax.annotate(
+            f"{word} at {1e3 * time:.1f} ms, tip {value:.2f} m/s",
+            (1e3 * time, value),
+            xytext=(14, height * top),
+            textcoords=("offset points", "data"),
+            ha="left",
+            va="center",
+            fontsize=SMALL + 0.5,
+            arrowprops={
+                "arrowstyle": "-",
+                "color": color,
+                "linewidth": 0.6,
+                "shrinkB": 3.0,
+                "relpos": (0.0, 0.5),
+            },
+            color=color,
+        )
+
+
+def hammer_speed(run: Run) -> Figure:
+    """Horizontal speed [m/s] of the hammer tip, positive toward the string; thesis Figs 4.9, 4.10.
+
+    The impact speed of a run, ``run.summary["impact_speed"]``, is the closing speed of the contact
+    along its normal, not this one of a tracking point.
+
+    Raises
+    ------
+    InvalidParameter
+        The run has no output ``hammer_tip.vx``.
+    """
+    need_samples(run)
+    speed_name(run)
+    figure = new_figure(7.5, 4.2)
+    head_title(figure, run, "Speed of the hammer tip")
+    ax = figure.subplots()
+    draw_speed(ax, run)
+    set_window(ax, action_window(run))
+    return figure
+
+
+def contact_forces(run: Run) -> Figure:
+    """Normal force [N] of every contact that ever carries one, each with its peak.
+
+    Raises
+    ------
+    InvalidParameter
+        No contact carries force.
+    """
+    need_samples(run)
+    numbers = loaded_contacts(run)
+    if not numbers:
+        raise InvalidParameter("plot contact_forces: no contact of the run carries force")
+    columns = min(4, len(numbers))
+    rows = -(-len(numbers) // columns)
+    figure = new_figure(2.9 * columns + 0.4, 1.75 * rows + 0.7)
+    head_title(figure, run, "Contact forces")
+    window = busy_window(run)
+    for i, (ax, number) in enumerate(
+        zip(panel_grid(figure, len(numbers), columns), numbers, strict=True)
+    ):
+        force = run[f"contact{number:02d}.force"]
+        peak = int(np.argmax(force))
+        ax.fill_between(1e3 * run.time, force, color=BLUE, alpha=0.15, linewidth=0)
+        ax.plot(1e3 * run.time, force, color=BLUE, linewidth=1.0)
+        last = i + columns >= len(numbers)
+        style_axes(ax, "time, ms" if last else "", "force, N" if i % columns == 0 else "")
+        ax.set_title(contact_label(run, number), fontsize=SMALL + 1, loc="left", pad=13)
+        held = force[0] >= 0.999 * force[peak]
+        when = "at the start" if held else f"at {1e3 * float(run.time[peak]):.1f} ms"
+        ax.text(
+            0.0,
+            1.03,
+            f"peak {force[peak]:.3g} N {when}",
+            transform=ax.transAxes,
+            fontsize=SMALL,
+            color=GRAY,
+            ha="left",
+            va="bottom",
+        )
+        ax.set_xlim(1e3 * window[0], 1e3 * window[1])
+        ax.set_ylim(0.0, 1.08 * float(force[peak]))
+        ax.locator_params(axis="x", nbins=5)
+        ax.locator_params(axis="y", nbins=4)
+    return figure
+
+
+def draw_finger(ax: Axes, run: Run) -> None:
+    """Draw the force of the finger on axes."""
+    ax.plot(
+        1e3 * run.time, run["finger.force"], color=BLUE, linewidth=1.3, label="force on the key"
+    )
+    style_axes(ax, "time, ms", "finger force, N")
+
+
+def finger_force(run: Run) -> Figure:
+    """Force [N] and travel [mm] of the finger; of a prescribed motion also what was prescribed.
+
+    Raises
+    ------
+    InvalidParameter
+        The run has no finger.
+    """
+    need_samples(run)
+    need_output(run, "finger.force", "finger_force")
+    travel = "finger.displacement" in run
+    figure = new_figure(8.0, 5.0 if travel else 3.4)
+    head_title(figure, run, "Finger")
+    axes = figure.subplots(2 if travel else 1, 1, squeeze=False, sharex=True)[:, 0]
+    window = (float(run.time[0]), float(run.time[-1]))
+    draw_finger(axes[0], run)
+    set_window(axes[0], window)
+    mark_events(axes[0], run, window, width=6.0)
+    if travel:
+        ax = axes[1]
+        axes[0].set_xlabel("")
+        moved = run.provenance.get("stroke", {}).get("kind") in ("motion", "key_motion")
+        traveled = run["finger.displacement"] - (0.0 if moved else run["finger.displacement"][0])
+        ax.plot(
+            1e3 * run.time,
+            1e3 * traveled,
+            color=GREEN,
+            linewidth=1.3,
+            label="point under the finger",
+        )
+        stroke = run.provenance.get("stroke", {})
+        if moved:
+            profile = _core.Profile(
+                stroke["time"],
+                stroke["value"],
+                getattr(_core.Interpolation, stroke["interpolation"]),
+            )
+            prescribed = np.asarray(profile.value(run.time))
+            if stroke["kind"] == "key_motion":
+                prescribed += run["finger.displacement"][0] - prescribed[0]
+            ax.plot(
+                1e3 * run.time,
+                1e3 * prescribed,
+                color=BLACK,
+                linewidth=1.0,
+                linestyle="--",
+                label="finger, prescribed" if stroke["kind"] == "motion" else "prescribed",
+            )
+            side_legend(ax)
+        style_axes(ax, "time, ms", "travel, mm")
+        set_window(ax, window)
+        mark_events(ax, run, window, width=6.0, labels=False)
+    return figure
+
+
+def string(run: Run) -> Figure:
+    """String: displacement at the strike point, bridge force, and its shape over time.
+
+    Raises
+    ------
+    InvalidParameter
+        The run has no modal string.
+    """
+    need_samples(run)
+    parameters = run.provenance.get("string")
+    shape = bool(parameters) and run.eta.ndim == 2 and run.eta.shape[1] > 0
+    names = [n for n in ("string.strike", "string.bridge_force") if n in run]
+    if not names and not shape:
+        raise InvalidParameter("plot string: the run has no modal string")
+    window = string_window(run)
+    figure = new_figure(8.0, 1.9 * len(names) + (2.8 if shape else 0.0) + 0.4)
+    head_title(figure, run, "String")
+    rows = len(names) + int(shape)
+    heights = [1.0] * len(names) + [1.5] * int(shape)
+    axes = figure.subplots(rows, 1, squeeze=False, sharex=True, height_ratios=heights)[:, 0]
+    for ax, name in zip(axes, names, strict=False):
+        factor, unit = reader_unit(run.unit(name))
+        what = "strike point" if name == "string.strike" else "bridge force"
+        color = RED if name == "string.strike" else BLUE
+        ax.plot(1e3 * run.time, factor * run[name], color=color, linewidth=1.2)
+        ax.axhline(0.0, color=GRAY, linewidth=0.6)
+        style_axes(ax, "", f"{what}, {unit}")
+        set_window(ax, window)
+        only = ("string_contact_on", "string_contact_off")
+        mark_events(ax, run, window, width=6.0, only=only, labels=ax is axes[0])
+    if shape:
+        assert parameters is not None
+        ax = axes[-1]
+        keep = (run.time >= window[0]) & (run.time <= window[1])
+        length = float(parameters["length"])
+        places = np.linspace(0.0, length, 161)
+        w = 1e3 * run.string_displacement(places)[keep]
+        top = float(np.abs(w).max()) or 1.0
+        image = ax.imshow(
+            w.T,
+            origin="lower",
+            aspect="auto",
+            extent=(1e3 * run.time[keep][0], 1e3 * run.time[keep][-1], 0.0, 1e3 * length),
+            cmap="RdBu_r",
+            vmin=-top,
+            vmax=top,
+            interpolation="bilinear",
+        )
+        style_axes(ax, "", "distance from end, mm")
+        ax.grid(False)
+        bar = figure.colorbar(image, ax=ax, pad=0.015, aspect=18)
+        bar.set_label("displacement away\nfrom the hammer, mm", fontsize=SMALL + 0.5)
+        bar.ax.tick_params(labelsize=SMALL)
+    axes[-1].set_xlabel("time, ms", fontsize=NORMAL)
+    return figure

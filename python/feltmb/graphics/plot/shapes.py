@@ -1,0 +1,432 @@
+"""A mechanism as shapes, independent of its pose. No drawing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from feltmb.errors import InvalidParameter
+from feltmb.graphics.plot.outlines import (
+    arc_points,
+    capsule,
+    dense_outline,
+    round_box,
+    shortest_tree,
+    wrap_angle,
+)
+from feltmb.graphics.plot.poses import (
+    Pose,
+    bend,
+    body_poses,
+    contact_rows,
+    station,
+    string_line,
+    to_body,
+    to_ground,
+)
+
+if TYPE_CHECKING:
+    from feltmb.mechanism import Action, Surface
+
+Array = npt.NDArray[np.float64]
+
+__all__ = [
+    "Scene",
+    "Shape",
+    "body_center",
+    "body_groups",
+    "scene",
+    "shape_points",
+    "station_of",
+    "upper_right_is_free",
+    "view_box",
+]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A polygon or polyline fixed to a body.
+
+    Attributes
+    ----------
+    body, role, name : str
+        ``role`` is ``wood``, ``wire``, ``pad`` (what a contact surface is cut from), ``surface``
+        (the exact contact geometry), ``mark``; ``name`` of the surface or point it stands for.
+    points : ndarray (n, 2)
+        In the frame of the body [m].
+    closed : bool
+        Polygon, not polyline.
+    """
+
+    body: str
+    role: str
+    name: str
+    points: Array
+    closed: bool
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What to draw of a mechanism, independent of its pose.
+
+    Attributes
+    ----------
+    shapes : tuple of Shape
+        In the order of drawing.
+    group : dict
+        Body -> index of the group of bodies welded together; ground is -1.
+    unit : float
+        Length [m] that counts as small for this mechanism.
+    """
+
+    shapes: tuple[Shape, ...]
+    group: dict[str, int]
+    unit: float
+
+
+def _unit(action: Action, poses: Mapping[str, Pose]) -> float:
+    """Size of the mechanism over 500: one millimeter of an upright action."""
+    points = [
+        to_ground(poses[s.body], np.array([s.point]))
+        for s in action.config.surfaces.values()
+        if s.radius is None or s.radius < 0.05
+    ]
+    points += [np.array([pose[:2]]) for pose in poses.values()]
+    points += [to_ground(poses[p.body], np.array([p.point])) for p in action.config.points.values()]
+    cloud = np.vstack(points)
+    size = float(np.max(np.ptp(cloud, axis=0)))
+    return size / 500.0 if size > 0 else 1e-3
+
+
+def _used_surfaces(action: Action) -> dict[str, Surface]:
+    """Surfaces of contacts that are on."""
+    names = {n for c in action.config.contacts.values() if c.enabled for n in c.surfaces}
+    return {n: s for n, s in action.config.surfaces.items() if n in names}
+
+
+def scene(action: Action, poses: Sequence[npt.ArrayLike] = ()) -> Scene:
+    """Shapes of a mechanism.
+
+    Surfaces are infinite lines and full circles to the simulation; drawn are the pieces near the
+    tabulated point and near where the contact is at rest and in ``poses``.
+
+    Parameters
+    ----------
+    poses
+        Coordinates q [rad, m] of poses in which the drawn pieces must reach the contact points.
+    """
+    config = action.config
+    rest = action.rest_pose
+    rest_poses = body_poses(action, rest)
+    u = _unit(action, rest_poses)
+    surfaces = _used_surfaces(action)
+    touched: dict[str, list[Array]] = {name: [] for name in surfaces}
+    for q in (rest, *poses):
+        where = rest_poses if q is rest else body_poses(action, q)
+        rows = contact_rows(action, q)
+        for key, contact in config.contacts.items():
+            if contact.enabled and int(key) in rows:
+                point = np.array([rows[int(key)][:2]])
+                for name in contact.surfaces:
+                    touched[name].append(to_body(where[surfaces[name].body], point)[0])
+    string_surface = config.string.surface if config.string is not None else ""
+    pieces = {
+        name: _surface_piece(name, s, touched[name], body_center(action, s.body), u)
+        for name, s in surfaces.items()
+    }
+    shapes: list[Shape] = []
+    group = body_groups(action)
+    strings = {name for name, s in surfaces.items() if _is_string(action, name, string_surface)}
+    for name, piece in pieces.items():
+        if surfaces[name].body == "ground" and name not in strings:
+            shapes += piece.shapes
+    for body in config.bodies:
+        own = {n: p for n, p in pieces.items() if surfaces[n].body == body}
+        shapes += _body_shapes(action, body, own, u)
+        for piece in own.values():
+            shapes += piece.shapes
+    return Scene(tuple(shapes), group, u)
+
+
+def _is_string(action: Action, name: str, string_surface: str) -> bool:
+    """The surface of the string, or another one on the same line (the damper's)."""
+    if not string_surface or name not in action.config.surfaces:
+        return False
+    if name == string_surface:
+        return True
+    a, b = action.config.surfaces[name], action.config.surfaces[string_surface]
+    if a.kind != "line" or b.kind != "line" or a.body != b.body or not a.normal or not b.normal:
+        return False
+    off = np.dot(np.subtract(a.point, b.point), b.normal)
+    return abs(off) < 1e-3 and float(np.dot(a.normal, b.normal)) > 0.999
+
+
+def body_center(action: Action, body: str) -> Array:
+    """Center of mass of a body in its frame [m], of a beam its middle."""
+    if body == "ground":
+        return np.zeros(2)
+    b = action.config.bodies[body]
+    return (
+        np.array([0.5 * b.length, 0.0])
+        if b.kind == "beam" and b.length
+        else np.array(b.center_of_mass)
+    )
+
+
+def body_groups(action: Action) -> dict[str, int]:
+    """Body -> index of the group of bodies welded together; ground is -1."""
+    group = {"ground": -1}
+    for name, body in action.config.bodies.items():
+        chain, parent = name, body
+        while parent.joint == "weld" and parent.parent != "ground":
+            chain = parent.parent
+            parent = action.config.bodies[chain]
+        if parent.joint == "weld":
+            group[name] = -1
+        else:
+            group.setdefault(chain, len(set(group.values()) - {-1}))
+            group[name] = group[chain]
+    return group
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """Drawn piece of a surface, and where and how thick the body must reach it."""
+
+    shapes: list[Shape]
+    node: Array
+    radius: float
+    small: bool
+
+
+def _surface_piece(name: str, s: Surface, touched: list[Array], center: Array, u: float) -> _Piece:
+    p = np.array(s.point)
+    ground = s.body == "ground"
+    depth = (4.5 if ground else 2.4) * u
+    if s.kind == "line":
+        assert s.normal is not None
+        normal = np.array(s.normal) / np.hypot(*s.normal)
+        along = np.array([normal[1], -normal[0]])
+        places = [0.0] + [float(along @ (t - p)) for t in touched]
+        # Far from its tabulated point only the place of the contact is material for sure.
+        if len(touched) and min(abs(x) for x in places[1:]) > 60.0 * u:
+            places = places[1:]
+        pad = 6.5 * u
+        a, b = p + along * (min(places) - pad), p + along * (max(places) + pad)
+        line = np.array([a, b])
+        block = np.array([a, b, b - normal * depth, a - normal * depth])
+        node = 0.5 * (a + b) - 0.5 * depth * normal
+        shapes = [
+            Shape(s.body, "pad", name, block, True),
+            Shape(s.body, "surface", name, line, False),
+        ]
+        return _Piece(shapes, node, 0.5 * depth, False)
+    radius = float(s.radius or 0.0)
+    angles = [math.atan2(t[1] - p[1], t[0] - p[0]) for t in touched]
+    if s.kind == "hybrid":
+        assert s.arc is not None
+        return _hybrid_piece(name, s, touched, u)
+    if s.kind == "circle" and radius <= 14.0 * u:
+        if radius <= 0.05 * u:
+            dot = arc_points(p, 0.4 * u, 0.0, 2.0 * math.pi)[:-1]
+            return _Piece([Shape(s.body, "mark", name, dot, True)], p, 0.5 * u, True)
+        ring = arc_points(p, radius, 0.0, 2.0 * math.pi)[:-1]
+        shapes = [
+            Shape(s.body, "pad", name, ring, True),
+            Shape(s.body, "surface", name, np.vstack([ring, ring[:1]]), False),
+        ]
+        return _Piece(shapes, p, radius, True)
+    if s.kind == "concave":
+        toward = center - p
+        angles.append(math.atan2(toward[1], toward[0]))
+    about = angles[0] if angles else math.atan2(center[1] - p[1], center[0] - p[0])
+    angles = [wrap_angle(a, about) for a in angles] or [about]
+    pad = 9.0 * u / radius
+    low, high = min(angles) - pad, max(angles) + pad
+    if high - low >= 2.0 * math.pi:
+        low, high = 0.0, 2.0 * math.pi
+    arc = arc_points(p, radius, low, high)
+    other = radius + depth if s.kind == "concave" else max(radius - depth, 0.0)
+    band = np.vstack([arc, arc_points(p, other, high, low) if other > 0 else p[None, :]])
+    middle = 0.5 * (low + high)
+    node = p + 0.5 * (radius + other) * np.array([math.cos(middle), math.sin(middle)])
+    shapes = [
+        Shape(s.body, "pad", name, band, True),
+        Shape(s.body, "surface", name, arc, False),
+    ]
+    return _Piece(shapes, node, 2.6 * u, False)
+
+
+def _hybrid_piece(name: str, s: Surface, touched: list[Array], u: float) -> _Piece:
+    """Arc and its two tangent half-lines: clockwise before the first angle, on after the second."""
+    assert s.arc is not None
+    p, radius = np.array(s.point), float(s.radius or 0.0)
+    low, high = s.arc
+    before = np.array([math.sin(low), -math.cos(low)])
+    after = np.array([-math.sin(high), math.cos(high)])
+    first = p + radius * np.array([math.cos(low), math.sin(low)])
+    last = p + radius * np.array([math.cos(high), math.sin(high)])
+    reach_before = max([6.0 * u] + [float(before @ (t - first)) + 2.0 * u for t in touched])
+    reach_after = max([8.0 * u] + [float(after @ (t - last)) + 2.0 * u for t in touched])
+    curve = np.vstack(
+        [
+            first + before * reach_before,
+            arc_points(p, radius, low, high),
+            last + after * reach_after,
+        ]
+    )
+    depth = 5.0 * u
+    inner = np.vstack(
+        [last + after * reach_after + before * depth, first + before * reach_before + after * depth]
+    )
+    shapes = [
+        Shape(s.body, "pad", name, np.vstack([curve, inner]), True),
+        Shape(s.body, "surface", name, curve, False),
+    ]
+    return _Piece(shapes, p + (before + after) * 0.5 * depth, 2.2 * u, False)
+
+
+def _body_shapes(action: Action, name: str, pieces: Mapping[str, _Piece], u: float) -> list[Shape]:
+    """Plausible outline: a rod, a bar, or limbs between joints, surfaces and center of mass."""
+    config = action.config
+    body = config.bodies[name]
+    thin: list[Array] = []
+    for strap in config.straps.values():
+        for end, place in ((strap.body_a, strap.point_a), (strap.body_b, strap.point_b)):
+            if end == name and strap.enabled:
+                thin.append(np.array(place))
+    if body.kind == "beam":
+        assert body.length is not None
+        assert body.area is not None
+        radius = math.sqrt(body.area / math.pi)
+        rod = dense_outline(
+            capsule(np.zeros(2), radius, np.array([body.length, 0.0]), radius), 4.0 * u
+        )
+        role = "wire" if radius < 2.0 * u else "wood"
+        return [Shape(name, role, name, rod, True)]
+    children = [
+        np.array(b.position)
+        for b in config.bodies.values()
+        if b.parent == name and b.joint != "prismatic"
+    ]
+    masses = sorted(b.mass for b in config.bodies.values() if b.mass > 0)
+    if body.mass <= 0 and not pieces and not thin:
+        return []
+    median = masses[len(masses) // 2] if masses else 1.0
+    heavy = min(8.0, max(2.4, 5.5 * math.sqrt(body.mass / median))) * u
+    nodes: list[tuple[Array, float]] = [(np.zeros(2), 4.2 * u)]
+    nodes += [(c, 3.8 * u) for c in children]
+    finger = []
+    if config.finger is not None and config.finger.body == name:
+        finger = [np.array(config.finger.point)]
+    massive = [n for n, _ in nodes] + [p.node for p in pieces.values() if not p.small] + finger
+    massive.append(np.array(body.center_of_mass))
+    bar = _bar(np.array(massive), pieces, u)
+    shapes: list[Shape] = []
+    if bar is not None:
+        shapes.append(Shape(name, "wood", name, bar, True))
+        low, high = bar.min(axis=0), bar.max(axis=0)
+        for piece in pieces.values():
+            foot = np.clip(piece.node, low + 2.0 * u, high - 2.0 * u)
+            if piece.small and np.hypot(*(piece.node - foot)) > 2.0 * u:
+                radius = min(piece.radius, 3.0 * u)
+                shapes.append(
+                    Shape(name, "wood", name, capsule(foot, radius, piece.node, radius), True)
+                )
+        for point in thin:
+            foot = np.clip(point, low, high)
+            shapes.append(Shape(name, "wire", name, capsule(foot, 0.7 * u, point, 0.7 * u), True))
+        return shapes
+    nodes.insert(len(children) + 1, (np.array(body.center_of_mass), heavy))
+    nodes += [(p.node, p.radius) for p in pieces.values()]
+    for a, b in shortest_tree([n for n, _ in nodes], len(children) + 1):
+        (pa, ra), (pb, rb) = nodes[a], nodes[b]
+        gap = float(np.hypot(*(pb - pa)))
+        if gap > 1.5 * (ra + rb):
+            # Far apart: a limb no thicker than needed, the discs at its ends stay visible.
+            ra, rb = min(ra, 3.6 * u), min(rb, 3.6 * u)
+        shapes.append(
+            Shape(name, "wood", name, capsule(pa, max(ra, 1.2 * u), pb, max(rb, 1.2 * u)), True)
+        )
+    for node, radius in nodes:
+        if radius > 2.8 * u and len(nodes) > 1:
+            shapes.append(Shape(name, "wood", name, capsule(node, radius, node, radius), True))
+    for point in thin:
+        near = min(nodes, key=lambda n: float(np.hypot(*(n[0] - point))))[0]
+        if np.hypot(*(near - point)) > 1e-9:
+            shapes.insert(
+                0, Shape(name, "wire", name, capsule(near, 0.7 * u, point, 0.7 * u), True)
+            )
+    return shapes
+
+
+def _bar(cloud: Array, pieces: Mapping[str, _Piece], u: float) -> Array | None:
+    """Straight bar through points that are long and slender along an axis of their frame."""
+    low, high = cloud.min(axis=0), cloud.max(axis=0)
+    size = high - low
+    if size.max() < 120.0 * u or size.min() > 0.2 * size.max():
+        return None
+    long = int(np.argmax(size))
+    for piece in pieces.values():
+        for shape in piece.shapes:
+            if shape.role == "pad" and not piece.small:
+                low = np.minimum(low, shape.points.min(axis=0))
+                high = np.maximum(high, shape.points.max(axis=0))
+    short = 1 - long
+    if high[short] - low[short] < 4.0 * u:
+        low[short] -= 2.0 * u
+        high[short] += 2.0 * u
+    low[long] -= 2.0 * u
+    high[long] += 2.0 * u
+    return round_box(low, high, min(1.5 * u, 0.4 * float(high[short] - low[short])))
+
+
+def view_box(action: Action, drawn: Scene, qs: Sequence[npt.ArrayLike]) -> tuple[Array, Array]:
+    """Corners [m] of what the bodies cover in the poses, with a margin."""
+    low, high = np.full(2, math.inf), np.full(2, -math.inf)
+    for q in qs:
+        poses = body_poses(action, q)
+        for shape in drawn.shapes:
+            points = to_ground(poses[shape.body], shape.points)
+            low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
+    line = string_line(action)
+    if line is not None:
+        start = line[0]
+        low, high = np.minimum(low, start), np.maximum(high, start)
+    if not np.all(np.isfinite(low)):
+        raise InvalidParameter(f"plot mechanism: {action.name!r} has nothing to draw")
+    margin = 12.0 * drawn.unit
+    return low - margin, high + margin
+
+
+def shape_points(action: Action, shape: Shape, bent: Mapping[str, Array]) -> Array:
+    """Points of a shape in the frame of its body [m], bent if the body is a flexible beam."""
+    if shape.body not in bent:
+        return shape.points
+    length = action.config.bodies[shape.body].length or 1.0
+    x = station_of(action, shape)
+    if x is None:
+        return bend(shape.points, bent[shape.body], length)
+    return station(shape.points, bent[shape.body], length, x)
+
+
+def station_of(action: Action, shape: Shape) -> float | None:
+    """Place x [m] along a beam of the cross section that a surface is fixed to; None of others.
+
+    The simulation fixes a surface to the cross section at its tabulated point.
+    """
+    if shape.role not in ("pad", "surface", "mark") or shape.name not in action.config.surfaces:
+        return None
+    return float(action.config.surfaces[shape.name].point[0])
+
+
+def upper_right_is_free(points: Array, limits: tuple[Array, Array], share: Array) -> bool:
+    """Whether the upper right corner, ``share`` of the view in x and y, is free of points."""
+    low, high = limits
+    corner = high - share * (high - low)
+    return not bool(np.any(np.all(points > corner, axis=1)))

@@ -1,0 +1,368 @@
+"""What the page needs of runs: curves, the moving mechanism, the string, events."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from feltmb.errors import InvalidParameter
+from feltmb.graphics.film import Film
+from feltmb.graphics.plot.outlines import spiral
+from feltmb.graphics.plot.poses import (
+    bent_beams,
+    body_poses,
+    contact_rows,
+    moving_joints,
+    spring_bodies,
+    string_line,
+    string_reach,
+)
+from feltmb.graphics.plot.readings import (
+    busy_window,
+    contact_numbers,
+    loaded_contacts,
+    named_events,
+    run_action,
+)
+from feltmb.graphics.plot.shapes import Shape, scene, station_of
+from feltmb.graphics.viewer.curves import Curves
+from feltmb.graphics.viewer.packing import pack_columns, pack_times
+from feltmb.graphics.viewer.thinning import extremes, knots, thin_outline
+from feltmb.style import body_fill, reader_unit
+
+if TYPE_CHECKING:
+    from feltmb.mechanism import Action
+    from feltmb.run.results import Run
+
+Array = npt.NDArray[np.float64]
+Progress = Callable[[float], object]
+
+__all__ = ["MOST_RUNS", "default_panels", "describe"]
+
+MOST_RUNS = 6
+MOST_FRAMES = 2000
+MOST_SAMPLES = 3000  # of one curve
+MOST_STRING_SAMPLES = 4000
+STRING_POINTS = 121
+#: Largest error of a curve over what it spans, from leaving out samples.
+CURVE_TOLERANCE = 2e-4
+
+
+def describe(
+    run: Run | Curves, name: str, window: tuple[float, float] | None, progress: Progress | None
+) -> dict[str, Any]:
+    """Everything of a run that the page shows, in the units of a reader, ready for JSON.
+
+    Parameters
+    ----------
+    run
+        A run of at least two samples, or curves that were measured.
+    name
+        For the reader.
+    window
+        Times [s] to keep; None keeps all.
+    """
+    if isinstance(run, Curves):
+        time, columns = run.time, dict(run.values)
+        units = {k: run.units.get(k, "1") for k in columns}
+        texts = dict.fromkeys(columns, "")
+        events: list[tuple[float, str]] = []
+    else:
+        time = run.time
+        columns = {k: run.values[:, i] for i, k in enumerate(run.names)}
+        units = dict(zip(run.names, run.units, strict=True))
+        texts = dict(zip(run.names, run.long_names, strict=True))
+        events = named_events(run)
+    keep = _kept(time, window, name)
+    out: dict[str, Any] = {
+        "name": name,
+        "first": 1e3 * float(time[keep][0]),
+        "last": 1e3 * float(time[keep][-1]),
+        "events": [
+            [round(1e3 * t, 4), text.replace("_", " ")]
+            for t, text in events
+            if time[keep][0] <= t <= time[keep][-1]
+        ],
+        "outputs": [
+            _curve(key, time[keep], columns[key][keep], units[key], texts[key]) for key in columns
+        ],
+        "stage": None,
+        "note": "",
+    }
+    if isinstance(run, Curves):
+        out["busy"] = [out["first"], out["last"]]
+        out["note"] = "curves only"
+        return out
+    low, high = busy_window(run)
+    out["busy"] = [max(1e3 * low, out["first"]), min(1e3 * high, out["last"])]
+    if out["busy"][1] <= out["busy"][0]:
+        out["busy"] = [out["first"], out["last"]]
+    try:
+        out["stage"] = _stage(run, run_action(run), keep, progress)
+    except InvalidParameter as error:
+        out["note"] = f"no mechanism to show: {error}"
+    return out
+
+
+def _kept(time: Array, window: tuple[float, float] | None, name: str) -> slice:
+    if len(time) < 2:
+        raise InvalidParameter(f"view: {name} has {len(time)} samples, expected 2 or more")
+    if not np.all(np.isfinite(time)) or not np.all(np.diff(time) > 0):
+        raise InvalidParameter(f"view: the times of {name} do not grow")
+    if window is None:
+        return slice(None)
+    first = int(np.searchsorted(time, window[0]))
+    last = int(np.searchsorted(time, window[1], side="right"))
+    if last - first < 2:
+        raise InvalidParameter(
+            f"view: window {window[0]:g} to {window[1]:g} s holds nothing of {name}, which goes "
+            f"from {time[0]:g} to {time[-1]:g} s"
+        )
+    return slice(first, last)
+
+
+def _label(name: str, text: str) -> str:
+    """Name of an output for the reader; contacts have a number and a name of their own."""
+    match = re.fullmatch(r"contact(\d+)\.(\w+)", name)
+    where = text.partition(": ")[2]
+    if match is None or not where:
+        return name
+    what = "" if match[2] == "force" else f", {match[2]}"
+    return f"{int(match[1])} {where}{what}"
+
+
+def _curve(name: str, time: Array, values: Array, unit: str, text: str) -> dict[str, Any]:
+    factor, reader = reader_unit(unit)
+    out: dict[str, Any] = {"name": name, "label": _label(name, text), "unit": reader, "text": text}
+    v = factor * np.asarray(values, dtype=float)
+    v = np.where(np.isfinite(v), v, np.nan)
+    kept = extremes(v, 8 * MOST_SAMPLES)
+    if np.all(np.isfinite(v)):
+        span = float(np.ptp(v))
+        kept = kept[
+            knots(time[kept], v[kept][:, None], CURVE_TOLERANCE * span, MOST_SAMPLES)
+            if span > 0
+            else [0, -1]
+        ]
+    out["time"] = pack_times(1e3 * time[kept])
+    out["value"] = pack_columns(v[kept][:, None])
+    return out
+
+
+def _frames(run: Run, action: Action, time: Array, keep: slice) -> Array:
+    """Times [s] of pictures between which everything moves nearly straight."""
+    missing = [name for name in action.coordinates if name not in run]
+    if missing:
+        raise InvalidParameter(f"the run lacks the coordinates {', '.join(missing)}")
+    unit = scene(action).unit
+    columns = []
+    for name in action.coordinates:
+        lever = 500.0 * unit if run.unit(name) == "rad" else 1.0
+        columns.append(run[name][keep] * lever / (0.03 * unit))
+    numbers = loaded_contacts(run)
+    largest = max((float(np.max(run[f"contact{n:02d}.force"])) for n in numbers), default=0.0)
+    for n in numbers:
+        share = np.clip(run[f"contact{n:02d}.force"][keep] / largest, 0.0, None)
+        columns.append(np.sqrt(share) / 0.03)  # root, as arrows are drawn
+    if "finger.force" in run:
+        force = np.abs(run["finger.force"][keep])
+        columns.append(np.sqrt(force / max(float(force.max()), 1e-30)) / 0.03)
+    values = np.column_stack(columns)
+    if not np.all(np.isfinite(values)):
+        raise InvalidParameter("the run holds coordinates that are no finite numbers")
+    stride = max(1, len(time) // 20000)
+    some = np.unique(np.append(np.arange(0, len(time), stride), len(time) - 1))
+    return np.asarray(time[some[knots(time[some], values[some], 1.0, MOST_FRAMES)]])
+
+
+def _rounded(values: Any, digits: int) -> Any:
+    return np.round(np.asarray(values, dtype=float), digits).tolist()
+
+
+def _stage(run: Run, action: Action, keep: slice, progress: Progress | None) -> dict[str, Any]:
+    """The moving mechanism in mm, N and ms."""
+    film = Film(run, action, _frames(run, action, run.time[keep], keep))
+    drawn = film.scene
+    bodies = ["ground", *action.config.bodies]
+    names = {body: i for i, body in enumerate(bodies)}
+    flexible = bent_beams(action, film.q[0])
+
+    def bends(shape: Shape) -> bool:
+        return shape.body in flexible and station_of(action, shape) is None
+
+    count = len(film.time)
+    poses = np.zeros((count, 3 * len(bodies)))
+    places = np.zeros((count, 4 * len(film.contacts)))
+    lines: dict[str, list[Array]] = {body: [] for body in flexible}
+    for i in range(count):
+        at = body_poses(action, film.q[i])
+        poses[i] = np.ravel([[1e3 * at[b][0], 1e3 * at[b][1], at[b][2]] for b in bodies])
+        rows = contact_rows(action, film.q[i])
+        for k, n in enumerate(film.contacts):
+            x, y, nx, ny, _ = rows[n]
+            places[i, 4 * k : 4 * k + 4] = 1e3 * x, 1e3 * y, nx, ny
+        for body, line in bent_beams(action, film.q[i]).items():
+            lines[body].append(1e3 * line[::3].ravel())
+        if progress is not None:
+            progress((i + 1) / count)
+    finger = action.config.finger
+    out: dict[str, Any] = {
+        "time": pack_times(1e3 * film.time),
+        "unit": round(1e3 * drawn.unit, 4),
+        "view": _rounded(1e3 * np.array(film.limits), 2),
+        "bodies": [{"fill": body_fill(drawn.group[b])} for b in bodies],
+        "shapes": [
+            {
+                "body": names[s.body],
+                "role": s.role,
+                "points": _rounded(
+                    1e3 * (s.points if bends(s) else thin_outline(s.points, 2e-5)), 3
+                ),
+                "station": None
+                if (at_x := station_of(action, s)) is None
+                else round(1e3 * at_x, 3),
+            }
+            for s in drawn.shapes
+        ],
+        "poses": pack_columns(poses),
+        "beams": [
+            {
+                "body": names[body],
+                "length": 1e3 * (action.config.bodies[body].length or 1.0),
+                "line": pack_columns(np.array(rows)),
+            }
+            for body, rows in lines.items()
+        ],
+        "contacts": [
+            {
+                "number": n,
+                "label": action.config.contacts[f"{n:02d}"].label or f"contact {n}",
+                "sides": film.sides[n],
+            }
+            for n in film.contacts
+        ],
+        "places": pack_columns(places),
+        "forces": pack_columns(
+            np.column_stack([film.forces[n] for n in film.contacts])
+            if film.contacts
+            else np.zeros((count, 0))
+        ),
+        "largest": film.largest,
+        "joints": [
+            {"body": names[parent], "at": _rounded(1e3 * place, 3), "ground": parent == "ground"}
+            for _, kind, parent, place in moving_joints(action)
+            if kind == "revolute"
+        ],
+        "springs": [
+            {"body": names[body], "points": _rounded(1e3 * spiral(4.6 * drawn.unit), 3)}
+            for body in spring_bodies(action)
+        ],
+        "straps": [
+            {
+                "a": [names[s.body_a], *_rounded(1e3 * np.array(s.point_a), 3)],
+                "b": [names[s.body_b], *_rounded(1e3 * np.array(s.point_b), 3)],
+                "free": 1e3 * s.free_length,
+            }
+            for s in action.config.straps.values()
+            if s.enabled
+        ],
+        "finger": None,
+        "string": _string(run, action, film, keep),
+    }
+    if finger is not None and film.finger is not None:
+        direction = np.array(finger.direction) / np.hypot(*finger.direction)
+        out["finger"] = {
+            "body": names[finger.body],
+            "at": _rounded(1e3 * np.array(finger.point), 3),
+            "along": _rounded(direction, 5),
+            "force": pack_columns(film.finger[:, None]),
+        }
+    return out
+
+
+def _string(run: Run, action: Action, film: Film, keep: slice) -> dict[str, Any] | None:
+    """Line of the string, and its modal coordinates with the shapes of its modes."""
+    line = string_line(action)
+    if line is None:
+        return None
+    start, along, normal, length = line
+    assert action.config.string is not None
+    out: dict[str, Any] = {
+        "start": _rounded(1e3 * start, 3),
+        "along": _rounded(along, 6),
+        "normal": _rounded(normal, 6),
+        "length": 1e3 * length,
+        "reach": 1e3 * string_reach(line, film.limits),
+        "modes": None,
+    }
+    eta = run.eta[keep]
+    if not run.provenance.get("string") or eta.ndim != 2 or eta.shape[1] == 0:
+        return out
+    y = np.linspace(0.0, length, STRING_POINTS)
+    shapes = run.string_shapes(y)
+    if not np.all(np.isfinite(eta)) or shapes.shape[1] != eta.shape[1]:
+        raise InvalidParameter("the run holds motions of the string that are no finite numbers")
+    size = np.abs(eta).max(axis=0) * np.abs(shapes).max(axis=0)
+    heard = size > 1e-4 * max(float(size.max()), 1e-30)
+    if not np.any(heard):
+        return out
+    eta, shapes = eta[:, heard], shapes[:, heard]
+    # Nothing is lost before the blow: the string is at rest until the first sample that moves.
+    moving = np.flatnonzero(np.any(np.abs(eta) > 1e-6 * np.abs(eta).max(axis=0), axis=1))
+    first = max(int(moving[0]) - 1, 0)
+    stride = -(-(len(eta) - first) // MOST_STRING_SAMPLES)
+    some = np.unique(np.concatenate([[0], np.arange(first, len(eta), stride), [len(eta) - 1]]))
+    w = 1e3 * eta[some] @ shapes.T
+    out["modes"] = {
+        "time": pack_times(1e3 * run.time[keep][some]),
+        "eta": pack_columns(1e3 * eta[some]),
+        "shapes": pack_columns(shapes),
+        "largest": float(np.abs(w).max()),
+        "step": float(np.median(np.diff(1e3 * run.time[keep]))) * stride,
+    }
+    return out
+
+
+#: What is looked at first, if a run has it: title, outputs, whether from the start.
+_PANELS: tuple[tuple[str, tuple[str, ...], bool], ...] = (
+    ("motion from the start", ("key_front.y", "whippen.y", "hammer_tip.x"), True),
+    ("hammer", ("hammer_tip.vx",), False),
+)
+
+
+def default_panels(runs: Sequence[Run | Curves]) -> list[dict[str, Any]]:
+    """Panels to begin with: what every run has, then what the first one has."""
+    first = runs[0]
+    names = tuple(first.values) if isinstance(first, Curves) else first.names
+    panels: list[dict[str, Any]] = []
+    if isinstance(first, Curves):
+        panels += [{"title": "", "outputs": [n], "change": False} for n in names[:4]]
+    else:
+        panels = [
+            {"title": title, "outputs": [n for n in wanted if n in names], "change": change}
+            for title, wanted, change in _PANELS
+        ]
+        if not panels[0]["outputs"]:
+            points = [n for n in names if re.fullmatch(r".+\.[xy]", n)]
+            panels[0]["outputs"] = points[:4]
+        peaks = {n: float(np.max(first[f"contact{n:02d}.force"])) for n in contact_numbers(first)}
+        strongest = sorted((n for n, p in peaks.items() if p > 1e-6), key=lambda n: -peaks[n])
+        forces = [f"contact{n:02d}.force" for n in strongest[:5]]
+        panels.append({"title": "contact forces", "outputs": forces, "change": False})
+        for title, name in (("finger", "finger.force"), ("string", "string.strike")):
+            panels.append({"title": title, "outputs": [name] * (name in names), "change": False})
+        if not any(p["outputs"] for p in panels):
+            moving = [n for n in first.coordinates if n in names] or list(names)
+            panels += [{"title": "", "outputs": [n], "change": False} for n in moving[:4]]
+    # What was measured comes first: a comparison is what was asked for.
+    for other in runs[1:]:
+        if isinstance(other, Curves):
+            shared = [n for n in other.values if n in names]
+            shown = {n for p in panels for n in p["outputs"] if len(p["outputs"]) == 1}
+            fresh = [n for n in shared if n not in shown][:6]
+            panels = [{"title": "", "outputs": [n], "change": False} for n in fresh] + panels
+    return [p for p in panels if p["outputs"]]

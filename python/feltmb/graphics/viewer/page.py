@@ -1,0 +1,236 @@
+"""The viewer as one HTML file, or as a fragment of another page."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import json
+import math
+from collections.abc import Callable, Sequence
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from feltmb.arguments import checked
+from feltmb.errors import InvalidParameter
+from feltmb.files import check_writable, write_text
+from feltmb.graphics.plot.readings import named_events
+from feltmb.graphics.viewer.content import MOST_RUNS, default_panels, describe
+from feltmb.graphics.viewer.curves import Curves
+
+if TYPE_CHECKING:
+    from feltmb.run.results import Run
+
+Progress = Callable[[float], object]
+
+__all__ = ["assets", "fragment", "page", "view"]
+
+_SCRIPTS = ("packing.js", "stage.js", "curves.js", "viewer.js")
+
+
+@cache
+def _script() -> str:
+    folder = resources.files("feltmb.graphics.viewer") / "assets"
+    parts = [(folder / name).read_text(encoding="utf-8") for name in _SCRIPTS]
+    return '(() => {\n"use strict";\n' + "\n".join(parts) + "})();\n"
+
+
+@cache
+def _style() -> str:
+    return (resources.files("feltmb.graphics.viewer") / "assets" / "viewer.css").read_text(
+        encoding="utf-8"
+    )
+
+
+def assets() -> str:
+    """Style and script of the viewer, once for a page that holds :func:`fragment` s."""
+    return f"<style>\n{_style()}</style>\n<script>\n{_script()}</script>\n"
+
+
+def policy(*scripts: str) -> str:
+    """Content security policy of a page: nothing is loaded, only these scripts run."""
+    hashes = " ".join(
+        "'sha256-" + base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() + "'"
+        for s in scripts
+    )
+    return f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; base-uri 'none'"
+
+
+def _json_text(data: Any) -> str:
+    """JSON that cannot leave a script element, whatever its texts hold."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    for sign in "<>&\u2028\u2029":
+        text = text.replace(sign, f"\\u{ord(sign):04x}")
+    return text
+
+
+def fragment(
+    runs: Run | Curves | Sequence[Run | Curves],
+    *,
+    names: Sequence[str] | None = None,
+    slowness: float = 20.0,
+    window: tuple[float, float] | None = None,
+    align: str | None = None,
+    panels: Sequence[dict[str, Any]] | None = None,
+    at: float | None = None,
+    progress: Progress | None = None,
+) -> str:
+    """The viewer of some runs as one HTML element; the page also needs :func:`assets`, once.
+
+    Parameters
+    ----------
+    runs
+        One to six; all but the first are drawn as outlines over the first. ``Curves`` (measured)
+        have no mechanism and are drawn among the curves only.
+    names
+        For the reader; default: mechanism and stroke.
+    slowness
+        How many times slower than the machine it plays; can be changed in the page.
+    window
+        First and last time [s] to keep; default: all.
+    align
+        Event, such as ``string_contact_on``, that is to happen at the same time in all runs; can
+        be changed in the page.
+    panels
+        Curves to begin with: each ``{"title": text, "outputs": [names], "change": bool}``, where
+        ``change`` shows them from their start. Default: chosen from what the runs have.
+    at
+        Time [s] to begin with.
+    progress
+        Called with the finished fraction, 0 to 1.
+
+    Raises
+    ------
+    InvalidParameter
+        An argument is out of range, or a run has fewer than two samples.
+    """
+    chosen: list[Run | Curves] = list(runs) if isinstance(runs, Sequence) else [runs]
+    if not 1 <= len(chosen) <= MOST_RUNS:
+        raise InvalidParameter(f"view: got {len(chosen)} runs, expected 1 to {MOST_RUNS}")
+    if not (math.isfinite(slowness) and 0.01 <= slowness <= 1e6):
+        raise InvalidParameter(f"view: slowness = {slowness:g}, must lie in [0.01, 1e6]")
+    if at is not None and not math.isfinite(at):
+        raise InvalidParameter(f"view: at = {at:g}, expected a time [s]")
+    if names is not None and len(names) != len(chosen):
+        raise InvalidParameter(f"view: got {len(names)} names of {len(chosen)} runs")
+    labels = [str(n) for n in names] if names is not None else _names(chosen)
+    count = len(chosen)
+    if align is not None:
+        _check_event(chosen, labels, align)
+    described = [
+        describe(
+            run,
+            label,
+            window,
+            None if progress is None else (lambda x, i=i: progress((i + x) / count)),  # type: ignore[misc]
+        )
+        for i, (run, label) in enumerate(zip(chosen, labels, strict=True))
+    ]
+    data = {
+        "title": " and ".join(labels),
+        "slowness": slowness,
+        "align": (align or "").replace("_", " "),
+        "at": None if at is None else 1e3 * at,
+        "panels": list(panels) if panels is not None else default_panels(chosen),
+        "runs": described,
+    }
+    return (
+        '<div class="feltmb-view" tabindex="0"><script type="application/json">'
+        f"{_json_text(data)}</script>"
+        "<noscript><p>This picture moves: it needs a browser that runs scripts.</p></noscript>"
+        "</div>\n"
+    )
+
+
+def _check_event(runs: Sequence[Run | Curves], labels: Sequence[str], event: str) -> None:
+    """Refuse an event that one of the runs does not have."""
+    known = [[] if isinstance(r, Curves) else [n for _, n in named_events(r)] for r in runs]
+    missing = [label for label, names in zip(labels, known, strict=True) if event not in names]
+    if missing:
+        raise InvalidParameter(
+            f"view: there is no event {event!r} in {', '.join(missing)}; events are "
+            f"{', '.join(known[0]) or 'none'}"
+        )
+
+
+def _names(runs: Sequence[Run | Curves]) -> list[str]:
+    """Mechanism and stroke, with a number where two would be the same."""
+    found = []
+    for run in runs:
+        if isinstance(run, Curves):
+            found.append(run.name)
+            continue
+        stroke = run.provenance.get("stroke")
+        name = stroke.get("name", "") if isinstance(stroke, dict) else ""
+        parts = [str(run.provenance.get("action", "")), str(name)]
+        found.append(" · ".join(p for p in parts if p) or "run")
+    return [
+        f"{name} ({1 + found[:i].count(name)})" if found.count(name) > 1 else name
+        for i, name in enumerate(found)
+    ]
+
+
+def page(runs: Run | Curves | Sequence[Run | Curves], **options: Any) -> str:
+    """The viewer as a whole HTML page that needs nothing but a browser; see :func:`fragment`."""
+    body = fragment(runs, **options)
+    chosen = list(runs) if isinstance(runs, Sequence) else [runs]
+    labels = options.get("names") or _names(chosen)
+    script = f"\n{_script()}"
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="{html.escape(policy(script))}">
+<title>{html.escape(" and ".join(map(str, labels)))}</title>
+<style>
+body {{ margin: 12px 16px; background: #fff; }}
+{_style()}</style>
+</head>
+<body>
+{body}<script>{script}</script>
+</body>
+</html>
+"""
+
+
+@checked
+def view(
+    runs: Run | Curves | Sequence[Run | Curves],
+    path: str | Path,
+    *,
+    force: bool = False,
+    **options: Any,
+) -> Path:
+    """Write one HTML file that shows runs moving: no network, no server, only a browser.
+
+    Parameters
+    ----------
+    runs
+        One run, or up to six over each other: simulated and measured, before and after.
+    path
+        Ends in ``.html``.
+    force
+        Replace an existing file.
+    **options
+        As of :func:`fragment`.
+
+    Returns
+    -------
+    Path
+        The file written.
+
+    Raises
+    ------
+    InvalidParameter
+        An argument is out of range, or the name ends otherwise.
+    FileExists
+        The file exists and ``force`` is not given.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise InvalidParameter(f"view: got {path.name!r}, expected a name in .html")
+    check_writable(path, force=force)
+    return write_text(path, page(runs, **options), force=force)

@@ -1,0 +1,55 @@
+"""Mechanisms as data: TOML file, validated description, immutable model.
+
+The only place that knows the file format of mechanisms. ``load_action`` reads a packaged data set
+or a file, :class:`Action` holds it, ``Action.with_values`` changes numbers by their dotted path.
+
+``schema`` says what a file may hold, ``reading`` finds and extends files, ``values`` changes them,
+``checking`` tells all that is wrong, ``to_core`` describes the mechanism to the core.
+"""
+
+from feltmb.mechanism.action import Action, load_action
+from feltmb.mechanism.checking import missing_law_faults, spread_laws
+from feltmb.mechanism.reading import load_raw, packaged_actions, without_paths
+from feltmb.mechanism.schema import (
+    LAWS,
+    Body,
+    Contact,
+    Curve,
+    FrictionParameters,
+    LawChoice,
+    MechanismFile,
+    NamedEvent,
+    Source,
+    Spring,
+    Surface,
+)
+from feltmb.mechanism.to_core import core_friction, core_law, describe
+from feltmb.mechanism.values import apply_values, expand_path, parse_setting, plain_data
+
+__all__ = [
+    "LAWS",
+    "Action",
+    "Body",
+    "Contact",
+    "Curve",
+    "FrictionParameters",
+    "LawChoice",
+    "MechanismFile",
+    "NamedEvent",
+    "Source",
+    "Spring",
+    "Surface",
+    "apply_values",
+    "core_friction",
+    "core_law",
+    "describe",
+    "expand_path",
+    "load_action",
+    "load_raw",
+    "missing_law_faults",
+    "packaged_actions",
+    "parse_setting",
+    "plain_data",
+    "spread_laws",
+    "without_paths",
+]

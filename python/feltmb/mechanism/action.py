@@ -1,0 +1,195 @@
+"""A mechanism read from data: the object that everything else works with."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+import math
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pydantic import ValidationError
+
+from feltmb import _core
+from feltmb.arguments import checked
+from feltmb.errors import InvalidParameter
+from feltmb.mechanism.checking import validate
+from feltmb.mechanism.reading import load_raw, resolve
+from feltmb.mechanism.to_core import describe
+from feltmb.mechanism.values import apply_numbers, apply_values, plain_data
+from feltmb.units.quantity import (
+    is_quantity,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+__all__ = ["Action", "load_action"]
+
+
+@checked
+def load_action(name_or_path: str | Path) -> Action:
+    """Read a mechanism: the name of a packaged data set, or the path of a TOML file.
+
+    Raises
+    ------
+    InvalidParameter
+        Listing all faults of the file at once.
+    """
+    path = resolve(name_or_path)
+    return Action(load_raw(path, resolve), origin=path.name)
+
+
+@checked
+class Action:
+    """A mechanism read from data. Immutable; safe to share between threads.
+
+    Parameters
+    ----------
+    raw
+        The tables of a mechanism file.
+    origin
+        Name used in messages, usually the file's.
+    """
+
+    def __init__(self, raw: Mapping[str, Any], origin: str = "mechanism"):
+        try:
+            self._raw = plain_data(raw)
+        except InvalidParameter as error:
+            raise InvalidParameter(f"{origin}: {error}") from None
+        self.origin = origin
+        self.config, self.mechanism = validate(self._raw, origin)
+
+    def __repr__(self) -> str:
+        return f"Action({self.name!r}, {len(self.coordinates)} coordinates, hash {self.hash[:12]})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (Action, (self._raw, self.origin))
+
+    @property
+    def name(self) -> str:
+        """Name of the data set."""
+        return self.config.name
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the mechanical coordinates in the order of q."""
+        return tuple(self.mechanism.coordinates)
+
+    @property
+    def raw(self) -> dict[str, Any]:
+        """The tables of the file, with units and sources; a copy."""
+        return copy.deepcopy(self._raw)
+
+    @cached_property
+    def hash(self) -> str:
+        """SHA-256 of all parameters in SI units, without names for people, notes, sources."""
+        tables = self.config.model_dump(mode="json", exclude={"name", "about", "source"})
+        for table in ("motor", "dashpots"):
+            if not tables[table]:
+                del tables[table]  # as before there were any: results keep their hash
+        if tables["string"] and tables["string"]["count"] == 1:
+            del tables["string"]["count"]  # likewise
+        text = json.dumps(_without_texts(tables), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def with_values(self, values: Mapping[str, Any]) -> Action:
+        """Copy with other values by dotted path.
+
+        Parameters
+        ----------
+        values
+            ``{"string.modes": 80}``. A bare number is taken in the unit that the file gives for
+            that entry; a text may carry its own, ``"10.5 mm"``. ``*`` stands for any key
+            (``"contacts.*.law"``), the name of a body for ``bodies.NAME`` (``"shank.rigid"``),
+            ``.x .y`` or ``.0 .1`` for a component of a point.
+
+        Raises
+        ------
+        InvalidParameter
+            A path that does not exist, or a value out of range.
+        """
+        return self._with_numbers(values) or Action(
+            apply_values(self._raw, values, "with_values"), self.origin
+        )
+
+    def _with_numbers(self, values: Mapping[str, Any]) -> Action | None:
+        """Copy that shares all that did not change; None where a whole check is called for."""
+        try:
+            raw, touched = apply_numbers(self._raw, values)
+            config = self.config
+            for table, key in touched:
+                model = type(getattr(config, table)[key])
+                parts = {**getattr(config, table), key: model.model_validate(raw[table][key])}
+                config = config.model_copy(update={table: parts})
+            mechanism = _core.assemble(describe(config, dict(self._described)))
+        except (ValidationError, InvalidParameter, ValueError, TypeError, KeyError):
+            return None  # the way through the file says what is wrong
+        changed = Action.__new__(Action)
+        changed._raw, changed.origin = raw, self.origin
+        changed.config, changed.mechanism = config, mechanism
+        return changed
+
+    @cached_property
+    def _described(self) -> dict[int, tuple[Any, Any]]:
+        """Parts of the description by the part of the file that they came from."""
+        known: dict[int, tuple[Any, Any]] = {}
+        describe(self.config, known)
+        return known
+
+    def to_toml(self) -> str:
+        """Text of a file that loads as this mechanism."""
+        import tomlkit
+
+        return tomlkit.dumps(self._raw)
+
+    @cached_property
+    def _equilibrium(self) -> dict[str, Any]:
+        return dict(_core.find_equilibrium(self.mechanism))
+
+    @property
+    def rest_pose(self) -> npt.NDArray[np.float64]:
+        """Coordinates at rest under gravity [rad, m], found by an equilibrium solve."""
+        pose: npt.NDArray[np.float64] = self._equilibrium["q"].copy()
+        return pose
+
+    @property
+    def rest_iterations(self) -> int:
+        """Iterations that the equilibrium solve took."""
+        return int(self._equilibrium["iterations"])
+
+    def quantities(self) -> Iterator[tuple[str, Any, str, str]]:
+        """Every number of the file: dotted path, value, unit, source or status."""
+        yield from _walk(self._raw, "")
+
+
+def _without_texts(node: Any) -> Any:
+    if isinstance(node, Mapping):
+        return {
+            key: _without_texts(value)
+            for key, value in node.items()
+            if key not in ("label", "note") or not isinstance(value, str)
+        }
+    return node
+
+
+def _walk(node: Any, path: str) -> Iterator[tuple[str, Any, str, str]]:
+    if is_quantity(node):
+        source = str(node.get("source", ""))
+        if node.get("status"):
+            source = f"{source} ({node['status']})" if source else str(node["status"])
+        yield path, node["value"], str(node.get("unit", "1")), source
+    elif isinstance(node, Mapping):
+        if isinstance(node.get("unit"), list):
+            for key, unit in zip("abc", node["unit"], strict=False):
+                if key in node:
+                    yield f"{path}.{key}", node[key], str(unit), str(node.get("source", ""))
+            return
+        for key, value in node.items():
+            yield from _walk(value, f"{path}.{key}" if path else str(key))
+    elif isinstance(node, (int, float)) and not isinstance(node, bool) and math.isfinite(node):
+        yield path, node, "", ""

@@ -1,0 +1,379 @@
+"""Everything that is wrong with a mechanism file, in one round."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from pydantic import ValidationError
+
+from feltmb import _core
+from feltmb.errors import InvalidParameter
+from feltmb.mechanism.partial import mended
+from feltmb.mechanism.schema import LAWS, Contact, MechanismFile
+from feltmb.mechanism.to_core import describe_with_faults
+from feltmb.units.quantity import (
+    fault_lines,
+    fault_text,
+    shortened,
+)
+
+__all__ = ["missing_law_faults", "spread_laws", "validate"]
+
+
+def _paths_of_none(node: Any, path: str = "") -> Iterator[str]:
+    if node is None:
+        yield path
+    elif isinstance(node, Mapping):
+        for key, value in node.items():
+            yield from _paths_of_none(value, f"{path}.{key}" if path else str(key))
+
+
+def _table(raw: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    node = raw.get(key)
+    return node if isinstance(node, Mapping) else {}
+
+
+def _events_behind(name: str, events: Mapping[str, Any]) -> set[str]:
+    """Events that must have happened, or not, before ``name`` is known."""
+    behind: set[str] = set()
+    ahead = [name]
+    while ahead:
+        node = events.get(ahead.pop())
+        for key in ("after", "before", "unless"):
+            other = node.get(key) if isinstance(node, Mapping) else None
+            if isinstance(other, str) and other not in behind:
+                behind.add(other)
+                ahead.append(other)
+    return behind
+
+
+def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
+    """Names that point nowhere; looked for in the raw file so that they join the other faults."""
+    faults: list[str] = []
+    bodies = {"ground", *_table(raw, "bodies")}
+    surfaces = set(_table(raw, "surfaces"))
+    points = set(_table(raw, "points"))
+    given = [b.get("coordinate") for b in _table(raw, "bodies").values() if isinstance(b, Mapping)]
+    coordinates = {c for c in given if isinstance(c, str) and c}
+    numbers = set()
+
+    def need(name: object, known: set[Any], where: str, what: str) -> None:
+        if isinstance(name, str) and name not in known:
+            listed = shortened(", ".join(sorted(map(str, known))), 300) or "none"
+            faults.append(f"{where}: {what} {name!r} is missing; {what} names are {listed}")
+
+    for key in _table(raw, "contacts"):
+        if not (key.isascii() and key.isdigit()) or not 2 <= len(key) <= 4:
+            faults.append(f"contacts.{key}: expected a number of two digits, such as contacts.06")
+        else:
+            numbers.add(int(key))
+    for table, fields in (
+        ("bodies", ("parent",)),
+        ("surfaces", ("body",)),
+        ("points", ("body",)),
+        ("straps", ("body_a", "body_b")),
+    ):
+        for name, node in _table(raw, table).items():
+            for field in fields:
+                if isinstance(node, Mapping):
+                    need(node.get(field), bodies, f"{table}.{name}.{field}", "body")
+    for name, node in _table(raw, "contacts").items():
+        listed = node.get("surfaces") if isinstance(node, Mapping) else None
+        for surface in listed if isinstance(listed, list) else []:
+            need(surface, surfaces, f"contacts.{name}.surfaces", "surface")
+    for table in ("springs", "dashpots"):
+        for name, node in _table(raw, table).items():
+            if isinstance(node, Mapping):
+                where = f"{table}.{name}.coordinate"
+                need(node.get("coordinate"), coordinates, where, "coordinate")
+    for name in _table(raw, "start_pose"):
+        need(name, coordinates, "start_pose", "coordinate")
+    need(_table(raw, "string").get("surface"), surfaces, "string.surface", "surface")
+    need(_table(raw, "finger").get("body"), bodies, "finger.body", "body")
+    motor = _table(raw, "motor")
+    need(motor.get("coordinate"), coordinates, "motor.coordinate", "coordinate")
+    if isinstance(motor.get("contact"), int) and motor["contact"] not in numbers:
+        faults.append(f"motor.contact: there is no contact {motor['contact']}")
+    events = set(_table(raw, "events"))
+    for name, node in _table(raw, "events").items():
+        if not isinstance(node, Mapping):
+            continue
+        where = f"events.{name}"
+        need(node.get("point"), points, f"{where}.point", "point")
+        for key in ("before", "after", "unless"):
+            need(node.get(key), events, f"{where}.{key}", "event")
+        listed = node.get("contact")
+        for number in listed if isinstance(listed, list) else [listed]:
+            if isinstance(number, int) and number not in numbers:
+                faults.append(f"{where}.contact: there is no contact {number}")
+        if ("contact" in node) == ("point" in node):
+            faults.append(f"{where}: give either contact and change, or point and travel")
+        elif "contact" in node and "change" not in node:
+            faults.append(f"{where}: a contact event needs change = 'opens' or 'closes'")
+        elif "point" in node and "travel" not in node:
+            faults.append(f"{where}: a point event needs travel")
+        if name in _events_behind(name, _table(raw, "events")):
+            faults.append(f"{where}: waits for itself through 'after', 'before' or 'unless'")
+    summary = _table(raw, "summary")
+    for key in ("strike_contact", "let_off_contact"):
+        if isinstance(summary.get(key), int) and summary[key] not in numbers:
+            faults.append(f"summary.{key}: there is no contact {summary[key]}")
+    listed = summary.get("check_contacts")
+    for number in listed if isinstance(listed, list) else []:
+        if isinstance(number, int) and number not in numbers:
+            faults.append(f"summary.check_contacts: there is no contact {number}")
+    need(summary.get("key_point"), points, "summary.key_point", "point")
+    return faults
+
+
+_OWN_OUTPUTS = (
+    *("time", "end_state", "end_memory", "finger.force", "finger.displacement", "motor.torque"),
+    *("string.strike", "string.bridge_force", "string.eta"),
+    *(f"energy.{part}" for part in ("kinetic", "gravity", "elastic", "contact", "string")),
+)
+
+
+def _output_faults(raw: Mapping[str, Any]) -> list[str]:
+    """Names of outputs that no file can hold, or that two of them would share."""
+    bodies = [b for b in _table(raw, "bodies").values() if isinstance(b, Mapping)]
+    names = {str(b["coordinate"]) for b in bodies if isinstance(b.get("coordinate"), str)}
+    outputs = [*_OWN_OUTPUTS, *names, *(f"{name}.rate" for name in names)]
+    for table, parts in (
+        ("points", ("x", "y", "vx", "vy")),
+        ("straps", ("force",)),
+    ):
+        outputs += [f"{name}.{part}" for name in _table(raw, table) for part in parts]
+    for key in _table(raw, "contacts"):
+        parts = ("force", "compression", "rate", "friction")
+        outputs += [f"contact{key}.{part}" for part in parts]
+    faults = [
+        f"output {name!r}: the name of a coordinate, point or strap must hold no '/'"
+        for name in outputs
+        if "/" in name or "\0" in name
+    ]
+    twice = {name for name, count in Counter(outputs).items() if count > 1}
+    return faults + [
+        f"output {name!r} would be given twice; rename the coordinate, point or strap"
+        for name in sorted(twice)
+    ]
+
+
+#: Where the parameters of a law stand in a contact; others stand in the contact itself.
+_LAW_TABLE = {
+    "hunt_crossley": "hunt_crossley",
+    "stulov": "stulov",
+    "felt_memory": "memory",
+    "micromechanical": "micromechanical",
+    "guarded": "memory",
+    "printed": "memory",
+}
+
+
+_LAW_CURVES = ("loading", "unloading", "alpha", "hysteresis")
+
+
+def spread_laws(raw: dict[str, Any], faults: list[str]) -> dict[str, Any]:
+    """``law = { name = ..., ... }`` as ``law = name`` with the parameters where they belong."""
+    contacts = {}
+    for key, node in _table(raw, "contacts").items():
+        law = node.get("law") if isinstance(node, Mapping) else None
+        if not isinstance(law, Mapping):
+            contacts[key] = node
+            continue
+        own = {k: v for k, v in law.items() if k != "name"}
+        name = law.get("name")
+        if name is None:
+            faults.append(
+                f"contacts.{key}.law: is missing its name, such as "
+                '{ name = "felt_memory", kappa = 0.2 }'
+            )
+            name = "felt_memory"
+        curves = {k: own.pop(k) for k in _LAW_CURVES if k in own}
+        table = _LAW_TABLE.get(str(name))
+        inner = {}
+        if table is not None:
+            old = node.get(table)
+            inner = {table: {**(old if isinstance(old, Mapping) else {}), **own}}
+        elif own:
+            faults += [f"contacts.{key}.law.{k}: unknown key of law {name!r}" for k in own]
+        contacts[key] = {**node, **curves, **inner, "law": name}
+    return {**raw, "contacts": contacts} if contacts else raw
+
+
+def _as_written(line: str, contacts: Mapping[str, Any]) -> str:
+    """A fault in the parameters of ``law = { ... }``, at the place where they were written."""
+    where = line.split(":")[0].split(".")
+    if len(where) > 3 and where[2] in _LAW_TABLE.values():
+        node = contacts.get(where[1])
+        if isinstance(node, Mapping) and isinstance(node.get("law"), Mapping):
+            return line.replace(f".{where[1]}.{where[2]}.", f".{where[1]}.law.", 1)
+    return line
+
+
+def _pair_radii(config: MechanismFile, contact: Contact) -> tuple[float | None, float | None]:
+    """Relative radius of a pair of surfaces and, on a string, that of the string [m]."""
+    pair = [config.surfaces[name] for name in contact.surfaces if name in config.surfaces]
+    curvature = sum(
+        0.0 if s.kind == "line" else (-1.0 if s.kind == "concave" else 1.0) / (s.radius or math.inf)
+        for s in pair
+    )
+    on_string = config.string is not None and config.string.surface in contact.surfaces
+    wire = 0.5 * config.string.diameter if config.string is not None and on_string else None
+    return (1.0 / curvature if curvature > 0.0 else None), wire
+
+
+def _pair_fault(config: MechanismFile, key: str) -> str | None:
+    """A pair that no contact is defined for, told in place of what it has no radius for."""
+    contact = config.contacts[key]
+    pair = [(config.surfaces[n].kind, n) for n in contact.surfaces if n in config.surfaces]
+    if len(pair) != 2 or any(kind == "circle" for kind, _ in pair):
+        return None
+    (kind, name), (other, second) = pair
+    return (
+        f"contacts.{key}: a {kind} ({name}) cannot meet a {other} ({second}); one of the pair must "
+        "be a circle"
+    )
+
+
+def _with_radii(config: MechanismFile) -> MechanismFile:
+    """Radii that the areas of layers leave out are those of the pair."""
+    contacts = {}
+    for key, contact in config.contacts.items():
+        layer = contact.micromechanical
+        contacts[key] = contact
+        if layer is None:
+            continue
+        radius, wire = _pair_radii(config, contact)
+        own = {
+            "crossed_cylinders": {"radius_a": radius, "radius_b": wire},
+            "circle_on_layer": {"radius": radius},
+            "sphere_on_layer": {"radius": radius},
+        }.get(layer.area.kind, {})
+        update = {k: v for k, v in own.items() if getattr(layer.area, k) is None}
+        area = layer.area.model_copy(update=update)
+        contacts[key] = contact.model_copy(
+            update={"micromechanical": layer.model_copy(update={"area": area})}
+        )
+    return config.model_copy(update={"contacts": contacts})
+
+
+def missing_law_faults(node: Mapping[str, Any], where: str) -> list[str]:
+    """What the law chosen in a raw table needs and does not find there."""
+    law = node.get("law", "felt_memory")
+    memory = node.get("memory")
+    tabulated = isinstance(memory, Mapping) and "envelope" in memory
+    needed = {
+        "hunt_crossley": ["hunt_crossley"],
+        "stulov": ["stulov"],
+        "felt_memory": [] if tabulated else ["loading", "unloading"],
+        "micromechanical": ["micromechanical"],
+    }.get(str(law), ["loading", "unloading"])
+    return [
+        f"{where}.{key}: is missing; law {law!r} needs it"
+        for key in needed
+        if law in LAWS and key not in node
+    ]
+
+
+def _law_faults(raw: Mapping[str, Any]) -> list[str]:
+    faults = []
+    for name, node in _table(raw, "contacts").items():
+        if isinstance(node, Mapping):
+            faults += missing_law_faults(node, f"contacts.{name}")
+    for name, node in _table(raw, "surfaces").items():
+        if not isinstance(node, Mapping):
+            continue
+        kind = node.get("kind")
+        geometry = {"line": ["normal"], "hybrid": ["radius", "arc"]}.get(str(kind), ["radius"])
+        if kind in ("line", "circle", "concave", "hybrid"):
+            for key in geometry:
+                if key not in node:
+                    faults.append(f"surfaces.{name}.{key}: is missing; kind {kind!r} needs it")
+    for name, node in _table(raw, "bodies").items():
+        if not isinstance(node, Mapping):
+            continue
+        if node.get("kind") == "beam":
+            for key in ("length", "density", "area"):
+                if node.get(key) is None:
+                    faults.append(f"bodies.{name}.{key}: is missing; kind 'beam' needs it")
+            if node.get("rigid") is False:
+                for key in ("young_modulus", "second_moment"):
+                    if node.get(key) is None:
+                        faults.append(f"bodies.{name}.{key}: is missing; a flexible beam needs it")
+        if node.get("joint", "revolute") != "weld" and "coordinate" not in node:
+            faults.append(f"bodies.{name}.coordinate: is missing; a joint that moves needs a name")
+    return faults
+
+
+def _parse(raw: Mapping[str, Any]) -> tuple[list[str], MechanismFile | None]:
+    """What is wrong with single entries and with the names between them; the checked tables."""
+    faults: list[str] = []
+    raw_laws, raw = _table(raw, "contacts"), spread_laws(dict(raw), faults)
+    parsed: MechanismFile | None = None
+    try:
+        parsed = MechanismFile.model_validate(raw)
+    except ValidationError as error:
+        faults += [_as_written(line, raw_laws) for line in fault_lines(error, MechanismFile)]
+    faults += _reference_faults(raw)
+    faults += _law_faults(raw)
+    faults += _output_faults(raw)
+    for path in _paths_of_none(raw):
+        if not any(f.startswith(f"{path}:") for f in faults):
+            faults.append(f"{path}: got None, expected a value; leave the key out for its default")
+    # Radii come from the pair, which a fault may have left without any.
+    return list(dict.fromkeys(faults)), parsed if faults or parsed is None else _with_radii(parsed)
+
+
+def _assemble(config: MechanismFile) -> tuple[list[str], Any]:
+    """What is wrong with the whole, as the core tells it; the mechanism of the core."""
+    description, faults = describe_with_faults(config)
+    keys = [f.partition(":")[0].removeprefix("contacts.") for f in faults]
+    faults = [
+        (_pair_fault(config, key) if key in config.contacts else None) or fault
+        for key, fault in zip(keys, faults, strict=True)
+    ]
+    try:
+        mechanism = _core.assemble(description)
+    except InvalidParameter as error:
+        lines = str(error).splitlines()
+        found = [line.strip() for line in lines[1:]] or lines
+        if faults:  # contacts are left out of the description
+            found = [f for f in found if "no contact uses its surface" not in f]
+        return faults + found, None
+    return faults, mechanism
+
+
+def _hidden_faults(raw: Mapping[str, Any]) -> list[str]:
+    """Faults that the core finds in what the schema lets pass of a faulty file."""
+    found = mended(raw, lambda tables: _parse(tables)[0])
+    if found is None:
+        return []
+    rest, dropped = found
+    parsed = _parse(rest)[1]
+    if parsed is None:
+        return []
+    bodies = {path.split(".")[1] for path in dropped if path.startswith("bodies.")}
+    # A body that lost an entry may lack a mass only because of that.
+    return [
+        f
+        for f in _assemble(parsed)[0]
+        if not any(f'"{name}"' in f for name in bodies)
+        and not (bodies and ("moves no mass" in f or "no body has a joint" in f))
+        and "no contact uses its surface" not in f
+    ]
+
+
+def validate(raw: Mapping[str, Any], origin: str) -> tuple[MechanismFile, Any]:
+    """The checked file and the mechanism of the core."""
+    faults, config = _parse(raw)
+    mechanism = None
+    if faults or config is None:
+        faults += _hidden_faults(raw)
+    else:
+        faults, mechanism = _assemble(config)
+    if faults or config is None:
+        raise InvalidParameter(fault_text(origin, list(dict.fromkeys(faults))))
+    return config, mechanism

@@ -1,0 +1,250 @@
+"""The numbers of a mechanism by dotted path, in SI, and mechanisms with some of them changed.
+
+A path is that of ``--set``: ``bodies.key.mass`` or ``key.mass``, ``contacts.06.loading.a``,
+``bodies.key.position.x``, ``contacts.*.alpha``. Unlike ``Action.with_values``, which takes what a
+file would say, values here are in SI, and a changed mechanism is made in a fraction of a
+millisecond: what did not change is shared.
+"""
+
+from __future__ import annotations
+
+import difflib
+import fnmatch
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from feltmb import _core
+from feltmb.errors import InvalidParameter
+from feltmb.mechanism import Action, Body, Contact, MechanismFile, describe
+from feltmb.units.quantity import shortened, unit_of
+
+__all__ = ["Parameter", "all_parameters", "find_parameters", "mechanism_with"]
+
+#: Tables of a mechanism whose numbers are parameters of its equations.
+TABLES = (
+    *("gravity", "bodies", "surfaces", "contacts", "springs", "straps", "string", "finger"),
+    "points",
+)
+#: Numbers that count or choose; there is no derivative by them.
+_COUNTS = frozenset({"modes", "count", "axial_shapes", "lateral_shapes"})
+_AXES = ("x", "y")
+
+#: Size of a parameter whose value is zero, by unit: what a change of it is measured against.
+_SIZE_AT_ZERO = {
+    "m": 1e-3,
+    "rad": 1e-2,
+    "kg": 1e-3,
+    "s": 1e-4,
+    "m/s^2": 1.0,
+    "N": 1.0,
+    "N m": 1e-3,
+    "N/m": 1e3,
+    "N m/rad": 1e-3,
+    "N s/m": 1e-2,
+    "N m s/rad": 1e-5,
+    "N s^2/m^2": 1e-2,
+    "N m s^2/rad^2": 1e-7,
+    "rad/s": 0.1,
+    "m/s": 1e-2,
+    "kg m^2": 1e-6,
+    "1": 0.1,
+}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A real number of a mechanism.
+
+    Attributes
+    ----------
+    path
+        Full dotted path.
+    value
+        SI.
+    unit
+        SI unit of the value, ``1`` for a pure number.
+    size
+        What a change is measured against: the magnitude of the value, or a small length, angle and
+        so on where the value is zero; SI, > 0.
+    """
+
+    path: str
+    value: float
+    unit: str
+    size: float
+
+
+def _children(node: Any) -> Iterator[tuple[str, Any]]:
+    if isinstance(node, BaseModel):
+        for name in type(node).model_fields:
+            yield name, getattr(node, name)
+    elif isinstance(node, Mapping):
+        yield from node.items()
+    elif isinstance(node, tuple) and len(node) == 2:
+        yield from zip(_AXES, node, strict=True)
+
+
+def _unit(config: MechanismFile, parents: list[Any], names: list[str]) -> str:
+    """SI unit of the field that a chain of names ends at."""
+    for depth in range(len(names) - 1, -1, -1):
+        owner = parents[depth]
+        if not isinstance(owner, BaseModel):
+            continue
+        field = names[depth]
+        unit = unit_of(type(owner), field, _joint(config, parents[: depth + 1]))
+        if unit is not None:
+            return unit
+        if field == "stiffness":  # of a power law
+            exponent = getattr(owner, "exponent", 1.0)
+            return "N/m" if exponent == 1.0 else f"N/m^{exponent:g}"
+        if field == "strike_point":
+            return "m"
+        break
+    return "1"
+
+
+def _joint(config: MechanismFile, owners: list[Any]) -> str:
+    """Kind of the joint that a table belongs to, by itself or by its coordinate, or ``contact``."""
+    for owner in reversed(owners):
+        if isinstance(owner, Contact):
+            return "contact"
+        if isinstance(owner, Body):
+            return "prismatic" if owner.joint == "prismatic" else "revolute"
+        coordinate = getattr(owner, "coordinate", None)
+        for body in config.bodies.values():
+            if coordinate is not None and body.coordinate == coordinate:
+                return "prismatic" if body.joint == "prismatic" else "revolute"
+    return "revolute"
+
+
+def _walk(
+    config: MechanismFile, node: Any, parents: list[Any], names: list[str]
+) -> Iterator[Parameter]:
+    if isinstance(node, bool) or node is None or isinstance(node, str):
+        return
+    if isinstance(node, (int, float)):
+        if names[-1] not in _COUNTS and isinstance(node, float):
+            unit = _unit(config, parents, names)
+            size = abs(node) or _SIZE_AT_ZERO.get(unit, 1.0)
+            yield Parameter(".".join(names), float(node), unit, size)
+        return
+    for name, child in _children(node):
+        yield from _walk(config, child, [*parents, node], [*names, name])
+
+
+def all_parameters(action: Action) -> list[Parameter]:
+    """Every number that the equations of motion may depend on, in the order of the file.
+
+    Numbers of laws and shapes that are not in use are among them: their derivative is zero.
+    """
+    return list(_listed(action))
+
+
+@lru_cache(maxsize=16)
+def _listed(action: Action) -> tuple[Parameter, ...]:
+    out: list[Parameter] = []
+    for table in TABLES:
+        out += _walk(action.config, getattr(action.config, table), [action.config], [table])
+    return tuple(out)
+
+
+def find_parameters(action: Action, paths: str | Iterable[str]) -> list[Parameter]:
+    """Parameters by path; ``*`` stands for any part of one name, a body's for ``bodies.NAME``.
+
+    Raises
+    ------
+    InvalidParameter
+        Listing every path that names no real number.
+    """
+    known = {p.path: p for p in all_parameters(action)}
+    out: dict[str, Parameter] = {}
+    faults = []
+    for given in [paths] if isinstance(paths, str) else list(paths):
+        found = _matches(action, known, given)
+        if not found:
+            near = difflib.get_close_matches(str(given), known, n=3, cutoff=0.5)
+            hint = f"; near are {', '.join(near)}" if near else ""
+            faults.append(
+                f"parameter {shortened(repr(given))} names no real number of {action.name!r}{hint}"
+            )
+        out.update((path, known[path]) for path in found)
+    if faults:
+        raise InvalidParameter("\n".join(faults))
+    return list(out.values())
+
+
+def _matches(action: Action, known: Mapping[str, Parameter], given: object) -> list[str]:
+    if not isinstance(given, str) or not given:
+        return []
+    parts = given.split(".")
+    if parts[0] not in TABLES and parts[0] in action.config.bodies:
+        parts = ["bodies", *parts]
+    for i, digit in enumerate(parts):
+        if digit in ("0", "1") and i == len(parts) - 1:
+            parts[i] = _AXES[int(digit)]
+    text = ".".join(parts)
+    if text in known:
+        return [text]
+    return [
+        path
+        for path in known
+        if path.count(".") == len(parts) - 1
+        and all(fnmatch.fnmatchcase(a, b) for a, b in zip(path.split("."), parts, strict=True))
+    ]
+
+
+# --- mechanisms with changed numbers -------------------------------------------------------------
+
+
+def _with(node: Any, names: list[str], value: float) -> Any:
+    """Copy of a node with one number changed; all else is shared."""
+    if not names:
+        return value
+    head, rest = names[0], names[1:]
+    if isinstance(node, tuple):
+        changed = list(node)
+        changed[_AXES.index(head)] = value
+        return tuple(changed)
+    if isinstance(node, Mapping):
+        return {**node, head: _with(node[head], rest, value)}
+    new = _with(getattr(node, head), rest, value)
+    if rest:
+        return node.model_copy(update={head: new})
+    # The field's own limits (> 0 and so on) are checked as in a file.
+    fields = type(node).model_fields
+    given = {fields[name].alias or name: getattr(node, name) for name in node.model_fields_set}
+    return type(node).model_validate({**given, fields[head].alias or head: new})
+
+
+def mechanism_with(
+    action: Action, values: Mapping[str, float], known: dict[int, Any] | None = None
+) -> _core.Mechanism:
+    """Mechanism for the core with other numbers.
+
+    Parameters
+    ----------
+    values
+        SI numbers by full path, as :func:`find_parameters` gives them.
+    known
+        Parts made before, kept between calls; a table of its own for every action.
+
+    Raises
+    ------
+    InvalidParameter
+        A value out of range.
+    """
+    config = action.config
+    for path, value in values.items():
+        if not math.isfinite(value):
+            raise InvalidParameter(f"{path} = {value!r}, must be finite")
+        try:
+            config = _with(config, path.split("."), float(value))
+        except ValidationError as error:
+            text = error.errors()[0]["msg"]
+            raise InvalidParameter(f"{path} = {value:g}: {text}") from None
+    return _core.assemble(describe(config, known))

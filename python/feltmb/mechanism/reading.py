@@ -1,0 +1,110 @@
+"""Mechanism files: found by name or path, on top of those that they extend."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from feltmb import params
+from feltmb.errors import InvalidParameter
+from feltmb.fiber.material import load_material
+from feltmb.files import MOST_EXTENDS, beside, is_file, named_file, read_toml, why_missing
+from feltmb.mechanism.values import apply_values
+from feltmb.units.quantity import (
+    shortened,
+)
+
+__all__ = ["load_raw", "packaged_actions", "resolve"]
+
+
+def packaged_actions() -> list[str]:
+    """Names of the data sets of mechanisms that come with the package."""
+    return params.names()
+
+
+def resolve(name_or_path: str | Path) -> Path:
+    """File of a packaged mechanism, or the path itself."""
+    text = str(name_or_path)
+    if text in packaged_actions():
+        return params.folder() / f"{text}.toml"
+    path = Path(text)
+    if is_file(path):
+        return path
+    if path.suffix == ".toml" or len(path.parts) != 1:
+        raise InvalidParameter(f"mechanism {shortened(repr(text))}: {why_missing(path)}")
+    known = ", ".join(packaged_actions())
+    raise InvalidParameter(
+        f"mechanism {shortened(repr(text))} is unknown; packaged are {known}; "
+        "or give the path of a TOML file"
+    )
+
+
+def load_raw(
+    path: Path, resolve: Callable[[str], Path], seen: tuple[Path, ...] = ()
+) -> dict[str, Any]:
+    """Tables of a file, on top of those that it extends; ``resolve`` finds a base by its name."""
+    raw = _felts_in_place(read_toml(path), path.parent, str(path))
+    if "extends" not in raw:
+        return raw
+    unknown = sorted(set(raw) - {"schema", "name", "about", "source", "extends", "values"})
+    if unknown:
+        raise InvalidParameter(
+            f"{path}: a file with 'extends' holds name, about, source and [values] only; "
+            f"got {shortened(', '.join(unknown))}"
+        )
+    base = raw["extends"]
+    if not isinstance(base, str):
+        raise InvalidParameter(
+            f"{path}: extends: got {shortened(repr(base))}, expected a name or a path"
+        )
+    if len(seen) >= MOST_EXTENDS:
+        raise InvalidParameter(
+            f"{seen[0]}: extends: leads over more than {MOST_EXTENDS} files, expected fewer"
+        )
+    named = named_file(path.parent, base, f"{path}: extends")
+    base_path = named if isinstance(named, Path) else resolve(named)
+    if base_path.resolve() in [p.resolve() for p in (*seen, path)]:
+        raise InvalidParameter(f"{path}: extends {base!r}, which leads back to itself")
+    merged = load_raw(base_path, resolve, (*seen, path))
+    for key in ("name", "about", "source"):
+        if key in raw:
+            merged[key] = raw[key]
+    values = raw.get("values", {})
+    if not isinstance(values, Mapping):
+        raise InvalidParameter(f"{path}: values: expected a table of dotted paths")
+    for key, value in values.items():
+        if isinstance(value, Mapping) and isinstance(merged.get(key), Mapping):
+            inner = f"{key}.{next(iter(value), 'KEY')}"
+            raise InvalidParameter(
+                f'{path}: values.{key}: got a table; write paths in quotes, such as "{inner}" = ...'
+            )
+    return apply_values(merged, values, str(path))
+
+
+def without_paths(raw: dict[str, Any], origin: str) -> dict[str, Any]:
+    """The tables, if they name no file: those of a saved run hold the felts themselves."""
+    return _felts_in_place(raw, None, origin)
+
+
+def _felts_in_place(raw: dict[str, Any], folder: Path | None, origin: str) -> dict[str, Any]:
+    """Felts that a file names by a path beside it become tables: the mechanism is then whole."""
+
+    def whole(node: Any) -> Any:
+        if not isinstance(node, Mapping):
+            return node
+        out = {key: whole(value) for key, value in node.items()}
+        felt = out.get("felt")
+        if isinstance(felt, str) and felt.endswith(".toml"):
+            if folder is None:
+                raise InvalidParameter(f"{origin}: felt {felt[:200]!r}: a saved run names no file")
+            out["felt"] = load_material(beside(folder, felt, f"{origin}: felt")).model_dump(
+                mode="json", by_alias=True, exclude_none=True
+            )
+        return out
+
+    out = dict(raw)
+    for key in ("contacts", "values"):
+        if isinstance(raw.get(key), Mapping):
+            out[key] = whole(raw[key])
+    return out

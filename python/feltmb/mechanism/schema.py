@@ -1,0 +1,385 @@
+"""Schema of mechanism files: what a table may hold, in what unit and range."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Literal, get_args
+
+from pydantic import AfterValidator, BeforeValidator, Field
+
+from feltmb.contact.layer import LayerParameters
+from feltmb.units.quantity import (
+    META_KEYS,
+    SI,
+    Count,
+    JointSI,
+    Schema,
+    SIVector,
+    parse_scalar,
+)
+
+__all__ = [
+    "LAWS",
+    "Body",
+    "Contact",
+    "Curve",
+    "Dashpot",
+    "EnvelopeTable",
+    "Finger",
+    "Friction",
+    "FrictionParameters",
+    "HuntCrossleyParameters",
+    "LawChoice",
+    "LawName",
+    "MechanismFile",
+    "MemoryParameters",
+    "Motor",
+    "NamedEvent",
+    "Pad",
+    "Point",
+    "Source",
+    "Spring",
+    "Strap",
+    "String",
+    "StulovParameters",
+    "SummaryRoles",
+    "Surface",
+]
+
+
+LawName = Literal[
+    "guarded", "printed", "mean", "hunt_crossley", "stulov", "felt_memory", "micromechanical"
+]
+
+
+LAWS: tuple[str, ...] = get_args(LawName)
+
+
+def _curve(node: object) -> object:
+    """Accept ``unit = [..]`` for the three coefficients of eq. 4.21 at once."""
+    if not isinstance(node, Mapping):
+        return node
+    units = ("N/m", "1/m", "N/m")
+    given = node.get("unit", units)
+    if not isinstance(given, (list, tuple)) or len(given) != 3:
+        raise ValueError(f"got unit {given!r}, expected three, such as {list(units)}")
+    out = {key: node[key] for key in node if key not in META_KEYS}
+    for key, unit in zip("abc", given, strict=True):
+        if key in out and not isinstance(out[key], (Mapping, str)):
+            out[key] = {"value": out[key], "unit": unit}
+    return out
+
+
+def _drop_meta(node: object) -> object:
+    """Let a table carry its own source, status and note."""
+    if not isinstance(node, Mapping):
+        return node
+    return {k: v for k, v in node.items() if k not in ("source", "status", "note", "printed")}
+
+
+class Curve(Schema):
+    """F(e) = a e exp(b e) + c e, thesis eq. 4.21."""
+
+    a: Annotated[float, SI("N/m")]
+    b: Annotated[float, SI("1/m"), Field(ge=0)]
+    c: Annotated[float, SI("N/m")]
+
+
+class HuntCrossleyParameters(Schema):
+    """F = k e^p (1 + d de/dt)."""
+
+    stiffness: Annotated[float, Field(gt=0), BeforeValidator(lambda n: _power_stiffness(n))]
+    exponent: Annotated[float, SI("1"), Field(ge=1)] = 1.5
+    damping: Annotated[float, SI("s/m"), Field(ge=0)] = 0.0
+
+
+class StulovParameters(Schema):
+    """F = F0 max(0, e^p - amplitude g), tau0 dg/dt = e^p - g."""
+
+    stiffness: Annotated[float, Field(gt=0), BeforeValidator(lambda n: _power_stiffness(n))]
+    exponent: Annotated[float, SI("1"), Field(ge=1)] = 2.5
+    amplitude: Annotated[float, SI("1"), Field(ge=0, lt=1)] = 0.0
+    time: Annotated[float, SI("s"), Field(gt=0)] = 1e-5
+
+
+class EnvelopeTable(Schema):
+    """A measured or computed loop: both branches at the same compressions."""
+
+    unit: list[str] = ["m", "N"]
+    compression: list[float]
+    loading: list[float]
+    unloading: list[float]
+
+
+class MemoryParameters(Schema):
+    """Options of the law with memory; the curves come from loading and unloading, or a table."""
+
+    kappa: Annotated[float, SI("1"), Field(gt=0, le=2)] = 0.2
+    wiping_out: Annotated[float, SI("1"), Field(ge=0)] = 0.0
+    closing_compression: Annotated[float, SI("m"), Field(gt=0)] | None = None
+    envelope: EnvelopeTable | None = None
+    recovery_time: Annotated[float, SI("s"), Field(ge=0)] = 0.0
+    creep_stiffness: Annotated[float, SI("N/m"), Field(ge=0)] = 0.0
+    creep_damping: Annotated[float, SI("N s/m"), Field(ge=0)] = 0.0
+    rate_amplitude: Annotated[float, SI("1"), Field(ge=0)] = 0.0
+    rate_time: Annotated[float, SI("s"), Field(ge=0)] = 0.0
+    note: str = ""
+
+
+def _power_stiffness(node: object) -> float:
+    """Stiffness of a power law; its unit N/m^p depends on the exponent, so only N and m scale."""
+    if isinstance(node, Mapping) and isinstance(node.get("unit"), str):
+        unit = node["unit"]
+        if not unit.startswith("N/m^") and unit != "N/m":
+            raise ValueError(f"got unit {unit!r}, expected 'N/m^p' with the exponent p of the law")
+        return parse_scalar({k: v for k, v in node.items() if k != "unit"}, "1")
+    return parse_scalar(node, "1")
+
+
+class FrictionParameters(Schema):
+    """Coulomb friction of thesis eq. A.1, with viscous, quadratic and Stribeck terms."""
+
+    amplitude: Annotated[float, Field(ge=0), JointSI("N m", "N", "1")] = 0.0
+    b1: Annotated[float, SI("1"), Field(ge=0)] = 0.0
+    b2: Annotated[float, SI("1"), Field(ge=0)] = 0.0
+    threshold_speed: Annotated[float, Field(gt=0), JointSI("rad/s", "m/s")] = 1e-3
+    viscous: Annotated[float, Field(ge=0), JointSI("N m s/rad", "N s/m", "s/m")] = 0.0
+    quadratic: Annotated[
+        float,
+        Field(ge=0),
+        JointSI("N m s^2/rad^2", "N s^2/m^2", "s^2/m^2"),
+    ] = 0.0
+    stribeck: Annotated[float, Field(ge=0), JointSI("N m", "N", "1")] = 0.0
+    stribeck_speed: Annotated[float, Field(gt=0), JointSI("rad/s", "m/s")] = 0.1
+
+
+Friction = Annotated[FrictionParameters, BeforeValidator(_drop_meta)]
+
+
+class Body(Schema):
+    """A rigid body or a uniform beam, and the joint to its parent."""
+
+    label: str = ""
+    note: str = ""
+    kind: Literal["rigid", "beam"] = "rigid"
+    parent: str = "ground"
+    joint: Literal["revolute", "prismatic", "weld"] = "revolute"
+    coordinate: str = ""
+    position: Annotated[tuple[float, float], SIVector("m")] = (0.0, 0.0)
+    axis: Annotated[tuple[float, float], SIVector("1")] = (0.0, 1.0)
+    angle: Annotated[float, SI("rad")] = 0.0
+    friction: Friction = FrictionParameters()
+    mass: Annotated[float, SI("kg"), Field(ge=0)] = 0.0
+    center_of_mass: Annotated[tuple[float, float], SIVector("m")] = (0.0, 0.0)
+    inertia: Annotated[float, SI("kg m^2"), Field(ge=0)] = 0.0
+    rigid: bool = True
+    length: Annotated[float, SI("m"), Field(gt=0)] | None = None
+    density: Annotated[float, SI("kg/m^3"), Field(gt=0)] | None = None
+    area: Annotated[float, SI("m^2"), Field(gt=0)] | None = None
+    young_modulus: Annotated[float, SI("Pa"), Field(gt=0)] | None = None
+    second_moment: Annotated[float, SI("m^4"), Field(gt=0)] | None = None
+    shapes: Literal["polynomial", "clamped_free", "craig_bampton"] = "polynomial"
+    axial_shapes: Annotated[int, Field(ge=0, le=12)] = 1
+    lateral_shapes: Annotated[int, Field(ge=1, le=12)] = 2
+    damping_time: Annotated[float, SI("s"), Field(ge=0)] = 0.0
+    condense_axial: bool = True
+
+
+class Surface(Schema):
+    """A contact surface fixed to a body."""
+
+    body: str
+    kind: Literal["line", "circle", "concave", "hybrid"]
+    point: Annotated[tuple[float, float], SIVector("m")]
+    normal: Annotated[tuple[float, float], SIVector("1")] | None = None
+    radius: Annotated[float, SI("m"), Field(ge=0)] | None = None
+    arc: Annotated[tuple[float, float], SIVector("rad")] | None = None
+    note: str = ""
+
+
+class LawChoice(Schema):
+    """A contact law with the parameters of all that may be chosen."""
+
+    law: LawName = "felt_memory"
+    alpha: Annotated[float, SI("s/m"), Field(gt=0)] = 100.0
+    hysteresis: Annotated[float, SI("1"), Field(ge=0)] = 1.0
+    loading: Annotated[Curve, BeforeValidator(_curve)] | None = None
+    unloading: Annotated[Curve, BeforeValidator(_curve)] | None = None
+    hunt_crossley: HuntCrossleyParameters | None = None
+    stulov: StulovParameters | None = None
+    memory: MemoryParameters = MemoryParameters()
+    micromechanical: LayerParameters | None = None
+
+
+class Contact(LawChoice):
+    """Two surfaces, a law and friction."""
+
+    label: str = ""
+    note: str = ""
+    surfaces: tuple[str, str]
+    enabled: bool = True
+    friction: Friction = FrictionParameters()
+
+
+class Spring(Schema):
+    """Spring on the coordinate of a joint, with damping and play if wanted."""
+
+    label: str = ""
+    coordinate: str
+    stiffness: Annotated[float, Field(ge=0), JointSI("N m/rad", "N/m")]
+    rest_angle: Annotated[float, JointSI("rad", "m")]
+    damping: Annotated[float, Field(ge=0), JointSI("N m s/rad", "N s/m")] = 0.0
+    clearance: Annotated[float, Field(ge=0), JointSI("rad", "m")] = 0.0
+    seating: Annotated[float, Field(ge=0), JointSI("N m", "N")] = 0.0
+    enabled: bool = True
+
+
+class Dashpot(Schema):
+    """Dashpot on a joint's coordinate, on one side of its motion only if so wanted."""
+
+    label: str = ""
+    coordinate: str
+    coefficient: Annotated[float, Field(ge=0), JointSI("N m s/rad", "N s/m")]
+    side: Literal["both", "positive", "negative"] = "both"
+    enabled: bool = True
+
+
+class Strap(Schema):
+    """One-sided cubic strap, thesis eq. 4.5."""
+
+    label: str = ""
+    body_a: str
+    point_a: Annotated[tuple[float, float], SIVector("m")]
+    body_b: str
+    point_b: Annotated[tuple[float, float], SIVector("m")]
+    free_length: Annotated[float, SI("m"), Field(gt=0)]
+    k1: Annotated[float, SI("N/m")] = 0.0
+    k2: Annotated[float, SI("N/m^2")] = 0.0
+    k3: Annotated[float, SI("N/m^3")] = 0.0
+    enabled: bool = True
+
+
+def _strike_point(node: object) -> object:
+    return node if node == "moving" else parse_scalar(node, "m")
+
+
+class String(Schema):
+    """Stiff string of thesis Table 4.1, or several equal ones (unisons) that are struck together.
+
+    ``diameter``, ``tension``, ``linear_density`` and ``young_modulus`` are those of one string.
+    ``count`` strings share the contact force equally and move alike: the striker sees ``count``
+    times the impedance of one, at the same frequencies and forms of vibration. The law of the
+    contact, the largest string force, the force on the bridge and the energy are of all of them.
+    """
+
+    kind: Literal["modal", "rigid_stop"] = "modal"
+    surface: str
+    modes: Annotated[int, Field(ge=1, le=5000)] = 40
+    count: Annotated[int, Count(), Field(ge=1, le=1000)] = 1
+    diameter: Annotated[float, SI("m"), Field(gt=0)]
+    tension: Annotated[float, SI("N"), Field(gt=0)]
+    length: Annotated[float, SI("m"), Field(gt=0)]
+    linear_density: Annotated[float, SI("kg/m"), Field(gt=0)]
+    young_modulus: Annotated[float, SI("Pa"), Field(ge=0)]
+    damping_ratio: Annotated[float, SI("1"), Field(ge=0, lt=1)] = 0.0
+    anchor: Annotated[float, SI("m"), Field(ge=0)] = 0.0
+    direction: Annotated[tuple[float, float], SIVector("1")] = (0.0, -1.0)
+    strike_point: Annotated[Literal["moving"] | float, BeforeValidator(_strike_point)] = "moving"
+    note: str = ""
+
+
+class Pad(HuntCrossleyParameters):
+    """Finger pad between a prescribed finger motion and the key."""
+
+    law: Literal["hunt_crossley"] = "hunt_crossley"
+
+
+class Finger(Schema):
+    """Where the player's finger meets the mechanism."""
+
+    body: str
+    point: Annotated[tuple[float, float], SIVector("m")]
+    direction: Annotated[tuple[float, float], SIVector("1")] = (0.0, -1.0)
+    pad: Pad = Pad(stiffness=1.1e5, exponent=1.5, damping=1.0)
+
+
+class Motor(Schema):
+    """A motor on a revolute joint, which drives the mechanism instead of a finger."""
+
+    coordinate: str
+    contact: int | None = None
+    note: str = ""
+
+
+class Point(Schema):
+    """Tracking point."""
+
+    body: str
+    point: Annotated[tuple[float, float], SIVector("m")]
+    label: str = ""
+
+
+def _way(direction: tuple[float, float]) -> tuple[float, float]:
+    """A direction of any length that can be brought to 1."""
+    length = math.hypot(*direction)
+    if not 1e-6 <= length <= 1e6:
+        raise ValueError(
+            f"got {list(direction)!r} of length {length:g}, expected a length of 1e-6 to 1e6"
+        )
+    return direction
+
+
+class NamedEvent(Schema):
+    """A contact change or a travel of a tracking point that gets a name."""
+
+    contact: int | list[int] | None = None
+    change: Literal["opens", "closes"] | None = None
+    point: str | None = None
+    direction: Annotated[tuple[float, float], SIVector("1"), AfterValidator(_way)] = (0.0, 1.0)
+    travel: Annotated[float, SI("m"), Field(gt=0)] | None = None
+    which: Literal["first", "last"] = "first"
+    before: str | None = None
+    after: str | None = None
+    unless: str | None = None
+    within: Annotated[float, SI("s"), Field(gt=0)] | None = None
+
+
+class SummaryRoles(Schema):
+    """Which contacts and points the summary of a run reads."""
+
+    strike_contact: int | None = None
+    let_off_contact: int | None = None
+    check_contacts: list[int] = []
+    key_point: str | None = None
+
+
+class Source(Schema):
+    """Where a data set comes from."""
+
+    cite: str = ""
+    status: str = ""
+    note: str = ""
+
+
+class MechanismFile(Schema):
+    """A mechanism file."""
+
+    schema_version: Annotated[Literal[1], Field(alias="schema")]
+    name: str
+    about: str = ""
+    source: Source = Source()
+    gravity: Annotated[tuple[float, float], SIVector("m/s^2")] = (0.0, -9.81)
+    bodies: dict[str, Body]
+    surfaces: dict[str, Surface] = {}
+    contacts: dict[str, Contact] = {}
+    springs: dict[str, Spring] = {}
+    dashpots: dict[str, Dashpot] = {}
+    straps: dict[str, Strap] = {}
+    string: String | None = None
+    finger: Finger | None = None
+    motor: Motor | None = None
+    points: dict[str, Point] = {}
+    start_pose: dict[str, float] = {}
+    events: dict[str, NamedEvent] = {}
+    summary: SummaryRoles = SummaryRoles()

@@ -1,0 +1,1 @@
+"""Runs: strokes, simulation, results, sweeps, studies and sensitivities of a mechanism."""

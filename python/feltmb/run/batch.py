@@ -1,0 +1,146 @@
+"""Many strokes in one call: threads of the core, outcomes in order, memory that does not grow.
+
+For a sweep with a table and a folder to resume from, use :func:`feltmb.sweep`; this is the bare
+engine for programs of one's own, fits and studies of thousands of strokes.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+from feltmb import _core
+from feltmb.errors import FeltmbError, IntegrationError, InvalidParameter, ModelError
+from feltmb.mechanism import Action
+from feltmb.run.options import OPTIONS, check_options
+from feltmb.run.simulate import prepare, to_run
+from feltmb.run.stroke import Stroke
+
+if TYPE_CHECKING:
+    from feltmb.run.results import Run
+
+__all__ = ["simulate_many"]
+
+
+def simulate_many(
+    strokes: Iterable[tuple[Action, Stroke] | tuple[Action, Stroke, Mapping[str, Any]]],
+    take: Callable[[int, Run | FeltmbError], object],
+    *,
+    jobs: int | None = None,
+    ordered: bool = True,
+    stop: _core.StopFlag | None = None,
+    **options: Any,
+) -> int:
+    """Simulate many strokes on threads.
+
+    Parameters
+    ----------
+    strokes
+        Action and stroke, and options of this stroke alone if there are any. May be a generator: a
+        stroke is asked for when a thread is free. Actions that ``Action.with_values`` made from one
+        another share what did not change.
+    take
+        ``take(index, outcome)`` gets each outcome: the run, or the error that
+        :func:`feltmb.simulate` would have raised. Returning False, and nothing else, stops the
+        batch. What it does not keep is freed: no more than four outcomes a thread are in memory.
+    jobs
+        Threads, at most four a core, and fewer where the system has no more; default: one a core.
+        Outcomes are the same, bit for bit, for any number.
+    ordered
+        True: ``take`` is called in the order of the strokes, by one thread at a time. False: by
+        each thread as soon as its stroke is finished, maybe by several at once; one long stroke
+        then holds nothing up.
+    stop
+        ``feltmb._core.StopFlag``; once it is set, by any thread, the batch ends at once.
+    options
+        Of :func:`feltmb.simulate`, for all strokes; the ledger is off unless asked for.
+        ``summary_only=True`` is the quickest. ``start`` and ``progress`` are not for a batch.
+
+    Returns
+    -------
+    int
+        Number of outcomes.
+
+    Raises
+    ------
+    InvalidParameter
+        Arguments are wrong. What is wrong with one stroke is its outcome.
+    """
+    count = 0 if jobs is None else int(jobs)
+    if jobs is not None and count < 1:
+        raise InvalidParameter(f"jobs = {jobs}, must be >= 1")
+    _refuse(options)
+    given = {"ledger": False, **options}
+    under_way: dict[int, tuple[Any, ...]] = {}
+    faults: dict[int, FeltmbError] = {}  # of strokes that could not begin, by position
+    handed = 0
+    going = True
+    guard = threading.Lock()
+
+    def prepared() -> Iterator[Any]:
+        begun = 0
+        for position, (action, stroke, *own) in enumerate(strokes):
+            try:
+                if own:
+                    _refuse(own[0])
+                settings, arguments = prepare(
+                    action, stroke, **{**given, **(own[0] if own else {})}
+                )
+            except FeltmbError as fault:
+                if ordered:
+                    faults[position] = fault
+                else:
+                    give(position, fault)
+                continue
+            under_way[begun] = (position, action, stroke, settings)
+            begun += 1
+            mechanism, profile, motion, start, monitors, memory, *drives = arguments
+            yield _core.BatchStroke(
+                mechanism, profile, motion, settings, start, monitors, memory, *drives
+            )
+
+    def give(position: int, outcome: Run | FeltmbError) -> None:
+        nonlocal handed, going
+        if not going:
+            return
+        with guard:
+            handed += 1
+        if take(position, outcome) is False:
+            going = False
+
+    def hand_on(index: int, result: Any, failure: str) -> bool:
+        position, action, stroke, settings = under_way.pop(index)
+        if ordered:
+            for earlier in sorted(p for p in faults if p < position):
+                give(earlier, faults.pop(earlier))
+        if failure:
+            give(position, ModelError(failure))
+            return going
+        run = to_run(action, stroke, settings, result)
+        if run.status == "done":
+            give(position, run)
+        elif run.status != "interrupted":
+            give(
+                position,
+                IntegrationError(
+                    run.message,
+                    partial=run,
+                    time=run.reached,
+                    state=result.failed_state,
+                    contact=result.failed_contact,
+                ),
+            )
+        return going
+
+    _core.simulate_many(prepared(), hand_on, count, ordered, stop)
+    for position in sorted(faults):
+        give(position, faults[position])
+    return handed
+
+
+def _refuse(options: Mapping[str, Any]) -> None:
+    for name in ("start", "progress"):
+        if name in options:
+            raise InvalidParameter(f"simulate_many: {name} is not for a batch")
+    check_options(options, known=(*OPTIONS, "summary_only", "error"))

@@ -1,0 +1,88 @@
+"""Named events of a run: rules of the mechanism file applied to contact changes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from feltmb.mechanism import NamedEvent
+
+__all__ = ["Change", "name_events"]
+
+
+@dataclass(frozen=True)
+class Change:
+    """A contact that opens or closes, or a tracking point that passes its travel."""
+
+    time: float  #: [s]
+    contact: int | None  #: contact number
+    monitor: str | None  #: name of a point event
+    closes: bool  #: closes or rises
+
+
+def _matches(change: Change, name: str, rule: NamedEvent) -> bool:
+    if rule.point is not None:
+        return change.monitor == name and change.closes
+    numbers = rule.contact if isinstance(rule.contact, list) else [rule.contact]
+    return change.contact in numbers and change.closes == (rule.change == "closes")
+
+
+def name_events(changes: Sequence[Change], rules: Mapping[str, NamedEvent]) -> dict[str, int]:
+    """Index of the change that each named event stands for; events that did not happen are absent.
+
+    A rule picks the first or last matching change, after and before other named events, within a
+    time of the event it comes after, unless another event happened. If an event that it comes after
+    or before did not happen, neither did it.
+    """
+    found: dict[str, int] = {}
+    visiting: set[str] = set()
+
+    def resolve(name: str) -> int | None:
+        if name in found:
+            return found[name]
+        rule = rules.get(name)
+        if rule is None or name in visiting:
+            return None
+        visiting.add(name)
+        if rule.unless is not None and resolve(rule.unless) is not None:
+            return None
+        low, high = float("-inf"), float("inf")
+        if rule.after is not None:
+            index = resolve(rule.after)
+            if index is None:
+                return None
+            low = changes[index].time
+            if rule.within is not None:
+                high = low + rule.within
+        if rule.before is not None:
+            index = resolve(rule.before)
+            if index is None:
+                return None
+            high = min(high, changes[index].time)
+        candidates = [
+            i
+            for i, change in enumerate(changes)
+            if low <= change.time <= high and _matches(change, name, rule)
+        ]
+        if not candidates:
+            return None
+        chosen = candidates[0] if rule.which == "first" else candidates[-1]
+        if rule.which == "last" and rule.before is not None and rule.contact is not None:
+            # The last opening before an event counts only if the contact then stayed open.
+            undone = any(
+                change.contact == changes[chosen].contact
+                and change.closes != changes[chosen].closes
+                and changes[chosen].time < change.time <= high
+                for change in changes
+            )
+            if undone:
+                return None
+        found[name] = chosen
+        return chosen
+
+    for name in rules:
+        visiting.clear()
+        resolve(name)
+    return found

@@ -1,0 +1,47 @@
+"""Published numbers of a mechanism, to be set beside the summary of a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from feltmb import params
+from feltmb.files import read_toml
+
+if TYPE_CHECKING:
+    from feltmb.run.results import Run
+
+__all__ = ["Comparison", "compare_with_published"]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One number of a run beside the published one."""
+
+    stroke: str
+    key: str  #: key of ``run.summary``
+    simulated: float | None  #: SI; None if the run does not have it
+    published: float  #: SI
+    unit: str
+    source: str
+
+    @property
+    def difference(self) -> float | None:
+        """(simulated - published) / published."""
+        return None if self.simulated is None else self.simulated / self.published - 1.0
+
+
+def compare_with_published(run: Run) -> list[Comparison]:
+    """Published values for the mechanism and stroke of a run; empty if there are none."""
+    action = run.provenance.get("action")
+    if action not in params.names("published"):  # a saved run may hold any name
+        return []
+    path = params.folder("published") / f"{action}.toml"
+    name = run.provenance["stroke"]["name"]
+    return [
+        Comparison(
+            name, row["key"], run.summary.get(row["key"]), row["value"], row["unit"], row["source"]
+        )
+        for row in read_toml(path)["values"]
+        if row["stroke"] == name
+    ]

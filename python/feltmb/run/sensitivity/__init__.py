@@ -1,0 +1,12 @@
+"""Derivatives of a stroke by parameters of the mechanism and the stroke, and by its start state.
+
+One pass gives the derivatives of every output by all parameters: forward sensitivities along the
+steps of the stroke, with one factorized matrix for all of them (``docs/sensitivity.md``).
+"""
+
+from __future__ import annotations
+
+from feltmb.run.sensitivity.objects import Gradient, Window, state_names
+from feltmb.run.sensitivity.work import gradient, state_at, windows
+
+__all__ = ["Gradient", "Window", "gradient", "state_at", "state_names", "windows"]

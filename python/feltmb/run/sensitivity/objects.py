@@ -1,0 +1,167 @@
+"""What derivatives are taken over and what comes out: windows and gradients."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from feltmb import _core
+from feltmb.arguments import checked
+from feltmb.errors import InvalidParameter
+from feltmb.mechanism import Action
+from feltmb.mechanism.parameters import Parameter
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+    import pandas as pd
+    import xarray as xr
+
+    Array = npt.NDArray[np.float64]
+
+
+@checked
+@dataclass(frozen=True)
+class Window:
+    """One stretch of a stroke, from a full state.
+
+    Attributes
+    ----------
+    begin, end
+        On the clock of the stroke [s].
+    state
+        Full state at ``begin`` in the order of :func:`state_names`; None: the rest pose.
+    memory
+        Largest compression that each contact remembers [m]; None: as at rest, zero.
+    """
+
+    begin: float
+    end: float
+    state: npt.ArrayLike | None = None
+    memory: npt.ArrayLike | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Gradient:
+    """Outputs of a stroke and their derivatives, all in SI.
+
+    Attributes
+    ----------
+    time : ndarray (n_times,)
+        Sample times on the clock of the stroke [s].
+    outputs : tuple of str
+        Names as in a run; ``output_units``.
+    values : ndarray (n_times, n_outputs)
+    columns : tuple of str
+        What the derivatives are by: parameters by path, then ``start.NAME`` for directions of the
+        start state; ``column_units``.
+    parameters : tuple of Parameter
+        The first columns, with value, unit and size.
+    array : ndarray (n_times, n_outputs, n_columns)
+        d output / d column [unit of the output / unit of the column].
+    summary : dict
+        Numbers of the run, SI: those of ``Run.summary`` that have a derivative.
+    summary_gradient : dict of ndarray (n_columns,)
+        Their derivatives.
+    events : tuple of dict
+        One for each event that has a derivative: ``event``, ``time`` [s] and ``gradient``
+        (n_columns,) of the time.
+    end_state, end_memory : ndarray
+        Full state and remembered compressions at the end.
+    end_gradient : ndarray (n_states, n_columns)
+    end_memory_gradient : ndarray (n_contacts, n_columns)
+    stats : dict
+        Work counts and wall times of the stroke and of the derivatives.
+    """
+
+    time: Array
+    outputs: tuple[str, ...]
+    output_units: tuple[str, ...]
+    values: Array
+    columns: tuple[str, ...]
+    column_units: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    array: Array
+    summary: dict[str, float]
+    summary_gradient: dict[str, Array]
+    events: tuple[dict[str, Any], ...]
+    end_state: Array
+    end_memory: Array
+    end_gradient: Array
+    end_memory_gradient: Array
+    stats: dict[str, Any]
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return (
+            f"Gradient({len(self.outputs)} outputs at {len(self.time)} times by "
+            f"{len(self.columns)} columns)"
+        )
+
+    @checked
+    def of(self, output: str, column: str | None = None) -> Array:
+        """D output / d column over time, (n_times,), or by all columns, (n_times, n_columns)."""
+        out: Array = self.array[:, place_of(output, self.outputs, "output"), :]
+        return out if column is None else out[:, place_of(column, self.columns, "column")]
+
+    @cached_property
+    def data(self) -> xr.Dataset:
+        """``values`` (time, output) and ``gradient`` (time, output, column), with units."""
+        import xarray as xr
+
+        return xr.Dataset(
+            {
+                "values": (("time", "output"), self.values),
+                "gradient": (("time", "output", "column"), self.array),
+            },
+            coords={
+                "time": ("time", self.time, {"units": "s"}),
+                "output": list(self.outputs),
+                "output_unit": ("output", list(self.output_units)),
+                "column": list(self.columns),
+                "column_unit": ("column", list(self.column_units)),
+            },
+        )
+
+    @checked
+    def effects(self, change: float = 0.01) -> pd.DataFrame:
+        """What a relative change of each parameter does to each number of the summary.
+
+        Parameters
+        ----------
+        change
+            Part of the size of a parameter; 0.01 is one percent.
+
+        Returns
+        -------
+        DataFrame
+            Rows: parameters; columns: numbers of the summary, SI.
+        """
+        import numpy as np
+        import pandas as pd
+
+        sizes = np.array([p.size for p in self.parameters])
+        n = len(sizes)
+        return pd.DataFrame(
+            {name: change * sizes * g[:n] for name, g in self.summary_gradient.items()},
+            index=pd.Index([p.path for p in self.parameters], name="parameter"),
+        )
+
+
+def place_of(name: str, names: Sequence[str], what: str) -> int:
+    """Position of a name, or a message with those that are like it."""
+    if name not in names:
+        import difflib
+
+        near = difflib.get_close_matches(name, names, n=3)
+        hint = f"; near are {', '.join(near)}" if near else ""
+        raise InvalidParameter(f"there is no {what} {name!r}{hint}")
+    return names.index(name)
+
+
+@checked
+def state_names(action: Action) -> tuple[str, ...]:
+    """Names of the full state: coordinates, their rates, states of laws, modes and their rates."""
+    return tuple(_core.state_names(action.mechanism))

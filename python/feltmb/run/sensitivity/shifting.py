@@ -1,0 +1,153 @@
+"""Parameters that a derivative is taken by, and the mechanisms in which each is shifted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from feltmb import _core
+from feltmb.errors import InvalidParameter
+from feltmb.mechanism import Action
+from feltmb.mechanism.parameters import Parameter, all_parameters, find_parameters, mechanism_with
+from feltmb.run.stroke import MOTORS, PRESCRIBED, Stroke
+
+#: Parameters are shifted by this part of their size for df/dp; rounding and curvature both lie
+#: below 1e-8 of the derivative.
+SHIFT = 2e-6
+
+
+def choose_parameters(
+    action: Action, paths: str | Iterable[str] | None, *, every: bool
+) -> list[Parameter]:
+    """Parameters of the paths, or every one that can be shifted."""
+    if every:
+        return [p for p in all_parameters(action) if _can_shift(action, p)]
+    given = [] if paths is None else [paths] if isinstance(paths, str) else list(paths)
+    own = {
+        "stroke.scale": Parameter("stroke.scale", 1.0, "1", 1.0),
+        "stroke.delay": Parameter("stroke.delay", 0.0, "s", 1e-4),
+    }
+    find_parameters(action, [p for p in given if p not in own])  # all faults at once
+    out: dict[str, Parameter] = {}
+    for path in given:  # in the order in which they were asked for
+        for parameter in [own[path]] if path in own else find_parameters(action, path):
+            out[parameter.path] = parameter
+    return list(out.values())
+
+
+def _can_shift(action: Action, parameter: Parameter) -> bool:
+    try:
+        _nodes(action, parameter)
+    except InvalidParameter:
+        return False
+    return True
+
+
+def _nodes(action: Action, parameter: Parameter) -> list[tuple[Any, float, float]]:
+    """Mechanisms, shifts and weights of a difference of second order."""
+    h = SHIFT * parameter.size
+    known = dict(action._described)  # parts of shifted values are not worth keeping
+
+    def at(shift: float) -> Any:
+        value = parameter.value + shift
+        return mechanism_with(action, {parameter.path: value}, known)
+
+    faults = []
+    for sign in (1.0, -1.0):
+        try:
+            near = at(sign * h)
+        except InvalidParameter as error:
+            faults.append(str(error))
+            continue
+        try:
+            return [(near, sign * h, sign * 0.5 / h), (at(-sign * h), -sign * h, -sign * 0.5 / h)]
+        except InvalidParameter:
+            # At the edge of what is permitted: three points on one side.
+            s = sign / h
+            return [
+                (action.mechanism, 0.0, -1.5 * s),
+                (near, sign * h, 2.0 * s),
+                (at(2.0 * sign * h), 2.0 * sign * h, -0.5 * s),
+            ]
+    raise InvalidParameter(f"parameter {parameter.path!r} cannot be shifted: {faults[0]}")
+
+
+def shifted(action: Action, stroke: Stroke, parameter: Parameter) -> Any:
+    """A parameter for the core: shifted mechanisms and strokes with their weights."""
+
+    def model(mechanism: Any, shift: float, weight: float, **changed: Any) -> Any:
+        return _core.Perturbed(
+            mechanism,
+            changed.get("profile", stroke.profile),
+            stroke.kind == "motion",
+            shift,
+            weight,
+            changed.get("origin", 0.0),
+            *drives(stroke),
+        )
+
+    h = SHIFT * parameter.size
+    sides = [(h, 0.5 / h), (-h, -0.5 / h)]
+    if parameter.path == "stroke.scale":
+        nodes = [
+            model(action.mechanism, s, w, profile=stroke.scaled(1.0 + s).profile) for s, w in sides
+        ]
+    elif parameter.path == "stroke.delay":
+        nodes = [model(action.mechanism, s, w, origin=-s) for s, w in sides]
+    else:
+        nodes = [model(*node) for node in _nodes(action, parameter)]
+    return _core.SensitivityParameter(
+        parameter.path,
+        nodes,
+        parameter.size,
+        _law_of(action, parameter.path),
+        _is_inertial(action, parameter.path),
+        parameter.path in _MODAL,
+        _touched_contacts(action, parameter.path),
+    )
+
+
+def _touched_contacts(action: Action, path: str) -> list[int] | None:
+    """Positions of the only contacts that a path changes; None: more than contacts."""
+    table, name, *rest = path.split(".")
+    numbers: list[int] = action.mechanism.contact_numbers
+    if table == "points":  # where one looks
+        return []
+    if table == "contacts":
+        return [numbers.index(int(name))]
+    if table == "surfaces":
+        users = (int(n) for n, c in action.config.contacts.items() if name in c.surfaces)
+        return [numbers.index(n) for n in users if n in numbers]
+    if table == "bodies" and action.config.bodies[name].kind == "beam" and rest[0] in _MASSES:
+        return []  # those of a beam follow from its density
+    return None
+
+
+_MASSES = ("mass", "inertia", "center_of_mass")
+
+#: Parameters that change the frequencies, damping and shapes of the string's modes, nothing else.
+_MODAL = frozenset(
+    f"string.{name}" for name in ("tension", "young_modulus", "damping_ratio", "linear_density")
+)
+
+
+def _is_inertial(action: Action, path: str) -> bool:
+    """Whether a parameter changes the mass, center of mass or inertia of a rigid body only."""
+    table, name, *rest = path.split(".")
+    if table != "bodies" or rest[0] not in _MASSES:
+        return False
+    return action.config.bodies[name].kind == "rigid"
+
+
+def _law_of(action: Action, path: str) -> int:
+    """Position of the contact whose law is all that a parameter changes, else -1."""
+    table, *rest = path.split(".")
+    numbers: list[int] = action.mechanism.contact_numbers
+    if table == "contacts" and rest[1] != "friction":
+        return numbers.index(int(rest[0]))
+    return -1
+
+
+def drives(stroke: Stroke) -> tuple[bool, bool]:
+    """Whether a motion is prescribed exactly, and whether a motor drives."""
+    return stroke.kind in PRESCRIBED, stroke.kind in MOTORS

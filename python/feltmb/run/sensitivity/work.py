@@ -1,0 +1,361 @@
+"""Derivatives of a stroke or of its windows: the calls, the start states, the outputs."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from feltmb import _core
+from feltmb.arguments import checked
+from feltmb.errors import IntegrationError, InvalidParameter
+from feltmb.mechanism import Action, load_action
+from feltmb.mechanism.parameters import Parameter
+from feltmb.run.sensitivity.objects import Gradient, Window, place_of, state_names
+from feltmb.run.sensitivity.shifting import choose_parameters, drives, shifted
+from feltmb.run.sensitivity.summary import add_key_travel, add_rules, summarize, summary_outputs
+from feltmb.run.simulate import check_input
+from feltmb.run.stroke import Stroke, load_stroke
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    Array = npt.NDArray[np.float64]
+
+
+@checked
+def gradient(
+    action: Action | str,
+    stroke: Stroke | str,
+    parameters: str | Iterable[str] | None = None,
+    outputs: Iterable[str] | None = None,
+    *,
+    duration: float | None = None,
+    rtol: float = 1e-7,
+    tolerance: float = 3e-3,
+    output_rate: float = 1000.0,
+) -> Gradient:
+    """Derivatives of a stroke from the rest pose, which moves with the parameters.
+
+    Parameters
+    ----------
+    action, stroke
+        Objects, or names for ``load_action`` and ``load_stroke``.
+    parameters
+        Dotted paths as for ``--set``, ``*`` for any name; ``stroke.scale`` [1] multiplies the
+        input, ``stroke.delay`` [s] shifts it. Default: every real number of the mechanism that can
+        be shifted. Derivatives are by SI values.
+    outputs
+        Names of outputs as in a run; default: coordinates, tracking points, forces and compressions
+        of the contacts.
+    duration
+        [s]; default: the stroke's own.
+    rtol
+        Of the stroke. Where the motion is sensitive its derivatives are more so: one decade below
+        the default of ``simulate``.
+    tolerance
+        Local relative error of each column, 1e-10 to 0.1.
+    output_rate
+        Samples a second; events and peaks do not depend on it.
+
+    Raises
+    ------
+    InvalidParameter
+        Paths or outputs that do not exist, all at once; a parameter whose shift changes the number
+        of states.
+    IntegrationError
+        The stroke failed; ``error.partial`` is None.
+
+    Notes
+    -----
+    Numbers of the summary: times of events, impact and rebound speed, string contact duration,
+    let-off gap, largest string force, key travel. They move with the times of their events.
+    """
+    action = load_action(action) if isinstance(action, str) else action
+    stroke = load_stroke(stroke) if isinstance(stroke, str) else stroke
+    end = float(stroke.duration if duration is None else duration)
+    return windows(
+        action,
+        stroke,
+        [Window(0.0, end)],
+        parameters,
+        outputs,
+        directions=None,
+        rtol=rtol,
+        tolerance=tolerance,
+        output_rate=output_rate,
+        jobs=1,
+    )[0]
+
+
+@checked
+def windows(
+    action: Action | str,
+    stroke: Stroke | str,
+    windows: Sequence[Window],
+    parameters: str | Iterable[str] | None = None,
+    outputs: Iterable[str] | None = None,
+    *,
+    directions: str | Sequence[str] | npt.ArrayLike | None = "mechanical",
+    rtol: float = 1e-7,
+    tolerance: float = 3e-3,
+    output_rate: float = 1000.0,
+    jobs: int | None = None,
+) -> list[Gradient]:
+    """Derivatives of many stretches of one stroke, each from its own full state, in one call.
+
+    This is what multiple shooting needs: with ``directions`` the columns after the parameters are
+    derivatives by the start state of each window.
+
+    Parameters
+    ----------
+    windows
+        See :class:`Window`. A window without a state starts from the rest pose, which moves with
+        the parameters; a state that is given does not.
+    parameters
+        As in :func:`gradient`, but default: none.
+    directions
+        ``"mechanical"``: by every coordinate and rate; ``"all"``: by every state; names of states;
+        an array (n_states, n_directions); None.
+    jobs
+        Threads over windows; default: one a core. The results do not depend on it.
+    """
+    action = load_action(action) if isinstance(action, str) else action
+    stroke = load_stroke(stroke) if isinstance(stroke, str) else stroke
+    from_rest = len(windows) == 1 and windows[0].state is None and directions is None
+    check_input(action, stroke)
+    chosen = choose_parameters(action, parameters, every=from_rest and parameters is None)
+    infos = {name: (i, unit) for i, (name, unit, _) in enumerate(_observables(action))}
+    names = _choose_outputs(action, infos, outputs)
+    extra = [n for n in summary_outputs(action) if n in infos and n not in names]
+
+    options = _core.SensitivityOptions()
+    simulation = _core.SimulationOptions()
+    simulation.rtol = float(rtol)
+    strike = action.config.summary.strike_contact
+    if strike is not None:
+        simulation.peak_contacts = [strike]
+    options.simulation = simulation
+    options.tolerance = float(tolerance)
+    options.output_rate = float(output_rate)
+    options.outputs = [infos[n][0] for n in (*names, *extra)]
+    options.threads = 0 if jobs is None else _positive(jobs)
+    rules = add_rules(action, options)
+    start_names, matrix = _directions(action, directions)
+    columns = tuple(p.path for p in chosen) + tuple(f"start.{n}" for n in start_names)
+    units = tuple(p.unit for p in chosen) + tuple(_state_unit(action, n) for n in start_names)
+    prepared = [_window(action, w, matrix) for w in windows]
+    results = _core.sensitivities(
+        action.mechanism,
+        stroke.profile,
+        stroke.kind == "motion",
+        [shifted(action, stroke, p) for p in chosen],
+        prepared,
+        options,
+        *drives(stroke),
+    )
+    provenance = {
+        "feltmb": "gradient",
+        "version": _core.__version__,
+        "action": action.name,
+        "hash": action.hash,
+        "stroke": stroke.as_dict(),
+        "options": {"rtol": float(rtol), "tolerance": float(tolerance)},
+    }
+    return [
+        _to_gradient(action, r, w, names, extra, infos, chosen, columns, units, rules, provenance)
+        for r, w in zip(results, windows, strict=True)
+    ]
+
+
+@checked
+def state_at(
+    action: Action | str, stroke: Stroke | str, times: Sequence[float], *, rtol: float = 1e-7
+) -> list[Window]:
+    """Windows between the given times of a stroke, each with the state that the stroke has there.
+
+    Parameters
+    ----------
+    times
+        Growing [s]; the first may be 0, the rest pose.
+
+    Returns
+    -------
+    list of Window
+        One for each pair of neighbors.
+    """
+    action = load_action(action) if isinstance(action, str) else action
+    stroke = load_stroke(stroke) if isinstance(stroke, str) else stroke
+    cuts = [float(t) for t in times]
+    if len(cuts) < 2 or any(b <= a for a, b in itertools.pairwise(cuts)) or cuts[0] < 0:
+        raise InvalidParameter(f"times: got {cuts!r} s, expected at least two, growing, from 0 on")
+    state: Any = None
+    memory: Any = None
+    if cuts[0] > 0:
+        lead = windows(
+            action, stroke, [Window(0.0, cuts[0])], (), (), directions=None, rtol=rtol, jobs=1
+        )[0]
+        state, memory = lead.end_state, lead.end_memory
+    out = []
+    for a, b in itertools.pairwise(cuts):
+        out.append(Window(a, b, state, memory))
+        if b < cuts[-1]:
+            part = windows(action, stroke, [out[-1]], (), (), directions=None, rtol=rtol, jobs=1)
+            state, memory = part[0].end_state, part[0].end_memory
+    return out
+
+
+def _positive(jobs: int) -> int:
+    if int(jobs) < 1:
+        raise InvalidParameter(f"jobs = {jobs}, must be >= 1")
+    return int(jobs)
+
+
+def _directions(action: Action, given: Any) -> tuple[tuple[str, ...], Any]:
+    import numpy as np
+
+    names = state_names(action)
+    n = len(action.coordinates)
+    if given is None:
+        return (), np.zeros((len(names), 0))
+    if isinstance(given, str) or (
+        isinstance(given, Sequence) and all(isinstance(g, str) for g in given)
+    ):
+        if given == "mechanical":
+            chosen = names[: 2 * n]
+        elif given == "all":
+            chosen = names
+        else:
+            chosen = (given,) if isinstance(given, str) else tuple(given)
+        matrix = np.zeros((len(names), len(chosen)))
+        for j, name in enumerate(chosen):
+            matrix[place_of(name, names, "state"), j] = 1.0
+        return chosen, matrix
+    matrix = np.asarray(given, dtype=float)
+    if matrix.ndim != 2 or matrix.shape[0] != len(names) or not np.all(np.isfinite(matrix)):
+        raise InvalidParameter(
+            f"directions: got an array of shape {matrix.shape}, expected finite numbers "
+            f"({len(names)}, n_directions)"
+        )
+    return tuple(f"direction{j + 1}" for j in range(matrix.shape[1])), matrix
+
+
+def _state_unit(action: Action, name: str) -> str:
+    n = len(action.coordinates)
+    names = state_names(action)
+    if name not in names:
+        return "1"
+    i = names.index(name)
+    units: list[str] = action.mechanism.coordinate_units
+    if i < 2 * n:
+        return units[i % n] + ("/s" if i >= n else "")
+    if i < 2 * n + action.mechanism.total_law_states:
+        return "SI"
+    return "m kg^0.5/s" if name.endswith(".rate") else "m kg^0.5"
+
+
+def _window(action: Action, window: Window, matrix: Any) -> Any:
+    import numpy as np
+
+    size = len(state_names(action))
+    contacts = len(action.mechanism.contact_numbers)
+    if not isinstance(window, Window):
+        raise InvalidParameter(f"windows: got a {type(window).__name__}, expected Window objects")
+    state = [] if window.state is None else np.asarray(window.state, dtype=float).ravel().tolist()
+    memory = (
+        [] if window.memory is None else np.asarray(window.memory, dtype=float).ravel().tolist()
+    )
+    for what, values, wanted in (("state", state, size), ("memory", memory, contacts)):
+        if values and (len(values) != wanted or not all(map(math.isfinite, values))):
+            raise InvalidParameter(
+                f"window from {window.begin:g} s: {what} holds {len(values)} numbers, expected "
+                f"{wanted}, all finite"
+            )
+    return _core.SensitivityWindow(float(window.begin), float(window.end), state, memory, matrix)
+
+
+def _observables(action: Action) -> list[tuple[str, str, str]]:
+    return list(_core.observables(action.mechanism))
+
+
+def _choose_outputs(
+    action: Action, infos: Mapping[str, tuple[int, str]], given: Iterable[str] | None
+) -> list[str]:
+    if given is not None:
+        chosen = [given] if isinstance(given, str) else list(given)
+        faults = []
+        for name in chosen:
+            try:
+                place_of(name, list(infos), "output")
+            except InvalidParameter as error:
+                faults.append(str(error))
+        if faults:
+            raise InvalidParameter("\n".join(faults))
+        return list(dict.fromkeys(chosen))
+    points = tuple(action.config.points)
+    return [
+        name
+        for name in infos
+        if name in action.coordinates
+        or name.rpartition(".")[0] in points
+        or name.endswith((".force", ".compression"))
+    ]
+
+
+def _to_gradient(
+    action: Action,
+    result: Any,
+    window: Window,
+    names: list[str],
+    extra: list[str],
+    infos: Mapping[str, tuple[int, str]],
+    chosen: list[Parameter],
+    columns: tuple[str, ...],
+    units: tuple[str, ...],
+    rules: list[str],
+    provenance: dict[str, Any],
+) -> Gradient:
+    import numpy as np
+
+    run = result.run
+    if run.status != "done":
+        where = f"window from {window.begin:g} s to {window.end:g} s: "
+        raise IntegrationError(
+            where + run.message,
+            partial=None,  # only derivatives were wanted
+            time=run.reached,
+            state=run.failed_state,
+            contact=run.failed_contact,
+        )
+    count = len(names)
+    array = np.asarray(result.gradient)
+    summary, summary_gradient, events = summarize(action, result, rules)
+    if extra or (names and summary_outputs(action)):
+        add_key_travel(action, result, [*names, *extra], array, summary, summary_gradient)
+    stats: dict[str, Any] = {
+        "stroke": dict(run.counts),
+        **result.counts,
+        "wall_stroke": result.wall_stroke,
+        "wall": result.wall,
+    }
+    return Gradient(
+        time=result.time,
+        outputs=tuple(names),
+        output_units=tuple(infos[n][1] for n in names),
+        values=result.values[:, :count],
+        columns=columns,
+        column_units=units,
+        parameters=tuple(chosen),
+        array=array[:, :count, :],
+        summary=summary,
+        summary_gradient=summary_gradient,
+        events=tuple(events),
+        end_state=run.end_state,
+        end_memory=np.asarray(run.end_largest_compression),
+        end_gradient=result.end_state,
+        end_memory_gradient=result.end_memory,
+        stats=stats,
+        provenance=provenance,
+    )

@@ -1,0 +1,611 @@
+"""From a mechanism and a stroke to a run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from feltmb import _core
+from feltmb.arguments import checked
+from feltmb.errors import IntegrationError, InvalidParameter
+from feltmb.mechanism import Action, load_action
+from feltmb.run.events import Change, name_events
+from feltmb.run.options import check_options
+from feltmb.run.results import Provenance, Run
+from feltmb.run.stroke import MOTORS, PRESCRIBED, Stroke, load_stroke
+from feltmb.run.warnings import run_warnings
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    Array = npt.NDArray[np.float64]
+
+__all__ = ["Evaluation", "evaluate", "simulate"]
+
+_CONTACT_COLUMNS = (
+    "compression",
+    "rate",
+    "normal_force",
+    "slip_speed",
+    "friction_force",
+    "x",
+    "y",
+    "normal_x",
+    "normal_y",
+)
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Equations of motion at one state, M(q) qdd = force.
+
+    Attributes
+    ----------
+    mass_matrix : ndarray (n, n)
+        M, unit of energy over squared coordinate rates.
+    force : ndarray (n,)
+        Generalized force with gravity, springs, contacts, friction, finger and the quadratic
+        velocity terms (thesis eq. 4.6) [N m, N].
+    acceleration : ndarray (n,)
+        qdd [rad/s^2, m/s^2].
+    """
+
+    mass_matrix: Array
+    force: Array
+    acceleration: Array
+    _rows: tuple[tuple[float, ...], ...]
+
+    @cached_property
+    def contacts(self) -> pd.DataFrame:
+        """Table by contact number.
+
+        Columns: ``compression`` [m] (negative: the gap), ``rate`` [m/s], ``normal_force`` [N],
+        ``slip_speed`` [m/s] and ``friction_force`` [N] (of the circle's body against the other
+        along the normal turned by +90 degrees), ``x y`` of the contact point [m],
+        ``normal_x normal_y``: unit normal into the circle's body.
+        """
+        import pandas as pd
+
+        frame = pd.DataFrame(
+            [row[1:] for row in self._rows],
+            columns=list(_CONTACT_COLUMNS),
+            index=pd.Index([int(row[0]) for row in self._rows], name="contact"),
+        )
+        return frame.sort_index()
+
+
+@checked
+def evaluate(
+    action: Action, q: npt.ArrayLike, qd: npt.ArrayLike, finger_force: float = 0.0
+) -> Evaluation:
+    """Evaluate the equations of motion at a state, without integration; the string is at rest.
+
+    Parameters
+    ----------
+    q, qd
+        Mechanical coordinates [rad, m] and their rates, in the order of ``action.coordinates``.
+    finger_force
+        [N], positive pressing.
+    """
+    if not np.isfinite(finger_force):
+        raise InvalidParameter(f"evaluate: finger_force = {finger_force!r} N, must be finite")
+    out = _core.evaluate(
+        action.mechanism,
+        np.asarray(q, dtype=float).ravel(),
+        np.asarray(qd, dtype=float).ravel(),
+        float(finger_force),
+    )
+    return Evaluation(
+        out["mass_matrix"], out["force"], out["acceleration"], tuple(map(tuple, out["contacts"]))
+    )
+
+
+@checked
+def simulate(
+    action: Action | str,
+    stroke: Stroke | str,
+    duration: float | None = None,
+    rtol: float = 1e-6,
+    *,
+    method: str = "auto",
+    output_rate: float = 10_000.0,
+    ledger: bool = True,
+    events: bool = True,
+    summary_only: bool = False,
+    error: float | None = None,
+    start: Run | None = None,
+    max_wall: float | None = None,
+    max_step: float | None = None,
+    max_order: int | None = None,
+    ledger_limit: float | None = None,
+    progress: Callable[[float], bool] | None = None,
+) -> Run:
+    """Simulate a stroke.
+
+    Parameters
+    ----------
+    action, stroke
+        Objects, or names for :func:`load_action` and :func:`load_stroke`.
+    duration
+        [s], > 0; default: the stroke's own.
+    rtol
+        Relative tolerance of the integrator, 1e-13 to 1e-2. Absolute tolerances follow from it,
+        state by state: rtol times 0.2 mm and 0.2 m/s at the contacts.
+    method
+        ``"cvode"``: all states by CVODES (BDF), the modes of the string among them. ``"modal"``:
+        a string that nothing touches leaves the integrator and vibrates exactly, whatever its
+        frequencies and damping; needs a string with modes. ``"auto"``: modal where there is one.
+        Both agree within their errors (``run.stats["method"]`` names the one used).
+    output_rate
+        Samples a second. Events and the largest string force are found on the dense output and do
+        not depend on it.
+    ledger
+        Integrate work and dissipation along with the motion (``run.energy``).
+    events
+        Find contact openings and closings (``run.events``, and most of ``run.summary``).
+    summary_only
+        Sample the outputs over the last 10 ms only, which the summary needs: quicker where
+        thousands of strokes are compared by their numbers. A run that stops early then has no
+        samples.
+    error
+        In place of ``rtol``: the largest error of a contact force over its peak that is asked for,
+        in (0, 0.1], after one blow on a string of 50 ms; the method's tolerance follows from it
+        (``run.provenance["options"]``). It is held for a hammer on a string; a whole action, which
+        bounces, may need more: compare with a tenth of it.
+    start
+        Go on from the end of another run of the same mechanism, time starting at zero again;
+        default: the rest pose.
+    max_wall
+        Stop after this many seconds of wall time.
+    max_step
+        Largest step [s].
+    max_order
+        Order limit of the BDF, 1 to 5; default: chosen by the lightly damped modes of strings and
+        members (docs/model.md, "Integrator").
+    ledger_limit
+        Largest share of the energy turned over that may be missing from the ledger, above 0;
+        default 0.1 (``run.energy["residual_relative"]``). Beyond it the run has failed. Without a
+        ledger nothing is known, and nothing is limited. A large number, 1e9 say, is no limit.
+    progress
+        Called now and then with the simulated time [s]; returning False interrupts.
+
+    Raises
+    ------
+    InvalidParameter
+        An argument is out of range, or ``start`` belongs to another mechanism.
+    IntegrationError
+        The solver stopped early, a result is no number, or the ledger is off by more than
+        ``ledger_limit``; ``error.partial`` is the run so far.
+    KeyboardInterrupt
+        Interrupted by the user.
+    """
+    if isinstance(action, str):
+        action = load_action(action)
+    if isinstance(stroke, str):
+        stroke = load_stroke(stroke)
+    options, arguments = prepare(
+        action,
+        stroke,
+        duration,
+        rtol,
+        output_rate=output_rate,
+        ledger=ledger,
+        events=events,
+        summary_only=summary_only,
+        error=error,
+        start=start,
+        max_wall=max_wall,
+        max_step=max_step,
+        max_order=max_order,
+        ledger_limit=ledger_limit,
+        method=method,
+    )
+    mechanism, profile, motion, y, monitors, memory, *drives = arguments
+    result = _core.simulate(
+        mechanism, profile, motion, options, y, monitors, progress, memory, *drives
+    )
+    run = to_run(action, stroke, options, result)
+    if start is not None and start.provenance.get("hash") != action.hash:
+        run.stats["warnings"].append(
+            f"started from a run of {start.provenance.get('action')!r} with other parameters"
+        )
+    if run.status == "interrupted":
+        raise KeyboardInterrupt(run.message)
+    if run.status != "done":
+        raise IntegrationError(
+            run.message,
+            partial=run,
+            time=run.reached,
+            state=result.failed_state,
+            contact=result.failed_contact,
+        )
+    return run
+
+
+@checked
+def prepare(
+    action: Action,
+    stroke: Stroke,
+    duration: float | None = None,
+    rtol: float = 1e-6,
+    *,
+    output_rate: float = 10_000.0,
+    ledger: bool = True,
+    events: bool = True,
+    summary_only: bool = False,
+    error: float | None = None,
+    start: Run | None = None,
+    max_wall: float | None = None,
+    max_step: float | None = None,
+    max_order: int | None = None,
+    ledger_limit: float | None = None,
+    method: str = "auto",
+) -> tuple[_core.SimulationOptions, tuple[Any, ...]]:
+    """Options of the core, and its other arguments; parameters as in :func:`simulate`.
+
+    The arguments are the mechanism, the profile, whether it is a motion, the start state, monitors,
+    memory, whether the motion is prescribed, whether a motor drives.
+    """
+    check_input(action, stroke)
+    check_options({"max_wall": max_wall, "max_step": max_step, "max_order": max_order})
+    options = _core.SimulationOptions()
+    options.duration = float(stroke.duration if duration is None else duration)
+    options.rtol = (
+        float(rtol) if error is None else _core.tolerance_for(error, action.mechanism, method)
+    )
+    options.output_rate = float(output_rate)
+    options.ledger = ledger
+    options.events = events
+    options.method = method
+    if max_wall is not None:
+        options.max_wall = float(max_wall)
+    if max_step is not None:
+        options.max_step = float(max_step)
+    if max_order is not None:
+        options.max_order = int(max_order)
+    if ledger_limit is not None:
+        options.ledger_limit = float(ledger_limit)
+    roles = action.config.summary
+    if roles.strike_contact is not None:
+        options.peak_contacts = [roles.strike_contact]
+    if roles.key_point is not None:
+        names = action.mechanism.point_names
+        options.lowest_points = [names.index(roles.key_point)]
+    if summary_only:
+        # One sample more, whatever the rounding; a bad rate or duration is refused by the core.
+        early = _CHECK_WINDOW + 1.5 / options.output_rate if options.output_rate > 0.0 else 0.0
+        options.outputs_from = max(0.0, options.duration - early)
+
+    y, memory = _start_state(action, start)
+    if action.config.finger is not None:
+        options.finger_reference = _core.finger_place(action.mechanism, action.rest_pose)
+    return options, (
+        action.mechanism,
+        stroke.profile,
+        stroke.kind == "motion",
+        list(y),
+        _monitors(action, y),
+        list(memory),
+        stroke.kind in PRESCRIBED,
+        stroke.kind in MOTORS,
+    )
+
+
+def check_input(action: Action, stroke: Stroke) -> None:
+    """What drives the mechanism must be there."""
+    if not any(stroke.value):
+        return
+    if stroke.kind in MOTORS:
+        if action.config.motor is None:
+            raise InvalidParameter(
+                f"stroke {stroke.name!r} is a {stroke.kind}, but mechanism {action.name!r} "
+                "describes no motor; compose it with an actuator (--actuator)"
+            )
+    elif action.config.finger is None:
+        raise InvalidParameter(
+            f"stroke {stroke.name!r} presses, but mechanism {action.name!r} describes no finger"
+        )
+    elif action.config.motor is not None and action.config.motor.contact is not None:
+        raise InvalidParameter(
+            f"stroke {stroke.name!r} is a {stroke.kind} of a finger, but a motor presses mechanism "
+            f"{action.name!r}; give its torque or motor angle"
+        )
+
+
+def _start_state(action: Action, start: Run | None) -> tuple[Array, Array]:
+    """Full state [q, v, law states, eta, deta/dt] and remembered compressions."""
+    n = len(action.coordinates)
+    modes = action.mechanism.total_modes
+    size = 2 * (n + modes) + action.mechanism.total_law_states
+    if start is None:
+        rest = action._equilibrium
+        y = np.concatenate([rest["q"], np.zeros(n), rest["law"], rest["eta"], np.zeros(modes)])
+        return y, np.asarray(rest["largest_compression"])
+    if not isinstance(start, Run):
+        raise InvalidParameter(f"start: got a {type(start).__name__}, expected a run")
+    if start.coordinates != action.coordinates or start.end_state.size != size:
+        raise InvalidParameter(
+            f"start: the run ends with {start.end_state.size} states of coordinates "
+            f"{', '.join(start.coordinates)}; this mechanism has {size} of "
+            f"{', '.join(action.coordinates)}"
+        )
+    memory = np.asarray(start.end_memory)
+    if memory.size != len(rest_memory := action._equilibrium["largest_compression"]):
+        raise InvalidParameter(
+            f"start: the run ends with {memory.size} remembered compressions, expected one a "
+            f"contact of this mechanism ({len(rest_memory)}); without them its felts would forget"
+        )
+    return start.end_state, memory
+
+
+def _monitors(action: Action, y: Array) -> list[Any]:
+    monitors = []
+    n = len(action.coordinates)
+    for name, rule in action.config.events.items():
+        if rule.point is None or rule.travel is None:
+            continue
+        index = action.mechanism.point_names.index(rule.point)
+        x = np.asarray(_core.point_position(action.mechanism, index, y[:n]))
+        direction = np.asarray(rule.direction) / np.linalg.norm(rule.direction)
+        monitors.append(
+            _core.Monitor(
+                name=name,
+                point=index,
+                direction=(float(direction[0]), float(direction[1])),
+                level=float(direction @ x) + rule.travel,
+            )
+        )
+    return monitors
+
+
+def to_run(action: Action, stroke: Stroke, options: Any, result: Any) -> Run:
+    """The run that the core's result is."""
+    monitor_names = [name for name, rule in action.config.events.items() if rule.point is not None]
+    changes = list_changes(action, result.events, monitor_names)
+    named = name_events(changes, action.config.events)
+    n = len(action.coordinates)
+    modes = action.mechanism.total_modes
+    energy = _energy(result)
+    string = action.config.string
+    entries: dict[str, Any] = {
+        "feltmb": "run",
+        "version": _core.__version__,
+        "action": action.name,
+        "stroke": stroke.as_dict(),
+        "options": {
+            "duration": options.duration,
+            "rtol": options.rtol,
+            "output_rate": options.output_rate,
+        },
+    }
+    late = {"toml": action.to_toml, "hash": lambda: action.hash}
+    provenance = Provenance(entries, late)
+    if string is not None and string.kind == "modal":
+        provenance["string"] = {
+            key: getattr(string, key)
+            for key in (
+                "diameter",
+                "tension",
+                "length",
+                "linear_density",
+                "young_modulus",
+                "damping_ratio",
+                "modes",
+                "count",
+            )
+        }
+    stats: dict[str, Any] = dict(result.counts)
+    stats.update(
+        restarts=result.restarts,
+        method=result.method,
+        strikes=result.strikes,
+        wall=result.wall,
+        reached=result.reached,
+        limiting_states=dict(result.limiting_states[:10]),
+        limiting_contacts=dict(result.limiting_contacts[:10]),
+        rest_iterations=action._equilibrium["iterations"],
+    )
+    states = result.states
+    laws = action.mechanism.total_law_states
+    stats["warnings"] = run_warnings(action, stroke, options, result, energy)
+    if len(changes) >= _MOST_EVENTS:
+        stats["warnings"].append(
+            f"only the first {_MOST_EVENTS} events were kept: named events and the summary may be "
+            "wrong"
+        )
+    return Run(
+        time=result.time,
+        names=tuple(result.names),
+        units=tuple(result.units),
+        long_names=tuple(result.long_names),
+        values=result.data,
+        eta=states[:, 2 * n + laws : 2 * n + laws + modes],
+        event_table=_event_table(action, changes, named, result),
+        summary=_summary(action, named, changes, result),
+        energy=energy,
+        stats=stats,
+        provenance=provenance,
+        end_state=result.end_state,
+        end_memory=np.asarray(result.end_largest_compression),
+        coordinates=action.coordinates,
+        status=result.status,
+        message=result.message,
+    )
+
+
+def list_changes(action: Action, events: Any, monitors: list[str]) -> list[Change]:
+    """Events of the core, with contact numbers and names of monitored points."""
+    numbers = action.mechanism.contact_numbers
+    return [
+        Change(
+            time,
+            numbers[contact] if contact >= 0 else None,
+            monitors[monitor] if monitor >= 0 else None,
+            direction > 0,
+        )
+        for time, contact, monitor, direction in events
+    ]
+
+
+#: The core keeps no more events of one run.
+_MOST_EVENTS = 100_000
+
+
+def _event_table(
+    action: Action, changes: list[Change], named: Mapping[str, int], result: Any
+) -> dict[str, list[Any]]:
+    names: dict[int, str] = {}
+    for name, index in named.items():
+        names.setdefault(index, name)
+    table: dict[str, list[Any]] = {
+        "event": [
+            names.get(
+                i,
+                change.monitor
+                if change.monitor is not None
+                else (
+                    f"contact{change.contact:02d}_{'on' if change.closes else 'off'}"
+                    if change.contact
+                    else "finger_on"
+                    if change.closes
+                    else "finger_off"
+                ),
+            )
+            for i, change in enumerate(changes)
+        ],
+        "time": [c.time for c in changes],
+        "contact": [c.contact for c in changes],
+        "change": [
+            "passes" if c.monitor is not None else "closes" if c.closes else "opens"
+            for c in changes
+        ],
+    }
+    n = len(action.coordinates)
+    for k, name in enumerate(action.coordinates):
+        table[f"{name}.rate"] = result.event_states[:, n + k].tolist()
+    for i, number in enumerate(action.mechanism.contact_numbers):
+        if number > 0:
+            table[f"gap{number:02d}"] = (-result.event_compression[:, i]).tolist()
+            table[f"approach{number:02d}"] = result.event_approach[:, i].tolist()
+    return table
+
+
+def _energy(result: Any) -> dict[str, Any]:
+    """Ledger of a run; see docs/model.md, section "Energy"."""
+    if result.ledger.shape[1] == 0 or result.ledger.shape[0] == 0:
+        return {}
+    parts = ("kinetic", "gravity", "elastic", "contact", "string")
+    columns = {name: i for i, name in enumerate(result.names)}
+    stored = {p: result.data[:, columns[f"energy.{p}"]] for p in parts}
+    ledger = dict(zip(result.ledger_names, result.ledger.T, strict=True))
+    dissipated = {
+        name.removeprefix("dissipated."): float(values[-1])
+        for name, values in ledger.items()
+        if name.startswith("dissipated.")
+    }
+    turned = result.balance["turned_over"]
+    start = result.start
+    change = {p: float(stored[p][-1]) - start[columns[f"energy.{p}"]] for p in parts}
+    return {
+        "work_in": float(ledger["work_in"][-1]),
+        "work_throughput": float(ledger["work_throughput"][-1]),
+        "kinetic": change["kinetic"],
+        "potential": change["gravity"],
+        "elastic": change["elastic"] + change["contact"] + change["string"],
+        "elastic_parts": {
+            "springs": change["elastic"],
+            "contacts": change["contact"],
+            "string": change["string"],
+        },
+        "dissipated": dissipated,
+        "dissipated_total": sum(dissipated.values()),
+        "created_by": sorted(
+            name for name, value in dissipated.items() if value < -1e-9 * max(turned, 1e-12)
+        ),
+        **result.balance,
+    }
+
+
+def _summary(
+    action: Action, named: Mapping[str, int], changes: list[Change], result: Any
+) -> dict[str, float]:
+    roles = action.config.summary
+    numbers = action.mechanism.contact_numbers
+    out: dict[str, float] = {}
+    for name, index in named.items():
+        out[f"{name}_time"] = changes[index].time
+    strike = roles.strike_contact
+    if strike is not None:
+        column = numbers.index(strike)
+        on, off = find_strike(changes, strike)
+        if on is not None:
+            out["impact_time"] = changes[on].time
+            out["impact_speed"] = float(result.event_approach[on, column])
+        if on is not None and off is not None:
+            out["rebound_speed"] = float(-result.event_approach[off, column])
+            out["string_contact_duration"] = changes[off].time - changes[on].time
+        for contact, force, time in result.peaks:
+            if contact == column:
+                out["max_string_force"] = float(force)
+                out["max_string_force_time"] = float(time)
+        if "let_off" in named:
+            out["let_off_gap"] = float(-result.event_compression[named["let_off"], column])
+        _add_check(action, named, column, result, out)
+    _add_key(action, result, out)
+    return out
+
+
+#: A hammer may leave the string and touch it again within this time of one blow [s].
+_ONE_BLOW = 6e-3
+
+
+def find_strike(changes: list[Change], contact: int) -> tuple[int | None, int | None]:
+    """First closing of the strike contact and its last opening within one blow."""
+    on = next((i for i, c in enumerate(changes) if c.contact == contact and c.closes), None)
+    if on is None:
+        return None, None
+    end = changes[on].time + _ONE_BLOW
+    offs = [
+        i
+        for i, c in enumerate(changes)
+        if c.contact == contact and not c.closes and changes[on].time < c.time <= end
+    ]
+    return on, offs[-1] if offs else None
+
+
+#: The distance in check is the mean over the end of the run [s].
+_CHECK_WINDOW = 0.010
+
+
+def _add_check(
+    action: Action, named: Mapping[str, int], column: int, result: Any, out: dict[str, float]
+) -> None:
+    """Distance hammer - string at rest in check: mean of the last 10 ms, the string undisplaced."""
+    name = action.mechanism.contact_names[column]
+    columns = {n: i for i, n in enumerate(result.names)}
+    if f"{name}.compression" not in columns or "check" not in named or result.time.size < 2:
+        return
+    tail = result.time >= result.time[-1] - _CHECK_WINDOW
+    held = sum(
+        result.data[tail, columns[f"contact{c:02d}.force"]]
+        for c in action.config.summary.check_contacts
+    )
+    if np.mean(held) <= 0.0:
+        return
+    gap = -result.data[tail, columns[f"{name}.compression"]]
+    if "string.strike" in columns:
+        gap = gap - result.data[tail, columns["string.strike"]]
+    out["check_gap"] = float(np.mean(gap))
+    out["check_gap_swing"] = float(np.ptp(gap))
+
+
+def _add_key(action: Action, result: Any, out: dict[str, float]) -> None:
+    if action.config.summary.key_point is None or not result.lowest:
+        return
+    [(_, start, lowest)] = result.lowest
+    out["key_travel"] = start - lowest

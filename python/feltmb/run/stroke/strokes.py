@@ -1,0 +1,385 @@
+"""Strokes and how they are made: ramps, pulses, tables, motions, sequences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal
+
+from feltmb import _core
+from feltmb.arguments import checked
+from feltmb.data.smoothing import noise_of_record, smooth_record
+from feltmb.errors import InvalidParameter
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+
+Kind = Literal["force", "motion", "key_motion", "torque", "motor_motion"]
+Interpolation = Literal["linear", "monotone", "spline"]
+UNITS = {"force": "N", "motion": "m", "key_motion": "m", "torque": "N m", "motor_motion": "rad"}
+
+#: Largest value by unit: more has no hand and no motor, and a run of it would not end.
+LARGEST = {"N": 1e5, "m": 10.0, "N m": 1e5, "rad": 1e3}
+
+#: Kinds whose motion a point or a coordinate keeps to exactly; the reaction is an output.
+PRESCRIBED = ("key_motion", "motor_motion")
+
+#: Kinds that act on the mechanism's motor instead of the finger.
+MOTORS = ("torque", "motor_motion")
+
+
+@checked
+@dataclass(frozen=True)
+class Stroke:
+    """What drives a mechanism, through knots, positive pressing.
+
+    Constant before the first and after the last knot. ``linear`` is straight between knots;
+    ``monotone`` is a cubic without overshoot (PCHIP), continuous in slope; ``spline`` is a cubic
+    spline, continuous in curvature, at rest at both ends.
+
+    Kinds: ``force`` [N] of the finger on the key; ``motion`` [m] of a finger that meets the key
+    through its pad; ``key_motion`` [m] of the point under the finger itself, counted from where it
+    starts; ``torque`` [N m] of the mechanism's motor; ``motor_motion`` [rad] of its hub. With the
+    two motions that are prescribed exactly, the force that they take is an output
+    (``finger.force``, ``motor.torque``).
+    """
+
+    name: str
+    kind: Kind
+    time: tuple[float, ...]
+    value: tuple[float, ...]
+    interpolation: Interpolation = "linear"
+    oscillation_amplitude: float = 0.0
+    oscillation_frequency: float = 0.0
+    duration: float = 0.4
+    source: str = ""
+    profile: _core.Profile = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if self.kind not in UNITS:
+            raise InvalidParameter(
+                f"stroke {self.name!r}: kind {self.kind!r} is none of {', '.join(UNITS)}"
+            )
+        if self.interpolation not in ("linear", "monotone", "spline"):
+            raise InvalidParameter(
+                f"stroke {self.name!r}: interpolation {self.interpolation!r} is none of linear, "
+                "monotone, spline"
+            )
+        if not (math.isfinite(self.duration) and self.duration > 0):
+            raise InvalidParameter(
+                f"stroke {self.name!r}: duration = {self.duration:g} s, must be > 0"
+            )
+        unit = UNITS[self.kind]
+        largest = max((abs(v) for v in self.value), default=0.0)
+        most = LARGEST[unit]
+        if largest > most:
+            raise InvalidParameter(
+                f"stroke {self.name!r}: value {largest:.6g} {unit}, expected {most:g} at most"
+            )
+        if not _finite(self.oscillation_amplitude, self.oscillation_frequency):
+            raise InvalidParameter(
+                f"stroke {self.name!r}: oscillation {self.oscillation_amplitude!r} at "
+                f"{self.oscillation_frequency!r} Hz, must be finite numbers"
+            )
+        try:
+            profile = _core.Profile(
+                list(self.time),
+                list(self.value),
+                getattr(_core.Interpolation, self.interpolation),
+                self.oscillation_amplitude,
+                self.oscillation_frequency,
+            )
+        except InvalidParameter as error:
+            raise InvalidParameter(f"stroke {self.name!r}: {error}") from None
+        if self.kind in PRESCRIBED and not profile.smooth:
+            raise InvalidParameter(
+                f"stroke {self.name!r}: {self.kind} with linear interpolation would need infinite "
+                "forces at its knots; use spline or monotone"
+            )
+        object.__setattr__(self, "profile", profile)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (
+            Stroke,
+            (
+                self.name,
+                self.kind,
+                self.time,
+                self.value,
+                self.interpolation,
+                self.oscillation_amplitude,
+                self.oscillation_frequency,
+                self.duration,
+                self.source,
+            ),
+        )
+
+    @property
+    def unit(self) -> str:
+        """Unit of the values: N, m, N m or rad."""
+        return UNITS[self.kind]
+
+    def at(self, time: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Values at times [s], in :attr:`unit`."""
+        import numpy as np
+
+        return np.asarray(self.profile.value(np.asarray(time, dtype=float)))
+
+    def shifted(self, delay: float) -> Stroke:
+        """The same stroke, later by ``delay`` [s]; the duration grows with it.
+
+        Raises
+        ------
+        InvalidParameter
+            The stroke oscillates: its phase counts from time zero.
+        """
+        if self.oscillation_amplitude and delay:
+            raise InvalidParameter(f"stroke {self.name!r} oscillates and cannot be shifted")
+        return replace(
+            self,
+            time=tuple(t + delay for t in self.time),
+            duration=self.duration + max(0.0, delay),
+        )
+
+    def scaled(self, factor: float) -> Stroke:
+        """The same stroke with its values times ``factor``."""
+        return replace(self, value=tuple(v * factor for v in self.value))
+
+    @property
+    def noise(self) -> float:
+        """Estimated standard deviation of the noise of a sampled record, in :attr:`unit`."""
+        return noise_of_record(self.value)
+
+    def smoothed(self, noise: float | None = None) -> Stroke:
+        """The same record within its noise, as a spline; see :func:`smooth_record`.
+
+        Parameters
+        ----------
+        noise
+            Standard deviation of the noise, in :attr:`unit`; default: :attr:`noise`.
+        """
+        value = smooth_record(self.time, self.value, self.noise if noise is None else noise)
+        return replace(self, value=tuple(value.tolist()), interpolation="spline")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data, for files."""
+        return {
+            "name": self.name,
+            "kind": self.kind,
+            "time": list(self.time),
+            "value": list(self.value),
+            "interpolation": self.interpolation,
+            "oscillation_amplitude": self.oscillation_amplitude,
+            "oscillation_frequency": self.oscillation_frequency,
+            "duration": self.duration,
+            "source": self.source,
+        }
+
+
+def _need(ok: bool, what: str, got: object, expected: str) -> None:
+    if not ok:
+        raise InvalidParameter(f"stroke: {what} = {got!r}, must be {expected}")
+
+
+def _finite(*values: float) -> bool:
+    return all(isinstance(v, (int, float)) and math.isfinite(v) for v in values)
+
+
+@checked
+def ramp_stroke(
+    force: float,
+    start: float = 0.05,
+    ramp: float = 0.1,
+    *,
+    duration: float | None = None,
+    oscillation: tuple[float, float] | None = None,
+    name: str = "ramp",
+) -> Stroke:
+    """Force that rises linearly from 0 at ``start`` to ``force`` within ``ramp``, then held.
+
+    Parameters
+    ----------
+    force
+        [N]; negative would pull the key up.
+    start, ramp
+        [s], ``start`` >= 0, ``ramp`` > 0.
+    duration
+        Length of a run with this stroke [s]; default 0.22 s beyond the end of the ramp.
+    oscillation
+        Relative amplitude and frequency [Hz] of a factor 1 + a sin(2 pi f t).
+    """
+    _need(_finite(force), "force", force, "a finite number [N]")
+    _need(_finite(start) and start >= 0, "start", start, ">= 0 s")
+    _need(_finite(ramp) and ramp > 0, "ramp", ramp, "> 0 s")
+    amplitude, frequency = oscillation or (0.0, 0.0)
+    _need(_finite(amplitude, frequency), "oscillation", oscillation, "amplitude and Hz")
+    return Stroke(
+        name,
+        "force",
+        (start, start + ramp),
+        (0.0, force),
+        "linear",
+        amplitude,
+        frequency,
+        duration if duration is not None else start + ramp + 0.22,
+    )
+
+
+@checked
+def pulse_stroke(
+    force: float,
+    start: float = 0.02,
+    rise: float = 0.0125,
+    fall: float = 0.0125,
+    *,
+    hold: float = 0.0,
+    duration: float | None = None,
+    name: str = "pulse",
+) -> Stroke:
+    """Force that rises to ``force`` [N] in ``rise`` [s], holds for ``hold``, falls in ``fall``."""
+    _need(_finite(force), "force", force, "a finite number [N]")
+    _need(_finite(start) and start >= 0, "start", start, ">= 0 s")
+    _need(_finite(rise) and rise > 0, "rise", rise, "> 0 s")
+    _need(_finite(fall) and fall > 0, "fall", fall, "> 0 s")
+    _need(_finite(hold) and hold >= 0, "hold", hold, ">= 0 s")
+    time = [start, start + rise]
+    value = [0.0, force]
+    if hold > 0:
+        time.append(time[-1] + hold)
+        value.append(force)
+    time.append(time[-1] + fall)
+    value.append(0.0)
+    end = duration if duration is not None else time[-1] + 0.35
+    return Stroke(name, "force", tuple(time), tuple(value), duration=end)
+
+
+@checked
+def table_stroke(
+    time: Sequence[float],
+    force: Sequence[float],
+    *,
+    interpolation: Interpolation = "monotone",
+    duration: float | None = None,
+    name: str = "table",
+) -> Stroke:
+    """Force [N] through a table of times [s]."""
+    return table_of("force", time, force, interpolation, duration, name)
+
+
+@checked
+def motion_stroke(
+    time: Sequence[float],
+    displacement: Sequence[float],
+    *,
+    of: Literal["finger", "key", "motor"] = "finger",
+    interpolation: Interpolation | None = None,
+    duration: float | None = None,
+    name: str = "motion",
+) -> Stroke:
+    """Prescribed motion, positive down; the force that it takes is an output.
+
+    Parameters
+    ----------
+    time
+        [s], growing.
+    displacement
+        [m], of a motor [rad].
+    of
+        ``finger``: a finger that acts through the one-sided pad of the mechanism's ``[finger]``,
+        zero where the pad just touches the key. ``key``: the point under the finger itself, counted
+        from where it starts; the key keeps to it exactly and is free to lift or turn about that
+        point. ``motor``: the angle of the motor's hub.
+    interpolation
+        Default: ``monotone`` for the finger, ``spline`` otherwise.
+    """
+    kinds: dict[str, Kind] = {"finger": "motion", "key": "key_motion", "motor": "motor_motion"}
+    if of not in kinds:
+        raise InvalidParameter(f"motion_stroke: of = {of!r} is none of {', '.join(kinds)}")
+    kind = kinds[of]
+    return table_of(
+        kind, time, displacement, interpolation or usual_interpolation(kind), duration, name
+    )
+
+
+@checked
+def torque_stroke(
+    time: Sequence[float],
+    torque: Sequence[float],
+    *,
+    interpolation: Interpolation = "linear",
+    duration: float | None = None,
+    name: str = "torque",
+) -> Stroke:
+    """Torque [N m] of the mechanism's motor through a table of times [s], positive pressing."""
+    return table_of("torque", time, torque, interpolation, duration, name)
+
+
+def usual_interpolation(kind: Kind) -> Interpolation:
+    """Interpolation of a record that does not say how."""
+    return "spline" if kind in PRESCRIBED else "linear" if kind == "torque" else "monotone"
+
+
+def table_of(
+    kind: Kind,
+    time: Sequence[float],
+    value: Sequence[float],
+    interpolation: Interpolation,
+    duration: float | None,
+    name: str,
+) -> Stroke:
+    """A stroke of knots; it lasts as long as they do unless told."""
+    times = tuple(float(t) for t in time)
+    end = duration if duration is not None else (times[-1] if times and times[-1] > 0 else 0.4)
+    return Stroke(name, kind, times, tuple(float(v) for v in value), interpolation, duration=end)
+
+
+#: A held value goes over to the first value of the next stroke within this time [s].
+_SEAM = 1e-4
+
+
+@checked
+def sequence(*strokes: Stroke, period: float | None = None, name: str = "sequence") -> Stroke:
+    """Strokes one after the other: repeated blows, press and release.
+
+    Parameters
+    ----------
+    strokes
+        All of force or all of motion, without oscillation, same interpolation.
+    period
+        Each begins this long after the one before [s]; default: when the one before ends
+        (its ``duration``). Knots of one stroke must end before the next begins. What a stroke
+        holds at its end it holds until then, and lets go within 0.1 ms.
+    """
+    _need(len(strokes) > 0, "sequence", strokes, "at least one stroke")
+    first = strokes[0]
+    time: list[float] = []
+    value: list[float] = []
+    start = 0.0
+    for i, stroke in enumerate(strokes):
+        if stroke.kind != first.kind or stroke.interpolation != first.interpolation:
+            raise InvalidParameter(
+                f"sequence: stroke {i} ({stroke.name}) is a {stroke.interpolation} {stroke.kind}, "
+                f"the first a {first.interpolation} {first.kind}; they must agree"
+            )
+        if stroke.oscillation_amplitude:
+            raise InvalidParameter(f"sequence: stroke {i} ({stroke.name}) oscillates; give a table")
+        if time and value[-1] != stroke.value[0] and start - _SEAM > time[-1]:
+            # What the last stroke holds, it holds until the next begins.
+            time += [start - _SEAM, start]
+            value += [value[-1], stroke.value[0]]
+        for t, v in zip(stroke.time, stroke.value, strict=True):
+            if time and start + t <= time[-1]:
+                if start + t == time[-1] and v == value[-1]:
+                    continue
+                raise InvalidParameter(
+                    f"sequence: stroke {i} ({stroke.name}) begins at {start + t:g} s before the "
+                    f"one before it ends at {time[-1]:g} s"
+                )
+            time.append(start + t)
+            value.append(v)
+        end = start + stroke.duration
+        start = end if period is None else start + period
+    return Stroke(name, first.kind, tuple(time), tuple(value), first.interpolation, duration=end)

@@ -1,0 +1,201 @@
+"""A study file: its tables and the words that may stand in them."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from feltmb.units.quantity import Schema
+
+#: Numbers that every run may have: name -> (text, unit to show).
+KNOWN: dict[str, tuple[str, str]] = {
+    "impact_speed": ("impact speed (of the contact)", "m/s"),
+    "rebound_speed": ("rebound speed (of the contact)", "m/s"),
+    "max_string_force": ("largest string force", "N"),
+    "string_contact_duration": ("string contact lasts", "ms"),
+    "let_off_gap": ("distance at let-off", "mm"),
+    "check_gap": ("distance in check", "mm"),
+    "check_gap_swing": ("swing in check, last 10 ms", "mm"),
+    "key_travel": ("key travel", "mm"),
+    "steps": ("integration steps", "1"),
+    "rhs": ("right-hand sides", "1"),
+}
+
+WORD = re.compile(r"^[A-Za-z_][A-Za-z0-9_]*$")
+
+Stat = Literal[
+    "first",
+    "last",
+    "min",
+    "max",
+    "mean",
+    "span",
+    "rms",
+    "variation",
+    "time_of_max",
+    "time_of_min",
+    "rises_above",
+    "falls_below",
+    "time_above",
+    "pulses",
+    "settles",
+    "returns",
+    "swing_back",
+    "frequency",
+]
+#: Statistics that need ``level``.
+NEED_LEVEL = ("rises_above", "falls_below", "time_above", "pulses", "settles", "returns")
+
+When = float | str
+
+
+class ThesisSpec(Schema):
+    """Where a study comes from and what it found, in one sentence."""
+
+    cite: str = "thesis"
+    figure: str = ""
+    found: str = ""
+
+
+class MadeStroke(Schema):
+    """A stroke made from another: scaled, later, or what was recorded at the key under it."""
+
+    base: str
+    record: Literal["force", "key_motion"] | None = None
+    scale: float = 1.0
+    delay: float = 0.0
+    duration: Annotated[float, Field(gt=0)] | None = None
+
+
+class BaseSpec(Schema):
+    """What all variants stand on."""
+
+    action: str = "steinway45"
+    strokes: list[str] = Field(min_length=1)
+    values: dict[str, Any] = Field(default_factory=dict)
+    options: dict[str, Any] = Field(default_factory=dict)
+
+
+class VariantSpec(Schema):
+    """Table ``[variants.NAME]``."""
+
+    label: str = ""
+    note: str = ""
+    action: str | None = None
+    values: dict[str, Any] = Field(default_factory=dict)
+    strokes: list[str] | None = None
+    options: dict[str, Any] = Field(default_factory=dict)
+    only: dict[str, list[Any]] = Field(default_factory=dict)
+
+
+class AxisSpec(Schema):
+    """Table ``[[sweep.axis]]``."""
+
+    name: str
+    label: str = ""
+    unit: str = "1"
+    path: str | list[str]
+    inverse: list[str] = Field(default_factory=list)
+    how: Literal["set", "scale", "offset"] = "set"
+    values: Any
+    log: bool = False
+
+
+class SweepSpec(Schema):
+    """Table ``[sweep]``."""
+
+    mode: Literal["grid", "list"] = "grid"
+    axis: list[AxisSpec] = Field(min_length=1)
+
+
+class NumberSpec(Schema):
+    """Table ``[numbers.NAME]``: a formula, or a statistic of an output over a window."""
+
+    label: str = ""
+    unit: str = ""
+    value: str | None = None
+    output: str | None = None
+    stat: Stat | None = None
+    start: Annotated[When | None, Field(alias="from")] = None
+    end: Annotated[When | None, Field(alias="to")] = None
+    level: float | None = None
+    thesis: dict[str, float] = Field(default_factory=dict)
+    digits: Annotated[int, Field(ge=1, le=15)] = 4
+    strokes: list[str] | None = None
+
+
+class MarkSpec(Schema):
+    """A line across a panel."""
+
+    value: float
+    label: str = ""
+
+
+class PanelSpec(Schema):
+    """One set of axes of a figure."""
+
+    output: str | None = None
+    number: str | None = None
+    stroke: str | None = None
+    strokes: list[str] | None = None
+    variants: list[str] | None = None
+    unit: str = ""
+    label: str = ""
+    title: str = ""
+    start: Annotated[When | None, Field(alias="from")] = None
+    end: Annotated[When | None, Field(alias="to")] = None
+    from_rest: bool = False
+    log: bool = False
+    marks: list[MarkSpec] = Field(default_factory=list)
+    only: dict[str, list[Any]] = Field(default_factory=dict)
+
+
+class FigureSpec(Schema):
+    """Table ``[figures.NAME]``."""
+
+    title: str
+    kind: Literal["time", "sweep", "bars"] = "time"
+    figure: str = ""
+    caption: str = ""
+    columns: Annotated[int, Field(ge=1, le=4)] = 1
+    x: str | None = None
+    panels: list[PanelSpec] = Field(min_length=1)
+
+
+class FindingSpec(Schema):
+    """Table ``[[findings]]``: a sentence, and the number that decides it.
+
+    ``claim`` says whose sentence it is: that of the source which ``[thesis]`` cites, or the study's
+    own. ``over`` names an axis of the sweep: the finding is judged at each of its values, for which
+    the name of the axis stands in ``check`` and ``size``.
+    """
+
+    says: str
+    source: str = ""
+    claim: Literal["thesis", "own"] = "own"
+    over: str | None = None
+    check: str | None = None
+    size: str | None = None
+    unit: str = "1"
+    thesis: float | None = None
+    within: Annotated[float, Field(gt=0)] | None = None
+    note: str = ""
+
+
+class StudyFile(Schema):
+    """A study file."""
+
+    schema_version: Annotated[Literal[1], Field(alias="schema")]
+    name: str
+    title: str
+    about: str = ""
+    thesis: ThesisSpec = ThesisSpec()
+    base: BaseSpec
+    strokes: dict[str, MadeStroke] = Field(default_factory=dict)
+    variants: dict[str, VariantSpec] = Field(default_factory=dict)
+    sweep: SweepSpec | None = None
+    numbers: dict[str, NumberSpec] = Field(default_factory=dict)
+    figures: dict[str, FigureSpec] = Field(default_factory=dict)
+    findings: list[FindingSpec] = Field(default_factory=list)

@@ -1,0 +1,38 @@
+"""Many simulations at once: over parameters, strokes and options, resumable, in a fixed order.
+
+:func:`sweep` is for users; :func:`run_members` is what it and the studies stand on. A member is one
+simulation. Members run in one batch of the core, on threads, or on any
+``concurrent.futures.Executor``: what is sent there is a module-level function and plain data, so
+that processes and clusters do alike.
+"""
+
+from __future__ import annotations
+
+from feltmb.run.sweep.axes import (
+    Axis,
+    apply_point,
+    axis_values,
+    grid_points,
+    value_at,
+)
+from feltmb.run.sweep.member import Extract, Member, Outcome, run_member
+from feltmb.run.sweep.progress import Progress, ProgressBar
+from feltmb.run.sweep.running import run_members
+from feltmb.run.sweep.table import SweepResult, sweep
+
+__all__ = [
+    "Axis",
+    "Extract",
+    "Member",
+    "Outcome",
+    "Progress",
+    "ProgressBar",
+    "SweepResult",
+    "apply_point",
+    "axis_values",
+    "grid_points",
+    "run_member",
+    "run_members",
+    "sweep",
+    "value_at",
+]

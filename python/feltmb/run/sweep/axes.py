@@ -1,0 +1,212 @@
+"""Values over which a sweep goes: axes, ranges, points, and where their values are put."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from feltmb.arguments import checked
+from feltmb.errors import InvalidParameter, shown
+from feltmb.mechanism import Action
+from feltmb.run.options import OPTIONS, check_options
+from feltmb.run.stroke import Stroke
+from feltmb.units import split_quantity
+
+
+@checked
+def value_at(action: Action, path: str) -> Any:
+    """Number or text at a dotted path of a mechanism, in the unit that its file gives.
+
+    Raises
+    ------
+    InvalidParameter
+        There is no such path, or it names several values.
+    """
+    from feltmb.mechanism import expand_path
+    from feltmb.units.quantity import is_quantity
+
+    raw = action.raw
+    found = expand_path(raw, path)
+    if len(found) != 1:
+        raise InvalidParameter(f"path {path!r} names {len(found)} values, expected one")
+    node: Any = raw
+    for part in found[0]:
+        if is_quantity(node):
+            node = node["value"]
+        if isinstance(node, Mapping) and part in node:
+            node = node[part]
+        elif isinstance(node, (list, tuple)) and part in ("x", "y", "0", "1"):
+            node = node[{"x": 0, "y": 1, "0": 0, "1": 1}[part]]
+        else:
+            raise InvalidParameter(f"path {path!r}: {part!r} does not exist")
+    node = node["value"] if is_quantity(node) else node
+    quantity = split_quantity(node) if isinstance(node, str) else None
+    return node if quantity is None else quantity[0]
+
+
+def _is_finite(value: object) -> bool:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return False
+    return abs(value) <= sys.float_info.max
+
+
+def _number(path: str, value: object) -> float:
+    if not _is_finite(value):
+        raise InvalidParameter(f"{path}: got {shown(value)}, expected a finite number")
+    return float(value)  # type: ignore[arg-type]
+
+
+How = Literal["set", "scale", "offset"]
+
+
+@checked
+@dataclass(frozen=True)
+class Axis:
+    """One direction of a sweep.
+
+    Attributes
+    ----------
+    name
+        Column of the table.
+    values
+        What to go through.
+    paths
+        Dotted paths that take the value: of the mechanism, ``stroke.scale``, ``stroke.delay`` or
+        ``options.NAME``.
+    how
+        ``set`` the value, ``scale`` the mechanism's own by it, or ``offset`` it, both in the unit
+        that the file of the mechanism gives.
+    inverse
+        Paths that are divided by the value; with ``scale`` only.
+    """
+
+    name: str
+    values: tuple[Any, ...]
+    paths: tuple[str, ...]
+    how: How = "set"
+    inverse: tuple[str, ...] = ()
+
+    def at(self, action: Action, value: Any) -> dict[str, Any]:
+        """Values by path for one value of the axis."""
+        if self.how == "set":
+            return dict.fromkeys(self.paths, value)
+        if not _is_finite(value):
+            raise InvalidParameter(
+                f"axis {self.name!r}: got {shown(value)}, expected a finite number to {self.how} by"
+            )
+        if self.inverse and value == 0.0:
+            raise InvalidParameter(f"axis {self.name!r}: nothing can be divided by 0")
+        out: dict[str, Any] = {}
+        for path in (*self.paths, *self.inverse):
+            base = value_at(action, path)
+            if isinstance(base, bool) or not isinstance(base, (int, float)):
+                raise InvalidParameter(f"path {path!r}: {shown(base)} is no number to {self.how}")
+            if self.how == "offset":
+                out[path] = base + value
+            else:
+                out[path] = base / value if path in self.inverse else base * value
+        return out
+
+
+@checked
+def axis_values(given: Any, where: str) -> tuple[tuple[Any, ...], How]:
+    """Values of an axis from a sequence or a table; see :func:`sweep`."""
+    how: How = "set"
+    if isinstance(given, Mapping):
+        for word in ("scale", "offset"):
+            if word in given:
+                if len(given) > 1:
+                    raise InvalidParameter(f"{where}: {word} stands alone")
+                values, inner = axis_values(given[word], where)
+                if inner != "set":
+                    raise InvalidParameter(f"{where}: scale and offset do not nest")
+                return values, word
+        unknown = set(given) - {"from", "to", "count", "spacing"}
+        if unknown or not {"from", "to", "count"} <= set(given):
+            raise InvalidParameter(
+                f"{where}: got keys {', '.join(map(str, given))}; a range has from, to, count "
+                "and spacing = 'linear' or 'log'"
+            )
+        return _range(given, where), how
+    if isinstance(given, (str, bytes)) or not isinstance(given, Iterable):
+        raise InvalidParameter(f"{where}: got {shown(given)}, expected a list of values or a range")
+    dimensions = getattr(given, "ndim", 1)
+    if dimensions != 1:
+        raise InvalidParameter(f"{where}: got an array of {dimensions} dimensions, expected 1")
+    values = tuple(v.item() if hasattr(v, "item") else v for v in given)
+    if not values:
+        raise InvalidParameter(f"{where}: has no values")
+    return values, how
+
+
+MOST_POINTS = 1_000_000  # of a sweep, and of one of its axes
+
+
+def _range(given: Mapping[str, Any], where: str) -> tuple[float, ...]:
+    import numpy as np
+
+    start, end, count = given["from"], given["to"], given["count"]
+    spacing = given.get("spacing", "linear")
+    if (
+        not (_is_finite(start) and _is_finite(end))
+        or not isinstance(count, int)
+        or not 1 <= count <= MOST_POINTS
+    ):
+        raise InvalidParameter(
+            f"{where}: from = {shown(start)}, to = {shown(end)}, count = {shown(count)}; expected "
+            f"two numbers and a count of 1 to {MOST_POINTS}"
+        )
+    if spacing == "linear":
+        return tuple(float(v) for v in np.linspace(start, end, count))
+    if spacing == "log" and start > 0 and end > 0:
+        return tuple(float(v) for v in np.geomspace(start, end, count))
+    raise InvalidParameter(
+        f"{where}: spacing = {spacing!r}, expected linear, or log between positive numbers"
+    )
+
+
+@checked
+def grid_points(axes: Sequence[Axis], mode: Literal["grid", "list"]) -> Iterator[tuple[Any, ...]]:
+    """Combinations of the values of the axes, the last varying fastest; ``list``: side by side."""
+    if mode == "grid":
+        size = math.prod(len(axis.values) for axis in axes)
+        if size > MOST_POINTS:
+            raise InvalidParameter(f"sweep: a grid of {size} points; the limit is {MOST_POINTS}")
+        return itertools.product(*(axis.values for axis in axes))
+    if len({len(axis.values) for axis in axes}) > 1:
+        lengths = ", ".join(f"{axis.name}: {len(axis.values)}" for axis in axes)
+        raise InvalidParameter(f"sweep: a list needs axes of the same length, got {lengths}")
+    return zip(*(axis.values for axis in axes), strict=True) if axes else iter([()])
+
+
+@checked
+def apply_point(
+    action: Action, stroke: Stroke, options: Mapping[str, Any], values: Mapping[str, Any]
+) -> tuple[dict[str, Any], Stroke, dict[str, Any]]:
+    """Split values by path into those of the mechanism, of the stroke and of the options."""
+    del action
+    mechanism: dict[str, Any] = {}
+    chosen = dict(options)
+    for path, value in values.items():
+        head, _, rest = path.partition(".")
+        if head == "options":
+            check_options({rest: value}, known=OPTIONS)
+            chosen[rest] = value
+        elif head == "stroke":
+            if rest == "scale":
+                stroke = stroke.scaled(_number(path, value))
+            elif rest == "delay":
+                stroke = stroke.shifted(_number(path, value))
+            elif rest == "duration":
+                stroke = replace(stroke, duration=_number(path, value))
+            else:
+                raise InvalidParameter(
+                    f"path {path!r}: of a stroke there are stroke.scale, .delay, .duration"
+                )
+        else:
+            mechanism[path] = value
+    return mechanism, stroke, chosen

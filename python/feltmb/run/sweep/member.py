@@ -1,0 +1,201 @@
+"""One simulation of a sweep or study, its key, and what became of it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from feltmb import _core
+from feltmb.arguments import checked
+from feltmb.errors import FeltmbError, IntegrationError
+from feltmb.mechanism import Action
+from feltmb.run.stroke import Stroke
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from feltmb.run.results import Run
+
+    Array = npt.NDArray[np.float64]
+
+MEMBER_FORMAT = 2
+
+
+@checked
+@dataclass(frozen=True)
+class Extract:
+    """Numbers and series to take from a run.
+
+    Attributes
+    ----------
+    function
+        Module-level function ``function(run, action, spec) -> (numbers, series)``.
+    spec
+        Plain data that it reads; part of the key of a member.
+    """
+
+    function: Callable[[Run, Action, Any], tuple[dict[str, float], dict[str, Array]]]
+    spec: Any
+
+
+@checked
+@dataclass(frozen=True)
+class Member:
+    """One simulation: a mechanism, values by dotted path, a stroke, options of ``simulate``."""
+
+    action: Action
+    stroke: Stroke
+    values: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
+    name: str = ""
+    extract: Extract | None = None
+    save_run: str = ""  #: NetCDF file to write, "" for none
+
+    @property
+    def summary_only(self) -> bool:
+        """Whether the samples of the outputs are not wanted."""
+        return self.extract is None and not self.save_run
+
+    def changed_action(self) -> Action:
+        """The mechanism with the values of this member."""
+        return self.action.with_values(self.values) if self.values else self.action
+
+    def simulate_options(self) -> dict[str, Any]:
+        """Options of ``simulate``."""
+        return {"ledger": False, "summary_only": self.summary_only, **self.options}
+
+    @cached_property
+    def key(self) -> str:
+        """SHA-256 of parameters, stroke, options, what is extracted, and code."""
+        text = json.dumps(
+            {
+                "format": MEMBER_FORMAT,
+                "code": code_fingerprint(),
+                "action": self.action.hash,
+                "values": self.values,
+                "stroke": self.stroke.as_dict(),
+                "options": dict(self.options),
+                "extract": None if self.extract is None else self.extract.spec,
+                "run": bool(self.save_run),
+            },
+            sort_keys=True,
+            default=str,
+        )
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+#: Parts on which the outcome of a member depends, besides the core.
+_CODE = ("mechanism", "run")
+
+
+@lru_cache(maxsize=1)
+def code_fingerprint() -> str:
+    """Version and digest of the code: results of other code must not be taken for the same."""
+    digest = hashlib.sha256()
+    package = Path(__file__).parents[2]
+    files = [file for part in _CODE for file in (package / part).rglob("*.py")]
+    for file in [*sorted(files), Path(getattr(_core, "__file__", None) or "")]:
+        digest.update(file.read_bytes() if file.is_file() else b"")
+    return f"{_core.__version__} {digest.hexdigest()[:16]}"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a member.
+
+    Attributes
+    ----------
+    status
+        ``done``; ``failed``: the solver stopped early or the values are impossible, with what was
+        reached; ``error``: something else went wrong (a worker died, the wall time was used up),
+        which is tried again when the sweep is resumed.
+    error
+        One line, empty if done.
+    numbers
+        Summary of the run and extracted numbers, SI units; ``steps`` and ``rhs``: work counts.
+    series
+        Extracted arrays.
+    wall
+        Wall time of the simulation [s].
+    resumed
+        Taken from the folder, not computed now.
+    """
+
+    status: str
+    error: str = ""
+    numbers: dict[str, float] = field(default_factory=dict)
+    series: dict[str, Array] = field(default_factory=dict)
+    reached: float = 0.0
+    wall: float = 0.0
+    resumed: bool = False
+
+
+def one_line(error: BaseException) -> str:
+    """Message of an error, with its kind if it is none of ours."""
+    text = " ".join(str(error).split())
+    return (
+        text if isinstance(error, FeltmbError) else f"{type(error).__name__}: {text}".rstrip(": ")
+    )
+
+
+def failure_outcome(error: Exception) -> Outcome:
+    """What became of a member that gave no run."""
+    return Outcome("failed" if isinstance(error, FeltmbError) else "error", one_line(error))
+
+
+def to_outcome(member: Member, action: Action, result: Run | FeltmbError) -> Outcome:
+    """What became of a member, from its run or from the error in place of it.
+
+    Parameters
+    ----------
+    action
+        The mechanism with the values of the member.
+    """
+    status, error = "done", ""
+    if isinstance(result, IntegrationError):
+        run, error = result.partial, one_line(result)
+        if run.status != "failed":  # where the wall time stops a run is chance
+            return Outcome("error", error, reached=run.reached, wall=float(run.stats["wall"]))
+        status = "failed"
+    elif isinstance(result, FeltmbError):
+        return failure_outcome(result)
+    else:
+        run = result
+    try:
+        numbers = {k: float(v) for k, v in run.summary.items()}
+        series: dict[str, Array] = {}
+        if member.extract is not None and run.time.size > 1:
+            more, series = member.extract.function(run, action, member.extract.spec)
+            numbers.update(more)
+        if member.save_run:
+            try:
+                run.save(member.save_run, force=True)
+            except FeltmbError as failure:  # of the disk, not of the member: to be tried again
+                return Outcome("error", one_line(failure))
+    except Exception as failure:  # a member must never take the others with it
+        return failure_outcome(failure)
+    numbers.update(steps=float(run.stats["steps"]), rhs=float(run.stats["rhs"]))
+    return Outcome(status, error, numbers, series, run.reached, float(run.stats["wall"]))
+
+
+@checked
+def run_member(member: Member) -> Outcome:
+    """Simulate one member, in any process; whatever goes wrong comes back as its outcome."""
+    from feltmb.run.simulate import simulate
+
+    try:
+        action = member.changed_action()
+        result: Run | FeltmbError
+        try:
+            result = simulate(action, member.stroke, **member.simulate_options())
+        except IntegrationError as failure:
+            result = failure
+    except Exception as failure:  # a member must never take the others with it
+        return failure_outcome(failure)
+    return to_outcome(member, action, result)

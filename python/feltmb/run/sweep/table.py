@@ -1,0 +1,240 @@
+"""A sweep: what was asked for, its members, its table."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from feltmb.arguments import checked
+from feltmb.errors import InvalidParameter, shown
+from feltmb.files import check_suffix, make_folder, write_text
+from feltmb.mechanism import Action, load_action, plain_data
+from feltmb.run.options import OPTIONS, check_options
+from feltmb.run.stroke import Stroke, load_stroke
+from feltmb.run.sweep.axes import Axis, apply_point, axis_values, grid_points
+from feltmb.run.sweep.member import Member, Outcome, one_line
+from feltmb.run.sweep.progress import Progress, ProgressBar
+from feltmb.run.sweep.running import run_members
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from feltmb.run.results import Run
+
+
+@dataclass(frozen=True, eq=False)
+class SweepResult:
+    """What a sweep gave.
+
+    Attributes
+    ----------
+    table : DataFrame
+        One row a member in the order of the values, the last path varying fastest: a column for
+        each path, ``stroke``, ``status``, ``error``, and the summary of the run in SI units with
+        ``steps`` and ``rhs``. A number that a run does not have is NaN.
+    """
+
+    table: pd.DataFrame
+    _runs: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"SweepResult({len(self.table)} members, {len(self.failed)} failed)"
+
+    def __len__(self) -> int:
+        return len(self.table)
+
+    @property
+    def failed(self) -> pd.DataFrame:
+        """Rows that are not done."""
+        return self.table[self.table["status"] != "done"]
+
+    @checked
+    def run(self, index: int) -> Run:
+        """Read the run of a member; the sweep must have had ``summary_only=False``."""
+        from feltmb.run.results import load_run
+
+        if not self._runs:
+            raise InvalidParameter("the sweep kept no runs; call it with summary_only=False")
+        return load_run(self._runs[index])
+
+    @checked
+    def save(self, path: str | Path, *, force: bool = False) -> Path:
+        """Write the table as CSV, SI units."""
+        check_suffix(Path(path), ".csv")
+        return write_text(Path(path), self.table.to_csv(index=False), force=force)
+
+
+@checked
+def sweep(
+    action: Action | str,
+    stroke: Stroke | str | Sequence[Stroke | str],
+    values: Mapping[str, Any] | Sequence[Mapping[str, Any]],
+    *,
+    mode: Literal["grid", "list"] = "grid",
+    options: Mapping[str, Any] | None = None,
+    executor: Executor | None = None,
+    jobs: int | None = None,
+    folder: str | Path | None = None,
+    summary_only: bool = True,
+    progress: Progress | bool | None = None,
+) -> SweepResult:
+    """Simulate over values of parameters.
+
+    Parameters
+    ----------
+    action, stroke
+        Objects or names; several strokes are simulated at each point.
+    values
+        ``{path: values}``: all combinations (or ``mode="list"``: side by side). Paths are those of
+        :meth:`Action.with_values`, ``stroke.scale``, ``stroke.delay`` [s], ``stroke.duration`` [s],
+        ``options.rtol`` and so on. Values are a list; ``{"from": 1, "to": 4, "count": 7,
+        "spacing": "log"}``; ``{"scale": values}``: multiples of the value that the mechanism has;
+        ``{"offset": values}``: added to it, in the unit of its file. Or a list of
+        ``{path: value}``, one for each point.
+    options
+        Options of ``simulate``; the ledger is off unless asked for.
+    executor
+        Any ``concurrent.futures.Executor``: a process pool, ``client.get_executor()`` of Dask. It
+        is not shut down. Default: threads.
+    jobs
+        Threads without an executor; default: one a core.
+    folder
+        Folder for one small file a finished member. A sweep that was cut off goes on from there;
+        nothing is computed twice. A member is known by its parameters, stroke, options and code.
+    summary_only
+        False: also write each run as NetCDF into ``folder`` (which every worker must see).
+    progress
+        ``progress(done, total, name)``; default: a bar on a terminal; False: none.
+
+    Returns
+    -------
+    SweepResult
+        A member that fails has its error in the table; the others are not affected. The table
+        does not depend on the executor or the number of workers.
+
+    Raises
+    ------
+    InvalidParameter
+        Arguments are wrong. Values out of range are the fault of their member only.
+    """
+    import pandas as pd
+
+    base = load_action(action) if isinstance(action, str) else action
+    strokes = [stroke] if isinstance(stroke, (Stroke, str)) else list(stroke)
+    loaded = [load_stroke(s) if isinstance(s, str) else s for s in strokes]
+    if not loaded:
+        raise InvalidParameter("sweep: no stroke")
+    try:
+        values, given = plain_data(values), plain_data(dict(options or {}))
+    except InvalidParameter as error:
+        raise InvalidParameter(f"sweep: {error}") from None
+    _check_sizes(values, "values")
+    _check_sizes(given, "options")
+    check_options(given, known=OPTIONS)
+    where = Path(folder) if folder is not None else None
+    if where is not None and where.exists() and not where.is_dir():
+        raise InvalidParameter(f"folder {where}: is a file")
+    if where is not None:
+        make_folder(where)
+    if not summary_only and where is None:
+        raise InvalidParameter("sweep: runs are kept in a folder; give folder=")
+
+    names, points = _points(base, values, mode)
+    rows: list[dict[str, Any]] = []
+    members: list[Member] = []
+    faults: dict[int, Outcome] = {}
+    for point, changes in points:
+        for s in loaded:
+            rows.append({**dict(zip(names, point, strict=True)), "stroke": s.name})
+            try:
+                mechanism, changed, chosen = apply_point(base, s, given, changes)
+            except InvalidParameter as failure:
+                faults[len(rows) - 1] = Outcome("failed", one_line(failure))
+                mechanism, changed, chosen = {}, s, given
+            label = " ".join(
+                f"{n.rsplit('.', 1)[-1]}={v}" for n, v in zip(names, point, strict=True)
+            )
+            member = Member(base, changed, mechanism, chosen, f"{s.name} {label}".strip())
+            if not summary_only:
+                assert where is not None
+                marked = replace(member, save_run="yes")
+                member = replace(member, save_run=str(where / f"{marked.key[:40]}.nc"))
+            members.append(member)
+    outcomes: list[Outcome | None] = [faults.get(i) for i in range(len(members))]
+    numbered = [(i, m) for i, m in enumerate(members) if i not in faults]
+    if jobs is not None:
+        jobs = min(int(jobs), max(1, len(numbered)))
+    found = run_members((m for _, m in numbered), executor=executor, jobs=jobs, folder=where)
+    with closing(found), ProgressBar(progress, len(numbered), "sweep") as bar:
+        for k, outcome in found:
+            index, member = numbered[k]
+            outcomes[index] = outcome
+            bar.step(member.name)
+    return SweepResult(
+        _table(rows, outcomes, pd), tuple(m.save_run for m in members) if not summary_only else ()
+    )
+
+
+def _check_sizes(node: Any, where: str) -> None:
+    """Integers that no float holds cannot be simulated, and neither be printed nor hashed."""
+    if isinstance(node, int) and abs(node) > sys.float_info.max:
+        raise InvalidParameter(
+            f"sweep: {where}: got {shown(node)}, expected a number that a float can hold"
+        )
+    if isinstance(node, Mapping):
+        for key, inner in node.items():
+            _check_sizes(inner, f"{where}.{key}")
+    elif isinstance(node, list):
+        for inner in node:
+            _check_sizes(inner, where)
+
+
+def _points(
+    action: Action, values: Mapping[str, Any] | Sequence[Mapping[str, Any]], mode: str
+) -> tuple[list[str], Iterator[tuple[tuple[Any, ...], dict[str, Any]]]]:
+    if mode not in ("grid", "list"):
+        raise InvalidParameter(f"mode = {mode!r}, expected 'grid' or 'list'")
+    if isinstance(values, Mapping):
+        axes = []
+        for path, given in values.items():
+            found, how = axis_values(given, f"values[{path!r}]")
+            axes.append(Axis(path, found, (path,), how))
+        combined = grid_points(axes, mode)  # type: ignore[arg-type]
+
+        def expand() -> Iterator[tuple[tuple[Any, ...], dict[str, Any]]]:
+            for point in combined:
+                changes: dict[str, Any] = {}
+                for axis, value in zip(axes, point, strict=True):
+                    changes.update(axis.at(action, value))
+                yield point, changes
+
+        return [axis.name for axis in axes], expand()
+    listed = [dict(v) for v in values]
+    paths = list(dict.fromkeys(path for point in listed for path in point))
+    if not listed:
+        raise InvalidParameter("values: has no points")
+    return paths, iter([(tuple(p.get(path) for path in paths), p) for p in listed])
+
+
+def _table(rows: list[dict[str, Any]], outcomes: Sequence[Outcome | None], pd: Any) -> Any:
+    """Rows with their outcomes; number columns in the order in which they first appear."""
+    numbers = list(dict.fromkeys(k for o in outcomes if o is not None for k in o.numbers))
+    numbers = [n for n in numbers if n not in ("steps", "rhs")] + ["steps", "rhs"]
+    full = []
+    for row, outcome in zip(rows, outcomes, strict=True):
+        found = outcome or Outcome("error", "was not run")
+        full.append(
+            {
+                **row,
+                "status": found.status,
+                "error": found.error,
+                **{n: found.numbers.get(n, math.nan) for n in numbers},
+            }
+        )
+    return pd.DataFrame(full)

@@ -1,0 +1,119 @@
+"""What a careful user would want to be told about a run that did not fail."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from feltmb.mechanism import Action
+from feltmb.run.stroke import PRESCRIBED, Stroke
+
+__all__ = ["run_warnings"]
+
+#: Share of a felt's loop by which it may be passed without a word.
+PASSED = 1e-3
+#: Deflection of a member, over its length, beyond which its equations do not hold.
+BENT = 0.25
+#: Turn of a motor beyond which its arm no longer presses, but swings [rad].
+SWING = math.pi / 4
+
+
+def run_warnings(
+    action: Action, stroke: Stroke, options: Any, result: Any, energy: Mapping[str, Any]
+) -> list[str]:
+    """Where a run leaves what its numbers, its input or its equations hold for."""
+    out = []
+    residual = energy.get("residual_relative", 0.0)
+    if residual > 1e-3:
+        out.append(
+            f"energy not accounted for is {100 * residual:.2g} % of the energy turned over at "
+            f"rtol {options.rtol:g}: use a smaller rtol"
+        )
+    out += _of_members(result)
+    return out + _of_input(stroke, result) + _of_motor(action, result) + _of_felts(action, result)
+
+
+def _of_members(result: Any) -> list[str]:
+    """Members bent or stretched by more than equations for small deflections hold for."""
+    return [
+        f"member {name} of {1e3 * length:.3g} mm is deflected by {1e3 * largest:.3g} mm at "
+        f"{time:.4f} s, by more than a quarter of its length: deflections are taken as small"
+        for name, length, largest, time in result.deflections
+        if largest > BENT * length
+    ]
+
+
+def _of_input(stroke: Stroke, result: Any) -> list[str]:
+    """Whether the forces of a prescribed motion can be those of a finger."""
+    if stroke.kind not in PRESCRIBED:
+        return []
+    out = []
+    noise = stroke.noise
+    if noise > 0.0:
+        step = (stroke.time[-1] - stroke.time[0]) / (len(stroke.time) - 1)
+        jitter = np.sqrt(6.0) * noise / step**2
+        largest = float(np.max(np.abs(stroke.smoothed(noise).profile.acceleration(stroke.time))))
+        if jitter > 0.2 * largest:
+            out.append(
+                f"the record's noise, about {noise:.2g} {stroke.unit}, gives accelerations of "
+                f"{jitter:.2g} {stroke.unit}/s^2 from row to row, the motion itself {largest:.2g}: "
+                "the reaction is mostly noise; smooth the record (--noise, Stroke.smoothed)"
+            )
+    names = list(result.names)
+    if stroke.kind == "key_motion" and "finger.force" in names and result.time.size:
+        force = result.data[:, names.index("finger.force")]
+        lowest = int(np.argmin(force))
+        if force[lowest] < -0.02 * max(1.0, float(np.max(force))):
+            out.append(
+                f"the key's motion takes a finger that pulls, {-force[lowest]:.3g} N at "
+                f"{result.time[lowest]:.4f} s: a finger would leave the key there"
+            )
+    return out
+
+
+def _of_motor(action: Action, result: Any) -> list[str]:
+    """Whether the arm of a motor still presses what it should."""
+    motor = action.config.motor
+    if motor is None or not result.time.size:
+        return []
+    angle = result.states[:, action.coordinates.index(motor.coordinate)]
+    turned = np.abs(angle - angle[0])
+    if turned.max() <= SWING:
+        return []
+    at = int(np.argmax(turned > SWING))
+    return [
+        f"{motor.coordinate} turns by {math.degrees(turned.max()):.0f} degrees, by more than "
+        f"{math.degrees(SWING):.0f} from {result.time[at]:.4f} s on: its arm swings round instead "
+        "of pressing"
+    ]
+
+
+def _of_felts(action: Action, result: Any) -> list[str]:
+    """Felts that were pressed to where nothing is known of them."""
+    out = []
+    numbers = action.mechanism.contact_numbers
+    largest = dict(zip(numbers, result.end_largest_compression, strict=True))
+    for key, contact in action.config.contacts.items():
+        layer = contact.micromechanical
+        if contact.law != "micromechanical" or layer is None or not contact.enabled:
+            continue
+        felt, thickness = layer.felt, layer.thickness
+        reached = largest.get(int(key), 0.0)
+        end = thickness * (1.0 - felt.v_f0 / felt.end)
+        if reached <= end * (1.0 + PASSED):
+            continue
+        densest = thickness * (1.0 - felt.v_f0)
+        where = (
+            f"beyond the {1e3 * densest:.3g} mm at which it is solid"
+            if reached >= densest
+            else f"beyond the end of its measured loop, {1e3 * end:.3g} mm at v_f_max = "
+            f"{felt.end:.3g}"
+        )
+        out.append(
+            f"contact {key}: the felt is compressed by {1e3 * reached:.3g} mm of its "
+            f"{1e3 * thickness:.3g} mm, {where}: forces there are extrapolated"
+        )
+    return out

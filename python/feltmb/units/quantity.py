@@ -1,0 +1,364 @@
+"""Numbers with units in files: parsing, and errors in one grammar.
+
+Used by the schema of mechanisms and strokes. A quantity is a number in SI, a text ``"10.5 mm"`` or
+a table ``{ value, unit, source, status, note, printed, sd }``.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import NoneType, UnionType
+from typing import TYPE_CHECKING, Annotated, Any, Union, cast, get_args, get_origin
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+)
+
+from feltmb.errors import InvalidParameter, printable, shown
+from feltmb.units.names import conversion_factor
+
+if TYPE_CHECKING:
+    from pydantic._internal._model_construction import ModelMetaclass
+else:
+    ModelMetaclass = type(BaseModel)
+
+__all__ = [
+    "META_KEYS",
+    "SI",
+    "Count",
+    "JointSI",
+    "SIVector",
+    "Schema",
+    "fault_lines",
+    "fault_text",
+    "is_quantity",
+    "parse_scalar",
+    "shortened",
+    "split_heading",
+    "unit_of",
+]
+
+META_KEYS = frozenset({"value", "unit", "source", "status", "note", "printed", "sd"})
+STATUS = ("measured", "published", "digitised", "assumed", "fitted", "computed", "regulated")
+# Possessive (++, *+): no text makes them go back, so that their time grows with its length alone.
+_TEXT = re.compile(r"\s*+([-+]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][-+]?\d++)?)(.*)", re.DOTALL)
+_FORBIDDEN = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+)
+
+
+class _Refusing(ModelMetaclass):
+    """A schema called with values refuses them as everything does: with :class:`InvalidParameter`.
+
+    What validates a whole file (``model_validate``) keeps pydantic's error, to list the faults.
+    """
+
+    def __call__(cls, *args: Any, **kwargs: Any) -> Any:
+        try:
+            return super().__call__(*args, **kwargs)
+        except ValidationError as error:
+            faults = fault_lines(error, cast("type[BaseModel]", cls))
+            raise InvalidParameter(fault_text(cls.__name__, faults)) from None
+
+
+class Schema(BaseModel, metaclass=_Refusing):
+    """Base of all file schemas: unknown keys and non-finite numbers are faults, values frozen."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _no_disguise(cls, value: object, info: ValidationInfo) -> object:
+        """Refuse what pydantic would turn into another kind: true is no 1, "80" is no 80."""
+        _check_letters(value)
+        field = cls.model_fields[str(info.field_name)]
+        if not any(isinstance(m, BeforeValidator) for m in field.metadata):
+            _check_kind(field.annotation, value)
+        return value
+
+
+def _check_letters(value: object) -> None:
+    """Raise ValueError for a text, or a name of a table, with letters that command a terminal.
+
+    They are no part of a name or a remark: a file name, a label, a page would carry them on.
+    """
+    if isinstance(value, str):
+        found = _FORBIDDEN.search(value)
+        if found is not None:
+            raise ValueError(
+                f"got {shortened(repr(value))}, which holds the control character "
+                f"U+{ord(found[0]):04X}; expected printable text"
+            )
+    elif isinstance(value, Mapping):
+        for key in value:
+            _check_letters(key)
+    elif isinstance(value, (list, tuple)):
+        for item in value:
+            if isinstance(item, str):
+                _check_letters(item)
+
+
+def _check_kind(annotation: Any, value: object) -> None:
+    """Raise ValueError where a flag, a number or a text stands for another of them."""
+    origin, inner = get_origin(annotation), get_args(annotation)
+    if origin in (Union, UnionType):
+        kinds = [a for a in inner if a is not NoneType]
+        if isinstance(value, list):
+            kinds = [a for a in kinds if get_origin(a) is list] or kinds
+        else:
+            kinds = [a for a in kinds if get_origin(a) is not list] or kinds
+        if len(kinds) == 1 and value is not None:
+            _check_kind(kinds[0], value)
+    elif origin is Annotated:
+        if not any(isinstance(a, BeforeValidator) for a in inner[1:]):
+            _check_kind(inner[0], value)
+    elif origin is list and isinstance(value, (list, tuple)):
+        for item in value:
+            _check_kind(inner[0], item)
+    elif origin is dict and isinstance(value, Mapping):
+        for key, item in value.items():
+            try:
+                _check_kind(inner[1], item)
+            except ValueError as error:
+                raise ValueError(f"{key}: {error}") from None
+    elif annotation is bool and not isinstance(value, bool):
+        raise ValueError(f"got {shown(value)}, expected true or false")
+    elif annotation in (int, float) and isinstance(value, (bool, str)):
+        what = "a whole number" if annotation is int else "a number"
+        raise ValueError(f"got {shown(value)}, expected {what}")
+
+
+def shortened(text: str, most: int = 80) -> str:
+    """Text for a message, cut where it would fill the screen."""
+    return text if len(text) <= most else text[: most - 3] + "..."
+
+
+def split_heading(cell: str) -> tuple[str, str | None]:
+    """Name and unit of a column's heading such as ``force [N]``; None: no unit is stated."""
+    text = cell.strip()
+    name, mark, unit = text.partition("[")
+    if not mark or not text.endswith("]"):
+        return text, None
+    return name.rstrip(), unit[:-1].strip()
+
+
+def is_quantity(node: object) -> bool:
+    """Whether a node of a file is a quantity table."""
+    return isinstance(node, Mapping) and "value" in node and set(node) <= META_KEYS
+
+
+def _number(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise ValueError(f"got {shown(value)}, expected a number")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise ValueError(f"got {shown(value)}, expected a finite number")
+    return number
+
+
+def _factor(unit: object, si_unit: str) -> float:
+    if not isinstance(unit, str):
+        raise ValueError(f"got unit {shown(unit)}, expected a text such as {si_unit!r}")
+    try:
+        return conversion_factor(unit, si_unit)
+    except InvalidParameter as error:
+        raise ValueError(str(error)) from None
+
+
+def _check_table(node: Mapping[str, Any]) -> None:
+    unknown = sorted(set(node) - META_KEYS, key=str)
+    if unknown:
+        raise ValueError(
+            f"unknown key {', '.join(map(str, unknown))} in a quantity; "
+            f"known are {', '.join(sorted(META_KEYS))}"
+        )
+    if "value" not in node:
+        raise ValueError("a quantity needs the key 'value'")
+    status = node.get("status")
+    if status is not None and status not in STATUS:
+        raise ValueError(f"status {shown(status)} is none of {', '.join(STATUS)}")
+
+
+def parse_scalar(node: object, si_unit: str) -> float:
+    """Value of a quantity in ``si_unit``. Raises ValueError saying what is wrong."""
+    if isinstance(node, str):
+        match = _TEXT.match(node)
+        if match is None:
+            unit = "" if si_unit == "1" else f" with a unit of {si_unit}"
+            raise ValueError(f"got {shown(node)}, expected a finite number{unit}")
+        unit = match.group(2).strip()
+        return _number(float(match.group(1))) * (_factor(unit, si_unit) if unit else 1.0)
+    if isinstance(node, Mapping):
+        _check_table(node)
+        return _number(node["value"]) * _factor(node.get("unit", si_unit), si_unit)
+    return _number(node)
+
+
+def _parse_vector(node: object, si_unit: str, length: int) -> tuple[float, ...]:
+    factor = 1.0
+    if isinstance(node, Mapping):
+        _check_table(node)
+        factor = _factor(node.get("unit", si_unit), si_unit)
+        node = node["value"]
+    if isinstance(node, str) or not isinstance(node, Sequence) or len(node) != length:
+        raise ValueError(f"got {shown(node)}, expected {length} numbers")
+    return tuple(
+        parse_scalar(v, si_unit) if isinstance(v, str) else _number(v) * factor for v in node
+    )
+
+
+@dataclass(frozen=True)
+class _InUnit(BeforeValidator):
+    """Validator that remembers its unit."""
+
+    si_unit: str = ""
+    by_joint: tuple[str, ...] = ()
+
+
+def SI(si_unit: str) -> BeforeValidator:
+    """Annotation of a float field: any accepted way to write it becomes ``si_unit``."""
+    return _InUnit(lambda node: parse_scalar(node, si_unit), si_unit=si_unit)
+
+
+def _parse_count(node: object) -> int:
+    """Whole number, bare or as a table with its source. Raises ValueError saying what is wrong."""
+    value: object = node
+    if isinstance(node, Mapping):
+        _check_table(node)
+        if node.get("unit", "1") != "1":
+            raise ValueError(f"got unit {node['unit']!r}, expected a count: no unit, or '1'")
+        value = node["value"]
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value // 1:
+        raise ValueError(f"got {shortened(repr(value))}, expected a whole number")
+    return int(value)
+
+
+def Count() -> BeforeValidator:
+    """Annotation of an int field that may carry a source: a whole number or a quantity table."""
+    return BeforeValidator(_parse_count)
+
+
+def SIVector(si_unit: str, length: int = 2) -> BeforeValidator:
+    """Annotation of a field of ``length`` floats in ``si_unit``."""
+    return _InUnit(lambda node: _parse_vector(node, si_unit, length), si_unit=si_unit)
+
+
+def JointSI(revolute: str, prismatic: str, contact: str | None = None) -> BeforeValidator:
+    """Annotation of a field whose unit depends on the joint, or contact, that it belongs to."""
+    units = (revolute, prismatic, prismatic if contact is None else contact)
+
+    def parse(node: object) -> float:
+        for si in units:
+            try:
+                return parse_scalar(node, si)
+            except ValueError as error:
+                if "does not measure" not in str(error):
+                    raise
+        unit = node["unit"] if isinstance(node, Mapping) else node
+        known = ", ".join(dict.fromkeys(units))
+        raise ValueError(f"got unit {shown(unit)}, expected a unit of {known}")
+
+    return _InUnit(parse, si_unit=revolute, by_joint=units)
+
+
+def _mark(model: type[BaseModel], field: str) -> _InUnit | None:
+    info = model.model_fields[field]
+    marks = [*info.metadata, *(m for arg in get_args(info.annotation) for m in get_args(arg))]
+    return next((mark for mark in marks if isinstance(mark, _InUnit)), None)
+
+
+def unit_of(model: type[BaseModel], field: str, joint: str = "revolute") -> str | None:
+    """SI unit of a field annotated by :func:`SI`, :func:`SIVector` or :func:`JointSI`, else None.
+
+    ``joint``: what it belongs to, ``revolute``, ``prismatic`` or ``contact``.
+    """
+    mark = _mark(model, field)
+    if mark is None or not mark.by_joint:
+        return None if mark is None else mark.si_unit
+    return mark.by_joint[("revolute", "prismatic", "contact").index(joint)]
+
+
+_LIMITS = {
+    "greater_than": ("gt", ">"),
+    "greater_than_equal": ("ge", ">="),
+    "less_than": ("lt", "<"),
+    "less_than_equal": ("le", "<="),
+}
+
+
+def _fields_at(model: type[BaseModel], loc: tuple[Any, ...]) -> list[str]:
+    """Names of the fields of the table in which ``loc`` lies; empty where they are free."""
+    current: Any = model
+    for part in loc[:-1]:
+        if isinstance(current, type) and issubclass(current, BaseModel):
+            field = current.model_fields.get(str(part))
+            current = field.annotation if field is not None else None
+        else:
+            arguments = getattr(current, "__args__", ())
+            current = arguments[-1] if arguments else None
+        while current is not None and not isinstance(current, type):
+            inner = [a for a in getattr(current, "__args__", ()) if a is not type(None)]
+            if getattr(current, "__origin__", None) is dict:
+                break
+            current = inner[0] if inner else None
+    if isinstance(current, type) and issubclass(current, BaseModel):
+        return [f.alias or name for name, f in current.model_fields.items()]
+    return []
+
+
+def _plain_input(node: object) -> str:
+    """What a reader wrote, without the table around it."""
+    if is_quantity(node):
+        assert isinstance(node, Mapping)
+        return f"{shown(node['value'])} {node.get('unit', '')}".strip()
+    return shown(node)
+
+
+def fault_text(origin: str, faults: Sequence[str], most: int = 100) -> str:
+    """Message that lists the faults of a file, at most ``most`` of them."""
+    count = "1 fault" if len(faults) == 1 else f"{len(faults)} faults"
+    shown = [shortened(printable(f), 1000) for f in faults[:most]]
+    if len(faults) > most:
+        shown.append(f"... and {len(faults) - most} more")
+    return f"{origin}: {count}\n" + "\n".join(f"  {f}" for f in shown)
+
+
+def fault_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
+    """One line a fault: where, what was got, what is expected, a hint."""
+    lines = []
+    for item in error.errors(include_url=False):
+        loc = tuple(p for p in item["loc"] if p != "function-before")
+        where = ".".join(str(p) for p in loc) or "file"
+        kind = item["type"]
+        got = _plain_input(item.get("input"))
+        if kind == "missing":
+            lines.append(f"{where}: is missing")
+        elif kind == "extra_forbidden":
+            known = _fields_at(model, loc)
+            near = difflib.get_close_matches(str(loc[-1]), known, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            if known and not near:
+                hint = f"; known are {', '.join(known)}"
+            lines.append(f"{where}: unknown key{hint}")
+        elif kind in _LIMITS:
+            key, sign = _LIMITS[kind]
+            lines.append(f"{where}: got {got}, must be {sign} {item['ctx'][key]:g}")
+        elif kind == "literal_error":
+            lines.append(f"{where}: got {got}, expected {item['ctx']['expected']}")
+        elif kind == "value_error":
+            lines.append(f"{where}: {item['ctx']['error']}")
+        else:
+            lines.append(f"{where}: got {got}: {item['msg'].lower()}")
+    return [shortened(line, 1000) for line in lines]

@@ -1,0 +1,149 @@
+"""The contract of every effect of the action: the model at size zero, and a slope there."""
+
+import numpy as np
+import pytest
+
+import feltmb
+from feltmb.adapters import load_library, mechanism_model
+from feltmb.adapters.derivatives import difference_sensitivities, sensitivities
+from feltmb.adapters.variants import changed_config
+from feltmb.data import Record
+from feltmb.fit import Lanes, Term
+from feltmb.fit.observe import observe_lanes
+
+CONDITIONS = {"relative_humidity": 70.0, "cycle": 100.0}
+
+
+def record_of(model, stroke, duration):
+    stroke = feltmb.load_stroke(stroke)
+    time = np.arange(0.0, duration, 5e-4)
+    return Record(
+        name=stroke.name,
+        time=time,
+        inputs={"force": stroke.at(time)},
+        outputs={o: np.zeros(time.size) for o in model.outputs},
+        conditions=CONDITIONS,
+    )
+
+
+@pytest.fixture(scope="module")
+def subject():
+    action = feltmb.load_action("steinway45")
+    channels = ["key", "key_lift", "whippen", "hammer_tip", "backcheck", "jack", "damper"]
+    model, effects = mechanism_model(
+        action, channels=channels, effects=["all"], rtol=1e-6, shooting="multiple"
+    )
+    records = [record_of(model, "forte", 0.14), record_of(model, "staccato", 0.18)]
+    return model, {e.name: e for e in effects}, records
+
+
+def outputs(model, record, term=None, size=0.0):
+    terms = () if term is None else (term,)
+    lanes = Lanes(
+        theta=np.zeros((1, len(model.parameters))),
+        windows=np.array([[0, record.samples - 1]]),
+        starts=np.zeros((1, len(model.states(terms)))),
+        terms=terms,
+        sizes=np.array([[size]]) if terms else np.zeros((0, 0)),
+    )
+    return observe_lanes(model, record, lanes).outputs[0]
+
+
+@pytest.fixture(scope="module")
+def plain(subject):
+    model, _, records = subject
+    return [outputs(model, r) for r in records]
+
+
+def names(which):
+    library = load_library(feltmb.load_action("steinway45"))
+    if which == "default":
+        return [e.name for e in library.select()]
+    default = {e.name for e in library.select()}
+    return [e.name for e in library.effects if e.name not in default]
+
+
+def check(subject, plain, name):
+    model, effects, records = subject
+    if name not in effects:  # a channel that no output of this model belongs to
+        assert name.startswith(("channel_gain", "point_offset"))
+        return
+    effect = effects[name]
+    # A force of the felt that is not used in these strokes, or a strap that stays slack in forte.
+    for shape in effect.shapes:
+        term = Term(effect, shape)
+        moved = 0.0
+        for record, base in zip(records, plain, strict=True):
+            assert np.array_equal(outputs(model, record, term, 0.0), base)
+            low, high = effect.bounds
+            step = effect.step * effect.scale * (1.0 if high > 0.0 else -1.0)
+            assert low <= step <= high
+            slope = (outputs(model, record, term, step) - base) / effect.step
+            assert np.all(np.isfinite(slope))
+            moved = max(moved, float(np.max(np.abs(slope))))
+            if moved > 1e-7:
+                break
+        # 0.1 um of some point for the size that one would expect to meet (most: 0.1 to 10 mm).
+        assert moved > 1e-7, f"{name} moves nothing"
+
+
+@pytest.mark.parametrize("name", names("default"))
+def test_an_effect_is_the_model_at_zero_and_moves_it(subject, plain, name):
+    check(subject, plain, name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", names("rest"))
+def test_the_other_effects_too(subject, plain, name):
+    check(subject, plain, name)
+
+
+def test_zero_gives_back_the_very_same_configuration():
+    action = feltmb.load_action("steinway45")
+    library = load_library(action)
+    entries = [(e, 0.0, s) for e in (*library.effects, *library.tolerances) for s in e.shapes]
+    assert changed_config(action.config, entries, CONDITIONS) is action.config
+
+
+def test_every_effect_says_what_it_is():
+    for library in (load_library(feltmb.load_action("steinway45")),):
+        for e in library.effects:
+            assert e.component
+            assert e.mechanism.endswith(".")
+            assert e.remedy.endswith(".")
+            assert e.size > 0.0
+            assert "{" not in e.name + e.component + e.mechanism + e.remedy
+        assert len(library.select()) >= 40
+        assert len({e.name for e in library.effects}) == len(library.effects)
+
+
+@pytest.mark.slow
+def test_forward_derivatives_are_those_of_differences():
+    """Up to the blow, where the motion is smooth: by tolerances and by effects, both shootings."""
+    for shooting in ("single", "multiple"):
+        model, effects = mechanism_model(
+            feltmb.load_action("steinway45"), rtol=1e-8, shooting=shooting, derivatives="forward"
+        )
+        record = record_of(model, "forte", 0.085)
+        theta = np.zeros(len(model.parameters))
+        windows = np.array([[0, 100], [100, record.samples - 1]])
+        starts = model.guess(record, windows)
+        wanted = {"coulomb_friction.butt", "felt_thickness.04", "load_cell_mass", "damper_spoon"}
+        terms = tuple(Term(e, e.shapes[0]) for e in effects if e.name in wanted)
+        given = {"by_theta": range(len(theta)), "by_starts": True, "candidates": terms}
+        none = np.zeros(0)
+        forward = sensitivities(model, record, theta, windows, starts, (), none, **given)
+        differ = difference_sensitivities(model, record, theta, windows, starts, (), none, **given)
+        assert np.nanmax(np.abs(forward.outputs - differ.outputs)) < 1e-7
+        sizes = np.array([p.size for p in model.parameters])
+        scales = np.array([t.effect.scale for t in terms])
+        for a, b, unit in (
+            (forward.d_theta, differ.d_theta, sizes),
+            (forward.d_candidates, differ.d_candidates, scales),
+        ):
+            if a.size:
+                a, b = np.nan_to_num(a), np.nan_to_num(b)  # beyond the end of a window
+                # Departures of 1 mm and more: 1 um is the noise and curvature of the differences.
+                error = np.max(np.abs(a - b) * unit, axis=(0, 1, 2))
+                room = 2e-6 + 0.03 * np.max(np.abs(b) * unit, axis=(0, 1, 2))
+                assert np.all(error < room)

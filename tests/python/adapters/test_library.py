@@ -1,0 +1,197 @@
+"""Libraries as data: faults of files, selection, channels, names on the command line."""
+
+import numpy as np
+import pytest
+
+import feltmb
+from feltmb.adapters import amended_action, load_library, mechanism_model
+from feltmb.adapters.changes import Change, apply_changes, read_entry
+from feltmb.adapters.resolve import resolve
+from feltmb.errors import InvalidParameter
+from feltmb.fit import Lanes
+from feltmb.mechanism import Action
+
+ACTION = feltmb.load_action("steinway45")
+
+
+def write(tmp_path, text):
+    path = tmp_path / "lib.toml"
+    path.write_text("schema = 1\nname = 'mine'\nextends = 'mechanism'\n" + text)
+    return path
+
+
+def test_all_faults_of_a_library_come_at_once(tmp_path):
+    path = write(
+        tmp_path,
+        """
+[effects.a]
+size = 0.1
+changes = [{ path = "bodies.kee.mass", scale = 1.0 }]
+[effects.b]
+size = "3 kg"
+unit = "m"
+changes = [{ path = "bodies.key.mass", scale = 1.0 }]
+[effects.c]
+size = 0.1
+[effects.d]
+size = 0.1
+insert = { kind = "clearance", body = "nobody" }
+""",
+    )
+    with pytest.raises(InvalidParameter) as error:
+        load_library(ACTION, path)
+    text = str(error.value)
+    for part in (
+        "lib.toml: 4 faults",
+        "effects.a",
+        "'kee'",
+        "effects.b",
+        "kg",
+        "effects.c",
+        "nobody",
+    ):
+        assert part in text
+
+
+def test_an_unknown_key_is_named_with_the_near_one(tmp_path):
+    with pytest.raises(InvalidParameter, match="did you mean 'mechanism'"):
+        load_library(ACTION, write(tmp_path, "[effects.a]\nsize = 1.0\nmechanisms = 'x'\n"))
+
+
+def test_selection_by_name_pattern_and_all():
+    library = load_library(ACTION)
+    assert len(library.select(["all"])) == len(library.effects)
+    assert {e.name for e in library.select(["felt_hysteresis.*"])} == {
+        f"felt_hysteresis.{n:02d}" for n in range(1, 16)
+    }
+    with pytest.raises(InvalidParameter, match=r"let_off_buton.*near: let_off_button"):
+        library.select(["let_off_buton"])
+    with pytest.raises(InvalidParameter, match="no name of library"):
+        library.select(["zzz*"])
+
+
+def test_channels_have_names_and_outputs_stand_for_themselves():
+    library = load_library(ACTION)
+    assert library.outputs(["key", "hammer_tip"]) == (
+        "key_front.y",
+        "hammer_tip.x",
+        "hammer_tip.y",
+    )
+    assert library.outputs(["jack_top.y"]) == ("jack_top.y",)
+    with pytest.raises(InvalidParameter, match="channel 'hamer' is unknown; known are key"):
+        library.outputs(["hamer"])
+    with pytest.raises(InvalidParameter, match=r"outputs nose\.x: mechanism 'steinway45' has"):
+        mechanism_model(ACTION, channels=["nose.x"])
+
+
+def test_changes_combine_and_a_zero_leaves_the_very_object():
+    config = ACTION.config
+    path = "surfaces.Gp10.point.y"
+    old = read_entry(config, path)
+    new, moved = apply_changes(config, [(Change(path=path, add=1.0), 1e-4)] * 2)
+    assert read_entry(new, path) == pytest.approx(old + 2e-4)
+    assert moved == {path: pytest.approx(old + 2e-4)}
+    assert read_entry(config, path) == old
+    factors = [(Change(path="head.mass", scale=1.0), 0.1), (Change(path="head.mass", exp=1.0), 0.2)]
+    heavier, _ = apply_changes(config, factors)
+    assert read_entry(heavier, "head.mass") == pytest.approx(0.0078 * 1.1 * np.exp(0.2))
+    same, moved = apply_changes(config, [(Change(path=path, add=1.0, scale=2.0), 0.0)])
+    assert same is config
+    assert moved == {}
+    with pytest.raises(InvalidParameter, match="'kee' does not exist"):
+        read_entry(config, "bodies.kee.mass")
+
+
+def test_an_amended_mechanism_is_one_that_loads():
+    library = load_library(ACTION)
+    assert amended_action(ACTION, [(library.effect("let_off_button"), 0.0, None)]) is ACTION
+    # The round trip through plain tables loses nothing that counts.
+    raw = ACTION.config.model_dump(mode="json", by_alias=True, exclude_none=True)
+    assert Action(raw).hash == ACTION.hash
+    chosen = [
+        (library.effect("pivot_clearance.butt"), 5e-5, None),
+        (library.effect("felt_relaxation.02"), 0.2, 0.02),
+        (library.effect("key_flexibility"), 1e-4, None),
+        (library.effect("load_cell_mass"), 5e-3, None),
+    ]
+    changed = amended_action(ACTION, chosen)
+    assert {"butt.pin.x", "butt.pin.y", "key_front.bend"} <= set(changed.coordinates)
+    run = feltmb.simulate(changed, "forte", duration=0.12, ledger=True, rtol=1e-7)
+    assert run.energy["residual_relative"] < 1e-5
+    assert run.energy["created_by"] == []
+
+
+def test_a_pivot_that_gives_tends_to_the_ideal_one():
+    """Twice the compliance, twice the departure: the limit is the joint as it was."""
+    library = load_library(ACTION)
+    stroke = feltmb.load_stroke("forte")
+    entry = library.effect("pivot_compliance.butt")
+
+    def motion(action):
+        run = feltmb.simulate(action, stroke, duration=0.066, ledger=False, rtol=1e-9)
+        return run["hammer_tip.x"]
+
+    plain = motion(ACTION)
+    small, large = (
+        motion(amended_action(ACTION, [(entry, s, None)])) - plain for s in (1e-7, 2e-7)
+    )
+    # At rest the pin stands where the load puts it; moving, it swings a little on its bushing.
+    assert small[0] < -1e-9
+    assert large[0] == pytest.approx(2.0 * small[0], rel=1e-5)
+    assert np.max(np.abs(large)) > 5e-7
+    assert np.max(np.abs(large - 2.0 * small)) < 0.06 * np.max(np.abs(large))
+
+
+def test_windows_go_on_where_the_last_one_ended():
+    model, _ = mechanism_model(ACTION, rtol=1e-8, shooting="multiple")
+    stroke = feltmb.load_stroke("forte")
+    time = np.arange(0.0, 0.13, 5e-4)
+    from feltmb.data import Record
+
+    record = Record(
+        name="f",
+        time=time,
+        inputs={"force": stroke.at(time)},
+        outputs={o: np.zeros(time.size) for o in model.outputs},
+    )
+    theta = np.zeros((1, len(model.parameters)))
+    whole = model.simulate(
+        record,
+        Lanes(
+            theta=theta,
+            windows=np.array([[0, time.size - 1]]),
+            starts=np.zeros((1, len(model.states()))),
+        ),
+    ).outputs[0]
+    cuts = np.array([[0, 90], [90, 170], [170, time.size - 1]])
+    starts = model.guess(record, cuts)
+    parts = model.simulate(
+        record, Lanes(theta=np.repeat(theta, 3, axis=0), windows=cuts, starts=starts)
+    )
+    for w, (first, last) in enumerate(cuts):
+        difference = parts.outputs[w, : last - first + 1] - whole[first : last + 1]
+        assert np.max(np.abs(difference)) < 1e-6
+    assert np.max(np.abs(parts.ends[:-1] - starts[1:]) / [s.scale for s in model.states()]) < 0.05
+
+
+def test_names_on_the_command_line():
+    model, effects = resolve(
+        "steinway45", {"channels": "key", "effects": "let_off_button,felt_*.02"}
+    )
+    assert model.outputs == ("key_front.y",)
+    assert "let_off_button" in [e.name for e in effects]
+    assert resolve("mine.py", {}) is None
+    with pytest.raises(InvalidParameter, match="--set chanels: expected channels, effects"):
+        resolve("steinway45", {"chanels": "key"})
+    with pytest.raises(InvalidParameter, match="rtol: got 'small'"):
+        resolve("steinway45", {"rtol": "small"})
+
+
+def test_the_document_shows_the_library_as_it_is():
+    import runpy
+    from pathlib import Path
+
+    tool = Path(__file__).parents[3] / "tools" / "make_effects_table.py"
+    made = runpy.run_path(str(tool))
+    text = made["DOCUMENT"].read_text(encoding="utf-8")
+    assert made["renewed"](text) == text, "run tools/make_effects_table.py"

@@ -1,0 +1,227 @@
+"""What a mechanism makes of records before a fit: their useful part, their floor, smooth motion."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import feltmb
+from feltmb.adapters import mechanism_model
+from feltmb.adapters.landmarks import first_turn
+from feltmb.adapters.resolve import resolve
+from feltmb.data import Record, Sensor
+from feltmb.data.smoothing import smooth_record
+from feltmb.errors import InvalidParameter
+from feltmb.fit import Lanes, including
+from feltmb.gap.split import split_records
+
+ACTION = feltmb.load_action("steinway45")
+FEW = {"tolerances": "let_off_button,felt.03", "channels": "key,hammer", "effects": "camera_skew"}
+
+
+@pytest.fixture(scope="module")
+def forte():
+    """The model's own forte stroke, to its end."""
+    run = feltmb.simulate(ACTION, feltmb.load_stroke("forte"), rtol=1e-7, ledger=False)
+    time = np.arange(0.0, 0.3, 1e-3)
+    outputs = {
+        name: np.interp(time, run.time, run[name]) - run[name][0]
+        for name in ("key_front.y", "hammer_tip.x")
+    }
+    return Record(
+        name="forte",
+        time=time,
+        inputs={"force": feltmb.load_stroke("forte").at(time)},
+        outputs=outputs,
+        sensors={o: Sensor(name=o, unit="m", sigma=2e-5) for o in outputs},
+        input_sigma={"force": 0.01},
+    )
+
+
+def test_the_first_turn_is_that_of_the_first_blow():
+    time = np.linspace(0.0, 0.4, 401)
+    there = np.interp(time, [0.0, 0.1, 0.2, 0.3, 0.4], [0.0, 0.04, 0.01, 0.05, 0.0])
+    assert first_turn(time, -there) == pytest.approx(0.1, abs=0.0015)
+    there[95:106] = np.nan  # the camera missed it
+    assert first_turn(time, there) == pytest.approx(0.1, abs=0.01)
+    bad = np.interp(time, [0.0, 0.1, 0.2, 0.3, 0.4], [0.0, 0.04, 0.01, 0.05, 0.0])
+    bad[70] = 0.0  # a lost marker
+    bad[5:7] = 1.0  # a glitch
+    assert first_turn(time, bad) == pytest.approx(0.1, abs=0.002)
+    assert first_turn(time, np.minimum(there, 5e-4)) is None  # hardly moves
+    assert first_turn(time[:90], there[:90]) is None  # on its way
+    assert first_turn(time, np.full(401, np.nan)) is None
+
+
+def test_records_end_shortly_after_the_blow(forte):
+    model, _ = resolve("steinway45", FEW)
+    ready = model.ready([forte])
+    turn = forte.time[np.argmax(np.abs(forte.outputs["hammer_tip.x"]))]
+    assert ready.records[0].time[-1] == pytest.approx(turn + 0.01, abs=2e-3)
+    assert "samples after" in ready.notes[0]
+    # Without a camera on the hammer the model says when.
+    blind = Record(
+        name="forte",
+        time=forte.time,
+        inputs=forte.inputs,
+        outputs={"key_front.y": forte.outputs["key_front.y"]},
+        sensors={"key_front.y": forte.sensors["key_front.y"]},
+    )
+    assert model.ready([blind]).records[0].time[-1] == pytest.approx(turn + 0.01, abs=1.5e-3)
+    for until, last in (("0.02", turn + 0.02), ("end", forte.time[-1])):
+        other, _ = resolve("steinway45", {**FEW, "until": until})
+        assert other.ready([forte]).records[0].time[-1] == pytest.approx(last, abs=2e-3)
+    windows, _ = resolve("steinway45", {**FEW, "shooting": "multiple"})
+    assert windows.ready([forte]).records[0] is forte
+
+
+def test_what_is_ready_stays_as_it_is(forte):
+    model, _ = resolve("steinway45", FEW)
+    once = model.ready([forte])
+    twice = once.model.ready(once.records)
+    assert twice.model is once.model
+    assert twice.notes == ()
+    assert twice.records[0].samples == once.records[0].samples
+    # The floor of the record; nothing is known of it beyond its end.
+    floor = once.model.floors["forte"].columns
+    theta = np.zeros(len(once.model.parameters))
+    theta[-1] = 3.0
+    window = np.array([[0, forte.samples - 1]])
+    y = once.model.simulate(forte, Lanes.at_point(theta, window, np.zeros((1, 0)), (), np.zeros(0)))
+    bare = model.simulate(
+        forte, Lanes.at_point(theta[:2], window, np.zeros((1, 0)), (), np.zeros(0))
+    )
+    shift = (y.outputs - bare.outputs)[0]
+    n = once.records[0].samples
+    assert shift[:n] == pytest.approx(3.0 * floor[..., -1], abs=1e-12)
+    assert np.all(shift[n:] == 0.0)
+
+
+def test_effects_that_are_included_get_the_floor_as_well(forte):
+    model, effects = resolve("steinway45", {**FEW, "effects": "coulomb_friction.butt"})
+    ready = including(model, effects).ready([forte])
+    names = [p.name for p in ready.model.parameters]
+    assert names[-1] == "coulomb_friction.butt"
+    assert any(n.startswith("floor.forte.") for n in names)
+    assert ready.records[0].samples < forte.samples
+
+
+def test_a_single_record_is_held_out_in_blocks_without_being_cut(forte):
+    model, _ = resolve("steinway45", FEW)
+    ready = model.ready([forte])
+    fit, held = split_records(ready.records, None, masked=model.from_rest)
+    assert [r.name for r in (*fit, *held)] == ["forte[fit]", "forte[held out]"]
+    for name, values in ready.records[0].outputs.items():
+        seen = [np.isfinite(r.outputs[name]) for r in (*fit, *held)]
+        assert np.array_equal(seen[0], ~seen[1])
+        assert 0.5 < np.mean(seen[0]) < 0.7
+        assert np.array_equal(fit[0].outputs[name][seen[0]], values[seen[0]])
+    # Both parts have the floor of the whole.
+    theta = np.zeros(len(ready.model.parameters))
+    theta[-1] = 1.0
+    window = np.array([[0, held[0].samples - 1]])
+    lanes = Lanes.at_point(theta, window, np.zeros((1, 0)), (), np.zeros(0))
+    part, whole = (ready.model.simulate(r, lanes).outputs for r in (held[0], ready.records[0]))
+    assert np.array_equal(part, whole)
+
+
+@pytest.mark.parametrize("rate", [500.0, 1000.0, 4000.0])
+def test_smoothing_takes_noise_and_leaves_the_stroke(rate):
+    """Eleven samples at 1 kHz took a staccato stroke with them: 0.2 mm of it."""
+    time = np.arange(0.0, 0.1, 1.0 / rate)
+    down = 9e-3 / (1.0 + np.exp(-(time - 0.04) / 2.5e-3))
+    noise = 2e-6
+    noisy = down + noise * np.random.default_rng(2).standard_normal(time.size)
+    smooth = smooth_record(time, noisy, noise)
+    assert np.std(smooth - noisy) == pytest.approx(noise, rel=0.05)
+    wrong = [np.sqrt(np.mean((x - down) ** 2)) for x in (smooth, noisy)]
+    bend = [np.sqrt(np.mean(np.diff(x - down, 2) ** 2)) for x in (smooth, noisy)]
+    if rate > 2000.0:
+        assert wrong[0] < 0.5 * wrong[1]
+        assert bend[0] < 0.05 * bend[1]  # it is the second derivative that drives
+    else:  # few samples a rise: what noise leaves of it is kept
+        assert wrong[0] < 1.5 * wrong[1]
+    # It follows the record: a small change of it is a small change of what is left.
+    moved = smooth_record(time, noisy + 0.1 * noise * np.cos(300.0 * time), noise)
+    assert np.max(np.abs(moved - smooth)) < 0.3 * noise
+
+
+def test_a_noisy_motion_drives_the_mechanism_as_the_clean_one():
+    """At the true numbers a motion with noise must leave no more than that noise would."""
+    model, _ = resolve("steinway45", FEW)
+    time = np.arange(0.0, 0.06, 1e-3)
+    down = 9e-3 * np.sin(0.5 * np.pi * np.clip((time - 0.01) / 0.045, 0.0, 1.0)) ** 2
+    outputs = {o: np.zeros(time.size) for o in model.outputs}
+    window, none = np.array([[0, time.size - 1]]), np.zeros((1, 0))
+    seen = []
+    for noise in (0.0, 2e-6):
+        record = Record(
+            name="motion",
+            time=time,
+            input_mode="motion",
+            inputs={"displacement": down + noise * np.random.default_rng(1).standard_normal(60)},
+            input_sigma={"displacement": 2e-6 if noise else 0.0},
+            outputs=outputs,
+        )
+        lanes = Lanes.at_point(np.zeros(2), window, none, (), np.zeros(0))
+        seen.append(model.simulate(record, lanes).outputs[0])
+    assert np.all(np.isfinite(seen))
+    assert np.max(np.abs(seen[0][:, 1])) > 5e-3  # the hammer is on its way
+    assert np.sqrt(np.mean((seen[1] - seen[0]) ** 2, axis=0)) == pytest.approx(0.0, abs=2e-5)
+
+
+def test_the_noise_of_a_motion_is_estimated_where_it_is_not_told():
+    model, _ = resolve("steinway45", FEW)
+    time = np.arange(0.0, 0.1, 5e-4)
+    down = 9e-3 * np.sin(0.5 * np.pi * np.clip((time - 0.01) / 0.06, 0.0, 1.0)) ** 2
+    noisy = down + 1e-5 * np.random.default_rng(1).standard_normal(time.size)
+    record = Record(
+        name="m",
+        time=time,
+        input_mode="motion",
+        inputs={"displacement": noisy},
+        outputs={"key_front.y": -down},
+        sensors={"key_front.y": Sensor(name="key_front.y", unit="m", sigma=2e-5)},
+    )
+    ready = model.ready([record])
+    assert ready.records[0].input_sigma["displacement"] == pytest.approx(1e-5, rel=0.2)
+    assert "nothing is said of the noise of displacement" in ready.notes[0]
+    told = replace(record, input_sigma={"displacement": 3e-6})
+    assert model.ready([told]).records[0].input_sigma["displacement"] == 3e-6
+
+
+def test_a_floor_is_that_of_its_record(forte):
+    model, _ = resolve("steinway45", FEW)
+    once = model.ready([forte])
+    other = forte.with_inputs({"force": 0.8 * forte.inputs["force"]})
+    assert once.model.ready([other]).model is not once.model
+
+
+def test_a_variant_of_a_mechanism_takes_its_library():
+    model, _ = resolve("steinway45_printed", {"until": "0.02"})
+    assert model.until.after_turn == 0.02
+    assert model.library.name == "steinway45"
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"rtol": "0"}, "rtol = 0.0"),
+        ({"library": "mechanism", "until": "0.01"}, "does not say where a stroke turns"),
+        ({"until": "soon"}, "got 'soon', expected seconds >= 0, or end"),
+        ({"until": "-1"}, "got '-1'"),
+        ({"until": "nan"}, "got 'nan'"),
+        ({"until": "0.01", "shooting": "multiple"}, "until: works with shooting=single"),
+        ({"shooting": "double"}, "expected single or multiple"),
+    ],
+)
+def test_faults_of_the_settings(settings, message):
+    with pytest.raises(InvalidParameter, match=message):
+        resolve("steinway45", settings)
+
+
+def test_faults_in_python():
+    with pytest.raises(InvalidParameter, match=r"until = -1\.0 s"):
+        mechanism_model(ACTION, until=-1.0)
+    assert mechanism_model(ACTION, until=math.inf)[0].until is None

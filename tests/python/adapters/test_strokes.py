@@ -1,0 +1,201 @@
+"""Whole strokes as a model: derivatives that are kept, the floor, configurations in a row."""
+
+import numpy as np
+import pytest
+
+import feltmb
+from feltmb.adapters import load_library, mechanism_model
+from feltmb.adapters.finer import KINDS, finer
+from feltmb.adapters.resolve import resolve
+from feltmb.adapters.shifter import Shifter
+from feltmb.adapters.variants import changed_config
+from feltmb.data import Record, Sensor
+from feltmb.errors import InvalidParameter
+from feltmb.fit import Lanes, Term
+from feltmb.fit.observe import observe_lanes
+
+LENGTH = 0.085  # up to shortly before the blow
+
+
+@pytest.fixture(scope="module")
+def subject():
+    action = feltmb.load_action("steinway45")
+    tolerances = ["let_off_button", "capstan_height", "mass.head", "felt.03", "joint_friction.butt"]
+    library = load_library(action)
+    model, effects = mechanism_model(
+        action,
+        channels=["key", "whippen", "hammer"],
+        library=library,
+        tolerances=library.choose_tolerances(tolerances),
+        effects=["coulomb_friction.butt", "pivot_clearance.whippen", "camera_skew", "input_delay"],
+        shooting="single",
+        rtol=1e-7,
+        workers=1,
+    )
+    time = np.arange(0.0, LENGTH, 5e-4)
+    stroke = feltmb.load_stroke("forte")
+    record = Record(
+        name="forte",
+        time=time,
+        inputs={"force": stroke.at(time)},
+        outputs={o: np.zeros(time.size) for o in model.outputs},
+        sensors={o: Sensor(name=o, unit="m", sigma=2e-5) for o in model.outputs},
+        input_sigma={"force": 0.01},
+    )
+    return model, effects, record
+
+
+def whole(record):
+    return np.array([[0, record.samples - 1]], dtype=np.intp)
+
+
+def test_a_row_of_configurations_is_that_of_single_ones():
+    action = feltmb.load_action("steinway45")
+    library = load_library(action)
+    rng = np.random.default_rng(1)
+    shifter = Shifter(action.config)
+    theta = np.zeros(len(library.tolerances))
+    for turn in range(12):
+        theta[rng.integers(theta.size, size=3)] = rng.standard_normal(3)
+        if turn == 8:
+            theta[:] = 0.0
+        entries = [(e, v * e.size, None) for e, v in zip(library.tolerances, theta, strict=True)]
+        extra = library.effects[int(rng.integers(len(library.effects)))]
+        entries.append((extra, 0.3 * extra.size, extra.shapes[0]))
+        ours = shifter.config(entries, {}).model_dump(mode="json")
+        assert_close(ours, changed_config(action.config, entries, {}).model_dump(mode="json"))
+    zero = [(e, 0.0, None) for e in library.tolerances]
+    assert shifter.config(zero, {}) is action.config
+
+
+def assert_close(a, b):
+    if isinstance(a, dict):
+        assert a.keys() == b.keys()
+        for k in a:
+            assert_close(a[k], b[k])
+    elif isinstance(a, list):
+        assert len(a) == len(b)
+        for x, y in zip(a, b, strict=True):
+            assert_close(x, y)
+    elif isinstance(a, float):
+        assert a == pytest.approx(b, rel=1e-13)
+    else:
+        assert a == b
+
+
+def test_columns_are_kept_nearby_and_agree_with_central_differences(subject):
+    model, effects, record = subject
+    terms = tuple(Term(e, s) for e in effects for s in e.shapes)
+    theta = np.zeros(len(model.parameters))
+    none = np.zeros((1, 0))
+    s = model.sensitivities(record, theta, whole(record), none, candidates=terms)
+    taken = model.computed
+    own = [t for t in terms if not t.effect.beyond]  # the others take those of tolerances
+    assert taken == len(model.parameters) + len(own)
+    again = model.sensitivities(record, theta, whole(record), none, candidates=terms)
+    assert model.computed == taken
+    assert np.array_equal(again.d_theta, s.d_theta)
+    model.forget()
+    fresh = model.sensitivities(record, theta, whole(record), none, candidates=terms)
+    assert model.computed == 2 * taken
+    assert np.array_equal(fresh.d_theta, s.d_theta)
+    taken = model.computed
+
+    def motion(theta):
+        lanes = Lanes.at_point(theta, whole(record), none, (), np.zeros(0))
+        return model.simulate(record, lanes).outputs[0]
+
+    for i, p in enumerate(model.parameters):
+        step = np.zeros(theta.size)
+        step[i] = 0.1 * p.size
+        exact = (motion(step) - motion(-step)) / (0.2 * p.size)
+        off = np.linalg.norm(s.d_theta[0, ..., i] - exact)
+        # One-sided over a quarter of a tolerance, and 0.1 um of the integrator.
+        assert off < 0.08 * np.linalg.norm(exact) + 1e-5 / p.size, p.name
+    far = theta.copy()
+    far[1] = 5.0 * model.parameters[1].size
+    model.sensitivities(record, far, whole(record), none)
+    assert model.computed > taken
+
+
+def test_a_camera_that_lags_and_a_force_sensor_that_leads_show_the_same(subject):
+    """Their traces mirror each other, wherever the record is cut into windows of output."""
+    model, effects, record = subject
+    windows = np.array([[0, 110], [110, 140], [140, record.samples - 1]], dtype=np.intp)
+    camera, force = (
+        next(e for e in effects if e.name == n) for n in ("camera_skew", "input_delay")
+    )
+    theta, states = np.zeros(len(model.parameters)), np.zeros((3, 0))
+
+    def shown(effect, size):
+        terms = (Term(effect),)
+        lanes = Lanes.at_point(theta, windows, states, terms, np.array([size]))
+        outputs = observe_lanes(model, record, lanes).outputs
+        parts = zip(outputs, windows[:, 1] - windows[:, 0] + 1, strict=True)
+        return np.concatenate([y[:length] for y, length in parts])
+
+    still, lag, lead = shown(camera, 0.0), shown(camera, 6e-4), shown(force, -6e-4)
+    assert np.max(np.abs(still - lag)) > 1e-3
+    assert np.max(np.abs(lead - lag)) < 4e-6  # a fifth of the noise of a camera
+
+
+def test_the_floor_is_linear_and_belongs_to_its_record(subject):
+    model, _, record = subject
+    with_floor = model.with_floor([record], 0.01)
+    extra = len(with_floor.parameters) - len(model.parameters)
+    assert extra == with_floor.floors["forte"].columns.shape[2] >= 2
+    assert all(p.sd == 1.0 and p.name.startswith("floor.forte.") for p in
+               with_floor.parameters[-extra:])  # fmt: skip
+    none = np.zeros((1, 0))
+    theta = np.zeros(len(with_floor.parameters))
+    s = with_floor.sensitivities(record, theta, whole(record), none)
+    moved = theta.copy()
+    moved[-extra:] = np.linspace(-1.0, 2.0, extra)
+    y = with_floor.simulate(record, Lanes.at_point(moved, whole(record), none, (), np.zeros(0)))
+    expected = s.outputs[0] + s.d_theta[0, ..., -extra:] @ moved[-extra:]
+    assert np.allclose(y.outputs[0], expected, rtol=0.0, atol=1e-15)
+    other = Record(
+        name="other", time=record.time, inputs=record.inputs, outputs=record.outputs
+    )  # fmt: skip
+    y = with_floor.simulate(other, Lanes.at_point(moved, whole(record), none, (), np.zeros(0)))
+    assert np.array_equal(y.outputs[0], s.outputs[0])
+
+
+def test_the_floor_holds_the_noise_of_the_input(subject):
+    """Replays with noisy input depart as much as the floor says."""
+    model, _, record = subject
+    floor = model.with_floor([record], 0.0).floors["forte"].columns / 2e-5
+    assert floor.shape[2] >= 1
+    rng = np.random.default_rng(3)
+    none, theta = np.zeros((1, 0)), np.zeros(len(model.parameters))
+    lanes = Lanes.at_point(theta, whole(record), none, (), np.zeros(0))
+    base = model.simulate(record, lanes).outputs[0]
+    sizes = []
+    for _ in range(12):
+        noisy = record.inputs["force"] + 0.01 * rng.standard_normal(record.samples)
+        y = model.simulate(record.with_inputs({"force": noisy}), lanes).outputs[0]
+        sizes.append(np.sum(((y - base) / 2e-5) ** 2))
+    assert np.mean(sizes) == pytest.approx(np.sum(floor**2), rel=0.8)
+
+
+def test_finer_changes_what_it_says():
+    action = feltmb.load_action("steinway45")
+    fine = finer(action).config
+    assert fine.string.modes == min(2 * action.config.string.modes, 200)
+    assert fine.bodies["shank"].lateral_shapes == action.config.bodies["shank"].lateral_shapes + 1
+    rate = action.config.contacts["04"].friction.threshold_speed
+    assert fine.contacts["04"].friction.threshold_speed == pytest.approx(rate / 3.0)
+    assert {k for k in KINDS if finer(action, (k,)) is not action} == set(KINDS)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"floor": "0.01", "shooting": "multiple"}, "shooting=single"),
+        ({"floor": "many", "shooting": "single"}, "a share from 0 to 0.5, or none"),
+        ({"floor": "0.9", "shooting": "single"}, "got '0.9'"),
+    ],
+)
+def test_faults_of_the_floor(settings, message):
+    with pytest.raises(InvalidParameter, match=message):
+        resolve("steinway45", settings)
