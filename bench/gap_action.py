@@ -18,12 +18,12 @@ import numpy as np
 import feltmb
 from feltmb.adapters import mechanism_model
 from feltmb.adapters.synthetic import Sensors, make_case
-from feltmb.fit import Lanes
-from feltmb.fit.observe import machine_terms
+from feltmb.fit import Jobs
+from feltmb.fit.observe import machine_candidates
 from feltmb.fit.problem import Problem
-from feltmb.fit.shots import Noise, make_shot
+from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, polish
-from feltmb.gap.score import all_terms, score_fit
+from feltmb.gap.score import all_candidates, score_fit
 
 STROKES = (
     ("piano", "fit"),
@@ -45,7 +45,7 @@ def main() -> None:
     parser.add_argument(
         "--whole",
         action="store_true",
-        help="a whole diagnosis, the last two strokes held out, instead of its stages",
+        help="a whole diagnosis, the last two strokes held-out, instead of its stages",
     )
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
@@ -86,21 +86,23 @@ def main() -> None:
         for r in case.records:
             model.simulate(
                 r,
-                Lanes(
+                Jobs(
                     theta=np.full((1, len(model.parameters)), 1e-9),
-                    windows=np.array([[0, r.samples - 1]]),
+                    segments=np.array([[0, r.samples - 1]]),
                     starts=np.zeros((1, 0)),
                 ),
             )
 
-    terms = all_terms(effects)
+    included = all_candidates(effects)
     print(
-        f"{len(case.records)} strokes, {len(effects)} effects ({len(terms)} with shapes, "
-        f"{len(machine_terms(terms))} in the machine), {len(model.parameters)} tolerances"
+        f"{len(case.records)} strokes, {len(effects)} effects ({len(included)} with shapes, "
+        f"{len(machine_candidates(included))} in the machine), {len(model.parameters)} tolerances"
     )
     timed("one run of every stroke", all_strokes)
     if options.whole:
-        floored = model.with_floor(case.records) if hasattr(model, "with_floor") else model
+        floored = (
+            model.with_variability(case.records) if hasattr(model, "with_variability") else model
+        )
         chosen = feltmb.gap.Options(bootstrap=0, restarts=0)
         report = timed(
             "whole diagnosis",
@@ -108,16 +110,16 @@ def main() -> None:
         )
         print(report.verdict, ", ".join(report.named))
         return
-    if hasattr(model, "with_floor"):
-        model = timed("floor of five strokes", lambda: model.with_floor(case.records))
-    shots = tuple(make_shot(model, r, noise, 1.0) for r in case.records)
-    problem = Problem(model, shots)
+    if hasattr(model, "with_variability"):
+        model = timed("floor of five strokes", lambda: model.with_variability(case.records))
+    segmented_records = tuple(segment_record(model, r, noise, 1.0) for r in case.records)
+    problem = Problem(model, segmented_records)
     point = problem.start()
     timed("derivatives by all tolerances", lambda: problem.linear(point))
     settings = FitSettings(restarts=0, iterations=8)
     fit = timed("model fit", lambda: polish(problem, point, 1.0, settings))
-    timed("derivatives by all effects", lambda: problem.linear(fit.point, terms))
-    timed("scores (derivatives kept)", lambda: score_fit(fit, terms))
+    timed("derivatives by all effects", lambda: problem.linear(fit.point, included))
+    timed("scores (derivatives kept)", lambda: score_fit(fit, included))
     total = sum(w for k, (w, _) in times.items())
     cpu = sum(c for k, (_, c) in times.items())
     print(f"{'all':34s} wall {total:8.2f} s   processor {cpu:8.2f} s")

@@ -1,4 +1,4 @@
-"""The first blow on a virgin felt from its energy alone: no engine, no integration in time."""
+"""The first impact on a virgin felt from its energy alone: no engine, no integration in time."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from feltmb.contact import Law
 
 
-def first_blow(felt: Law, mass: float, speed: float) -> dict[str, float]:
+def first_impact(felt: Law, mass: float, speed: float) -> dict[str, float]:
     """Largest compression [m] and force [N], rebound speed [m/s] of a mass that strikes a felt.
 
     The loading is virgin: its work is the kinetic energy. The felt gives back the work of the

@@ -11,7 +11,7 @@ from __future__ import annotations
 import exudyn
 import exudyn.itemInterface as items
 import numpy as np
-from energy_balance import first_blow
+from energy_balance import first_impact
 
 from feltmb.contact import law
 from feltmb.felt import SphereOnLayer
@@ -33,7 +33,7 @@ def make_felt():
 
 
 def main():
-    """Run the blow in Exudyn; returns the same numbers."""
+    """Run the impact in Exudyn; returns the same numbers."""
     felt = make_felt()
     container = exudyn.SystemContainer()
     mbs = container.AddSystem()
@@ -76,7 +76,7 @@ def main():
 
 
 if __name__ == "__main__":
-    here, exact = main(), first_blow(make_felt(), MASS, SPEED)
+    here, exact = main(), first_impact(make_felt(), MASS, SPEED)
     for name, unit in (("compression", "m"), ("force", "N"), ("rebound", "m/s")):
         balance = f"from the energy balance {exact[name]:.6g} {unit}"
         print(f"{name:12s} {here[name]:.6g} {unit}, {balance}")

@@ -9,7 +9,7 @@ Usage: python examples/felt_in_mujoco.py      (needs: pip install feltmb mujoco)
 from __future__ import annotations
 
 import mujoco
-from energy_balance import first_blow
+from energy_balance import first_impact
 
 from feltmb.contact import law
 
@@ -35,7 +35,7 @@ def make_felt():
 
 
 def main():
-    """Run the blow in MuJoCo; returns the same numbers."""
+    """Run the impact in MuJoCo; returns the same numbers."""
     felt = make_felt()
     model = mujoco.MjModel.from_xml_string(MODEL)
     data = mujoco.MjData(model)
@@ -54,7 +54,7 @@ def main():
 
 
 if __name__ == "__main__":
-    here, exact = main(), first_blow(make_felt(), MASS, SPEED)
+    here, exact = main(), first_impact(make_felt(), MASS, SPEED)
     for name, unit in (("compression", "m"), ("force", "N"), ("rebound", "m/s")):
         balance = f"from the energy balance {exact[name]:.6g} {unit}"
         print(f"{name:12s} {here[name]:.6g} {unit}, {balance}")

@@ -292,7 +292,7 @@ def screenshot(page: Path) -> Path:
             f"{page.name}: its picture needs Chromium; on Debian: apt-get install chromium"
         )
     command = [program, "--headless", "--no-sandbox", "--hide-scrollbars", "--disable-gpu"]
-    command += ["--window-size=1000,900", f"--screenshot={picture}", page.resolve().as_uri()]
+    command += ["--segment-size=1000,900", f"--screenshot={picture}", page.resolve().as_uri()]
     subprocess.run(command, check=True, capture_output=True, timeout=120)
     return picture
 

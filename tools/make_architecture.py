@@ -33,7 +33,7 @@ FOLDERS = {
     "planar": "multibody mechanism: description, assembly, dynamics",
     "model": "a mechanism in time: equilibrium, simulation, events, energy ledger, actuator",
     "sensitivity": "derivatives of a stroke",
-    "batch": "many strokes and windows in threads",
+    "batch": "many strokes and segments in threads",
     "bindings": "feltmb._core: the only part that sees Python",
     "bench": "speed, apart from the tests",
 }

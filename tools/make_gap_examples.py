@@ -37,7 +37,7 @@ CASES: dict[str, tuple[dict[str, float], bool]] = {
 }
 
 
-# Small enough for a diagnosis in seconds: up to the blow only, and few numbers depart.
+# Small enough for a diagnosis in seconds: up to the impact only, and few numbers depart.
 SMALL_STROKES = (("staccato", "fit"), ("slow", "fit"), ("fast", "held_out"))
 SMALL_TOLERANCES = [
     "let_off_button",

@@ -49,7 +49,7 @@ def write_test() -> None:
 
 
 def write_strokes(action: feltmb.Action) -> None:
-    """Strokes of the regulated action up to 6 ms after the blow."""
+    """Strokes of the regulated action up to 6 ms after the impact."""
     case = make_case(
         action,
         {"felt_thickness.03": 4.0},

@@ -1,12 +1,12 @@
-"""Noncentrality of the withheld effects of the full action, per unit of size.
+"""Noncentrality of the withheld effects of the full action, per unit of magnitude.
 
-How far an effect stands out of what tolerances, the floor and the sensors leave open, on the
+How far an effect exceeds what tolerances, run-to-run variability and the sensors leave open, on the
 strokes that are fitted, at drawing values:
 
     nc^2 = |d|^2 - d' S (S' S + I)^-1 S' d
 
 with d the whitened change of the records by the effect, made by the generator, and S the whitened
-derivatives by tolerances and by the floor, in standard deviations of their priors.
+derivatives by tolerances and by run-to-run variability, in standard deviations of their priors.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ import numpy as np
 
 from blind import action_truth as truth
 from feltmb.data import Array, Record, Sensor
-from feltmb.fit.shots import Noise, Shot, make_shot
+from feltmb.fit.segmented_records import Noise, SegmentedRecord, segment_record
 
 __all__ = ["calibrate", "packaged_scales", "to_record"]
 
-SHARE = 0.3  # of the natural size of an effect that is tried
+SHARE = 0.3  # of the natural magnitude of the effect that is tried
 
 
 def to_record(name: str, view: Mapping[str, Array], outputs: tuple[str, ...]) -> Record:
@@ -52,10 +52,10 @@ def to_record(name: str, view: Mapping[str, Array], outputs: tuple[str, ...]) ->
     )
 
 
-def whole_shot(model: Any, record: Record) -> Shot:
+def whole_segmented(model: Any, record: Record) -> SegmentedRecord:
     """A record in one piece with the noise of its cameras."""
     noise = {o: Noise(truth.NOISE_CAMERA, s.correlation_time) for o, s in record.sensors.items()}
-    return make_shot(model, record, noise, None, np.array([[0, record.samples - 1]]))
+    return segment_record(model, record, noise, None, np.array([[0, record.samples - 1]]))
 
 
 def answer_to_force(model: Any, record: Record, force: Array) -> Array | float:
@@ -72,52 +72,52 @@ def answer_to_force(model: Any, record: Record, force: Array) -> Array | float:
 
 
 def calibrate(progress: Callable[[str, int, int], None] | None = None) -> dict[str, float]:
-    """Noncentrality per unit of size of every effect, form and kind from outside."""
+    """Noncentrality per unit of magnitude of every effect, form and kind from outside."""
     from feltmb.adapters import mechanism_model
 
     action, base, library, outputs = truth.setup()
     model: Any = mechanism_model(action, shooting="single", rtol=1e-6, workers=1)[0]
     plain = truth.plain_case()
-    views, shots, roots = [], [], []
+    views, segmented_records, roots = [], [], []
     records = []
     for stroke in truth.FIT:
         view, _ = truth.record(base, library, plain, stroke, outputs, ideal=True)
         views.append(view)
         records.append(to_record(stroke, view, outputs))
-    whole = model.with_floor(records)
+    whole = model.with_variability(records)
     for r in records:
-        shot = whole_shot(whole, r)
+        segmented = whole_segmented(whole, r)
         theta = np.zeros(len(whole.parameters))
-        s = whole.sensitivities(r, theta, shot.windows, np.zeros((1, 0)), by_starts=False)
+        s = whole.sensitivities(r, theta, segmented.segments, np.zeros((1, 0)), by_starts=False)
         unit = s.d_theta * np.array([p.sd for p in whole.parameters])
-        shots.append(shot)
-        roots.append(shot.whiten(unit).reshape(-1, unit.shape[3]))
+        segmented_records.append(segmented)
+        roots.append(segmented.whiten(unit).reshape(-1, unit.shape[3]))
     root = np.vstack(roots)
     height = np.asarray(np.linalg.inv(root.T @ root + np.eye(root.shape[1])), dtype=np.float64)
 
     def strength(parts: tuple[truth.Part, ...]) -> float:
         case = truth.plain_case(parts)
         rows = []
-        for stroke, view, shot in zip(truth.FIT, views, shots, strict=True):
+        for stroke, view, segmented in zip(truth.FIT, views, segmented_records, strict=True):
             length = view["force"].size / truth.RATE
             moved, _ = truth.record(base, library, case, stroke, outputs, ideal=True, length=length)
             change = np.stack([moved[o] - view[o] for o in outputs], axis=-1)
-            change = change - answer_to_force(whole, shot.record, moved["force"])
-            rows.append(shot.whiten(change[None]).reshape(-1))
+            change = change - answer_to_force(whole, segmented.record, moved["force"])
+            rows.append(segmented.whiten(change[None]).reshape(-1))
         d = np.concatenate(rows)
         pull = root.T @ d
         return math.sqrt(max(float(d @ d - pull @ height @ pull), 0.0))
 
     found: dict[str, float] = {}
-    jobs = [
-        (e.name, form, SHARE * e.size)
+    batches = [
+        (e.name, form, SHARE * e.magnitude)
         for e in truth.candidates(library, outputs)
         for form, _ in truth.forms(e, library)
     ]
-    jobs += [(name, "outside", 1.0) for name in sorted(truth.OUTSIDE)]
-    for i, (name, form, size) in enumerate(jobs):
+    batches += [(name, "outside", 1.0) for name in sorted(truth.OUTSIDE)]
+    for i, (name, form, size) in enumerate(batches):
         if progress is not None:
-            progress("calibration", i, len(jobs))
+            progress("calibration", i, len(batches))
         try:
             found[f"{name}:{form}"] = strength((truth.Part(name, form, size, 0.0),)) / size
         except Exception:  # these numbers make no mechanism: it cannot be withheld

@@ -64,7 +64,7 @@ class ActionMachine(Machine):
         model, known = mechanism_model(
             action, library=library, effects=asked, shooting="single", rtol=RTOL, workers=1
         )
-        model = model.with_floor(records, truth.VARIATION)  # type: ignore[attr-defined]
+        model = model.with_variability(records, truth.VARIATION)  # type: ignore[attr-defined]
         options = gap.Options(bootstrap=0, restarts=0, width=3, max_effects=3, advice=False)
         return gap.diagnose(model, known, records, options=options)
 

@@ -1,6 +1,6 @@
-"""How far a withheld effect of a case stands out of what the tolerances can take up.
+"""How far a withheld effect of a case exceeds what the tolerances can take up.
 
-The scales of :mod:`blind.action_calibration` choose sizes before there is a case: one
+The scales of :mod:`blind.action_calibration` choose magnitudes before there is a case: one
 linearization at drawing values, columns of the model. Where an effect is nearly the same as a
 tolerance, or large, they promise more than any engine could see. Here the tolerances of the
 generator's own machine are fitted to what the effect does, without noise, so that nothing of the
@@ -8,7 +8,7 @@ engine and nothing of its model's run is in it:
 
     nc^2 = min over p, z of |W (y(with) - y(p) - D z)|^2 + |(p - p0) / sd|^2 + |z|^2,
 
-p0 the case's own tolerances, D the floor, W the whitening by the camera's noise.
+p0 the case's own tolerances, D run-to-run variability, W the whitening by the camera's noise.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 
 from blind import action_truth as truth
-from blind.action_calibration import answer_to_force, to_record, whole_shot
+from blind.action_calibration import answer_to_force, to_record, whole_segmented
 from feltmb.data import Array
-from feltmb.fit.shots import Shot
+from feltmb.fit.segmented_records import SegmentedRecord
 
 __all__ = ["noncentralities"]
 
@@ -42,11 +42,11 @@ class _Stroke:
     name: str
     length: float
     view: Mapping[str, Array]
-    shot: Shot
+    segmented: SegmentedRecord
     columns: Array
     """Whitened, by tolerances, in standard deviations."""
-    floor: Array
-    """Whitened, of this record's floor, in standard deviations."""
+    variability: Array
+    """Whitened, of this record's run-to-run variability, in standard deviations."""
 
 
 @functools.cache
@@ -93,22 +93,22 @@ def _stroke(bare: truth.Case, name: str) -> _Stroke:
     view = _view(bare, name)
     length = view["force"].size / truth.RATE
     record = to_record(name, view, outputs)
-    shot = whole_shot(model, record)
-    floor = model.with_floor([record], truth.VARIATION).floors[name].columns
-    white = shot.whiten(floor[None]).reshape(-1, floor.shape[2])
-    return _Stroke(name, length, view, shot, _columns(bare, name, length, shot), white)
+    segmented = whole_segmented(model, record)
+    variability = model.with_variability([record], truth.VARIATION).variabilities[name].columns
+    white = segmented.whiten(variability[None]).reshape(-1, variability.shape[2])
+    return _Stroke(name, length, view, segmented, _columns(bare, name, length, segmented), white)
 
 
-def _columns(case: truth.Case, name: str, length: float, shot: Shot) -> Array:
+def _columns(case: truth.Case, name: str, length: float, segmented: SegmentedRecord) -> Array:
     """Whitened derivatives of a stroke by all tolerances at those of the case."""
     base = _stacked(_view(case, name, length))
     columns = []
     for e in _fixed()[1].tolerances:
         at = case.tolerances.get(e.name, 0.0)
-        step = STEP * e.size if at <= 0.0 else -STEP * e.size
+        step = STEP * e.magnitude if at <= 0.0 else -STEP * e.magnitude
         moved = replace(case, tolerances={**case.tolerances, e.name: at + step})
-        change = (_stacked(_view(moved, name, length)) - base) * (e.size / step)
-        columns.append(shot.whiten(change[None]).reshape(-1))
+        change = (_stacked(_view(moved, name, length)) - base) * (e.magnitude / step)
+        columns.append(segmented.whiten(change[None]).reshape(-1))
     return np.column_stack(columns)
 
 
@@ -117,27 +117,27 @@ def _strength(case: truth.Case, bare: truth.Case, strokes: list[_Stroke]) -> flo
     targets = []
     for s in strokes:
         moved = _view(case, s.name, s.length)
-        answer = answer_to_force(model, s.shot.record, moved["force"])
+        answer = answer_to_force(model, s.segmented.record, moved["force"])
         targets.append(_stacked(moved) - answer)
-    sizes = np.array([e.size for e in library.tolerances])
+    magnitudes = np.array([e.magnitude for e in library.tolerances])
     names = [e.name for e in library.tolerances]
     own = np.array([bare.tolerances.get(n, 0.0) for n in names])
-    count = sizes.size
-    floor = _diagonal([s.floor for s in strokes])
-    clean = np.linalg.inv(floor.T @ floor + np.eye(floor.shape[1]))
+    count = magnitudes.size
+    variability = _diagonal([s.variability for s in strokes])
+    clean = np.linalg.inv(variability.T @ variability + np.eye(variability.shape[1]))
 
     def at(p: Array) -> truth.Case:
-        return replace(bare, tolerances=dict(zip(names, own + p * sizes, strict=True)))
+        return replace(bare, tolerances=dict(zip(names, own + p * magnitudes, strict=True)))
 
     def residual(p: Array) -> Array:
         parts = [
-            s.shot.whiten((y - _stacked(_view(at(p), s.name, s.length)))[None]).reshape(-1)
+            s.segmented.whiten((y - _stacked(_view(at(p), s.name, s.length)))[None]).reshape(-1)
             for s, y in zip(strokes, targets, strict=True)
         ]
         return np.concatenate(parts)
 
     def cost(r: Array, p: Array) -> float:
-        pull = floor.T @ r  # the floor acts linearly: it is eliminated at every point
+        pull = variability.T @ r  # variability acts linearly: it is eliminated at every point
         return float(r @ r - pull @ clean @ pull + p @ p)
 
     p = np.zeros(count)
@@ -146,14 +146,14 @@ def _strength(case: truth.Case, bare: truth.Case, strokes: list[_Stroke]) -> flo
     columns = np.vstack([s.columns for s in strokes])
     for renewal in range(1 + RENEWALS):
         if renewal:
-            columns = np.vstack([_columns(at(p), s.name, s.length, s.shot) for s in strokes])
+            columns = np.vstack([_columns(at(p), s.name, s.length, s.segmented) for s in strokes])
         before = best
-        root = np.hstack([columns, floor])
+        root = np.hstack([columns, variability])
         height = np.linalg.inv(root.T @ root + np.eye(root.shape[1]))
         share = 1.0
         for _ in range(ITERATIONS):
-            z = clean @ (floor.T @ r)
-            left = np.concatenate([columns.T @ (r - floor @ z) - p, np.zeros(z.size)])
+            z = clean @ (variability.T @ r)
+            left = np.concatenate([columns.T @ (r - variability @ z) - p, np.zeros(z.size)])
             moved = p + share * (height @ left)[:count]
             try:
                 other = residual(moved)

@@ -4,7 +4,7 @@ The machine is not the model: all tolerances are off their values, felt and fric
 stroke to stroke, beams and string have more shapes and modes, friction turns over at a third of the
 speed, the integrator is another one with tighter tolerance, half of the effects act in another form
 than the library's. What it shares with the diagnosis is the simulator's contact laws and the
-meaning of an effect's size; sensors are its own.
+meaning of an effect's magnitude; sensors are its own.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.adapters.amend import amended_action
+from feltmb.adapters.apply_effects import action_with_effects
 from feltmb.adapters.changes import Change
-from feltmb.adapters.finer import finer
 from feltmb.adapters.library import Entry, Library, load_library
+from feltmb.adapters.refined import refined
 from feltmb.mechanism import Action, load_action
 from feltmb.run.results import Run
 from feltmb.run.simulate import simulate
@@ -37,7 +37,7 @@ NOISE_CAMERA, PIXEL = 5e-5, 2e-5  # [m]
 NOISE_FORCE, STEP_FORCE = 0.01, 25.0 / 4096.0  # [N]
 VARIATION = 0.01  # from stroke to stroke [1]
 VARYING = ("felt.", "joint_friction.", "contact_friction.")
-LARGEST = 3.0  # of an effect, times the size that one would expect to meet
+LARGEST = 3.0  # of an effect, times the magnitude that one would expect to meet
 #: Same number of the mechanism under two names: one is enough.
 SYNONYMS = ("compliance.wire", "compliance.shank", "key_lift_off", "channel_gain.hammer")
 
@@ -59,7 +59,7 @@ OUTSIDE: dict[str, tuple[str, tuple[Change, ...]]] = {
 }
 LARGEST_OUTSIDE = 10.0
 
-#: The other form of an effect: (effect, share of its size), the second in its own natural size.
+#: The other form of an effect: (effect, share of its magnitude), the second in its own scale.
 MIXED = {
     "felt_stiffness": (0.8, "felt_hardening", 0.3),
     "felt_hardening": (0.8, "felt_stiffness", 0.2),
@@ -81,7 +81,7 @@ class Part:
     size: float
     """In the library's unit; for kinds from outside in units of :data:`OUTSIDE`."""
     target: float
-    """Noncentrality that the size was chosen for."""
+    """Noncentrality that the magnitude was chosen for."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class Case:
 
 
 def forms(entry: Entry, library: Library) -> list[tuple[str, list[tuple[Entry, float]]]]:
-    """Forms of an effect: its name, and the entries with what one unit of size gives each."""
+    """Forms of an effect: its name, and the entries with what one unit of magnitude gives each."""
     family, _, rest = entry.name.partition(".")
     out: list[tuple[str, list[tuple[Entry, float]]]] = [("A", [(entry, 1.0)])]
     if family in ("coulomb_friction", "viscous_friction"):
@@ -117,7 +117,9 @@ def forms(entry: Entry, library: Library) -> list[tuple[str, list[tuple[Entry, f
     elif family in MIXED:
         share, name, other_share = MIXED[family]
         second = library.effect(f"{name}.{rest}")
-        out.append(("B", [(entry, share), (second, other_share * second.size / entry.size)]))
+        out.append(
+            ("B", [(entry, share), (second, other_share * second.magnitude / entry.magnitude)])
+        )
     return out
 
 
@@ -155,14 +157,14 @@ def draw(
 ) -> Case:
     """Draw the truth of a case.
 
-    ``scales``: {"name:form": noncentrality per unit of size}. ``mix``: shares of none, one, two,
-    three effects, outside.
+    ``scales``: {"name:form": noncentrality per unit of magnitude}. ``mix``: shares of none, one,
+    two, three effects, outside.
     """
     rng = np.random.default_rng([seed, number, 1])
     kind = int(rng.choice(5, p=np.asarray(mix) / np.sum(mix)))
     entries = {e.name: e for e in candidates(library, outputs)}
     pool = [
-        (name, form, LARGEST * e.size)
+        (name, form, LARGEST * e.magnitude)
         for name, e in sorted(entries.items())
         for form, _ in forms(e, library)
     ]
@@ -190,7 +192,7 @@ def draw(
             size = -size
         parts.append(Part(name, form, float(size), target))
     tolerances = {
-        e.name: float(e.size * np.clip(rng.standard_normal(), -2.5, 2.5))
+        e.name: float(e.magnitude * np.clip(rng.standard_normal(), -2.5, 2.5))
         for e in library.tolerances
     }
     varied = {
@@ -206,7 +208,7 @@ def draw(
 
 
 def plain_case(parts: Sequence[Part] = ()) -> Case:
-    """Drawing values, plain strokes: for the calibration of sizes."""
+    """Drawing values, plain strokes: for the calibration of magnitudes."""
     return Case(0, tuple(parts), {}, {}, {}, (0, 0))
 
 
@@ -239,7 +241,7 @@ def machine(base: Action, library: Library, case: Case, stroke: str) -> Action:
             component, changes = OUTSIDE[part.name]
             kind = Entry(
                 name=part.name, kind="parameter", component=component, mechanism="", unit="1",
-                size=1.0, changes=changes,
+                magnitude=1.0, changes=changes,
             )  # fmt: skip
             entries.append((kind, part.size, None))
             continue
@@ -248,7 +250,7 @@ def machine(base: Action, library: Library, case: Case, stroke: str) -> Action:
             continue
         for other, share in dict(forms(entry, library))[part.form]:
             entries.append((other, share * part.size, other.shapes[0]))
-    return amended_action(base, entries)
+    return action_with_effects(base, entries)
 
 
 def command(stroke: str, case: Case) -> tuple[Stroke, float]:
@@ -267,7 +269,7 @@ def command(stroke: str, case: Case) -> tuple[Stroke, float]:
 # ---------------------------------------------------------------- the sensors
 
 
-def _sizes(case: Case) -> dict[str, float]:
+def _magnitudes(case: Case) -> dict[str, float]:
     return {p.name: p.size for p in case.parts}
 
 
@@ -317,7 +319,7 @@ def record(
         farthest = float(run.time[int(np.argmax(np.abs(tip - tip[0])))])
         length = min(longest, farthest + AFTER_BLOW)
     frames = np.arange(int(length * RATE + 1e-9)) / RATE
-    size = _sizes(case)
+    size = _magnitudes(case)
     rng = np.random.default_rng([*case.seed, 2, STROKES.index(stroke)])
     view = {o: _seen(run, o, frames, size) for o in outputs}
     for channel, names in library.channels.items():
@@ -351,4 +353,4 @@ def setup(outputs: Sequence[str] = ()) -> tuple[Action, Action, Library, tuple[s
     """Packaged action, the refined one, the library, the measured outputs."""
     action = load_action(ACTION)
     library = load_library(action)
-    return action, finer(action), library, tuple(outputs or library.outputs())
+    return action, refined(action), library, tuple(outputs or library.outputs())

@@ -129,9 +129,9 @@ class Bench:
         todo = [n for n in self.numbers(half) if not self._made(n)]
         size = self.machine.chunk
         chunks = [todo[i : i + size] for i in range(0, len(todo), size)]
-        jobs = [(_make, (self.machine, self.folder, self.outside, chunk)) for chunk in chunks]
+        batches = [(_make, (self.machine, self.folder, self.outside, chunk)) for chunk in chunks]
         done = 0
-        for made in _run(jobs, workers):
+        for made in _run(batches, workers):
             done += len(made)
             if progress is not None:
                 progress("records", done, len(todo))
@@ -153,8 +153,8 @@ class Bench:
         results = self.folder / "results"
         engine = self.machine.engine_hash
         todo = [n for n in self.numbers(half) if _engine_of(results / f"{n}.json") != engine]
-        jobs = [(_diagnose, (self.machine, self.folder, n, oracle)) for n in todo]
-        for done, _ in enumerate(_run(jobs, workers), start=1):
+        batches = [(_diagnose, (self.machine, self.folder, n, oracle)) for n in todo]
+        for done, _ in enumerate(_run(batches, workers), start=1):
             if progress is not None:
                 progress("diagnoses", done, len(todo))
 
@@ -179,10 +179,12 @@ def _end_with_parent() -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _run(jobs: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]], workers: int) -> Iterator[Any]:
-    """Results of jobs as they come, by worker processes with one thread each."""
-    if workers <= 1 or len(jobs) <= 1:
-        for function, arguments in jobs:
+def _run(
+    batches: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]], workers: int
+) -> Iterator[Any]:
+    """Results of batches as they come, by worker processes with one thread each."""
+    if workers <= 1 or len(batches) <= 1:
+        for function, arguments in batches:
             yield function(*arguments)
         return
     limits = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
@@ -192,7 +194,7 @@ def _run(jobs: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]], workers: in
         with ProcessPoolExecutor(
             workers, mp_context=get_context("spawn"), initializer=_end_with_parent
         ) as pool:
-            pending = [pool.submit(function, *arguments) for function, arguments in jobs]
+            pending = [pool.submit(function, *arguments) for function, arguments in batches]
             try:
                 for future in as_completed(pending):
                     yield future.result()

@@ -1,15 +1,15 @@
 """Noncentrality of a withheld effect: how many standard deviations it stands out by.
 
 Definition. With drawing values and plain strokes, let r(phi) be the records minus the model,
-started in every 30 ms window from the true state there. Then
+started in every 30 ms segment from the true state there. Then
 
     noncentrality(phi)^2 = d' (V^-1 - V^-1 S (S' V^-1 S + P^-1)^-1 S' V^-1) d,   d = r(phi) - r(0)
 
-over the windows of the three fit strokes: V is the covariance of camera noise and of the input's
+over the segments of the three fit strokes: V is the covariance of camera noise and of the input's
 noise carried through the model, S the model's sensitivities to its parameters (prior P) and
-to the free start state of every window. It is what is left to see of the effect when all that the
+to the free start state of every segment. It is what is left to see of the effect when all that the
 model may adjust has been adjusted. Secant at a noncentrality of about 10 gives the number per
-unit of size that sizes are drawn with.
+unit of magnitude that magnitudes are drawn with.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from blind import truth, truth_machine, truth_sensors
 from blind.key_hammer import SAMPLE_TIME, KeyHammer
 from feltmb.data import Record
-from feltmb.fit import Lanes
+from feltmb.fit import Jobs
 
 __all__ = ["WINDOW", "calibrate", "packaged_scales"]
 
@@ -38,7 +38,7 @@ AIM = 10.0
 
 
 def packaged_scales() -> Scales:
-    """Noncentrality per unit of size, {mode: {"effect:form": number}}, computed beforehand."""
+    """Noncentrality per unit of magnitude, {mode: {"effect:form": number}}, computed beforehand."""
     text = (Path(__file__).parent / "scales.json").read_text(encoding="utf-8")
     scales: Scales = json.loads(text)
     return scales
@@ -51,18 +51,18 @@ class _Whitener:
         self.model = KeyHammer()
         self.theta = np.array([p.value for p in self.model.parameters])
         prior = np.array([p.sd for p in self.model.parameters])
-        self.windows = _windows(records[0].samples)
+        self.segments = _segments(records[0].samples)
         self.inverse: list[list[Array]] = []
         self.theta_part: list[list[Array]] = []
         total = np.diag(prior**-2.0)
         for record, start in zip(records, starts, strict=True):
-            s = self.model.sensitivities(record, self.theta, self.windows, start)
+            s = self.model.sensitivities(record, self.theta, self.segments, start)
             inverses, parts = [], []
-            for w in range(len(self.windows)):
-                n = self.windows[w, 1] - self.windows[w, 0]
+            for w in range(len(self.segments)):
+                n = self.segments[w, 1] - self.segments[w, 0]
                 carried = self._input_noise(record, w, start[w])
                 inverse = np.linalg.inv(_camera_covariance(n) + carried)
-                # The start state of the window is free: projected out here and now.
+                # The start state of the segment is free: projected out here and now.
                 x = s.d_starts[w, :n].transpose(1, 0, 2).reshape(2 * n, -1)
                 x = x / np.linalg.norm(x, axis=0)
                 vx = inverse @ x
@@ -76,8 +76,8 @@ class _Whitener:
         self.total = total
 
     def _input_noise(self, record: Record, w: int, start: Array) -> Array:
-        """Covariance of a window's outputs from the noise of the recorded input."""
-        first, last = self.windows[w]
+        """Covariance of a segment's outputs from the noise of the recorded input."""
+        first, last = self.segments[w]
         n = int(last - first)
         mode = record.input_mode
         step = 10.0 * truth_sensors.NOISE_INPUT[mode]
@@ -108,16 +108,16 @@ class _Whitener:
         return np.asarray(slope @ noise @ slope.T, dtype=np.float64)
 
     def residual(self, record: Record, start: Array) -> list[Array]:
-        """Record minus model, window after window started in the true state."""
-        lanes = Lanes(
-            theta=np.tile(self.theta, (len(self.windows), 1)),
-            windows=self.windows,
+        """Record minus model, segment after segment started in the true state."""
+        jobs = Jobs(
+            theta=np.tile(self.theta, (len(self.segments), 1)),
+            segments=self.segments,
             starts=start,
-            sizes=np.zeros((len(self.windows), 0)),
+            magnitudes=np.zeros((len(self.segments), 0)),
         )
-        y = self.model.simulate(record, lanes).outputs
+        y = self.model.simulate(record, jobs).outputs
         seen = record.output_array(self.model.outputs)
-        return [(seen[a:b] - y[w, : b - a]).T.ravel() for w, (a, b) in enumerate(self.windows)]
+        return [(seen[a:b] - y[w, : b - a]).T.ravel() for w, (a, b) in enumerate(self.segments)]
 
     def noncentrality(self, differences: list[list[Array]]) -> float:
         square = 0.0
@@ -131,7 +131,7 @@ class _Whitener:
         return math.sqrt(max(square - adjusted, 0.0))
 
 
-def _windows(samples: int) -> NDArray[np.intp]:
+def _segments(samples: int) -> NDArray[np.intp]:
     edges = [*range(0, samples - 1 - WINDOW // 2, WINDOW), samples - 1]
     return np.column_stack([edges[:-1], edges[1:]]).astype(np.intp)
 
@@ -147,7 +147,7 @@ def _camera_covariance(n: int) -> Array:
 def _view(
     case: truth.Case, result: truth_machine.Strokes, first: int, kinds: Mapping[str, Any]
 ) -> tuple[list[Record], list[Array]]:
-    """Ideal records of the fit strokes, and the true states at the window starts."""
+    """Ideal records of the fit strokes, and the true states at the segment starts."""
     views = truth_sensors.record(case, truth.FIT, result, first, kinds, ideal=True)
     records, starts = [], []
     per_frame = round(truth.FRAME / truth.STEP) // truth.KEEP
@@ -160,11 +160,11 @@ def _view(
             outputs={"key": v["key"], "hammer": v["hammer"]},
             input_mode="force" if case.mode == "force" else "motion",
         )
-        at = _windows(record.samples)[:, 0] * per_frame
-        lane = first + k
+        at = _segments(record.samples)[:, 0] * per_frame
+        job = first + k
         columns = (result.key, result.hammer, result.key_speed, result.hammer_speed)
         records.append(record)
-        starts.append(np.column_stack([c[at, lane] for c in columns]))
+        starts.append(np.column_stack([c[at, job] for c in columns]))
     return records, starts
 
 
@@ -174,7 +174,7 @@ def calibrate(
     only_outside: bool = False,
     modes: Sequence[str] = ("force", "motion"),
 ) -> Scales:
-    """Noncentrality per unit of size of every effect and form, and of the kinds from outside."""
+    """Noncentrality per unit of magnitude of every effect and form, and of kinds from outside."""
     names = [] if only_outside else [(n, f) for n in truth.EFFECTS for f in "AB"]
     names += [(n, "outside") for n in kinds]
     guess = {

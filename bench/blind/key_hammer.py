@@ -15,7 +15,17 @@ from numpy.typing import NDArray
 
 from blind.lumped import Network
 from feltmb.data import Array, Record
-from feltmb.fit import Effect, Lanes, Model, Parameter, Port, Sensitivity, Simulated, State, Term
+from feltmb.fit import (
+    Candidate,
+    Effect,
+    Jobs,
+    Model,
+    Parameter,
+    Port,
+    Sensitivity,
+    Simulated,
+    State,
+)
 
 __all__ = ["SAMPLE_TIME", "KeyHammer", "effects"]
 
@@ -42,7 +52,7 @@ PARAMETERS = (
     ("camera_skew", 0.15e-3, 0.1e-3, "s", "hammer camera"),
 )
 
-#: name, component, unit, size expected, sign, kind, remedy, mechanism
+#: name, component, unit, magnitude expected, sign, kind, remedy, mechanism
 EFFECTS: tuple[tuple[str, str, str, float, int, str, str, str], ...] = (
     ("key_dry_friction", "key pivot", "N", 0.1, 1, "force", "ease the bushing",
      "A dry friction force opposes the motion of the key."),
@@ -57,9 +67,9 @@ EFFECTS: tuple[tuple[str, str, str, float, int, str, str, str], ...] = (
     ("jack_hysteresis", "jack felt", "s/m", 0.3, 1, "force", "use a felt law with memory",
      "The jack felt gives back less force in unloading than in loading."),
     ("bed_hysteresis", "bed felt", "s/m", 0.2, 0, "force", "use a felt law with memory",
-     "The bed felt loses more or less energy in a blow than assumed."),
+     "The bed felt loses more or less energy in an impact than assumed."),
     ("string_hysteresis", "string felt", "s/m", 0.05, 0, "force", "use a felt law with memory",
-     "The hammer felt loses more or less energy in a blow than assumed."),
+     "The hammer felt loses more or less energy in an impact than assumed."),
     ("bed_creep", "bed felt", "m/N", 2e-5, 1, "state", "add a creep branch",
      "Under load the bed felt gives way with time and recovers slowly."),
     ("string_compliance", "string", "m/N", 5e-6, 1, "state", "let the string move",
@@ -270,7 +280,7 @@ class KeyHammer(Model):
     outputs = ("key", "hammer")
     units = MappingProxyType({"key": "m", "hammer": "m"})
     chaotic = True
-    window = 0.025
+    segment = 0.025
     ports = (
         Port(name="key", component="key", unit="N", scale=0.1),
         Port(name="hammer", component="hammer", unit="N", scale=0.02),
@@ -301,49 +311,51 @@ class KeyHammer(Model):
             for s in self._states[:4]
         )
 
-    def states(self, terms: Sequence[Term] = ()) -> tuple[State, ...]:
-        """Base states, then the hidden ones of the terms."""
-        return (*self._base, *(s for t in terms for s in t.effect.hidden))
+    def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
+        """Base states, then the hidden ones of the included effects."""
+        return (*self._base, *(s for t in included for s in t.effect.hidden))
 
     def accepts(self, effect: Effect) -> bool:
         """Whether the effect is of this library, or needs no help."""
         return effect.name in self._effects or super().accepts(effect)
 
-    def _known(self, terms: Sequence[Term]) -> list[tuple[int, int]]:
-        """Places of the terms that this model applies: (in terms, in the parameter vector)."""
+    def _known(self, included: Sequence[Candidate]) -> list[tuple[int, int]]:
+        """Included effects that this model applies: (index among them, index of the parameter)."""
         n = len(self.parameters)
         return [
             (k, n + self._effects.index(t.name))
-            for k, t in enumerate(terms)
+            for k, t in enumerate(included)
             if t.name in self._effects
         ]
 
-    def _rows(self, record: Record, theta: Array, terms: Sequence[Term], sizes: Array) -> Array:
+    def _rows(
+        self, record: Record, theta: Array, included: Sequence[Candidate], magnitudes: Array
+    ) -> Array:
         full = np.zeros((theta.shape[0], len(self.parameters) + len(self._effects)))
         full[:, : len(self.parameters)] = theta
-        for k, place in self._known(terms):
-            full[:, place] = sizes[:, k] * self._unit(record, place)
+        for k, place in self._known(included):
+            full[:, place] = magnitudes[:, k] * self._unit(record, place)
         return full
 
     def _unit(self, record: Record, place: int) -> float:
         offset = len(self.parameters) + self._effects.index("input_offset")
         return MOTION_OFFSET if place == offset and record.input_mode == "motion" else 1.0
 
-    def _places(self, terms: Sequence[Term]) -> list[int]:
-        """Where the states (terms) are among those of the network."""
-        return [self._states.index(s.name) for s in self.states(terms)]
+    def _places(self, included: Sequence[Candidate]) -> list[int]:
+        """Where the states (included effects) are among those of the network."""
+        return [self._states.index(s.name) for s in self.states(included)]
 
-    def guess(self, record: Record, windows: NDArray[np.intp]) -> Array:
-        """Positions and speeds at the window starts: parabolas through the measured outputs.
+    def guess(self, record: Record, segments: NDArray[np.intp]) -> Array:
+        """Positions and speeds at the segment starts: parabolas through the measured outputs.
 
         A fit from here needs no luck to get through the impacts.
         """
-        starts = np.zeros((len(windows), len(self._base)))
+        starts = np.zeros((len(segments), len(self._base)))
         for channel, name in enumerate(self.outputs):
             y = record.outputs.get(name)
             if y is None or not np.all(np.isfinite(y)):
-                return super().guess(record, windows)
-            for w, (at, last) in enumerate(windows):
+                return super().guess(record, segments)
+            for w, (at, last) in enumerate(segments):
                 # Look forward more than back: a start state belongs to what follows it.
                 near = np.arange(max(at - 2, 0), min(at + 7, last + 1, y.size))
                 fit = np.polynomial.polynomial.polyfit((near - at) * SAMPLE_TIME, y[near], 2)
@@ -351,21 +363,21 @@ class KeyHammer(Model):
                 starts[w, 2 + channel] = fit[1]
         return starts
 
-    def simulate(self, record: Record, lanes: Lanes) -> Simulated:
-        """Simulate every lane in one call of the core."""
-        rows = self._rows(record, lanes.theta, lanes.terms, lanes.sizes)
+    def simulate(self, record: Record, jobs: Jobs) -> Simulated:
+        """Simulate every job in one call of the core."""
+        rows = self._rows(record, jobs.theta, jobs.included, jobs.magnitudes)
         changed = np.any(rows[1:] != rows[:-1], axis=1)
         row = np.concatenate([[0], np.cumsum(changed)]).astype(np.intc)
         rows = rows[np.concatenate([[True], changed])]
-        starts = np.zeros((lanes.count, len(self._states)))
-        places = self._places(lanes.terms)
-        starts[:, places] = lanes.starts
-        unknown = lanes.forces
+        starts = np.zeros((jobs.count, len(self._states)))
+        places = self._places(jobs.included)
+        starts[:, places] = jobs.starts
+        unknown = jobs.forces
         outputs, ends, _, _, _ = self._network(record).simulate(
-            rows, [record.inputs["finger"]], _segments(lanes.windows, row), starts, unknown=unknown
+            rows, [record.inputs["finger"]], _segments(jobs.segments, row), starts, unknown=unknown
         )
         return Simulated(
-            outputs=_unpack(outputs, lanes.windows, lanes.longest), ends=ends[:, places]
+            outputs=_unpack(outputs, jobs.segments, jobs.longest), ends=ends[:, places]
         )
 
     def _network(self, record: Record) -> Network:
@@ -375,35 +387,37 @@ class KeyHammer(Model):
         self,
         record: Record,
         theta: Array,
-        windows: NDArray[np.intp],
+        segments: NDArray[np.intp],
         starts: Array,
-        terms: tuple[Term, ...] = (),
-        sizes: Array | None = None,
+        included: tuple[Candidate, ...] = (),
+        magnitudes: Array | None = None,
         *,
         by_theta: Sequence[int] | None = None,
         by_starts: bool = True,
-        candidates: tuple[Term, ...] = (),
+        candidates: tuple[Candidate, ...] = (),
     ) -> Sensitivity:
         """Exact derivatives of the discrete scheme, in one pass; see the base class."""
-        sizes = np.zeros(len(terms)) if sizes is None else np.asarray(sizes, dtype=float)
+        magnitudes = (
+            np.zeros(len(included)) if magnitudes is None else np.asarray(magnitudes, dtype=float)
+        )
         wanted_theta = list(range(len(self.parameters)) if by_theta is None else by_theta)
-        of_terms = self._known(terms)
+        of_candidates = self._known(included)
         of_candidates = self._known(candidates)
-        wanted = [*wanted_theta, *(p for _, p in of_terms), *(p for _, p in of_candidates)]
-        places = self._places(terms)
+        wanted = [*wanted_theta, *(p for _, p in of_candidates), *(p for _, p in of_candidates)]
+        places = self._places(included)
         memories = [
             [self._states.index(s.name) for s in candidates[k].effect.hidden]
             for k, _ in of_candidates
         ]
         states = [*places] if by_starts else []
         states += [m for memory in memories for m in memory if m not in states]
-        full = np.zeros((len(windows), len(self._states)))
+        full = np.zeros((len(segments), len(self._states)))
         full[:, places] = starts
-        rows = self._rows(record, theta[None, :], terms, sizes[None, :])
+        rows = self._rows(record, theta[None, :], included, magnitudes[None, :])
         y, ends, dy, d_ends, _ = self._network(record).simulate(
             rows,
             [record.inputs["finger"]],
-            _segments(windows, np.zeros(len(windows), dtype=np.intc)),
+            _segments(segments, np.zeros(len(segments), dtype=np.intc)),
             full,
             wanted=wanted,
             wanted_states=states,
@@ -413,21 +427,21 @@ class KeyHammer(Model):
             if unit != 1.0:
                 dy[..., column] *= unit
                 d_ends[..., column] *= unit
-        longest = int(np.max(windows[:, 1] - windows[:, 0])) + 1
-        y = _unpack(y, windows, longest)
-        dy = _unpack(dy, windows, longest)
-        n_t, n_k, n_c = len(wanted_theta), len(of_terms), len(of_candidates)
+        longest = int(np.max(segments[:, 1] - segments[:, 0])) + 1
+        y = _unpack(y, segments, longest)
+        dy = _unpack(dy, segments, longest)
+        n_t, n_k, n_c = len(wanted_theta), len(of_candidates), len(of_candidates)
         first = n_t + n_k + n_c
         d_cand = dy[..., n_t + n_k : first].copy()
         d_cand_ends = d_ends[..., n_t + n_k : first].copy()
         for c, memory in enumerate(memories):
             if not memory:
                 continue
-            # Its memory runs on from window to window: carry d(memory)/d(size) along.
+            # Its memory runs on from segment to segment: carry d(memory)/d(magnitude) along.
             carried = np.zeros(len(memory))
             columns = [first + states.index(m) for m in memory]
-            for w in range(len(windows)):
-                if w > 0 and windows[w, 0] != windows[w - 1, 1]:
+            for w in range(len(segments)):
+                if w > 0 and segments[w, 0] != segments[w - 1, 1]:
                     carried[:] = 0.0
                 d_cand[w, ..., c] += dy[w][..., columns] @ carried
                 d_cand_ends[w, :, c] += d_ends[w][:, columns] @ carried
@@ -437,8 +451,10 @@ class KeyHammer(Model):
             ends=ends[:, places],
             d_theta=dy[..., :n_t],
             d_theta_ends=d_ends[:, places, :n_t],
-            d_sizes=_scatter(dy[..., n_t : n_t + n_k], of_terms, len(terms)),
-            d_sizes_ends=_scatter(d_ends[:, places, n_t : n_t + n_k], of_terms, len(terms)),
+            d_magnitudes=_scatter(dy[..., n_t : n_t + n_k], of_candidates, len(included)),
+            d_magnitudes_ends=_scatter(
+                d_ends[:, places, n_t : n_t + n_k], of_candidates, len(included)
+            ),
             d_starts=dy[..., first : first + len(places)] if by_starts else dy[..., :0],
             d_starts_ends=(
                 d_ends[:, places, first : first + len(places)]
@@ -450,19 +466,19 @@ class KeyHammer(Model):
         )
 
 
-def _segments(windows: NDArray[np.intp], row: NDArray[np.intc]) -> NDArray[np.intc]:
-    zero = np.zeros(len(windows))
-    return np.column_stack([zero, windows[:, 0], windows[:, 1] - windows[:, 0], row]).astype(
+def _segments(segments: NDArray[np.intp], row: NDArray[np.intc]) -> NDArray[np.intc]:
+    zero = np.zeros(len(segments))
+    return np.column_stack([zero, segments[:, 0], segments[:, 1] - segments[:, 0], row]).astype(
         np.intc
     )
 
 
-def _unpack(packed: Array, windows: NDArray[np.intp], longest: int) -> Array:
-    """Rows after rows -> (windows, longest, ...); NaN beyond the end of a window."""
-    counts = windows[:, 1] - windows[:, 0] + 1
+def _unpack(packed: Array, segments: NDArray[np.intp], longest: int) -> Array:
+    """Rows after rows -> (segments, longest, ...); NaN beyond the end of a segment."""
+    counts = segments[:, 1] - segments[:, 0] + 1
     if np.all(counts == longest):
-        return packed.reshape(len(windows), longest, *packed.shape[1:])
-    out = np.full((len(windows), longest, *packed.shape[1:]), np.nan)
+        return packed.reshape(len(segments), longest, *packed.shape[1:])
+    out = np.full((len(segments), longest, *packed.shape[1:]), np.nan)
     inside = np.arange(longest)[None, :] < counts[:, None]
     out[inside] = packed
     return out

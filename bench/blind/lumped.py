@@ -106,7 +106,7 @@ class Network:
             sign, name = (-1.0, value[1:]) if value.startswith("-") else (1.0, value)
             return [(self._place(name, self.parameters, "parameter"), sign)]
         if isinstance(value, (list, tuple)):
-            return [term for v in value for term in self._sum(v)]
+            return [candidate for v in value for candidate in self._sum(v)]
         if value == 0.0:
             return []
         self._constants.append(float(value))

@@ -21,7 +21,7 @@ __all__ = ["BINS", "Figure", "markdown", "read", "score"]
 #: Bins of noncentrality.
 BINS = ((0.5, 1.5), (1.5, 3.0), (3.0, 5.0), (5.0, 10.0), (10.0, 20.0), (20.0, 50.1))
 DATA = ("input", "hammer camera", "key camera")
-UNKNOWN = ("UNKNOWN", "NAMED + UNKNOWN REST")
+UNKNOWN = ("UNKNOWN", "NAMED + RESIDUAL REMAINS")
 SILENT = ("NO GAP", "TOO WEAK")
 
 
@@ -286,7 +286,7 @@ def score(cases: Sequence[Scored]) -> list[Figure]:
           [c for c in strong if c.parts[0]["form"] == "A"], lambda c: c.top(1))  # fmt: skip
     share("top-1, form B (another), nc >= 5",
           [c for c in strong if c.parts[0]["form"] == "B"], lambda c: c.top(1))  # fmt: skip
-    number("size of the class, one effect, nc >= 5",
+    number("magnitude of the class, one effect, nc >= 5",
            [max(1, len(c.result["one_of"])) for c in strong if not c.failed and c.claims],
            lambda v: float(np.mean(v)), "effects")  # fmt: skip
     share("two effects, both named", pairs, lambda c: c.truth <= c.named)

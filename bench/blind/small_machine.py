@@ -22,7 +22,7 @@ from feltmb.files import NPZ_FAULTS, make_folder, read_json, read_npz, write_fil
 
 __all__ = ["KeyHammerMachine", "load_kinds"]
 
-LARGEST_OUTSIDE = 30.0  # times the size that a kind says is worth trying first
+LARGEST_OUTSIDE = 30.0  # times the magnitude that a kind says is worth trying first
 
 
 class KeyHammerMachine(Machine):
@@ -134,7 +134,7 @@ def load_kinds(outside: Path | None) -> dict[str, Any]:
             faults.append(f"{where}: onset, expected one of {', '.join(onsets)}")
         size = getattr(kind, "size", None)
         if not (isinstance(size, (int, float)) and math.isfinite(size) and size > 0.0):
-            faults.append(f"{where}: size = {size!r}, expected a number > 0")
+            faults.append(f"{where}: magnitude = {size!r}, expected a number > 0")
         if not (hasattr(kind, "force") or hasattr(kind, "observe")):
             faults.append(f"{where}: has neither force nor observe")
         if name in kinds or name in truth.EFFECTS:

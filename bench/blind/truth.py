@@ -73,13 +73,13 @@ EFFECTS: dict[str, tuple[str, str]] = {
     "hammer_scale": ("hammer camera", "key"),
     "hammer_offset": ("hammer camera", "start"),
 }
-#: Sizes that can be negative as well.
+#: Magnitudes that can be negative as well.
 BOTH_SIGNS = {
     "spring_preload", "bed_hysteresis", "string_hysteresis", "hammer_wear", "check_friction",
     "rest_felt_hardening", "key_spring", "input_gain", "input_offset", "input_delay",
     "hammer_scale", "hammer_offset",
 }  # fmt: skip
-#: Largest plausible size: what would need more to stand out so far is not drawn.
+#: Largest plausible magnitude: what would need more to stand out so far is not drawn.
 LARGEST = {
     "key_dry_friction": 0.5, "hammer_dry_friction": 0.1, "hammer_drag": 0.03,
     "spring_preload": 0.045, "hammer_bridle": 60.0, "jack_hysteresis": 3.0, "bed_hysteresis": 0.8,
@@ -100,7 +100,7 @@ class Part:
     size: float
     """In the library's unit; for kinds from outside in their own."""
     target: float
-    """Noncentrality that the size was chosen for."""
+    """Noncentrality that the magnitude was chosen for."""
 
 
 @dataclass
@@ -127,8 +127,9 @@ def draw(
 ) -> Case:
     """Draw the truth of a case.
 
-    ``scales``: {mode: {"name:form": noncentrality per unit of size}}; ``outside``: kinds from
-    outside with their largest sizes. ``mix``: shares of none, one, two, three effects, outside.
+    ``scales``: {mode: {"name:form": noncentrality per unit of magnitude}}; ``outside``: kinds from
+    outside with their largest magnitudes. ``mix``: shares of none, one, two, three effects,
+    outside.
     """
     rng = np.random.default_rng([seed, number, 1])
     mode = "force" if rng.random() < 0.5 else "motion"
@@ -142,7 +143,7 @@ def draw(
     parts: list[Part] = []
     while len(parts) < (1 if kind == 4 else kind):
         target = float(np.exp(rng.uniform(np.log(weakest), np.log(50.0))))
-        # Of the causes that can stand out so far at a plausible size.
+        # Of the causes that can stand out so far at a plausible magnitude.
         able = [
             (name, form, target / scales[mode][f"{name}:{form}"])
             for name, form, limit in pool
@@ -183,7 +184,7 @@ def _largest(name: str, mode: str) -> float:
 
 
 def plain_case(mode: str, parts: Sequence[Part] = ()) -> Case:
-    """Drawing values, plain strokes, no jitter: for the calibration of sizes."""
+    """Drawing values, plain strokes, no jitter: for the calibration of magnitudes."""
     n = len(STROKES)
     parameters = {name: [value] * n for name, (value, _) in DRAWN.items()}
     parameters |= {"gate_width": [1e-4] * n, "start_key": [0.0] * n, "start_hammer": [0.0] * n}
@@ -225,15 +226,15 @@ def played(t: Array, mode: str, stroke: str, own: Mapping[str, float]) -> Array:
         level *= own["strength"]
     rise /= own["speed"]
 
-    def blow(start: float, until: float) -> Array:
+    def impact(start: float, until: float) -> Array:
         u = _ease(t, start, rise)
         # A finger sags a little while it follows the key.
         u = u * (1.0 - own["shape"] * np.sin(np.pi * np.clip((t - start) / 0.05, 0.0, 1.0)) ** 2)
         return u * (1.0 - _ease(t, until, 0.02)) if until > 0.0 else u
 
-    u = blow(0.010, 0.010 + release if release > 0.0 else 0.0)
+    u = impact(0.010, 0.010 + release if release > 0.0 else 0.0)
     if stroke == "repetition":
-        u = u + blow(SECOND, 0.0)
+        u = u + impact(SECOND, 0.0)
     return np.asarray(level * u)
 
 

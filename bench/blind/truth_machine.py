@@ -60,36 +60,36 @@ class _Bristles:
 def integrate(
     cases: Sequence[Case], strokes: Sequence[Sequence[str]], outside: Mapping[str, Any]
 ) -> Strokes:
-    """Integrate all strokes of all cases at once; lane after lane, stroke after stroke."""
-    lanes = [(c, s) for c, names in zip(cases, strokes, strict=True) for s in names]
-    n = len(lanes)
+    """Integrate all strokes of all cases at once; job after job, stroke after stroke."""
+    jobs = [(c, s) for c, names in zip(cases, strokes, strict=True) for s in names]
+    n = len(jobs)
     p = {
-        name: np.array([c.parameters[name][STROKES.index(s)] for c, s in lanes])
-        for name in lanes[0][0].parameters
+        name: np.array([c.parameters[name][STROKES.index(s)] for c, s in jobs])
+        for name in jobs[0][0].parameters
     }
 
-    def sizes(name: str, form: str) -> Array:
+    def magnitudes(name: str, form: str) -> Array:
         return np.array(
-            [sum(q.size for q in c.parts if q.name == name and q.form == form) for c, _ in lanes],
+            [sum(q.size for q in c.parts if q.name == name and q.form == form) for c, _ in jobs],
             dtype=float,
         )
 
-    e = {(name, form): sizes(name, form) for name in EFFECTS for form in "AB"}
+    e = {(name, form): magnitudes(name, form) for name in EFFECTS for form in "AB"}
     has = {key: bool(np.any(v)) for key, v in e.items()}
     strange = [
         (kind, np.flatnonzero(size), size[size != 0.0])
-        for kind, size in ((outside[k], sizes(k, "outside")) for k in outside)
+        for kind, size in ((outside[k], magnitudes(k, "outside")) for k in outside)
         if np.any(size)
     ]
     memories = [np.zeros((8, at.size)) for _, at, _ in strange]
 
     dt = STEP
     count = round(LENGTH / dt)
-    force_mode = np.array([c.mode == "force" for c, _ in lanes])
+    force_mode = np.array([c.mode == "force" for c, _ in jobs])
     knots = np.arange(0, count + 1, KEEP, dtype=np.float64) * np.float64(dt)
-    # The finger at a quarter of the frames' spacing and finer, linear between.
+    # The finger at a quarter of the frames' spacing and refined, linear between.
     u_all = np.stack(
-        [played(knots, c.mode, s, c.strokes[STROKES.index(s)]) for c, s in lanes], axis=1
+        [played(knots, c.mode, s, c.strokes[STROKES.index(s)]) for c, s in jobs], axis=1
     )
     u_rate = np.diff(u_all, axis=0) / (KEEP * dt)
 

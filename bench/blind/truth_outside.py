@@ -1,12 +1,12 @@
 """Causes that the library of effects does not hold. Whoever writes the library need not look.
 
 A kind has ``name``, ``component``, ``onset`` (start, key, bed, string, letoff, check), ``size``
-(a size that is worth trying first) and at least one of
+(a magnitude that is worth trying first) and at least one of
 
-``force(t, x, v, h, w, contacts, size, memory, dt) -> (on the key, on the hammer)``
+``force(t, x, v, h, w, contacts, magnitude, memory, dt) -> (on the key, on the hammer)``
     Forces [N] at the time t for a batch of strokes; ``contacts`` holds forces by name; ``memory``
     (8, n) starts at zero and may be written to.
-``observe(times, key, hammer, size, rng) -> (key, hammer)``
+``observe(times, key, hammer, magnitude, rng) -> (key, hammer)``
     What the cameras see.
 """
 

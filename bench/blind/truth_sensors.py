@@ -21,7 +21,7 @@ def _coarse(values: Array, quantum: float) -> Array:
 
 
 class _Sizes:
-    """Sizes of the withheld effects of a case, 0 for those that are not there."""
+    """Magnitudes of the withheld effects of a case, 0 for those that are not there."""
 
     def __init__(self, case: Case):
         self.total = {(q.name, q.form): q.size for q in case.parts}
@@ -45,16 +45,16 @@ def _grain(count: int, rng: np.random.Generator) -> Array:
 def _cameras(
     case: Case,
     result: Strokes,
-    lane: int,
+    job: int,
     fine: Array,
     outside: Mapping[str, Any],
     rng: np.random.Generator,
 ) -> tuple[Array, Array]:
     """Key and hammer as the optics sees them, not yet sampled."""
     size = _Sizes(case)
-    key = result.key[:, lane]
-    hammer = result.hammer[:, lane] - result.bend[:, lane]
-    finger = result.finger[:, lane]
+    key = result.key[:, job]
+    hammer = result.hammer[:, job] - result.bend[:, job]
+    finger = result.finger[:, job]
     key = key + finger * size("key_flexibility", "A")
     key = key + size("key_flexibility", "B") * finger * (1.1 - 0.1 * np.tanh(finger / 5.0))
     hammer = hammer * (1.0 + size("hammer_scale", "A"))
@@ -68,7 +68,7 @@ def _cameras(
 
 
 def _input(case: Case, stroke: str, fine: Array, frames: Array) -> Array:
-    """Recorded input, before noise. Sizes are errors of the reading, as those of the cameras."""
+    """Recorded input, before noise. Magnitudes are errors of the reading, as of the cameras."""
     size = _Sizes(case)
     u = played(fine, case.mode, stroke, case.strokes[STROKES.index(stroke)])
     unit = 1e-3 if case.mode == "motion" else 1.0
@@ -97,7 +97,7 @@ def record(
 ) -> dict[str, dict[str, Array]]:
     """Sensors' view of the strokes of one case: {stroke: {finger, key, hammer}}.
 
-    `first`: lane of its first stroke. `ideal`: no noise and no steps of the digitizers.
+    `first`: job of its first stroke. `ideal`: no noise and no steps of the digitizers.
     """
     fine = np.arange(result.key.shape[0], dtype=np.float64) * np.float64(KEEP * STEP)
     frames = np.arange(round(LENGTH / FRAME), dtype=np.float64) * np.float64(FRAME)
@@ -132,10 +132,10 @@ def shows(with_it: Mapping[str, Array], without: Mapping[str, Array]) -> float:
     return float(there[0] * FRAME) if there.size else float("nan")
 
 
-def onset(case: Case, result: Strokes, lane: int, what: str) -> float:
+def onset(case: Case, result: Strokes, job: int, what: str) -> float:
     """Time [s] at which an effect first can act in a stroke; NaN: never."""
-    key, hammer = result.key[:, lane], result.hammer[:, lane]
-    k = STROKES.index(STROKES[lane % len(STROKES)])
+    key, hammer = result.key[:, job], result.hammer[:, job]
+    k = STROKES.index(STROKES[job % len(STROKES)])
     conditions = {
         "start": np.ones(key.size, dtype=bool),
         "key": key > 3e-4,

@@ -16,7 +16,7 @@ PARTS = {
 
 
 def compute() -> Found:
-    """A forte blow for each."""
+    """A forte impact for each."""
     action = feltmb.load_action("steinway45")
     forces = {}
     for name, values in PARTS.items():
@@ -54,7 +54,7 @@ def draw(found: Found):
         ax.text(
             forces[name],
             i,
-            f" {forces[name]:.1f}" if forces[name] else " no blow: it leaves too early",
+            f" {forces[name]:.1f}" if forces[name] else " no impact: it leaves too early",
             va="center",
             fontsize=8,
         )

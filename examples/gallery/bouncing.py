@@ -1,6 +1,6 @@
 """A ball bounces on a damped spring and on felt: how much of its speed comes back.
 
-Hunt-Crossley, F = k e^p (1 + d v), loses more the faster the blow: (1 + d v0)/(1 - d v1) = exp(d
+Hunt-Crossley, F = k e^p (1 + d v), loses more the faster the impact: (1 + d v0)/(1 - d v1) = exp(d
 (v0 + v1)). Felt that remembers knows how deep it was pressed, not how fast: v1^2/v0^2 = W_U/W_L of
 its branches.
 """
@@ -27,7 +27,7 @@ def felt():
 
 
 def rebound(contact, speed, step=2e-7):
-    """Speed after the blow [m/s]; midpoint rule, the force of the law at the new place."""
+    """Speed after the impact [m/s]; midpoint rule, the force of the law at the new place."""
     x, v = 0.0, speed
     state = contact.state
     while x >= 0.0:

@@ -29,14 +29,14 @@ def head(orders=9, roots=6):
     omega, mass = [], []
     for m in range(orders):
         for k in jn_zeros(m, roots):
-            shape = jv(m, k * STRIKE)  # at the angle of the blow, where cos(m phi) = 1
+            shape = jv(m, k * STRIKE)  # at the angle of the impact, where cos(m phi) = 1
             norm = DENSITY * np.pi * RADIUS**2 * jv(m + 1, k) ** 2 / (1.0 if m == 0 else 2.0)
             omega.append(k * speed / RADIUS)
             mass.append(norm / shape**2)
     return np.array(omega), np.array(mass)
 
 
-def blow(omega, mass, duration=0.03):
+def impact(omega, mass, duration=0.03):
     """Mallet and modes in time: time [s], force [N], compression [m], energies [J]."""
     felt = mallet()
     q, p = np.zeros_like(omega), np.zeros_like(omega)  # displacement and rate at the struck point
@@ -72,7 +72,7 @@ def touching(time, out):
 
 
 def time_by_energy(mass):
-    """Length of the blow of a mass on felt that lies still [s], by quadrature of de / v(e)."""
+    """Length of the impact of a mass on felt that lies still [s], by quadrature of de / v(e)."""
     from scipy.optimize import brentq
 
     felt = mallet()
@@ -95,15 +95,15 @@ def time_by_energy(mass):
 
 
 def compute() -> Found:
-    """The blow on all modes, on a head that does not yield, and on one slow mode."""
+    """The impact on all modes, on a head that does not yield, and on one slow mode."""
     omega, mass = head()
-    time, out, energy = blow(omega, mass)
-    still = blow(omega[:1], np.array([1e9]), duration=0.015)
-    slow = blow(np.array([1e-3]), np.array([0.05]), duration=0.015)
+    time, out, energy = impact(omega, mass)
+    still = impact(omega[:1], np.array([1e9]), duration=0.015)
+    slow = impact(np.array([1e-3]), np.array([0.05]), duration=0.015)
     found = Found("contact time", 1e3 * touching(time, out), "ms")
     found.data.update(time=time, out=out, energy=energy, still=still, omega=omega)
     start = 0.5 * MASS * SPEED**2
-    found.check("energies after the blow [J]", sum(energy.values()), start, 1e-4)
+    found.check("energies after the impact [J]", sum(energy.values()), start, 1e-4)
     rigid = touching(*still[:2])
     found.check("contact time, rigid head [s]", rigid, time_by_energy(MASS), 2e-3)
     reduced = MASS * 0.05 / (MASS + 0.05)
@@ -135,7 +135,7 @@ def draw(found: Found):
     style_axes(left, "time [ms]", "force [N]", title)
     names = list(energy)
     right.bar(names, [1e3 * energy[n] for n in names], color=[BLUE, GREEN, RED], width=0.6)
-    style_axes(right, "", "energy after the blow [mJ]", "Who has the energy")
+    style_axes(right, "", "energy after the impact [mJ]", "Who has the energy")
     return figure
 
 

@@ -51,7 +51,7 @@ def draw(found: Found):
     t = 1e3 * run.time
     left.plot(t, 1e3 * run["foot.y"], color=BLUE)
     style_axes(
-        left, "time [ms]", "height [mm]", "It bounces: each blow costs a third of the energy"
+        left, "time [ms]", "height [mm]", "It bounces: each impact costs a third of the energy"
     )
     near = run["contact01.compression"] > 0
     right.plot(1e3 * run["contact01.compression"][near], run["contact01.force"][near], color=BLUE)

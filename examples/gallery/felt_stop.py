@@ -1,7 +1,7 @@
 """A carriage is pushed against a felt stop and bounces: how far it comes back.
 
-The first blow meets virgin felt: loading up to e with integral of (F_L - push) de = push times the
-way, then back on the unloading branch from there. What lies between the branches is heat.
+The first impact meets virgin felt: loading up to e with integral of (F_L - push) de = push times
+the way, then back on the unloading branch from there. What lies between the branches is heat.
 """
 
 from pathlib import Path
@@ -42,7 +42,7 @@ def compute() -> Found:
     gone = first + int(np.argmax(x[first:] > 0.0))
     again = gone + int(np.argmax(x[gone:] < 0.0))
     back = x[gone:again].max()
-    found = Found("comes back after the first blow to", 1e3 * back, "mm of 10")
+    found = Found("comes back after the first impact to", 1e3 * back, "mm of 10")
     found.data["run"] = run
     found.check("comes back to [m]", back, back_by_branches(), 1e-3)
     found.check("energy accounted for", 1.0 + run.energy["residual_relative"], 1.0, 1e-4)
@@ -61,7 +61,7 @@ def draw(found: Found):
     x, force = 1e3 * run["contact01.compression"], run["contact01.force"]
     near = x > 0
     right.plot(x[near], force[near], color=BLUE, linewidth=0.8)
-    style_axes(right, "compression [mm]", "force [N]", "Each blow makes its own branch")
+    style_axes(right, "compression [mm]", "force [N]", "Each impact makes its own branch")
     return figure
 
 

@@ -86,7 +86,7 @@ def records():
 
 
 def compute() -> Found:
-    """Diagnose, the last run held out."""
+    """Diagnose, the last run held-out."""
     runs = records()
     options = Options(bootstrap=0, max_effects=1)
     report = diagnose(model(), effects, runs, hold_out=["run 3"], options=options)
@@ -106,7 +106,7 @@ def draw(found: Found):
     ax = figure.subplots()
     rows = [g for g in report.how_far.rows if g.metric == "open loop"]
     names = ["model", "with friction", "noise"]
-    values = [1e3 * rows[0].before, 1e3 * rows[0].after, 1e3 * rows[0].floor]
+    values = [1e3 * rows[0].before, 1e3 * rows[0].after, 1e3 * rows[0].variability]
     ax.bar(names, values, color=[RED, BLUE, "#999999"], width=0.5)
     for i, value in enumerate(values):
         ax.text(i, value, f"{value:.3f}", ha="center", va="bottom", fontsize=8)

@@ -19,7 +19,7 @@ MACHINE = Path(__file__).with_name("hammer_and_string.toml")
 
 
 def compute() -> Found:
-    """The blow, with the string's motion at the struck place from its modes."""
+    """The impact, with the string's motion at the struck place from its modes."""
     action = feltmb.load_action(MACHINE).with_values({"string.damping_ratio": 0.0})
     run = feltmb.simulate(
         action,

@@ -1,6 +1,6 @@
-"""A soft blow of the upright action: finger, let-off, string, check.
+"""A soft impact of the upright action: finger, let-off, string, check.
 
-The thesis's piano blow; the impact speed is converged, and the books of energy close.
+The thesis's piano impact; the impact speed is converged, and the books of energy close.
 """
 
 from show import Found, show

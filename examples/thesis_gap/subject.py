@@ -1,20 +1,20 @@
-"""The thesis's own gap: the numbers of two blows that its one printed string does not reach.
+"""The thesis's own gap: the numbers of two impacts that its one printed string does not reach.
 
 The diagnosis starts from one string and names the impedance of three, which `steinway45` has since.
 
-feltmb gap diagnose examples/thesis_gap/subject.py examples/thesis_gap/records/*.csv -o report/
+feltmb gap diagnose examples/thesis_gap/adapter.py examples/thesis_gap/records/*.csv -o report/
 
-The numbers are those of table_4_3.toml; `python examples/thesis_gap/subject.py` writes the records
+The numbers are those of table_4_3.toml; `python examples/thesis_gap/adapter.py` writes the records
 from it anew.
 """
 
 from pathlib import Path
 
-from feltmb.adapters import load_blows
+from feltmb.adapters import load_impacts
 from feltmb.data import write_record
 
 HERE = Path(__file__).parent
-model, effects, records = load_blows(HERE / "table_4_3.toml")
+model, effects, records = load_impacts(HERE / "table_4_3.toml")
 
 if __name__ == "__main__":
     for record in records:

@@ -517,7 +517,7 @@ class Run {
     return first;
   }
 
-  /// Between blows a felt forgets; the energy that its friction held locked turns into heat.
+  /// Between strikes a felt forgets; the energy that its friction held locked turns into heat.
   void recover(std::size_t contact, double compression, double h) {
     const ContactLaw& law = system_.mechanism().contacts[contact].law;
     const double time = std::get<FeltMemory>(law.parameters()).recovery_time;

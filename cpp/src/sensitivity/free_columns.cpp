@@ -43,7 +43,7 @@ void FreeColumns::move(double step, std::span<const double> y, RowMatrix& column
                      std::all_of(rate.begin(), rate.end(), at_rest);
   const auto top = static_cast<Eigen::Index>(first_);
   const auto count = static_cast<Eigen::Index>(modes_);
-  // Before the first blow there is nothing to move.
+  // Before the first strike there is nothing to move.
   if (still && columns.middleRows(top, 2 * count).isZero(0.0)) return;
   const modal::StepResponse r = response_.over(step);
   const auto& k = response_.stiffness();

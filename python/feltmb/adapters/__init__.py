@@ -1,12 +1,12 @@
-"""Mechanisms as subjects of a fit or a diagnosis: tolerances, effects, records.
+"""Mechanisms as adapters of a fit or a diagnosis: tolerances, effects, records.
 
 The layer between :mod:`feltmb.run.simulate`, which runs mechanisms, and :mod:`feltmb.fit` and
 :mod:`feltmb.gap`, which know time series and nothing of pianos.
 """
 
-from feltmb.adapters.amend import amended_action
-from feltmb.adapters.blows import ImpactModel, blow_record, load_blows
+from feltmb.adapters.apply_effects import action_with_effects
 from feltmb.adapters.effects import effect_of
+from feltmb.adapters.impacts import ImpactModel, impact_record, load_impacts
 from feltmb.adapters.library import Entry, Library, load_library
 from feltmb.adapters.mechanism import mechanism_model
 from feltmb.adapters.model import MechanismModel
@@ -17,10 +17,10 @@ __all__ = [
     "ImpactModel",
     "Library",
     "MechanismModel",
-    "amended_action",
-    "blow_record",
+    "action_with_effects",
     "effect_of",
-    "load_blows",
+    "impact_record",
+    "load_impacts",
     "load_library",
     "mechanism_model",
     "planned_strokes",

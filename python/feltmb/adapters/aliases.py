@@ -1,9 +1,9 @@
 """Effects that move the same numbers of a mechanism as a tolerance: another name for more of it.
 
 A let-off button that stands 0.2 mm off its place is regulation, one that stands 1.5 mm off is a
-cause. To first order both are one direction, which must be told by its size alone: where the two
-were differenced with steps of their own, what is not linear in them looked like a trace that only
-the effect has, and never was in the records.
+cause. To first order both are one direction, which must be told by its magnitude alone: where the
+two were differenced with steps of their own, what is not linear in them looked like a trace that
+only the effect has, and never was in the records.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ class Alias:
     effect: Entry
     config: MechanismFile
 
-    def ratio(self, departure: float, size: float) -> float:
+    def ratio(self, departure: float, magnitude: float) -> float:
         """What a unit of the effect does, in units of the tolerance, at values of both."""
-        by_effect = _slopes(self.config, self.effect, size, self.tolerance, departure)
-        by_tolerance = _slopes(self.config, self.tolerance, departure, self.effect, size)
+        by_effect = _slopes(self.config, self.effect, magnitude, self.tolerance, departure)
+        by_tolerance = _slopes(self.config, self.tolerance, departure, self.effect, magnitude)
         path = max(by_tolerance, key=lambda p: abs(by_tolerance[p]))
         return by_effect[path] / by_tolerance[path]
 
@@ -82,9 +82,9 @@ def _plain(entry: Entry) -> bool:
 
 
 def _slopes(
-    config: MechanismFile, entry: Entry, size: float, other: Entry, other_size: float
+    config: MechanismFile, entry: Entry, magnitude: float, other: Entry, other_size: float
 ) -> dict[str, float]:
-    """Derivatives of the changed numbers by the size of an entry, with another one in place."""
+    """Derivatives of the changed numbers by the magnitude of an entry, with another in place."""
     out: dict[str, float] = {}
     for path in {c.path: None for c in entry.changes}:
         own = [c for c in entry.changes if c.path == path]
@@ -92,8 +92,8 @@ def _slopes(
         factor = math.prod(
             (1.0 + c.scale * other_size) * math.exp(c.exp * other_size) for c in beside
         )
-        factor *= math.prod((1.0 + c.scale * size) * math.exp(c.exp * size) for c in own)
-        by_factor = sum(c.scale / (1.0 + c.scale * size) + c.exp for c in own)
+        factor *= math.prod((1.0 + c.scale * magnitude) * math.exp(c.exp * magnitude) for c in own)
+        by_factor = sum(c.scale / (1.0 + c.scale * magnitude) + c.exp for c in own)
         value = float(read_entry(config, path))
         out[path] = value * factor * by_factor + sum(c.add for c in own)
     return out

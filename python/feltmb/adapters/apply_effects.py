@@ -8,20 +8,20 @@ from feltmb.adapters.library import Entry
 from feltmb.adapters.variants import changed_config
 from feltmb.mechanism import Action
 
-__all__ = ["amended_action"]
+__all__ = ["action_with_effects"]
 
 
-def amended_action(
+def action_with_effects(
     action: Action,
     entries: Sequence[tuple[Entry, float, float | None]],
     conditions: Mapping[str, float | str] | None = None,
 ) -> Action:
-    """Mechanism with tolerances and effects of given sizes.
+    """Mechanism with tolerances and effects of given magnitudes.
 
     Parameters
     ----------
     entries
-        (entry, size [its unit], shape or None); sensor and input effects change no mechanism.
+        (entry, magnitude [its unit], shape or None); sensor and input effects change no mechanism.
     conditions
         Of the record for which drifting effects are wanted.
 

@@ -1,9 +1,9 @@
 """Changes of a validated mechanism by dotted path, in SI units, without copying what stays.
 
-A *change* says how a size moves one entry: multiplied by ``1 + scale * size`` or ``exp(exp *
-size)``, or with ``add * size`` added. Several changes of one entry combine: factors multiply, then
-what is added adds. An entry that is back at its old value is left as it is, so that a size of zero
-is the old mechanism to the last bit.
+A *change* says how a magnitude moves one entry: multiplied by ``1 + scale * magnitude`` or
+``exp(exp * magnitude)``, or with ``add * magnitude`` added. Several changes of one entry combine:
+factors multiply, then what is added adds. An entry that is back at its old value is left as it is,
+so that a magnitude of zero is the old mechanism to the last bit.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ _AXES = {"x": 0, "y": 1}
 
 @dataclass(frozen=True, kw_only=True)
 class Change:
-    """How a size moves one entry of a mechanism file."""
+    """How a magnitude moves one entry of a mechanism file."""
 
     path: str
     """Dotted path, ``surfaces.Gp10.point.y``; a body's name stands for ``bodies.NAME``."""
     scale: float = 0.0
-    """The entry is multiplied by 1 + scale * size [1 / unit of the size]."""
+    """The entry is multiplied by 1 + scale * magnitude [1 / unit of the magnitude]."""
     exp: float = 0.0
-    """The entry is multiplied by exp(exp * size) [1 / unit of the size]."""
+    """The entry is multiplied by exp(exp * magnitude) [1 / unit of the magnitude]."""
     add: float = 0.0
-    """add * size is added to the entry [its SI unit / unit of the size]."""
+    """add * magnitude is added to the entry [its SI unit / unit of the magnitude]."""
 
 
 def _steps(config: MechanismFile, path: str) -> list[str]:
@@ -94,13 +94,13 @@ def replace_entry(config: MechanismFile, path: str, value: Any) -> MechanismFile
 def apply_changes(
     config: MechanismFile, changes: Iterable[tuple[Change, float]]
 ) -> tuple[MechanismFile, dict[str, float]]:
-    """Apply changes with their sizes; returns the new mechanism and the entries that moved."""
+    """Apply changes with their magnitudes; returns the new mechanism and the entries that moved."""
     factors: dict[str, float] = {}
     sums: dict[str, float] = {}
-    for change, size in changes:
-        factor = (1.0 + change.scale * size) * math.exp(change.exp * size)
+    for change, magnitude in changes:
+        factor = (1.0 + change.scale * magnitude) * math.exp(change.exp * magnitude)
         factors[change.path] = factors.get(change.path, 1.0) * factor
-        sums[change.path] = sums.get(change.path, 0.0) + change.add * size
+        sums[change.path] = sums.get(change.path, 0.0) + change.add * magnitude
     moved = {}
     for path, factor in factors.items():
         if factor == 1.0 and sums[path] == 0.0:

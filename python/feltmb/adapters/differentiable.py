@@ -9,7 +9,7 @@ from typing import Any
 from feltmb.adapters.drives import Drives
 from feltmb.adapters.variants import Variant
 from feltmb.data import Array, Record
-from feltmb.fit import Model, Term
+from feltmb.fit import Candidate, Model
 from feltmb.mechanism import Action
 
 __all__ = ["DifferentiableMechanism"]
@@ -25,7 +25,7 @@ class DifferentiableMechanism(Model):
     rtol: float
     """Relative tolerance of the integrator [1]."""
     single: bool
-    """Whether a record is one window that starts at rest."""
+    """Whether a record is one segment that starts at rest."""
     forward: bool
     """Whether derivatives are integrated along with the motion where possible."""
     workers: int
@@ -33,9 +33,9 @@ class DifferentiableMechanism(Model):
 
     @abstractmethod
     def version(
-        self, record: Record, theta: Array, terms: tuple[Term, ...], sizes: Array
+        self, record: Record, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
     ) -> Variant:
-        """The mechanism of parameters and sizes under the conditions of a record."""
+        """The mechanism of parameters and magnitudes under the conditions of a record."""
 
     @abstractmethod
     def condensed_places(self, variant: Variant) -> list[int]:
@@ -46,5 +46,5 @@ class DifferentiableMechanism(Model):
         """Value of an output at rest: where the tracking point is [m]; 0 for a force."""
 
     @abstractmethod
-    def in_parallel(self, work: Callable[[Any], None], jobs: Sequence[Any]) -> None:
-        """Do the jobs on the threads of the model; the results do not depend on their number."""
+    def in_parallel(self, work: Callable[[Any], None], tasks: Sequence[Any]) -> None:
+        """Do the tasks on the threads of the model; the results do not depend on their number."""

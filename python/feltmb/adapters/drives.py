@@ -31,7 +31,7 @@ class Drive:
     motion: bool
 
     def profile(self, begin: float, duration: float) -> _core.Profile:
-        """Input on the clock of a window that begins at ``begin`` [s].
+        """Input on the clock of a segment that begins at ``begin`` [s].
 
         A force goes through its samples without overshoot; a motion, whose acceleration counts,
         as a spline through the whole record.

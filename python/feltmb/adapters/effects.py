@@ -35,17 +35,17 @@ def effect_of(
         Tolerance that it is more of.
     """
     hidden = [
-        State(name=name, unit=unit, scale=size, start_sd=0.0, hidden=True)
-        for name, unit, size in entry.hidden
+        State(name=name, unit=unit, scale=magnitude, start_sd=0.0, hidden=True)
+        for name, unit, magnitude in entry.hidden
     ]
     if entry.insertion is not None:
-        for name, unit, size in inserted_coordinates(entry.insertion):
-            hidden.append(State(name=name, unit=unit, scale=size, start_sd=0.0, hidden=True))
+        for name, unit, magnitude in inserted_coordinates(entry.insertion):
+            hidden.append(State(name=name, unit=unit, scale=magnitude, start_sd=0.0, hidden=True))
             hidden.append(
                 State(
                     name=f"{name}.rate",
                     unit=f"{unit}/s",
-                    scale=size * 100.0,
+                    scale=magnitude * 100.0,
                     start_sd=0.0,
                     hidden=True,
                 )
@@ -61,7 +61,7 @@ def effect_of(
         name=entry.name,
         component=entry.component,
         unit=entry.unit.replace("{input_unit}", "N"),
-        scale=entry.size,
+        scale=entry.magnitude,
         sign=entry.sign,
         mechanism=entry.mechanism,
         kind=entry.kind,

@@ -1,4 +1,4 @@
-"""What a size does to the felt of one contact: stiffness, hardening, thickness."""
+"""What a magnitude does to the felt of one contact: stiffness, hardening, thickness."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def changes(
     Parameters
     ----------
     what
-        ``stiffness``: both curves times 1 + times * size. ``hardening``: the exponents b of both
-        curves times 1 + size, their a such that a exp(b e) stays at the depth where the loading
-        curve gives 5 N. ``thickness``: the felt is thinner by size [m].
+        ``stiffness``: both curves times 1 + times * magnitude. ``hardening``: the exponents b of
+        both curves times 1 + magnitude, their a such that a exp(b e) stays at the depth where the
+        loading curve gives 5 N. ``thickness``: the felt is thinner by magnitude [m].
     """
     node = config.contacts[contact]
     if what == "thickness":

@@ -1,4 +1,4 @@
-"""Derivatives of a mechanism's windows by forward sensitivities: exact, all columns in one pass.
+"""Derivatives of a mechanism's segments by forward sensitivities: exact, all columns in one pass.
 
 The variational equation is integrated along the stroke (:mod:`feltmb.run.sensitivity`); what a
 parameter does to the equations comes from mechanisms with the parameter shifted. Start states are
@@ -22,11 +22,11 @@ from feltmb.adapters.library import Entry
 from feltmb.adapters.variants import Variant
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError
-from feltmb.fit import Sensitivity, Term
+from feltmb.fit import Candidate, Sensitivity
 
 __all__ = ["can_differentiate", "forward_sensitivities"]
 
-#: Shift of a parameter or size as a share of its natural size.
+#: Shift of a parameter or magnitude as a share of its scale.
 SHIFT = 1e-3
 #: Local relative error of a column.
 TOLERANCE = 1e-3
@@ -46,9 +46,9 @@ class _Column:
         return out
 
 
-def can_differentiate(term: Term) -> bool:
-    """Whether the term leaves the states of the mechanism as they are."""
-    entry = term.effect.data
+def can_differentiate(candidate: Candidate) -> bool:
+    """Whether the candidate leaves the states of the mechanism as they are."""
+    entry = candidate.effect.data
     if not isinstance(entry, Entry):
         return False
     return not entry.hidden and (entry.insertion is None or entry.insertion.kind == "mass")
@@ -58,26 +58,26 @@ def forward_sensitivities(
     model: DifferentiableMechanism,
     record: Record,
     theta: Array,
-    windows: NDArray[np.intp],
+    segments: NDArray[np.intp],
     starts: Array,
-    terms: tuple[Term, ...],
-    sizes: Array,
+    included: tuple[Candidate, ...],
+    magnitudes: Array,
     *,
     by_theta: Sequence[int],
     by_starts: bool,
-    candidates: tuple[Term, ...],
+    candidates: tuple[Candidate, ...],
 ) -> Sensitivity | None:
-    """See :meth:`feltmb.fit.Model.sensitivities`; None if a window or a shift failed.
+    """See :meth:`feltmb.fit.Model.sensitivities`; None if a segment or a shift failed.
 
-    All terms and candidates must satisfy :func:`can_differentiate`, or be terms whose states the
-    model has already (their sizes are then differentiated as well).
+    All included effects and candidates must satisfy :func:`can_differentiate`, or be included
+    effects whose states the model has already (their magnitudes are then differentiated as well).
     """
     try:
-        base = model.version(record, theta, terms, sizes)
-        columns = _columns(model, record, base, theta, terms, sizes, by_theta, candidates)
+        base = model.version(record, theta, included, magnitudes)
+        columns = _columns(model, record, base, theta, included, magnitudes, by_theta, candidates)
     except FeltmbError:
         return None
-    names = [s.name for s in model.states(terms)]
+    names = [s.name for s in model.states(included)]
     place = np.array([base.place[name] for name in names], dtype=int)
     held = [] if model.single else model.condensed_places(base)
     directions = np.concatenate([place, np.array(held, dtype=int)]).astype(int)
@@ -96,7 +96,7 @@ def forward_sensitivities(
     options.outputs = [index[o] for o in model.outputs]
     options.threads = model.workers
     prepared = []
-    for (first, last), start in zip(windows, starts, strict=True):
+    for (first, last), start in zip(segments, starts, strict=True):
         begin, end = float(clock[first]), float(clock[last])
         if model.single:
             begin, state, memory = 0.0, [], []
@@ -120,8 +120,8 @@ def forward_sensitivities(
         for c in columns
     ]
     if model.single:
-        # One run serves all windows.
-        last = int(np.argmax(windows[:, 1]))
+        # One run serves all segments.
+        last = int(np.argmax(segments[:, 1]))
         prepared = [prepared[last]]
     try:
         results = _core.sensitivities(
@@ -133,13 +133,13 @@ def forward_sensitivities(
         return None
     return _collect(
         model,
-        windows,
+        segments,
         results,
         columns,
         base,
         place,
         directions,
-        (len(by_theta), len(terms), len(candidates)),
+        (len(by_theta), len(included), len(candidates)),
         by_starts=by_starts,
     )
 
@@ -149,10 +149,10 @@ def _columns(
     record: Record,
     base: Variant,
     theta: Array,
-    terms: tuple[Term, ...],
-    sizes: Array,
+    included: tuple[Candidate, ...],
+    magnitudes: Array,
     by_theta: Sequence[int],
-    candidates: tuple[Term, ...],
+    candidates: tuple[Candidate, ...],
 ) -> list[_Column]:
     out = []
     for i in by_theta:
@@ -162,21 +162,31 @@ def _columns(
         for side in (1.0, -1.0):
             moved = theta.copy()
             moved[i] += side * h
-            nodes.append((model.version(record, moved, terms, sizes), side * h, side * 0.5 / h))
+            nodes.append(
+                (model.version(record, moved, included, magnitudes), side * h, side * 0.5 / h)
+            )
         out.append(_Column(p.name, tuple(nodes), p.size))
-    for k, term in enumerate(terms):
-        h = SHIFT * term.effect.scale
-        low, high = term.effect.bounds
-        sides = [s for s in (1.0, -1.0) if low <= sizes[k] + s * h <= high]
-        out.append(_shifted_size(model, record, base, theta, terms, sizes, k, h, sides))
-    for term in candidates:
-        h = SHIFT * term.effect.scale
-        low, high = term.effect.bounds
+    for k, candidate in enumerate(included):
+        h = SHIFT * candidate.effect.scale
+        low, high = candidate.effect.bounds
+        sides = [s for s in (1.0, -1.0) if low <= magnitudes[k] + s * h <= high]
+        out.append(_shifted_size(model, record, base, theta, included, magnitudes, k, h, sides))
+    for candidate in candidates:
+        h = SHIFT * candidate.effect.scale
+        low, high = candidate.effect.bounds
         sides = [s for s in (1.0, -1.0) if low <= s * h <= high]
-        more = (*terms, term)
+        more = (*included, candidate)
         out.append(
             _shifted_size(
-                model, record, base, theta, more, np.append(sizes, 0.0), len(terms), h, sides
+                model,
+                record,
+                base,
+                theta,
+                more,
+                np.append(magnitudes, 0.0),
+                len(included),
+                h,
+                sides,
             )
         )
     return out
@@ -187,26 +197,26 @@ def _shifted_size(
     record: Record,
     base: Variant,
     theta: Array,
-    terms: tuple[Term, ...],
-    sizes: Array,
+    included: tuple[Candidate, ...],
+    magnitudes: Array,
     k: int,
     h: float,
     sides: list[float],
 ) -> _Column:
     nodes = []
     for side in sides:
-        moved = sizes.copy()
+        moved = magnitudes.copy()
         moved[k] += side * h
         weight = side / (h * len(sides))
-        nodes.append((model.version(record, theta, terms, moved), side * h, weight))
+        nodes.append((model.version(record, theta, included, moved), side * h, weight))
     if len(sides) == 1:
         nodes.append((base, 0.0, -sides[0] / h))
-    return _Column(terms[k].name, tuple(nodes), terms[k].effect.scale)
+    return _Column(included[k].name, tuple(nodes), included[k].effect.scale)
 
 
 def _collect(
     model: DifferentiableMechanism,
-    windows: NDArray[np.intp],
+    segments: NDArray[np.intp],
     results: Sequence[Any],
     columns: Sequence[_Column],
     base: Variant,
@@ -216,7 +226,7 @@ def _collect(
     *,
     by_starts: bool,
 ) -> Sensitivity:
-    w, length = len(windows), int(np.max(windows[:, 1] - windows[:, 0])) + 1
+    w, length = len(segments), int(np.max(segments[:, 1] - segments[:, 0])) + 1
     ny, nx, n = len(model.outputs), place.size, len(columns)
     outputs = np.full((w, length, ny), np.nan)
     ends = np.zeros((w, nx))
@@ -233,7 +243,7 @@ def _collect(
     moving = np.array(
         [[c.rest(lambda v, o=o: model.at_rest(v, o)) for c in columns] for o in model.outputs]
     ).reshape(ny, n)
-    for i, (first, last) in enumerate(windows):
+    for i, (first, last) in enumerate(segments):
         r = results[0] if model.single else results[i]
         skip = int(first) if model.single else 0
         count = int(last - first) + 1
@@ -257,8 +267,8 @@ def _collect(
         ends=ends,
         d_theta=d_outputs[..., :a],
         d_theta_ends=d_ends[..., :a],
-        d_sizes=d_outputs[..., a : a + b],
-        d_sizes_ends=d_ends[..., a : a + b],
+        d_magnitudes=d_outputs[..., a : a + b],
+        d_magnitudes_ends=d_ends[..., a : a + b],
         d_starts=d_starts,
         d_starts_ends=d_starts_ends,
         d_candidates=d_outputs[..., a + b : a + b + c],

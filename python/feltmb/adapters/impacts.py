@@ -1,7 +1,7 @@
-"""Numbers of single blows as a model: sparse published data instead of time series.
+"""Numbers of single impacts as a model: sparse published data instead of time series.
 
-A record is one blow: its input is the speed before impact, its outputs are numbers of
-``run.summary`` such as the largest force and the duration of contact. The blow is a stroke of the
+A record is one impact: its input is the speed before impact, its outputs are numbers of
+``run.summary`` such as the largest force and the duration of contact. The impact is a stroke of the
 whole mechanism, whose speeds are scaled, 3 ms before it, so that the hammer arrives as given.
 """
 
@@ -27,31 +27,31 @@ from feltmb.data import Array, Record, Sensor
 from feltmb.errors import DataError, FeltmbError, InvalidParameter
 from feltmb.files import named_file, read_toml
 from feltmb.fit import (
+    Candidate,
     Effect,
-    Lanes,
+    Jobs,
     Model,
     Parameter,
     Sensitivity,
     Simulated,
     State,
-    Term,
 )
 from feltmb.mechanism import Action, load_action
 from feltmb.run.simulate import simulate
 from feltmb.run.stroke import Stroke, load_stroke
 from feltmb.units.quantity import SI, Schema, fault_lines, fault_text, parse_scalar
 
-__all__ = ["ImpactModel", "blow_record", "load_blows"]
+__all__ = ["ImpactModel", "impact_record", "load_impacts"]
 
 #: The hammer's speed is set this long before it meets the string [s].
 BEFORE = 3e-3
-#: A blow is followed for this long after the speed was set [s].
+#: An impact is followed for this long after the speed was set [s].
 AFTER = 13e-3
-#: A hammer may leave the string and touch it again within this time of one blow [s].
+#: A hammer may leave the string and touch it again within this time of one impact [s].
 ONE_BLOW = 6e-3
 
 
-def blow_record(
+def impact_record(
     name: str,
     stroke: str,
     impact_speed: float,
@@ -61,7 +61,7 @@ def blow_record(
     role: str = "fit",
     source: str = "",
 ) -> Record:
-    """Record of one blow.
+    """Record of one impact.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def blow_record(
     numbers
         Key of ``run.summary`` -> (value, standard deviation, unit), SI.
     values
-        Overrides of this blow, such as ``{"string.kind": "rigid_stop"}``.
+        Overrides of this impact, such as ``{"string.kind": "rigid_stop"}``.
     """
     conditions: dict[str, float | str] = {"stroke": stroke}
     conditions |= {
@@ -91,7 +91,7 @@ def blow_record(
 
 
 class ImpactModel(Model):
-    """A mechanism asked for numbers of blows.
+    """A mechanism asked for numbers of impacts.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ class ImpactModel(Model):
         Relative tolerance of the integrator.
     """
 
-    window = None
+    segment = None
     chaotic = False
     least_samples = 2
     difference_step = 0.05
@@ -120,7 +120,7 @@ class ImpactModel(Model):
     ):
         if action.config.summary.strike_contact is None:
             raise InvalidParameter(
-                f"mechanism {action.name!r} names no strike contact in [summary]: it has no blows"
+                f"mechanism {action.name!r} names no strike contact in [summary]: it has no impacts"
             )
         self.action = action
         self.name = action.name
@@ -132,7 +132,7 @@ class ImpactModel(Model):
             Parameter(
                 name=e.name,
                 value=0.0,
-                sd=e.size,
+                sd=e.magnitude,
                 unit=e.unit,
                 lower=max(e.lower, -0.9 if e.unit == "1" else -np.inf),
                 upper=e.upper,
@@ -142,16 +142,16 @@ class ImpactModel(Model):
         )
         self.reuse = Reuse()
         self._known: dict[bytes, Array] = {}
-        self._impact: dict[str, float] = {}
+        self._impact_times: dict[str, float] = {}
         self._actions: dict[str, Action] = {}
         self._lock = threading.Lock()
         self._workshop = Workshop(action)
         self._strike_contact = action.config.summary.strike_contact
         self._strike_index = action.mechanism.contact_numbers.index(self._strike_contact)
 
-    def states(self, terms: Sequence[Term] = ()) -> tuple[State, ...]:
-        """A blow starts at rest: no states of its own."""
-        del terms
+    def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
+        """An impact starts at rest: no states of its own."""
+        del included
         return ()
 
     def forget(self) -> None:
@@ -162,43 +162,45 @@ class ImpactModel(Model):
         """Effects that carry an :class:`Entry`."""
         return isinstance(effect.data, Entry) or super().accepts(effect)
 
-    def simulate(self, record: Record, lanes: Lanes) -> Simulated:
-        """One blow a lane; both samples of the record show it."""
-        outputs = np.full((lanes.count, lanes.longest, len(self.outputs)), np.nan)
+    def simulate(self, record: Record, jobs: Jobs) -> Simulated:
+        """One impact a job; both samples of the record show it."""
+        outputs = np.full((jobs.count, jobs.longest, len(self.outputs)), np.nan)
 
         def work(b: int) -> None:
-            sizes = lanes.sizes[b] if lanes.terms else np.zeros(0)
-            outputs[b] = self._blow(record, lanes.theta[b], lanes.terms, sizes)
+            magnitudes = jobs.magnitudes[b] if jobs.included else np.zeros(0)
+            outputs[b] = self._readings(record, jobs.theta[b], jobs.included, magnitudes)
 
         with ThreadPoolExecutor(min(8, os.cpu_count() or 1)) as pool:
-            list(pool.map(work, range(lanes.count)))
-        return Simulated(outputs=outputs, ends=np.zeros((lanes.count, 0)))
+            list(pool.map(work, range(jobs.count)))
+        return Simulated(outputs=outputs, ends=np.zeros((jobs.count, 0)))
 
     def sensitivities(
         self,
         record: Record,
         theta: Array,
-        windows: NDArray[np.intp],
+        segments: NDArray[np.intp],
         starts: Array,
-        terms: tuple[Term, ...] = (),
-        sizes: Array | None = None,
+        included: tuple[Candidate, ...] = (),
+        magnitudes: Array | None = None,
         *,
         by_theta: Sequence[int] | None = None,
         by_starts: bool = True,
-        candidates: tuple[Term, ...] = (),
+        candidates: tuple[Candidate, ...] = (),
     ) -> Sensitivity:
         """Differences, kept while the point moves little."""
         theta = np.asarray(theta, dtype=float)
-        given = np.zeros(len(terms)) if sizes is None else np.asarray(sizes, dtype=float)
+        given = (
+            np.zeros(len(included)) if magnitudes is None else np.asarray(magnitudes, dtype=float)
+        )
         wanted = tuple(range(len(self.parameters)) if by_theta is None else by_theta)
 
         def compute() -> Sensitivity:
             return super(ImpactModel, self).sensitivities(
                 record,
                 theta,
-                windows,
+                segments,
                 starts,
-                terms,
+                included,
                 given,
                 by_theta=wanted,
                 by_starts=by_starts,
@@ -206,24 +208,32 @@ class ImpactModel(Model):
             )
 
         question = Question(
-            record, windows, theta, starts, terms, given, wanted, by_starts, candidates
+            record, segments, theta, starts, included, given, wanted, by_starts, candidates
         )
         return self.reuse.ask(self, question, compute)
 
     def numbers(
-        self, record: Record, theta: Array, terms: tuple[Term, ...] = (), sizes: Array | None = None
+        self,
+        record: Record,
+        theta: Array,
+        included: tuple[Candidate, ...] = (),
+        magnitudes: Array | None = None,
     ) -> dict[str, float]:
-        """Numbers of a blow by key; NaN where the blow has none."""
-        values = self._blow(record, theta, terms, np.zeros(0) if sizes is None else sizes)
+        """Numbers of an impact by key; NaN where the impact has none."""
+        values = self._readings(
+            record, theta, included, np.zeros(0) if magnitudes is None else magnitudes
+        )
         return dict(zip(self.outputs, values.tolist(), strict=True))
 
-    def _blow(self, record: Record, theta: Array, terms: tuple[Term, ...], sizes: Array) -> Array:
+    def _readings(
+        self, record: Record, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
+    ) -> Array:
         entries: list[tuple[Entry, float, float | None]] = [
             (e, float(v), None) for e, v in zip(self.tolerances, theta, strict=True)
         ]
-        for term, size in zip(terms, sizes, strict=True):
-            if isinstance(term.effect.data, Entry):
-                entries.append((term.effect.data, float(size), term.shape))
+        for candidate, magnitude in zip(included, magnitudes, strict=True):
+            if isinstance(candidate.effect.data, Entry):
+                entries.append((candidate.effect.data, float(magnitude), candidate.shape))
         if "impact_speed" not in record.inputs:
             raise DataError(f"record {record.name}: input 'impact_speed' is missing")
         speed = float(record.inputs["impact_speed"][0])
@@ -255,7 +265,7 @@ class ImpactModel(Model):
         return self._actions[key]
 
     def _strike(self, v: Variant, stroke: Stroke, speed: float) -> dict[str, float]:
-        """Numbers of a blow that arrives with the given speed."""
+        """Numbers of an impact that arrives with the given speed."""
         start = self._start(stroke)
         before = self._simulate(v, stroke, list(v.rest), list(v.memory), start, events=False)
         later = stroke.shifted(-start)
@@ -269,7 +279,7 @@ class ImpactModel(Model):
             run = self._simulate(v, later, list(state), memory, AFTER, events=True)
             numbers = self._numbers(run)
             if "impact_speed" not in numbers:
-                raise InvalidParameter(f"stroke {stroke.name!r}: no blow within {AFTER:g} s")
+                raise InvalidParameter(f"stroke {stroke.name!r}: no impact within {AFTER:g} s")
             if abs(numbers["impact_speed"] / speed - 1.0) < 1e-5:
                 break
             factor *= speed / numbers["impact_speed"]
@@ -298,7 +308,7 @@ class ImpactModel(Model):
         )
 
     def _numbers(self, run: Any) -> dict[str, float]:
-        """First closing of the strike contact, its last opening within one blow, and the peak."""
+        """First closing of the strike contact, its last opening within one impact, and the peak."""
         changes = [
             (i, time, direction)
             for i, (time, contact, _, direction) in enumerate(run.events)
@@ -321,17 +331,17 @@ class ImpactModel(Model):
     def _start(self, stroke: Stroke) -> float:
         """When the speed is set: before the impact of the mechanism as it is [s]."""
         with self._lock:
-            if stroke.name not in self._impact:
+            if stroke.name not in self._impact_times:
                 run = simulate(self.action, stroke, ledger=False, output_rate=100.0)
                 if "impact_time" not in run.summary:
                     raise InvalidParameter(
                         f"stroke {stroke.name!r}: the hammer does not meet the string"
                     )
-                self._impact[stroke.name] = run.summary["impact_time"]
-            return self._impact[stroke.name] - BEFORE
+                self._impact_times[stroke.name] = run.summary["impact_time"]
+            return self._impact_times[stroke.name] - BEFORE
 
 
-class _BlowTable(Schema):
+class _ImpactTable(Schema):
     name: str
     stroke: str
     impact_speed: Annotated[float, SI("m/s"), Field(gt=0)]
@@ -343,7 +353,7 @@ class _BlowTable(Schema):
     string_contact_duration: dict[str, Any] | None = None
 
 
-class _BlowFile(Schema):
+class _ImpactFile(Schema):
     schema_version: Annotated[Literal[1], Field(alias="schema")]
     about: str = ""
     action: str
@@ -351,17 +361,17 @@ class _BlowFile(Schema):
     cite: str = ""
     tolerances: list[str] = []
     effects: list[str] = []
-    records: list[_BlowTable]
+    records: list[_ImpactTable]
 
 
 _UNITS = {"rebound_speed": "m/s", "max_string_force": "N", "string_contact_duration": "s"}
 
 
-def load_blows(path: str | Path) -> tuple[ImpactModel, tuple[Effect, ...], tuple[Record, ...]]:
-    """Model, effects and records of a TOML file of blows.
+def load_impacts(path: str | Path) -> tuple[ImpactModel, tuple[Effect, ...], tuple[Record, ...]]:
+    """Model, effects and records of a TOML file of impacts.
 
     Every number is a table ``{ value, unit, sd }``; ``sd`` is in the same unit and required.
-    ``values`` at the top are values of the mechanism by dotted path, for all blows.
+    ``values`` at the top are values of the mechanism by dotted path, for all impacts.
 
     Raises
     ------
@@ -370,9 +380,9 @@ def load_blows(path: str | Path) -> tuple[ImpactModel, tuple[Effect, ...], tuple
     """
     path = Path(path)
     try:
-        file = _BlowFile.model_validate(read_toml(path))
+        file = _ImpactFile.model_validate(read_toml(path))
     except ValidationError as error:
-        raise InvalidParameter(fault_text(path.name, fault_lines(error, _BlowFile))) from None
+        raise InvalidParameter(fault_text(path.name, fault_lines(error, _ImpactFile))) from None
     action = load_action(named_file(path.parent, file.action, f"{path.name}: action"))
     if file.values:
         action = action.with_values(file.values)
@@ -398,7 +408,7 @@ def load_blows(path: str | Path) -> tuple[ImpactModel, tuple[Effect, ...], tuple
         if not numbers:
             continue
         records.append(
-            blow_record(
+            impact_record(
                 table.name,
                 str(
                     named_file(

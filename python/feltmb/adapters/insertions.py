@@ -1,7 +1,8 @@
-"""Parts that a size brings into a mechanism: pivots that give, a hinge in a body, an added mass.
+"""Parts that an effect brings into a mechanism: pivots that give, hinges, added masses.
 
-At size zero nothing is inserted: the mechanism is the old one to the last bit. As the size goes to
-zero the inserted joint stiffens without bound and the motion tends to the old one in proportion.
+At magnitude zero nothing is inserted: the mechanism is the old one to the last bit. As the
+magnitude goes to zero the inserted joint stiffens without bound and the motion tends to the old one
+in proportion.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ _AXIS: dict[str, tuple[float, float]] = {"x": (1.0, 0.0), "y": (0.0, 1.0)}
 
 
 def inserted_coordinates(insertion: Insertion) -> tuple[tuple[str, str, float], ...]:
-    """Name, unit and natural size of the coordinates that an insertion brings."""
+    """Name, unit and scale of the coordinates that an insertion brings."""
     if insertion.kind in ("clearance", "compliance"):
         return tuple((f"{insertion.body}.pin.{axis}", "m", 1e-5) for axis in _AXIS)
     if insertion.kind == "hinge":
@@ -55,30 +56,31 @@ def inserted_coordinates(insertion: Insertion) -> tuple[tuple[str, str, float], 
     return ()
 
 
-def insert(config: MechanismFile, insertion: Insertion, size: float) -> MechanismFile:
-    """Mechanism with the insertion; the old one at size zero.
+def insert(config: MechanismFile, insertion: Insertion, magnitude: float) -> MechanismFile:
+    """Mechanism with the insertion; the old one at magnitude zero.
 
     Raises
     ------
     InvalidParameter
-        The size is negative, the body is missing or cannot take the insertion.
+        The magnitude is negative, the body is missing or cannot take the insertion.
     """
-    if size == 0.0:
+    if magnitude == 0.0:
         return config
-    if size < 0.0 or not math.isfinite(size):
+    if magnitude < 0.0 or not math.isfinite(magnitude):
         raise InvalidParameter(
-            f"{insertion.kind} of {insertion.body}: size = {size!r}, expected a finite number >= 0"
+            f"{insertion.kind} of {insertion.body}: magnitude = {magnitude!r}, "
+            "expected a finite number >= 0"
         )
     if insertion.body not in config.bodies:
         raise InvalidParameter(f"{insertion.kind}: body {insertion.body!r} is missing")
     if insertion.kind == "mass":
-        return _added_mass(config, insertion, size)
+        return _added_mass(config, insertion, magnitude)
     if insertion.kind == "hinge":
-        return _hinged(config, insertion, size)
-    return _loose_pivot(config, insertion, size)
+        return _hinged(config, insertion, magnitude)
+    return _loose_pivot(config, insertion, magnitude)
 
 
-def _loose_pivot(config: MechanismFile, insertion: Insertion, size: float) -> MechanismFile:
+def _loose_pivot(config: MechanismFile, insertion: Insertion, magnitude: float) -> MechanismFile:
     name = insertion.body
     body = config.bodies[name]
     if body.joint != "revolute":
@@ -108,19 +110,19 @@ def _loose_pivot(config: MechanismFile, insertion: Insertion, size: float) -> Me
             "damping": insertion.damping,
         }
         if insertion.kind == "clearance":
-            spring |= {"stiffness": 0.0, "clearance": size, "seating": insertion.seating}
+            spring |= {"stiffness": 0.0, "clearance": magnitude, "seating": insertion.seating}
         else:
-            spring |= {"stiffness": 1.0 / size}
+            spring |= {"stiffness": 1.0 / magnitude}
         springs[f"{name}_pin_{axis}"] = Spring(**spring)
     return config.model_copy(update={"bodies": bodies, "springs": springs})
 
 
-def _added_mass(config: MechanismFile, insertion: Insertion, size: float) -> MechanismFile:
-    rider = Body(parent=insertion.body, joint="weld", position=insertion.point, mass=size)
+def _added_mass(config: MechanismFile, insertion: Insertion, magnitude: float) -> MechanismFile:
+    rider = Body(parent=insertion.body, joint="weld", position=insertion.point, mass=magnitude)
     return config.model_copy(update={"bodies": {**config.bodies, f"{insertion.body}_rider": rider}})
 
 
-def _hinged(config: MechanismFile, insertion: Insertion, size: float) -> MechanismFile:
+def _hinged(config: MechanismFile, insertion: Insertion, magnitude: float) -> MechanismFile:
     """Split a body at a point: the part beyond hangs on a stiff, damped hinge."""
     body = config.bodies[insertion.body]
     hinge, end = insertion.point, insertion.end
@@ -179,7 +181,7 @@ def _hinged(config: MechanismFile, insertion: Insertion, size: float) -> Mechani
         f"{insertion.part}_bend": Spring(
             coordinate=f"{insertion.part}.bend",
             rest_angle=0.0,
-            stiffness=1.0 / size,
+            stiffness=1.0 / magnitude,
             damping=insertion.damping,
         ),
     }

@@ -79,7 +79,7 @@ class _ConditionTable(Schema):
     logarithmic: bool = False
 
 
-class _SizeOf(Schema):
+class _MagnitudeOf(Schema):
     path: str
     times: Annotated[float, Field(gt=0)]
 
@@ -93,7 +93,7 @@ class _ShapeTable(Schema):
 class _HiddenTable(Schema):
     state: str
     unit: str = "1"
-    size: float = 1.0
+    scale: float = 1.0
 
 
 class _Table(Schema):
@@ -105,9 +105,9 @@ class _Table(Schema):
     mechanism: str = ""
     kind: Kind = "parameter"
     unit: str = "1"
-    size: float | str | None = None
-    size_of: _SizeOf | None = None
-    size_by_input: dict[str, float] = {}
+    magnitude: float | str | None = None
+    magnitude_of: _MagnitudeOf | None = None
+    magnitude_by_input: dict[str, float] = {}
     sd: float | str | None = None
     sign: Literal[-1, 0, 1] = 0
     lower: float | None = None
@@ -136,7 +136,7 @@ class _UntilTable(Schema):
 
 class _Defaults(Schema):
     channels: list[str] = []
-    window: Annotated[float, SI("s"), Field(gt=0)] | None = None
+    segment: Annotated[float, SI("s"), Field(gt=0)] | None = None
     until: _UntilTable | None = None
     without_tolerances: list[str] = []
     effects: list[str] = []
@@ -165,7 +165,7 @@ class Signal:
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """A drift: the size counts in proportion to a condition of the record."""
+    """A drift: the magnitude counts in proportion to a condition of the record."""
 
     name: str
     reference: float
@@ -173,7 +173,7 @@ class Condition:
     logarithmic: bool = False
 
     def factor(self, conditions: Mapping[str, float | str]) -> float:
-        """Multiple of the size that acts in a record; 0 where the condition was not recorded."""
+        """Factor on the magnitude in a record; 0 where the condition was not recorded."""
         value = conditions.get(self.name)
         if not isinstance(value, (int, float)) or not math.isfinite(value):
             return 0.0
@@ -186,14 +186,14 @@ class Condition:
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """One effect or tolerance of one mechanism: how a size enters, and what people read."""
+    """One effect or tolerance of one mechanism: how a magnitude enters, and what people read."""
 
     name: str
     kind: Kind
     component: str
     mechanism: str
     unit: str
-    size: float
+    magnitude: float
     """Effect: what one would expect to meet; tolerance: standard deviation [unit]."""
     sign: Literal[-1, 0, 1] = 0
     lower: float = -math.inf
@@ -208,7 +208,7 @@ class Entry:
     shapes: tuple[float | None, ...] = (None,)
     shape_unit: str = ""
     hidden: tuple[tuple[str, str, float], ...] = ()
-    """Names, units and natural sizes of the states it brings."""
+    """Names, units and scales of the states it brings."""
     remedy: str = ""
     confounders: tuple[str, ...] = ()
     source: str = ""
@@ -226,7 +226,7 @@ class Until:
 
 @dataclass(frozen=True, kw_only=True)
 class Library:
-    """All that is known of a mechanism as a subject."""
+    """All that is known of a mechanism as an adapter."""
 
     name: str
     tolerances: tuple[Entry, ...]
@@ -234,7 +234,7 @@ class Library:
     channels: Mapping[str, tuple[str, ...]]
     default_channels: tuple[str, ...]
     default_effects: tuple[str, ...]
-    window: float | None
+    segment: float | None
     until: Until | None
     origin: str
 
@@ -303,12 +303,12 @@ def _chosen(
 
 def _resolve(name_or_path: str | Path, user: Path | None = None) -> Path:
     text = str(name_or_path)
-    if text in params.names("subjects"):
-        return params.folder("subjects") / f"{text}.toml"
+    if text in params.names("effects"):
+        return params.folder("effects") / f"{text}.toml"
     path = Path(text) if user is None else beside(user.parent, text, f"{user.name}: extends")
     if is_file(path):
         return path
-    known = ", ".join(params.names("subjects"))
+    known = ", ".join(params.names("effects"))
     raise InvalidParameter(
         f"library {text!r} is unknown; packaged are {known}; or give the path of a TOML file"
     )
@@ -342,7 +342,7 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> LibraryFile:
 
 def _library_of(name: str) -> str:
     """The packaged library of a mechanism, or of that which it is a variant of."""
-    packaged = params.names("subjects")
+    packaged = params.names("effects")
     fitting = [n for n in packaged if name == n or name.startswith(f"{n}_")]
     return max(fitting, key=len, default="mechanism")
 
@@ -394,7 +394,7 @@ def load_library(action: Action, name_or_path: str | Path | None = None) -> Libr
         channels={k: tuple(v) for k, v in outputs.items()},
         default_channels=tuple(file.defaults.channels) or tuple(_all_points(config)),
         default_effects=tuple(e for e in file.defaults.effects if e in known),
-        window=file.defaults.window,
+        segment=file.defaults.segment,
         until=None if until is None else Until(until.output, until.after_turn),
         origin=path.name,
     )
@@ -499,15 +499,19 @@ def _number(text: float | str, unit: str) -> float:
         raise InvalidParameter(str(error)) from None
 
 
-def _size(config: MechanismFile, table: _Table, words: Mapping[str, str], unit: str) -> float:
-    given = [table.size, table.size_of, table.sd, table.size_by_input or None]
+def _magnitude(config: MechanismFile, table: _Table, words: Mapping[str, str], unit: str) -> float:
+    given = [table.magnitude, table.magnitude_of, table.sd, table.magnitude_by_input or None]
     if sum(g is not None for g in given) != 1:
-        raise InvalidParameter("give exactly one of size, size_of, size_by_input (effects), sd")
-    if table.size_of is not None:
-        return table.size_of.times * abs(float(read_entry(config, _put(table.size_of.path, words))))
-    if table.size_by_input:
-        return table.size_by_input["force"]
-    value = table.size if table.size is not None else table.sd
+        raise InvalidParameter(
+            "give exactly one of magnitude, magnitude_of, magnitude_by_input (effects), sd"
+        )
+    if table.magnitude_of is not None:
+        return table.magnitude_of.times * abs(
+            float(read_entry(config, _put(table.magnitude_of.path, words)))
+        )
+    if table.magnitude_by_input:
+        return table.magnitude_by_input["force"]
+    value = table.magnitude if table.magnitude is not None else table.sd
     assert value is not None
     return _number(value, unit)
 
@@ -521,8 +525,8 @@ def _entry(
     tolerance: bool,
 ) -> Entry | None:
     unit = _put(table.unit, words)
-    size = _size(config, table, words, unit if "{" not in unit else "1")
-    if size == 0.0:
+    magnitude = _magnitude(config, table, words, unit if "{" not in unit else "1")
+    if magnitude == 0.0:
         return None  # nothing to scale: this joint has no friction of its own, for example
     changes = [
         Change(path=_put(c.path, words), scale=c.scale, exp=c.exp, add=c.add) for c in table.changes
@@ -562,7 +566,7 @@ def _entry(
         component=_put(table.component, words) or label,
         mechanism=_put(table.mechanism, words) or label,
         unit=unit,
-        size=abs(size),
+        magnitude=abs(magnitude),
         sign=table.sign,
         lower=-math.inf if table.lower is None else table.lower,
         upper=math.inf if table.upper is None else table.upper,
@@ -577,7 +581,7 @@ def _entry(
         shape_path=_put(table.shape.path, words) if table.shape else "",
         shapes=shapes,
         shape_unit=_put(table.shape.unit, words) if table.shape else "",
-        hidden=tuple((_put(h.state, words), h.unit, h.size) for h in table.hidden),
+        hidden=tuple((_put(h.state, words), h.unit, h.scale) for h in table.hidden),
         remedy=_put(table.remedy, words),
         confounders=tuple(_put(c, words) for c in table.confounders),
         source=table.source,

@@ -3,7 +3,7 @@
 Outputs are displacements of tracking points from rest [m] and, under motion input, the force of the
 finger [N]. States are the departures of the mechanical coordinates from the rest pose of the same
 parameters, and their rates, so that a record that starts at rest starts at zero whatever the
-parameters are. The string starts every window at rest: its vibrations die within 20 ms and reach
+parameters are. The string starts every segment at rest: its vibrations die within 20 ms and reach
 nothing that a camera sees.
 """
 
@@ -32,30 +32,30 @@ from feltmb.adapters.variants import Variant, Workshop, changed_config
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError, InvalidParameter, ModelError
 from feltmb.fit import (
+    Candidate,
     Effect,
-    Lanes,
+    Jobs,
     Parameter,
     Ready,
     Sensitivity,
     Simulated,
     State,
-    Term,
 )
 from feltmb.mechanism import Action
 
 __all__ = ["MechanismModel"]
 
-#: Natural size of a departure from the model motion, as a share of 1 mm of felt travel.
+#: Scale of a departure from the model motion, as a share of 1 mm of felt travel.
 DEPARTURE = 0.05
 #: The same of the rate: departures last for some milliseconds [1/s].
 DEPARTURE_RATE = 50.0
 
 
 @dataclass(frozen=True)
-class _Job:
-    """A run of one lane."""
+class _Task:
+    """A run of one job."""
 
-    lane: int
+    job: int
     variant: Variant
     first: int
     last: int
@@ -77,14 +77,14 @@ class MechanismModel(DifferentiableMechanism):
         Parameters to be estimated; default: all of the library.
     rtol
         Relative tolerance of the integrator; default: 1e-6 with single shooting, else 1e-7.
-    window
-        Length of shooting windows [s].
+    segment
+        Length of shooting segments [s].
     shooting
-        ``single``: every record in one go from rest. ``multiple``: windows with start states of
+        ``single``: every record in one go from rest. ``multiple``: segments with start states of
         their own, tied to one another, which keeps a record linear through impacts and noise of the
         input, for ten times the time.
     until
-        How long after the first turn of the library's ``until.output`` (the blow) samples count
+        How long after the first turn of the library's ``until.output`` (the impact) samples count
         with single shooting [s]; infinite: to their end. Default: that of the library.
     derivatives
         ``differences``, or ``forward``: exact, at about twice the cost.
@@ -108,7 +108,7 @@ class MechanismModel(DifferentiableMechanism):
         *,
         tolerances: Sequence[Entry] | None = None,
         rtol: float | None = None,
-        window: float | None = None,
+        segment: float | None = None,
         shooting: Literal["single", "multiple"] = "single",
         until: float | None = None,
         derivatives: Literal["differences", "forward"] = "differences",
@@ -135,7 +135,7 @@ class MechanismModel(DifferentiableMechanism):
             Parameter(
                 name=e.name,
                 value=0.0,
-                sd=e.size,
+                sd=e.magnitude,
                 unit=e.unit,
                 lower=max(e.lower, -0.9 if e.unit == "1" else -math.inf),
                 upper=e.upper,
@@ -143,7 +143,7 @@ class MechanismModel(DifferentiableMechanism):
             )
             for e in self.tolerances
         )
-        self.window = library.window if window is None else window
+        self.segment = library.segment if segment is None else segment
         self.rtol = (1e-6 if shooting == "single" else 1e-7) if rtol is None else rtol
         self.single = self.from_rest = shooting == "single"
         self.until = library.until
@@ -212,13 +212,13 @@ class MechanismModel(DifferentiableMechanism):
 
     # --- the interface of Model ---------------------------------------------------------------
 
-    def states(self, terms: Sequence[Term] = ()) -> tuple[State, ...]:
-        """Departures of the coordinates and rates, then what the terms bring; none if single."""
+    def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
+        """Departures of coordinates and rates, states of the included effects; none if single."""
         if self.single:
             return ()
         extra = []
-        for term in terms:
-            extra += list(term.effect.hidden)
+        for candidate in included:
+            extra += list(candidate.effect.hidden)
         return (*self._states, *extra)
 
     def forget(self) -> None:
@@ -226,7 +226,7 @@ class MechanismModel(DifferentiableMechanism):
         self.reuse.clear()
 
     def ready(self, records: Sequence[Record]) -> Ready:
-        """With single shooting the records up to shortly after the blow.
+        """With single shooting the records up to shortly after the impact.
 
         The noise of a measured motion is estimated where nothing is said of it.
         """
@@ -258,8 +258,8 @@ class MechanismModel(DifferentiableMechanism):
         if name in record.outputs and np.isfinite(record.outputs[name]).sum() > 10:
             return first_turn(record.time, record.outputs[name])
         base = self._base()
-        job = _Job(0, base, 0, record.samples - 1, np.zeros(0))
-        run = self._integrate(record, self.drives.of(record), job, ())
+        task = _Task(0, base, 0, record.samples - 1, np.zeros(0))
+        run = self._integrate(record, self.drives.of(record), task, ())
         if run is None:
             return None
         result = run[2]
@@ -270,82 +270,82 @@ class MechanismModel(DifferentiableMechanism):
         """Effects that carry an :class:`Entry`, and all sensor and input effects."""
         return isinstance(effect.data, Entry) or super().accepts(effect)
 
-    def simulate(self, record: Record, lanes: Lanes) -> Simulated:
-        """Every lane from its start; lanes that fail are NaN."""
+    def simulate(self, record: Record, jobs: Jobs) -> Simulated:
+        """Every job from its start; jobs that fail are NaN."""
         if self.single:
-            return self._simulate_whole(record, lanes)
-        outputs = np.full((lanes.count, lanes.longest, len(self.outputs)), np.nan)
-        ends = np.full((lanes.count, lanes.starts.shape[1]), np.nan)
-        names = [s.name for s in self.states(lanes.terms)]
-        jobs = []
+            return self._simulate_whole(record, jobs)
+        outputs = np.full((jobs.count, jobs.longest, len(self.outputs)), np.nan)
+        ends = np.full((jobs.count, jobs.starts.shape[1]), np.nan)
+        names = [s.name for s in self.states(jobs.included)]
+        tasks = []
         last_key: bytes | None = None
         variant: Variant | None = None
-        for b in range(lanes.count):
-            sizes = lanes.sizes[b] if lanes.terms else np.zeros(0)
-            key = self._key(record, lanes.theta[b], lanes.terms, sizes)
+        for b in range(jobs.count):
+            magnitudes = jobs.magnitudes[b] if jobs.included else np.zeros(0)
+            key = self._key(record, jobs.theta[b], jobs.included, magnitudes)
             if key != last_key:
-                variant = self._variant(record, key, lanes.theta[b], lanes.terms, sizes)
+                variant = self._variant(record, key, jobs.theta[b], jobs.included, magnitudes)
                 last_key = key
-            if variant is None or not np.all(np.isfinite(lanes.starts[b])):
+            if variant is None or not np.all(np.isfinite(jobs.starts[b])):
                 continue
-            first, last = (int(i) for i in lanes.windows[b])
-            jobs.append(_Job(b, variant, first, last, lanes.starts[b]))
+            first, last = (int(i) for i in jobs.segments[b])
+            tasks.append(_Task(b, variant, first, last, jobs.starts[b]))
         drive = self.drives.of(record)
 
-        def work(job: _Job) -> None:
-            out = self._run(record, drive, job, names)
+        def work(task: _Task) -> None:
+            out = self._run(record, drive, task, names)
             if out is not None:
-                length = job.last - job.first + 1
-                outputs[job.lane, :length], ends[job.lane] = out
+                length = task.last - task.first + 1
+                outputs[task.job, :length], ends[task.job] = out
 
-        self.in_parallel(work, jobs)
+        self.in_parallel(work, tasks)
         return Simulated(outputs=outputs, ends=ends)
 
-    def _simulate_whole(self, record: Record, lanes: Lanes) -> Simulated:
-        """Lanes of one version share one run from rest."""
-        outputs = np.full((lanes.count, lanes.longest, len(self.outputs)), np.nan)
+    def _simulate_whole(self, record: Record, jobs: Jobs) -> Simulated:
+        """Jobs of one version share one run from rest."""
+        outputs = np.full((jobs.count, jobs.longest, len(self.outputs)), np.nan)
         groups: dict[bytes, list[int]] = {}
-        for b in range(lanes.count):
-            sizes = lanes.sizes[b] if lanes.terms else np.zeros(0)
-            key = self._key(record, lanes.theta[b], lanes.terms, sizes)
+        for b in range(jobs.count):
+            magnitudes = jobs.magnitudes[b] if jobs.included else np.zeros(0)
+            key = self._key(record, jobs.theta[b], jobs.included, magnitudes)
             groups.setdefault(key, []).append(b)
         drive = self.drives.of(record)
 
         def work(item: tuple[bytes, list[int]]) -> None:
             key, rows = item
-            sizes = lanes.sizes[rows[0]] if lanes.terms else np.zeros(0)
-            variant = self._variant(record, key, lanes.theta[rows[0]], lanes.terms, sizes)
+            magnitudes = jobs.magnitudes[rows[0]] if jobs.included else np.zeros(0)
+            variant = self._variant(record, key, jobs.theta[rows[0]], jobs.included, magnitudes)
             if variant is None:
                 return
-            last = int(max(lanes.windows[b, 1] for b in rows))
-            run = self._integrate(record, drive, _Job(0, variant, 0, last, np.zeros(0)), ())
+            last = int(max(jobs.segments[b, 1] for b in rows))
+            run = self._integrate(record, drive, _Task(0, variant, 0, last, np.zeros(0)), ())
             if run is None:
                 return
             for b in rows:
-                i, j = (int(k) for k in lanes.windows[b])
+                i, j = (int(k) for k in jobs.segments[b])
                 outputs[b, : j - i + 1] = run[1][i : j + 1]
 
         self.in_parallel(work, list(groups.items()))
-        return Simulated(outputs=outputs, ends=np.zeros((lanes.count, 0)))
+        return Simulated(outputs=outputs, ends=np.zeros((jobs.count, 0)))
 
     def whole(self, record: Record, variant: Variant) -> Array | None:
         """Outputs of a version over the whole record from rest, (n, ny); None if it failed."""
-        job = _Job(0, variant, 0, record.samples - 1, np.zeros(0))
-        run = self._integrate(record, self.drives.of(record), job, ())
+        task = _Task(0, variant, 0, record.samples - 1, np.zeros(0))
+        run = self._integrate(record, self.drives.of(record), task, ())
         return None if run is None else run[1]
 
     def sensitivities(
         self,
         record: Record,
         theta: Array,
-        windows: NDArray[np.intp],
+        segments: NDArray[np.intp],
         starts: Array,
-        terms: tuple[Term, ...] = (),
-        sizes: Array | None = None,
+        included: tuple[Candidate, ...] = (),
+        magnitudes: Array | None = None,
         *,
         by_theta: Sequence[int] | None = None,
         by_starts: bool = True,
-        candidates: tuple[Term, ...] = (),
+        candidates: tuple[Candidate, ...] = (),
     ) -> Sensitivity:
         """Derivatives, kept while the point moves little.
 
@@ -353,7 +353,9 @@ class MechanismModel(DifferentiableMechanism):
         :mod:`feltmb.adapters.reuse`.
         """
         theta, starts = np.asarray(theta, dtype=float), np.asarray(starts, dtype=float)
-        sizes = np.zeros(len(terms)) if sizes is None else np.asarray(sizes, dtype=float)
+        magnitudes = (
+            np.zeros(len(included)) if magnitudes is None else np.asarray(magnitudes, dtype=float)
+        )
         wanted = tuple(range(len(self.parameters)) if by_theta is None else by_theta)
 
         def compute() -> Sensitivity:
@@ -361,33 +363,33 @@ class MechanismModel(DifferentiableMechanism):
                 self,
                 record,
                 theta,
-                windows,
+                segments,
                 starts,
-                terms,
-                sizes,
+                included,
+                magnitudes,
                 by_theta=wanted,
                 by_starts=by_starts,
                 candidates=candidates,
             )
 
         question = Question(
-            record, windows, theta, starts, terms, sizes, wanted, by_starts, candidates
+            record, segments, theta, starts, included, magnitudes, wanted, by_starts, candidates
         )
         return self.reuse.ask(self, question, compute)
 
-    def guess(self, record: Record, windows: NDArray[np.intp]) -> Array:
+    def guess(self, record: Record, segments: NDArray[np.intp]) -> Array:
         """Start states on the model's own way through the record."""
         if self.single:
-            return np.zeros((len(windows), 0))
-        last = int(np.max(windows[:, 1]))
+            return np.zeros((len(segments), 0))
+        last = int(np.max(segments[:, 1]))
         names = [s.name for s in self.states()]
-        job = _Job(0, self._base(), 0, last, np.zeros(len(names)))
-        run = self._integrate(record, self.drives.of(record), job, names)
-        starts = np.zeros((len(windows), len(names)))
+        task = _Task(0, self._base(), 0, last, np.zeros(len(names)))
+        run = self._integrate(record, self.drives.of(record), task, names)
+        starts = np.zeros((len(segments), len(names)))
         if run is None:
             return starts
         states, _, _ = run
-        for w, (first, _) in enumerate(windows):
+        for w, (first, _) in enumerate(segments):
             starts[w] = states[int(first)]
         return starts
 
@@ -406,65 +408,74 @@ class MechanismModel(DifferentiableMechanism):
     def variant(
         self,
         theta: Array,
-        terms: tuple[Term, ...] = (),
-        sizes: Array | None = None,
+        included: tuple[Candidate, ...] = (),
+        magnitudes: Array | None = None,
         conditions: Mapping[str, float | str] | None = None,
     ) -> Variant:
-        """The assembled mechanism of parameters and sizes.
+        """The assembled mechanism of parameters and magnitudes.
 
         Raises
         ------
         InvalidParameter
             These numbers make no mechanism, or it has no rest.
         """
-        entries = self._chosen(theta, terms, np.zeros(0) if sizes is None else sizes)
+        entries = self._chosen(theta, included, np.zeros(0) if magnitudes is None else magnitudes)
         return self._workshop.build(changed_config(self.action.config, entries, conditions or {}))
 
     def _chosen(
-        self, theta: Array, terms: tuple[Term, ...], sizes: Array
+        self, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
     ) -> list[tuple[Entry, float, float | None]]:
         out: list[tuple[Entry, float, float | None]] = [
             (e, float(v), None) for e, v in zip(self.tolerances, theta, strict=True)
         ]
-        for term, size in zip(terms, sizes, strict=True):
-            if isinstance(term.effect.data, Entry):
-                out.append((term.effect.data, float(size), term.shape))
+        for candidate, magnitude in zip(included, magnitudes, strict=True):
+            if isinstance(candidate.effect.data, Entry):
+                out.append((candidate.effect.data, float(magnitude), candidate.shape))
         return out
 
-    def _key(self, record: Record, theta: Array, terms: tuple[Term, ...], sizes: Array) -> bytes:
+    def _key(
+        self, record: Record, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
+    ) -> bytes:
         drifting = [
             (t.effect.data.condition.factor(record.conditions) if t.effect.data.condition else 1.0)
             if isinstance(t.effect.data, Entry)
             else 1.0
-            for t in terms
+            for t in included
         ]
         parts = [theta.tobytes()]
         parts += [
-            f"{t.name}|{t.shape}|{float(size * drift)!r}".encode()
-            for t, size, drift in zip(terms, sizes, drifting, strict=True)
-            if size * drift != 0.0
+            f"{t.name}|{t.shape}|{float(magnitude * drift)!r}".encode()
+            for t, magnitude, drift in zip(included, magnitudes, drifting, strict=True)
+            if magnitude * drift != 0.0
         ]
         return b";".join(parts)
 
     def _variant(
-        self, record: Record, key: bytes, theta: Array, terms: tuple[Term, ...], sizes: Array
+        self,
+        record: Record,
+        key: bytes,
+        theta: Array,
+        included: tuple[Candidate, ...],
+        magnitudes: Array,
     ) -> Variant | None:
-        if not any(theta) and not any(sizes):
+        if not any(theta) and not any(magnitudes):
             return self._base()
-        return self._workshop.variant(key, self._chosen(theta, terms, sizes), record.conditions)
+        return self._workshop.variant(
+            key, self._chosen(theta, included, magnitudes), record.conditions
+        )
 
     def version(
-        self, record: Record, theta: Array, terms: tuple[Term, ...], sizes: Array
+        self, record: Record, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
     ) -> Variant:
-        """The mechanism of parameters and sizes under the conditions of a record.
+        """The mechanism of parameters and magnitudes under the conditions of a record.
 
         Raises
         ------
         ModelError
             These numbers make no mechanism, or it has no rest.
         """
-        key = self._key(record, theta, terms, sizes)
-        variant = self._variant(record, key, theta, terms, sizes)
+        key = self._key(record, theta, included, magnitudes)
+        variant = self._variant(record, key, theta, included, magnitudes)
         if variant is None:
             raise ModelError(f"mechanism {self.name!r}: no rest pose at these numbers")
         return variant
@@ -478,33 +489,33 @@ class MechanismModel(DifferentiableMechanism):
         point, _, axis = output.rpartition(".")
         return variant.points[point]["xy".index(axis)] if point in variant.points else 0.0
 
-    def in_parallel(self, work: Callable[[Any], None], jobs: Sequence[Any]) -> None:
-        """Do the jobs on the threads of the model; the results do not depend on their number."""
-        if self.workers <= 1 or len(jobs) < 2:
-            for job in jobs:
-                work(job)
+    def in_parallel(self, work: Callable[[Any], None], tasks: Sequence[Any]) -> None:
+        """Do the tasks on the threads of the model; the results do not depend on their number."""
+        if self.workers <= 1 or len(tasks) < 2:
+            for task in tasks:
+                work(task)
             return
         with ThreadPoolExecutor(self.workers) as pool:
-            list(pool.map(work, jobs))
+            list(pool.map(work, tasks))
 
     def _run(
-        self, record: Record, drive: Drive, job: _Job, names: Sequence[str]
+        self, record: Record, drive: Drive, task: _Task, names: Sequence[str]
     ) -> tuple[Array, Array] | None:
-        run = self._integrate(record, drive, job, names)
+        run = self._integrate(record, drive, task, names)
         if run is None:
             return None
         states, columns, _ = run
         return columns, states[-1]
 
     def _integrate(
-        self, record: Record, drive: Drive, job: _Job, names: Sequence[str]
+        self, record: Record, drive: Drive, task: _Task, names: Sequence[str]
     ) -> tuple[Array, Array, Any] | None:
-        """States (n, nx) and outputs (n, ny) at the samples of one window; None if it failed."""
-        v = job.variant
+        """States (n, nx) and outputs (n, ny) at the samples of one segment; None if it failed."""
+        v = task.variant
         full = v.rest.copy()
         index = np.array([v.place.get(name, -1) for name in names], dtype=int)
-        full[index[index >= 0]] += job.start[index >= 0]
-        time = record.time[job.first : job.last + 1] - record.time[job.first]
+        full[index[index >= 0]] += task.start[index >= 0]
+        time = record.time[task.first : task.last + 1] - record.time[task.first]
         count = time.size
         options = _core.SimulationOptions()
         options.duration = float(time[-1])
@@ -513,7 +524,7 @@ class MechanismModel(DifferentiableMechanism):
         options.output_rate = (count - 1) / time[-1] if even else 8.0 * (count - 1) / time[-1]
         options.ledger = options.events = options.diagnose = False
         options.finger_reference = v.finger_reference
-        profile = drive.profile(float(record.time[job.first]), float(time[-1]))
+        profile = drive.profile(float(record.time[task.first]), float(time[-1]))
         if drive.motion:
             follow(self.action, v, full, profile)
         try:

@@ -7,14 +7,14 @@ from typing import Any
 
 from feltmb.mechanism import Action
 
-__all__ = ["KINDS", "finer"]
+__all__ = ["KINDS", "refined"]
 
 #: More modes of the string, more shapes of beams, friction that turns over at lower speed.
 KINDS = ("modes", "shapes", "friction")
 MOST_MODES = 200
 
 
-def finer(action: Action, kinds: Sequence[str] = KINDS) -> Action:
+def refined(action: Action, kinds: Sequence[str] = KINDS) -> Action:
     """Twice the string modes (up to 200), one more lateral shape, a third of the friction's speed.
 
     The action itself where nothing of the kind is in it.

@@ -23,12 +23,12 @@ SETTINGS = {
     "library": "packaged library of effects or TOML file (default: that of the mechanism)",
     "rtol": "relative tolerance of the integrator (default 1e-6, with multiple shooting 1e-7)",
     "shooting": "single (default): every record in one go from rest; or multiple",
-    "until": "with single shooting: how long after the blow samples count in s, or end: all of "
+    "until": "with single shooting: how long after the impact samples count in s, or end: all of "
     "them (default: that of the library, 0.01)",
-    "window": "with multiple shooting: length of shooting windows in s",
+    "segment": "with multiple shooting: length of shooting segments in s",
     "derivatives": "differences (default) or forward",
-    "floor": "with single shooting: change of felt and friction from stroke to stroke as a share "
-    "(default 0.01), none: no floor",
+    "variation": "with single shooting: change of felt and friction from stroke to stroke as a "
+    "share (default 0.01), none: no variation",
 }
 
 
@@ -73,7 +73,7 @@ def resolve(
     for key in ("shooting", "derivatives"):
         if key in settings:
             options[key] = settings[key]
-    for key in ("rtol", "window"):
+    for key in ("rtol", "segment"):
         if key not in settings:
             continue
         try:
@@ -82,8 +82,8 @@ def resolve(
             raise InvalidParameter(f"{key}: got {settings[key]!r}, expected a number") from None
     if "until" in settings:
         options["until"] = _until(settings)
-    if "floor" in settings:
-        options["variation"] = _floor(settings)
+    if "variation" in settings:
+        options["variation"] = _variation(settings)
     library = load_library(action, settings.get("library"))
     if "tolerances" in settings:
         options["tolerances"] = library.choose_tolerances(_list(settings["tolerances"]))
@@ -102,7 +102,7 @@ def _single(settings: Mapping[str, str]) -> bool:
 
 
 def _until(settings: Mapping[str, str]) -> float:
-    """Time after the blow [s]; infinite: to the end."""
+    """Time after the impact [s]; infinite: to the end."""
     text = settings["until"]
     if not _single(settings):
         raise InvalidParameter("until: works with shooting=single")
@@ -117,11 +117,11 @@ def _until(settings: Mapping[str, str]) -> float:
     return value
 
 
-def _floor(settings: Mapping[str, str]) -> float | None:
-    """Variation from stroke to stroke; None: no floor."""
-    text = settings["floor"]
+def _variation(settings: Mapping[str, str]) -> float | None:
+    """Variation from stroke to stroke; None: none."""
+    text = settings["variation"]
     if not _single(settings) or settings.get("derivatives") == "forward":
-        raise InvalidParameter("floor: works with shooting=single and derivatives=differences")
+        raise InvalidParameter("variation: works with shooting=single and derivatives=differences")
     if text == "none":
         return None
     try:
@@ -129,7 +129,7 @@ def _floor(settings: Mapping[str, str]) -> float | None:
     except ValueError:
         value = -1.0
     if not 0.0 <= value <= 0.5:
-        raise InvalidParameter(f"floor: got {text!r}, expected a share from 0 to 0.5, or none")
+        raise InvalidParameter(f"variation: got {text!r}, expected a share from 0 to 0.5, or none")
     return value
 
 

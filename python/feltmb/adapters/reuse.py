@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.data import Array, Record
-from feltmb.fit import Lanes, Model, Sensitivity, Term
+from feltmb.fit import Candidate, Jobs, Model, Sensitivity
 
 __all__ = ["Kept", "Question", "Reuse"]
 
@@ -26,7 +26,7 @@ class Kept:
     """Derivatives and where they were taken."""
 
     theta: Array
-    sizes: Array
+    magnitudes: Array
     starts: Array
     value: Sensitivity
 
@@ -36,22 +36,22 @@ class Question:
     """What derivatives are asked for, and where."""
 
     record: Record
-    windows: NDArray[np.intp]
+    segments: NDArray[np.intp]
     theta: Array
     starts: Array
-    terms: tuple[Term, ...]
-    sizes: Array
+    included: tuple[Candidate, ...]
+    magnitudes: Array
     by_theta: tuple[int, ...]
     by_starts: bool
-    candidates: tuple[Term, ...]
+    candidates: tuple[Candidate, ...]
 
     def key(self) -> tuple[object, ...]:
         """What must be the same for kept derivatives to be an answer."""
         return (
             self.record.name,
             hash(tuple(v.tobytes() for v in self.record.inputs.values())),
-            self.windows.tobytes(),
-            tuple((t.name, t.shape) for t in self.terms),
+            self.segments.tobytes(),
+            tuple((t.name, t.shape) for t in self.included),
             self.by_theta,
             self.by_starts,
             tuple((t.name, t.shape) for t in self.candidates),
@@ -64,11 +64,11 @@ class Reuse:
     Parameters
     ----------
     theta_sd
-        Distance of the parameters over which derivatives are kept, in their natural sizes.
+        Distance of the parameters over which derivatives are kept, in their scales.
     start_scale
         The same of the start states, in theirs.
     size_scale
-        The same of the sizes of effects, in their scales.
+        The same of the magnitudes of effects, in their scales.
     """
 
     def __init__(
@@ -100,23 +100,25 @@ class Reuse:
     ) -> Sensitivity:
         """Derivatives at or near a point, values at it."""
         q = question
-        theta, sizes, starts = q.theta, q.sizes, q.starts
+        theta, magnitudes, starts = q.theta, q.magnitudes, q.starts
         key = q.key()
         units = (
             np.array([p.size for p in model.parameters]),
-            np.array([t.effect.scale for t in q.terms]),
-            np.array([s.scale for s in model.states(q.terms)]),
+            np.array([t.effect.scale for t in q.included]),
+            np.array([s.scale for s in model.states(q.included)]),
         )
         with self._lock:
             kept = self._kept.get(key)
-        if kept is not None and self._near(kept, theta, sizes, starts, units):
+        if kept is not None and self._near(kept, theta, magnitudes, starts, units):
             self.hits += 1
-            run = model.simulate(q.record, Lanes.at_point(theta, q.windows, starts, q.terms, sizes))
+            run = model.simulate(
+                q.record, Jobs.at_point(theta, q.segments, starts, q.included, magnitudes)
+            )
             return replace(kept.value, outputs=run.outputs, ends=run.ends)
         self.misses += 1
         value = compute()
         with self._lock:
-            self._kept[key] = Kept(theta.copy(), sizes.copy(), starts.copy(), value)
+            self._kept[key] = Kept(theta.copy(), magnitudes.copy(), starts.copy(), value)
             self._kept.move_to_end(key)
             while len(self._kept) > self._keep:
                 self._kept.popitem(last=False)
@@ -126,14 +128,14 @@ class Reuse:
         self,
         kept: Kept,
         theta: Array,
-        sizes: Array,
+        magnitudes: Array,
         starts: Array,
         units: tuple[Array, Array, Array],
     ) -> bool:
         limits = (self.theta_sd, self.size_scale, self.start_scale)
         for old, new, unit, limit in zip(
-            (kept.theta, kept.sizes, kept.starts),
-            (theta, sizes, starts),
+            (kept.theta, kept.magnitudes, kept.starts),
+            (theta, magnitudes, starts),
             units,
             limits,
             strict=True,

@@ -25,13 +25,13 @@ class Shifter:
 
     def __init__(self, config: MechanismFile):
         self._file = config
-        self._sizes: dict[str, float] = {}
+        self._magnitudes: dict[str, float] = {}
         self._config = config
         self._entries: dict[str, Entry] = {}
         self._lock = threading.Lock()
 
     def config(self, entries: Chosen, conditions: Mapping[str, float | str]) -> MechanismFile:
-        """The mechanism with entries of given sizes and shapes; that of the file if all are zero.
+        """The mechanism with entries of given magnitudes and shapes; unchanged if all are zero.
 
         Raises
         ------
@@ -45,34 +45,34 @@ class Shifter:
         mixed = any(c.path in paths for e, _, _ in special for c in e.changes)
         if mixed or len(set(names)) < len(names):
             return changed_config(self._file, entries, conditions)
-        sizes: dict[str, float] = {}
+        magnitudes: dict[str, float] = {}
         by_path: dict[str, list[tuple[Entry, float]]] = {}
-        for e, size, _ in entries:
+        for e, magnitude, _ in entries:
             if e.insertion is not None or e.shape_path:
                 continue
             if e.condition is not None:
-                size = size * e.condition.factor(conditions)
-            if size != 0.0:
-                sizes[e.name] = size
+                magnitude = magnitude * e.condition.factor(conditions)
+            if magnitude != 0.0:
+                magnitudes[e.name] = magnitude
                 for path in {c.path for c in e.changes}:
-                    by_path.setdefault(path, []).append((e, size))
+                    by_path.setdefault(path, []).append((e, magnitude))
         with self._lock:
-            last, config = self._sizes, self._config
+            last, config = self._magnitudes, self._config
             known = {e.name: e for e in plain} | self._entries
-            moved = {n for n in {*sizes, *last} if sizes.get(n, 0.0) != last.get(n, 0.0)}
+            moved = {n for n in {*magnitudes, *last} if magnitudes.get(n, 0.0) != last.get(n, 0.0)}
             for path in {c.path for n in moved for c in known[n].changes}:
                 factor, added = 1.0, 0.0
-                for e, size in by_path.get(path, ()):
+                for e, magnitude in by_path.get(path, ()):
                     for c in e.changes:
                         if c.path == path:
-                            factor *= (1.0 + c.scale * size) * math.exp(c.exp * size)
-                            added += c.add * size
+                            factor *= (1.0 + c.scale * magnitude) * math.exp(c.exp * magnitude)
+                            added += c.add * magnitude
                 value = read_entry(self._file, path)
                 if factor != 1.0 or added != 0.0:
                     value = value * factor + added
                 config = replace_entry(config, path, value)
-            if not sizes:
+            if not magnitudes:
                 config = self._file
-            self._sizes, self._config = sizes, config
-            self._entries = {n: known[n] for n in sizes}
+            self._magnitudes, self._config = magnitudes, config
+            self._entries = {n: known[n] for n in magnitudes}
         return changed_config(config, special, conditions) if special else config

@@ -1,8 +1,8 @@
 """Sensor and input effects of a mechanism's records: delay, gain, offset, tilt.
 
 Signs: a channel reads (1 + gain) times the truth plus offset, late by delay, the channel of the
-input too (:mod:`feltmb.gap.library.readings`). At size zero every one gives back its argument, to
-the last bit.
+input too (:mod:`feltmb.gap.library.readings`). At magnitude zero every one gives back its argument,
+to the last bit.
 """
 
 from __future__ import annotations
@@ -39,28 +39,28 @@ def observe_by(
         pairs.append((i, outputs.index(other) if other in outputs else -1, axis))
 
     def observe(
-        record: Record, y: Array, windows: Array, sizes: Array, shape: object = None
+        record: Record, y: Array, segments: Array, magnitudes: Array, shape: object = None
     ) -> Array:
         del shape
-        active = [b for b in range(y.shape[0]) if sizes[b] != 0.0]
+        active = [b for b in range(y.shape[0]) if magnitudes[b] != 0.0]
         if not active:
             return y
         out = y.copy()
         if signal.kind == "delay":
-            out[:, :, columns] = shifted(record, y[:, :, columns], windows, sizes)
+            out[:, :, columns] = shifted(record, y[:, :, columns], segments, magnitudes)
             return out
         for b in active:
-            first, last = int(windows[b, 0]), int(windows[b, 1])
+            first, last = int(segments[b, 0]), int(segments[b, 1])
             span = slice(0, last - first + 1)
             if signal.kind == "gain":
-                out[b, span, columns] *= 1.0 + sizes[b]
+                out[b, span, columns] *= 1.0 + magnitudes[b]
             elif signal.kind == "offset":
-                out[b, span, columns] += sizes[b]
+                out[b, span, columns] += magnitudes[b]
             else:
                 for i, other, axis in pairs:
                     if other < 0:
                         continue
-                    turn = sizes[b] if axis == "x" else -sizes[b]
+                    turn = magnitudes[b] if axis == "x" else -magnitudes[b]
                     out[b, span, i] += turn * y[b, span, other]
         return out
 
@@ -72,12 +72,12 @@ def excite_by(signal: Signal) -> Callable[..., Mapping[str, Array]]:
     assert signal.kind != "tilt"
     error = signal.kind
 
-    def excite(record: Record, size: float, shape: object = None) -> Mapping[str, Array]:
+    def excite(record: Record, magnitude: float, shape: object = None) -> Mapping[str, Array]:
         del shape
-        if size == 0.0:
+        if magnitude == 0.0:
             return {}
         return {
-            name: acting(record.time, recorded, error, size, smooth=True)
+            name: acting(record.time, recorded, error, magnitude, smooth=True)
             for name, recorded in record.inputs.items()
         }
 

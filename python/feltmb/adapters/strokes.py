@@ -1,4 +1,4 @@
-"""Whole strokes as a model: single shooting with kept derivatives and a floor.
+"""Whole strokes as a model: single shooting with kept derivatives and run-to-run variability.
 
 Every record is simulated in one go from rest, so that a point of the fit costs one run a record.
 Derivatives are one-sided differences, a column each, and a column is kept as long as the motion has
@@ -6,12 +6,12 @@ not left the one it was taken at by more than ``TRAVEL``: a chord method whose r
 camera sees, wider for a column that hardly stands out of the noise, because its error stands out
 even less. Values are always simulated anew.
 
-What differs from stroke to stroke without being a cause is the *floor*: the noise of the measured
-input, small changes of felt and friction, and what a finer model would move. Its directions are
-found by differences at the packaged mechanism, those that stand out of the sensors' noise become
-parameters of their own record with the prior N(0, 1), and act linearly on its outputs:
+What differs from stroke to stroke without being a cause is the *run-to-run variability*: the noise
+of the measured input, small changes of felt and friction, and what a refined model would move. Its
+directions are found by differences at the packaged mechanism, those above the noise of the sensors
+become parameters of their own record with the prior N(0, 1), and act linearly on its outputs:
 
-    y_r(theta, phi, z_r) = y(theta, phi) + D_r z_r,    D_r D_r' = covariance of the floor.
+    y_r(theta, phi, z_r) = y(theta, phi) + D_r z_r,    D_r D_r' = covariance of the variability.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.adapters.aliases import Alias
-from feltmb.adapters.finer import KINDS, finer
 from feltmb.adapters.latest import Latest
 from feltmb.adapters.library import Entry
 from feltmb.adapters.model import MechanismModel
+from feltmb.adapters.refined import KINDS, refined
 from feltmb.adapters.shifter import Shifter
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError
-from feltmb.fit import FLOOR, Lanes, Parameter, Ready, Sensitivity, Simulated, Term
+from feltmb.fit import VARIABILITY, Candidate, Jobs, Parameter, Ready, Sensitivity, Simulated
 
-__all__ = ["Floor", "StrokeModel"]
+__all__ = ["RunVariability", "StrokeModel"]
 
 #: Motion away from where a column was taken up to which it is kept [m], for a column with the
-#: noncentrality ``CLEAR`` over its natural size; in inverse proportion for others, from ``LEAST``
+#: noncentrality ``CLEAR`` over its scale; in inverse proportion for others, from ``LEAST``
 #: to ``MOST`` times as far. Columns that are kept too long stop a fit far from its minimum.
 TRAVEL, CLEAR, LEAST, MOST = 2e-5, 20.0, 0.5, 10.0
 #: The same with effects in the fit, and from score to score.
@@ -49,13 +49,13 @@ TRAVEL_LATER, TRAVEL_SCORES = 5e-5, 1.5e-3
 KEPT = 8
 #: Simulated motions that are kept.
 RUNS = 64
-#: Step of a parameter as a share of its natural size: over a tenth of it an integrator at 1e-5
-#: would be heard.
+#: Step of a parameter as a share of its scale: over a tenth of it an integrator at 1e-5
+#: would be detectable.
 STEP = 0.25
-#: The same of the size of an effect, at least.
+#: The same of the magnitude of the effect, at least.
 EFFECT_STEP = 0.2
-#: Directions of the floor whose noncentrality is below this are left out.
-LEAST_FLOOR = 0.3
+#: Directions of the variability whose noncentrality is below this are left out.
+LEAST_VARIABILITY = 0.3
 #: Stretch of input noise between knots [s]: an action averages over more than that.
 KNOTS = 8e-3
 #: What changes from stroke to stroke.
@@ -63,7 +63,7 @@ VARYING = ("felt.*", "joint_friction.*", "contact_friction.*")
 
 
 @dataclass(frozen=True)
-class Floor:
+class RunVariability:
     """Directions in which a record may depart without a cause: (n, ny, k), each N(0, 1)."""
 
     record: Record
@@ -101,16 +101,16 @@ class _Scored:
 class StrokeModel(MechanismModel):
     """A mechanism whose records are simulated in one go from rest; see :class:`MechanismModel`.
 
-    ``variation``: of felt and friction from stroke to stroke [1], for :meth:`with_floor`; None: no
-    floor. ``chaotic`` is False: records should end soon after the blow, while a stroke is still a
-    smooth function of the parameters.
+    ``variation``: of felt and friction from stroke to stroke [1], for :meth:`with_variability`;
+    None: no variability. ``chaotic`` is False: records should end soon after the impact, while a
+    stroke is still a smooth function of the parameters.
     """
 
     def __init__(self, *args: Any, variation: float | None = 0.01, **options: Any):
         super().__init__(*args, **{**options, "shooting": "single"})
         self.variation = variation
         self.mechanical = len(self.parameters)
-        self.floors: dict[str, Floor] = {}
+        self.variabilities: dict[str, RunVariability] = {}
         self._runs: Latest[tuple[object, ...], Array | None] = Latest(RUNS)
         self._shifter = Shifter(self.action.config)
         self._scored_at: dict[str, _Scored] = {}
@@ -125,10 +125,12 @@ class StrokeModel(MechanismModel):
         self._columns_kept.clear()
         self._scored_at.clear()
 
-    # --- the floor --------------------------------------------------------------------------------
+    # --- run-to-run variability -----------------------------------------------------------
 
-    def with_floor(self, records: Sequence[Record], variation: float | None = None) -> StrokeModel:
-        """The same model with the floor of records.
+    def with_variability(
+        self, records: Sequence[Record], variation: float | None = None
+    ) -> StrokeModel:
+        """The same model with the run-to-run variability of records.
 
         Parameters
         ----------
@@ -141,29 +143,37 @@ class StrokeModel(MechanismModel):
         Returns
         -------
         StrokeModel
-            With further parameters ``floor.RECORD.K``; self if its own variation is None as well.
+            With further parameters ``variability.RECORD.K``; self if its own variation is None as
+            well.
         """
         variation = self.variation if variation is None else variation
         if variation is None:
             return self
         out = copy.copy(self)
-        out.floors = {r.name: Floor(r, self._floor(r, variation)) for r in records}
+        out.variabilities = {
+            r.name: RunVariability(r, self._variability(r, variation)) for r in records
+        }
         out.parameters = self.parameters[: self.mechanical] + tuple(
-            Parameter(name=f"floor.{r.name}.{k + 1}", value=0.0, sd=1.0, component=FLOOR)
+            Parameter(
+                name=f"variability.{r.name}.{k + 1}", value=0.0, sd=1.0, component=VARIABILITY
+            )
             for r in records
-            for k in range(out.floors[r.name].columns.shape[2])
+            for k in range(out.variabilities[r.name].columns.shape[2])
         )
         return out
 
     def ready(self, records: Sequence[Record]) -> Ready:
-        """Records up to shortly after the blow, with their floor where they have none."""
+        """Records up to shortly after the impact, with their variability where they have none."""
         base = super().ready(records)
-        if all(r.name in self.floors and self.floors[r.name].covers(r) for r in base.records):
+        if all(
+            r.name in self.variabilities and self.variabilities[r.name].covers(r)
+            for r in base.records
+        ):
             return base
-        return replace(base, model=self.with_floor(base.records))
+        return replace(base, model=self.with_variability(base.records))
 
-    def _floor(self, record: Record, variation: float) -> Array:
-        """Directions that stand out of the sensors' noise, (n, ny, k)."""
+    def _variability(self, record: Record, variation: float) -> Array:
+        """Directions that are detectable above the noise of the sensors, (n, ny, k)."""
         base = self._motion(record, np.zeros(self.mechanical), (), np.zeros(0))
         empty = np.zeros((record.samples, len(self.outputs), 0))
         if base is None:
@@ -183,7 +193,7 @@ class StrokeModel(MechanismModel):
             if sigma > 0.0 and name in record.inputs:
                 columns += self._input_columns(record, base, name, sigma)
         for kind in KINDS:
-            resolved = finer(self.action, (kind,))
+            resolved = refined(self.action, (kind,))
             if resolved is not self.action:
                 motion = self.whole(record, self._workshop.build(resolved.config))
                 if motion is not None:
@@ -193,7 +203,7 @@ class StrokeModel(MechanismModel):
         stacked = np.nan_to_num(np.stack(columns, axis=-1))
         flat = (stacked / self._noise_of(record)[None, :, None]).reshape(-1, stacked.shape[2])
         values, vectors = np.linalg.eigh(flat.T @ flat)
-        keep = np.flatnonzero(values > LEAST_FLOOR**2)[::-1]
+        keep = np.flatnonzero(values > LEAST_VARIABILITY**2)[::-1]
         return np.asarray(stacked @ vectors[:, keep])
 
     def _noise_of(self, record: Record) -> Array:
@@ -221,68 +231,72 @@ class StrokeModel(MechanismModel):
 
     # --- the interface of Model -----------------------------------------------------------------
 
-    def simulate(self, record: Record, lanes: Lanes) -> Simulated:
-        """Lanes of one version share one run from rest; the floor is added."""
-        outputs = np.full((lanes.count, lanes.longest, len(self.outputs)), np.nan)
+    def simulate(self, record: Record, jobs: Jobs) -> Simulated:
+        """Jobs of one version share one run from rest; run-to-run variability is added."""
+        outputs = np.full((jobs.count, jobs.longest, len(self.outputs)), np.nan)
         groups: dict[bytes, list[int]] = {}
-        for b in range(lanes.count):
-            sizes = lanes.sizes[b] if lanes.terms else np.zeros(0)
-            theta = lanes.theta[b, : self.mechanical]
-            groups.setdefault(self._key(record, theta, lanes.terms, sizes), []).append(b)
+        for b in range(jobs.count):
+            magnitudes = jobs.magnitudes[b] if jobs.included else np.zeros(0)
+            theta = jobs.theta[b, : self.mechanical]
+            groups.setdefault(self._key(record, theta, jobs.included, magnitudes), []).append(b)
 
         def work(rows: list[int]) -> None:
-            sizes = lanes.sizes[rows[0]] if lanes.terms else np.zeros(0)
-            theta = lanes.theta[rows[0], : self.mechanical]
-            motion = self._motion(record, theta, lanes.terms, sizes)
+            magnitudes = jobs.magnitudes[rows[0]] if jobs.included else np.zeros(0)
+            theta = jobs.theta[rows[0], : self.mechanical]
+            motion = self._motion(record, theta, jobs.included, magnitudes)
             if motion is None:
                 return
             for b in rows:
-                i, j = (int(k) for k in lanes.windows[b])
+                i, j = (int(k) for k in jobs.segments[b])
                 outputs[b, : j - i + 1] = motion[i : j + 1]
-                shift = self._floor_shift(record, lanes.theta[b])
+                shift = self._variability_shift(record, jobs.theta[b])
                 if shift is not None:
                     outputs[b, : j - i + 1] += shift[i : j + 1]
 
         self.in_parallel(work, list(groups.values()))
-        return Simulated(outputs=outputs, ends=np.zeros((lanes.count, 0)))
+        return Simulated(outputs=outputs, ends=np.zeros((jobs.count, 0)))
 
-    def _floor_shift(self, record: Record, theta: Array) -> Array | None:
-        at = self._floor_place(record)
+    def _variability_shift(self, record: Record, theta: Array) -> Array | None:
+        at = self._variability_place(record)
         if at is None or not np.any(theta[at]):
             return None
-        return np.asarray(self._floor_columns(record) @ theta[at])
+        return np.asarray(self._variability_columns(record) @ theta[at])
 
-    def _floor_of(self, record: Record) -> Floor | None:
-        """The floor of a record, or of the one that it is a part of."""
-        return self.floors.get(record.name) or self.floors.get(record.name.rpartition("[")[0])
+    def _variability_of(self, record: Record) -> RunVariability | None:
+        """The variability of a record, or of the one that it is a part of."""
+        return self.variabilities.get(record.name) or self.variabilities.get(
+            record.name.rpartition("[")[0]
+        )
 
-    def _floor_columns(self, record: Record) -> Array:
+    def _variability_columns(self, record: Record) -> Array:
         """Its directions over the record; none are known beyond its end."""
-        floor = self._floor_of(record)
-        assert floor is not None
-        columns = floor.columns[: record.samples]
+        variability = self._variability_of(record)
+        assert variability is not None
+        columns = variability.columns[: record.samples]
         more = record.samples - len(columns)
         return np.pad(columns, ((0, more), (0, 0), (0, 0))) if more else columns
 
-    def _floor_place(self, record: Record) -> slice | None:
-        at, own = self.mechanical, self._floor_of(record)
-        for floor in self.floors.values():
-            width = floor.columns.shape[2]
-            if floor is own:
+    def _variability_place(self, record: Record) -> slice | None:
+        at, own = self.mechanical, self._variability_of(record)
+        for variability in self.variabilities.values():
+            width = variability.columns.shape[2]
+            if variability is own:
                 return slice(at, at + width)
             at += width
         return None
 
     def _motion(
-        self, record: Record, theta: Array, terms: tuple[Term, ...], sizes: Array
+        self, record: Record, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
     ) -> Array | None:
         """Outputs of the mechanism over the whole record, (n, ny); None if it failed."""
-        key = self._key(record, theta, terms, sizes)
+        key = self._key(record, theta, included, magnitudes)
         inputs = hash(tuple(v.tobytes() for v in record.inputs.values()))
 
         def make() -> Array | None:
             try:
-                config = self._shifter.config(self._chosen(theta, terms, sizes), record.conditions)
+                config = self._shifter.config(
+                    self._chosen(theta, included, magnitudes), record.conditions
+                )
                 variant = self._workshop.build(config)
             except FeltmbError:
                 return None
@@ -294,49 +308,51 @@ class StrokeModel(MechanismModel):
         self,
         record: Record,
         theta: Array,
-        windows: NDArray[np.intp],
+        segments: NDArray[np.intp],
         starts: Array,
-        terms: tuple[Term, ...] = (),
-        sizes: Array | None = None,
+        included: tuple[Candidate, ...] = (),
+        magnitudes: Array | None = None,
         *,
         by_theta: Sequence[int] | None = None,
         by_starts: bool = True,
-        candidates: tuple[Term, ...] = (),
+        candidates: tuple[Candidate, ...] = (),
     ) -> Sensitivity:
         """Derivatives, each column kept while the motion stays near the one it was taken at."""
         del starts, by_starts
         theta = np.asarray(theta, dtype=float)
-        sizes = np.zeros(len(terms)) if sizes is None else np.asarray(sizes, dtype=float)
+        magnitudes = (
+            np.zeros(len(included)) if magnitudes is None else np.asarray(magnitudes, dtype=float)
+        )
         wanted = tuple(range(len(self.parameters)) if by_theta is None else by_theta)
         own = theta[: self.mechanical]
-        w, length = len(windows), int(np.max(windows[:, 1] - windows[:, 0])) + 1
+        w, length = len(segments), int(np.max(segments[:, 1] - segments[:, 0])) + 1
         ny = len(self.outputs)
-        base = self._motion(record, own, terms, sizes)
+        base = self._motion(record, own, included, magnitudes)
         none = np.zeros((w, 0))
         if base is None:
-            n = (len(wanted), len(terms), len(candidates))
+            n = (len(wanted), len(included), len(candidates))
             bad = np.full((w, length, ny), np.nan)
             blank = [np.zeros((w, length, ny, k)) for k in n]
             ends = [np.zeros((w, 0, k)) for k in n]
         else:
-            shift = self._floor_shift(record, theta)
-            bad = _cut(base if shift is None else base + shift, windows, length)
-            later = TRAVEL_LATER if terms else TRAVEL
-            of = self._effect_columns(record, base, own, terms, sizes, terms, later)
+            shift = self._variability_shift(record, theta)
+            bad = _cut(base if shift is None else base + shift, segments, length)
+            later = TRAVEL_LATER if included else TRAVEL
+            of = self._effect_columns(record, base, own, included, magnitudes, included, later)
             if candidates:
-                by, at = self._scored(record, base, own, terms, sizes, wanted, candidates)
+                by, at = self._scored(record, base, own, included, magnitudes, wanted, candidates)
             else:
-                by = self._by_parameters(record, base, own, terms, sizes, wanted, later)
+                by = self._by_parameters(record, base, own, included, magnitudes, wanted, later)
                 at = np.zeros((*base.shape, 0))
-            blank = [_cut(c, windows, length) for c in (by, of, at)]
+            blank = [_cut(c, segments, length) for c in (by, of, at)]
             ends = [np.zeros((w, 0, c.shape[3])) for c in blank]
         return Sensitivity(
             outputs=bad,
             ends=none,
             d_theta=blank[0],
             d_theta_ends=ends[0],
-            d_sizes=blank[1],
-            d_sizes_ends=ends[1],
+            d_magnitudes=blank[1],
+            d_magnitudes_ends=ends[1],
             d_starts=np.zeros((w, length, ny, 0)),
             d_starts_ends=np.zeros((w, 0, 0)),
             d_candidates=blank[2],
@@ -350,10 +366,10 @@ class StrokeModel(MechanismModel):
         record: Record,
         base: Array,
         theta: Array,
-        terms: tuple[Term, ...],
-        sizes: Array,
+        included: tuple[Candidate, ...],
+        magnitudes: Array,
         wanted: Sequence[int],
-        candidates: tuple[Term, ...],
+        candidates: tuple[Candidate, ...],
     ) -> tuple[Array, Array]:
         """Columns by parameters and by candidates, all taken at one motion.
 
@@ -366,11 +382,11 @@ class StrokeModel(MechanismModel):
             self._scored_at[record.name] = scored
         travel = 0.0 if not scored.parameters else TRAVEL_SCORES
         missing = [i for i in wanted if i not in scored.parameters]
-        found = self._by_parameters(record, base, theta, terms, sizes, missing, travel)
+        found = self._by_parameters(record, base, theta, included, magnitudes, missing, travel)
         scored.parameters.update({i: found[..., k] for k, i in enumerate(missing)})
         fresh = [c for c in candidates if (c.name, c.shape) not in scored.candidates]
         own = tuple(c for c in fresh if self._alias(c) is None)
-        columns = self._effect_columns(record, base, theta, terms, sizes, own, 0.0)
+        columns = self._effect_columns(record, base, theta, included, magnitudes, own, 0.0)
         scored.candidates.update({(c.name, c.shape): columns[..., k] for k, c in enumerate(own)})
         for c in fresh:
             alias = self._alias(c)
@@ -379,7 +395,7 @@ class StrokeModel(MechanismModel):
                 ratio = alias.ratio(float(theta[alias.index]), 0.0)
                 scored.candidates[c.name, c.shape] = ratio * column
             elif alias is not None:
-                lone = self._effect_columns(record, base, theta, terms, sizes, (c,), 0.0)
+                lone = self._effect_columns(record, base, theta, included, magnitudes, (c,), 0.0)
                 scored.candidates[c.name, c.shape] = lone[..., 0]
         by = [scored.parameters[i] for i in wanted]
         at = [scored.candidates[c.name, c.shape] for c in candidates]
@@ -402,19 +418,21 @@ class StrokeModel(MechanismModel):
         record: Record,
         base: Array,
         theta: Array,
-        terms: tuple[Term, ...],
-        sizes: Array,
+        included: tuple[Candidate, ...],
+        magnitudes: Array,
         wanted: Sequence[int],
         travel: float,
     ) -> Array:
-        """Columns (n, ny, p) by parameters of the mechanism and of the floor."""
+        """Columns (n, ny, p) by parameters of the mechanism and of the variability."""
         out = np.zeros((*base.shape, len(wanted)))
         inner = [c for c, i in enumerate(wanted) if i < self.mechanical]
         which = [wanted[c] for c in inner]
-        out[..., inner] = self._theta_columns(record, base, theta, terms, sizes, which, travel)
-        place = self._floor_place(record)
+        out[..., inner] = self._theta_columns(
+            record, base, theta, included, magnitudes, which, travel
+        )
+        place = self._variability_place(record)
         if place is not None:
-            columns = self._floor_columns(record)
+            columns = self._variability_columns(record)
             for c, i in enumerate(wanted):
                 if place.start <= i < place.stop:
                     out[..., c] = columns[..., i - place.start]
@@ -425,8 +443,8 @@ class StrokeModel(MechanismModel):
         record: Record,
         base: Array,
         theta: Array,
-        terms: tuple[Term, ...],
-        sizes: Array,
+        included: tuple[Candidate, ...],
+        magnitudes: Array,
         which: Sequence[int],
         travel: float,
     ) -> Array:
@@ -441,7 +459,7 @@ class StrokeModel(MechanismModel):
                 step = h if theta[i] + h <= p.upper or theta[i] - h < p.lower else -h
                 moved = theta.copy()
                 moved[i] += step
-                motion = self._motion(record, moved, terms, sizes)
+                motion = self._motion(record, moved, included, magnitudes)
                 return np.full_like(base, np.nan) if motion is None else (motion - base) / step
 
             key = (record.name, "parameter", i)
@@ -455,50 +473,52 @@ class StrokeModel(MechanismModel):
         record: Record,
         base: Array,
         theta: Array,
-        terms: tuple[Term, ...],
-        sizes: Array,
-        wanted: tuple[Term, ...],
+        included: tuple[Candidate, ...],
+        magnitudes: Array,
+        wanted: tuple[Candidate, ...],
         travel: float,
     ) -> Array:
-        """Columns by sizes of effects: at the size that they have, at zero if they are new.
+        """Columns by magnitudes of effects: at their magnitude, at zero if they are new.
 
         That of an effect that is more of a tolerance is the column of the tolerance.
         """
         out = np.zeros((*base.shape, len(wanted)))
         aliases = [self._alias(t) for t in wanted]
         which = sorted({a.index for a in aliases if a is not None})
-        found = self._theta_columns(record, base, theta, terms, sizes, which, travel)
-        for c, (term, alias) in enumerate(zip(wanted, aliases, strict=True)):
+        found = self._theta_columns(record, base, theta, included, magnitudes, which, travel)
+        for c, (candidate, alias) in enumerate(zip(wanted, aliases, strict=True)):
             if alias is not None:
-                size = float(sizes[terms.index(term)]) if term in terms else 0.0
-                ratio = alias.ratio(float(theta[alias.index]), size)
+                magnitude = (
+                    float(magnitudes[included.index(candidate)]) if candidate in included else 0.0
+                )
+                ratio = alias.ratio(float(theta[alias.index]), magnitude)
                 out[..., c] = ratio * found[..., which.index(alias.index)]
 
         def one(c: int) -> None:
-            term = wanted[c]
-            step = max(term.effect.step, EFFECT_STEP) * term.effect.scale
-            known = term in terms
-            at = float(sizes[terms.index(term)]) if known else 0.0
-            low, high = term.effect.bounds
+            candidate = wanted[c]
+            step = max(candidate.effect.step, EFFECT_STEP) * candidate.effect.scale
+            known = candidate in included
+            at = float(magnitudes[included.index(candidate)]) if known else 0.0
+            low, high = candidate.effect.bounds
             if at + step > high and at - step >= low:
                 step = -step
 
             def take() -> Array:
-                more = terms if known else (*terms, term)
-                moved = sizes.copy() if known else np.append(sizes, step)
+                more = included if known else (*included, candidate)
+                moved = magnitudes.copy() if known else np.append(magnitudes, step)
                 if known:
-                    moved[terms.index(term)] += step
+                    moved[included.index(candidate)] += step
                 motion = self._motion(record, theta, more, moved)
                 return np.full_like(base, np.nan) if motion is None else (motion - base) / step
 
-            key = (record.name, "effect", term.name, term.shape)
-            out[..., c] = self._kept(key, record, base, travel, term.effect.scale, take)
+            key = (record.name, "effect", candidate.name, candidate.shape)
+            out[..., c] = self._kept(key, record, base, travel, candidate.effect.scale, take)
 
         self.in_parallel(one, [c for c, a in enumerate(aliases) if a is None])
         return out
 
-    def _alias(self, term: Term) -> Alias | None:
-        entry = term.effect.data
+    def _alias(self, candidate: Candidate) -> Alias | None:
+        entry = candidate.effect.data
         return self.alias(entry) if isinstance(entry, Entry) else None
 
     def _kept(
@@ -507,7 +527,7 @@ class StrokeModel(MechanismModel):
         record: Record,
         base: Array,
         travel: float,
-        size: float,
+        magnitude: float,
         take: Callable[[], Array],
     ) -> Array:
         known = self._columns_kept.setdefault(key, deque(maxlen=KEPT))
@@ -519,14 +539,14 @@ class StrokeModel(MechanismModel):
         if not np.all(np.isfinite(value)):
             return value  # a run that failed is not remembered
         seen = float(np.linalg.norm(value / self._noise_of(record)))
-        patience = min(max(LEAST, CLEAR / max(size * seen, 1e-3)), MOST)
+        patience = min(max(LEAST, CLEAR / max(magnitude * seen, 1e-3)), MOST)
         known.append(_Column(base, value, patience))
         return value
 
 
-def _cut(whole: Array, windows: NDArray[np.intp], length: int) -> Array:
-    """A record (n, ...) by windows, (W, L, ...); beyond the end of a window: zero."""
-    out = np.zeros((len(windows), length, *whole.shape[1:]))
-    for w, (first, last) in enumerate(windows):
+def _cut(whole: Array, segments: NDArray[np.intp], length: int) -> Array:
+    """A record (n, ...) by segments, (W, L, ...); beyond the end of a segment: zero."""
+    out = np.zeros((len(segments), length, *whole.shape[1:]))
+    for w, (first, last) in enumerate(segments):
         out[w, : last - first + 1] = whole[first : last + 1]
     return out

@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from feltmb.adapters.amend import amended_action
-from feltmb.adapters.finer import finer
+from feltmb.adapters.apply_effects import action_with_effects
 from feltmb.adapters.library import Entry, Library, load_library
+from feltmb.adapters.refined import refined as refine
 from feltmb.data import Array, Record, Role, Sensor
 from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Action
@@ -52,7 +52,7 @@ class Truth:
 
     seed: int
     effects: Mapping[str, float]
-    """Name -> size [unit of the effect]."""
+    """Name -> magnitude [unit of the effect]."""
     forms: Mapping[str, str]
     """Name -> how it differs from the library's form; absent: as in the library."""
     tolerances: Mapping[str, float]
@@ -243,7 +243,8 @@ def make_case(
     Parameters
     ----------
     effects
-        Name of the library -> size in the effect's own scale (1: what one would expect to meet).
+        Name of the library -> magnitude in the effect's own scale (1: what one would expect to
+        meet).
     seed
         Of all that is drawn: tolerances, forms, noise.
     spread
@@ -254,7 +255,7 @@ def make_case(
         Records end this long after the hammer met the string [s]; None: as long as the stroke. Up
         to there single shooting is nearly linear.
     refined
-        Whether the machine has finer shapes and modes and sharper friction than the model.
+        Whether the machine has refined shapes and modes and sharper friction than the model.
     other_forms
         Whether effects act in another form than the library's, where there is one; None: drawn.
     motion
@@ -273,28 +274,30 @@ def make_case(
     departures = {}
     moved = {e.name for e in library.choose_tolerances(tolerances)}
     for entry in library.tolerances:
-        value = float(spread * entry.size * rng.standard_normal())
+        value = float(spread * entry.magnitude * rng.standard_normal())
         if entry.name not in moved:
             continue
         departures[entry.name] = value
         entries.append((entry, value, None))
-    forms, sizes, signals = {}, {}, {}
+    forms, magnitudes, signals = {}, {}, {}
     for effect, share in effects.items():
         entry = library.effect(effect)
-        size = share * entry.size
-        if entry.sign > 0 and size < 0.0:
-            raise InvalidParameter(f"effect {effect}: size {size:g}, it has none below zero")
-        sizes[effect] = size
+        magnitude = share * entry.magnitude
+        if entry.sign > 0 and magnitude < 0.0:
+            raise InvalidParameter(
+                f"effect {effect}: magnitude {magnitude:g}, it has none below zero"
+            )
+        magnitudes[effect] = magnitude
         other = bool(rng.random() < 0.5) if other_forms is None else other_forms
         if other:
             entry, form = _other_form(entry, rng)
             if form:
                 forms[effect] = form
         if entry.sensor is not None or entry.input is not None:
-            signals[effect] = size
+            signals[effect] = magnitude
         else:
-            entries.append((entry, size, entry.shapes[0]))
-    machine = amended_action(finer(action) if refined else action, entries)
+            entries.append((entry, magnitude, entry.shapes[0]))
+    machine = action_with_effects(refine(action) if refined else action, entries)
     records = []
     for stroke_name, role in strokes:
         stroke, duration = _stroke(stroke_name)
@@ -317,5 +320,5 @@ def make_case(
                 signals=signals,
             )
         )
-    truth = Truth(seed=seed, effects=sizes, forms=forms, tolerances=departures)
+    truth = Truth(seed=seed, effects=magnitudes, forms=forms, tolerances=departures)
     return Case(name=name, records=tuple(records), truth=truth)

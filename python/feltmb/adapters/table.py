@@ -12,7 +12,7 @@ __all__ = ["effects_markdown", "tolerances_markdown"]
 def _size(entry: Entry) -> str:
     sign = {1: "+", -1: "-", 0: "±"}[entry.sign]
     unit = entry.unit.replace("{input_unit}", "N")
-    return f"{sign}{entry.size:.3g}" + ("" if unit == "1" else f" {unit}")
+    return f"{sign}{entry.magnitude:.3g}" + ("" if unit == "1" else f" {unit}")
 
 
 def _shapes(entry: Entry) -> str:
@@ -23,9 +23,9 @@ def _shapes(entry: Entry) -> str:
 
 
 def effects_markdown(library: Library, names: Iterable[str] | None = None) -> str:
-    """Table of effects: name, component, mechanism, size, shapes, kind."""
+    """Table of effects: name, component, mechanism, magnitude, shapes, kind."""
     chosen = set(names) if names is not None else None
-    rows = ["| effect | what happens | size | kind | shapes |", "|---|---|---|---|---|"]
+    rows = ["| effect | what happens | magnitude | kind | shapes |", "|---|---|---|---|---|"]
     for e in library.effects:
         if chosen is not None and e.name not in chosen:
             continue
@@ -37,6 +37,6 @@ def tolerances_markdown(library: Library) -> str:
     """Table of tolerances: name, standard deviation, where it is known from."""
     rows = ["| parameter | standard deviation | known from |", "|---|---|---|"]
     for e in library.tolerances:
-        size = f"{100 * e.size:g} %" if e.unit == "1" else f"{e.size:.3g} {e.unit}"
-        rows.append(f"| `{e.name}` ({e.mechanism}) | {size} | {e.source} |")
+        magnitude = f"{100 * e.magnitude:g} %" if e.unit == "1" else f"{e.magnitude:.3g} {e.unit}"
+        rows.append(f"| `{e.name}` ({e.mechanism}) | {magnitude} | {e.source} |")
     return "\n".join(rows) + "\n"

@@ -1,4 +1,4 @@
-"""Versions of a mechanism: parameters and sizes applied, assembled, at rest; kept while in use."""
+"""Versions of a mechanism: entries applied, assembled, at rest; kept while in use."""
 
 from __future__ import annotations
 
@@ -42,22 +42,22 @@ def changed_config(
     entries: Sequence[tuple[Entry, float, float | None]],
     conditions: Mapping[str, float | str],
 ) -> MechanismFile:
-    """Mechanism with entries of given sizes and shapes; the old one where all sizes are zero."""
+    """Mechanism with entries of given magnitudes and shapes; unchanged where all are zero."""
     changes: list[tuple[Change, float]] = []
     insertions: list[tuple[Insertion, float]] = []
-    for entry, size, shape in entries:
+    for entry, magnitude, shape in entries:
         if entry.condition is not None:
-            size = size * entry.condition.factor(conditions)
-        if size == 0.0:
+            magnitude = magnitude * entry.condition.factor(conditions)
+        if magnitude == 0.0:
             continue
-        changes += [(change, size) for change in entry.changes]
+        changes += [(change, magnitude) for change in entry.changes]
         if entry.shape_path and shape is not None:
             config = replace_entry(config, entry.shape_path, shape)
         if entry.insertion is not None:
-            insertions.append((entry.insertion, size))
+            insertions.append((entry.insertion, magnitude))
     config, _ = apply_changes(config, changes)
-    for insertion, size in insertions:
-        config = insert(config, insertion, size)
+    for insertion, magnitude in insertions:
+        config = insert(config, insertion, magnitude)
     return config
 
 

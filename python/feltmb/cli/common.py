@@ -36,6 +36,7 @@ __all__ = [
     "json_option",
     "list_option",
     "load_with_settings",
+    "model_set_option",
     "modulus_option",
     "new_table",
     "parse_damper",
@@ -48,7 +49,6 @@ __all__ = [
     "say_written",
     "set_option",
     "split_list",
-    "subject_set_option",
     "tables_as_json",
 ]
 
@@ -433,13 +433,13 @@ def set_option(function: F) -> F:
     )(function)
 
 
-def subject_set_option(function: F) -> F:
+def model_set_option(function: F) -> F:
     """Option ``--set NAME=VALUE`` of what is fitted or diagnosed, any number of times."""
     return _settings(
         "NAME=VALUE",
         "Setting of a packaged mechanism or mechanism file: channels=key,hammer, effects=all, "
-        "tolerances=felt.*, library, shooting, until, floor, rtol, window, derivatives; or a value "
-        "of the mechanism by its dotted path, such as string.modes=80.",
+        "tolerances=felt.*, library, shooting, until, variation, rtol, segment, derivatives; or a "
+        "value of the mechanism by its dotted path, such as string.modes=80.",
     )(function)
 
 

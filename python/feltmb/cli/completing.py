@@ -92,10 +92,10 @@ def effects(
     model = _mechanism()
     if model is None:
         return []
-    from feltmb.cli.gap_subjects import load_subject
+    from feltmb.cli.gap_models import load_adapter
 
     try:
-        names = [effect.name for effect in load_subject(model).effects]
+        names = [effect.name for effect in load_adapter(model).effects]
     except FeltmbError:
         return []
     return [CompletionItem(name) for name in names if name.startswith(incomplete)]
@@ -154,8 +154,8 @@ def paths(
 
 
 #: Settings of what is fitted or diagnosed, beside the values of its mechanism.
-SUBJECT = ("channels", "derivatives", "effects", "floor", "library", "rtol", "shooting",
-           "tolerances", "until", "window")  # fmt: skip
+ADAPTER = ("channels", "derivatives", "effects", "library", "rtol", "segment", "shooting",
+           "tolerances", "until", "variation")  # fmt: skip
 
 
 def settings(
@@ -165,8 +165,8 @@ def settings(
     from feltmb.mechanism import LAWS
 
     path, sign, value = incomplete.partition("=")
-    of_subject = dict.fromkeys(SUBJECT) if parameter.metavar == "NAME=VALUE" else {}
-    known: dict[str, Any] = {**of_subject, **_settable()}
+    of_adapter = dict.fromkeys(ADAPTER) if parameter.metavar == "NAME=VALUE" else {}
+    known: dict[str, Any] = {**of_adapter, **_settable()}
     if not sign:
         return [CompletionItem(f"{name}=") for name in known if name.startswith(path)]
     if path.rpartition(".")[2] == "law":

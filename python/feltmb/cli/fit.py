@@ -11,12 +11,12 @@ from feltmb.cli.common import (
     console,
     force_option,
     json_option,
+    model_set_option,
     new_table,
     positive,
     print_json,
     say,
     say_written,
-    subject_set_option,
 )
 from feltmb.cli.completing import actions
 
@@ -26,7 +26,7 @@ __all__ = ["command"]
 @click.command(name="fit")
 @click.argument("model", shell_complete=actions)
 @click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--window", type=positive("s"), help="Length of shooting windows [s].")
+@click.option("--segment", type=positive("s"), help="Length of shooting segments [s].")
 @click.option(
     "--restarts",
     type=click.IntRange(0, 10_000),
@@ -35,13 +35,13 @@ __all__ = ["command"]
     help="Further starting points at most.",
 )
 @click.option("--out", "-o", "output", type=FolderName(), help="Folder of fit.json.")
-@subject_set_option
+@model_set_option
 @json_option
 @force_option
 def command(
     model: str,
     data: tuple[Path, ...],
-    window: float | None,
+    segment: float | None,
     restarts: int,
     output: Path | None,
     settings: tuple[str, ...],
@@ -57,7 +57,7 @@ def command(
     import shutil
 
     from feltmb.cli.gap import progress_line
-    from feltmb.cli.gap_subjects import load_subject
+    from feltmb.cli.gap_models import load_adapter
     from feltmb.files import check_writable, make_folder, write_text
     from feltmb.fit.solve import FitSettings
     from feltmb.gap import fit_model
@@ -66,19 +66,19 @@ def command(
     if output is not None:
         check_writable(make_folder(output) / "fit.json", force=force)
 
-    subject = load_subject(model, settings)
-    records = subject.read(data)
+    adapter = load_adapter(model, settings)
+    records = adapter.read(data)
     fit = fit_model(
-        subject.model,
+        adapter.model,
         records,
-        window=window,
+        segment=segment,
         settings=FitSettings(restarts=restarts),
         progress=progress_line(),
         resume=None if output is None else output / ".resume",
     )
     rows = fit.intervals()
     result = {
-        "model": subject.model.name,
+        "model": adapter.model.name,
         "parameters": plain(rows),
         "chi2": plain(fit.chi2),
         "dof": plain(fit.dof),
@@ -94,7 +94,7 @@ def command(
         print_json(result)
         return
     table = new_table(
-        subject.model.name,
+        adapter.model.name,
         "parameter",
         "fitted",
         "95 %",

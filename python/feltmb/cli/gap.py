@@ -18,13 +18,13 @@ from feltmb.cli.common import (
     is_terminal,
     json_option,
     list_option,
+    model_set_option,
     new_table,
     positive,
     print_json,
     redraw,
     say,
     say_written,
-    subject_set_option,
 )
 from feltmb.cli.completing import actions, effects
 from feltmb.cli.gap_blind import command as blind_command
@@ -116,7 +116,7 @@ def check(data: tuple[Path, ...], as_json: bool) -> None:
 @click.argument("model", shell_complete=actions)
 @click.argument("data", nargs=-1, type=click.Path(path_type=Path))
 @list_option("--channels", metavar="NAME", help="Channel or output that will be measured.")
-@subject_set_option
+@model_set_option
 @json_option
 def plan_command(
     model: str,
@@ -131,21 +131,21 @@ def plan_command(
     is taken (of a mechanism: the packaged forte stroke, cameras that read to 0.02 mm). Further runs
     of the model and outputs that are not measured are ranked as next experiments.
     """
-    from feltmb.cli.gap_subjects import load_subject
+    from feltmb.cli.gap_models import load_adapter
     from feltmb.gap import plan
     from feltmb.gap.report import plain
 
-    subject = load_subject(model, settings, channels)
-    planned = subject.planned
-    records = subject.read(data) if data else planned
+    adapter = load_adapter(model, settings, channels)
+    planned = adapter.planned
+    records = adapter.read(data) if data else planned
     if not records:
         raise InvalidParameter(f"{model}: has no planned runs; give measured or planned files")
     found = plan(
-        subject.model,
-        subject.effects,
+        adapter.model,
+        adapter.effects,
         records if data else records[:1],
-        channels=subject.outputs_of(channels) if channels else None,
-        candidates=planned if data else records[1:],
+        channels=adapter.outputs_of(channels) if channels else None,
+        experiments=planned if data else records[1:],
     )
     if as_json:
         print_json(plain(found))
@@ -197,8 +197,8 @@ def plan_command(
     "included",
     shell_complete=effects,
     metavar="EFFECT",
-    help="Effect of the library that is made part of the model first, its size a parameter: is "
-    "there a gap left?",
+    help="Effect of the library that is made part of the model first, its magnitude a "
+    "parameter: is there a gap left?",
 )
 @click.option(
     "--alpha",
@@ -207,7 +207,7 @@ def plan_command(
     show_default=True,
     help="Family-wise false alarm rate.",
 )
-@click.option("--window", type=positive("s"), help="Length of shooting windows [s].")
+@click.option("--segment", type=positive("s"), help="Length of shooting segments [s].")
 @click.option(
     "--max-effects",
     type=click.IntRange(1, 6),
@@ -229,7 +229,7 @@ def plan_command(
     show_default=True,
     help="Of the refits for the null law.",
 )
-@subject_set_option
+@model_set_option
 @json_option
 @force_option
 def run(
@@ -239,7 +239,7 @@ def run(
     output: Path | None,
     included: tuple[str, ...],
     alpha: float,
-    window: float | None,
+    segment: float | None,
     max_effects: int,
     bootstrap: int,
     seed: int,
@@ -254,7 +254,7 @@ def run(
     import shutil
 
     from feltmb.cli.gap_curves import record_viewers
-    from feltmb.cli.gap_subjects import held_out, load_subject
+    from feltmb.cli.gap_models import held_out, load_adapter
     from feltmb.files import check_writable, make_folder
     from feltmb.gap import Options, diagnose
     from feltmb.gap.report import report_json, write_report
@@ -263,20 +263,20 @@ def run(
         make_folder(output)
         for name in ("report.html", "report.json"):
             check_writable(output / name, force=force)
-    subject = load_subject(model, settings)
-    records = subject.read(data)
-    subject = subject.including(included)
+    adapter = load_adapter(model, settings)
+    records = adapter.read(data)
+    adapter = adapter.including(included)
     held = held_out(hold_out, data, records) or None
     resume = None if output is None else output / ".resume"
     options = Options(
         alpha=alpha,
-        window=window,
+        segment=segment,
         max_effects=max_effects,
         bootstrap=bootstrap,
         seed=seed,
         resume=resume,
     )
-    report = diagnose(subject.model, subject.effects, records, held, options, progress_line())
+    report = diagnose(adapter.model, adapter.effects, records, held, options, progress_line())
     if is_terminal():
         redraw("")
     if as_json:
@@ -297,7 +297,7 @@ def _print(report: Report) -> None:
     say(f"{report.verdict}: {report.statement}")
     out = console()
     table = new_table(
-        "which", "effect", "size, 95 %", "T", "belief", right=(1, 2, 3), whole=(0, 1, 2, 3)
+        "which", "effect", "magnitude, 95 %", "T", "belief", right=(1, 2, 3), whole=(0, 1, 2, 3)
     )
     room = max(27, out.width - 50)
     for r in report.which.effects[:8]:
@@ -320,7 +320,7 @@ def _print(report: Report) -> None:
     for n in report.refused:
         say(f"refused by held-out records: {n.name} ({n.why})")
     gap = new_table(
-        "how far (held out)",
+        "how far (held-out)",
         "metric",
         "channel",
         "before",
@@ -336,7 +336,7 @@ def _print(report: Report) -> None:
             f"{g.channel} [{g.unit}]",
             f"{g.before:.3g}",
             f"{g.after:.3g}",
-            f"{g.floor:.2g}",
+            f"{g.noise:.2g}",
             f"{g.closed:.0%} {100 * g.low:.0f}..{g.high:.0%}",
         )
     out.print(gap)

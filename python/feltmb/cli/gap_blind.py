@@ -15,12 +15,12 @@ from feltmb.cli.common import (
     is_terminal,
     json_option,
     list_option,
+    model_set_option,
     new_table,
     print_json,
     redraw,
     say,
     say_written,
-    subject_set_option,
 )
 from feltmb.cli.completing import actions, effects
 
@@ -80,7 +80,7 @@ class _Told:
     type=FolderName(),
     help="Folder of the cases, a file each, and of blind.json. A run that was cut off goes on.",
 )
-@subject_set_option
+@model_set_option
 @json_option
 def command(
     model: str,
@@ -95,25 +95,25 @@ def command(
 ) -> None:
     """How often a diagnosis of MODEL would be right on your machine.
 
-    Each case gives the model one effect of its library, with a size and parameters from their
+    Each case gives the model one effect of its library, with a magnitude and parameters from their
     priors, and simulates the inputs of DATA with the noise of its sensors. The diagnosis does not
     know which. Without DATA the planned runs of the model are taken. Machine and model share their
     equations: a real machine is harder.
     """
     import json
 
-    from feltmb.cli.gap_subjects import held_out, load_subject
+    from feltmb.cli.gap_models import held_out, load_adapter
     from feltmb.errors import InvalidParameter
     from feltmb.files import write_text
     from feltmb.gap import OUTCOMES, withhold
 
-    subject = load_subject(model, settings)
-    records = subject.read(data) if data else subject.planned
+    adapter = load_adapter(model, settings)
+    records = adapter.read(data) if data else adapter.planned
     if not records:
         raise InvalidParameter(f"{model}: has no planned runs; give measured or planned files")
     found = withhold(
-        subject.model,
-        subject.effects,
+        adapter.model,
+        adapter.effects,
         records,
         cases=cases,
         seed=seed,

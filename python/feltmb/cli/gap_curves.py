@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from feltmb.data import Array, Record
     from feltmb.fit import Model
     from feltmb.gap import Report
-    from feltmb.gap.findings import Amended
+    from feltmb.gap.findings import ModelWithEffects
     from feltmb.graphics.viewer import Curves
 
 __all__ = ["record_viewers"]
@@ -21,7 +21,7 @@ MOST_RECORDS = 8
 
 
 def record_viewers(report: Report, records: Sequence[Record]) -> str:
-    """HTML of one viewer for each record: measured, the fitted model, the amended model.
+    """HTML of one viewer for each record: measured, the fitted model, the model with effects.
 
     Each is an open-loop simulation over all of the record that was used. A record that a model
     cannot follow to its end is left out.
@@ -37,8 +37,8 @@ def record_viewers(report: Report, records: Sequence[Record]) -> str:
         shown = [Curves("measured", record.time, record.outputs, units)]
         try:
             shown.append(_curves("model, fitted", fitted, record, units))
-            if report.model.terms:
-                shown.append(_curves("model, amended", report.model, record, units))
+            if report.model.included:
+                shown.append(_curves("model with effects", report.model, record, units))
             panels = [{"title": n, "outputs": [n], "change": False} for n in record.outputs]
             viewer = fragment(shown, panels=panels)
         except (FeltmbError, FloatingPointError, ArithmeticError):
@@ -47,14 +47,16 @@ def record_viewers(report: Report, records: Sequence[Record]) -> str:
     return assets() + "".join(parts) if parts else ""
 
 
-def _fitted(report: Report, model: Model) -> Amended:
+def _fitted(report: Report, model: Model) -> ModelWithEffects:
     """The model with the parameters of the first fit, no effect added."""
-    from feltmb.gap.findings import Amended
+    from feltmb.gap.findings import ModelWithEffects
 
-    return Amended(base=model, theta=report.fit.point.theta, terms=(), sizes=np.zeros(0))
+    return ModelWithEffects(
+        base=model, theta=report.fit.point.theta, included=(), magnitudes=np.zeros(0)
+    )
 
 
-def _curves(name: str, model: Amended, record: Record, units: dict[str, str]) -> Curves:
+def _curves(name: str, model: ModelWithEffects, record: Record, units: dict[str, str]) -> Curves:
     from feltmb.errors import DataError
     from feltmb.graphics.viewer import Curves
 

@@ -11,11 +11,11 @@ from feltmb.data import Record, read_records
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Effect, Model, including
 
-__all__ = ["RESOLVERS", "Subject", "held_out", "load_subject"]
+__all__ = ["RESOLVERS", "Adapter", "held_out", "load_adapter"]
 
 
 @dataclass(frozen=True)
-class Subject:
+class Adapter:
     """A model with the effects that may explain its gap."""
 
     model: Model
@@ -35,7 +35,7 @@ class Subject:
             units=self.model.units if self.model.input_modes else None,
         )
 
-    def including(self, names: Sequence[str]) -> Subject:
+    def including(self, names: Sequence[str]) -> Adapter:
         """The same with effects of the library as part of the model."""
         names = list(dict.fromkeys(names))
         if not names:
@@ -53,7 +53,7 @@ class Subject:
         )
 
 
-def _mechanism(name: str, settings: Mapping[str, str], channels: Sequence[str]) -> Subject | None:
+def _mechanism(name: str, settings: Mapping[str, str], channels: Sequence[str]) -> Adapter | None:
     """Packaged mechanism or mechanism file, see :mod:`feltmb.adapters.resolve`."""
     from feltmb.adapters import planned_strokes
     from feltmb.adapters.resolve import resolve
@@ -62,15 +62,15 @@ def _mechanism(name: str, settings: Mapping[str, str], channels: Sequence[str]) 
     if found is None:
         return None
     model, effects = found
-    return Subject(model, effects, planned_strokes(model), model.library.outputs)
+    return Adapter(model, effects, planned_strokes(model), model.library.outputs)
 
 
 #: Each is asked for a name with settings and channels in turn; None: not mine.
-RESOLVERS: list[Callable[[str, Mapping[str, str], Sequence[str]], Subject | None]] = [_mechanism]
+RESOLVERS: list[Callable[[str, Mapping[str, str], Sequence[str]], Adapter | None]] = [_mechanism]
 
 
-def load_subject(name: str, settings: Sequence[str] = (), channels: Sequence[str] = ()) -> Subject:
-    """Subject by name of a packaged mechanism or path of a Python file.
+def load_adapter(name: str, settings: Sequence[str] = (), channels: Sequence[str] = ()) -> Adapter:
+    """Adapter by name of a packaged mechanism or path of a Python file.
 
     ``channels`` are wanted besides those that a mechanism has by default.
 
@@ -99,7 +99,7 @@ def load_subject(name: str, settings: Sequence[str] = (), channels: Sequence[str
     )
 
 
-def _from_file(path: Path) -> Subject:
+def _from_file(path: Path) -> Adapter:
     if not path.is_file():
         raise InvalidParameter(f"{path}: there is no such file")
     spec = importlib.util.spec_from_file_location(path.stem, path)
@@ -128,7 +128,7 @@ def _from_file(path: Path) -> Subject:
         raise InvalidParameter(f"{path}: " + "; ".join(faults))
     assert isinstance(model, Model)
     assert effects is not None
-    return Subject(model, tuple(effects), tuple(getattr(module, "planned", ())))
+    return Adapter(model, tuple(effects), tuple(getattr(module, "planned", ())))
 
 
 def held_out(given: tuple[str, ...], data: Sequence[Path], records: Sequence[Record]) -> list[str]:

@@ -59,7 +59,7 @@ def command(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Regulate ACTION: key dip, blow, lost motion, let-off, damper, backcheck.
+    """Regulate ACTION: key dip, strike, lost motion, let-off, damper, backcheck.
 
     Each step measures one thing and turns one screw; the steps are repeated until all hold. If a
     target cannot be met, the table says which and why, nothing is written and the exit code is 1.
@@ -71,7 +71,7 @@ def command(
     mechanism = load_with_settings(action, settings)
     wanted = load_targets(targets) if targets is not None else None
     if own:
-        wanted = (wanted or default_targets(mechanism)).amended(_own_targets(own))
+        wanted = (wanted or default_targets(mechanism)).with_targets(_own_targets(own))
     if out is not None:
         check_writable(out, force=force)
     if is_terminal():

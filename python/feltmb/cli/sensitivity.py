@@ -96,7 +96,7 @@ def command(
 ) -> None:
     """Derivatives of a STROKE of ACTION by its parameters, in one pass.
 
-    The table shows what 1 % more of each parameter does to the numbers of the blow. A parameter
+    The table shows what 1 % more of each parameter does to the numbers of the strike. A parameter
     that is zero is changed by 1 % of 1 mm, 0.01 rad and so on.
     """
     from feltmb.errors import InvalidParameter

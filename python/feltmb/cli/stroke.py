@@ -82,7 +82,7 @@ if TYPE_CHECKING:
     "--error",
     type=Number(0, 0.1, min_open=True),
     help="In place of --rtol: the largest error asked for of the hammer's force over its peak, "
-    "after a blow of 50 ms on a string.",
+    "after a strike of 50 ms on a string.",
 )
 @click.option(
     "--method",

@@ -50,7 +50,7 @@ def command(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Run studies: variants side by side, what changes, and whether findings hold.
+    """Run studies: variants in parallel, what changes, and whether findings hold.
 
     NAMES are packaged studies (feltmb study --list), paths of TOML files of your own, or all. A
     study is data; see docs/studies.md. A simulation that fails has its error in the table. Exit

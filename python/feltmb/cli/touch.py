@@ -50,10 +50,10 @@ def command(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Touch of ACTION: weights of a slow press and release, and families of blows.
+    """Touch of ACTION: weights of a slow press and release, and families of strikes.
 
-    Static numbers without inertia; pressed and struck blows simulated in threads. Published ranges
-    stand beside them; most are of grand pianos. With --set or --before the numbers of both
+    Static numbers without inertia; pressed and struck strikes simulated in threads. Published
+    ranges stand beside them; most are of grand pianos. With --set or --before the numbers of both
     mechanisms are shown, before and after.
     """
     from feltmb.action.touch import touch
@@ -80,13 +80,13 @@ def command(
     else:
         screen = console()
         screen.print(touch_table(result, earlier))
-        screen.print(blow_table(result))
+        screen.print(strike_table(result))
         for i, source in enumerate(_sources(result), start=1):
             screen.print(f"[{i}] {source}")
-        for blow in result.blows:
-            if blow.failure:
-                unit = "N" if blow.kind == "pressed" else "m/s"
-                screen.print(f"{blow.kind} {blow.level:g} {unit}: {blow.failure}")
+        for strike in result.strikes:
+            if strike.failure:
+                unit = "N" if strike.kind == "pressed" else "m/s"
+                screen.print(f"{strike.kind} {strike.level:g} {unit}: {strike.failure}")
     if folder is not None:
         for path in result.plot(folder, force=force):
             say_written(path)
@@ -137,10 +137,10 @@ def touch_table(result: Touch, before: Touch | None = None) -> Any:
     return table
 
 
-def blow_table(result: Touch) -> Any:
-    """One row a blow."""
+def strike_table(result: Touch) -> Any:
+    """One row a strike."""
     table = new_table(
-        "blows",
+        "strikes",
         "",
         "level",
         "unit",
@@ -154,15 +154,15 @@ def blow_table(result: Touch) -> Any:
     def show(value: float | None, factor: float, digits: int) -> str:
         return "-" if value is None else f"{value * factor:.{digits}f}"
 
-    for blow in result.blows:
+    for strike in result.strikes:
         table.add_row(
-            blow.kind,
-            f"{blow.level:g}",
-            "N" if blow.kind == "pressed" else "m/s",
-            show(blow.hammer_speed, 1.0, 3),
-            show(blow.key_speed, 1.0, 3),
-            show(blow.travel_time, 1e3, 1),
-            show(blow.bottom_after_string, 1e3, 1),
+            strike.kind,
+            f"{strike.level:g}",
+            "N" if strike.kind == "pressed" else "m/s",
+            show(strike.hammer_speed, 1.0, 3),
+            show(strike.key_speed, 1.0, 3),
+            show(strike.travel_time, 1e3, 1),
+            show(strike.bottom_after_string, 1e3, 1),
         )
     fits = [
         f"{kind} {1e3 * a:.1f} ms v^{b:.3f} (to {100 * worst:.0f} %)"
@@ -172,4 +172,4 @@ def blow_table(result: Touch) -> Any:
     return table
 
 
-__all__ = ["blow_table", "command", "touch_table"]
+__all__ = ["command", "strike_table", "touch_table"]

@@ -1,13 +1,14 @@
-"""Fits of anything that simulates: parameters with priors, windows, intervals."""
+"""Fits of anything that simulates: parameters with priors, segments, intervals."""
 
 from feltmb.fit.coordinates import Coordinate, Coupling, Named, Rate
 from feltmb.fit.including import Including, including
 from feltmb.fit.linear import FunctionModel, LinearModel
 from feltmb.fit.model import (
-    FLOOR,
+    VARIABILITY,
+    Candidate,
     Effect,
     EffectKind,
-    Lanes,
+    Jobs,
     Model,
     Parameter,
     Port,
@@ -15,19 +16,19 @@ from feltmb.fit.model import (
     Sensitivity,
     Simulated,
     State,
-    Term,
 )
 from feltmb.fit.ode import OdeModel
 
 __all__ = [
-    "FLOOR",
+    "VARIABILITY",
+    "Candidate",
     "Coordinate",
     "Coupling",
     "Effect",
     "EffectKind",
     "FunctionModel",
     "Including",
-    "Lanes",
+    "Jobs",
     "LinearModel",
     "Model",
     "Named",
@@ -39,6 +40,5 @@ __all__ = [
     "Sensitivity",
     "Simulated",
     "State",
-    "Term",
     "including",
 ]

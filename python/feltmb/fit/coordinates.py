@@ -14,7 +14,7 @@ __all__ = ["Coordinate", "Coupling", "Named", "Rate"]
 
 @checked
 class Named:
-    """Values by name: ``x.q`` or ``x["q"]``; arrays with one entry a lane, (B,)."""
+    """Values by name: ``x.q`` or ``x["q"]``; arrays with one entry a job, (B,)."""
 
     __slots__ = ("_values",)
 
@@ -62,7 +62,7 @@ class Coordinate:
     """Name of a parameter, a number, or a function (t, x, u, p) -> (B,)."""
     unit: str = "N"
     scale: float = 1.0
-    """Natural size of a force on it [unit]."""
+    """Scale of a force on it [unit]."""
 
     @property
     def parts(self) -> tuple[Coordinate, ...]:
@@ -101,7 +101,7 @@ class Coupling:
     """Travel of the first in one of the second."""
     unit: str = "N"
     scale: float = 1.0
-    """Natural size of a force in it [unit]."""
+    """Scale of a force in it [unit]."""
     position: str = ""
     """No state holds its position or its speed."""
     speed: str = ""

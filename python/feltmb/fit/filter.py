@@ -1,9 +1,10 @@
-"""Elimination of the start states of a chain of windows: a square-root information filter.
+"""Elimination of the start states of a chain of segments: a square-root information filter.
 
-The windows of a record form a chain: data depend on the start state of their own window, and a gap
-ties the end of a window to the start of the next. Each window is reduced by one QR factorization
-over (input noise, own state, next state). What is left of its rows no longer depends on any state;
-under the model these rows are independent unit noise, so all tests are sums of their products.
+The segments of a record form a chain: data depend on the start state of their own segment, and a
+gap ties the end of a segment to the start of the next. Each segment is reduced by one QR
+factorization over (input noise, own state, next state). What is left of its rows no longer depends
+on any state; under the model these rows are independent unit noise, so all tests are sums of their
+products.
 """
 
 from __future__ import annotations
@@ -20,24 +21,24 @@ __all__ = ["Chain", "reduce_chain"]
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """A shot with its states eliminated.
+    """A segmented record with its states eliminated.
 
     Columns are the globals of the linearization and, last, the residual.
     """
 
     grams: Array
-    """Products of the reduced columns by window, (W, c, c)."""
+    """Products of the reduced columns by segment, (W, c, c)."""
     factors: list[tuple[Array, Array, Array]]
-    """By window: triangle over (input, state), its coupling to the next state, right-hand rows."""
+    """By segment: triangle over (input, state), its coupling to the next state, right-hand rows."""
     log_dets: Array
-    """Sum of the logarithms of the diagonal over input noise and states, by window (W,)."""
+    """Sum of the logarithms of the diagonal over input noise and states, by segment (W,)."""
     rows: list[Array] | None
-    """Reduced rows by window, (m, c), if they were asked for."""
+    """Reduced rows by segment, (m, c), if they were asked for."""
     leverage: list[Array] | None
     """Share of each row that the states take, (m,)."""
     inputs: int
     heads: tuple[Array, Array] | None = None
-    """Grams and log_dets of every window as if the record ended with it, if they were asked for."""
+    """Grams and log_dets of every segment as if the record ended with it, if asked for."""
 
     def back(self, step: Array) -> Array:
         """Step of the start states (W, nx) that goes with a step of the globals (c - 1,)."""
@@ -69,16 +70,16 @@ def reduce_chain(
     keep_rows: bool = False,
     keep_heads: bool = False,
 ) -> Chain:
-    """Eliminate the states of one shot.
+    """Eliminate the states of one segmented record.
 
     Parameters
     ----------
     gap_sd
-        Standard deviation of the gap between windows, by state [its unit].
+        Standard deviation of the continuity defect, by state [its unit].
     start_mean, start_sd
         Prior of the first state minus its present value, and its standard deviation.
     damping
-        Levenberg weights by window, (W,), or None. They pull the states to where they are.
+        Levenberg weights by segment, (W,), or None. They pull the states to where they are.
     """
     count, m, nx = linear.by_state.shape
     mi = linear.by_input.shape[2]

@@ -12,18 +12,18 @@ from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
 from feltmb.fit.model import (
+    Batch,
+    Candidate,
     Effect,
     Integers,
-    Job,
-    Lanes,
+    Jobs,
     Model,
     Parameter,
     Ready,
     Sensitivity,
     Simulated,
     State,
-    Term,
-    check_windows,
+    check_segments,
 )
 
 __all__ = ["Including", "including"]
@@ -31,15 +31,16 @@ __all__ = ["Including", "including"]
 
 @checked
 def including(
-    model: Model, terms: Sequence[Term | Effect], sizes: Sequence[float] | None = None
+    model: Model, included: Sequence[Candidate | Effect], magnitudes: Sequence[float] | None = None
 ) -> Including:
     """The model with effects as part of it, to be fitted and diagnosed in its turn.
 
     Parameters
     ----------
-    terms
-        Effects (their first shape counts) or terms; ``report.model.terms`` of a diagnosis.
-    sizes
+    included effects
+        Effects (their first shape counts) or included effects; ``report.model.included`` of a
+        diagnosis.
+    magnitudes
         Where their fit starts [units of the effects], in the same order; default: zero.
 
     Raises
@@ -48,11 +49,13 @@ def including(
         The model cannot simulate one of them, or it is an effect of a sensor or an input: there
         the records must be mended, not the model.
     """
-    chosen = tuple(t if isinstance(t, Term) else Term(t, t.shapes[0]) for t in terms)
-    values = np.zeros(len(chosen)) if sizes is None else np.asarray(sizes, dtype=np.float64)
+    chosen = tuple(t if isinstance(t, Candidate) else Candidate(t, t.shapes[0]) for t in included)
+    values = (
+        np.zeros(len(chosen)) if magnitudes is None else np.asarray(magnitudes, dtype=np.float64)
+    )
     faults = []
     if values.shape != (len(chosen),):
-        faults.append(f"{values.size} sizes for {len(chosen)} effects")
+        faults.append(f"{values.size} magnitudes for {len(chosen)} effects")
     names = [p.name for p in model.parameters]
     for t in chosen:
         if t.effect.observe is not None or t.effect.excite is not None:
@@ -69,17 +72,17 @@ def including(
 
 @checked
 class Including(Model):
-    """See :func:`including`; sizes of the effects are its last parameters, without a prior."""
+    """See :func:`including`; magnitudes of the effects are its last parameters, without a prior."""
 
-    def __init__(self, model: Model, terms: tuple[Term, ...], sizes: Array):
-        if sizes.shape != (len(terms),):
+    def __init__(self, model: Model, included: tuple[Candidate, ...], magnitudes: Array):
+        if magnitudes.shape != (len(included),):
             raise InvalidParameter(
-                f"including: sizes has shape {sizes.shape}, expected {(len(terms),)}"
+                f"including: magnitudes has shape {magnitudes.shape}, expected {(len(included),)}"
             )
         self._base = model
-        self._own = terms
-        self._sizes = sizes
-        self.name = f"{model.name} with {', '.join(t.name for t in terms)}"
+        self._own = included
+        self._magnitudes = magnitudes
+        self.name = f"{model.name} with {', '.join(t.name for t in included)}"
         self.parameters = model.parameters + tuple(
             Parameter(
                 name=t.name,
@@ -90,13 +93,13 @@ class Including(Model):
                 component=t.effect.component,
                 scale=t.effect.scale,
             )
-            for t, size in zip(terms, sizes, strict=True)
+            for t, size in zip(included, magnitudes, strict=True)
         )
         self.outputs = model.outputs
         self.units = model.units
         self.least_samples = model.least_samples
         self.ports = model.ports
-        self.window = model.window
+        self.segment = model.segment
         self.difference_step = model.difference_step
         self.chaotic = model.chaotic
         self.from_rest = model.from_rest
@@ -104,9 +107,9 @@ class Including(Model):
         self.input_modes = model.input_modes
         self.inputs = tuple(getattr(model, "inputs", ()))
 
-    def states(self, terms: Sequence[Term] = ()) -> tuple[State, ...]:
-        """States of the model, hidden ones of the included effects, those of the terms."""
-        states = self._base.states((*self._own, *terms))
+    def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
+        """States of the model, then hidden ones of all included effects."""
+        states = self._base.states((*self._own, *included))
         mine = len(self._base.states(self._own))
         return tuple(replace(s, hidden=False) if i < mine else s for i, s in enumerate(states))
 
@@ -117,17 +120,17 @@ class Including(Model):
     def ready(self, records: Sequence[Record]) -> Ready:
         """The ready model with the same effects."""
         base = self._base.ready(records)
-        return replace(base, model=Including(base.model, self._own, self._sizes))
+        return replace(base, model=Including(base.model, self._own, self._magnitudes))
 
     def accepts(self, effect: Effect) -> bool:
         """What the model accepts, but for what it includes."""
         return effect.name not in [t.name for t in self._own] and self._base.accepts(effect)
 
-    def guess(self, record: Record, windows: Integers) -> Array:
+    def guess(self, record: Record, segments: Integers) -> Array:
         """As the model guesses; hidden states at their prior mean."""
         states = self.states()
-        starts = np.tile([s.start for s in states], (len(windows), 1))
-        seen = self._base.guess(record, windows)
+        starts = np.tile([s.start for s in states], (len(segments), 1))
+        seen = self._base.guess(record, segments)
         starts[:, : seen.shape[1]] = seen
         return starts
 
@@ -135,32 +138,32 @@ class Including(Model):
         """As the model finds them."""
         return self._base.events(record, outputs)
 
-    def simulate(self, record: Record, lanes: Lanes) -> Simulated:
+    def simulate(self, record: Record, jobs: Jobs) -> Simulated:
         """See :class:`~feltmb.fit.Model`."""
-        return self._base.simulate(record, self._inner(lanes))
+        return self._base.simulate(record, self._inner(jobs))
 
-    def _inner(self, lanes: Lanes) -> Lanes:
-        """Lanes of the model: what is included is among its terms."""
+    def _inner(self, jobs: Jobs) -> Jobs:
+        """Jobs of the model: what was made part of it is among its included effects."""
         count = len(self._base.parameters)
-        sizes = lanes.sizes if lanes.terms else np.zeros((lanes.count, 0))
+        magnitudes = jobs.magnitudes if jobs.included else np.zeros((jobs.count, 0))
         return replace(
-            lanes,
-            theta=lanes.theta[:, :count],
-            terms=(*self._own, *lanes.terms),
-            sizes=np.hstack([lanes.theta[:, count:], sizes]),
+            jobs,
+            theta=jobs.theta[:, :count],
+            included=(*self._own, *jobs.included),
+            magnitudes=np.hstack([jobs.theta[:, count:], magnitudes]),
         )
 
-    def finer(self, jobs: Sequence[Job]) -> Model:
+    def refined(self, batches: Sequence[Batch]) -> Model:
         """See :class:`~feltmb.fit.Model`."""
-        base = self._base.finer([(record, self._inner(lanes)) for record, lanes in jobs])
-        return self if base is self._base else Including(base, self._own, self._sizes)
+        base = self._base.refined([(record, self._inner(jobs)) for record, jobs in batches])
+        return self if base is self._base else Including(base, self._own, self._magnitudes)
 
     @property
     def core(self) -> Model:
         """That of the model."""
         return self._base.core
 
-    def asking(self, ask: Callable[[Sequence[Job]], list[Simulated]]) -> Model:
+    def asking(self, ask: Callable[[Sequence[Batch]], list[Simulated]]) -> Model:
         """See :class:`~feltmb.fit.Model`."""
         out = copy.copy(self)
         out._base = self._base.asking(ask)
@@ -170,39 +173,39 @@ class Including(Model):
         self,
         record: Record,
         theta: Array,
-        windows: Integers,
+        segments: Integers,
         starts: Array,
-        terms: tuple[Term, ...] = (),
-        sizes: Array | None = None,
+        included: tuple[Candidate, ...] = (),
+        magnitudes: Array | None = None,
         *,
         by_theta: Sequence[int] | None = None,
         by_starts: bool = True,
-        candidates: tuple[Term, ...] = (),
+        candidates: tuple[Candidate, ...] = (),
     ) -> Sensitivity:
-        """Those of the model; the derivatives by the included sizes move to the parameters."""
-        given = np.zeros(len(terms)) if sizes is None else sizes
-        check_windows(self, record, windows, starts, terms, given, theta)
+        """Those of the model; the derivatives by the included magnitudes move to the parameters."""
+        given = np.zeros(len(included)) if magnitudes is None else magnitudes
+        check_segments(self, record, segments, starts, included, given, theta)
         count, own = len(self._base.parameters), len(self._own)
         wanted = list(range(count + own)) if by_theta is None else list(by_theta)
         base = [i for i in wanted if i < count]
         s = self._base.sensitivities(
             record,
             theta[:count],
-            windows,
+            segments,
             starts,
-            (*self._own, *terms),
+            (*self._own, *included),
             np.concatenate([theta[count:], given]),
             by_theta=base,
             by_starts=by_starts,
             candidates=candidates,
         )
         order = [base.index(i) if i < count else len(base) + i - count for i in wanted]
-        by_outputs = np.concatenate([s.d_theta, s.d_sizes[..., :own]], axis=-1)
-        by_ends = np.concatenate([s.d_theta_ends, s.d_sizes_ends[..., :own]], axis=-1)
+        by_outputs = np.concatenate([s.d_theta, s.d_magnitudes[..., :own]], axis=-1)
+        by_ends = np.concatenate([s.d_theta_ends, s.d_magnitudes_ends[..., :own]], axis=-1)
         return replace(
             s,
             d_theta=by_outputs[..., order],
             d_theta_ends=by_ends[..., order],
-            d_sizes=s.d_sizes[..., own:],
-            d_sizes_ends=s.d_sizes_ends[..., own:],
+            d_magnitudes=s.d_magnitudes[..., own:],
+            d_magnitudes_ends=s.d_magnitudes_ends[..., own:],
         )

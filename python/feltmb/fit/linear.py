@@ -11,7 +11,7 @@ from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
 from feltmb.fit.coordinates import Named
-from feltmb.fit.model import Effect, Lanes, Model, Parameter, Simulated, State, Term
+from feltmb.fit.model import Candidate, Effect, Jobs, Model, Parameter, Simulated, State
 
 __all__ = ["FunctionModel", "LinearModel"]
 
@@ -34,17 +34,17 @@ class FunctionModel(Model):
         outputs: Mapping[str, Callable[[Record, Named], Array]],
         parameters: Sequence[Parameter],
         name: str = "model",
-        window: float | None = None,
+        segment: float | None = None,
     ):
         self.name = name
         self.parameters = tuple(parameters)
         self.outputs = tuple(outputs)
-        self.window = window
+        self.segment = segment
         self._outputs = dict(outputs)
 
-    def states(self, terms: Sequence[Term] = ()) -> tuple[State, ...]:
+    def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
         """None."""
-        del terms
+        del included
         return ()
 
     def accepts(self, effect: Effect) -> bool:
@@ -62,33 +62,37 @@ class FunctionModel(Model):
         outputs: Array = np.column_stack([f(record, p) for f in self._outputs.values()])
         return outputs
 
-    def simulate(self, record: Record, lanes: Lanes) -> Simulated:
+    def simulate(self, record: Record, jobs: Jobs) -> Simulated:
         """See :class:`~feltmb.fit.Model`."""
-        outputs = np.full((lanes.count, lanes.longest, len(self.outputs)), np.nan)
+        outputs = np.full((jobs.count, jobs.longest, len(self.outputs)), np.nan)
         columns: list[Array] = []
-        for term in lanes.terms:
-            assert term.effect.regressor is not None
-            columns.append(self._place(term, term.effect.regressor(record, term.shape)))
+        for candidate in jobs.included:
+            assert candidate.effect.regressor is not None
+            columns.append(
+                self._place(candidate, candidate.effect.regressor(record, candidate.shape))
+            )
         key, whole = None, np.zeros(0)
-        for b in range(lanes.count):
-            now = (lanes.theta[b].tobytes(), lanes.sizes[b].tobytes() if lanes.terms else b"")
-            if now != key:  # lanes of one version come together
-                key, whole = now, self.whole(record, lanes.theta[b])
+        for b in range(jobs.count):
+            now = (jobs.theta[b].tobytes(), jobs.magnitudes[b].tobytes() if jobs.included else b"")
+            if now != key:  # jobs of one version come together
+                key, whole = now, self.whole(record, jobs.theta[b])
                 for k, column in enumerate(columns):
-                    whole = whole + float(lanes.sizes[b, k]) * column
-            first, last = lanes.windows[b]
+                    whole = whole + float(jobs.magnitudes[b, k]) * column
+            first, last = jobs.segments[b]
             outputs[b, : last - first + 1] = whole[first : last + 1]
-        return Simulated(outputs=outputs, ends=np.zeros((lanes.count, 0)))
+        return Simulated(outputs=outputs, ends=np.zeros((jobs.count, 0)))
 
-    def _place(self, term: Term, column: Any) -> Array:
+    def _place(self, candidate: Candidate, column: Any) -> Array:
         """Column of an effect as (n, ny): its output is ``effect.data`` or the only one."""
         values: Array = np.asarray(column, dtype=np.float64)
         if values.ndim == 2:
             return values
-        output = term.effect.data if isinstance(term.effect.data, str) else self.outputs[0]
+        output = (
+            candidate.effect.data if isinstance(candidate.effect.data, str) else self.outputs[0]
+        )
         if output not in self.outputs:
             raise InvalidParameter(
-                f"effect {term.name}: {output!r} is no output of {self.name} "
+                f"effect {candidate.name}: {output!r} is no output of {self.name} "
                 f"({', '.join(self.outputs)})"
             )
         out = np.zeros((values.size, len(self.outputs)))
@@ -113,7 +117,7 @@ class LinearModel(FunctionModel):
         columns: Mapping[str, Callable[[Record], Array]],
         parameters: Sequence[Parameter] = (),
         name: str = "model",
-        window: float | None = None,
+        segment: float | None = None,
     ):
         given = {p.name: p for p in parameters}
         unknown = sorted(set(given) - set(columns))
@@ -129,4 +133,4 @@ class LinearModel(FunctionModel):
             )
             return total
 
-        super().__init__(outputs={output: value}, parameters=ordered, name=name, window=window)
+        super().__init__(outputs={output: value}, parameters=ordered, name=name, segment=segment)

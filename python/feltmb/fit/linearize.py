@@ -1,4 +1,4 @@
-"""Residuals of a shot and their derivatives."""
+"""Residuals of a segmented record and their derivatives."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from functools import partial
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.fit.model import Lanes, Model, Sensitivity, Term
-from feltmb.fit.observe import machine_terms, observe_all, observe_lanes, observed_sensitivities
-from feltmb.fit.shots import Shot
+from feltmb.fit.model import Candidate, Jobs, Model, Sensitivity
+from feltmb.fit.observe import machine_candidates, observe_all, observe_jobs, observed_sensitivities
+from feltmb.fit.segmented_records import SegmentedRecord
 
 __all__ = ["Linear", "Place", "linearize", "predict"]
 
@@ -20,7 +20,7 @@ RUNAWAY = 1e100
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where one shot stands: start states (W, nx) and its nuisances (nn,)."""
+    """Where one segmented record stands: start states (W, nx) and its nuisances (nn,)."""
 
     starts: Array
     nuisances: Array
@@ -28,7 +28,7 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class InputColumns:
-    """Derivatives of one shot by the noise of its inputs; see :class:`Linear`."""
+    """Derivatives of one segmented record by the noise of its inputs; see :class:`Linear`."""
 
     by_input: Array
     ends_by_input: Array
@@ -36,7 +36,7 @@ class InputColumns:
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """Whitened residual and derivatives of one shot at one place; rows are samples x channels.
+    """Whitened residual and derivatives of one record at one place; rows: samples x channels.
 
     A step d changes the residual to ``residual - J d``, the gap to ``gap - (ends' d - d_next)``.
     """
@@ -46,11 +46,11 @@ class Linear:
     by_state: Array
     """(W, m, nx)"""
     by_global: Array
-    """(W, m, ng): free parameters, sizes, candidates, then nuisances of the record"""
+    """(W, m, ng): free parameters, magnitudes, candidates, then nuisances of the record"""
     by_input: Array
     """(W, m, mi): unit normal numbers that stand for the noise of the inputs"""
     gap: Array
-    """End of a window minus start of the next, (W - 1, nx)"""
+    """End of a segment minus start of the next, (W - 1, nx)"""
     ends_by_state: Array
     """(W, nx, nx)"""
     ends_by_global: Array
@@ -58,38 +58,42 @@ class Linear:
     ends_by_input: Array
     """(W, nx, mi)"""
     good: Array
-    """Whether the window could be simulated, (W,)"""
+    """Whether the segment could be simulated, (W,)"""
 
 
-def _plain(model: Model, shot: Shot, terms: tuple[Term, ...]) -> bool:
+def _plain(model: Model, segmented: SegmentedRecord, included: tuple[Candidate, ...]) -> bool:
     """Whether the model's own derivatives are those of the record."""
-    sensors = [shot.record.sensors[n] for n in model.outputs if n in shot.record.sensors]
-    return machine_terms(terms) == terms and all(
+    sensors = [segmented.record.sensors[n] for n in model.outputs if n in segmented.record.sensors]
+    return machine_candidates(included) == included and all(
         s.delay == 0.0 and s.gain == 1.0 and s.offset == 0.0 and np.isinf(s.bandwidth)
         for s in sensors
     )
 
 
-def _with_nuisances(shot: Shot, outputs: Array, values: Array) -> tuple[Array, Array]:
+def _with_nuisances(
+    segmented: SegmentedRecord, outputs: Array, values: Array
+) -> tuple[Array, Array]:
     """Outputs with gains, offsets and delays of the record, and their derivatives (..., nn)."""
     changed = outputs.copy() if len(values) else outputs
     columns = np.zeros((*outputs.shape, len(values)))
-    for i, ((kind, c, _), value) in enumerate(zip(shot.nuisances, values, strict=True)):
+    for i, ((kind, c, _), value) in enumerate(zip(segmented.nuisances, values, strict=True)):
         y = outputs[:, :, c]
         if kind == "gain":
             column = y
         elif kind == "offset":
             column = np.ones_like(y)
         else:
-            at = np.minimum(shot.windows[:, :1] + np.arange(y.shape[1]), shot.record.samples - 1)
-            time = shot.record.time[at]
+            at = np.minimum(
+                segmented.segments[:, :1] + np.arange(y.shape[1]), segmented.record.samples - 1
+            )
+            time = segmented.record.time[at]
             column = np.zeros_like(y)
             step = np.maximum(time[:, 1:] - time[:, :-1], 1e-300)
             slope = np.where(time[:, 1:] > time[:, :-1], np.diff(y, axis=1) / step, 0.0)
             column[:, :-1] -= 0.5 * slope
             column[:, 1:] -= 0.5 * slope
             column[:, 0] *= 2.0
-            ends = (np.arange(len(y)), shot.windows[:, 1] - shot.windows[:, 0])
+            ends = (np.arange(len(y)), segmented.segments[:, 1] - segmented.segments[:, 0])
             column[ends] *= 2.0
         columns[:, :, c, i] = column
         changed[:, :, c] += value * column
@@ -98,54 +102,56 @@ def _with_nuisances(shot: Shot, outputs: Array, values: Array) -> tuple[Array, A
 
 def predict(
     model: Model,
-    shot: Shot,
+    segmented: SegmentedRecord,
     theta: Array,
-    terms: tuple[Term, ...],
-    sizes: Array,
+    included: tuple[Candidate, ...],
+    magnitudes: Array,
     place: Place,
 ) -> tuple[Array, Array, Array]:
-    """Outputs (W, L, ny), whitened residual (W, m) and gap (W - 1, nx) of a shot."""
-    w = shot.count
-    run = observe_lanes(
+    """Outputs (W, L, ny), whitened residual (W, m) and gap (W - 1, nx) of a segmented record."""
+    w = segmented.count
+    run = observe_jobs(
         model,
-        shot.record,
-        Lanes.at_point(theta, shot.windows, place.starts, terms, sizes),
+        segmented.record,
+        Jobs.at_point(theta, segmented.segments, place.starts, included, magnitudes),
     )
-    outputs, _ = _with_nuisances(shot, run.outputs[:, : shot.measured.shape[1]], place.nuisances)
+    outputs, _ = _with_nuisances(
+        segmented, run.outputs[:, : segmented.measured.shape[1]], place.nuisances
+    )
     with np.errstate(over="ignore", invalid="ignore"):
-        residual = shot.whiten(shot.measured - outputs)
+        residual = segmented.whiten(segmented.measured - outputs)
     gap = run.ends[:-1] - place.starts[1:]
     return outputs, residual.reshape(w, -1), gap
 
 
 def linearize(
     model: Model,
-    shot: Shot,
+    segmented: SegmentedRecord,
     theta: Array,
     free: list[int],
-    terms: tuple[Term, ...],
-    sizes: Array,
+    included: tuple[Candidate, ...],
+    magnitudes: Array,
     place: Place,
-    candidates: tuple[Term, ...] = (),
+    candidates: tuple[Candidate, ...] = (),
     input_knots: int = 6,
     known: Linear | InputColumns | None = None,
 ) -> Linear:
-    """Residual and derivatives by states, free parameters, sizes, candidates and nuisances.
+    """Residual and derivatives by states, free parameters, magnitudes, candidates and nuisances.
 
     ``known``: those of a linearization nearby, whose columns of the input noise are taken over.
     """
-    count = shot.count
-    ask = model.sensitivities if _plain(model, shot, (*terms, *candidates)) else None
+    count = segmented.count
+    ask = model.sensitivities if _plain(model, segmented, (*included, *candidates)) else None
     if ask is None:
         ask = partial(observed_sensitivities, model)
-    with np.errstate(invalid="ignore", over="ignore"):  # windows that failed are no numbers
+    with np.errstate(invalid="ignore", over="ignore"):  # segments that failed are no numbers
         s = ask(
-            shot.record,
+            segmented.record,
             theta,
-            shot.windows,
+            segmented.segments,
             place.starts,
-            terms,
-            sizes,
+            included,
+            magnitudes,
             by_theta=free,
             by_starts=place.starts.shape[1] > 0,
             candidates=candidates,
@@ -154,25 +160,26 @@ def linearize(
         by_input, ends_by_input = np.zeros((*s.outputs.shape, 0)), known.ends_by_input
     else:
         by_input, ends_by_input = _input_noise(
-            model, shot, theta, terms, sizes, place, s, input_knots
+            model, segmented, theta, included, magnitudes, place, s, input_knots
         )
-    outputs, nuisance = _with_nuisances(shot, s.outputs, place.nuisances)
+    outputs, nuisance = _with_nuisances(segmented, s.outputs, place.nuisances)
     nn = nuisance.shape[3]
     columns = np.concatenate(
-        [s.d_starts, s.d_theta, s.d_sizes, s.d_candidates, nuisance, by_input], axis=3
+        [s.d_starts, s.d_theta, s.d_magnitudes, s.d_candidates, nuisance, by_input], axis=3
     )
-    good = np.all(np.isfinite(np.where(shot.valid, outputs, 0.0)), axis=(1, 2))
+    good = np.all(np.isfinite(np.where(segmented.valid, outputs, 0.0)), axis=(1, 2))
     good &= np.all(np.isfinite(s.ends), axis=1)
     columns = _tame(columns)
-    rows = shot.measured.shape[1] * shot.measured.shape[2]
-    white = shot.whiten(columns).reshape(count, rows, columns.shape[3])
+    rows = segmented.measured.shape[1] * segmented.measured.shape[2]
+    white = segmented.whiten(columns).reshape(count, rows, columns.shape[3])
     nx = place.starts.shape[1]
     ng = columns.shape[3] - nx - by_input.shape[3]
     ends_by_global = np.concatenate(
-        [s.d_theta_ends, s.d_sizes_ends, s.d_candidates_ends, np.zeros((count, nx, nn))], axis=2
+        [s.d_theta_ends, s.d_magnitudes_ends, s.d_candidates_ends, np.zeros((count, nx, nn))],
+        axis=2,
     )
     return Linear(
-        residual=_tame(shot.whiten(shot.measured - outputs).reshape(count, -1)),
+        residual=_tame(segmented.whiten(segmented.measured - outputs).reshape(count, -1)),
         by_state=white[..., :nx],
         by_global=white[..., nx : nx + ng],
         by_input=white[..., nx + ng :] if known is None else known.by_input,
@@ -192,21 +199,21 @@ def _tame(values: Array) -> Array:
 
 def _input_noise(
     model: Model,
-    shot: Shot,
+    segmented: SegmentedRecord,
     theta: Array,
-    terms: tuple[Term, ...],
-    sizes: Array,
+    included: tuple[Candidate, ...],
+    magnitudes: Array,
     place: Place,
     base: Sensitivity,
     knots: int,
 ) -> tuple[Array, Array]:
     """Columns of unit normal numbers for the noise of the inputs: outputs and end states.
 
-    Within a window the noise is a straight line between knots. A knot that stands for a stretch D
+    Within a segment the noise is a straight line between knots. A knot that stands for a stretch D
     of noise with standard deviation s and correlation time c at sampling step h has the variance
     s^2 (h + 2 c) / D: the same integral over the stretch, to which an inertia answers.
     """
-    record = shot.record
+    record = segmented.record
     noisy = [n for n, s in record.input_sigma.items() if s > 0.0]
     nx = place.starts.shape[1]
     if not noisy or nx == 0:
@@ -217,24 +224,24 @@ def _input_noise(
     n = record.samples
     phase = np.zeros(n)
     stretch = np.zeros(n)
-    for first, last in shot.windows:
+    for first, last in segmented.segments:
         phase[first:last] = np.arange(last - first) / (last - first) * (knots - 1)
         stretch[first:last] = (record.time[last] - record.time[first]) / (knots - 1)
     phase[-1], stretch[-1] = knots - 1, stretch[-2]
-    lanes = Lanes.at_point(theta, shot.windows, place.starts, terms, sizes)
-    jobs = []
+    jobs = Jobs.at_point(theta, segmented.segments, place.starts, included, magnitudes)
+    batches = []
     for name in noisy:
         tau = record.input_correlation_time.get(name, 0.0)
         share = (record.interval + 2.0 * tau) / stretch
         sd = record.input_sigma[name] * np.sqrt(np.minimum(share, 1.0))
         for k in range(knots):
             hat = np.maximum(0.0, 1.0 - np.abs(phase - k)) * sd
-            if k == knots - 1:  # the sample that a window shares with the next
-                hat[shot.windows[:, 1]] = sd[shot.windows[:, 1]]
+            if k == knots - 1:  # the sample that a segment shares with the next
+                hat[segmented.segments[:, 1]] = sd[segmented.segments[:, 1]]
             if k == 0:
-                hat[shot.windows[1:, 0]] = 0.5 * sd[shot.windows[1:, 0]]
-            jobs.append((record.with_inputs({name: record.inputs[name] + hat}), lanes))
-    runs = observe_all(model, jobs)
+                hat[segmented.segments[1:, 0]] = 0.5 * sd[segmented.segments[1:, 0]]
+            batches.append((record.with_inputs({name: record.inputs[name] + hat}), jobs))
+    runs = observe_all(model, batches)
     return (
         np.stack([run.outputs - base.outputs for run in runs], axis=3),
         np.stack([run.ends - base.ends for run in runs], axis=2),

@@ -1,8 +1,8 @@
 """What can be fitted and diagnosed: anything that simulates named outputs from parameters.
 
-A *model* turns a record's inputs into outputs, given parameters theta, sizes phi of some effects
-and start states x of time windows. It is asked in *lanes*: every lane is one window with its own
-theta, phi and start, so that a batch of windows and finite differences is one call.
+A *model* turns a record's inputs into outputs, given parameters theta, magnitudes phi of some
+effects and start states x of time segments. It is asked in *jobs*: every job is one segment with
+its own theta, phi and start, so that a batch of segments and finite differences is one call.
 """
 
 from __future__ import annotations
@@ -23,11 +23,12 @@ from feltmb.data import Array, InputMode, Record
 from feltmb.errors import InvalidParameter
 
 __all__ = [
-    "FLOOR",
+    "VARIABILITY",
+    "Batch",
+    "Candidate",
     "Effect",
     "EffectKind",
-    "Job",
-    "Lanes",
+    "Jobs",
     "Model",
     "Parameter",
     "Port",
@@ -35,11 +36,10 @@ __all__ = [
     "Sensitivity",
     "Simulated",
     "State",
-    "Term",
 ]
 
 #: Component of parameters that stand for what differs from record to record without a cause.
-FLOOR = "floor"
+VARIABILITY = "run-to-run variability"
 
 EffectKind = Literal["force", "kinematic", "state", "parameter", "sensor", "input", "drift"]
 Integers = NDArray[np.intp]
@@ -59,7 +59,7 @@ class Parameter:
     upper: float = math.inf
     component: str = ""
     scale: float | None = None
-    """Natural size for steps of differences [unit]; default: sd if finite, else abs(value) or 1."""
+    """Scale for steps of differences [unit]; default: sd if finite, else abs(value) or 1."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.value) and self.lower <= self.value <= self.upper):
@@ -72,7 +72,7 @@ class Parameter:
 
     @property
     def size(self) -> float:
-        """Natural size [unit], > 0."""
+        """Scale [unit], > 0."""
         if self.scale is not None:
             return self.scale
         if 0.0 < self.sd < math.inf:
@@ -88,30 +88,30 @@ class State:
     name: str
     unit: str = "1"
     scale: float = 1.0
-    """Natural size [unit]: sets steps of differences and the unit of gaps between windows."""
+    """Scale [unit]: sets steps of differences and the unit of continuity defects."""
     start: float = 0.0
     """Prior mean at the first sample of a record, unless the record says otherwise [unit]."""
     start_sd: float = math.inf
     """Prior standard deviation there [unit]; inf: unknown; 0: fixed."""
     hidden: bool = False
-    """Memory that an effect brings: no influence on the outputs while the effect has size 0."""
+    """Memory that an effect brings: no influence on the outputs at magnitude 0."""
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Effect:
-    """A cause that the model lacks. Contract: at size zero it is exactly the model.
+    """A cause that the model lacks. Contract: at magnitude zero it is exactly the model.
 
     How it enters is told by at most one of the callables, or is known to the model by ``name``:
 
-    ``rate(t, x, u, p, size, shape) -> {state: (B,)}``
+    ``rate(t, x, u, p, magnitude, shape) -> {state: (B,)}``
         For :class:`~feltmb.gap.OdeModel`: what it adds to the rates of states, its own hidden
         states included.
     ``regressor(record, shape) -> (n,)``
-        For :class:`~feltmb.gap.LinearModel`: output per unit of size.
-    ``observe(record, outputs (B, L, ny), windows (B, 2), sizes (B,), shape) -> (B, L, ny)``
+        For :class:`~feltmb.gap.LinearModel`: output per unit of magnitude.
+    ``observe(record, outputs (B, L, ny), segments (B, 2), magnitudes (B,), shape) -> (B, L, ny)``
         Sensor effect, for any model.
-    ``excite(record, size, shape) -> {input: (n,)}``
+    ``excite(record, magnitude, shape) -> {input: (n,)}``
         Input effect, for any model: the inputs that replace those of the record.
     """
 
@@ -119,14 +119,14 @@ class Effect:
     component: str
     unit: str = "1"
     scale: float = 1.0
-    """Size that one would expect if it were there [unit]: prior sd, steps of differences."""
+    """Magnitude that one would expect if it were there [unit]: prior sd, steps of differences."""
     sign: Literal[-1, 0, 1] = 0
-    """+1: size >= 0 (friction), -1: size <= 0, 0: any."""
+    """+1: magnitude >= 0 (friction), -1: magnitude <= 0, 0: any."""
     mechanism: str = ""
     """One sentence: what happens in the machine."""
     kind: EffectKind = "force"
     shapes: tuple[Any, ...] = (None,)
-    """Shape parameters that mean nothing at size zero; each is tried, the best is kept.
+    """Shape parameters that mean nothing at magnitude zero; each is tried, the best is kept.
 
     Positive floats of which the list has two or more values are a net: values between and near
     them are tried as well. Use whole numbers or words for what only the listed values mean.
@@ -137,7 +137,7 @@ class Effect:
     """What to do about it."""
     lower: float = -math.inf
     upper: float = math.inf
-    """Hard limits of the size [unit]; ``sign`` is applied on top."""
+    """Hard limits of the magnitude [unit]; ``sign`` is applied on top."""
     confounders: tuple[str, ...] = ()
     """Effects known beforehand to look alike."""
     weight: float = 1.0
@@ -173,7 +173,7 @@ class Effect:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Permitted sizes [unit]."""
+        """Permitted magnitudes [unit]."""
         low = max(self.lower, 0.0) if self.sign > 0 else self.lower
         high = min(self.upper, 0.0) if self.sign < 0 else self.upper
         return low, high
@@ -181,7 +181,7 @@ class Effect:
 
 @checked
 @dataclass(frozen=True)
-class Term:
+class Candidate:
     """An effect with one of its shapes."""
 
     effect: Effect
@@ -202,7 +202,7 @@ class Port:
     component: str
     unit: str = "N"
     scale: float = 1.0
-    """Natural size of such a force [unit]."""
+    """Scale of such a force [unit]."""
     position: str = ""
     """State that holds the displacement on which it works, if there is one."""
     speed: str = ""
@@ -211,18 +211,18 @@ class Port:
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Lanes:
-    """A batch of B windows to be simulated. Row b of every array belongs to lane b."""
+class Jobs:
+    """A batch of B segments to be simulated. Row b of every array belongs to job b."""
 
     theta: Array
     """Parameters, (B, p), in the order of ``model.parameters``."""
-    windows: Integers
+    segments: Integers
     """First and last sample, (B, 2): outputs at i0 <= i <= i1, the end state at i1."""
     starts: Array
-    """States at i0, (B, nx); order of ``model.states(terms)``."""
-    terms: tuple[Term, ...] = ()
-    sizes: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    """Sizes of the terms [their units], (B, k)."""
+    """States at i0, (B, nx); order of ``model.states(included)``."""
+    included: tuple[Candidate, ...] = ()
+    magnitudes: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """Magnitudes of the included effects [their units], (B, k)."""
     forces: Array | None = None
     """Unknown forces, (B, ports, m): linear between m knots from i0 to i1; None: no force."""
 
@@ -230,61 +230,61 @@ class Lanes:
     def at_point(
         cls,
         theta: Array,
-        windows: Integers,
+        segments: Integers,
         starts: Array,
-        terms: tuple[Term, ...],
-        sizes: Array,
-    ) -> Lanes:
-        """All windows at the same parameters, (p,), and sizes of the terms, (k,)."""
-        count = len(windows)
+        included: tuple[Candidate, ...],
+        magnitudes: Array,
+    ) -> Jobs:
+        """All segments at the same parameters, (p,), and magnitudes, (k,)."""
+        count = len(segments)
         return cls(
             theta=np.tile(theta, (count, 1)),
-            windows=windows,
+            segments=segments,
             starts=starts,
-            terms=terms,
-            sizes=np.tile(sizes, (count, 1)),
+            included=included,
+            magnitudes=np.tile(magnitudes, (count, 1)),
         )
 
     def __post_init__(self) -> None:
-        count = self.windows.shape[0]
-        wanted = {"theta": self.theta, "windows": self.windows, "starts": self.starts}
-        if self.terms:
-            wanted["sizes"] = self.sizes
+        count = self.segments.shape[0]
+        wanted = {"theta": self.theta, "segments": self.segments, "starts": self.starts}
+        if self.included:
+            wanted["magnitudes"] = self.magnitudes
         faults = [
             f"{name} has shape {array.shape}, expected {count} rows"
             for name, array in wanted.items()
             if array.ndim != 2 or array.shape[0] != count
         ]
-        if self.windows.shape[1:] != (2,):
-            faults.append(f"windows has shape {self.windows.shape}, expected (B, 2)")
+        if self.segments.shape[1:] != (2,):
+            faults.append(f"segments has shape {self.segments.shape}, expected (B, 2)")
         if faults:
-            raise InvalidParameter("lanes: " + "; ".join(faults))
+            raise InvalidParameter("jobs: " + "; ".join(faults))
 
     @property
     def count(self) -> int:
-        """Number of lanes B."""
-        return int(self.windows.shape[0])
+        """Number of jobs B."""
+        return int(self.segments.shape[0])
 
     @property
     def longest(self) -> int:
-        """Samples of the longest window, both ends counted."""
-        return int(np.max(self.windows[:, 1] - self.windows[:, 0])) + 1
+        """Samples of the longest segment, both ends counted."""
+        return int(np.max(self.segments[:, 1] - self.segments[:, 0])) + 1
 
 
-def check_windows(
+def check_segments(
     model: Model,
     record: Record,
-    windows: Integers,
+    segments: Integers,
     starts: Array | None = None,
-    terms: Sequence[Term] = (),
-    sizes: Array | None = None,
+    included: Sequence[Candidate] = (),
+    magnitudes: Array | None = None,
     theta: Array | None = None,
 ) -> None:
-    """Refuse windows that are not of the record, and numbers that are not of the model."""
+    """Refuse segments that are not of the record, and numbers that are not of the model."""
     wanted = {
-        "windows": (windows, (len(windows), 2)),
-        "starts": (starts, (len(windows), len(model.states(terms)))),
-        "sizes": (sizes, (len(terms),)),
+        "segments": (segments, (len(segments), 2)),
+        "starts": (starts, (len(segments), len(model.states(included)))),
+        "magnitudes": (magnitudes, (len(included),)),
         "theta": (theta, (len(model.parameters),)),
     }
     faults = [
@@ -292,25 +292,29 @@ def check_windows(
         for name, (array, shape) in wanted.items()
         if array is not None and array.shape != shape
     ]
-    if not faults and windows.size and not (0 <= windows.min() <= windows.max() < record.samples):
-        faults.append(f"windows lie outside the {record.samples} samples of the record")
-    if not faults and np.any(windows[:, 1] < windows[:, 0]):
-        faults.append("a window ends before it begins")
+    if (
+        not faults
+        and segments.size
+        and not (0 <= segments.min() <= segments.max() < record.samples)
+    ):
+        faults.append(f"segments lie outside the {record.samples} samples of the record")
+    if not faults and np.any(segments[:, 1] < segments[:, 0]):
+        faults.append("a segment ends before it begins")
     if faults:
         raise InvalidParameter(f"model {model.name}: " + "; ".join(faults))
 
 
-#: Lanes of a record to be simulated.
-Job = tuple[Record, Lanes]
+#: Jobs of a record to be simulated.
+Batch = tuple[Record, Jobs]
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Simulated:
-    """What every lane gave; a lane that failed holds NaN."""
+    """What every job gave; a job that failed holds NaN."""
 
     outputs: Array
-    """(B, L, ny) at the samples i0, i0+1, ..., i1 of each lane; beyond i1: anything."""
+    """(B, L, ny) at the samples i0, i0+1, ..., i1 of each job; beyond i1: anything."""
     ends: Array
     """States at sample i1, (B, nx)."""
 
@@ -318,7 +322,7 @@ class Simulated:
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sensitivity:
-    """Outputs and end states of W windows with their derivatives.
+    """Outputs and end states of W segments with their derivatives.
 
     The last axis of every ``d_*`` is what is differentiated by; it has length 0 where nothing was
     asked for.
@@ -332,16 +336,16 @@ class Sensitivity:
     """(W, L, ny, p) by the parameters asked for."""
     d_theta_ends: Array
     """(W, nx, p)"""
-    d_sizes: Array
-    """(W, L, ny, k) by the sizes of the terms."""
-    d_sizes_ends: Array
+    d_magnitudes: Array
+    """(W, L, ny, k) by the magnitudes of the included effects."""
+    d_magnitudes_ends: Array
     """(W, nx, k)"""
     d_starts: Array
     """(W, L, ny, nx)"""
     d_starts_ends: Array
     """(W, nx, nx)"""
     d_candidates: Array
-    """(W, L, ny, c) by the sizes of the candidates, at zero"""
+    """(W, L, ny, c) by the magnitudes of the included effects, at zero"""
     d_candidates_ends: Array
     """(W, nx, c)"""
 
@@ -379,10 +383,10 @@ class Model(ABC):
     """Samples that a record must have at least; fewer only where an output is a single number."""
     ports: tuple[Port, ...] = ()
     """Where unknown forces may act; empty: no component table from forces."""
-    window: float | None = None
-    """Length of shooting windows that suits the model [s]; None: chosen from the data."""
+    segment: float | None = None
+    """Length of shooting segments that suits the model [s]; None: chosen from the data."""
     difference_step: float = 1e-3
-    """First step of differences by parameters, as a share of their natural size; a tenth of it for
+    """First step of differences by parameters, as a share of their scale; a tenth of it for
     states. Larger where the simulation is noisy."""
     chaotic: bool = False
     """Whether it has impacts after which a small error of the state grows strongly."""
@@ -394,27 +398,27 @@ class Model(ABC):
     """Whether :meth:`simulate_all` is faster than its records one after the other."""
 
     @abstractmethod
-    def states(self, terms: Sequence[Term] = ()) -> tuple[State, ...]:
-        """States, then the hidden states of the terms in their order; () if it has none."""
+    def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
+        """States, then hidden states of the included effects in their order; () if none."""
 
     @abstractmethod
-    def simulate(self, record: Record, lanes: Lanes) -> Simulated:
-        """Simulate every lane.
+    def simulate(self, record: Record, jobs: Jobs) -> Simulated:
+        """Simulate every job.
 
         Inputs are ``record.inputs``. The measured outputs are not to be used: they are what is to
         be explained.
         """
 
-    def simulate_all(self, jobs: Sequence[Job]) -> list[Simulated]:
-        """Simulate lanes of several records; see ``together``. Default: one after the other."""
-        return [self.simulate(record, lanes) for record, lanes in jobs]
+    def simulate_all(self, batches: Sequence[Batch]) -> list[Simulated]:
+        """Simulate jobs of several records; see ``together``. Default: one after the other."""
+        return [self.simulate(record, jobs) for record, jobs in batches]
 
-    def finer(self, jobs: Sequence[Job]) -> Model:
-        """Itself in steps that are fine enough for these lanes, whose terms may need smaller ones.
+    def refined(self, batches: Sequence[Batch]) -> Model:
+        """Itself in steps that are fine enough for these jobs and their included effects.
 
         Default: as it is.
         """
-        del jobs
+        del batches
         return self
 
     @property
@@ -422,10 +426,10 @@ class Model(ABC):
         """What simulates: itself, or the model that it is made of."""
         return self
 
-    def asking(self, ask: Callable[[Sequence[Job]], list[Simulated]]) -> Model:
+    def asking(self, ask: Callable[[Sequence[Batch]], list[Simulated]]) -> Model:
         """A copy whose core's simulations are made by ``ask``."""
         out = copy.copy(self)
-        vars(out).update(simulate=lambda record, lanes: ask([(record, lanes)])[0], simulate_all=ask)
+        vars(out).update(simulate=lambda record, jobs: ask([(record, jobs)])[0], simulate_all=ask)
         return out
 
     def forget(self) -> None:  # noqa: B027
@@ -442,14 +446,14 @@ class Model(ABC):
         """Whether it can simulate the effect. Sensor and input effects need no help from it."""
         return effect.observe is not None or effect.excite is not None
 
-    def guess(self, record: Record, windows: Integers) -> Array:
-        """First guess of the states at the window starts, (W, nx), for the first fit.
+    def guess(self, record: Record, segments: Integers) -> Array:
+        """First guess of the states at the segment starts, (W, nx), for the first fit.
 
-        Default: simulate from the prior start through the windows in turn.
+        Default: simulate from the prior start through the segments in turn.
         """
-        check_windows(self, record, windows)
+        check_segments(self, record, segments)
         states = self.states()
-        starts = np.zeros((len(windows), len(states)))
+        starts = np.zeros((len(segments), len(states)))
         if not states:
             return starts
         prior = record.start
@@ -457,10 +461,10 @@ class Model(ABC):
             [prior.mean.get(s.name, s.start) if prior is not None else s.start for s in states]
         )
         theta = np.array([[p.value for p in self.parameters]])
-        for w, window in enumerate(windows):
+        for w, segment in enumerate(segments):
             starts[w] = x
             ends = self.simulate(
-                record, Lanes(theta=theta, windows=window[None, :], starts=x[None, :])
+                record, Jobs(theta=theta, segments=segment[None, :], starts=x[None, :])
             ).ends[0]
             x = np.where(np.isfinite(ends), ends, x)
         return starts
@@ -477,36 +481,37 @@ class Model(ABC):
         self,
         record: Record,
         theta: Array,
-        windows: Integers,
+        segments: Integers,
         starts: Array,
-        terms: tuple[Term, ...] = (),
-        sizes: Array | None = None,
+        included: tuple[Candidate, ...] = (),
+        magnitudes: Array | None = None,
         *,
         by_theta: Sequence[int] | None = None,
         by_starts: bool = True,
-        candidates: tuple[Term, ...] = (),
+        candidates: tuple[Candidate, ...] = (),
     ) -> Sensitivity:
-        """Outputs and derivatives of windows.
+        """Outputs and derivatives of segments.
 
         Parameters
         ----------
         theta
             (p,)
-        windows, starts
-            (W, 2) and (W, nx), states in the order of ``states(terms)``.
-        terms, sizes
-            Terms that are part of the model, and their sizes (k,); derivatives by all of them.
+        segments, starts
+            (W, 2) and (W, nx), states in the order of ``states(included)``.
+        included effects, magnitudes
+            Candidates that are part of the model, and their magnitudes (k,); derivatives by all of
+            them.
         by_theta
             Parameters wanted; default: all.
         by_starts
             Whether the derivatives by the start states are wanted.
         candidates
-            Further terms, all at size zero, whose derivatives at zero are wanted too (one-sided
-            if they have a sign). Their hidden states start at their prior mean at the first
-            window and run through the windows in turn.
+            Further included effects, all at magnitude zero, whose derivatives at zero are wanted
+            too (one-sided if they have a sign). Their hidden states start at their prior mean at
+            the first segment and run through the segments in turn.
         """
-        sizes = np.zeros(len(terms)) if sizes is None else sizes
-        check_windows(self, record, windows, starts, terms, sizes, theta)
+        magnitudes = np.zeros(len(included)) if magnitudes is None else magnitudes
+        check_segments(self, record, segments, starts, included, magnitudes, theta)
         if by_theta is not None and not set(by_theta) <= set(range(len(self.parameters))):
             raise InvalidParameter(
                 f"model {self.name}: by_theta = {list(by_theta)}, expected positions of its "
@@ -516,10 +521,10 @@ class Model(ABC):
             self,
             record,
             theta,
-            windows,
+            segments,
             starts,
-            terms,
-            sizes,
+            included,
+            magnitudes,
             by_theta=range(len(self.parameters)) if by_theta is None else by_theta,
             by_starts=by_starts,
             candidates=candidates,
@@ -536,33 +541,33 @@ def run_through(
     model: Model,
     record: Record,
     theta: Array,
-    windows: NDArray[np.intp],
+    segments: NDArray[np.intp],
     starts: Array,
-    terms: tuple[Term, ...],
-    sizes: Array,
+    included: tuple[Candidate, ...],
+    magnitudes: Array,
     visible: int,
 ) -> tuple[Array, Array]:
-    """Simulate windows in turn, several versions at once, hidden states passed on.
+    """Simulate segments in turn, several versions at once, hidden states passed on.
 
-    ``starts`` (W, visible); ``sizes`` (V, k) one row a version. The visible states of a window
-    come from ``starts``, its hidden ones from the end of the window before. Outputs (V, W, L, ny),
-    ends (V, W, visible).
+    ``starts`` (W, visible); ``magnitudes`` (V, k) one row a version. The visible states of a
+    segment come from ``starts``, its hidden ones from the end of the segment before. Outputs (V, W,
+    L, ny), ends (V, W, visible).
     """
-    versions = sizes.shape[0]
-    states = model.states(terms)
+    versions = magnitudes.shape[0]
+    states = model.states(included)
     hidden = np.tile([s.start for s in states[visible:]], (versions, 1))
-    longest = int(np.max(windows[:, 1] - windows[:, 0])) + 1
-    outputs = np.full((versions, len(windows), longest, len(model.outputs)), np.nan)
-    ends = np.full((versions, len(windows), visible), np.nan)
-    for w, window in enumerate(windows):
-        lanes = Lanes(
+    longest = int(np.max(segments[:, 1] - segments[:, 0])) + 1
+    outputs = np.full((versions, len(segments), longest, len(model.outputs)), np.nan)
+    ends = np.full((versions, len(segments), visible), np.nan)
+    for w, segment in enumerate(segments):
+        jobs = Jobs(
             theta=np.tile(theta, (versions, 1)),
-            windows=np.tile(window, (versions, 1)),
+            segments=np.tile(segment, (versions, 1)),
             starts=np.hstack([np.tile(starts[w], (versions, 1)), hidden]),
-            terms=terms,
-            sizes=sizes,
+            included=included,
+            magnitudes=magnitudes,
         )
-        run = model.simulate(record, lanes)
+        run = model.simulate(record, jobs)
         outputs[:, w, : run.outputs.shape[1]] = run.outputs
         ends[:, w] = run.ends[:, :visible]
         hidden = run.ends[:, visible:]
@@ -573,27 +578,28 @@ def difference_sensitivities(
     model: Model,
     record: Record,
     theta: Array,
-    windows: NDArray[np.intp],
+    segments: NDArray[np.intp],
     starts: Array,
-    terms: tuple[Term, ...],
-    sizes: Array,
+    included: tuple[Candidate, ...],
+    magnitudes: Array,
     *,
     by_theta: Sequence[int],
     by_starts: bool,
-    candidates: tuple[Term, ...],
+    candidates: tuple[Candidate, ...],
 ) -> Sensitivity:
-    """Central differences by parameters, sizes and start states.
+    """Central differences by parameters, magnitudes and start states.
 
     One-sided ones of second order where a bound or the sign of an effect forbids the other side.
     """
-    count = len(windows)
+    count = len(segments)
     theta = np.asarray(theta, dtype=np.float64)
-    sizes = np.asarray(sizes, dtype=np.float64)
-    states = model.states(terms)
+    magnitudes = np.asarray(magnitudes, dtype=np.float64)
+    states = model.states(included)
     nx, ny = len(states), len(model.outputs)
 
-    # Every row of the batch: changes of theta, sizes or start; then weights that make derivatives.
-    rows_theta, rows_sizes, rows_start = [theta], [sizes], [np.zeros(nx)]
+    # Every row of the batch: changes of theta, magnitudes or start; then weights that make
+    # derivatives.
+    rows_theta, rows_magnitudes, rows_start = [theta], [magnitudes], [np.zeros(nx)]
     columns: list[list[tuple[int, float]]] = []
 
     def add(kind: str, index: int, step: float, low: float, high: float, value: float) -> None:
@@ -607,10 +613,10 @@ def difference_sensitivities(
             if offset == 0.0:
                 entry.append((0, weight))
                 continue
-            t, s, x = theta.copy(), sizes.copy(), np.zeros(nx)
-            {"theta": t, "sizes": s, "start": x}[kind][index] += offset
+            t, s, x = theta.copy(), magnitudes.copy(), np.zeros(nx)
+            {"theta": t, "magnitudes": s, "start": x}[kind][index] += offset
             rows_theta.append(t)
-            rows_sizes.append(s)
+            rows_magnitudes.append(s)
             rows_start.append(x)
             entry.append((len(rows_theta) - 1, weight))
         columns.append(entry)
@@ -618,23 +624,25 @@ def difference_sensitivities(
     for i in by_theta:
         p = model.parameters[i]
         add("theta", i, model.difference_step * p.size, p.lower, p.upper, theta[i])
-    for i, term in enumerate(terms):
-        low, high = term.effect.bounds
-        step = term.effect.step * term.effect.scale
-        add("sizes", i, step, low, high, sizes[i])
+    for i, candidate in enumerate(included):
+        low, high = candidate.effect.bounds
+        step = candidate.effect.step * candidate.effect.scale
+        add("magnitudes", i, step, low, high, magnitudes[i])
     if by_starts:
         for i, state in enumerate(states):
             add("start", i, 0.1 * model.difference_step * state.scale, -np.inf, np.inf, 0.0)
 
     versions = len(rows_theta)
-    lanes = Lanes(
+    jobs = Jobs(
         theta=np.repeat(np.array(rows_theta), count, axis=0),
-        windows=np.tile(windows, (versions, 1)),
+        segments=np.tile(segments, (versions, 1)),
         starts=np.tile(starts, (versions, 1)) + np.repeat(np.array(rows_start), count, axis=0),
-        terms=terms,
-        sizes=np.repeat(np.array(rows_sizes).reshape(versions, len(terms)), count, axis=0),
+        included=included,
+        magnitudes=np.repeat(
+            np.array(rows_magnitudes).reshape(versions, len(included)), count, axis=0
+        ),
     )
-    run = model.simulate(record, lanes)
+    run = model.simulate(record, jobs)
     longest = run.outputs.shape[1]
     outputs = run.outputs.reshape(versions, count, longest, ny)
     ends = run.ends.reshape(versions, count, nx)
@@ -648,7 +656,7 @@ def difference_sensitivities(
                     out[..., c] += weight * (all_of_it[row] - all_of_it[0])
         return out
 
-    a, b = len(by_theta), len(by_theta) + len(terms)
+    a, b = len(by_theta), len(by_theta) + len(included)
     d_candidates = np.zeros((count, longest, ny, len(candidates)))
     d_candidates_ends = np.zeros((count, nx, len(candidates)))
     for hidden in (False, True):
@@ -659,10 +667,10 @@ def difference_sensitivities(
                 model,
                 record,
                 theta,
-                windows,
+                segments,
                 starts,
-                terms,
-                sizes,
+                included,
+                magnitudes,
                 tuple(candidates[c] for c in some),
                 outputs[0],
                 ends[0],
@@ -673,8 +681,8 @@ def difference_sensitivities(
         ends=ends[0],
         d_theta=derive(outputs, columns[:a]),
         d_theta_ends=derive(ends, columns[:a]),
-        d_sizes=derive(outputs, columns[a:b]),
-        d_sizes_ends=derive(ends, columns[a:b]),
+        d_magnitudes=derive(outputs, columns[a:b]),
+        d_magnitudes_ends=derive(ends, columns[a:b]),
         d_starts=derive(outputs, columns[b:]),
         d_starts_ends=derive(ends, columns[b:]),
         d_candidates=d_candidates,
@@ -686,21 +694,21 @@ def _candidates(
     model: Model,
     record: Record,
     theta: Array,
-    windows: NDArray[np.intp],
+    segments: NDArray[np.intp],
     starts: Array,
-    terms: tuple[Term, ...],
-    sizes: Array,
-    some: tuple[Term, ...],
+    included: tuple[Candidate, ...],
+    magnitudes: Array,
+    some: tuple[Candidate, ...],
     outputs: Array,
     ends: Array,
     *,
     hidden: bool,
 ) -> tuple[Array, Array]:
-    """Derivatives of some candidates at size zero: two lanes a window for each of them."""
+    """Derivatives of some candidates at magnitude zero: two jobs a segment for each of them."""
     rows, weights = [], []
-    for c, term in enumerate(some):
-        low, high = term.effect.bounds
-        step = term.effect.step * term.effect.scale
+    for c, candidate in enumerate(some):
+        low, high = candidate.effect.bounds
+        step = candidate.effect.step * candidate.effect.scale
         if high >= step and low <= -step:
             values, weight = (step, -step), (0.5 / step, -0.5 / step)
         else:
@@ -709,31 +717,31 @@ def _candidates(
         for value in values:
             row = np.zeros(len(some))
             row[c] = value
-            rows.append(np.concatenate([sizes, row]))
+            rows.append(np.concatenate([magnitudes, row]))
         weights.append(weight)
-    all_terms = (*terms, *some)
-    count, nx, ny = len(windows), starts.shape[1], outputs.shape[2]
+    all_candidates = (*included, *some)
+    count, nx, ny = len(segments), starts.shape[1], outputs.shape[2]
     versions = len(rows)
     if hidden:
-        table = np.array([np.concatenate([sizes, np.zeros(len(some))]), *rows])
-        y, x = run_through(model, record, theta, windows, starts, all_terms, table, nx)
+        table = np.array([np.concatenate([magnitudes, np.zeros(len(some))]), *rows])
+        y, x = run_through(model, record, theta, segments, starts, all_candidates, table, nx)
         y, x, base_y, base_x = y[1:], x[1:], y[0], x[0]
     else:
-        lanes = Lanes(
+        jobs = Jobs(
             theta=np.tile(theta, (versions * count, 1)),
-            windows=np.tile(windows, (versions, 1)),
+            segments=np.tile(segments, (versions, 1)),
             starts=np.tile(starts, (versions, 1)),
-            terms=all_terms,
-            sizes=np.repeat(np.array(rows), count, axis=0),
+            included=all_candidates,
+            magnitudes=np.repeat(np.array(rows), count, axis=0),
         )
-        run = model.simulate(record, lanes)
+        run = model.simulate(record, jobs)
         y = run.outputs.reshape(versions, count, -1, ny)
         x = run.ends.reshape(versions, count, nx)
         base_y, base_x = outputs, ends
     with np.errstate(invalid="ignore", over="ignore"):
-        by_lane = np.array(weights).reshape(versions)
-        dy = (y - base_y) * by_lane[:, None, None, None]
-        dx = (x - base_x) * by_lane[:, None, None]
+        by_job = np.array(weights).reshape(versions)
+        dy = (y - base_y) * by_job[:, None, None, None]
+        dx = (x - base_x) * by_job[:, None, None]
     return (
         np.moveaxis(dy[0::2] + dy[1::2], 0, -1),
         np.moveaxis(dx[0::2] + dx[1::2], 0, -1),

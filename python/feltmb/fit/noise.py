@@ -53,14 +53,14 @@ class Noise:
 def innovations(
     noise: Sequence[Noise], position: Integers, time: Array
 ) -> tuple[Integers, Array, Array]:
-    """What the samples before predict of the noise of each sample of a window.
+    """What the samples before predict of the noise of each sample of a segment.
 
     Parameters
     ----------
     noise
         By channel.
     position
-        (W, L, ny), the index of a sample in its window; -1 where nothing was measured.
+        (W, L, ny), the index of a sample in its segment; -1 where nothing was measured.
     time
         Clock [s], (W, L).
 

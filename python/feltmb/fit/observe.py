@@ -11,112 +11,118 @@ from numpy.typing import NDArray
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import InvalidParameter
 from feltmb.fit.calling import calling
-from feltmb.fit.model import Job, Lanes, Model, Sensitivity, Simulated, Term
+from feltmb.fit.model import Batch, Candidate, Jobs, Model, Sensitivity, Simulated
 from feltmb.fit.shift import shifted
 
-__all__ = ["machine_terms", "observe_all", "observe_lanes", "observed_sensitivities"]
+__all__ = ["machine_candidates", "observe_all", "observe_jobs", "observed_sensitivities"]
 
 
-#: All windows.
+#: All segments.
 ALL = slice(None)
 
 
-def machine_terms(terms: tuple[Term, ...]) -> tuple[Term, ...]:
-    """Terms that the model itself must simulate."""
-    return tuple(t for t in terms if t.effect.excite is None and t.effect.observe is None)
+def machine_candidates(included: tuple[Candidate, ...]) -> tuple[Candidate, ...]:
+    """Candidates that the model itself must simulate."""
+    return tuple(t for t in included if t.effect.excite is None and t.effect.observe is None)
 
 
-def observe_lanes(model: Model, record: Record, lanes: Lanes) -> Simulated:
-    """Simulate lanes as the sensors of the record would show them; see :func:`observe_all`."""
-    return observe_all(model, [(record, lanes)])[0]
+def observe_jobs(model: Model, record: Record, jobs: Jobs) -> Simulated:
+    """Simulate jobs as the sensors of the record would show them; see :func:`observe_all`."""
+    return observe_all(model, [(record, jobs)])[0]
 
 
-def observe_all(model: Model, jobs: Sequence[Job]) -> list[Simulated]:
-    """Simulate lanes as the sensors of their records would show them.
+def observe_all(model: Model, batches: Sequence[Batch]) -> list[Simulated]:
+    """Simulate jobs as the sensors of their records would show them.
 
     Input effects change the inputs before, sensor effects and the known part of the sensors (gain,
     delay, low-pass, offset) change the outputs after the model's own simulation.
     """
-    excited = [_excited(record, lanes) for record, lanes in jobs]
-    runs = iter(model.simulate_all([job for parts in excited for _, job in parts]))
+    excited = [_excited(record, jobs) for record, jobs in batches]
+    runs = iter(model.simulate_all([batch for parts in excited for _, batch in parts]))
     return [
-        _observed(model, record, lanes, [(rows, next(runs)) for rows, _ in parts])
-        for (record, lanes), parts in zip(jobs, excited, strict=True)
+        _observed(model, record, jobs, [(rows, next(runs)) for rows, _ in parts])
+        for (record, jobs), parts in zip(batches, excited, strict=True)
     ]
 
 
 def _observed(
-    model: Model, record: Record, lanes: Lanes, parts: list[tuple[NDArray[np.intp], Simulated]]
+    model: Model, record: Record, jobs: Jobs, parts: list[tuple[NDArray[np.intp], Simulated]]
 ) -> Simulated:
-    """What the sensors show of lanes that were simulated in parts: which rows, and their run."""
+    """What the sensors show of jobs that were simulated in parts: which rows, and their run."""
     if len(parts) == 1:
         outputs, ends = parts[0][1].outputs, parts[0][1].ends
     else:
-        outputs = np.full((lanes.count, lanes.longest, len(model.outputs)), np.nan)
-        ends = np.full((lanes.count, lanes.starts.shape[1]), np.nan)
+        outputs = np.full((jobs.count, jobs.longest, len(model.outputs)), np.nan)
+        ends = np.full((jobs.count, jobs.starts.shape[1]), np.nan)
         for rows, run in parts:
             outputs[rows, : run.outputs.shape[1]] = run.outputs
             ends[rows] = run.ends
-    for k, term in enumerate(lanes.terms):
-        if term.effect.observe is None:
+    for k, candidate in enumerate(jobs.included):
+        if candidate.effect.observe is None:
             continue
-        outputs = _seen(term, record, outputs, lanes.windows, lanes.sizes[:, k])
-    return Simulated(outputs=_sensed(model, record, lanes, outputs), ends=ends)
+        outputs = _seen(candidate, record, outputs, jobs.segments, jobs.magnitudes[:, k])
+    return Simulated(outputs=_sensed(model, record, jobs, outputs), ends=ends)
 
 
 def _seen(
-    term: Term, record: Record, outputs: Array, windows: NDArray[np.intp], sizes: Array
+    candidate: Candidate,
+    record: Record,
+    outputs: Array,
+    segments: NDArray[np.intp],
+    magnitudes: Array,
 ) -> Array:
     """What a sensor effect makes of outputs, which it may change in place: they are a copy."""
-    assert term.effect.observe is not None
-    # Lanes that failed hold NaN or infinity.
-    with calling(f"effect {term.name}: its observe"), np.errstate(all="ignore"):
-        seen = term.effect.observe(record, outputs.copy(), windows, sizes, term.shape)
+    assert candidate.effect.observe is not None
+    # Jobs that failed hold NaN or infinity.
+    with calling(f"effect {candidate.name}: its observe"), np.errstate(all="ignore"):
+        seen = candidate.effect.observe(
+            record, outputs.copy(), segments, magnitudes, candidate.shape
+        )
     if np.shape(seen) != outputs.shape:
         raise InvalidParameter(
-            f"effect {term.name}: observe returned shape {np.shape(seen)}, expected that of "
+            f"effect {candidate.name}: observe returned shape {np.shape(seen)}, expected that of "
             f"the outputs, {outputs.shape}"
         )
     return seen
 
 
-def _changed(term: Term, record: Record, size: float) -> Record:
+def _changed(candidate: Candidate, record: Record, size: float) -> Record:
     """A record with the inputs that an input effect makes."""
-    assert term.effect.excite is not None
-    with calling(f"effect {term.name}: its excite"):
-        return record.with_inputs(term.effect.excite(record, size, term.shape))
+    assert candidate.effect.excite is not None
+    with calling(f"effect {candidate.name}: its excite"):
+        return record.with_inputs(candidate.effect.excite(record, size, candidate.shape))
 
 
-def _excited(record: Record, lanes: Lanes) -> list[tuple[NDArray[np.intp], Job]]:
-    """Lanes as the machine sees them, by each different set of sizes of the input effects.
+def _excited(record: Record, jobs: Jobs) -> list[tuple[NDArray[np.intp], Batch]]:
+    """Jobs as the machine sees them, by each different set of magnitudes of the input effects.
 
     Which rows, and what is to be simulated: the record with the changed inputs.
     """
-    inner = [k for k, t in enumerate(lanes.terms) if t in machine_terms(lanes.terms)]
-    excite = [k for k, t in enumerate(lanes.terms) if t.effect.excite is not None]
+    inner = [k for k, t in enumerate(jobs.included) if t in machine_candidates(jobs.included)]
+    excite = [k for k, t in enumerate(jobs.included) if t.effect.excite is not None]
     plain = replace(
-        lanes,
-        terms=tuple(lanes.terms[k] for k in inner),
-        sizes=lanes.sizes[:, inner] if lanes.terms else lanes.sizes,
+        jobs,
+        included=tuple(jobs.included[k] for k in inner),
+        magnitudes=jobs.magnitudes[:, inner] if jobs.included else jobs.magnitudes,
     )
     if not excite:
-        return [(np.arange(lanes.count), (record, plain))]
-    sizes, which = np.unique(lanes.sizes[:, excite], axis=0, return_inverse=True)
+        return [(np.arange(jobs.count), (record, plain))]
+    magnitudes, which = np.unique(jobs.magnitudes[:, excite], axis=0, return_inverse=True)
     parts = []
-    for v, row in enumerate(sizes):
+    for v, row in enumerate(magnitudes):
         changed = record
         for k, size in zip(excite, row, strict=True):
-            term = lanes.terms[k]
-            assert term.effect.excite is not None
+            candidate = jobs.included[k]
+            assert candidate.effect.excite is not None
             if size != 0.0:
-                changed = _changed(term, changed, size)
+                changed = _changed(candidate, changed, size)
         rows = np.flatnonzero(which.reshape(-1) == v)
         part = replace(
             plain,
             theta=plain.theta[rows],
-            windows=plain.windows[rows],
+            segments=plain.segments[rows],
             starts=plain.starts[rows],
-            sizes=plain.sizes[rows] if plain.terms else plain.sizes,
+            magnitudes=plain.magnitudes[rows] if plain.included else plain.magnitudes,
             forces=None if plain.forces is None else plain.forces[rows],
         )
         parts.append((rows, (changed, part)))
@@ -126,7 +132,7 @@ def _excited(record: Record, lanes: Lanes) -> list[tuple[NDArray[np.intp], Job]]
 def _sensed(
     model: Model,
     record: Record,
-    lanes: Lanes,
+    jobs: Jobs,
     outputs: Array,
     going_on: NDArray[np.bool_] | None = None,
 ) -> Array:
@@ -139,9 +145,9 @@ def _sensed(
         y = changed[:, :, o]
         new = y
         if np.isfinite(sensor.bandwidth):
-            new = _low_pass(record, lanes, new, sensor, going_on)
+            new = _low_pass(record, jobs, new, sensor, going_on)
         if sensor.delay != 0.0:
-            new = shifted(record, new, lanes.windows, np.full(lanes.count, sensor.delay))
+            new = shifted(record, new, jobs.segments, np.full(jobs.count, sensor.delay))
         if sensor.gain != 1.0 or sensor.offset != 0.0:
             new = sensor.gain * new + sensor.offset
         if new is not y:
@@ -151,26 +157,26 @@ def _sensed(
     return changed
 
 
-def _times(record: Record, lanes: Lanes, length: int) -> Array:
-    at = np.minimum(lanes.windows[:, :1] + np.arange(length), record.samples - 1)
+def _times(record: Record, jobs: Jobs, length: int) -> Array:
+    at = np.minimum(jobs.segments[:, :1] + np.arange(length), record.samples - 1)
     return np.asarray(record.time[at])
 
 
 def _low_pass(
     record: Record,
-    lanes: Lanes,
+    jobs: Jobs,
     y: Array,
     sensor: Sensor,
     going_on: NDArray[np.bool_] | None = None,
 ) -> Array:
     """First-order low-pass, exact for a signal that is linear between samples.
 
-    A window that follows another in the list from the sample that both share goes on with what the
+    A segment that follows another in the list from the sample that both share goes on with what the
     filter held there; any other starts as if the signal had always had its first slope.
-    ``going_on``: windows that go on with what windows held that are not among the lanes; the filter
-    then starts with their first value.
+    ``going_on``: segments that go on with what segments held that are not among the jobs; the
+    filter then starts with their first value.
     """
-    time = _times(record, lanes, y.shape[1])
+    time = _times(record, jobs, y.shape[1])
     rate = 2.0 * np.pi * sensor.bandwidth
     out = np.empty_like(y)
     slope = (y[:, 1] - y[:, 0]) / np.maximum(time[:, 1] - time[:, 0], 1e-300)
@@ -185,8 +191,8 @@ def _low_pass(
         change = np.where(going_on, y[:, 0] - out[:, 0], 0.0)
         return np.asarray(out + change[:, None] * np.exp(-rate * (time - time[:, :1])))
     for b in range(1, len(y)):
-        end = lanes.windows[b - 1, 1] - lanes.windows[b - 1, 0]
-        if lanes.windows[b - 1, 1] != lanes.windows[b, 0] or not np.isfinite(out[b - 1, end]):
+        end = jobs.segments[b - 1, 1] - jobs.segments[b - 1, 0]
+        if jobs.segments[b - 1, 1] != jobs.segments[b, 0] or not np.isfinite(out[b - 1, end]):
             continue
         held = y[b, 0] + out[b - 1, end] - y[b - 1, end]
         out[b] += (held - out[b, 0]) * np.exp(-rate * (time[b] - time[b, 0]))
@@ -197,48 +203,52 @@ def observed_sensitivities(
     model: Model,
     record: Record,
     theta: Array,
-    windows: NDArray[np.intp],
+    segments: NDArray[np.intp],
     starts: Array,
-    terms: tuple[Term, ...],
-    sizes: Array,
+    included: tuple[Candidate, ...],
+    magnitudes: Array,
     *,
     by_theta: Sequence[int],
     by_starts: bool,
-    candidates: tuple[Term, ...],
+    candidates: tuple[Candidate, ...],
 ) -> Sensitivity:
     """Derivatives of what the sensors show.
 
     The model differentiates its machine; its columns go through the map of the sensors and
     sensor effects, which is cheap. Only input effects need simulations of their own.
     """
-    count = len(windows)
-    inner = [k for k, t in enumerate(terms) if t in machine_terms(terms)]
-    machine = machine_terms(candidates)
+    count = len(segments)
+    inner = [k for k, t in enumerate(included) if t in machine_candidates(included)]
+    machine = machine_candidates(candidates)
     changed = record
-    for k, term in enumerate(terms):
-        if term.effect.excite is not None and sizes[k] != 0.0:
-            changed = _changed(term, changed, float(sizes[k]))
+    for k, candidate in enumerate(included):
+        if candidate.effect.excite is not None and magnitudes[k] != 0.0:
+            changed = _changed(candidate, changed, float(magnitudes[k]))
     s = model.sensitivities(
         changed,
         theta,
-        windows,
+        segments,
         starts,
-        tuple(terms[k] for k in inner),
-        sizes[inner],
+        tuple(included[k] for k in inner),
+        magnitudes[inner],
         by_theta=by_theta,
         by_starts=by_starts,
         candidates=machine,
     )
-    lanes = Lanes(theta=np.tile(theta, (count, 1)), windows=windows, starts=starts)
-    observing = [(t, float(sizes[k])) for k, t in enumerate(terms) if t.effect.observe is not None]
+    jobs = Jobs(theta=np.tile(theta, (count, 1)), segments=segments, starts=starts)
+    observing = [
+        (t, float(magnitudes[k])) for k, t in enumerate(included) if t.effect.observe is not None
+    ]
 
-    follows = np.append(False, windows[:-1, 1] == windows[1:, 0])
+    follows = np.append(False, segments[:-1, 1] == segments[1:, 0])
 
-    def show(outputs: Array, extra: tuple[Term, float] | None = None, rows: slice = ALL) -> Array:
-        """Outputs of the windows of these rows as the record would hold them."""
-        part = replace(lanes, theta=lanes.theta[rows], windows=windows[rows], starts=starts[rows])
-        for term, size in [*observing, *([extra] if extra else [])]:
-            outputs = _seen(term, record, outputs, part.windows, np.full(part.count, size))
+    def show(
+        outputs: Array, extra: tuple[Candidate, float] | None = None, rows: slice = ALL
+    ) -> Array:
+        """Outputs of the segments of these rows as the record would hold them."""
+        part = replace(jobs, theta=jobs.theta[rows], segments=segments[rows], starts=starts[rows])
+        for candidate, size in [*observing, *([extra] if extra else [])]:
+            outputs = _seen(candidate, record, outputs, part.segments, np.full(part.count, size))
         return _sensed(model, record, part, outputs, None if rows == ALL else follows[rows])
 
     shown = show(s.outputs)
@@ -255,84 +265,91 @@ def observed_sensitivities(
         return out
 
     def push_alone(columns: Array) -> Array:
-        """The same for columns that are a window's own: what it sees of others has none of them."""
+        """The same for a segment's own columns: what it sees of others has none of them."""
         out = np.empty_like(columns)
         for rows in (slice(0, None, 2), slice(1, None, 2)):  # no two neighbors
             out[rows] = push(columns[rows], rows)
         return out
 
-    def offsets(term: Term, at: float) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Two changes of a size, and their weights in the derivative."""
-        step = term.effect.step * term.effect.scale
-        low, high = term.effect.bounds
+    def offsets(candidate: Candidate, at: float) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Two changes of a magnitude, and their weights in the derivative."""
+        step = candidate.effect.step * candidate.effect.scale
+        low, high = candidate.effect.bounds
         if at + step <= high and at - step >= low:
             return (step, -step), (0.5 / step, -0.5 / step)
         side = step if at + 2.0 * step <= high else -step
         return (side, 2.0 * side), (2.0 / side, -0.5 / side)
 
-    def job(term: Term, size: float, active: int | None) -> Job:
-        """All windows with one input effect at another size."""
-        all_terms = terms if active is not None else (*terms, term)
-        row = sizes.copy() if active is not None else np.append(sizes, size)
+    def batch(candidate: Candidate, size: float, active: int | None) -> Batch:
+        """All segments with one input effect at another magnitude."""
+        all_candidates = included if active is not None else (*included, candidate)
+        row = magnitudes.copy() if active is not None else np.append(magnitudes, size)
         if active is not None:
             row[active] = size
-        return record, replace(lanes, terms=all_terms, sizes=np.tile(row, (count, 1)))
+        return record, replace(jobs, included=all_candidates, magnitudes=np.tile(row, (count, 1)))
 
-    asked: list[tuple[Term, float, int | None]] = [
-        (term, float(sizes[k]), k) for k, term in enumerate(terms)
+    asked: list[tuple[Candidate, float, int | None]] = [
+        (candidate, float(magnitudes[k]), k) for k, candidate in enumerate(included)
     ]
-    asked += [(term, 0.0, None) for term in candidates]
+    asked += [(candidate, 0.0, None) for candidate in candidates]
     asked = [a for a in asked if a[0].effect.excite is not None and a[0].effect.observe is None]
     runs = observe_all(
         model,
-        [job(term, at + o, active) for term, at, active in asked for o in offsets(term, at)[0]],
+        [
+            batch(candidate, at + o, active)
+            for candidate, at, active in asked
+            for o in offsets(candidate, at)[0]
+        ],
     )
     simulated = {
-        (id(term), active): runs[2 * i : 2 * i + 2] for i, (term, _, active) in enumerate(asked)
+        (id(candidate), active): runs[2 * i : 2 * i + 2]
+        for i, (candidate, _, active) in enumerate(asked)
     }
 
-    def outer(term: Term, at: float, active: int | None) -> tuple[Array, Array]:
+    def outer(candidate: Candidate, at: float, active: int | None) -> tuple[Array, Array]:
         y, x = np.zeros_like(shown), np.zeros_like(s.ends)
-        for i, (offset, weight) in enumerate(zip(*offsets(term, at), strict=True)):
-            if term.effect.observe is None:
-                run = simulated[id(term), active][i]
+        for i, (offset, weight) in enumerate(zip(*offsets(candidate, at), strict=True)):
+            if candidate.effect.observe is None:
+                run = simulated[id(candidate), active][i]
                 y += weight * (run.outputs[:, : shown.shape[1]] - shown)
                 x += weight * (run.ends - s.ends)
                 continue
             if active is None:
-                value = show(s.outputs, (term, at + offset))
+                value = show(s.outputs, (candidate, at + offset))
             else:
-                value = _swapped(show, observing, term, at + offset, s.outputs)
+                value = _swapped(show, observing, candidate, at + offset, s.outputs)
             y += weight * (value - shown)
         return y, x
 
-    d_sizes = np.zeros((*shown.shape, len(terms)))
-    d_sizes_ends = np.zeros((*s.ends.shape, len(terms)))
-    pushed = push(s.d_sizes)
-    for k, term in enumerate(terms):
+    d_magnitudes = np.zeros((*shown.shape, len(included)))
+    d_magnitudes_ends = np.zeros((*s.ends.shape, len(included)))
+    pushed = push(s.d_magnitudes)
+    for k, candidate in enumerate(included):
         if k in inner:
-            d_sizes[..., k] = pushed[..., inner.index(k)]
-            d_sizes_ends[..., k] = s.d_sizes_ends[..., inner.index(k)]
+            d_magnitudes[..., k] = pushed[..., inner.index(k)]
+            d_magnitudes_ends[..., k] = s.d_magnitudes_ends[..., inner.index(k)]
         else:
-            d_sizes[..., k], d_sizes_ends[..., k] = outer(term, float(sizes[k]), k)
+            d_magnitudes[..., k], d_magnitudes_ends[..., k] = outer(
+                candidate, float(magnitudes[k]), k
+            )
     d_candidates = np.zeros((*shown.shape, len(candidates)))
     d_candidates_ends = np.zeros((*s.ends.shape, len(candidates)))
     pushed = push(s.d_candidates)
     at = 0
-    for k, term in enumerate(candidates):
-        if machine_terms((term,)):
+    for k, candidate in enumerate(candidates):
+        if machine_candidates((candidate,)):
             d_candidates[..., k] = pushed[..., at]
             d_candidates_ends[..., k] = s.d_candidates_ends[..., at]
             at += 1
         else:
-            d_candidates[..., k], d_candidates_ends[..., k] = outer(term, 0.0, None)
+            d_candidates[..., k], d_candidates_ends[..., k] = outer(candidate, 0.0, None)
     return Sensitivity(
         outputs=shown,
         ends=s.ends,
         d_theta=push(s.d_theta),
         d_theta_ends=s.d_theta_ends,
-        d_sizes=d_sizes,
-        d_sizes_ends=d_sizes_ends,
+        d_magnitudes=d_magnitudes,
+        d_magnitudes_ends=d_magnitudes_ends,
         d_starts=push_alone(s.d_starts),
         d_starts_ends=s.d_starts_ends,
         d_candidates=d_candidates,
@@ -342,15 +359,15 @@ def observed_sensitivities(
 
 def _swapped(
     show: Callable[..., Array],
-    observing: list[tuple[Term, float]],
-    term: Term,
+    observing: list[tuple[Candidate, float]],
+    candidate: Candidate,
     size: float,
     outputs: Array,
 ) -> Array:
-    """What is shown with another size of one sensor effect that is part of the model."""
-    at = next(i for i, (t, _) in enumerate(observing) if t is term)
+    """What is shown with another magnitude of one sensor effect that is part of the model."""
+    at = next(i for i, (t, _) in enumerate(observing) if t is candidate)
     kept = observing[at]
-    observing[at] = (term, size)
+    observing[at] = (candidate, size)
     try:
         return show(outputs)
     finally:

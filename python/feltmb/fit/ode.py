@@ -1,4 +1,4 @@
-"""A model from a right-hand side in Python, integrated for all lanes at once."""
+"""A model from a right-hand side in Python, integrated for all jobs at once."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from feltmb.errors import InvalidParameter
 from feltmb.fit.calling import calling
 from feltmb.fit.coordinates import Coordinate, Coupling, Named, Rate
 from feltmb.fit.model import (
+    Batch,
+    Candidate,
     Effect,
-    Job,
-    Lanes,
+    Jobs,
     Model,
     Parameter,
     Port,
     Ready,
     Simulated,
     State,
-    Term,
 )
 from feltmb.fit.resolution import BETWEEN, Stepped, refined, resolved
 
@@ -40,7 +40,7 @@ class OdeModel(Stepped):
         Their names must differ.
     rates
         ``rates(t, x, u, p)`` returns the rates in the order of the states, each a number or (B,).
-        ``x.q``, ``u.force``, ``p.mass`` are arrays with one entry a lane.
+        ``x.q``, ``u.force``, ``p.mass`` are arrays with one entry a job.
     outputs
         Name -> name of a state, ``Rate("v")``, the rate of a state with all effects, or function
         ``(t, x, u, p) -> (B,)``, which sees the states of the model and no effect.
@@ -55,7 +55,7 @@ class OdeModel(Stepped):
         ``"rk4"``: classical Runge-Kutta, ``substeps`` steps a sample.
         ``"rosenbrock"``: linearly implicit of order 2 (L-stable), for stiff systems.
     substeps
-        Steps a sample; None: for a fit or a diagnosis as few as are not heard above the noise of
+        Steps a sample; None: for a fit or a diagnosis as few as keep the error below the noise of
         the sensors (1 to 16), else one.
     hold
         Input between samples: ``"linear"``; ``"zero"`` (held at the value of the last sample, as a
@@ -81,13 +81,13 @@ class OdeModel(Stepped):
         substeps: int | None = None,
         hold: Literal["auto", "linear", "zero", "spline"] = "auto",
         name: str = "model",
-        window: float | None = None,
+        segment: float | None = None,
         chaotic: bool = False,
     ):
         self.name = name
         self.parameters = tuple(parameters)
         self.outputs = tuple(outputs)
-        self.window = window
+        self.segment = segment
         self.chaotic = chaotic
         self.inputs = tuple(inputs)
         self.coordinates = tuple(coordinates)
@@ -178,9 +178,9 @@ class OdeModel(Stepped):
         if faults:
             raise InvalidParameter(f"model {self.name}: " + "; ".join(faults))
 
-    def states(self, terms: Sequence[Term] = ()) -> tuple[State, ...]:
-        """States, then hidden ones of the terms."""
-        return self._states + tuple(h for t in terms for h in t.effect.hidden)
+    def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
+        """States, then hidden ones of the included effects."""
+        return self._states + tuple(h for t in included for h in t.effect.hidden)
 
     def ready(self, records: Sequence[Record]) -> Ready:
         """With substeps that are fine enough for the records, and inputs as they run between."""
@@ -193,26 +193,26 @@ class OdeModel(Stepped):
         out._resolved, out._free_steps = True, self.substeps is None
         return Ready(out, tuple(records), tuple(notes))
 
-    def finer(self, jobs: Sequence[Job]) -> Model:
-        """With more substeps, if they were not given and these lanes ask for them."""
-        return refined(self, jobs) if self._free_steps else self
+    def refined(self, batches: Sequence[Batch]) -> Model:
+        """With more substeps, if they were not given and these jobs ask for them."""
+        return refined(self, batches) if self._free_steps else self
 
     def accepts(self, effect: Effect) -> bool:
         """Effects with a ``rate``, besides sensor and input effects."""
         return effect.rate is not None or super().accepts(effect)
 
-    def simulate(self, record: Record, lanes: Lanes) -> Simulated:
+    def simulate(self, record: Record, jobs: Jobs) -> Simulated:
         """See :class:`~feltmb.fit.Model`."""
-        return self._simulated([(record, lanes)])[0]
+        return self._simulated([(record, jobs)])[0]
 
-    def simulate_all(self, jobs: Sequence[Job]) -> list[Simulated]:
-        """Lanes with the same terms are integrated together, whatever their record."""
+    def simulate_all(self, batches: Sequence[Batch]) -> list[Simulated]:
+        """Jobs with the same included effects are integrated together, whatever their record."""
         if type(self).simulate is not OdeModel.simulate:  # a subclass has one of its own
-            return super().simulate_all(jobs)
-        return self._simulated(jobs)
+            return super().simulate_all(batches)
+        return self._simulated(batches)
 
-    def _simulated(self, jobs: Sequence[Job]) -> list[Simulated]:
-        for record, _ in jobs:
+    def _simulated(self, batches: Sequence[Batch]) -> list[Simulated]:
+        for record, _ in batches:
             missing = [n for n in self.inputs if n not in record.inputs]
             if missing:
                 raise InvalidParameter(
@@ -220,20 +220,20 @@ class OdeModel(Stepped):
                     f"{', '.join(missing)}; there is {', '.join(record.inputs) or 'none'}"
                 )
         groups: dict[object, list[int]] = {}
-        for i, (_, lanes) in enumerate(jobs):
-            terms = tuple((id(t.effect), repr(t.shape)) for t in lanes.terms)
-            knots = None if lanes.forces is None else lanes.forces.shape[2]
-            groups.setdefault((terms, knots), []).append(i)
+        for i, (_, jobs) in enumerate(batches):
+            included = tuple((id(t.effect), repr(t.shape)) for t in jobs.included)
+            knots = None if jobs.forces is None else jobs.forces.shape[2]
+            groups.setdefault((included, knots), []).append(i)
         runs: dict[int, Simulated] = {}
         with np.errstate(all="ignore"):
             for group in groups.values():
-                runs.update(zip(group, _integrate(self, [jobs[i] for i in group]), strict=True))
-        return [runs[i] for i in range(len(jobs))]
+                runs.update(zip(group, _integrate(self, [batches[i] for i in group]), strict=True))
+        return [runs[i] for i in range(len(batches))]
 
 
 @dataclass(frozen=True, eq=False)
 class _Clock:
-    """Time and inputs of lanes, sample by sample: (longest, B); beyond its end a record stands."""
+    """Time and inputs of jobs, sample by sample: (longest, B); beyond its end a record stands."""
 
     time: Array
     signals: list[Array]
@@ -241,13 +241,13 @@ class _Clock:
     """Second derivatives of the cubic splines through the inputs; empty: not asked for."""
 
     @classmethod
-    def of(cls, model: OdeModel, jobs: Sequence[Job], longest: int) -> _Clock:
-        """That of all lanes of some jobs, one after the other."""
+    def of(cls, model: OdeModel, batches: Sequence[Batch], longest: int) -> _Clock:
+        """That of all jobs of some batches, one after the other."""
         times: list[Array] = []
         signals: list[list[Array]] = [[] for _ in model.inputs]
         bends: list[list[Array]] = [[] for _ in model.inputs]
-        for record, lanes in jobs:
-            at = np.minimum(lanes.windows[:, 0] + np.arange(longest)[:, None], record.samples - 1)
+        for record, jobs in batches:
+            at = np.minimum(jobs.segments[:, 0] + np.arange(longest)[:, None], record.samples - 1)
             times.append(record.time[at])
             values = [record.inputs[n] for n in model.inputs]
             for k, value in enumerate(values):
@@ -262,7 +262,7 @@ class _Clock:
         )
 
     def inputs(self, model: OdeModel, j: int, share: float, p: Named) -> Named:
-        """Inputs between samples j and j + 1 of the lanes."""
+        """Inputs between samples j and j + 1 of the jobs."""
         values = {}
         nxt = min(j + 1, len(self.time) - 1)
         for i, (name, signal) in enumerate(zip(model.inputs, self.signals, strict=True)):
@@ -279,43 +279,48 @@ class _Clock:
         return Named(values)
 
 
-def _integrate(model: OdeModel, jobs: Sequence[Job]) -> list[Simulated]:
+def _integrate(model: OdeModel, batches: Sequence[Batch]) -> list[Simulated]:
     """Fixed steps between the samples; see the class for the methods.
 
-    The jobs have the same terms, and unknown forces with the same knots or none.
+    The batches have the same included effects, and unknown forces with the same knots or none.
     """
-    longest = max(lanes.longest for _, lanes in jobs)
-    clock = _Clock.of(model, jobs, longest)
-    theta = np.vstack([lanes.theta for _, lanes in jobs])
-    windows = np.vstack([lanes.windows for _, lanes in jobs])
-    terms = jobs[0][1].terms
-    sizes = np.vstack([lanes.sizes for _, lanes in jobs]) if terms else np.zeros((len(theta), 0))
+    longest = max(jobs.longest for _, jobs in batches)
+    clock = _Clock.of(model, batches, longest)
+    theta = np.vstack([jobs.theta for _, jobs in batches])
+    segments = np.vstack([jobs.segments for _, jobs in batches])
+    included = batches[0][1].included
+    magnitudes = (
+        np.vstack([jobs.magnitudes for _, jobs in batches])
+        if included
+        else np.zeros((len(theta), 0))
+    )
     forces = None
-    if jobs[0][1].forces is not None:
-        forces = np.concatenate([lanes.forces for _, lanes in jobs if lanes.forces is not None])
-    x = np.ascontiguousarray(np.vstack([lanes.starts for _, lanes in jobs]).T, dtype=np.float64)
+    if batches[0][1].forces is not None:
+        forces = np.concatenate([jobs.forces for _, jobs in batches if jobs.forces is not None])
+    x = np.ascontiguousarray(np.vstack([jobs.starts for _, jobs in batches]).T, dtype=np.float64)
     count = x.shape[1]
-    last = windows[:, 1] - windows[:, 0]
+    last = segments[:, 1] - segments[:, 0]
     p = Named({q.name: theta[:, i] for i, q in enumerate(model.parameters)})
     names = [s.name for s in model._states]
     base = len(names)
-    states = model.states(terms)
+    states = model.states(included)
     outputs = np.full((longest, count, len(model.outputs)), np.nan)
     ends = np.full((count, len(states)), np.nan)
     inverse = {n: i for i, n in enumerate(names)}
     coordinates = {c.name: c for c in model.coordinates}
     knots = 0 if forces is None else forces.shape[2]
-    lane = np.arange(count)
+    job = np.arange(count)
     begin = clock.time[0]
-    span = clock.time[last, lane] - begin
+    span = clock.time[last, job] - begin
 
     ours = calling(f"model {model.name}: its rates function")
-    theirs = [calling(f"effect {t.name}: its rate") for t in terms]
-    for term in terms:
-        taken = [h.name for h in term.effect.hidden if h.name in inverse]
+    theirs = [calling(f"effect {t.name}: its rate") for t in included]
+    for candidate in included:
+        taken = [h.name for h in candidate.effect.hidden if h.name in inverse]
         if taken:
             raise InvalidParameter(
-                f"effect {term.name}: its hidden state {taken[0]!r} has the name of a state of "
+                f"effect {candidate.name}: its hidden state {taken[0]!r} has the name "
+                "of a state of "
                 f"model {model.name}; rename one of them"
             )
 
@@ -335,19 +340,21 @@ def _integrate(model: OdeModel, jobs: Sequence[Job]) -> list[Simulated]:
         for i, value in enumerate(own_rates):
             out[i] = value
         at = base
-        for k, term in enumerate(terms):
-            memory = term.effect.hidden
+        for k, candidate in enumerate(included):
+            memory = candidate.effect.hidden
             seen = named
             if memory:
                 out[at : at + len(memory)] = 0.0
                 held = {h.name: x[at + j] for j, h in enumerate(memory)}
                 seen = Named({**named._values, **held})
-            assert term.effect.rate is not None
+            assert candidate.effect.rate is not None
             with theirs[k]:
-                change: Any = term.effect.rate(t, seen, u, p, sizes[:, k], term.shape)
+                change: Any = candidate.effect.rate(
+                    t, seen, u, p, magnitudes[:, k], candidate.shape
+                )
             if not isinstance(change, Mapping):
                 raise InvalidParameter(
-                    f"effect {term.name}: rate returned {type(change).__name__}, expected a "
+                    f"effect {candidate.name}: rate returned {type(change).__name__}, expected a "
                     "dictionary of rates by name of the state"
                 )
             hidden = {h.name: at + j for j, h in enumerate(memory)}
@@ -355,13 +362,15 @@ def _integrate(model: OdeModel, jobs: Sequence[Job]) -> list[Simulated]:
                 row = inverse.get(name, hidden.get(name))
                 if row is None:
                     raise InvalidParameter(
-                        f"effect {term.name}: rate changes {name!r}, which is no state; known are "
+                        f"effect {candidate.name}: rate changes {name!r}, which is no state; "
+                        "known are "
                         f"{', '.join([*names, *hidden])}"
                     )
                 if np.shape(value) not in ((), (1,), (count,)):
                     raise InvalidParameter(
-                        f"effect {term.name}: rate of {name} has shape {np.shape(value)}, expected "
-                        f"a number or one value a lane, ({count},)"
+                        f"effect {candidate.name}: rate of {name} has shape {np.shape(value)}, "
+                        "expected "
+                        f"a number or one value a job, ({count},)"
                     )
                 out[row] += value
             at += len(memory)
@@ -370,8 +379,8 @@ def _integrate(model: OdeModel, jobs: Sequence[Job]) -> list[Simulated]:
             left = np.minimum(place.astype(np.intp), knots - 2)
             share = place - left
             for j, port in enumerate(model.ports):
-                force = (1.0 - share) * forces[lane, j, left]
-                force = force + share * forces[lane, j, left + 1]
+                force = (1.0 - share) * forces[job, j, left]
+                force = force + share * forces[job, j, left + 1]
                 if port.name in coordinates:
                     pushed = coordinates[port.name].push(force, t, named, u, p)
                 else:
@@ -418,11 +427,11 @@ def _integrate(model: OdeModel, jobs: Sequence[Job]) -> list[Simulated]:
             else:
                 x = _rosenbrock(rates, states, t0, h, x, u0, u1)
     out, at = [], 0
-    for _, lanes in jobs:
-        own = slice(at, at + lanes.count)
-        part = np.ascontiguousarray(np.moveaxis(outputs[: lanes.longest, own], 0, 1))
+    for _, jobs in batches:
+        own = slice(at, at + jobs.count)
+        part = np.ascontiguousarray(np.moveaxis(outputs[: jobs.longest, own], 0, 1))
         out.append(Simulated(outputs=part, ends=ends[own]))
-        at += lanes.count
+        at += jobs.count
     return out
 
 

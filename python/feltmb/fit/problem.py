@@ -12,9 +12,9 @@ from feltmb.data import Array
 from feltmb.fit.cache import Cache
 from feltmb.fit.filter import Chain, reduce_chain
 from feltmb.fit.linearize import InputColumns, Linear, Place, linearize, predict
-from feltmb.fit.model import Model, Term
-from feltmb.fit.observe import machine_terms
-from feltmb.fit.shots import Shot
+from feltmb.fit.model import Candidate, Model
+from feltmb.fit.observe import machine_candidates
+from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.together import each
 
 __all__ = ["Normal", "Point", "Problem"]
@@ -22,10 +22,10 @@ __all__ = ["Normal", "Point", "Problem"]
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Parameters, sizes, and the place of every shot."""
+    """Parameters, magnitudes, and the place of every segmented record."""
 
     theta: Array
-    sizes: Array
+    magnitudes: Array
     places: tuple[Place, ...]
     memo: dict[object, tuple[object, list[Linear]]] = field(default_factory=dict, repr=False)
     """Linearizations here that were already made."""
@@ -35,8 +35,8 @@ class Point:
 class Normal:
     """Normal equations over the globals, states eliminated.
 
-    Globals are parameters, sizes, candidates, then the nuisances of each record; ``columns`` says
-    which of them belong to a shot.
+    Globals are parameters, magnitudes, candidates, then the nuisances of each record; ``columns``
+    says which of them belong to a segmented record.
     """
 
     matrix: Array
@@ -49,15 +49,15 @@ class Normal:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is fitted: a model with some terms to shots."""
+    """What is fitted: a model with some included effects to segmented records."""
 
     model: Model
-    shots: tuple[Shot, ...]
-    terms: tuple[Term, ...] = ()
+    segmented_records: tuple[SegmentedRecord, ...]
+    included: tuple[Candidate, ...] = ()
     state_scale: Array | None = None
-    """Unit of the gaps between windows, by state [its unit]."""
+    """Unit of the continuity defects, by state [its unit]."""
     frozen: bool = False
-    """Whether parameters and sizes are held (held-out records)."""
+    """Whether parameters and magnitudes are held (held-out records)."""
     input_knots: int = 6
     cache: Cache | None = None
     """Where finished optimizations are kept, if anywhere."""
@@ -72,43 +72,45 @@ class Problem:
     @property
     def samples(self) -> int:
         """Number of measured values."""
-        return int(sum(s.samples.sum() for s in self.shots))
+        return int(sum(s.samples.sum() for s in self.segmented_records))
 
-    def start(self, sizes: Array | None = None, theta: Array | None = None) -> Point:
+    def start(self, magnitudes: Array | None = None, theta: Array | None = None) -> Point:
         """Prior means, and starts guessed by the model."""
         if theta is None:
             theta = np.array([p.value for p in self.model.parameters], dtype=np.float64)
-        states = self.model.states(machine_terms(self.terms))
+        states = self.model.states(machine_candidates(self.included))
 
-        def of(model: Model, shot: Shot) -> Place:
-            guess = model.guess(shot.record, shot.windows)
-            starts = np.array([[s.start for s in states]] * shot.count).reshape(shot.count, -1)
+        def of(model: Model, segmented: SegmentedRecord) -> Place:
+            guess = model.guess(segmented.record, segmented.segments)
+            starts = np.array([[s.start for s in states]] * segmented.count).reshape(
+                segmented.count, -1
+            )
             starts[:, : guess.shape[1]] = guess
-            return Place(starts, np.zeros(len(shot.nuisances)))
+            return Place(starts, np.zeros(len(segmented.nuisances)))
 
-        places = each(self.model, of, self.shots)
-        size = np.zeros(len(self.terms)) if sizes is None else sizes
+        places = each(self.model, of, self.segmented_records)
+        size = np.zeros(len(self.included)) if magnitudes is None else magnitudes
         return Point(theta, size, tuple(places))
 
     def scale(self, point: Point) -> Array:
-        """Spread of each state over the windows, at least a little of its declared size."""
-        states = self.model.states(machine_terms(self.terms))
+        """Spread of each state over the segments, at least a little of its declared magnitude."""
+        states = self.model.states(machine_candidates(self.included))
         if not states:
             return np.zeros(0)
         starts = np.vstack([p.starts for p in point.places])
         spread = np.std(starts, axis=0)
         declared = np.array([s.scale for s in states])
-        # Memory that an effect brings has no spread of its own while its size is small.
+        # Memory that an effect brings has no spread of its own while its magnitude is small.
         known = np.where([s.hidden for s in states], 1.0, 1e-3) * declared
         if self.state_scale is not None:
             known[: len(self.state_scale)] = self.state_scale
             spread[: len(self.state_scale)] = 0.0
         return np.asarray(np.maximum(spread, known))
 
-    def start_prior(self, shot: Shot) -> tuple[Array, Array]:
-        """Mean and standard deviation of the state at the first sample of a shot."""
-        states = self.model.states(machine_terms(self.terms))
-        prior = shot.record.start
+    def start_prior(self, segmented: SegmentedRecord) -> tuple[Array, Array]:
+        """Mean and standard deviation of the state at the first sample of a segmented record."""
+        states = self.model.states(machine_candidates(self.included))
+        prior = segmented.record.start
         mean = np.array([s.start for s in states])
         sd = np.array(
             [s.scale if s.hidden and np.isinf(s.start_sd) else s.start_sd for s in states]
@@ -126,17 +128,19 @@ class Problem:
     def cost(
         self, point: Point, gap_sd: Array, linears: Sequence[Linear]
     ) -> tuple[float, list[Array]]:
-        """Sum of squares, and its part by window of every shot; infinite where it fails.
+        """Sum of squares, and its part by segment of every record; infinite where it fails.
 
         The noise of the inputs is integrated out with the derivatives of ``linears``, as the
         steps do: otherwise steps and their acceptance would not mean the same function.
         """
 
-        def see(model: Model, at: tuple[Shot, Place]) -> tuple[Array, Array]:
-            shot, place = at
-            return predict(model, shot, point.theta, self.terms, point.sizes, place)[1:]
+        def see(model: Model, at: tuple[SegmentedRecord, Place]) -> tuple[Array, Array]:
+            segmented, place = at
+            return predict(model, segmented, point.theta, self.included, point.magnitudes, place)[
+                1:
+            ]
 
-        seen = each(self.model, see, list(zip(self.shots, point.places, strict=True)))
+        seen = each(self.model, see, list(zip(self.segmented_records, point.places, strict=True)))
         return self._cost(point, gap_sd, linears, seen)
 
     def cost_at(
@@ -154,8 +158,8 @@ class Problem:
         seen: Sequence[tuple[Array, Array]],
     ) -> tuple[float, list[Array]]:
         total, parts = 0.0, []
-        for shot, place, linear, (residual, gap) in zip(
-            self.shots, point.places, linears, seen, strict=True
+        for segmented, place, linear, (residual, gap) in zip(
+            self.segmented_records, point.places, linears, seen, strict=True
         ):
             with np.errstate(over="ignore", invalid="ignore"):
                 part = np.sum(residual**2, axis=1)
@@ -163,12 +167,12 @@ class Problem:
                     tied = np.sum((gap / gap_sd) ** 2, axis=1)
                     part[:-1] += tied
                     part -= _by_input_noise(linear, residual, gap, gap_sd)
-                    mean, sd = self.start_prior(shot)
+                    mean, sd = self.start_prior(segmented)
                     known = np.isfinite(sd)
                     part[0] += np.sum(
                         ((place.starts[0] - mean)[known] / np.maximum(sd[known], 1e-12)) ** 2
                     )
-            for (_, _, sd_n), value in zip(shot.nuisances, place.nuisances, strict=True):
+            for (_, _, sd_n), value in zip(segmented.nuisances, place.nuisances, strict=True):
                 total += (value / sd_n) ** 2
             part = np.where(np.isfinite(part), part, np.inf)
             parts.append(part)
@@ -182,16 +186,16 @@ class Problem:
     def linear(
         self,
         point: Point,
-        candidates: tuple[Term, ...] = (),
+        candidates: tuple[Candidate, ...] = (),
         known: Sequence[Linear | InputColumns] | None = None,
     ) -> list[Linear]:
-        """Residuals and derivatives of all shots; made once a point.
+        """Residuals and derivatives of all segmented records; made once a point.
 
         ``known``: linearizations nearby, whose columns of the input noise are taken over.
         """
         key = (
-            tuple(id(shot) for shot in self.shots),
-            tuple((id(t.effect), repr(t.shape)) for t in (*self.terms, *candidates)),
+            tuple(id(segmented) for segmented in self.segmented_records),
+            tuple((id(t.effect), repr(t.shape)) for t in (*self.included, *candidates)),
             len(candidates),
             self.frozen,
             self.input_knots,
@@ -200,32 +204,36 @@ class Problem:
             return point.memo[key][1]
         made = self._linear(point, candidates, known)
         if not candidates:  # what the key names by id is kept alive
-            point.memo[key] = ((self.shots, self.terms), made)
+            point.memo[key] = ((self.segmented_records, self.included), made)
         return made
 
     def _linear(
         self,
         point: Point,
-        candidates: tuple[Term, ...],
+        candidates: tuple[Candidate, ...],
         known: Sequence[Linear | InputColumns] | None,
     ) -> list[Linear]:
-        def of(model: Model, at: tuple[Shot, Place, Linear | InputColumns | None]) -> Linear:
-            shot, place, near = at
+        def of(
+            model: Model, at: tuple[SegmentedRecord, Place, Linear | InputColumns | None]
+        ) -> Linear:
+            segmented, place, near = at
             return linearize(
                 model,
-                shot,
+                segmented,
                 point.theta,
                 self.free,
-                self.terms,
-                point.sizes,
+                self.included,
+                point.magnitudes,
                 place,
                 candidates,
                 self.input_knots,
                 near,
             )
 
-        nearby = [None] * len(self.shots) if known is None else known
-        return each(self.model, of, list(zip(self.shots, point.places, nearby, strict=True)))
+        nearby = [None] * len(self.segmented_records) if known is None else known
+        return each(
+            self.model, of, list(zip(self.segmented_records, point.places, nearby, strict=True))
+        )
 
     def normal(
         self,
@@ -239,10 +247,10 @@ class Problem:
     ) -> Normal:
         """Eliminate the states and sum the records."""
         chains = []
-        for i, (shot, place, linear) in enumerate(
-            zip(self.shots, point.places, linears, strict=True)
+        for i, (segmented, place, linear) in enumerate(
+            zip(self.segmented_records, point.places, linears, strict=True)
         ):
-            mean, sd = self.start_prior(shot)
+            mean, sd = self.start_prior(segmented)
             offset = mean - place.starts[0] if place.starts.shape[1] else np.zeros(0)
             chains.append(
                 reduce_chain(
@@ -255,17 +263,19 @@ class Problem:
                     keep_heads=keep_heads,
                 )
             )
-        nuisances = [len(s.nuisances) for s in self.shots]
+        nuisances = [len(s.nuisances) for s in self.segmented_records]
         shared = linears[0].by_global.shape[2] - nuisances[0]
         size = shared + sum(nuisances)
         matrix, right = np.zeros((size, size)), np.zeros(size)
         columns, at = [], shared
-        for shot, place, chain, nn in zip(self.shots, point.places, chains, nuisances, strict=True):
+        for segmented, place, chain, nn in zip(
+            self.segmented_records, point.places, chains, nuisances, strict=True
+        ):
             own = np.concatenate([np.arange(shared), np.arange(at, at + nn)])
             gram = np.sum(chain.grams, axis=0)
             matrix[np.ix_(own, own)] += gram[:-1, :-1]
             right[own] += gram[:-1, -1]
-            for j, (_, _, sd_n) in enumerate(shot.nuisances):
+            for j, (_, _, sd_n) in enumerate(segmented.nuisances):
                 matrix[at + j, at + j] += 1.0 / sd_n**2
                 right[at + j] -= place.nuisances[j] / sd_n**2
             columns.append(own)
@@ -278,23 +288,23 @@ class Problem:
         return Normal(matrix, right, tuple(chains), tuple(columns), shared)
 
     def room(self, point: Point) -> tuple[Array, Array]:
-        """How far free parameters and sizes may go down and up, (p + k,) each."""
+        """How far free parameters and magnitudes may go down and up, (p + k,) each."""
         parameters = [self.model.parameters[i] for i in self.free]
         limits = [(p.lower, p.upper) for p in parameters]
-        limits += [t.effect.bounds for t in self.terms]
-        at = np.concatenate([point.theta[self.free], point.sizes])
+        limits += [t.effect.bounds for t in self.included]
+        at = np.concatenate([point.theta[self.free], point.magnitudes])
         low, high = np.array(limits, dtype=np.float64).reshape(-1, 2).T
         return low - at, high - at
 
     def pressed(self, point: Point, normal: Normal) -> NDArray[np.bool_]:
-        """Free parameters and sizes that sit at a limit and would go beyond it, (p + k,)."""
+        """Free parameters and magnitudes that sit at a limit and would go beyond it, (p + k,)."""
         low, high = self.room(point)
         push = normal.right[: low.size]
         return np.asarray(((low >= 0.0) & (push < 0.0)) | ((high <= 0.0) & (push > 0.0)))
 
     def newton(self, point: Point, normal: Normal, lam: float = 0.0) -> Array:
-        """Levenberg step of the globals within the limits of parameters and sizes."""
-        count = len(self.free) + len(self.terms)
+        """Levenberg step of the globals within the limits of parameters and magnitudes."""
+        count = len(self.free) + len(self.included)
         low = np.full(normal.right.size, -np.inf)
         high = np.full(normal.right.size, np.inf)
         low[:count], high[:count] = self.room(point)
@@ -316,19 +326,19 @@ class Problem:
         return delta
 
     def step(self, point: Point, normal: Normal, lam: float) -> tuple[Point, float]:
-        """Levenberg step within the limits of parameters and sizes, and its predicted gain."""
+        """Levenberg step within the limits of parameters and magnitudes, and its predicted gain."""
         free = self.free
-        count = len(free) + len(self.terms)
+        count = len(free) + len(self.included)
         delta = self.newton(point, normal, lam)
         gain = float(2.0 * normal.right @ delta - delta @ normal.matrix @ delta)
         theta = point.theta.copy()
         theta[free] += delta[: len(free)]
-        sizes = point.sizes + delta[len(free) : count]
+        magnitudes = point.magnitudes + delta[len(free) : count]
         for i in free:
             p = self.model.parameters[i]
             theta[i] = np.clip(theta[i], p.lower, p.upper)
-        for k, term in enumerate(self.terms):
-            sizes[k] = np.clip(sizes[k], *term.effect.bounds)
+        for k, candidate in enumerate(self.included):
+            magnitudes[k] = np.clip(magnitudes[k], *candidate.effect.bounds)
         places = []
         for place, chain, own in zip(point.places, normal.chains, normal.columns, strict=True):
             moved = delta[own]
@@ -336,46 +346,48 @@ class Problem:
             if starts.shape[1]:
                 starts = starts + chain.back(moved)
             places.append(Place(starts, place.nuisances + moved[normal.shared :]))
-        return Point(theta, sizes, tuple(places)), gain
+        return Point(theta, magnitudes, tuple(places)), gain
 
-    def with_terms(self, terms: tuple[Term, ...]) -> Problem:
-        """Same records, other terms."""
-        return replace(self, terms=terms)
+    def with_candidates(self, included: tuple[Candidate, ...]) -> Problem:
+        """Same records, other included effects."""
+        return replace(self, included=included)
 
-    def carry(self, point: Point, terms: tuple[Term, ...], sizes: Array) -> Point:
-        """A point of this problem as one of the same problem with other terms.
+    def carry(self, point: Point, included: tuple[Candidate, ...], magnitudes: Array) -> Point:
+        """A point of this problem as one of the same problem with other included effects.
 
         Hidden states that are new start at their prior mean; those that stay are kept.
         """
         base = len(self.model.states())
-        old = machine_terms(self.terms)
-        new = machine_terms(terms)
+        old = machine_candidates(self.included)
+        new = machine_candidates(included)
 
-        def of(model: Model, which: tuple[Shot, Place]) -> Place:
-            shot, place = which
+        def of(model: Model, which: tuple[SegmentedRecord, Place]) -> Place:
+            segmented, place = which
             blocks = [place.starts[:, :base]]
             fresh = []
-            for term in new:
-                width = len(term.effect.hidden)
+            for candidate in new:
+                width = len(candidate.effect.hidden)
                 if not width:
                     continue
-                if term in old:
-                    at = base + sum(len(t.effect.hidden) for t in old[: old.index(term)])
+                if candidate in old:
+                    at = base + sum(len(t.effect.hidden) for t in old[: old.index(candidate)])
                     blocks.append(place.starts[:, at : at + width])
                 else:
-                    blocks.append(np.tile([h.start for h in term.effect.hidden], (shot.count, 1)))
-                    fresh.append(term)
+                    blocks.append(
+                        np.tile([h.start for h in candidate.effect.hidden], (segmented.count, 1))
+                    )
+                    fresh.append(candidate)
             starts = np.hstack(blocks)
             if fresh:
-                starts = _run_hidden(model, shot, point.theta, new, starts, base)
+                starts = _run_hidden(model, segmented, point.theta, new, starts, base)
             return Place(starts, place.nuisances)
 
-        places = each(self.model, of, list(zip(self.shots, point.places, strict=True)))
-        return Point(point.theta, np.asarray(sizes, dtype=np.float64), tuple(places))
+        places = each(self.model, of, list(zip(self.segmented_records, point.places, strict=True)))
+        return Point(point.theta, np.asarray(magnitudes, dtype=np.float64), tuple(places))
 
 
 def _by_input_noise(linear: Linear, residual: Array, gap: Array, gap_sd: Array) -> Array:
-    """What the noise of the inputs explains of the sum of squares, by window (W,).
+    """What the noise of the inputs explains of the sum of squares, by segment (W,).
 
     |v|^2 - min over u of |v - A u|^2 + |u|^2 for unit normal numbers u.
     """
@@ -404,16 +416,23 @@ def _by_input_noise(linear: Linear, residual: Array, gap: Array, gap_sd: Array) 
 
 
 def _run_hidden(
-    model: Model, shot: Shot, theta: Array, terms: tuple[Term, ...], starts: Array, base: int
+    model: Model,
+    segmented: SegmentedRecord,
+    theta: Array,
+    included: tuple[Candidate, ...],
+    starts: Array,
+    base: int,
 ) -> Array:
-    """Hidden states at the window starts, as the model's motion drives them."""
-    from feltmb.fit.model import Lanes
+    """Hidden states at the segment starts, as the model's motion drives them."""
+    from feltmb.fit.model import Jobs
 
     starts = starts.copy()
-    for w in range(shot.count - 1):
+    for w in range(segmented.count - 1):
         one = slice(w, w + 1)
-        lanes = Lanes.at_point(theta, shot.windows[one], starts[one], terms, np.zeros(len(terms)))
-        run = model.simulate(shot.record, lanes)
+        jobs = Jobs.at_point(
+            theta, segmented.segments[one], starts[one], included, np.zeros(len(included))
+        )
+        run = model.simulate(segmented.record, jobs)
         if np.all(np.isfinite(run.ends)):
             starts[w + 1, base:] = run.ends[0, base:]
     return starts

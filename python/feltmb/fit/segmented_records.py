@@ -1,4 +1,4 @@
-"""A record cut into shooting windows, with the noise of its channels."""
+"""A record cut into shooting segments, with the noise of its channels."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from feltmb.errors import InvalidParameter
 from feltmb.fit.model import Model
 from feltmb.fit.noise import Noise, innovations
 
-__all__ = ["Noise", "Shot", "choose_windows", "make_shot"]
+__all__ = ["Noise", "SegmentedRecord", "choose_segments", "segment_record"]
 
 Integers = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
-class Shot:
-    """One record, ready to be compared window by window."""
+class SegmentedRecord:
+    """One record, ready to be compared segment by segment."""
 
     record: Record
-    windows: Integers
-    """First and last sample, (W, 2); a window ends where the next begins."""
+    segments: Integers
+    """First and last sample, (W, 2); a segment ends where the next begins."""
     measured: Array
-    """(W, L, ny), NaN where nothing was measured or the sample belongs to the next window."""
+    """(W, L, ny), NaN where nothing was measured or the sample belongs to the next segment."""
     valid: NDArray[np.bool_]
     """(W, L, ny)"""
     before: Integers
-    """Positions of the valid samples before, in the window, the nearest first; -1: none.
+    """Positions of the valid samples before, in the segment, the nearest first; -1: none.
     (W, L, ny, p)"""
     decay: Array
     """What those samples predict of this one's noise, a factor for each, (W, L, ny, p)."""
@@ -44,25 +44,25 @@ class Shot:
 
     @property
     def count(self) -> int:
-        """Number of windows."""
-        return len(self.windows)
+        """Number of segments."""
+        return len(self.segments)
 
-    def louder(self, factor: float) -> Shot:
-        """The shot as if its noise were larger by a factor."""
+    def with_scaled_noise(self, factor: float) -> SegmentedRecord:
+        """The segmented record as if its noise were larger by a factor."""
         noise = tuple(replace(n, sigma=factor * n.sigma) for n in self.noise)
         return replace(self, weight=self.weight / factor, noise=noise)
 
     @property
     def samples(self) -> Array:
-        """Valid samples by window and channel, (W, ny)."""
+        """Valid samples by segment and channel, (W, ny)."""
         return np.asarray(np.sum(self.valid, axis=1), dtype=np.float64)
 
-    def only(self, w: int) -> Shot:
-        """The shot with one of its windows."""
+    def only(self, w: int) -> SegmentedRecord:
+        """The segmented record with one of its segments."""
         own = slice(w, w + 1)
         return replace(
             self,
-            windows=self.windows[own],
+            segments=self.segments[own],
             measured=self.measured[own],
             valid=self.valid[own],
             before=self.before[own],
@@ -70,10 +70,10 @@ class Shot:
             weight=self.weight[own],
         )
 
-    def until(self, share: float) -> Shot:
-        """The shot without what was measured after a share of the samples of its record [1]."""
+    def until(self, share: float) -> SegmentedRecord:
+        """Without what was measured after a share of the samples of its record [1]."""
         last = share * (self.record.samples - 1)
-        at = self.windows[:, :1] + np.arange(self.measured.shape[1])
+        at = self.segments[:, :1] + np.arange(self.measured.shape[1])
         beyond = np.arange(self.record.samples) > last
         seen = (at <= last)[..., None]
         outputs = {k: np.where(beyond, np.nan, v) for k, v in self.record.outputs.items()}
@@ -114,12 +114,12 @@ class Shot:
         ]
 
 
-#: Time constants of a slow sensor that a window holds at least: what it still shows of the window
+#: Time constants of a slow sensor that a segment holds at least: what it still shows of the segment
 #: before is no more than exp(-6) of it.
-SETTLED = 6.0
+TIME_CONSTANTS = 6.0
 
 
-def choose_windows(
+def choose_segments(
     record: Record,
     length: float | None,
     *,
@@ -127,24 +127,24 @@ def choose_windows(
     least: int = 12,
     shortest: float = 0.0,
 ) -> Integers:
-    """Windows of about ``length`` [s] whose boundaries lie where the outputs are quiet.
+    """Segments of about ``length`` [s] whose boundaries lie where the outputs change little.
 
     None: as long as suits the number of samples, and ``shortest`` [s] at least.
 
     A boundary inside an impact would put all of its uncertainty into one start state, so each one
-    is moved, by up to a quarter of a window, to the sample with the smallest bend of the outputs.
+    is moved, by up to a quarter of a segment, to the sample with the smallest bend of the outputs.
     """
     n = record.samples
     if length is None:
-        # Windows are simulated side by side: long ones take time, many of them hardly more.
+        # Segments are simulated as one batch: long ones take time, many of them hardly more.
         size = int(np.clip(n / 40, 16, max(16, min(n // least, 200))))
         size = max(size, n // most, math.ceil(shortest / record.interval))
     else:
         if not (math.isfinite(length) and length > 0.0):
-            raise InvalidParameter(f"window = {length!r} s, expected a finite number > 0")
+            raise InvalidParameter(f"segment = {length!r} s, expected a finite number > 0")
         if length < 2.0 * record.interval:
             raise InvalidParameter(
-                f"window = {length:g} s, expected at least two samples of record {record.name}, "
+                f"segment = {length:g} s, expected at least two samples of record {record.name}, "
                 f"{2.0 * record.interval:g} s"
             )
         size = max(2, round(length / record.interval))
@@ -172,25 +172,25 @@ def choose_windows(
     return np.column_stack([edges[:-1], edges[1:]]).astype(np.intp)
 
 
-def make_shot(
+def segment_record(
     model: Model,
     record: Record,
     noise: Mapping[str, Noise],
-    window: float | None,
-    windows: Integers | None = None,
-) -> Shot:
-    """Cut a record into windows and prepare its whitening."""
-    if windows is None:
+    segment: float | None,
+    segments: Integers | None = None,
+) -> SegmentedRecord:
+    """Cut a record into segments and prepare its whitening."""
+    if segments is None:
         slowest = min((s.bandwidth for s in record.sensors.values()), default=math.inf)
-        shortest = SETTLED / (2.0 * math.pi * slowest)
-        if window is None and model.window is not None:
-            window = max(model.window, shortest)
-        windows = choose_windows(record, window, shortest=shortest)
-    longest = int(np.max(windows[:, 1] - windows[:, 0])) + 1
+        shortest = TIME_CONSTANTS / (2.0 * math.pi * slowest)
+        if segment is None and model.segment is not None:
+            segment = max(model.segment, shortest)
+        segments = choose_segments(record, segment, shortest=shortest)
+    longest = int(np.max(segments[:, 1] - segments[:, 0])) + 1
     all_measured = record.output_array(model.outputs)
-    at = windows[:, :1] + np.arange(longest)
-    inside = at < windows[:, 1:]
-    inside[-1] |= at[-1] == windows[-1, 1]
+    at = segments[:, :1] + np.arange(longest)
+    inside = at < segments[:, 1:]
+    inside[-1] |= at[-1] == segments[-1, 1]
     at = np.minimum(at, record.samples - 1)
     measured = np.where(inside[..., None], all_measured[at], np.nan)
     valid = np.isfinite(measured)
@@ -209,9 +209,9 @@ def make_shot(
         ):
             if sd > 0.0:
                 nuisances.append((kind, c, sd))
-    return Shot(
+    return SegmentedRecord(
         record=record,
-        windows=windows,
+        segments=segments,
         measured=measured,
         valid=valid,
         before=before,

@@ -10,10 +10,10 @@ import numpy as np
 from feltmb.data import Array
 from feltmb.fit.cache import Cache
 from feltmb.fit.linearize import InputColumns, Linear, Place
-from feltmb.fit.model import Lanes, Model, Term
-from feltmb.fit.observe import machine_terms, observe_lanes
+from feltmb.fit.model import Candidate, Jobs, Model
+from feltmb.fit.observe import machine_candidates, observe_jobs
 from feltmb.fit.problem import Normal, Point, Problem
-from feltmb.fit.shots import Shot
+from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.together import each
 
 __all__ = [
@@ -34,8 +34,8 @@ COARSE = 3e-5
 #: over the number of samples from which it is.
 HORIZONS, LED, NEAR = (0.5, 0.65, 0.8, 0.9), 5, 4.0
 #: Prior standard deviations from which a parameter makes a fit doubtful, and the factors of the
-#: noise from which a doubtful one is cooled.
-STRAINED, HEAT = 3.3, (30.0, 10.0, 5.0, 2.5)
+#: noise at which a doubtful one is tempered.
+BEYOND_PRIOR, TEMPERATURES = 3.3, (30.0, 10.0, 5.0, 2.5)
 #: Log evidence within which two fits are one.
 SAME = 0.5
 #: Note of a fit that came down with the noise.
@@ -47,7 +47,7 @@ class FitSettings:
     """How hard a fit tries."""
 
     levels: tuple[float, ...] = (1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
-    """Gaps between windows that are tried, as shares of the spread of the states; the one with
+    """Gaps between segments that are tried, as shares of the spread of the states; the one with
     the largest marginal likelihood is kept."""
     iterations: int = 40
     decrement: float = 0.02
@@ -55,9 +55,9 @@ class FitSettings:
     restarts: int = 3
     seed: int = 0
     chain: bool = False
-    """Whether a poor fit is tried again from one simulation through all windows."""
+    """Whether a poor fit is tried again from one simulation through all segments."""
     worth: float = np.inf
-    """Sum of squares that another fit has. Where there are no gaps between windows, a search ends,
+    """Sum of squares that another fit has. Where there are no continuity defects, a search ends,
     unfinished, at a point whose linear model does not promise to get below it."""
 
     def coarser(self, decrement: float, iterations: int | None = None) -> FitSettings:
@@ -94,7 +94,7 @@ class Fit:
     problem: Problem
     point: Point
     level: float
-    """Gap between windows, as a share of the spread of the states."""
+    """Gap between segments, as a share of the spread of the states."""
     gap_sd: Array
     cost: float
     """Sum of squares with priors and gaps."""
@@ -116,19 +116,19 @@ class Fit:
         return bool(self.chi2 < self.dof + 4.0 * np.sqrt(2.0 * self.dof))
 
     @property
-    def terms(self) -> tuple[Term, ...]:
+    def included(self) -> tuple[Candidate, ...]:
         """Effects that are part of the fit."""
-        return self.problem.terms
+        return self.problem.included
 
     @property
     def covariance(self) -> Array:
-        """Covariance of the shared globals (free parameters, then sizes)."""
-        count = len(self.problem.free) + len(self.terms)
+        """Covariance of the shared globals (free parameters, then magnitudes)."""
+        count = len(self.problem.free) + len(self.included)
         total = inverse_scaled(self.normal.matrix)
         return np.asarray(total[:count, :count])
 
     @property
-    def strain(self) -> Array:
+    def prior_deviation(self) -> Array:
         """Free parameters that have a prior: distance from it in its standard deviations."""
         everything = self.problem.model.parameters
         known = [i for i in self.problem.free if np.isfinite(everything[i].sd)]
@@ -136,7 +136,7 @@ class Fit:
         return np.array(far, dtype=np.float64)
 
     def intervals(self) -> tuple[Interval, ...]:
-        """Parameters and sizes with 95 % intervals."""
+        """Parameters and magnitudes with 95 % intervals."""
         sd = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         out = []
         rows = [
@@ -145,8 +145,8 @@ class Fit:
             if i in self.problem.free
         ]
         rows += [
-            (t.name, t.effect.unit, self.point.sizes[k], 0.0, np.inf, *t.effect.bounds)
-            for k, t in enumerate(self.terms)
+            (t.name, t.effect.unit, self.point.magnitudes[k], 0.0, np.inf, *t.effect.bounds)
+            for k, t in enumerate(self.included)
         ]
         for (name, unit, value, prior, prior_sd, low, high), s in zip(rows, sd, strict=True):
             out.append(
@@ -198,31 +198,32 @@ def _optimize(
         cost,
         *parts,
         point.theta,
-        point.sizes,
+        point.magnitudes,
         gap_sd,
         iterations,
         settings.decrement,
         settings.worth,
         problem.frozen,
         settings.chain,
-        [(t.name, t.shape) for t in problem.terms],
+        [(t.name, t.shape) for t in problem.included],
         [(p.name, p.value, p.sd, p.lower, p.upper) for p in problem.model.parameters],
         *problem.room(point),
     )
     known = problem.cache.get(key)
     if known is not None:
         places = tuple(
-            Place(known[f"starts{i}"], known[f"nuisances{i}"]) for i in range(len(problem.shots))
+            Place(known[f"starts{i}"], known[f"nuisances{i}"])
+            for i in range(len(problem.segmented_records))
         )
-        found = Point(known["theta"], known["sizes"], places)
+        found = Point(known["theta"], known["magnitudes"], places)
         noise = [
             InputColumns(known[f"by_input{i}"], known[f"ends_by_input{i}"])
-            for i in range(len(problem.shots))
+            for i in range(len(problem.segmented_records))
         ]
         linears = problem.linear(found, known=noise)
         return found, float(known["cost"]), linears, bool(known["converged"])
     found, cost, linears, converged = _minimize(problem, point, gap_sd, settings, iterations)
-    arrays = {"theta": found.theta, "sizes": found.sizes}
+    arrays = {"theta": found.theta, "magnitudes": found.magnitudes}
     arrays |= {"cost": np.array(cost), "converged": np.array(float(converged))}
     for i, place in enumerate(found.places):
         arrays |= {f"starts{i}": place.starts, f"nuisances{i}": place.nuisances}
@@ -239,20 +240,20 @@ def _minimize(
     settings: FitSettings,
     iterations: int,
 ) -> tuple[Point, float, list[Linear], bool]:
-    """Levenberg-Marquardt with damping of its own for every window."""
+    """Levenberg-Marquardt with damping of its own for every segment."""
     linears = problem.linear(point)
     cost, parts = problem.cost_at(point, gap_sd, linears)
     samples = problem.samples
     # Sums of squares of different gaps do not compare.
     worth = np.inf if gap_sd.size else settings.worth
     lam = 1e-4
-    damping = [np.zeros(s.count) for s in problem.shots]
+    damping = [np.zeros(s.count) for s in problem.segmented_records]
     for _ in range(iterations):
         accepted = False
         for _ in range(8):
             used = [d if np.any(d) else None for d in damping]
             normal = problem.normal(point, linears, gap_sd, used)
-            trial, gain = problem.step(point, normal, lam)
+            attempt, gain = problem.step(point, normal, lam)
             # The gain of the states is within the chains: what is left of the residual.
             left = sum(float(np.sum(c.grams[:, -1, -1])) for c in normal.chains)
             predicted = cost - left + gain - _priors(problem, point)
@@ -261,7 +262,7 @@ def _minimize(
                 return point, cost, linears, True
             if lam < 1e-2 and cost - predicted > worth:  # damped steps promise less than there is
                 return point, cost, linears, False
-            new, new_parts = problem.cost(trial, gap_sd, linears)
+            new, new_parts = problem.cost(attempt, gap_sd, linears)
             if new < cost:
                 accepted = True
                 break
@@ -272,7 +273,7 @@ def _minimize(
         if not accepted:
             return point, cost, linears, False
         done = cost - new < least and predicted < 50.0 * least
-        point = trial
+        point = attempt
         lam /= 8.0
         for d in damping:
             d /= 10.0
@@ -287,14 +288,14 @@ def _minimize(
 
 
 def _priors(problem: Problem, point: Point) -> float:
-    """Part of the cost that is in no window."""
+    """Part of the cost that is in no segment."""
     total = 0.0
     if not problem.frozen:
         for i in problem.free:
             p = problem.model.parameters[i]
             total += float(((point.theta[i] - p.value) / p.sd) ** 2)
-    for shot, place in zip(problem.shots, point.places, strict=True):
-        for (_, _, sd), value in zip(shot.nuisances, place.nuisances, strict=True):
+    for segmented, place in zip(problem.segmented_records, point.places, strict=True):
+        for (_, _, sd), value in zip(segmented.nuisances, place.nuisances, strict=True):
             total += (value / sd) ** 2
     return total
 
@@ -302,14 +303,14 @@ def _priors(problem: Problem, point: Point) -> float:
 def _evidence(problem: Problem, normal: Normal, cost: float, gap_sd: Array) -> float:
     """Log marginal likelihood over states, inputs and parameters (Laplace)."""
     value = -0.5 * cost
-    for shot, chain in zip(problem.shots, normal.chains, strict=True):
+    for segmented, chain in zip(problem.segmented_records, normal.chains, strict=True):
         value -= float(np.sum(chain.log_dets))
         # Norm of the prior of the first state: without it every hidden state that starts known
-        # would cost an effect -log(1e-12) = 28 nats a record.
-        _, sd = problem.start_prior(shot)
+        # would cost an effect -log(1e-12) = 28 units of log evidence a record.
+        _, sd = problem.start_prior(segmented)
         value -= float(np.sum(np.log(np.maximum(sd[np.isfinite(sd)], 1e-12))))
         if gap_sd.size:
-            value -= (shot.count - 1) * float(np.sum(np.log(gap_sd)))
+            value -= (segmented.count - 1) * float(np.sum(np.log(gap_sd)))
     return value
 
 
@@ -328,16 +329,18 @@ def _finish(
     chi2, dof = 0.0, 0.0
     states = len(gap_sd)
     step = problem.newton(point, normal) if not problem.frozen else None
-    for shot, chain, own in zip(problem.shots, normal.chains, normal.columns, strict=True):
+    for segmented, chain, own in zip(
+        problem.segmented_records, normal.chains, normal.columns, strict=True
+    ):
         change = np.zeros(own.size) if step is None else step[own]
         tail = np.append(-change, 1.0)
         chi2 += float(np.einsum("i,wij,j->", tail, chain.grams, tail))
-        dof += float(shot.samples.sum())
-        _, sd = problem.start_prior(shot)
+        dof += float(segmented.samples.sum())
+        _, sd = problem.start_prior(segmented)
         dof -= min(states, int(np.sum(~np.isfinite(sd))))
     if not problem.frozen:
         dof -= sum(1 for i in problem.free if np.isinf(problem.model.parameters[i].sd))
-        dof -= len(problem.terms)
+        dof -= len(problem.included)
     return Fit(
         problem=problem,
         point=point,
@@ -370,7 +373,7 @@ def polish(problem: Problem, point: Point, level: float, settings: FitSettings) 
     )
     if settings.chain and gap_sd.size and level < 0.1:
         bar = problem.samples + 4.0 * np.sqrt(2.0 * problem.samples)
-        # A chain of windows can be stuck where one simulation from the first state is not.
+        # A chain of segments can be stuck where one simulation from the first state is not.
         for _ in range(2):
             if cost < bar:
                 break
@@ -385,22 +388,28 @@ def polish(problem: Problem, point: Point, level: float, settings: FitSettings) 
 
 
 def chained(problem: Problem, point: Point) -> Point:
-    """The point whose windows start where the window before ends."""
+    """The point whose segments start where the segment before ends."""
 
-    def of(model: Model, at: tuple[Shot, Place]) -> Place:
-        shot, place = at
+    def of(model: Model, at: tuple[SegmentedRecord, Place]) -> Place:
+        segmented, place = at
         starts = place.starts.copy()
-        for w in range(shot.count - 1):
+        for w in range(segmented.count - 1):
             one = slice(w, w + 1)
-            lanes = Lanes.at_point(
-                point.theta, shot.windows[one], starts[one], problem.terms, point.sizes
+            jobs = Jobs.at_point(
+                point.theta,
+                segmented.segments[one],
+                starts[one],
+                problem.included,
+                point.magnitudes,
             )
-            ends = observe_lanes(model, shot.record, lanes).ends[0]
+            ends = observe_jobs(model, segmented.record, jobs).ends[0]
             if np.all(np.isfinite(ends)):
                 starts[w + 1] = ends
         return Place(starts, place.nuisances)
 
-    places = each(problem.model, of, list(zip(problem.shots, point.places, strict=True)))
+    places = each(
+        problem.model, of, list(zip(problem.segmented_records, point.places, strict=True))
+    )
     return replace(point, places=tuple(places), memo={})
 
 
@@ -412,7 +421,7 @@ def at_level(
     settings: FitSettings,
     iterations: int,
 ) -> Fit:
-    """Fit at one level of a descent; windows that are stuck there would be stuck below as well."""
+    """Fit at one level of a descent; segments that are stuck there would be stuck below as well."""
     gap_sd = level * (problem.scale(point) if scale is None else scale)
     found, cost, linears, converged = _optimize(problem, point, gap_sd, settings, iterations)
     fit = _finish(problem, found, level, gap_sd, cost, linears, converged, (), ())
@@ -434,9 +443,13 @@ def _led(problem: Problem, point: Point, settings: FitSettings) -> Point:
         return point
     way = settings.coarser(0.3)
     for share in HORIZONS:
-        shots = tuple(s.until(share) for s in problem.shots)
+        segmented_records = tuple(s.until(share) for s in problem.segmented_records)
         point, _, _, _ = _optimize(
-            replace(problem, shots=shots), replace(point, memo={}), gap_sd, way, LED
+            replace(problem, segmented_records=segmented_records),
+            replace(point, memo={}),
+            gap_sd,
+            way,
+            LED,
         )
     return replace(point, memo={})
 
@@ -448,7 +461,7 @@ def _descend(
 
     Also the point and the sum of squares at the loosest.
     """
-    if not problem.model.states(machine_terms(problem.terms)):
+    if not problem.model.states(machine_candidates(problem.included)):
         known = all(np.isfinite(problem.model.parameters[i].sd) for i in problem.free)
         if known:
             fit = polish(problem, _led(problem, point, settings), 1.0, settings)
@@ -459,7 +472,7 @@ def _descend(
                 fit = led if led.cost < fit.cost else fit
         return fit, fit.point, fit.cost
     levels = settings.levels
-    if all(s.count == 1 for s in problem.shots):
+    if all(s.count == 1 for s in problem.segmented_records):
         levels = levels[-1:]  # there are no gaps
     best: tuple[float, float, Point] | None = None
     scale: Array | None = None
@@ -508,9 +521,12 @@ def _annealed(fit: Fit, settings: FitSettings) -> Fit:
     """
     problem = fit.problem
     point = problem.start()
-    for factor in HEAT:
-        hot = replace(problem, shots=tuple(s.louder(factor) for s in problem.shots))
-        point = polish(hot, replace(point, memo={}), fit.level, settings).point
+    for factor in TEMPERATURES:
+        tempered = replace(
+            problem,
+            segmented_records=tuple(s.with_scaled_noise(factor) for s in problem.segmented_records),
+        )
+        point = polish(tempered, replace(point, memo={}), fit.level, settings).point
     again = polish(problem, replace(point, memo={}), fit.level, settings)
     if not again.cost < fit.cost - 1.0:
         return fit
@@ -518,10 +534,10 @@ def _annealed(fit: Fit, settings: FitSettings) -> Fit:
 
 
 def _stuck(fit: Fit) -> list[Array]:
-    """Windows whose misfit stands far above the others': a state may sit in a wrong valley."""
+    """Segments whose misfit stands far above the others': a state may sit in a wrong valley."""
     zs = []
-    for shot, chain in zip(fit.problem.shots, fit.normal.chains, strict=True):
-        n = np.maximum(shot.samples.sum(axis=1), 1.0)
+    for segmented, chain in zip(fit.problem.segmented_records, fit.normal.chains, strict=True):
+        n = np.maximum(segmented.samples.sum(axis=1), 1.0)
         zs.append((chain.grams[:, -1, -1] - n) / np.sqrt(2.0 * n))
     everything = np.concatenate(zs)
     typical = float(np.median(everything))
@@ -530,7 +546,7 @@ def _stuck(fit: Fit) -> list[Array]:
 
 
 def _rescue(fit: Fit, settings: FitSettings) -> Fit:
-    """Restart stuck windows from the end of the window before, or from its neighbors' mean."""
+    """Restart stuck segments from the end of the segment before, or from its neighbors' mean."""
     for attempt in range(2):
         stuck = _stuck(fit)
         if not any(s.any() for s in stuck) or not fit.gap_sd.size:
@@ -541,7 +557,7 @@ def _rescue(fit: Fit, settings: FitSettings) -> Fit:
             linear = fit.linears[i]
             ends = starts[1:] + linear.gap
             for w in np.flatnonzero(bad):
-                # The misfit of a window may come from its own start or from that of the next.
+                # The misfit of a segment may come from its own start or from that of the next.
                 for v in (w, w + 1):
                     if 0 < v < len(starts):
                         if attempt == 0:
@@ -549,11 +565,11 @@ def _rescue(fit: Fit, settings: FitSettings) -> Fit:
                         elif v + 1 < len(starts):
                             starts[v] = 0.5 * (starts[v - 1] + starts[v + 1])
             places.append(Place(starts, place.nuisances))
-        trial = polish(
+        again = polish(
             fit.problem, replace(fit.point, places=tuple(places), memo={}), fit.level, settings
         )
-        if trial.cost < fit.cost - 1.0:
-            fit = replace(trial, levels=fit.levels, notes=(*fit.notes, "windows restarted"))
+        if again.cost < fit.cost - 1.0:
+            fit = replace(again, levels=fit.levels, notes=(*fit.notes, "segments restarted"))
     return fit
 
 
@@ -569,14 +585,16 @@ def fit_problem(
 
     Gaps go from loose to tight; the level with the largest marginal likelihood is kept. A fit that
     is not good is tried again from other starts, so that a stuck fit is not taken for a gap:
-    windows that stand out are restarted from their neighbors, and the parameters from draws of
+    segments of large residual are restarted from their neighbors, and the parameters from draws of
     their priors, until the best fit is reached a second time.
     """
     settings = settings or FitSettings()
     first = point or problem.start()
     fit, loose, loosest = _descend(problem, first, settings, progress, label)
     fit = _rescue(fit, settings)
-    sound = fit.explains and fit.converged and not np.any(np.abs(fit.strain) > STRAINED)
+    sound = (
+        fit.explains and fit.converged and not np.any(np.abs(fit.prior_deviation) > BEYOND_PRIOR)
+    )
     if not fit.gap_sd.size and not problem.frozen and not sound:
         fit = _annealed(fit, settings)
     if fit.explains and fit.converged:
@@ -585,7 +603,7 @@ def fit_problem(
     if not free or not fit.gap_sd.size or problem.frozen:
         return fit
     if loosest < problem.samples + 4.0 * np.sqrt(2.0 * problem.samples):
-        return fit  # window by window the model can follow: no other start would change that
+        return fit  # segment by segment the model can follow: no other start would change that
     generator = np.random.default_rng(settings.seed)
     way = settings.coarser(0.3)
 
@@ -609,9 +627,11 @@ def fit_problem(
         if tried.cost > lowest - 2.0 * SAME:
             break  # reached from two starts
         lowest = tried.cost
-        trial, _, _ = _descend(fit.problem, replace(tried.point, memo={}), settings, progress, name)
-        if trial.log_evidence > fit.log_evidence + SAME:
-            fit = replace(trial, notes=(*fit.notes, f"restart {i + 1} was better"))
-        elif trial.log_evidence > fit.log_evidence - SAME:
+        attempt, _, _ = _descend(
+            fit.problem, replace(tried.point, memo={}), settings, progress, name
+        )
+        if attempt.log_evidence > fit.log_evidence + SAME:
+            fit = replace(attempt, notes=(*fit.notes, f"restart {i + 1} was better"))
+        elif attempt.log_evidence > fit.log_evidence - SAME:
             break  # reached from two starts
     return fit

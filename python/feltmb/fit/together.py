@@ -1,7 +1,7 @@
 """Several records at once: what is done for each of them, with their simulations in common.
 
 A model in Python spends its time on the overhead of single array operations, not on their length:
-the windows of all records in one batch take hardly longer than those of one. So what is to be done
+the segments of all records in one batch take hardly longer than those of one. So what is to be done
 for each record runs in a thread of its own, every call of ``simulate`` waits until all of them have
 asked or are through, and the questions of a round are answered by one call of ``simulate_all``.
 Rounds depend on nothing but what is asked: the results are the same in every run.
@@ -16,7 +16,7 @@ from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
-    from feltmb.fit.model import Job, Model, Simulated
+    from feltmb.fit.model import Batch, Model, Simulated
 
 __all__ = ["each"]
 
@@ -66,14 +66,14 @@ class _Meeting:
     def __init__(self, model: Model, count: int) -> None:
         self._model = model
         self._present = count
-        self._asked: dict[int, Sequence[Job]] = {}
+        self._asked: dict[int, Sequence[Batch]] = {}
         self._answers: dict[int, list[Simulated] | BaseException] = {}
         self._round = threading.Condition()
 
-    def ask(self, i: int, jobs: Sequence[Job]) -> list[Simulated]:
+    def ask(self, i: int, batches: Sequence[Batch]) -> list[Simulated]:
         """Simulate, together with what the others ask."""
         with self._round:
-            self._asked[i] = jobs
+            self._asked[i] = batches
             self._answer_all()
             while i not in self._answers:
                 self._round.wait()
@@ -94,7 +94,7 @@ class _Meeting:
             return
         who = sorted(self._asked)
         try:
-            runs = iter(self._model.simulate_all([job for i in who for job in self._asked[i]]))
+            runs = iter(self._model.simulate_all([batch for i in who for batch in self._asked[i]]))
             for i in who:
                 self._answers[i] = [next(runs) for _ in self._asked[i]]
         except BaseException as fault:  # an exit too: it is for those who wait

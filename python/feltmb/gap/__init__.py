@@ -5,11 +5,12 @@ It knows time series and parameters, not any particular machine.
 
 from feltmb.data import Record, Sensor, StartPrior
 from feltmb.fit import (
+    Candidate,
     Coordinate,
     Coupling,
     Effect,
     FunctionModel,
-    Lanes,
+    Jobs,
     LinearModel,
     Model,
     OdeModel,
@@ -19,19 +20,18 @@ from feltmb.fit import (
     Sensitivity,
     Simulated,
     State,
-    Term,
     including,
 )
 from feltmb.gap.checks import DataChecks, check_records
 from feltmb.gap.diagnose import Options, diagnose, fit_model
 from feltmb.gap.findings import (
     Advice,
-    Amended,
     ComponentRow,
     EventRow,
     GapRow,
     HowFar,
     LedgerCell,
+    ModelWithEffects,
     NotTested,
     Ranked,
     RankedSet,
@@ -46,7 +46,7 @@ from feltmb.gap.withhold import OUTCOMES, Withheld, WithheldCase, withhold
 __all__ = [
     "OUTCOMES",
     "Advice",
-    "Amended",
+    "Candidate",
     "ComponentRow",
     "Coordinate",
     "Coupling",
@@ -56,10 +56,11 @@ __all__ = [
     "FunctionModel",
     "GapRow",
     "HowFar",
-    "Lanes",
+    "Jobs",
     "LedgerCell",
     "LinearModel",
     "Model",
+    "ModelWithEffects",
     "NotTested",
     "OdeModel",
     "Options",
@@ -76,7 +77,6 @@ __all__ = [
     "Simulated",
     "StartPrior",
     "State",
-    "Term",
     "Verdict",
     "Where",
     "Which",

@@ -11,7 +11,7 @@ import numpy as np
 
 from feltmb.fit.solve import Fit, FitSettings
 from feltmb.gap.proof import HeldOut, Outcome, Paired, compare, evaluate
-from feltmb.gap.refine import Candidate, full_evidence, refit, tighten
+from feltmb.gap.refine import CandidateSet, full_evidence, refit, tighten
 from feltmb.gap.search import Search
 
 __all__ = ["WIDE", "Accepted", "Posterior", "accept", "posterior", "shapley"]
@@ -23,7 +23,7 @@ LEAST_GAIN = math.log(10.0)
 
 
 #: Share of the remaining held-out gap that makes more than small print of an effect where an
-#: unknown rest was admitted.
+#: unexplained residual was admitted.
 CLOSES = 0.05
 #: The same share from which an effect is no small print in any case, and the gap [sigma] that it
 #: must then close. The error of another effect's form, in which it would stand in for that, is not
@@ -35,7 +35,7 @@ MOST = 0.8
 #: Held-out gap [sigma] from which such a share counts, and it is asked whether parameters of the
 #: model could close it.
 WIDE = 1.33
-#: Standard deviations by which a size must differ from zero, or the score of the effect alone.
+#: Standard deviations by which a magnitude must differ from zero, or the score of the effect alone.
 WALD = 3.0
 
 
@@ -59,11 +59,11 @@ class Posterior:
 def posterior(search: Search, *, none: float = 0.5, other: float = 0.1) -> Posterior:
     """Weigh the model as it is, the model with unknown forces, and the refitted sets.
 
-    "Unknown" is the model with gaps between its windows; "none" the model without. Evidence is
+    "Unknown" is the model with gaps between its segments; "none" the model without. Evidence is
     divided by the residual sum of squares over its degrees of freedom of the best fit: a model
     that is wrong in a way that no set repairs must not be sure about sets.
     """
-    fits = [search.model_fit, *(c.fit for c in search.candidates)]
+    fits = [search.model_fit, *(c.fit for c in search.sets)]
     inflation = max(1.0, min(f.chi2 / f.dof for f in fits))
     values = [search.tight_evidence / inflation + math.log(none)]
     values.append(
@@ -72,7 +72,7 @@ def posterior(search: Search, *, none: float = 0.5, other: float = 0.1) -> Poste
         else -math.inf
     )
     share = math.log(1.0 - none - other)
-    values += [c.evidence / inflation + share for c in search.candidates]
+    values += [c.evidence / inflation + share for c in search.sets]
     top = max(values)
     weights = np.exp(np.array(values) - top)
     weights /= weights.sum()
@@ -85,13 +85,13 @@ def posterior(search: Search, *, none: float = 0.5, other: float = 0.1) -> Poste
 class Accepted:
     """What stood the held-out proof."""
 
-    candidate: Candidate | None
+    best: CandidateSet | None
     """The set of effects that is kept; None: nothing."""
     before: Outcome
     after: Outcome
     proof: dict[str, Paired]
     """By effect of the best set: gain that it brings over the set without it."""
-    rivals: tuple[Candidate, ...]
+    rivals: tuple[CandidateSet, ...]
     """Other sets that these records cannot tell from it."""
     rejected: tuple[tuple[str, str], ...]
     """Effects that the fit wanted and held-out records refused, with the reason."""
@@ -100,7 +100,7 @@ class Accepted:
     """The set fitted with the tightest gaps; None where it has them already."""
 
 
-class _Trial:
+class _Attempt:
     """Sets and their parts before the held-out records; each is refitted and evaluated once."""
 
     def __init__(
@@ -110,60 +110,62 @@ class _Trial:
         settings: FitSettings,
         inflation: float,
         *,
-        windowed_level: float,
+        segmented_level: float,
         least_share: float,
-        unknown_rest: bool,
+        discrepancy: bool,
         seed: int,
         progress: Progress | None,
     ):
         self.search, self.held, self.settings = search, held, settings
         self.inflation, self.seed = inflation, seed
-        self.windowed_level, self.least_share = windowed_level, least_share
-        self.unknown_rest, self.progress = unknown_rest, progress
-        effects = {t.effect.name: t.effect for t in search.scores.terms}
+        self.segmented_level, self.least_share = segmented_level, least_share
+        self.discrepancy, self.progress = discrepancy, progress
+        effects = {t.effect.name: t.effect for t in search.scores.candidates}
         self.total = sum(e.weight for e in effects.values())
         self.outcomes: dict[tuple[str, ...], Outcome] = {}
         self.tightest: dict[tuple[str, ...], Fit | None] = {}
-        self.known = {c.key: c for c in search.candidates}
+        self.known = {c.key: c for c in search.sets}
         self.alone: dict[str, float] = {}
         """Largest score of each effect by itself."""
         for scores in (search.scores, search.tight):
             if scores is not None:
-                for term, value in zip(scores.terms, scores.singles(), strict=True):
-                    self.alone[term.name] = max(self.alone.get(term.name, 0.0), float(value))
+                for candidate, value in zip(scores.candidates, scores.singles(), strict=True):
+                    self.alone[candidate.name] = max(
+                        self.alone.get(candidate.name, 0.0), float(value)
+                    )
         self.before = self.outcome(search.bare)
 
     def outcome(self, fit: Fit) -> Outcome:
         """What the held-out records say of a fit."""
-        key = tuple(sorted(t.name for t in fit.terms))
+        key = tuple(sorted(t.name for t in fit.included))
         if key not in self.outcomes:
             if self.progress is not None:
-                self.progress("held out: " + (" + ".join(key) or "model"), len(self.outcomes), 0)
+                self.progress("held-out: " + (" + ".join(key) or "model"), len(self.outcomes), 0)
             self.outcomes[key] = evaluate(
                 self.held,
                 fit,
                 self.settings,
-                windowed_level=self.windowed_level,
+                segmented_level=self.segmented_level,
                 like=self.outcomes.get(()),
             )
         return self.outcomes[key]
 
-    def without(self, c: Candidate, name: str) -> Candidate | None:
+    def without(self, c: CandidateSet, name: str) -> CandidateSet | None:
         """The set without an effect; None: nothing is left."""
-        kept = [k for k, t in enumerate(c.fit.terms) if t.name != name]
+        kept = [k for k, t in enumerate(c.fit.included) if t.name != name]
         if not kept:
             return None
-        key = tuple(sorted(c.fit.terms[k].name for k in kept))
+        key = tuple(sorted(c.fit.included[k].name for k in kept))
         if key not in self.known:
             fit = _part(self.search, c.fit, kept, self.settings)
-            self.known[key] = Candidate(fit, full_evidence(fit, self.total))
+            self.known[key] = CandidateSet(fit, full_evidence(fit, self.total))
         return self.known[key]
 
-    def _outcome_without(self, c: Candidate, name: str) -> Outcome:
+    def _outcome_without(self, c: CandidateSet, name: str) -> Outcome:
         bare = self.without(c, name)
         return self.before if bare is None else self.outcome(bare.fit)
 
-    def closes(self, c: Candidate, name: str) -> float:
+    def closes(self, c: CandidateSet, name: str) -> float:
         """Share of the held-out gap without an effect that it closes."""
         without, after = self._outcome_without(c, name), self.outcome(c.fit)
         gaps = zip(self._gaps(without), self._gaps(after), strict=True)
@@ -175,30 +177,32 @@ class _Trial:
         return max(shares, default=0.0)
 
     def _gaps(self, outcome: Outcome) -> tuple[float, float]:
-        """Held-out gaps, open loop and windowed [sigma]."""
+        """Held-out gaps, open loop and segmented [sigma]."""
         sensed = self.held.sensed
-        return outcome.gap(sensed, "open_loop"), outcome.gap(sensed, "windowed")
+        return outcome.gap(sensed, "open_loop"), outcome.gap(sensed, "segmented")
 
-    def unexplained(self, c: Candidate) -> float:
+    def unexplained(self, c: CandidateSet) -> float:
         """Log evidence that unknown forces still bring to a set."""
         if c.key not in self.tightest:
             self.tightest[c.key] = tighten(c.fit, self.settings)
         tight = self.tightest[c.key]
         return 0.0 if tight is None else c.fit.log_evidence - tight.log_evidence
 
-    def _gain(self, c: Candidate) -> float:
-        """Held-out gain of a whole set over the model [nats]."""
+    def _gain(self, c: CandidateSet) -> float:
+        """Held-out gain of a whole set over the model [units of log evidence]."""
         after = self.outcome(c.fit)
-        return compare(self.before, after, self.held.shots, self.inflation, seed=self.seed).gain
+        return compare(
+            self.before, after, self.held.segmented_records, self.inflation, seed=self.seed
+        ).gain
 
-    def faults(self, c: Candidate) -> tuple[dict[str, Paired], dict[str, str]]:
+    def faults(self, c: CandidateSet) -> tuple[dict[str, Paired], dict[str, str]]:
         """Gain by effect over the set without it, and why some do not stand."""
         after = self.outcome(c.fit)
         trials = {
             name: compare(
                 self._outcome_without(c, name),
                 after,
-                self.held.shots,
+                self.held.segmented_records,
                 self.inflation,
                 seed=self.seed,
             )
@@ -213,16 +217,18 @@ class _Trial:
                 bad[name] = why
         return trials, bad
 
-    def _fault(self, c: Candidate, name: str, paired: Paired, most: float, certain: float) -> str:
+    def _fault(
+        self, c: CandidateSet, name: str, paired: Paired, most: float, certain: float
+    ) -> str:
         """Why an effect of a set does not stand; empty: it does."""
         alone = self.alone.get(name, 0.0)
         unknown = self.unexplained(c) / self.inflation
-        gain = f"held-out gain {paired.gain:.1f} nats"
+        gain = f"held-out gain {paired.gain:.1f} units of log evidence"
         if certain < WALD and alone < WALD**2:
             # What it brought was another way down for the other parameters. An effect that
-            # bends so sharply that its size is loose still shows in the score of the model.
+            # bends so sharply that its magnitude is loose still shows in the score of the model.
             return (
-                f"its size is {certain:.1f} of its standard deviations, and its score alone "
+                f"its magnitude is {certain:.1f} of its standard deviations, and its score alone "
                 f"{alone:.1f}"
             )
         if paired.gain < unknown and not self._carries(c, name, paired):
@@ -237,23 +243,23 @@ class _Trial:
             return f"{gain}, p = {paired.p:.2g}"
         return ""
 
-    def _completes(self, c: Candidate, name: str) -> bool:
+    def _completes(self, c: CandidateSet, name: str) -> bool:
         """Whether an effect that is small beside another is more than an error in its form."""
         share = self.closes(c, name)
-        if self.unknown_rest and share >= CLOSES:
+        if self.discrepancy and share >= CLOSES:
             return True
         gaps = self._gaps(self._outcome_without(c, name))
         return share >= ALL and any(DEEP < g < np.inf for g in gaps)
 
-    def _carries(self, c: Candidate, name: str, paired: Paired) -> bool:
+    def _carries(self, c: CandidateSet, name: str, paired: Paired) -> bool:
         """Whether an effect closes most of a held-out gap that is one, and surely."""
         gaps = self._gaps(self._outcome_without(c, name))
         wide = any(WIDE < g < np.inf for g in gaps)
         return wide and _improves(paired, self.inflation) and self.closes(c, name) >= MOST
 
     def standing(
-        self, first: Candidate, proof: dict[str, Paired], bad: dict[str, str]
-    ) -> tuple[Candidate | None, dict[str, Paired]]:
+        self, first: CandidateSet, proof: dict[str, Paired], bad: dict[str, str]
+    ) -> tuple[CandidateSet | None, dict[str, Paired]]:
         """The largest part of a set all of whose effects stand, and the proof of it.
 
         What is against others in the largest parts is noted in ``bad``.
@@ -274,7 +280,7 @@ class _Trial:
             for names in itertools.combinations(first.names, size):
                 if not needed <= set(names):
                     continue
-                part: Candidate | None = first
+                part: CandidateSet | None = first
                 for name in set(first.names) - set(names):
                     assert part is not None
                     part = self.without(part, name)
@@ -290,11 +296,11 @@ class _Trial:
                 return max(standing, key=lambda s: (s[0].evidence, s[0].key))
         return None, proof
 
-    def rivals(self, best: Candidate) -> list[Candidate]:
+    def rivals(self, best: CandidateSet) -> list[CandidateSet]:
         """Other sets that these records cannot tell from the best."""
         after = self.outcome(best.fit)
         found = []
-        for c in self.search.candidates:
+        for c in self.search.sets:
             if c.key == best.key or len(c.names) > len(best.names):
                 continue
             if (best.evidence - c.evidence) / self.inflation > math.log(20.0):
@@ -308,7 +314,9 @@ class _Trial:
         return found
 
     def _improves(self, old: Outcome, new: Outcome) -> bool:
-        return _improves(compare(old, new, self.held.shots, self.inflation), self.inflation)
+        return _improves(
+            compare(old, new, self.held.segmented_records, self.inflation), self.inflation
+        )
 
 
 def accept(
@@ -317,25 +325,25 @@ def accept(
     settings: FitSettings,
     inflation: float,
     *,
-    windowed_level: float,
+    segmented_level: float,
     least_share: float,
-    unknown_rest: bool = False,
+    discrepancy: bool = False,
     seed: int,
     progress: Progress | None = None,
 ) -> Accepted:
     """Keep the effects of the best set that held-out records confirm, and find its rivals.
 
-    ``unknown_rest``: a rest was admitted as noise. Then there is no law that could be right to the
+    ``discrepancy``: a rest was admitted as noise. Then there is no law that could be right to the
     last digit, and small print is told by the share of the remaining gap that it closes as well.
     """
-    trial = _Trial(
+    attempt = _Attempt(
         search,
         held,
         settings,
         inflation,
-        windowed_level=windowed_level,
+        segmented_level=segmented_level,
         least_share=least_share,
-        unknown_rest=unknown_rest,
+        discrepancy=discrepancy,
         seed=seed,
         progress=progress,
     )
@@ -343,38 +351,38 @@ def accept(
     rejected: list[tuple[str, str]] = []
     best = first = search.best
     if first is not None:
-        proof, bad = trial.faults(first)
+        proof, bad = attempt.faults(first)
         if bad:
             without = "does not stand without " + " and ".join(bad)
-            best, proof = trial.standing(first, proof, bad)
+            best, proof = attempt.standing(first, proof, bad)
             kept = () if best is None else best.names
             rejected = [(n, bad.get(n, without)) for n in first.names if n not in kept]
     return Accepted(
         best,
-        trial.before,
-        trial.before if best is None else trial.outcome(best.fit),
+        attempt.before,
+        attempt.before if best is None else attempt.outcome(best.fit),
         proof,
-        () if best is None else tuple(trial.rivals(best)),
+        () if best is None else tuple(attempt.rivals(best)),
         tuple(rejected),
-        trial.outcomes,
-        None if best is None else trial.tightest[best.key],
+        attempt.outcomes,
+        None if best is None else attempt.tightest[best.key],
     )
 
 
 def _part(search: Search, fit: Fit, kept: Sequence[int], settings: FitSettings) -> Fit:
     """Some effects of a fit, fitted again from what the model does without them."""
-    terms = tuple(fit.terms[k] for k in kept)
-    return refit(search.bare, terms, fit.point.sizes[list(kept)], settings)
+    included = tuple(fit.included[k] for k in kept)
+    return refit(search.bare, included, fit.point.magnitudes[list(kept)], settings)
 
 
 def _certainty(fit: Fit) -> dict[str, float]:
-    """Size over its standard deviation, by effect."""
-    sizes = fit.intervals()[len(fit.problem.free) :]
-    return {i.name: abs(i.value) / max(i.sd, 1e-150) for i in sizes}
+    """Magnitude over its standard deviation, by effect."""
+    magnitudes = fit.intervals()[len(fit.problem.free) :]
+    return {i.name: abs(i.value) / max(i.sd, 1e-150) for i in magnitudes}
 
 
 def _improves(paired: Paired, inflation: float) -> bool:
-    """Enough gain; and, where the noise model is doubtful, spread over the windows as well."""
+    """Enough gain; and, where the noise model is doubtful, spread over the segments as well."""
     return paired.gain > LEAST_GAIN and paired.p < (0.4 if inflation < 1.3 else 0.05)
 
 
@@ -385,15 +393,15 @@ def shapley(
     settings: FitSettings,
     *,
     which: str,
-    windowed_level: float,
+    segmented_level: float,
     progress: Progress | None = None,
 ) -> dict[str, float]:
     """Order-free share of every accepted effect in the held-out gap (2^n fits, n <= 4) [sigma]."""
-    if accepted.candidate is None:
+    if accepted.best is None:
         return {}
-    fit = accepted.candidate.fit
-    names = [t.name for t in fit.terms]
-    known = {c.key: c.fit for c in search.candidates}
+    fit = accepted.best.fit
+    names = [t.name for t in fit.included]
+    known = {c.key: c.fit for c in search.sets}
     value: dict[frozenset[str], float] = {}
     subsets = [
         frozenset(s) for r in range(len(names) + 1) for s in itertools.combinations(names, r)
@@ -406,7 +414,7 @@ def shapley(
                 progress("waterfall: " + " + ".join(key), len(value), len(subsets))
             kept = [k for k, n in enumerate(names) if n in subset]
             part = known.get(key) or _part(search, fit, kept, settings)
-            found = evaluate(held, part, settings, windowed_level=windowed_level)
+            found = evaluate(held, part, settings, segmented_level=segmented_level)
         value[subset] = found.gap(held.sensed, which)
     n = len(names)
     out = {}

@@ -10,23 +10,33 @@ import numpy as np
 
 from feltmb.data import Array
 from feltmb.fit.model import Effect, Model
-from feltmb.fit.shots import Shot
+from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.gap.acceptance import Accepted, Posterior
 from feltmb.gap.advise import confusion
 from feltmb.gap.calibrate import Null
-from feltmb.gap.findings import Amended, GapRow, HowFar, Ranked, RankedSet, ShapeNumber, Which
+from feltmb.gap.findings import (
+    GapRow,
+    HowFar,
+    ModelWithEffects,
+    Ranked,
+    RankedSet,
+    ShapeNumber,
+    Which,
+)
 from feltmb.gap.proof import Outcome
-from feltmb.gap.refine import Candidate
+from feltmb.gap.refine import CandidateSet
 from feltmb.gap.search import Search
 from feltmb.gap.spread import Spread, spread
 
-__all__ = ["amended", "how_far_rows", "ranked"]
+__all__ = ["how_far_rows", "ranked", "with_effects"]
 
 
-def amended(model: Model, search: Search, accepted: Accepted) -> Amended:
+def with_effects(model: Model, search: Search, accepted: Accepted) -> ModelWithEffects:
     """The model with what was accepted."""
-    fit = search.model_fit if accepted.candidate is None else accepted.candidate.fit
-    return Amended(base=model, theta=fit.point.theta, terms=fit.terms, sizes=fit.point.sizes)
+    fit = search.model_fit if accepted.best is None else accepted.best.fit
+    return ModelWithEffects(
+        base=model, theta=fit.point.theta, included=fit.included, magnitudes=fit.point.magnitudes
+    )
 
 
 def ranked(
@@ -39,49 +49,49 @@ def ranked(
 ) -> Which:
     """Effects and sets in the order of belief."""
     reference = search.tight if search.tight is not None else search.scores
-    sizes, single, robust = reference.one_step(), reference.singles(), reference.robust()
+    magnitudes, single, robust = reference.one_step(), reference.singles(), reference.robust()
     strength = reference.strength
-    names = list(dict.fromkeys(t.name for t in reference.terms))
+    names = list(dict.fromkeys(t.name for t in reference.candidates))
     weights = {n: 0.0 for n in names}
-    for candidate, weight in zip(search.candidates, belief.sets, strict=True):
-        for n in candidate.names:
+    for one, weight in zip(search.sets, belief.sets, strict=True):
+        for n in one.names:
             weights[n] += weight
     classes = _classes(search)
     member = {n: c for c in classes for n in c}
     spreads: dict[tuple[str, ...], Spread] = {}
     rows = []
     for name in names:
-        own = [i for i, t in enumerate(reference.terms) if t.name == name]
+        own = [i for i, t in enumerate(reference.candidates) if t.name == name]
         i = max(own, key=lambda j: (single[j], strength[j]))
-        term = reference.terms[i]
-        scale = term.effect.scale
+        candidate = reference.candidates[i]
+        scale = candidate.effect.scale
         refitted = _where_refitted(search, accepted, name)
-        size = sizes[i] * scale
+        size = magnitudes[i] * scale
         sd = scale / strength[i] if strength[i] > 0.0 else np.inf
-        shape = term.shape
+        shape = candidate.shape
         wide: dict[int, float] = {}
         if refitted is not None:
             k = refitted.names.index(name)
-            shape = refitted.fit.terms[k].shape
-            size = float(refitted.fit.point.sizes[k])
+            shape = refitted.fit.included[k].shape
+            size = float(refitted.fit.point.magnitudes[k])
             if name in named or name in one_of:
                 if refitted.key not in spreads:
                     spreads[refitted.key] = spread(refitted.fit)
                 found = spreads[refitted.key]
-                sd = float(found.sizes[k])
+                sd = float(found.magnitudes[k])
                 wide = {i: v for (j, i), v in found.shapes.items() if j == k}
             else:
                 at = len(refitted.fit.problem.free) + k
                 sd = float(np.sqrt(max(refitted.fit.covariance[at, at], 0.0)))
-        low, high = term.effect.bounds
+        low, high = candidate.effect.bounds
         confused = tuple(n for n in member.get(name, ()) if n != name)
         rows.append(
             Ranked(
                 effect=name,
-                component=term.effect.component,
-                mechanism=term.effect.mechanism,
-                kind=term.effect.kind,
-                unit=term.effect.unit,
+                component=candidate.effect.component,
+                mechanism=candidate.effect.mechanism,
+                kind=candidate.effect.kind,
+                unit=candidate.effect.unit,
                 shape=shape,
                 size=float(size),
                 sd=float(sd),
@@ -96,8 +106,8 @@ def ranked(
                 smallest=float(3.7 * scale / strength[i]) if strength[i] > 0.0 else float("inf"),
                 confusable=confused,
                 named=name in named,
-                remedy=term.effect.remedy,
-                numbers=_numbers(term.effect, shape, wide),
+                remedy=candidate.effect.remedy,
+                numbers=_numbers(candidate.effect, shape, wide),
             )
         )
     rows.sort(
@@ -106,13 +116,13 @@ def ranked(
     sets = tuple(
         RankedSet(
             effects=c.names,
-            sizes=tuple(float(s) for s in c.fit.point.sizes),
+            magnitudes=tuple(float(s) for s in c.fit.point.magnitudes),
             statistic=float(search.model_fit.chi2 - c.fit.chi2),
             evidence=float(c.evidence - search.model_evidence),
             posterior=w,
             refitted=True,
         )
-        for c, w in zip(search.candidates, belief.sets, strict=True)
+        for c, w in zip(search.sets, belief.sets, strict=True)
     )
     return Which(
         effects=tuple(rows), sets=sets, none=belief.none, other=belief.other, classes=classes
@@ -133,43 +143,45 @@ def _numbers(effect: Effect, shape: Any, wide: Mapping[int, float]) -> tuple[Sha
     return tuple(out)
 
 
-def _where_refitted(search: Search, accepted: Accepted, name: str) -> Candidate | None:
+def _where_refitted(search: Search, accepted: Accepted, name: str) -> CandidateSet | None:
     """The accepted set if the effect is in it, else the best set that holds it."""
-    if accepted.candidate is not None and name in accepted.candidate.names:
-        return accepted.candidate
-    return next((c for c in search.candidates if name in c.names), None)
+    if accepted.best is not None and name in accepted.best.names:
+        return accepted.best
+    return next((c for c in search.sets if name in c.names), None)
 
 
 def _classes(search: Search) -> tuple[tuple[str, ...], ...]:
     """Groups of effects that would be taken for each other more often than one time in ten."""
     scores = search.tight if search.tight is not None else search.scores
     chance = confusion(scores, search)
-    parent = list(range(len(scores.terms)))
+    parent = list(range(len(scores.candidates)))
 
     def root(i: int) -> int:
         while parent[i] != i:
             i = parent[i]
         return i
 
-    for i in range(len(scores.terms)):
+    for i in range(len(scores.candidates)):
         for j in range(i):
             if chance[i, j] > 0.1:
                 parent[root(i)] = root(j)
     groups: dict[int, list[str]] = {}
-    for i, t in enumerate(scores.terms):
+    for i, t in enumerate(scores.candidates):
         if scores.testable[i]:
             groups.setdefault(root(i), []).append(t.name)
     unique = {tuple(sorted(set(g))) for g in groups.values()}
     return tuple(sorted(g for g in unique if len(g) > 1))
 
 
-def _per_channel(outcome: Outcome, shots: Sequence[Shot], which: str, c: int) -> list[Array]:
-    """Residual of a channel by shot, without what was not measured."""
+def _per_channel(
+    outcome: Outcome, segmented_records: Sequence[SegmentedRecord], which: str, c: int
+) -> list[Array]:
+    """Residual of a channel by segmented record, without what was not measured."""
     out = []
-    for shot, residual in zip(shots, getattr(outcome, which), strict=True):
+    for segmented, residual in zip(segmented_records, getattr(outcome, which), strict=True):
         name = outcome.fit.problem.model.outputs[c]
-        if name in shot.record.outputs:
-            measured = np.isfinite(shot.record.outputs[name])
+        if name in segmented.record.outputs:
+            measured = np.isfinite(segmented.record.outputs[name])
             out.append(np.where(np.isfinite(residual[measured, c]), residual[measured, c], np.inf))
     return out
 
@@ -179,18 +191,18 @@ def _rms(parts: Sequence[Array]) -> float:
     return float(np.sqrt(total / max(sum(p.size for p in parts), 1)))
 
 
-def _speed(part: Array, shot: Shot) -> Array:
+def _speed(part: Array, segmented: SegmentedRecord) -> Array:
     """Rate of a residual after a short running mean."""
-    width = max(3, int(shot.measured.shape[1] // 12) | 1)
+    width = max(3, int(segmented.measured.shape[1] // 12) | 1)
     if part.size < 3 * width:
         return np.zeros(0)
     smooth = np.convolve(part, np.ones(width) / width, mode="valid")
-    return np.asarray((smooth[width:] - smooth[:-width]) / (width * shot.record.interval))
+    return np.asarray((smooth[width:] - smooth[:-width]) / (width * segmented.record.interval))
 
 
 def how_far_rows(
     accepted: Accepted,
-    shots: Sequence[Shot],
+    segmented_records: Sequence[SegmentedRecord],
     shares: Mapping[str, float],
     primary: str,
     seed: int,
@@ -199,37 +211,47 @@ def how_far_rows(
     before, after = accepted.before, accepted.after
     outputs = before.fit.problem.model.outputs
     rows = []
-    for metric, which in (("windowed", "windowed"), ("open loop", "open_loop")):
+    for metric, which in (("segmented", "segmented"), ("open loop", "open_loop")):
         for c, name in enumerate(outputs):
-            units = [s.record.sensors[name].unit for s in shots if name in s.record.sensors]
+            units = [
+                s.record.sensors[name].unit for s in segmented_records if name in s.record.sensors
+            ]
             if not units:
                 continue
-            old = _per_channel(before, shots, which, c)
-            new = _per_channel(after, shots, which, c)
+            old = _per_channel(before, segmented_records, which, c)
+            new = _per_channel(after, segmented_records, which, c)
             sigma = float(
-                np.sqrt(np.mean([s.noise[c].sigma ** 2 for s in shots if name in s.record.outputs]))
+                np.sqrt(
+                    np.mean(
+                        [
+                            s.noise[c].sigma ** 2
+                            for s in segmented_records
+                            if name in s.record.outputs
+                        ]
+                    )
+                )
             )
             rows.append(_gap_row(metric, name, units[0], old, new, sigma, seed))
             if which == primary:
-                used = [s for s in shots if name in s.record.outputs]
+                used = [s for s in segmented_records if name in s.record.outputs]
                 fast_old = [_speed(p, s) for p, s in zip(old, used, strict=True)]
                 fast_new = [_speed(p, s) for p, s in zip(new, used, strict=True)]
                 if sum(p.size for p in fast_old):
                     width = max(3, int(used[0].measured.shape[1] // 12) | 1)
-                    floor = sigma * np.sqrt(2.0 / width) / (width * used[0].record.interval)
+                    noise = sigma * np.sqrt(2.0 / width) / (width * used[0].record.interval)
                     rows.append(
-                        _gap_row("speed", name, f"{units[0]}/s", fast_old, fast_new, floor, seed)
+                        _gap_row("speed", name, f"{units[0]}/s", fast_old, fast_new, noise, seed)
                     )
-    start, end = before.gap(shots, primary), after.gap(shots, primary)
+    start, end = before.gap(segmented_records, primary), after.gap(segmented_records, primary)
     waterfall = [("model", start)]
     waterfall += [(n, -v) for n, v in sorted(shares.items(), key=lambda kv: -kv[1])]
-    waterfall += [("unexplained", max(end - 1.0, 0.0)), ("floor", min(1.0, end))]
-    closed, low, high = _closed(before, after, shots, primary, seed)
+    waterfall += [("unexplained", max(end - 1.0, 0.0)), ("noise", min(1.0, end))]
+    closed, low, high = _closed(before, after, segmented_records, primary, seed)
     per_record = {}
-    for i, s in enumerate(shots):
+    for i, s in enumerate(segmented_records):
         per_record[s.record.name] = (
-            before.gap(shots, primary, i),
-            after.gap(shots, primary, i),
+            before.gap(segmented_records, primary, i),
+            after.gap(segmented_records, primary, i),
         )
     return HowFar(
         rows=tuple(rows),
@@ -239,19 +261,19 @@ def how_far_rows(
         closed=closed,
         low=low,
         high=high,
-        records=tuple(s.record.name for s in shots),
+        records=tuple(s.record.name for s in segmented_records),
         per_record=per_record,
     )
 
 
-def _fraction(old: float, new: float, floor: float) -> float:
-    if not (np.isfinite(old) and np.isfinite(new)) or old <= floor:
+def _fraction(old: float, new: float, noise: float) -> float:
+    if not (np.isfinite(old) and np.isfinite(new)) or old <= noise:
         return 0.0
-    return float((old - new) / (old - floor))
+    return float((old - new) / (old - noise))
 
 
 def _blocks(parts: Sequence[Array], size: int) -> Array:
-    """Sums of squares of blocks of samples, and their sizes, (blocks, 2)."""
+    """Sums of squares of blocks of samples, and their magnitudes, (blocks, 2)."""
     out = []
     for p in parts:
         for at in range(0, p.size, size):
@@ -260,7 +282,7 @@ def _blocks(parts: Sequence[Array], size: int) -> Array:
     return np.array(out)
 
 
-def _draws(old: Array, new: Array, floor: float, seed: int) -> tuple[float, float, float]:
+def _draws(old: Array, new: Array, noise: float, seed: int) -> tuple[float, float, float]:
     """95 % band of the closed fraction and one-sided p by block bootstrap."""
     generator = np.random.default_rng(seed)
     index = generator.integers(0, len(old), size=(1000, len(old)))
@@ -268,7 +290,7 @@ def _draws(old: Array, new: Array, floor: float, seed: int) -> tuple[float, floa
     a = np.sqrt(np.sum(old[index, 0], axis=1) / size)
     b = np.sqrt(np.sum(new[index, 0], axis=1) / size)
     with np.errstate(divide="ignore", invalid="ignore"):
-        fractions = np.where(a > floor, (a - b) / (a - floor), 0.0)
+        fractions = np.where(a > noise, (a - b) / (a - noise), 0.0)
     low, high = np.quantile(np.nan_to_num(fractions), [0.025, 0.975])
     return float(low), float(high), float((1 + np.sum(b >= a)) / 1001)
 
@@ -279,7 +301,7 @@ def _gap_row(
     unit: str,
     old: list[Array],
     new: list[Array],
-    floor: float,
+    noise: float,
     seed: int,
 ) -> GapRow:
     a, b = _rms(old), _rms(new)
@@ -288,15 +310,15 @@ def _gap_row(
     low = high = 0.0
     p = 1.0
     if np.isfinite(a) and np.isfinite(b):
-        low, high, p = _draws(_blocks(old, size), _blocks(new, size), floor, seed)
+        low, high, p = _draws(_blocks(old, size), _blocks(new, size), noise, seed)
     return GapRow(
         metric=metric,
         channel=channel,
         unit=unit,
         before=a,
         after=b,
-        floor=float(floor),
-        closed=_fraction(a, b, float(floor)),
+        noise=float(noise),
+        closed=_fraction(a, b, float(noise)),
         low=low,
         high=high,
         p=p,
@@ -304,15 +326,19 @@ def _gap_row(
 
 
 def _closed(
-    before: Outcome, after: Outcome, shots: Sequence[Shot], which: str, seed: int
+    before: Outcome,
+    after: Outcome,
+    segmented_records: Sequence[SegmentedRecord],
+    which: str,
+    seed: int,
 ) -> tuple[float, float, float]:
     """Closed fraction over all channels, in noise standard deviations, with its band."""
     old: list[Array] = []
     new: list[Array] = []
     for outcome, out in ((before, old), (after, new)):
         for c in range(len(before.fit.problem.model.outputs)):
-            parts = _per_channel(outcome, shots, which, c)
-            sigma = shots[0].noise[c].sigma
+            parts = _per_channel(outcome, segmented_records, which, c)
+            sigma = segmented_records[0].noise[c].sigma
             out.extend(p / sigma for p in parts)
     a, b = _rms(old), _rms(new)
     if not (np.isfinite(a) and np.isfinite(b)):

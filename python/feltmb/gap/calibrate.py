@@ -10,9 +10,9 @@ import numpy as np
 from feltmb.data import Array
 from feltmb.fit.linearize import Linear, predict
 from feltmb.fit.model import Effect
-from feltmb.fit.shots import Shot
+from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit, FitSettings, polish
-from feltmb.gap.score import Scores, all_terms, family_threshold, score_fit
+from feltmb.gap.score import Scores, all_candidates, family_threshold, score_fit
 
 __all__ = ["Null", "calibrate"]
 
@@ -57,23 +57,27 @@ def calibrate(
     if replicates < 1 or not np.any(scores.testable):
         return Null(threshold, maxima, 1.0, 0)
     generator = np.random.default_rng(seed + 1)
-    terms = all_terms(effects)
+    included = all_candidates(effects)
     settings = FitSettings(iterations=6)
     largest = []
     clean = [
-        predict(fit.problem.model, s, fit.point.theta, fit.terms, fit.point.sizes, p)[0]
-        for s, p in zip(fit.problem.shots, fit.point.places, strict=True)
+        predict(fit.problem.model, s, fit.point.theta, fit.included, fit.point.magnitudes, p)[0]
+        for s, p in zip(fit.problem.segmented_records, fit.point.places, strict=True)
     ]
     for i in range(replicates):
         if progress is not None:
             progress("null bootstrap", i, replicates)
-        shots = tuple(
-            _noisy(shot, outputs, linear, generator)
-            for shot, outputs, linear in zip(fit.problem.shots, clean, fit.linears, strict=True)
+        segmented_records = tuple(
+            _noisy(segmented, outputs, linear, generator)
+            for segmented, outputs, linear in zip(
+                fit.problem.segmented_records, clean, fit.linears, strict=True
+            )
         )
         start = replace(fit.point, memo={})
-        again = polish(replace(fit.problem, shots=shots), start, fit.level, settings)
-        singles = score_fit(again, terms).singles()
+        again = polish(
+            replace(fit.problem, segmented_records=segmented_records), start, fit.level, settings
+        )
+        singles = score_fit(again, included).singles()
         largest.append(float(np.max(singles)) if singles.size else 0.0)
     middle = float(np.mean(maxima))
     # Half a standard error is taken off, so that luck of few replicates does not stretch the law.
@@ -82,22 +86,24 @@ def calibrate(
     return Null(threshold * stretch, maxima, stretch, replicates)
 
 
-def _noisy(shot: Shot, outputs: Array, linear: Linear, generator: np.random.Generator) -> Shot:
-    """The shot as the model and its noise, that of the inputs included, would have given it."""
-    drawn = generator.standard_normal(shot.measured.shape)
+def _noisy(
+    segmented: SegmentedRecord, outputs: Array, linear: Linear, generator: np.random.Generator
+) -> SegmentedRecord:
+    """The segmented record that the model with noise of outputs and inputs would have given."""
+    drawn = generator.standard_normal(segmented.measured.shape)
     if linear.by_input.shape[2]:
-        push = generator.standard_normal((shot.count, linear.by_input.shape[2]))
+        push = generator.standard_normal((segmented.count, linear.by_input.shape[2]))
         drawn += np.einsum("wmi,wi->wm", linear.by_input, push).reshape(drawn.shape)
     innovation = np.divide(
         drawn,
-        shot.weight,
-        out=np.zeros_like(shot.measured),
-        where=shot.weight > 0.0,
+        segmented.weight,
+        out=np.zeros_like(segmented.measured),
+        where=segmented.weight > 0.0,
     )
     noise = innovation.copy()
-    for j in range(1, noise.shape[1] if shot.decay.any() else 0):
-        for k in range(min(j, shot.before.shape[3])):
-            at = np.maximum(shot.before[:, j : j + 1, :, k], 0)
+    for j in range(1, noise.shape[1] if segmented.decay.any() else 0):
+        for k in range(min(j, segmented.before.shape[3])):
+            at = np.maximum(segmented.before[:, j : j + 1, :, k], 0)
             previous = np.take_along_axis(noise, at, axis=1)[:, 0]
-            noise[:, j] += shot.decay[:, j, :, k] * previous
-    return replace(shot, measured=np.where(shot.valid, outputs + noise, np.nan))
+            noise[:, j] += segmented.decay[:, j, :, k] * previous
+    return replace(segmented, measured=np.where(segmented.valid, outputs + noise, np.nan))

@@ -12,7 +12,7 @@ from feltmb.data import Array, Record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit import Model
 from feltmb.fit.noise import Noise
-from feltmb.gap.color import color_at_rest, quiet_blocks
+from feltmb.gap.color import color_at_rest, still_blocks
 from feltmb.units import conversion_factor
 
 __all__ = ["ChannelCheck", "DataChecks", "check_records"]
@@ -233,7 +233,7 @@ def _colored(
     for group in sensors.values():
         before = Noise(group[0].sigma, group[0].correlation_time)
         interval = by_name[group[0].record].interval
-        seen = [quiet_blocks(by_name[c.record].outputs[c.channel], c.sigma) for c in group]
+        seen = [still_blocks(by_name[c.record].outputs[c.channel], c.sigma) for c in group]
         noise = color_at_rest(seen, interval, before)
         if noise == before:
             continue
@@ -380,9 +380,9 @@ def _estimate(values: Array, spread: float) -> tuple[float, str, float]:
     count = third.size // block
     parts = np.sqrt(np.mean(third[: count * block].reshape(count, block) ** 2, axis=1) / 20.0)
     everywhere = float(np.median(parts))
-    quiet = float(np.quantile(parts, 0.1))
-    if quiet < 0.5 * everywhere:  # noise is the same everywhere: what exceeds it is the machine
-        method, sigma = "rest", quiet * (1.0 + 1.0 / np.sqrt(block))
+    low_noise = float(np.quantile(parts, 0.1))
+    if low_noise < 0.5 * everywhere:  # noise is the same everywhere: what exceeds it is the machine
+        method, sigma = "rest", low_noise * (1.0 + 1.0 / np.sqrt(block))
     else:
         method, sigma = "differences", everywhere
     first = int(np.argmin(parts)) * block

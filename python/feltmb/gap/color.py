@@ -11,13 +11,13 @@ import numpy as np
 from feltmb.data import Array
 from feltmb.fit.noise import Noise
 
-__all__ = ["color_at_rest", "quiet_blocks"]
+__all__ = ["color_at_rest", "still_blocks"]
 
 #: Samples of a block, and degrees of the polynomial that is taken for motion: the color must not
 #: depend on it.
 BLOCK, DEGREES = 32, (2, 5)
-#: Rest of a quiet block, in standard deviations of the noise.
-QUIET = (0.4, 1.4)
+#: Residual of a block at rest, in standard deviations of the noise.
+AT_REST = (0.4, 1.4)
 #: Blocks that are needed.
 LEAST = 5
 #: Log likelihood by which another color must beat that of the data sheet.
@@ -31,7 +31,7 @@ TIMES = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
 ALIKE = 1.3
 
 
-def quiet_blocks(values: Array, sigma: float) -> Array:
+def still_blocks(values: Array, sigma: float) -> Array:
     """Blocks of samples that a parabola explains but for noise, (k, BLOCK) [unit].
 
     Parameters
@@ -46,12 +46,12 @@ def quiet_blocks(values: Array, sigma: float) -> Array:
     blocks = blocks[np.all(np.isfinite(blocks), axis=1)]
     left = blocks @ _contrasts(DEGREES[0])
     rms = np.sqrt(np.mean(left**2, axis=1))
-    quiet = (rms > QUIET[0] * sigma) & (rms < QUIET[1] * sigma)
-    return np.asarray(blocks[quiet])
+    low_noise = (rms > AT_REST[0] * sigma) & (rms < AT_REST[1] * sigma)
+    return np.asarray(blocks[low_noise])
 
 
 def color_at_rest(blocks: Sequence[Array], interval: float, sheet: Noise) -> Noise:
-    """Noise as the mean over several samples that the quiet blocks show, or that of the data sheet.
+    """Noise as the mean over several samples that blocks at rest show, or that of the data sheet.
 
     Restricted likelihood of the blocks (a polynomial each and one variance are taken out). An
     average must beat the sheet and first-order noise of several correlation times, whatever the
@@ -60,7 +60,7 @@ def color_at_rest(blocks: Sequence[Array], interval: float, sheet: Noise) -> Noi
     Parameters
     ----------
     blocks
-        From :func:`quiet_blocks`, of all records of one sensor.
+        From :func:`still_blocks`, of all records of one sensor.
     interval
         Between samples [s].
     sheet

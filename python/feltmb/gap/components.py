@@ -1,10 +1,10 @@
 """Which part of the machine: unknown forces at its ports, tested and recovered.
 
 At every port a force w(t) is thought of, a Gaussian process (Matern 3/2) given by a few knots in
-each window. With H its effect on the reduced rows of the window (feltmb.fit.filter), u = H'r and
+each segment. With H its effect on the reduced rows of the segment (feltmb.fit.filter), u = H'r and
 G = H'H, the variance-component score is
 
-    U = 1/2 sum over windows (u' C u - tr(C G)),   Var U = 1/2 sum tr((C G)^2),
+    U = 1/2 sum over segments (u' C u - tr(C G)),   Var U = 1/2 sum tr((C G)^2),
 
 and the force is recovered as (C^-1 / s^2 + G)^-1 u with s^2 of the largest likelihood.
 """
@@ -20,9 +20,9 @@ from scipy import stats
 from feltmb.data import Array
 from feltmb.fit.filter import reduce_chain
 from feltmb.fit.linearize import Linear
-from feltmb.fit.model import Lanes, Port
-from feltmb.fit.observe import observe_lanes
-from feltmb.fit.shots import Shot
+from feltmb.fit.model import Jobs, Port
+from feltmb.fit.observe import observe_jobs
+from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit
 from feltmb.gap.findings import ComponentRow
 
@@ -38,7 +38,7 @@ NEARLY = 0.7
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """Products of one port in one shot, by window."""
+    """Products of one port in one segmented record, by segment."""
 
     u: Array
     """(W, m)"""
@@ -72,7 +72,7 @@ def component_table(
     Parameters
     ----------
     fit
-        The model with the gaps between windows that suit it.
+        The model with the continuity defects that suit it.
     tight
         The same with the tightest gaps. Loose gaps take up a weak force, so that the test sees it
         there; with loose ones the states are those of the machine, and the force is recovered
@@ -121,15 +121,15 @@ def _tested(fit: Fit, prior: Array) -> list[_Tested]:
     ports = fit.problem.model.ports
     seen: list[list[_Seen]] = [[] for _ in ports]
     excess = 0.0
-    for i, shot in enumerate(fit.problem.shots):
+    for i, segmented in enumerate(fit.problem.segmented_records):
         linear, count = _with_forces(fit, i)
-        mean, sd = fit.problem.start_prior(shot)
+        mean, sd = fit.problem.start_prior(segmented)
         chain = reduce_chain(linear, fit.gap_sd, mean - fit.point.places[i].starts[0], sd)
         first = chain.grams.shape[1] - 1 - count
         for j in range(len(ports)):
             own = slice(first + j * KNOTS, first + (j + 1) * KNOTS)
             seen[j].append(_Seen(chain.grams[:, own, -1], chain.grams[:, own, own]))
-        excess += float(np.sum(chain.grams[:, -1, -1] - shot.samples.sum(axis=1)))
+        excess += float(np.sum(chain.grams[:, -1, -1] - segmented.samples.sum(axis=1)))
     out = []
     for parts in seen:
         u = np.vstack([p.u for p in parts])
@@ -145,28 +145,28 @@ def _tested(fit: Fit, prior: Array) -> list[_Tested]:
 
 
 def _with_forces(fit: Fit, i: int) -> tuple[Linear, int]:
-    """Linearization of a shot with the knots of all ports as further columns."""
-    problem, shot, place = fit.problem, fit.problem.shots[i], fit.point.places[i]
+    """Linearization of a segmented record with the knots of all ports as further columns."""
+    problem, segmented, place = fit.problem, fit.problem.segmented_records[i], fit.point.places[i]
     ports = problem.model.ports
     versions = 1 + len(ports) * KNOTS
-    forces = np.zeros((versions, shot.count, len(ports), KNOTS))
+    forces = np.zeros((versions, segmented.count, len(ports), KNOTS))
     for j, port in enumerate(ports):
         for k in range(KNOTS):
             forces[1 + j * KNOTS + k, :, j, k] = 1e-3 * port.scale
-    lanes = Lanes(
-        theta=np.tile(fit.point.theta, (versions * shot.count, 1)),
-        windows=np.tile(shot.windows, (versions, 1)),
+    jobs = Jobs(
+        theta=np.tile(fit.point.theta, (versions * segmented.count, 1)),
+        segments=np.tile(segmented.segments, (versions, 1)),
         starts=np.tile(place.starts, (versions, 1)),
-        terms=problem.terms,
-        sizes=np.tile(fit.point.sizes, (versions * shot.count, 1)),
-        forces=forces.reshape(versions * shot.count, len(ports), KNOTS),
+        included=problem.included,
+        magnitudes=np.tile(fit.point.magnitudes, (versions * segmented.count, 1)),
+        forces=forces.reshape(versions * segmented.count, len(ports), KNOTS),
     )
-    run = observe_lanes(problem.model, shot.record, lanes)
-    outputs = run.outputs.reshape(versions, shot.count, -1, len(problem.model.outputs))
-    ends = run.ends.reshape(versions, shot.count, -1)
+    run = observe_jobs(problem.model, segmented.record, jobs)
+    outputs = run.outputs.reshape(versions, segmented.count, -1, len(problem.model.outputs))
+    ends = run.ends.reshape(versions, segmented.count, -1)
     change = np.moveaxis(outputs[1:] - outputs[0], 0, -1) / 1e-3
     change_ends = np.moveaxis(ends[1:] - ends[0], 0, -1) / 1e-3
-    white = shot.whiten(np.nan_to_num(change)).reshape(shot.count, -1, versions - 1)
+    white = segmented.whiten(np.nan_to_num(change)).reshape(segmented.count, -1, versions - 1)
     linear = fit.linears[i]
     return (
         replace(
@@ -208,12 +208,12 @@ def _recover(
     inverse = np.linalg.inv(prior + 1e-8 * np.eye(len(prior))) / variance
     traces: dict[str, dict[str, list[float]]] = {}
     seen = []
-    for i, (shot, part) in enumerate(zip(fit.problem.shots, parts, strict=True)):
+    for i, (segmented, part) in enumerate(zip(fit.problem.segmented_records, parts, strict=True)):
         cover = np.linalg.inv(inverse + part.g)
         value = np.einsum("wij,wj->wi", cover, part.u) * port.scale
         sd = np.sqrt(np.maximum(np.einsum("wii->wi", cover), 0.0)) * port.scale
-        time = _knot_times(shot)
-        traces[shot.record.name] = {
+        time = _knot_times(segmented)
+        traces[segmented.record.name] = {
             "time": [float(t) for t in time.ravel()],
             "force": [float(v) for v in value.ravel()],
             "sd": [float(s) for s in sd.ravel()],
@@ -227,15 +227,17 @@ def _recover(
 
 
 def _at_knots(fit: Fit, i: int) -> Array:
-    """States of a shot at the knots of every window, (W, KNOTS, nx)."""
-    shot, place = fit.problem.shots[i], fit.point.places[i]
-    length = shot.windows[:, 1] - shot.windows[:, 0]
+    """States of a segmented record at the knots of every segment, (W, KNOTS, nx)."""
+    segmented, place = fit.problem.segmented_records[i], fit.point.places[i]
+    length = segmented.segments[:, 1] - segmented.segments[:, 0]
     out = np.repeat(place.starts[:, None, :], KNOTS, axis=1)
     for k in range(1, KNOTS):
-        windows = shot.windows.copy()
-        windows[:, 1] = windows[:, 0] + np.maximum(1, length * k // (KNOTS - 1))
-        lanes = Lanes.at_point(fit.point.theta, windows, place.starts, fit.terms, fit.point.sizes)
-        out[:, k] = observe_lanes(fit.problem.model, shot.record, lanes).ends
+        segments = segmented.segments.copy()
+        segments[:, 1] = segments[:, 0] + np.maximum(1, length * k // (KNOTS - 1))
+        jobs = Jobs.at_point(
+            fit.point.theta, segments, place.starts, fit.included, fit.point.magnitudes
+        )
+        out[:, k] = observe_jobs(fit.problem.model, segmented.record, jobs).ends
     return out
 
 
@@ -256,7 +258,7 @@ def _likeness(seen: Array) -> str:
         ("position squared", q**2, False),
         ("the cube of the position", q**3, False),
         ("the sign of the speed", np.sign(v), False),
-        ("speed times its size", v * np.abs(v), False),
+        ("speed times its magnitude", v * np.abs(v), False),
     ):
         shape, trace = law * weight, force * weight
         if not linear:
@@ -273,7 +275,7 @@ def _likeness(seen: Array) -> str:
     return "most like " + " or ".join(f"{name} ({share:.0%} of it)" for share, name in near)
 
 
-def _knot_times(shot: Shot) -> Array:
-    first = shot.record.time[shot.windows[:, 0]]
-    last = shot.record.time[shot.windows[:, 1]]
+def _knot_times(segmented: SegmentedRecord) -> Array:
+    first = segmented.record.time[segmented.segments[:, 0]]
+    last = segmented.record.time[segmented.segments[:, 1]]
     return np.asarray(first[:, None] + (last - first)[:, None] * np.linspace(0.0, 1.0, KNOTS))

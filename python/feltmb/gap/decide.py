@@ -11,7 +11,7 @@ from feltmb.gap.checks import DataChecks
 from feltmb.gap.findings import HowFar, Verdict, Where
 from feltmb.gap.misfit import OTHER, Misfit, misfit
 from feltmb.gap.search import Search
-from feltmb.gap.tolerance import strain_told
+from feltmb.gap.tolerance import prior_deviations_told
 
 __all__ = ["Decision", "Facts", "decide"]
 
@@ -34,7 +34,7 @@ TRUST = {
     Verdict.UNKNOWN: 0.36,
     Verdict.NO_GAP: 1.0,
 }
-#: Share of the held-out gap that a name must close where an unknown rest was admitted.
+#: Share of the held-out gap that a name must close where an unexplained residual was admitted.
 LEAST_CLOSED = 0.2
 #: Gap in units of noise below which the share of it that is closed says nothing, and factor by
 #: which a gap must grow to count as wider.
@@ -63,7 +63,7 @@ class Facts:
     leftover: float
     """Largest score of the other effects after the accepted ones, over its family-wise bar."""
     unexplained: bool
-    """Whether effects were judged against an unknown rest as well as noise."""
+    """Whether effects were judged against an unexplained residual as well as noise."""
     beyond: float | None = None
     """Sum of squares, of its expectation, of a gap that only the held-out records show."""
 
@@ -85,7 +85,7 @@ def decide(facts: Facts) -> Decision:
     search, accepted = facts.search, facts.accepted
     p = facts.p
     hint = p < facts.alpha
-    best = accepted.candidate
+    best = accepted.best
     gap = _refuted(facts) or (hint and best is not None)
     if not gap and facts.beyond is not None:
         # What the fitted records say of a gap does not hold for those that reach further.
@@ -113,14 +113,14 @@ def decide(facts: Facts) -> Decision:
             f"(sum of squares {search.model_fit.chi2 / search.model_fit.dof:.2f} of its "
             "expectation, "
             f"largest score family-wise p = {p:.2g})."
-            + (f" But {told}." if (told := strain_told(search.model_fit)) else ""),
+            + (f" But {told}." if (told := prior_deviations_told(search.model_fit)) else ""),
         )
     if best is None and not facts.first.model_fit.converged and not hint:
         return _silent(
             facts,
             Verdict.TOO_WEAK,
             "The fit of the model did not converge, also from other starts; a stuck fit is not "
-            "taken for a gap. Give closer priors, or shorter windows.",
+            "taken for a gap. Give closer priors, or shorter segments.",
         )
     if best is None:
         text = f"There is a gap ({_signs(facts)}), but no tested effect explains it"
@@ -148,13 +148,13 @@ def _silent(facts: Facts, verdict: Verdict, text: str) -> Decision:
 
 def _name(facts: Facts) -> Decision:
     accepted = facts.accepted
-    best = accepted.candidate
+    best = accepted.best
     assert best is not None
-    data = {t.name for t in best.fit.terms if t.effect.kind in ("sensor", "input")}
+    data = {t.name for t in best.fit.included if t.effect.kind in ("sensor", "input")}
     sets = [set(best.names), *(set(r.names) for r in accepted.rivals)]
     sure = tuple(n for n in best.names if all(n in s for s in sets))
     unsure = sorted(set().union(*sets) - set(sure), key=lambda n: (n not in best.names, n))
-    sums = zip(facts.search.candidates, facts.belief.sets, strict=True)
+    sums = zip(facts.search.sets, facts.belief.sets, strict=True)
     if sure:
         confidence = sum(w for c, w in sums if all(n in c.names for n in sure))
     else:
@@ -177,14 +177,14 @@ def _name(facts: Facts) -> Decision:
     closed = _closing(facts, sure or tuple(unsure))
     if left:
         what = "that held-out records confirm" if accepted.rejected else "tested"
-        rest = f" What is left is {_floor(facts)}; nothing {what} explains it."
+        rest = f" What is left is {_variability(facts)}; nothing {what} explains it."
     else:
         rest = " What is left is noise."
     if not sure:
         verdict = Verdict.ONE_OF
         text = f"One of {_list(unsure)}; these records cannot tell which. {closed}"
     elif all(n in data for n in (*sure, *unsure)) and not left:
-        # With an unknown rest it is not said that the machine is as modeled.
+        # With an unexplained residual it is not said that the machine is as modeled.
         verdict = Verdict.DATA_PROBLEM
         text = f"The records, not the machine: {_list(sure)}. {closed}"
     else:
@@ -194,7 +194,7 @@ def _name(facts: Facts) -> Decision:
     if sure and unsure:
         text += f" Besides, one of {_list(unsure)}, which these records cannot tell apart."
         rest = rest if left else " What is left with it is noise."
-    if left and (told := strain_told(best.fit)):
+    if left and (told := prior_deviations_told(best.fit)):
         rest += f" Besides, {told}: what is left may have been paid with them."
     trust = TRUST[verdict]
     belief = facts.belief.trusted(trust)
@@ -220,7 +220,7 @@ def _closing(facts: Facts, names: tuple[str, ...]) -> str:
     gains = [paired.gain for name, paired in facts.accepted.proof.items() if name in names]
     if gap < NEAR and gains:
         by = "by it" if len(gains) == 1 else "or more by each"
-        least = f"{min(gains):.2g} nats {by}"
+        least = f"{min(gains):.2g} units of log evidence {by}"
         return f"Held-out records, whose gap is hardly above their noise, gain {least}."
     return f"It closes {far.closed:.0%} of the held-out gap{_band(far)}."
 
@@ -246,7 +246,7 @@ def _signs(facts: Facts) -> str:
     text = f"sum of squares {_ratio(first):.3g} of its expectation"
     other = facts.misfit.other
     if other > OTHER and not first.bare.gap_sd.size:
-        text += f", but what is left is smoother than noise, by {other:.0f} nats"
+        text += f", but what is left is smoother than noise, by {other:.0f} units of log evidence"
     if facts.p > REFUTED:
         return text
     return f"{text}, largest score family-wise p = {facts.p:.1g}"
@@ -257,13 +257,13 @@ def _ratio(search: Search) -> float:
     return fit.chi2 / fit.dof
 
 
-def _floor(facts: Facts) -> str:
+def _variability(facts: Facts) -> str:
     """Held-out rest against noise, by channel, in words."""
-    rows = [r for r in facts.how_far.rows if r.metric == facts.how_far.metric and r.floor > 0.0]
+    rows = [r for r in facts.how_far.rows if r.metric == facts.how_far.metric and r.noise > 0.0]
     if not rows:
         return "more than noise"
-    worst = max(rows, key=lambda r: r.after / r.floor)
-    return f"{worst.after / worst.floor:.3g} times the noise of {worst.channel}"
+    worst = max(rows, key=lambda r: r.after / r.noise)
+    return f"{worst.after / worst.noise:.3g} times the noise of {worst.channel}"
 
 
 def _refusals(accepted: Accepted) -> str:

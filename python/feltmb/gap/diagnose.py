@@ -15,33 +15,39 @@ from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.cache import Cache
 from feltmb.fit.model import Effect, Model
 from feltmb.fit.problem import Point, Problem
-from feltmb.fit.shots import Shot, make_shot
+from feltmb.fit.segmented_records import SegmentedRecord, segment_record
 from feltmb.fit.solve import Fit, FitSettings, fit_problem
 from feltmb.gap.acceptance import WIDE, Accepted, accept, posterior, shapley
-from feltmb.gap.assemble import amended, how_far_rows, ranked
+from feltmb.gap.assemble import how_far_rows, ranked, with_effects
 from feltmb.gap.calibrate import calibrate
 from feltmb.gap.checks import DataChecks, check_against, check_records, with_sigma
 from feltmb.gap.color import SURE
 from feltmb.gap.components import component_table
 from feltmb.gap.decide import REST, Facts, decide
+from feltmb.gap.discrepancy import (
+    color_of_discrepancy,
+    converged,
+    discrepancy_of,
+    with_color,
+    with_noise,
+)
 from feltmb.gap.experiments import advise
 from feltmb.gap.findings import Advice, NotTested, Verdict, Where
 from feltmb.gap.misfit import EXCESS, form_of, misfit
 from feltmb.gap.proof import HeldOut
-from feltmb.gap.refine import Candidate, full_evidence, refit_at, tighten
+from feltmb.gap.refine import CandidateSet, full_evidence, refit_at, tighten
 from feltmb.gap.report import Report
-from feltmb.gap.rest import color_of_rest, rest_of, settled, with_color, with_noise
-from feltmb.gap.score import all_terms, family_threshold, score_fit
-from feltmb.gap.search import Search, in_finer_steps, search
+from feltmb.gap.score import all_candidates, family_threshold, score_fit
+from feltmb.gap.search import Search, in_refined_steps, search
 from feltmb.gap.smoke_test import try_effects
 from feltmb.gap.split import split_records
-from feltmb.gap.tolerance import strain_told, within_tolerance
+from feltmb.gap.tolerance import prior_deviations_told, within_tolerance
 from feltmb.gap.where import event_ledger, first_act, ledger, split_gap
 
 __all__ = ["Options", "diagnose", "fit_model", "prepare"]
 
 Progress = Callable[[str, int, int], None]
-#: Rounds in which the unknown rest is estimated again.
+#: Rounds in which the unexplained residual is estimated again.
 ROUNDS = 4
 
 
@@ -52,8 +58,8 @@ class Options:
 
     alpha: float = 0.01
     """Family-wise rate of false alarms."""
-    window: float | None = None
-    """Length of shooting windows [s]; None: that of the model, else chosen from the data."""
+    segment: float | None = None
+    """Length of shooting segments [s]; None: that of the model, else chosen from the data."""
     max_effects: int = 4
     width: int = 4
     """Sets that survive each screen."""
@@ -64,8 +70,8 @@ class Options:
     least_share: float = 0.03
     """Share of the largest held-out gain of a set below which an effect is small print: a law that
     is off by a sixth of its force leaves a thirtieth of its gain to what mends its form."""
-    windowed_level: float = 0.01
-    """Gap between windows of the windowed metric, as a share of the spread of the states."""
+    segmented_level: float = 0.01
+    """Gap between segments of the segmented metric, as a share of the spread of the states."""
     fit: FitSettings | None = None
     """How hard fits try; replaces ``restarts`` and ``seed`` there."""
     resume: Path | None = None
@@ -99,10 +105,10 @@ def _ready(model: Model, records: Sequence[Record]) -> tuple[Model, tuple[Record
 
 
 def prepare(
-    model: Model, records: Sequence[Record], checks: DataChecks, window: float | None
-) -> tuple[Shot, ...]:
-    """Cut records into windows with the noise that the data checks found."""
-    return tuple(make_shot(model, r, checks.noise(r.name), window) for r in records)
+    model: Model, records: Sequence[Record], checks: DataChecks, segment: float | None
+) -> tuple[SegmentedRecord, ...]:
+    """Cut records into segments with the noise that the data checks found."""
+    return tuple(segment_record(model, r, checks.noise(r.name), segment) for r in records)
 
 
 def _usable(model: Model, effects: Sequence[Effect]) -> tuple[list[Effect], list[NotTested]]:
@@ -122,7 +128,7 @@ def _usable(model: Model, effects: Sequence[Effect]) -> tuple[list[Effect], list
 
 def _investigate(
     model: Model,
-    shots: tuple[Shot, ...],
+    segmented_records: tuple[SegmentedRecord, ...],
     effects: Sequence[Effect],
     options: Options,
     settings: FitSettings,
@@ -130,12 +136,12 @@ def _investigate(
     progress: Progress | None,
     near: Point | None = None,
 ) -> Search:
-    """Fit the model and search the effects with the noise of the shots.
+    """Fit the model and search the effects with the noise of the segmented records.
 
     ``near``: where the model was fitted with less noise. From there it is soon fitted again; it
     begins at its priors only if that does not explain the records.
     """
-    problem, label = Problem(model, shots, cache=cache), "model fit"
+    problem, label = Problem(model, segmented_records, cache=cache), "model fit"
     fit: Fit | None = None
     if near is not None:
         point = replace(near, memo={})
@@ -153,7 +159,7 @@ def _investigate(
         width=options.width,
         progress=progress,
     )
-    return within_tolerance(in_finer_steps(found, settings, progress=progress), settings)
+    return within_tolerance(in_refined_steps(found, settings, progress=progress), settings)
 
 
 def _explained(
@@ -164,25 +170,25 @@ def _explained(
     checks: DataChecks,
     progress: Progress | None,
 ) -> Search | None:
-    """The first search with the set that was found beside an unknown rest, if it leaves no rest.
+    """The first search with the set found beside an unexplained residual, if it leaves none.
 
     Where the model is far off, linear scores may pass over a cause that explains all.
     """
     if found.best is None:
         return None
     base, near = first.model_fit, found.best.fit
-    problem = base.problem.with_terms(near.terms)
+    problem = base.problem.with_candidates(near.included)
     fit = refit_at(problem, replace(near.point, memo={}), base.level, settings, patient=True)
-    best = Candidate(fit, full_evidence(fit, sum(e.weight for e in effects)))
+    best = CandidateSet(fit, full_evidence(fit, sum(e.weight for e in effects)))
     if first.best is not None and not best.evidence > first.best.evidence:
         return None
     explained = best.evidence - first.tight_evidence
     tight = tighten(fit, settings)
     if misfit(fit, tight, estimated=checks.estimated, bar=REST, explained=explained).left:
         return None
-    others = tuple(c for c in first.candidates if c.key != best.key)
-    whole = replace(first, candidates=(best, *others))
-    return within_tolerance(in_finer_steps(whole, settings, progress=progress), settings)
+    others = tuple(c for c in first.sets if c.key != best.key)
+    whole = replace(first, sets=(best, *others))
+    return within_tolerance(in_refined_steps(whole, settings, progress=progress), settings)
 
 
 @checked
@@ -201,7 +207,7 @@ def diagnose(
     model
         The model; see :class:`feltmb.fit.Model`.
     effects
-        Causes that it lacks; each is exactly the model at size zero.
+        Causes that it lacks; each is exactly the model at magnitude zero.
     records
         Measured runs.
     hold_out
@@ -238,49 +244,60 @@ def diagnose(
     checks = _inherit(check_records([*fit_records, *held_records], model.outputs), whole, records)
     if checks.problems:
         raise DataError("records: " + "; ".join(checks.problems))
-    shots = prepare(model, fit_records, checks, options.window)
-    held_shots = prepare(model, held_records, checks, options.window)
+    segmented_records = prepare(model, fit_records, checks, options.segment)
+    held_segmented_records = prepare(model, held_records, checks, options.segment)
     lap("data checks")
 
     settings = options.fit or FitSettings(restarts=options.restarts, seed=options.seed)
     cache = None if options.resume is None else Cache(options.resume)
     usable, not_tested = _usable(model, effects)
     try_effects(model, usable, fit_records[0])
-    sensed = held_shots
-    first = _investigate(model, shots, usable, options, settings, cache, progress)
+    sensed = held_segmented_records
+    first = _investigate(model, segmented_records, usable, options, settings, cache, progress)
     model = first.model_fit.problem.model
-    color = None if checks.estimated else _recolored(first, shots, settings, cache)
+    color = None if checks.estimated else _recolored(first, segmented_records, settings, cache)
     if color is not None:
         checks = _with_color(checks, color)
-        shots = tuple(with_color(model, s, color) for s in shots)
-        sensed = held_shots = tuple(with_color(model, s, color) for s in held_shots)
-        first = _investigate(model, shots, usable, options, settings, cache, progress)
+        segmented_records = tuple(with_color(model, s, color) for s in segmented_records)
+        sensed = held_segmented_records = tuple(
+            with_color(model, s, color) for s in held_segmented_records
+        )
+        first = _investigate(model, segmented_records, usable, options, settings, cache, progress)
         model = first.model_fit.problem.model
     found, rest_noise = first, None
-    plain = shots
+    plain = segmented_records
     for _ in range(ROUNDS):
-        new = rest_of(found, plain, settings)
-        if new is None or (rest_noise is not None and settled(rest_noise, new)):
+        new = discrepancy_of(found, plain, settings)
+        if new is None or (rest_noise is not None and converged(rest_noise, new)):
             break
-        # Nothing in the library explains all of it: effects must now beat the unknown rest, which
-        # shrinks with every effect that is found.
+        # Nothing in the library explains all of it: effects must now beat the unexplained residual,
+        # which shrinks with every effect that is found.
         rest_noise = new
-        shots = tuple(with_noise(model, s, new) for s in plain)
-        held_shots = tuple(with_noise(model, s, new) for s in sensed)
+        segmented_records = tuple(with_noise(model, s, new) for s in plain)
+        held_segmented_records = tuple(with_noise(model, s, new) for s in sensed)
         near = found.model_fit.point
-        found = _investigate(model, shots, usable, options, settings, cache, progress, near)
+        found = _investigate(
+            model, segmented_records, usable, options, settings, cache, progress, near
+        )
         model = found.model_fit.problem.model
     if rest_noise is not None:
         clean = _explained(first, found, usable, settings, checks, progress)
         if clean is not None:
-            found, rest_noise, shots, held_shots = clean, None, plain, sensed
+            found, rest_noise, segmented_records, held_segmented_records = (
+                clean,
+                None,
+                plain,
+                sensed,
+            )
             model = found.model_fit.problem.model
     fit = found.model_fit
     for name, why in found.failed:
         not_tested.append(NotTested(name=name, why=why))
-    blind = [t for t, ok in zip(found.scores.terms, found.scores.testable, strict=True) if not ok]
+    blind = [
+        t for t, ok in zip(found.scores.candidates, found.scores.testable, strict=True) if not ok
+    ]
     for e in usable:
-        if all(t in blind for t in found.scores.terms if t.effect is e):
+        if all(t in blind for t in found.scores.candidates if t.effect is e):
             not_tested.append(
                 NotTested(
                     name=e.name,
@@ -290,7 +307,8 @@ def diagnose(
             )
     lap("which")
     say("where")
-    # With the noise of the sensors: an unknown rest that is taken for noise hides where it lies.
+    # With the noise of the sensors: an unexplained residual that is taken for noise hides where it
+    # lies.
     tight = None if model.chaotic else first.tight_fit
     seen = tight or first.bare
     cells, onset = ledger(seen)
@@ -303,15 +321,15 @@ def diagnose(
 
     belief = posterior(found)
     scale = fit.problem.state_scale
-    held = HeldOut(held_shots, np.zeros(0) if scale is None else scale, sensed)
+    held = HeldOut(held_segmented_records, np.zeros(0) if scale is None else scale, sensed)
     accepted = accept(
         found,
         held,
         settings,
         belief.inflation,
-        windowed_level=options.windowed_level,
+        segmented_level=options.segmented_level,
         least_share=options.least_share,
-        unknown_rest=rest_noise is not None,
+        discrepancy=rest_noise is not None,
         seed=options.seed,
         progress=progress,
     )
@@ -322,13 +340,13 @@ def diagnose(
         held,
         settings,
         which=which_gap,
-        windowed_level=options.windowed_level,
+        segmented_level=options.segmented_level,
         progress=progress,
     )
     lap("how far")
     reference = found.tight if found.tight is not None else found.scores
     reference_fit = found.tight_fit if found.tight_fit is not None else fit
-    alarm = float(np.max(reference.singles())) if reference.terms else 0.0
+    alarm = float(np.max(reference.singles())) if reference.candidates else 0.0
     bar, _ = family_threshold(reference, options.alpha, seed=options.seed)
     # A correction can only raise the bar: it matters for what passed it by little, and where
     # nothing else says that the model is wrong.
@@ -346,24 +364,24 @@ def diagnose(
     )
     rest = accepted.tightest
     leftover = 0.0
-    if accepted.candidate is not None:
-        others = all_terms(usable, accepted.candidate.names)
+    if accepted.best is not None:
+        others = all_candidates(usable, accepted.best.names)
         if others:
-            after = score_fit(rest or accepted.candidate.fit, others)
+            after = score_fit(rest or accepted.best.fit, others)
             limit, _ = family_threshold(after, options.alpha, seed=options.seed)
-            # Robust as well: what one window alone asks for is not a trend.
+            # Robust as well: what one segment alone asks for is not a trend.
             both = np.minimum(after.singles(), after.robust())
-            form = form_of(accepted.candidate.evidence - found.tight_evidence)
+            form = form_of(accepted.best.evidence - found.tight_evidence)
             least = max(limit, 2.0 * form)
             leftover = float(np.max(both) / least) if np.isfinite(limit) else 0.0
     lap("null")
-    if accepted.candidate is not None:
-        where = replace(where, onset={**where.onset, **first_act(accepted.candidate.fit)})
+    if accepted.best is not None:
+        where = replace(where, onset={**where.onset, **first_act(accepted.best.fit)})
     beyond = None
-    if accepted.candidate is None and not bare_misfit.left:
-        beyond = _beyond(accepted, held_shots, settings, checks, cache, say)
+    if accepted.best is None and not bare_misfit.left:
+        beyond = _beyond(accepted, held_segmented_records, settings, checks, cache, say)
         lap("how far")
-    amended_model = amended(model, found, accepted)
+    model_with_effects = with_effects(model, found, accepted)
     how_far = how_far_rows(accepted, sensed, shares, which_gap, options.seed)
     facts = Facts(
         checks=checks,
@@ -382,7 +400,7 @@ def diagnose(
         beyond=beyond,
     )
     decision = decide(facts)
-    told = strain_told(fit if accepted.candidate is None else accepted.candidate.fit)
+    told = prior_deviations_told(fit if accepted.best is None else accepted.best.fit)
     if told:
         checks = replace(checks, warnings=(*checks.warnings, told))
     which = ranked(found, accepted, decision.belief, null, decision.named, decision.one_of)
@@ -403,7 +421,7 @@ def diagnose(
         which=which,
         how_far=how_far,
         next=advice,
-        model=amended_model,
+        model=model_with_effects,
         not_tested=tuple(not_tested),
         refused=tuple(NotTested(name=n, why=w) for n, w in accepted.rejected),
         fit=fit,
@@ -442,7 +460,10 @@ def _inherit(checks: DataChecks, whole: DataChecks, records: Sequence[Record]) -
 
 
 def _recolored(
-    first: Search, shots: tuple[Shot, ...], settings: FitSettings, cache: Cache | None
+    first: Search,
+    segmented_records: tuple[SegmentedRecord, ...],
+    settings: FitSettings,
+    cache: Cache | None,
 ) -> dict[str, float] | None:
     """Correlation times [s] of noise with which the model explains the records; None: of no use.
 
@@ -451,11 +472,11 @@ def _recolored(
     """
     fit = first.model_fit
     white = misfit(fit, first.tight_fit, estimated=False)
-    color = color_of_rest(first, shots) if white.left else None
+    color = color_of_discrepancy(first, segmented_records) if white.left else None
     if color is None:
         return None
     model = fit.problem.model
-    colored = tuple(with_color(model, s, color) for s in shots)
+    colored = tuple(with_color(model, s, color) for s in segmented_records)
     again = fit_problem(Problem(model, colored, cache=cache), settings)
     tight = tighten(again, settings)
     if misfit(again, tight, estimated=False).left:
@@ -463,13 +484,13 @@ def _recolored(
     plain = fit.log_evidence + (0.0 if fit.gap_sd.size else white.other)
     if first.best is not None:
         plain = max(plain, first.best.fit.log_evidence)
-    gain = again.log_evidence + _log_weights(colored) - plain - _log_weights(shots)
+    gain = again.log_evidence + _log_weights(colored) - plain - _log_weights(segmented_records)
     return color if gain > SURE else None
 
 
-def _log_weights(shots: Sequence[Shot]) -> float:
-    """What the size of the noise adds to a log likelihood."""
-    return sum(float(np.sum(np.log(s.weight[s.valid]))) for s in shots)
+def _log_weights(segmented_records: Sequence[SegmentedRecord]) -> float:
+    """What the magnitude of the noise adds to a log likelihood."""
+    return sum(float(np.sum(np.log(s.weight[s.valid]))) for s in segmented_records)
 
 
 def _with_color(checks: DataChecks, color: dict[str, float]) -> DataChecks:
@@ -489,7 +510,7 @@ def _with_color(checks: DataChecks, color: dict[str, float]) -> DataChecks:
 
 def _beyond(
     accepted: Accepted,
-    shots: tuple[Shot, ...],
+    segmented_records: tuple[SegmentedRecord, ...],
     settings: FitSettings,
     checks: DataChecks,
     cache: Cache | None,
@@ -501,11 +522,11 @@ def _beyond(
     model explain them. Else None.
     """
     model = accepted.before.fit.problem.model
-    which = "windowed" if model.chaotic else "open_loop"
-    if not accepted.before.gap(shots, which) > WIDE:
+    which = "segmented" if model.chaotic else "open_loop"
+    if not accepted.before.gap(segmented_records, which) > WIDE:
         return None
     say("held-out records alone")
-    problem = Problem(model, shots, cache=cache)
+    problem = Problem(model, segmented_records, cache=cache)
     here = replace(accepted.before.fit.point, memo={})
     fit = fit_problem(problem, settings, point=here)
     if not fit.explains:
@@ -517,13 +538,13 @@ def _beyond(
     return reference.chi2 / reference.dof if excess > EXCESS and fit.converged else None
 
 
-def _primary(model: Model, accepted: object, shots: Sequence[Shot]) -> str:
+def _primary(model: Model, accepted: object, segmented_records: Sequence[SegmentedRecord]) -> str:
     """The metric that people read first: open loop, unless that is chaotic or fails."""
     before, after = accepted.before, accepted.after  # type: ignore[attr-defined]
     if model.chaotic:
-        return "windowed"
-    finite = all(np.isfinite(o.gap(shots, "open_loop")) for o in (before, after))
-    return "open_loop" if finite else "windowed"
+        return "segmented"
+    finite = all(np.isfinite(o.gap(segmented_records, "open_loop")) for o in (before, after))
+    return "open_loop" if finite else "segmented"
 
 
 @checked
@@ -531,7 +552,7 @@ def fit_model(
     model: Model,
     records: Sequence[Record],
     *,
-    window: float | None = None,
+    segment: float | None = None,
     settings: FitSettings | None = None,
     progress: Progress | None = None,
     resume: Path | None = None,
@@ -544,8 +565,8 @@ def fit_model(
     model.forget()
     model, records, checks = _ready(model, records)
     try_effects(model, (), records[0])
-    shots = prepare(model, records, checks, window)
+    segmented_records = prepare(model, records, checks, segment)
     cache = None if resume is None else Cache(resume)
-    fit = fit_problem(Problem(model, shots, cache=cache), settings, progress=progress)
-    told = strain_told(fit)
+    fit = fit_problem(Problem(model, segmented_records, cache=cache), settings, progress=progress)
+    told = prior_deviations_told(fit)
     return replace(fit, notes=(*fit.notes, *([told] if told else []), *checks.warnings))

@@ -1,4 +1,4 @@
-"""What is left after the best set: noise of another color, or an unknown rest to beat."""
+"""What is left after the best set: noise of another color, or an unexplained residual to beat."""
 
 from __future__ import annotations
 
@@ -9,13 +9,20 @@ import numpy as np
 from feltmb.data import Array
 from feltmb.fit.linearize import predict
 from feltmb.fit.model import Model
-from feltmb.fit.shots import Noise, Shot, make_shot
+from feltmb.fit.segmented_records import Noise, SegmentedRecord, segment_record
 from feltmb.fit.solve import Fit, FitSettings, polish
 from feltmb.gap.search import Search
 
-__all__ = ["Rest", "color_of_rest", "rest_of", "settled", "with_color", "with_noise"]
+__all__ = [
+    "Discrepancy",
+    "color_of_discrepancy",
+    "converged",
+    "discrepancy_of",
+    "with_color",
+    "with_noise",
+]
 
-#: Ratio of the sum of squares to its expectation beyond which there is an unknown rest.
+#: Ratio of the sum of squares to its expectation beyond which there is an unexplained residual.
 MISFIT = 1.33**2
 
 
@@ -25,7 +32,7 @@ AS_TOLD, COLORED = 1.15, 0.2
 
 
 @dataclass(frozen=True)
-class Rest:
+class Discrepancy:
     """What is left in a channel, as noise."""
 
     sigma: float
@@ -34,9 +41,9 @@ class Rest:
     """[s]; None: no more than noise is left, of the color that each record's sensor has."""
 
 
-def rest_of(
-    search: Search, sensed: tuple[Shot, ...], settings: FitSettings
-) -> dict[str, Rest] | None:
+def discrepancy_of(
+    search: Search, sensed: tuple[SegmentedRecord, ...], settings: FitSettings
+) -> dict[str, Discrepancy] | None:
     """Residual of the best set by channel, as noise with a correlation time; None: only noise.
 
     A library that explains the records needs nothing of this. Where it does not, sensor noise
@@ -45,7 +52,7 @@ def rest_of(
     Parameters
     ----------
     sensed
-        The shots with the noise of the sensors.
+        The segmented records with the noise of the sensors.
     """
     best = search.model_fit if search.best is None else search.best.fit
     tight = best
@@ -67,11 +74,13 @@ def rest_of(
         memory = None
         if sigma**2 > MISFIT * given**2:
             memory = _memory(values) * sensed[0].record.interval
-        out[name] = Rest(max(sigma, given), memory)
+        out[name] = Discrepancy(max(sigma, given), memory)
     return out if more else None
 
 
-def color_of_rest(search: Search, sensed: tuple[Shot, ...]) -> dict[str, float] | None:
+def color_of_discrepancy(
+    search: Search, sensed: tuple[SegmentedRecord, ...]
+) -> dict[str, float] | None:
     """Correlation time [s] by channel of what the model leaves; None: it is white, or no noise.
 
     Only where sensors tell white noise, and what is left is no larger than they say: then it is the
@@ -101,48 +110,52 @@ def color_of_rest(search: Search, sensed: tuple[Shot, ...]) -> dict[str, float] 
     return out or None
 
 
-def with_color(model: Model, shot: Shot, color: dict[str, float]) -> Shot:
-    """The shot with the noise of some of its sensors given a correlation time [s]."""
-    told = dict(zip(model.outputs, shot.noise, strict=True))
+def with_color(
+    model: Model, segmented: SegmentedRecord, color: dict[str, float]
+) -> SegmentedRecord:
+    """The segmented record with the noise of some of its sensors given a correlation time [s]."""
+    told = dict(zip(model.outputs, segmented.noise, strict=True))
     return _renoised(
-        model, shot, {n: replace(told[n], correlation_time=t) for n, t in color.items()}
+        model, segmented, {n: replace(told[n], correlation_time=t) for n, t in color.items()}
     )
 
 
-def _renoised(model: Model, shot: Shot, new: dict[str, Noise]) -> Shot:
-    """The shot with the noise of some channels replaced, on the same windows."""
-    noise = dict(zip(model.outputs, shot.noise, strict=True)) | new
-    return make_shot(model, shot.record, noise, None, shot.windows)
+def _renoised(model: Model, segmented: SegmentedRecord, new: dict[str, Noise]) -> SegmentedRecord:
+    """The segmented record with the noise of some channels replaced, on the same segments."""
+    noise = dict(zip(model.outputs, segmented.noise, strict=True)) | new
+    return segment_record(model, segmented.record, noise, None, segmented.segments)
 
 
-def settled(old: dict[str, Rest], new: dict[str, Rest]) -> bool:
+def converged(old: dict[str, Discrepancy], new: dict[str, Discrepancy]) -> bool:
     """Whether the rest has stopped to shrink."""
     return all(abs(new[n].sigma / old[n].sigma - 1.0) < 0.15 for n in old)
 
 
-def with_noise(model: Model, shot: Shot, rest: dict[str, Rest]) -> Shot:
-    """The shot with the noise of its sensors replaced by an unknown rest."""
-    told = dict(zip(model.outputs, shot.noise, strict=True))
+def with_noise(
+    model: Model, segmented: SegmentedRecord, rest: dict[str, Discrepancy]
+) -> SegmentedRecord:
+    """The segmented record with the noise of its sensors replaced by an unexplained residual."""
+    told = dict(zip(model.outputs, segmented.noise, strict=True))
     new = {
         name: replace(told[name], sigma=own.sigma)
         if own.correlation_time is None
         else Noise(own.sigma, own.correlation_time)
         for name, own in rest.items()
     }
-    return _renoised(model, shot, new)
+    return _renoised(model, segmented, new)
 
 
 def _residuals(fit: Fit) -> list[Array]:
     problem = fit.problem
     out = []
-    for shot, place in zip(problem.shots, fit.point.places, strict=True):
+    for segmented, place in zip(problem.segmented_records, fit.point.places, strict=True):
         outputs, _, _ = predict(
-            problem.model, shot, fit.point.theta, problem.terms, fit.point.sizes, place
+            problem.model, segmented, fit.point.theta, problem.included, fit.point.magnitudes, place
         )
-        joined = np.full((shot.record.samples, len(problem.model.outputs)), np.nan)
-        for w, (first, last) in enumerate(shot.windows):
-            stop = last + 1 if w == shot.count - 1 else last
-            joined[first:stop] = (shot.measured - outputs)[w, : stop - first]
+        joined = np.full((segmented.record.samples, len(problem.model.outputs)), np.nan)
+        for w, (first, last) in enumerate(segmented.segments):
+            stop = last + 1 if w == segmented.count - 1 else last
+            joined[first:stop] = (segmented.measured - outputs)[w, : stop - first]
         out.append(joined)
     return out
 

@@ -24,7 +24,7 @@ def _text(x: float, y: float, text: str, *, anchor: str = "start", color: str = 
 def _svg(width: float, height: float, label: str, parts: Sequence[str]) -> str:
     return (
         f'<svg viewBox="0 0 {width:.0f} {height:.0f}" role="img" aria-label="{escape(label)}" '
-        f'style="max-width:{width:.0f}px" font-size="12">' + "".join(parts) + "</svg>"
+        f'style="max-width:{width:.0f}px" font-magnitude="12">' + "".join(parts) + "</svg>"
     )
 
 
@@ -78,7 +78,7 @@ def ledger_map(cells: Sequence[LedgerCell], onset: dict[str, float]) -> str:
 def bars(
     effects: Sequence[Ranked], one_of: Sequence[str], refused: Sequence[str], most: int = 10
 ) -> str:
-    """Belief in each effect, with its size beside it."""
+    """Belief in each effect, with its magnitude beside it."""
     shown = list(effects[:most])
     if not shown:
         return ""
@@ -116,20 +116,20 @@ def waterfall(how_far: HowFar) -> str:
     if not top > 0.0 or not math.isfinite(top):
         return ""
     left, width, step = 250.0, 860.0, 26.0
-    scale = 480.0 / max(top, sum(v for n, v in steps if n in ("unexplained", "floor")))
+    scale = 480.0 / max(top, sum(v for n, v in steps if n in ("unexplained", "noise")))
     parts = []
     level = 0.0
     for i, (name, value) in enumerate(steps):
         y = i * step + 4
         if name == "model":
             x, w, color, level = 0.0, value, GREY, value
-        elif name in ("unexplained", "floor"):
-            x = 0.0 if name == "floor" else steps[-1][1]
+        elif name in ("unexplained", "noise"):
+            x = 0.0 if name == "noise" else steps[-1][1]
             w, color = value, ORANGE if name == "unexplained" else GREEN
         else:
             x, w, color = min(level, level + value), abs(value), BLUE
             level += value
-        label = {"model": "model as it is", "floor": "noise"}.get(name, name)
+        label = {"model": "model as it is"}.get(name, name)
         parts.append(_text(left - 8, y + 14, label[:38], anchor="end"))
         parts.append(
             f'<rect x="{left + x * scale:.1f}" y="{y:.1f}" width="{max(w * scale, 1.0):.1f}" '

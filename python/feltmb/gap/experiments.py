@@ -17,9 +17,9 @@ import numpy as np
 
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import FeltmbError
-from feltmb.fit.model import Model, Term
+from feltmb.fit.model import Candidate, Model
 from feltmb.fit.problem import Normal, Point, solve_scaled
-from feltmb.fit.shots import Noise, Shot, make_shot
+from feltmb.fit.segmented_records import Noise, SegmentedRecord, segment_record
 from feltmb.fit.solve import Fit
 from feltmb.gap.acceptance import Accepted
 from feltmb.gap.advise import confused
@@ -46,7 +46,7 @@ WAYS = (
 
 
 @dataclass(frozen=True)
-class _Trial:
+class _Attempt:
     """An experiment and what it would leave of the confusion."""
 
     text: str
@@ -55,23 +55,23 @@ class _Trial:
 
 def advise(search: Search, accepted: Accepted) -> tuple[Advice, ...]:
     """The best of a few experiments for every rival of the accepted set."""
-    best = accepted.candidate
+    best = accepted.best
     if best is None:
         return ()
     fit = search.tight_fit or search.model_fit
     out = []
     for rival in accepted.rivals[:MOST_RIVALS]:
-        own = [t for t in best.fit.terms if t.name not in rival.names]
-        other = [t for t in rival.fit.terms if t.name not in best.names]
+        own = [t for t in best.fit.included if t.name not in rival.names]
+        other = [t for t in rival.fit.included if t.name not in best.names]
         if not own or not other:
             continue
         a, b = own[0], other[0]
-        size = float(best.fit.point.sizes[best.names.index(a.name)])
+        size = float(best.fit.point.magnitudes[best.names.index(a.name)])
         out.append(_advice(fit, a, b, abs(size)))
     return tuple(out)
 
 
-def _advice(fit: Fit, a: Term, b: Term, size: float) -> Advice:
+def _advice(fit: Fit, a: Candidate, b: Candidate, size: float) -> Advice:
     base = fit.problem.normal(fit.point, fit.problem.linear(fit.point, (a, b)), fit.gap_sd)
     shared = _eliminated(base)
     now = _confusion(shared, a, b, size)
@@ -82,15 +82,16 @@ def _advice(fit: Fit, a: Term, b: Term, size: float) -> Advice:
         )
         return Advice(text=text, separates=(a.name, b.name), confusion_now=now, confusion_then=now)
     trials = []
-    for text, shot in _plans(fit):
-        more = _of_one(fit, shot, (a, b))
+    for text, segmented in _plans(fit):
+        more = _of_one(fit, segmented, (a, b))
         if more is not None:
-            trials.append(_Trial(text, _confusion(shared + more, a, b, size)))
+            trials.append(_Attempt(text, _confusion(shared + more, a, b, size)))
     chosen = min(trials, key=lambda t: t.then, default=None)
     if chosen is None or chosen.then > 0.95 * now:
         text = (
-            "nothing that was tried (the same runs again, harder, softer, faster, slower, quieter "
-            f"sensors) separates {a.name} from {b.name}: another point or quantity is needed"
+            "nothing that was tried (the same runs again, harder, softer, faster, slower, "
+            f"low-noise sensors) separates {a.name} from {b.name}: another point or "
+            "quantity is needed"
         )
         return Advice(text=text, separates=(a.name, b.name), confusion_now=now, confusion_then=now)
     text = (
@@ -104,12 +105,12 @@ def _advice(fit: Fit, a: Term, b: Term, size: float) -> Advice:
     )
 
 
-def _plans(fit: Fit) -> Iterator[tuple[str, Shot]]:
-    """Experiments like the records at hand: other ways to play, quieter or further sensors."""
+def _plans(fit: Fit) -> Iterator[tuple[str, SegmentedRecord]]:
+    """Experiments like the records at hand: other ways to play, less noisy or further sensors."""
     model = fit.problem.model
-    shots = fit.problem.shots
-    for shot in shots:
-        record = shot.record
+    segmented_records = fit.problem.segmented_records
+    for segmented in segmented_records:
+        record = segmented.record
         for what, strength, stretch in WAYS:
             if record.input_mode == "motion" and strength != 1.0:
                 continue  # a travel has its stops: it can be run through faster, not further
@@ -119,15 +120,15 @@ def _plans(fit: Fit) -> Iterator[tuple[str, Shot]]:
                 time=record.time[0] + (record.time - record.time[0]) * stretch,
                 inputs={k: v * strength for k, v in record.inputs.items()},
             )
-            seen = _predicted(fit, shot, changed, record.sensors)
+            seen = _predicted(fit, segmented, changed, record.sensors)
             if seen is not None:
                 yield f"record {record.name} once more, {what}", seen
-    first = shots[0]
+    first = segmented_records[0]
     for name, sensor in first.record.sensors.items():
         if name not in model.outputs or sensor.sigma is None:
             continue
-        quiet = {**first.record.sensors, name: replace(sensor, sigma=sensor.sigma / 3.0)}
-        seen = _predicted(fit, first, first.record, quiet)
+        better = {**first.record.sensors, name: replace(sensor, sigma=sensor.sigma / 3.0)}
+        seen = _predicted(fit, first, first.record, better)
         if seen is not None:
             yield f"record {first.record.name} with a third of the noise of {name}", seen
     for name in model.outputs:
@@ -138,7 +139,9 @@ def _plans(fit: Fit) -> Iterator[tuple[str, Shot]]:
                 yield f"record {first.record.name} with {name} measured as well", seen
 
 
-def _predicted(fit: Fit, like: Shot, record: Record, sensors: Mapping[str, Sensor]) -> Shot | None:
+def _predicted(
+    fit: Fit, like: SegmentedRecord, record: Record, sensors: Mapping[str, Sensor]
+) -> SegmentedRecord | None:
     """The experiment as the fitted model predicts it; None where it cannot be simulated."""
     model: Model = fit.problem.model
     try:
@@ -156,15 +159,17 @@ def _predicted(fit: Fit, like: Shot, record: Record, sensors: Mapping[str, Senso
         if before is not None and sensor.sigma is not None and before.sigma:
             share = sensor.sigma / before.sigma
             noise[name] = replace(noise[name], sigma=noise[name].sigma * share)
-    return make_shot(model, plan, noise, None, like.windows)
+    return segment_record(model, plan, noise, None, like.segments)
 
 
-def _of_one(fit: Fit, shot: Shot, terms: tuple[Term, Term]) -> Array | None:
+def _of_one(
+    fit: Fit, segmented: SegmentedRecord, included: tuple[Candidate, Candidate]
+) -> Array | None:
     """Normal equations of one planned run over parameters and the two effects."""
-    problem = replace(fit.problem, shots=(shot,), terms=(), cache=None)
+    problem = replace(fit.problem, segmented_records=(segmented,), included=(), cache=None)
     point: Point = problem.start(theta=fit.point.theta)
     gap_sd = fit.level * problem.scale(point)
-    normal = problem.normal(point, problem.linear(point, terms), gap_sd)
+    normal = problem.normal(point, problem.linear(point, included), gap_sd)
     reduced = _eliminated(normal)
     for c, i in enumerate(problem.free):  # the priors are among the records already
         sd = problem.model.parameters[i].sd
@@ -186,8 +191,8 @@ def _eliminated(normal: Normal) -> Array:
     return np.asarray(matrix[own, own] - coupling.T @ absorbed)
 
 
-def _confusion(matrix: Array, a: Term, b: Term, size: float) -> float:
-    """Chance to take a for b at a size of a [its unit]; the two are the last of the globals."""
+def _confusion(matrix: Array, a: Candidate, b: Candidate, size: float) -> float:
+    """Chance to take a for b at a magnitude of a [its unit]; both are last of the globals."""
     at = matrix.shape[0] - 2
     s, e = slice(0, at), slice(at, None)
     absorbed = np.column_stack([solve_scaled(matrix[s, s], matrix[s, at + i]) for i in range(2)])

@@ -12,18 +12,18 @@ import numpy as np
 from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
-from feltmb.fit import Lanes, Model, Term
-from feltmb.fit.observe import observe_lanes
+from feltmb.fit import Candidate, Jobs, Model
+from feltmb.fit.observe import observe_jobs
 
 __all__ = [
     "Advice",
-    "Amended",
     "ComponentRow",
     "EventRow",
     "Findings",
     "GapRow",
     "HowFar",
     "LedgerCell",
+    "ModelWithEffects",
     "NotTested",
     "Ranked",
     "RankedSet",
@@ -42,7 +42,7 @@ class Verdict(StrEnum):
     """The effects in ``report.named`` explain the gap, proven on held-out data."""
     ONE_OF = "ONE OF"
     """One effect of ``report.one_of`` does; these records cannot tell which."""
-    NAMED_UNKNOWN_REST = "NAMED + UNKNOWN REST"
+    NAMED_UNKNOWN_REST = "NAMED + RESIDUAL REMAINS"
     """As NAMED, but a significant gap is left that nothing tested explains."""
     UNKNOWN = "UNKNOWN"
     """There is a gap, and nothing tested explains it."""
@@ -54,7 +54,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class LedgerCell:
-    """One channel in one time window."""
+    """One channel in one time segment."""
 
     record: str
     channel: str
@@ -124,7 +124,7 @@ class Where:
     components: tuple[ComponentRow, ...]
     onset: Mapping[str, float]
     """Record -> first moment of the gap [s], only records that have one: where the accepted effects
-    begin to show in the model, or else where the sum of squares stands out."""
+    begin to show in the model, or else where the sum of squares exceeds its expectation."""
     split: Mapping[str, Mapping[str, float]]
     """Channel -> shares of the squared gap: "time", "amplitude", "rest" [1]."""
 
@@ -166,9 +166,9 @@ class Ranked:
     posterior: float
     """Probability that it is part of the cause."""
     noncentrality: float
-    """Detectability at its scale: expected sqrt(T) at size = scale."""
+    """Detectability at its scale: expected sqrt(T) at magnitude = scale."""
     smallest: float
-    """Smallest size that these records can show [unit]."""
+    """Smallest magnitude that these records can show [unit]."""
     confusable: tuple[str, ...]
     """Effects that these records cannot tell from it."""
     named: bool
@@ -182,7 +182,7 @@ class RankedSet:
     """A set of effects."""
 
     effects: tuple[str, ...]
-    sizes: tuple[float, ...]
+    magnitudes: tuple[float, ...]
     statistic: float
     evidence: float
     """Log evidence against the model."""
@@ -215,14 +215,14 @@ class GapRow:
     """A gap on held-out data by one metric."""
 
     metric: str
-    """"windowed", "open loop", "with speed" or "events"."""
+    """"segmented", "open loop", "with speed" or "events"."""
     channel: str
     unit: str
     before: float
     after: float
-    floor: float
+    noise: float
     closed: float
-    """(before - after) / (before - floor) [1]"""
+    """(before - after) / (before - noise) [1]"""
     low: float
     """95 % interval of ``closed`` by block bootstrap."""
     high: float
@@ -237,18 +237,18 @@ class HowFar:
     rows: tuple[GapRow, ...]
     waterfall: tuple[tuple[str, float], ...]
     """("model", gap), then every accepted effect with its order-free (Shapley) share, then
-    ("unexplained", rest), ("floor", noise and repeatability); in units of ``waterfall_unit``."""
+    ("unexplained", rest), ("noise", noise and repeatability); in units of ``waterfall_unit``."""
     waterfall_unit: str
     metric: str
-    """Metric of the waterfall and of ``closed``: "open loop" or "windowed"."""
+    """Metric of the waterfall and of ``closed``: "open loop" or "segmented"."""
     closed: float
-    """Share of the windowed held-out gap that is closed, all channels together [1]."""
+    """Share of the segmented held-out gap that is closed, all channels together [1]."""
     low: float
     high: float
     records: tuple[str, ...]
     """Held-out records."""
     per_record: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Record -> (before, after), windowed, whitened."""
+    """Record -> (before, after), segmented, whitened."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -271,13 +271,13 @@ class NotTested:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Amended:
+class ModelWithEffects:
     """The model with the effects that were named, ready to simulate."""
 
     base: Model
     theta: Array
-    terms: tuple[Term, ...]
-    sizes: Array
+    included: tuple[Candidate, ...]
+    magnitudes: Array
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -286,13 +286,13 @@ class Amended:
 
     @property
     def effects(self) -> dict[str, float]:
-        """Sizes by name of the effect."""
-        return {t.name: float(v) for t, v in zip(self.terms, self.sizes, strict=True)}
+        """Magnitudes by name of the effect."""
+        return {t.name: float(v) for t, v in zip(self.included, self.magnitudes, strict=True)}
 
     @checked
     def simulate(self, record: Record, start: Array | None = None) -> dict[str, Array]:
         """Outputs over a whole record, by name, from a start state (default: its prior mean)."""
-        states = self.base.states(self.terms)
+        states = self.base.states(self.included)
         if start is None:
             prior = {} if record.start is None else record.start.mean
             start = np.array([prior.get(s.name, s.start) for s in states])
@@ -302,10 +302,10 @@ class Amended:
                 f"start has shape {start.shape}, expected the {len(states)} states of the model"
             )
         whole = np.array([[0, record.samples - 1]])
-        lanes = Lanes.at_point(
-            self.theta, whole, np.asarray(start)[None, :], self.terms, self.sizes
+        jobs = Jobs.at_point(
+            self.theta, whole, np.asarray(start)[None, :], self.included, self.magnitudes
         )
-        outputs = observe_lanes(self.base, record, lanes).outputs[0]
+        outputs = observe_jobs(self.base, record, jobs).outputs[0]
         return {name: outputs[:, i] for i, name in enumerate(self.base.outputs)}
 
 
@@ -317,7 +317,7 @@ class Findings:
     statement: str
     """The verdict in a sentence or two."""
     named: tuple[str, ...]
-    """Effects that were named (NAMED, NAMED + UNKNOWN REST)."""
+    """Effects that were named (NAMED, NAMED + RESIDUAL REMAINS)."""
     one_of: tuple[str, ...]
     """The class (ONE OF); () otherwise."""
     confidence: float
@@ -326,7 +326,7 @@ class Findings:
     which: Which
     how_far: HowFar
     next: tuple[Advice, ...]
-    model: Amended
+    model: ModelWithEffects
     not_tested: tuple[NotTested, ...]
     refused: tuple[NotTested, ...]
     """Effects that the fit asked for and held-out records did not confirm."""

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from feltmb.fit.solve import Fit
-from feltmb.gap.smooth import smooth_rest
+from feltmb.gap.smooth import smooth_discrepancy
 
 __all__ = ["EXCESS", "FORM", "OTHER", "Misfit", "form_of", "misfit"]
 
@@ -20,7 +20,7 @@ FORM = 0.003
 
 
 def form_of(explained: float) -> float:
-    """What is left of effects that explain so much is their form up to this [nats]."""
+    """What such effects leave is their form up to this [units of log evidence]."""
     return FORM**2 * max(0.0, explained)
 
 
@@ -44,7 +44,7 @@ def misfit(
     ``explained`` is the gain of log evidence of the effects in the fit. What is left must be more
     than ``FORM`` of that motion: no law is right to the last digit, nor is an integrator.
 
-    The unknown are forces at every window's joint, or, where a fit has no gaps between windows, a
+    The unknown are forces at every segment's joint, or, where a fit has no continuity defects, a
     smooth signal in every output. Where the noise itself was estimated from the records, an excess
     within a third of it is not held against the model.
     """
@@ -57,7 +57,7 @@ def misfit(
     if tight is not None and tight is not fit:
         other = fit.log_evidence - tight.log_evidence
     elif not reference.gap_sd.size:
-        other = smooth_rest(reference)
+        other = smooth_discrepancy(reference)
     form = form_of(explained)
     far = excess > bar and 0.5 * beyond > form
     return Misfit(bool(far or other > OTHER + form), float(excess), float(other))

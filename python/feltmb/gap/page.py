@@ -77,4 +77,4 @@ def page(report: Findings, viewers: str = "") -> str:
 
 
 def _sources(report: Findings) -> list[str]:
-    return [shot.record.source for shot in report.fit.problem.shots]
+    return [segmented.record.source for segmented in report.fit.problem.segmented_records]

@@ -11,14 +11,14 @@ from feltmb.arguments import checked
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.calling import calling
-from feltmb.fit.model import Effect, Lanes, Model
-from feltmb.fit.observe import observe_lanes
+from feltmb.fit.model import Effect, Jobs, Model
+from feltmb.fit.observe import observe_jobs
 from feltmb.fit.problem import Problem
-from feltmb.fit.shots import Noise, make_shot
+from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, finish
 from feltmb.gap.advise import SHOWS, confusion_at
 from feltmb.gap.checks import faults_against, with_sigma
-from feltmb.gap.score import Scores, all_terms, score_fit
+from feltmb.gap.score import Scores, all_candidates, score_fit
 from feltmb.gap.smoke_test import try_effects
 
 __all__ = [
@@ -41,13 +41,13 @@ class Planned:
     unit: str
     scale: float
     smallest: float
-    """Smallest size that would show [unit]; inf: never."""
+    """Smallest magnitude that would show [unit]; inf: never."""
     surviving: float
     """Share of its signature (amplitude) that parameters and nuisances cannot imitate [1]."""
     rival: str
     """Effect that it would be taken for most often."""
     confusion: float
-    """Probability of that, at the larger of its scale and its smallest size that shows [1]."""
+    """Probability of that, at the larger of its scale and its smallest magnitude that shows [1]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,14 +96,14 @@ def planned(
     start = np.array([[prior.get(s.name, s.start) for s in states]])
     if theta is None:
         theta = np.array([p.value for p in model.parameters])
-    lanes = Lanes(
+    jobs = Jobs(
         theta=theta[None],
-        windows=np.array([[0, record.samples - 1]]),
+        segments=np.array([[0, record.samples - 1]]),
         starts=start.reshape(1, len(states)),
     )
     names = [n for n in model.outputs if n in sensors]
     bare = replace(record, outputs={n: np.zeros(record.samples) for n in names}, sensors=sensors)
-    outputs = observe_lanes(model, bare, lanes).outputs[0]
+    outputs = observe_jobs(model, bare, jobs).outputs[0]
     columns = {n: outputs[:, model.outputs.index(n)] for n in names}
     for name, column in columns.items():
         if not np.all(np.isfinite(column)):
@@ -129,29 +129,29 @@ def planned_scores(
     effects: Sequence[Effect],
     records: Sequence[Record],
     *,
-    window: float | None = None,
+    segment: float | None = None,
 ) -> Scores:
     """Score matrices of records that hold the model's own outputs."""
-    shots = tuple(make_shot(model, r, _noise(r), window) for r in records)
-    problem = Problem(model, shots)
+    segmented_records = tuple(segment_record(model, r, _noise(r), segment) for r in records)
+    problem = Problem(model, segmented_records)
     point = problem.start()
     gap_sd = FitSettings().levels[-1] * problem.scale(point)
     fit = finish(problem, point, FitSettings().levels[-1], gap_sd)
-    return score_fit(fit, all_terms(effects))
+    return score_fit(fit, all_candidates(effects))
 
 
 def _best_shapes(scores: Scores) -> list[int]:
-    """One term for each effect: the shape that shows best."""
+    """One candidate for each effect: the shape that shows best."""
     out: dict[str, int] = {}
-    for i, t in enumerate(scores.terms):
+    for i, t in enumerate(scores.candidates):
         if t.name not in out or scores.strength[i] > scores.strength[out[t.name]]:
             out[t.name] = i
     return list(out.values())
 
 
 def _matrix(scores: Scores, index: list[int]) -> Array:
-    sizes = np.maximum(1.0, SHOWS / np.maximum(scores.strength, 1e-300))
-    chance = confusion_at(scores, np.where(scores.testable, sizes, 0.0))
+    magnitudes = np.maximum(1.0, SHOWS / np.maximum(scores.strength, 1e-300))
+    chance = confusion_at(scores, np.where(scores.testable, magnitudes, 0.0))
     return np.asarray(chance[np.ix_(index, index)])
 
 
@@ -163,8 +163,8 @@ def plan(
     *,
     channels: Sequence[str] | None = None,
     sensors: Mapping[str, Sensor] | None = None,
-    candidates: Sequence[Record] = (),
-    window: float | None = None,
+    experiments: Sequence[Record] = (),
+    segment: float | None = None,
 ) -> Plan:
     """What planned records could tell, from the model alone.
 
@@ -177,7 +177,7 @@ def plan(
     sensors
         Sensors by output, also of outputs that are not among the channels: these are offered as
         further sensors. An output without one gets a noise of a thousandth of what it shows.
-    candidates
+    experiments
         Further runs that could be made.
     """
     if not records:
@@ -189,7 +189,7 @@ def plan(
             f"channels: {', '.join(unknown) or 'none'} is no output of {model.name}; "
             f"there are {', '.join(model.outputs)}"
         )
-    faults = faults_against(model, [*records, *candidates])
+    faults = faults_against(model, [*records, *experiments])
     if faults:
         raise DataError("plan: " + "; ".join(faults))
     known = dict(sensors or {})
@@ -198,41 +198,43 @@ def plan(
             known.setdefault(n, s)
     tested = [e for e in effects if model.accepts(e) or e.observe or e.excite]
     with calling(f"model {model.name}: its simulation"):
-        model, records, candidates = _ready(model, records, candidates, known)
+        model, records, experiments = _ready(model, records, experiments, known)
     try_effects(model, tested, records[0])
 
     def plan(some: Sequence[Record], names: Sequence[str]) -> list[Record]:
         seen = {n: known.get(n, Sensor(name=n)) for n in names}
         return [planned(model, r, seen) for r in some]
 
-    now = planned_scores(model, tested, plan(records, wanted), window=window)
+    now = planned_scores(model, tested, plan(records, wanted), segment=segment)
     index = _best_shapes(now)
-    names = [now.terms[i].name for i in index]
+    names = [now.candidates[i].name for i in index]
     matrix = _matrix(now, index)
     rows = []
     for k, i in enumerate(index):
-        term = now.terms[i]
+        candidate = now.candidates[i]
         seen = bool(now.testable[i])
         rival = int(np.argmax(matrix[k])) if len(index) > 1 else k
         rows.append(
             Planned(
-                effect=term.name,
-                component=term.effect.component,
-                unit=term.effect.unit,
-                scale=term.effect.scale,
-                smallest=float(SHOWS * term.effect.scale / now.strength[i]) if seen else np.inf,
+                effect=candidate.name,
+                component=candidate.effect.component,
+                unit=candidate.effect.unit,
+                scale=candidate.effect.scale,
+                smallest=float(SHOWS * candidate.effect.scale / now.strength[i])
+                if seen
+                else np.inf,
                 surviving=float(np.sqrt(now.gram[i, i] / now.raw[i])) if seen else 0.0,
                 rival=names[rival] if len(index) > 1 and seen else "",
                 confusion=float(matrix[k, rival]) if seen else 0.5,
             )
         )
-    options = [(r.name, "record", [*records, r], wanted) for r in candidates]
+    options = [(r.name, "record", [*records, r], wanted) for r in experiments]
     options += [
         (n, "sensor", list(records), [*wanted, n]) for n in model.outputs if n not in wanted
     ]
-    experiments = []
+    gained = []
     for name, kind, some, outputs in options:
-        then = planned_scores(model, tested, plan(some, outputs), window=window)
+        then = planned_scores(model, tested, plan(some, outputs), segment=segment)
         best = _best_shapes(then)
         after = _matrix(then, best)
         pairs = [
@@ -242,7 +244,7 @@ def plan(
             if matrix[a, b] - after[a, b] > 0.02 and matrix[a, b] > 0.05
         ]
         pairs.sort(key=lambda p: -(p[2] - p[3]))
-        experiments.append(
+        gained.append(
             Experiment(
                 name=name,
                 kind=kind,
@@ -251,7 +253,7 @@ def plan(
                 gains=tuple(pairs[:8]),
             )
         )
-    experiments.sort(key=lambda e: (e.mean, e.worst, e.name))
+    gained.sort(key=lambda e: (e.mean, e.worst, e.name))
     rows.sort(key=lambda r: (r.smallest / r.scale, r.effect))
     return Plan(
         effects=tuple(rows),
@@ -259,20 +261,20 @@ def plan(
         unseen=tuple(n for n, i in zip(names, index, strict=True) if not now.testable[i]),
         names=tuple(names),
         confusion=tuple(tuple(float(v) for v in row) for row in matrix),
-        experiments=tuple(experiments),
+        experiments=tuple(gained),
     )
 
 
 def _ready(
     model: Model,
     records: Sequence[Record],
-    candidates: Sequence[Record],
+    experiments: Sequence[Record],
     known: Mapping[str, Sensor],
 ) -> tuple[Model, Sequence[Record], Sequence[Record]]:
     """The model and all runs as a fit would take them, with what the model would show."""
     sensors = {n: known.get(n, Sensor(name=n)) for n in model.outputs}
     shown = []
-    for r in (*records, *candidates):
+    for r in (*records, *experiments):
         full = planned(model, r, sensors)
         shown.append(with_sigma(full, _noise(full)))
     ready = model.ready(shown)
@@ -301,7 +303,7 @@ def _classes(names: Sequence[str], matrix: Array) -> tuple[tuple[str, ...], ...]
 
 @checked
 def noncentrality(model: Model, effect: Effect, size: float, records: Sequence[Record]) -> float:
-    """Expected root of T of an effect of a given size in records of these inputs and sensors.
+    """Expected root of T of an effect of a given magnitude in records of these inputs and sensors.
 
     The best shape counts.
     """

@@ -1,8 +1,8 @@
 """Held-out proof: what an effect does for records that it was not fitted to.
 
 Start states and the sensor nuisances of a record are estimated again. For the gaps in units of
-the channels, parameters and sizes are frozen. For the comparison of models they carry the
-uncertainty that the fit left them: the log predictive density of every window, given the windows
+the channels, parameters and magnitudes are frozen. For the comparison of models they carry the
+uncertainty that the fit left them: the log predictive density of every segment, given the segments
 before it, is a proper score; a model that trades noise for freedom cannot win, and one that is
 right is not refuted because a held-out record sees its parameters better than the fit did.
 """
@@ -18,9 +18,9 @@ import numpy as np
 
 from feltmb.data import Array
 from feltmb.fit.linearize import Place, predict
-from feltmb.fit.observe import machine_terms
+from feltmb.fit.observe import machine_candidates
 from feltmb.fit.problem import Point, Problem, solve_scaled
-from feltmb.fit.shots import Shot, make_shot
+from feltmb.fit.segmented_records import SegmentedRecord, segment_record
 from feltmb.fit.solve import Fit, FitSettings, at_level, polish
 
 __all__ = ["HeldOut", "Outcome", "Paired", "compare", "evaluate"]
@@ -28,21 +28,21 @@ __all__ = ["HeldOut", "Outcome", "Paired", "compare", "evaluate"]
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """One model on the held-out shots."""
+    """One model on the held-out segmented records."""
 
     fit: Fit
     density: Array
-    """Log predictive density of the windows of all shots, (windows,)."""
+    """Log predictive density of the segments of all segmented records, (segments,)."""
     settings: FitSettings
-    windowed_level: float
+    segmented_level: float
 
     @cached_property
-    def windowed(self) -> tuple[Array, ...]:
-        """Residual by shot, (n, ny) in units of the channels: states re-estimated a little."""
+    def segmented(self) -> tuple[Array, ...]:
+        """Residual by record, (n, ny) in units of the channels: states re-estimated a little."""
         fit = self.fit
-        if fit.gap_sd.size and not np.isclose(self.windowed_level, fit.level):
-            fit = polish(fit.problem, fit.point, self.windowed_level, self.settings)
-        return tuple(_windowed(fit))
+        if fit.gap_sd.size and not np.isclose(self.segmented_level, fit.level):
+            fit = polish(fit.problem, fit.point, self.segmented_level, self.settings)
+        return tuple(_segmented(fit))
 
     @cached_property
     def open_loop(self) -> tuple[Array, ...]:
@@ -54,14 +54,18 @@ class Outcome:
             fit = tight if tight.cost < np.inf else fit
         return tuple(_open_loop(fit))
 
-    def gap(self, shots: Sequence[Shot], which: str, only: int | None = None) -> float:
-        """Whitened root mean square over all channels, and all shots or only one [sigma]."""
+    def gap(
+        self, segmented_records: Sequence[SegmentedRecord], which: str, only: int | None = None
+    ) -> float:
+        """Whitened root mean square over all channels, of all records or one [sigma]."""
         total, count = 0.0, 0
-        pairs = list(zip(shots, getattr(self, which), strict=True))
-        for shot, residual in pairs if only is None else [pairs[only]]:
-            for c, noise in enumerate(shot.noise):
+        pairs = list(zip(segmented_records, getattr(self, which), strict=True))
+        for segmented, residual in pairs if only is None else [pairs[only]]:
+            for c, noise in enumerate(segmented.noise):
                 good = np.isfinite(residual[:, c])
-                measured = np.isfinite(shot.record.output_array(self.fit.problem.model.outputs))
+                measured = np.isfinite(
+                    segmented.record.output_array(self.fit.problem.model.outputs)
+                )
                 if np.any(measured[:, c] & ~good):
                     return float("inf")
                 total += float(np.sum((residual[good, c] / noise.sigma) ** 2))
@@ -71,12 +75,12 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Held-out shots with the scale of gaps that the fit settled."""
+    """Held-out segmented records with the scale of gaps at which the fit converged."""
 
-    shots: tuple[Shot, ...]
+    segmented_records: tuple[SegmentedRecord, ...]
     state_scale: Array
-    sensed: tuple[Shot, ...]
-    """The same shots with the noise of the sensors alone: the unit and the floor of gaps."""
+    sensed: tuple[SegmentedRecord, ...]
+    """The same with the noise of the sensors alone: unit and noise floor of gaps."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +90,7 @@ class Paired:
     gain: float
     """Sum of log predictive density gained, divided by the inflation."""
     p: float
-    """One-sided p of the block bootstrap over windows: no gain."""
+    """One-sided p of the block bootstrap over segments: no gain."""
     by_record: dict[str, float]
 
 
@@ -95,29 +99,29 @@ def evaluate(
     model: Fit,
     settings: FitSettings,
     *,
-    windowed_level: float,
+    segmented_level: float,
     like: Outcome | None = None,
 ) -> Outcome:
-    """A fitted model on held-out shots.
+    """A fitted model on held-out segmented records.
 
     ``like``: another model there, whose start states are tried where the own ones lead nowhere.
     """
     base = replace(
         model.problem,
-        shots=held.shots,
+        segmented_records=held.segmented_records,
         frozen=True,
         state_scale=held.state_scale if held.state_scale.size else None,
     )
     way = replace(settings, chain=True)
-    fit = polish(base, _settle(base, model), model.level, way)
+    fit = polish(base, _converge(base, model), model.level, way)
     density = _density(base, fit, model)
     if fit.gap_sd.size and not fit.explains:
         # Gaps that are tight enough for the records of the fit may tear another motion, a repeated
-        # blow say: then no model can be told from another by it. Looser ones have their price.
+        # impact say: then no model can be told from another by it. Looser ones have their price.
         looser = [v for v in settings.levels if 1.5 * model.level < v < 1.0]
         tries = [(level, fit.point) for level in looser]
         if like is not None:
-            point = like.fit.problem.carry(like.fit.point, base.terms, model.point.sizes)
+            point = like.fit.problem.carry(like.fit.point, base.included, model.point.magnitudes)
             point = replace(point, theta=model.point.theta, memo={})
             tries += [(level, point) for level in (model.level, *looser)]
         for level, point in tries:
@@ -125,11 +129,11 @@ def evaluate(
             worth = _density(base, other, model)
             if np.sum(worth) > np.sum(density):
                 fit, density = other, worth
-    return Outcome(fit, density, settings, windowed_level)
+    return Outcome(fit, density, settings, segmented_level)
 
 
 def _density(base: Problem, fit: Fit, model: Fit) -> Array:
-    """Log predictive density by window, parameters and sizes from the posterior of the fit."""
+    """Log predictive density by segment, globals from the posterior of the fit."""
     loose = replace(base, frozen=False)
     normal = loose.normal(fit.point, loose.linear(fit.point), fit.gap_sd, keep_heads=True)
     count = normal.shared
@@ -148,57 +152,59 @@ def _density(base: Problem, fit: Fit, model: Fit) -> Array:
     units = np.zeros((total, total))
     units[:count, :count] = root
     at = count
-    for shot in base.shots:
-        for _, _, s in shot.nuisances:
+    for segmented in base.segmented_records:
+        for _, _, s in segmented.nuisances:
             units[at, at] = s
             at += 1
     height = np.eye(total)
     right = np.zeros(total)
     at = count
-    for shot, place in zip(base.shots, fit.point.places, strict=True):
-        for j, (_, _, s) in enumerate(shot.nuisances):
+    for segmented, place in zip(base.segmented_records, fit.point.places, strict=True):
+        for j, (_, _, s) in enumerate(segmented.nuisances):
             right[at] -= place.nuisances[j] / s
             at += 1
     gaps = float(np.sum(np.log(fit.gap_sd))) if fit.gap_sd.size else 0.0
     out = []
     known_so_far, before = 0.0, 0.5 * float(right @ solve_scaled(height, right))
     before -= 0.5 * float(np.linalg.slogdet(height)[1])
-    for shot, chain, own in zip(base.shots, normal.chains, normal.columns, strict=True):
+    for segmented, chain, own in zip(
+        base.segmented_records, normal.chains, normal.columns, strict=True
+    ):
         assert chain.heads is not None
         mine = units[own]
-        _, sd = base.start_prior(shot)
+        _, sd = base.start_prior(segmented)
         known_so_far -= float(np.sum(np.log(np.maximum(sd[np.isfinite(sd)], 1e-12))))
         for gram, log_det, head, head_log_det in zip(
             chain.grams, chain.log_dets, *chain.heads, strict=True
         ):
-            # All that was seen, with this window as the last one of its record.
+            # All that was seen, with this segment as the last one of its record.
             high = height + mine.T @ head[:-1, :-1] @ mine
             if not np.all(np.isfinite(high)):
-                return np.full(sum(s.count for s in base.shots), -1e6)
+                return np.full(sum(s.count for s in base.segmented_records), -1e6)
             side = right + mine.T @ head[:-1, -1]
             seen = known_so_far - 0.5 * head[-1, -1] - head_log_det
             seen += 0.5 * float(side @ solve_scaled(high, side) - np.linalg.slogdet(high)[1])
             out.append(seen - before)
             before = seen
-            # The same window with the gap to the next one.
+            # The same segment with the gap to the next one.
             height = height + mine.T @ gram[:-1, :-1] @ mine
             right = right + mine.T @ gram[:-1, -1]
             known_so_far += -0.5 * gram[-1, -1] - log_det - gaps
-        known_so_far += gaps  # the last window has none
+        known_so_far += gaps  # the last segment has none
     return np.array(out)
 
 
-def _settle(problem: Problem, model: Fit) -> Point:
+def _converge(problem: Problem, model: Fit) -> Point:
     """Start states of new records: from loose gaps to those of the model."""
-    point = problem.start(sizes=model.point.sizes, theta=model.point.theta)
-    extra = [t for t in machine_terms(problem.terms) if t.effect.hidden]
+    point = problem.start(magnitudes=model.point.magnitudes, theta=model.point.theta)
+    extra = [t for t in machine_candidates(problem.included) if t.effect.hidden]
     if extra:
-        bare = problem.with_terms(())
+        bare = problem.with_candidates(())
         bare_point = Point(point.theta, np.zeros(0), point.places)
         nx = len(problem.model.states())
         cut = tuple(Place(p.starts[:, :nx], p.nuisances) for p in point.places)
         point = bare.carry(
-            Point(bare_point.theta, np.zeros(0), cut), problem.terms, model.point.sizes
+            Point(bare_point.theta, np.zeros(0), cut), problem.included, model.point.magnitudes
         )
     if not problem.model.states():
         return point
@@ -210,17 +216,17 @@ def _settle(problem: Problem, model: Fit) -> Point:
     return point
 
 
-def _windowed(fit: Fit) -> list[Array]:
+def _segmented(fit: Fit) -> list[Array]:
     out = []
     problem = fit.problem
-    for shot, place in zip(problem.shots, fit.point.places, strict=True):
+    for segmented, place in zip(problem.segmented_records, fit.point.places, strict=True):
         outputs, _, _ = predict(
-            problem.model, shot, fit.point.theta, problem.terms, fit.point.sizes, place
+            problem.model, segmented, fit.point.theta, problem.included, fit.point.magnitudes, place
         )
-        residual = np.full((shot.record.samples, len(problem.model.outputs)), np.nan)
-        for w, (first, last) in enumerate(shot.windows):
-            stop = last + 1 if w == shot.count - 1 else last
-            residual[first:stop] = (shot.measured - outputs)[w, : stop - first]
+        residual = np.full((segmented.record.samples, len(problem.model.outputs)), np.nan)
+        for w, (first, last) in enumerate(segmented.segments):
+            stop = last + 1 if w == segmented.count - 1 else last
+            residual[first:stop] = (segmented.measured - outputs)[w, : stop - first]
         out.append(residual)
     return out
 
@@ -228,16 +234,16 @@ def _windowed(fit: Fit) -> list[Array]:
 def _open_loop(fit: Fit) -> list[Array]:
     problem = fit.problem
     out = []
-    for shot, place in zip(problem.shots, fit.point.places, strict=True):
-        ends = np.array([[0, shot.record.samples - 1]])
-        whole = make_shot(problem.model, shot.record, {}, None, ends)
-        whole = replace(whole, nuisances=shot.nuisances)
+    for segmented, place in zip(problem.segmented_records, fit.point.places, strict=True):
+        ends = np.array([[0, segmented.record.samples - 1]])
+        whole = segment_record(problem.model, segmented.record, {}, None, ends)
+        whole = replace(whole, nuisances=segmented.nuisances)
         outputs, _, _ = predict(
             problem.model,
             whole,
             fit.point.theta,
-            problem.terms,
-            fit.point.sizes,
+            problem.included,
+            fit.point.magnitudes,
             Place(place.starts[:1], place.nuisances),
         )
         out.append((whole.measured - outputs)[0])
@@ -245,15 +251,20 @@ def _open_loop(fit: Fit) -> list[Array]:
 
 
 def compare(
-    before: Outcome, after: Outcome, shots: Sequence[Shot], inflation: float, *, seed: int = 0
+    before: Outcome,
+    after: Outcome,
+    segmented_records: Sequence[SegmentedRecord],
+    inflation: float,
+    *,
+    seed: int = 0,
 ) -> Paired:
-    """Does ``after`` predict held-out windows better than ``before``."""
+    """Does ``after`` predict held-out segments better than ``before``."""
     gain = after.density - before.density
     gain = np.where(np.isfinite(gain), gain, 0.0) / inflation
-    edges = np.cumsum([0, *(s.count for s in shots)])
+    edges = np.cumsum([0, *(s.count for s in segmented_records)])
     by_record = {
         s.record.name: float(np.sum(gain[a:b]))
-        for s, a, b in zip(shots, edges[:-1], edges[1:], strict=True)
+        for s, a, b in zip(segmented_records, edges[:-1], edges[1:], strict=True)
     }
     generator = np.random.default_rng(seed)
     draws = 2000

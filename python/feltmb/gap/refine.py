@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.fit.model import Term
+from feltmb.fit.model import Candidate
 from feltmb.fit.problem import Point, Problem
 from feltmb.fit.solve import Fit, FitSettings, at_level, chained, polish
 from feltmb.gap.score import prior_of
 
-__all__ = ["Candidate", "freed", "from_priors", "full_evidence", "refit", "refit_at", "tighten"]
+__all__ = ["CandidateSet", "freed", "from_priors", "full_evidence", "refit", "refit_at", "tighten"]
 
 #: Gaps, as a share of the spread of the states, that let parameters come back from their priors.
 LOOSE = 0.1
@@ -24,7 +24,7 @@ REFITTED = "fitted again from the fit with an effect"
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class CandidateSet:
     """A refitted set."""
 
     fit: Fit
@@ -33,7 +33,7 @@ class Candidate:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the effects."""
-        return tuple(t.name for t in self.fit.terms)
+        return tuple(t.name for t in self.fit.included)
 
     @property
     def key(self) -> tuple[str, ...]:
@@ -42,30 +42,32 @@ class Candidate:
 
 
 def full_evidence(fit: Fit, total_weight: float) -> float:
-    """Log evidence of a fit: states, parameters and sizes integrated out, prior of the set.
+    """Log evidence of a fit: states, parameters and magnitudes integrated out, prior of the set.
 
-    The prior of a size is N(0, max(scale, size)^2).
+    The prior of a magnitude is N(0, max(scale, magnitude)^2).
     """
     matrix = fit.normal.matrix.copy()
     value = fit.log_evidence
     at = len(fit.problem.free)
-    for k, term in enumerate(fit.terms):
-        width = max(term.effect.scale, abs(float(fit.point.sizes[k])))
+    for k, candidate in enumerate(fit.included):
+        width = max(candidate.effect.scale, abs(float(fit.point.magnitudes[k])))
         matrix[at + k, at + k] += 1.0 / width**2
-        value -= float(np.log(width)) + 0.5 * (float(fit.point.sizes[k]) / width) ** 2
-        if term.effect.sign != 0:
+        value -= float(np.log(width)) + 0.5 * (float(fit.point.magnitudes[k]) / width) ** 2
+        if candidate.effect.sign != 0:
             value += float(np.log(2.0))
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     eigen = np.linalg.eigvalsh(matrix / np.outer(size, size))
     log_det = float(np.sum(np.log(np.maximum(eigen, 1e-12)))) + 2.0 * float(np.sum(np.log(size)))
     # The priors of the parameters are the same for all fits to the same records.
-    return value - 0.5 * log_det + prior_of(fit.terms, total_weight)
+    return value - 0.5 * log_det + prior_of(fit.included, total_weight)
 
 
-def refit(base: Fit, terms: tuple[Term, ...], sizes: Array, settings: FitSettings) -> Fit:
-    """Nonlinear fit with terms, warm-started; the gap level is made tighter while that helps."""
-    problem = base.problem.with_terms(terms)
-    return refit_at(problem, _reachable(problem, base, terms, sizes), base.level, settings)
+def refit(
+    base: Fit, included: tuple[Candidate, ...], magnitudes: Array, settings: FitSettings
+) -> Fit:
+    """Nonlinear fit with included effects, warm-started; tightened while that helps."""
+    problem = base.problem.with_candidates(included)
+    return refit_at(problem, _reachable(problem, base, included, magnitudes), base.level, settings)
 
 
 def refit_at(
@@ -82,27 +84,29 @@ def refit_at(
     at = min(range(len(levels)), key=lambda i: abs(np.log(levels[i] / level)))
     quick = replace(settings, iterations=min(settings.iterations, 4))
     for tighter in levels[at + 1 :]:
-        trial = polish(problem, fit.point, tighter, quick)
-        if patient and not trial.converged:
-            trial = polish(problem, trial.point, tighter, settings)
-        if trial.log_evidence < fit.log_evidence - 0.5:
+        attempt = polish(problem, fit.point, tighter, quick)
+        if patient and not attempt.converged:
+            attempt = polish(problem, attempt.point, tighter, settings)
+        if attempt.log_evidence < fit.log_evidence - 0.5:
             break
-        fit = trial
+        fit = attempt
     if fit.converged or fit.level == level:
         return fit
     return polish(problem, fit.point, fit.level, settings)
 
 
-def _reachable(problem: Problem, base: Fit, terms: tuple[Term, ...], sizes: Array) -> Point:
-    """The warm start; its new sizes are cut back where one linear step promised too much."""
-    old = {t.name: s for t, s in zip(base.terms, base.point.sizes, strict=True)}
-    kept = np.array([old.get(t.name, 0.0) for t in terms])
-    plain = base.problem.carry(base.point, terms, kept)
+def _reachable(
+    problem: Problem, base: Fit, included: tuple[Candidate, ...], magnitudes: Array
+) -> Point:
+    """The warm start; its new magnitudes are cut back where one linear step promised too much."""
+    old = {t.name: s for t, s in zip(base.included, base.point.magnitudes, strict=True)}
+    kept = np.array([old.get(t.name, 0.0) for t in included])
+    plain = base.problem.carry(base.point, included, kept)
     gap_sd = base.level * problem.scale(plain)
     linears = problem.linear(plain)
     best, least = plain, problem.cost_at(plain, gap_sd, linears)[0]
     for share in (1.0, 0.3, 0.1):
-        point = replace(plain, sizes=kept + share * (sizes - kept), memo={})
+        point = replace(plain, magnitudes=kept + share * (magnitudes - kept), memo={})
         cost = problem.cost(point, gap_sd, linears)[0]
         if cost < 4.0 * least:
             return point
@@ -112,7 +116,7 @@ def _reachable(problem: Problem, base: Fit, terms: tuple[Term, ...], sizes: Arra
 
 
 def from_priors(fit: Fit, settings: FitSettings) -> Fit:
-    """A doubtful fit once more, its parameters back at their priors, its windows where they are.
+    """A doubtful fit once more, its parameters back at their priors, its segments where they are.
 
     Doubtful is a fit that did not converge, or whose parameters lie far from their priors: they may
     still hold what the model without the effect needed.
@@ -121,8 +125,10 @@ def from_priors(fit: Fit, settings: FitSettings) -> Fit:
     known = [i for i in problem.free if np.isfinite(problem.model.parameters[i].sd)]
     if problem.frozen or not fit.gap_sd.size or not known:
         return fit
-    strained = float(np.sum(fit.strain**2)) > len(known) + 4.0 * np.sqrt(2.0 * len(known))
-    if fit.converged and not strained:
+    beyond_prior = float(np.sum(fit.prior_deviation**2)) > len(known) + 4.0 * np.sqrt(
+        2.0 * len(known)
+    )
+    if fit.converged and not beyond_prior:
         return fit
     theta = fit.point.theta.copy()
     theta[known] = problem.start().theta[known]
@@ -152,8 +158,8 @@ def tighten(fit: Fit, settings: FitSettings) -> Fit | None:
         if again.cost < tight.cost or not np.isfinite(tight.cost):
             tight = again
 
-    # What looks like an unknown force may be a window that is stuck: one simulation through all
-    # windows knows no gaps to begin with, and a slower descent may not tear.
+    # What looks like an unknown force may be a segment that is stuck: one simulation through all
+    # segments knows no gaps to begin with, and a slower descent may not tear.
     if doubtful():
         other(chained(problem, fit.point))
     if doubtful():

@@ -72,10 +72,10 @@ def report_json(report: Findings) -> dict[str, Any]:
         "next": plain(report.next),
         "not_tested": plain(report.not_tested),
         "refused": plain(report.refused),
-        "amended": {
+        "with_effects": {
             "parameters": plain(report.model.parameters),
             "effects": plain(report.model.effects),
-            "shapes": {t.name: plain(t.shape) for t in report.model.terms},
+            "shapes": {t.name: plain(t.shape) for t in report.model.included},
         },
         "fit": {
             "intervals": plain(fit.intervals()),

@@ -1,12 +1,12 @@
 """All candidate causes from one fit: the score test with everything else projected out.
 
-With whitened residual r, derivatives S by parameters, states and nuisances, and E_k by the size of
-a candidate (times its scale), M = I - S (S'S)^-1 S':
+With whitened residual r, derivatives S by parameters, states and nuisances, and E_k by the
+magnitude of a candidate (times its scale), M = I - S (S'S)^-1 S':
 
     b = E' M r,   G = E' M E,   T_k = b_k^2 / G_kk,   T_A = b_A' G_AA^-1 b_A
 
-T is chi-square if the candidate is absent; phi_A = G_AA^-1 b_A is its size after one step, and
-sqrt(G_kk) the noncentrality per scale. States are eliminated window by window (feltmb.fit.filter),
+T is chi-square if the candidate is absent; phi_A = G_AA^-1 b_A is its magnitude after one step, and
+sqrt(G_kk) the noncentrality per scale. States are eliminated by segment (feltmb.fit.filter),
 what is left is small algebra, so that thousands of sets cost milliseconds.
 """
 
@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.fit.model import Effect, Term
+from feltmb.fit.model import Candidate, Effect
 from feltmb.fit.problem import solve_scaled
 from feltmb.fit.solve import Fit
 
@@ -28,14 +28,14 @@ __all__ = [
     "FITTED_SHAPE",
     "ScoredSet",
     "Scores",
-    "all_terms",
+    "all_candidates",
     "family_threshold",
     "prior_of",
     "score_fit",
     "screen_sets",
 ]
 
-#: Nats that a number of a shape costs which is fitted: known to a twentieth of its range.
+#: Log evidence that a fitted number of a shape costs: known to a twentieth of its range.
 FITTED_SHAPE = 3.0
 #: Share of a candidate's signature that must survive the projection to be tested at all.
 LEAST_SURVIVING = 1e-7
@@ -43,25 +43,25 @@ LEAST_SURVIVING = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """Score tests of candidate terms at one fit; sizes in units of the scales."""
+    """Score tests of candidates at one fit; magnitudes in units of the scales."""
 
-    terms: tuple[Term, ...]
+    candidates: tuple[Candidate, ...]
     b: Array
     gram: Array
     raw: Array
     """Diagonal of E'E before anything but the states is projected out."""
-    window_scores: Array
-    """Contributions of the windows of all shots to b, (windows, k)."""
-    window_grams: Array
-    """Contributions to the diagonal of G, (windows, k)."""
-    window_of: tuple[tuple[int, int], ...]
-    """(shot, window) of each row."""
+    segment_scores: Array
+    """Contributions of the segments of all segmented records to b, (segments, k)."""
+    segment_grams: Array
+    """Contributions to the diagonal of G, (segments, k)."""
+    segment_of: tuple[tuple[int, int], ...]
+    """(segmented record, segment) of each row."""
     inflation: float
     """Residual sum of squares by its degrees of freedom, at least 1."""
 
     @property
     def strength(self) -> Array:
-        """Noncentrality at size = scale, sqrt(G_kk)."""
+        """Noncentrality at magnitude = scale, sqrt(G_kk)."""
         return np.asarray(np.sqrt(np.maximum(np.diag(self.gram), 0.0)))
 
     @property
@@ -71,10 +71,10 @@ class Scores:
         return np.asarray((diagonal > LEAST_SURVIVING * self.raw) & (diagonal > 1e-12))
 
     def one_step(self) -> Array:
-        """Sizes after one step, one candidate at a time, signs obeyed [scales]."""
+        """Magnitudes after one step, one candidate at a time, signs obeyed [scales]."""
         diagonal = np.where(self.testable, np.diag(self.gram), np.inf)
         size = self.b / diagonal
-        for i, t in enumerate(self.terms):
+        for i, t in enumerate(self.candidates):
             low, high = t.effect.bounds
             size[i] = np.clip(size[i], low / t.effect.scale, high / t.effect.scale)
         return np.asarray(size)
@@ -85,9 +85,9 @@ class Scores:
         return np.asarray(np.maximum(2.0 * size * self.b - size**2 * np.diag(self.gram), 0.0))
 
     def robust(self) -> Array:
-        """T with the cluster-robust variance over windows."""
+        """T with the cluster-robust variance over segments."""
         size = self.one_step()
-        left = self.window_scores - self.window_grams * size
+        left = self.segment_scores - self.segment_grams * size
         count = max(len(left), 2)
         variance = np.sum(left**2, axis=0) * count / (count - 1)
         gain = np.where(size != 0.0, self.b**2, 0.0)
@@ -103,33 +103,33 @@ class Scores:
 
 @dataclass(frozen=True)
 class ScoredSet:
-    """A set of terms with its linear test."""
+    """A set of included effects with its linear test."""
 
     index: tuple[int, ...]
-    sizes: tuple[float, ...]
+    magnitudes: tuple[float, ...]
     """One step, in scales."""
     statistic: float
     evidence: float
     """Log Bayes factor against the model, prior of the set included."""
 
 
-def all_terms(effects: Sequence[Effect], without: Sequence[str] = ()) -> tuple[Term, ...]:
+def all_candidates(effects: Sequence[Effect], without: Sequence[str] = ()) -> tuple[Candidate, ...]:
     """Every effect with every shape."""
-    return tuple(Term(e, s) for e in effects if e.name not in without for s in e.shapes)
+    return tuple(Candidate(e, s) for e in effects if e.name not in without for s in e.shapes)
 
 
-def score_fit(fit: Fit, terms: tuple[Term, ...]) -> Scores:
-    """Score tests of terms at a fit."""
+def score_fit(fit: Fit, candidates: tuple[Candidate, ...]) -> Scores:
+    """Score tests of candidates at a fit."""
     problem = fit.problem
-    linears = problem.linear(fit.point, terms)
+    linears = problem.linear(fit.point, candidates)
     normal = problem.normal(fit.point, linears, fit.gap_sd)
-    known = len(problem.free) + len(problem.terms)
-    k = len(terms)
+    known = len(problem.free) + len(problem.included)
+    k = len(candidates)
     e = np.arange(known, known + k)
     # What sits at a limit and would go beyond it can take up nothing.
     open_ = np.flatnonzero(~problem.pressed(fit.point, normal))
     s = np.concatenate([open_, np.arange(normal.shared, normal.right.size)])
-    scale = np.array([t.effect.scale for t in terms])
+    scale = np.array([t.effect.scale for t in candidates])
     h_ss = normal.matrix[np.ix_(s, s)]
     h_se = normal.matrix[np.ix_(s, e)]
     absorb = np.zeros((s.size, k))
@@ -142,7 +142,7 @@ def score_fit(fit: Fit, terms: tuple[Term, ...]) -> Scores:
     scores, grams, where = [], [], []
     place = {int(c): i for i, c in enumerate(s)}
     chi2 = 0.0
-    for shot, (chain, own) in enumerate(zip(normal.chains, normal.columns, strict=True)):
+    for segmented, (chain, own) in enumerate(zip(normal.chains, normal.columns, strict=True)):
         width = own.size + 1
         mix = np.zeros((width, k + 1))
         for column, g in enumerate(own):
@@ -152,51 +152,51 @@ def score_fit(fit: Fit, terms: tuple[Term, ...]) -> Scores:
                 mix[column, :k] = -absorb[place[int(g)]]
                 mix[column, k] = -delta[place[int(g)]]
         mix[-1, k] = 1.0
-        for w, window in enumerate(chain.grams):
-            part = window @ mix
+        for w, segment in enumerate(chain.grams):
+            part = segment @ mix
             scores.append(mix[:, :k].T @ part[:, k] * scale)
             grams.append(np.einsum("ij,ij->j", mix[:, :k], part[:, :k]) * scale**2)
-            where.append((shot, w))
+            where.append((segmented, w))
             chi2 += float(mix[:, k] @ part[:, k])
     return Scores(
-        terms=terms,
+        candidates=candidates,
         b=b * scale,
         gram=0.5 * (gram + gram.T) * np.outer(scale, scale),
         raw=raw,
-        window_scores=np.array(scores).reshape(len(where), k),
-        window_grams=np.array(grams).reshape(len(where), k),
-        window_of=tuple(where),
+        segment_scores=np.array(scores).reshape(len(where), k),
+        segment_grams=np.array(grams).reshape(len(where), k),
+        segment_of=tuple(where),
         inflation=max(1.0, chi2 / fit.dof),
     )
 
 
-def set_evidence(b: Array, gram: Array, sizes: Array, inflation: float) -> float:
-    """Log Bayes factor of a set against none, prior sd = max(scale, size).
+def set_evidence(b: Array, gram: Array, magnitudes: Array, inflation: float) -> float:
+    """Log Bayes factor of a set against none, prior sd = max(scale, magnitude).
 
     A declared scale that is too small is thereby not punished by the square of its error; one that
     is too large pays the usual logarithm.
     """
-    width = np.maximum(1.0, np.abs(sizes))
+    width = np.maximum(1.0, np.abs(magnitudes))
     inner = np.eye(b.size) + gram * np.outer(width, width) / inflation
     scaled = b * width / inflation
     _, log_det = np.linalg.slogdet(inner)
     return float(-0.5 * log_det + 0.5 * scaled @ np.linalg.solve(inner, scaled))
 
 
-def fitted_numbers(term: Term) -> int:
-    """Numbers of the shape of a term that are not those of any shape of its list."""
-    shapes = [s if isinstance(s, tuple) else (s,) for s in term.effect.shapes]
-    own = term.shape if isinstance(term.shape, tuple) else (term.shape,)
+def fitted_numbers(candidate: Candidate) -> int:
+    """Numbers of the shape of a candidate that are not those of any shape of its list."""
+    shapes = [s if isinstance(s, tuple) else (s,) for s in candidate.effect.shapes]
+    own = candidate.shape if isinstance(candidate.shape, tuple) else (candidate.shape,)
     listed = {repr(s) for s in shapes}
     if repr(own) in listed:
         return 0
     return sum(repr(v) not in {repr(s[k]) for s in shapes if len(s) > k} for k, v in enumerate(own))
 
 
-def prior_of(terms: Sequence[Term], total_weight: float) -> float:
-    """Log prior of a set: every effect costs the size of the library and of its shapes."""
+def prior_of(included: Sequence[Candidate], total_weight: float) -> float:
+    """Log prior of a set: every effect costs the magnitude of the library and of its shapes."""
     value = 0.0
-    for t in terms:
+    for t in included:
         value += math.log(t.effect.weight / total_weight) - math.log(len(t.effect.shapes))
         value -= FITTED_SHAPE * fitted_numbers(t)
     return value
@@ -209,7 +209,7 @@ def screen_sets(
     usable = np.flatnonzero(scores.testable)
     if usable.size == 0:
         return []
-    weight = {t.effect.name: t.effect.weight for t in scores.terms}
+    weight = {t.effect.name: t.effect.weight for t in scores.candidates}
     total = sum(weight.values())
     single = scores.singles()
     found: list[ScoredSet] = []
@@ -217,20 +217,20 @@ def screen_sets(
     def consider(index: tuple[int, ...]) -> None:
         i = list(index)
         b, gram = scores.b[i], scores.gram[np.ix_(i, i)]
-        sizes = solve_scaled(gram, b)
-        for j, size in zip(i, sizes, strict=True):
-            low, high = scores.terms[j].effect.bounds
-            scale = scores.terms[j].effect.scale
+        magnitudes = solve_scaled(gram, b)
+        for j, size in zip(i, magnitudes, strict=True):
+            low, high = scores.candidates[j].effect.bounds
+            scale = scores.candidates[j].effect.scale
             if not low / scale <= size <= high / scale or size == 0.0:
                 return  # on its limit: a smaller set says the same
         length = np.sqrt(np.diag(gram))
         rho = gram / np.outer(length, length)
         if len(i) > 1 and np.linalg.eigvalsh(rho)[0] < 1e-4:
             return  # cannot be told apart
-        statistic = float(b @ sizes)
-        prior = prior_of([scores.terms[j] for j in i], total)
-        evidence = set_evidence(b, gram, sizes, scores.inflation) + prior
-        found.append(ScoredSet(index, tuple(float(v) for v in sizes), statistic, evidence))
+        statistic = float(b @ magnitudes)
+        prior = prior_of([scores.candidates[j] for j in i], total)
+        evidence = set_evidence(b, gram, magnitudes, scores.inflation) + prior
+        found.append(ScoredSet(index, tuple(float(v) for v in magnitudes), statistic, evidence))
 
     for j in usable:
         consider((int(j),))
@@ -244,14 +244,14 @@ def screen_sets(
     order = usable[np.argsort(-np.maximum(single, given)[usable], kind="stable")]
     if largest >= 2:
         for pair in itertools.combinations(sorted(order[:pairs_from].tolist()), 2):
-            if scores.terms[pair[0]].effect is not scores.terms[pair[1]].effect:
+            if scores.candidates[pair[0]].effect is not scores.candidates[pair[1]].effect:
                 consider(pair)
     if largest >= 3:
         top = order[:triples_from].tolist()
         for s in sorted(found, key=lambda s: -s.evidence)[:20]:
             top.extend(s.index)
         for triple in itertools.combinations(sorted(set(top)), 3):
-            if len({id(scores.terms[j].effect) for j in triple}) == 3:
+            if len({id(scores.candidates[j].effect) for j in triple}) == 3:
                 consider(triple)
     found.sort(key=lambda s: (-s.evidence, s.index))
     return found
@@ -270,7 +270,7 @@ def family_threshold(
     rho = scores.correlation()[np.ix_(usable, usable)]
     values, vectors = np.linalg.eigh(rho)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    signs = np.array([scores.terms[i].effect.sign for i in usable])
+    signs = np.array([scores.candidates[i].effect.sign for i in usable])
     generator = np.random.default_rng(seed)
     maxima = np.zeros(draws)
     for at in range(0, draws, 2000):

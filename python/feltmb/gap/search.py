@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.data import Array
-from feltmb.fit.model import Effect, Job, Lanes, Model, Term
-from feltmb.fit.observe import machine_terms
+from feltmb.fit.model import Batch, Candidate, Effect, Jobs, Model
+from feltmb.fit.observe import machine_candidates
 from feltmb.fit.solve import Fit, FitSettings, polish
 from feltmb.gap.refine import (
-    Candidate,
+    CandidateSet,
     freed,
     from_priors,
     full_evidence,
@@ -21,17 +21,17 @@ from feltmb.gap.refine import (
     refit_at,
     tighten,
 )
-from feltmb.gap.score import Scores, all_terms, score_fit, screen_sets
+from feltmb.gap.score import Scores, all_candidates, score_fit, screen_sets
 from feltmb.gap.shape import between, movable, off_grid
 
-__all__ = ["Search", "in_finer_steps", "search"]
+__all__ = ["Search", "in_refined_steps", "search"]
 
 Progress = Callable[[str, int, int], None]
 
 #: Share of the evidence gained so far below which a further effect ends the search: it would not be
 #: told from an error in the form of a larger one.
 SMALL = 0.02
-#: Nats by which a fit may fall short of what a larger set predicts before it is made again.
+#: Log evidence by which a fit may fall short of what a larger set predicts before it is made again.
 SHORT = 1.0
 #: Share of the best set's gain of evidence from which the shape of a single effect is fitted.
 NEAR = 0.5
@@ -41,7 +41,7 @@ ALIKE, SWAPS = 0.7, 3
 PROMISE = -3.0
 #: Score below which an effect alone is not refitted.
 FAINT = 4.0
-#: Nats below the best set from which a single effect is not fitted again in finer steps.
+#: Log evidence below the best set from which a single effect is not fitted again in refined steps.
 NEAR_BEST = 50.0
 #: Note of a model that does best with the tightest gaps, though the descent left them.
 CLOSED = "gaps closed again"
@@ -57,7 +57,7 @@ class Search:
     tight: Scores | None
     """At the tightest level, if that is another one."""
     tight_fit: Fit | None
-    candidates: tuple[Candidate, ...]
+    sets: tuple[CandidateSet, ...]
     """Refitted sets, best evidence first."""
     model_evidence: float
     failed: tuple[tuple[str, str], ...]
@@ -71,17 +71,17 @@ class Search:
 
     @property
     def tight_evidence(self) -> float:
-        """Log evidence of the model that closes its gaps between windows."""
+        """Log evidence of the model that closes its continuity defects."""
         if self.tight_fit is None:
             return self.model_evidence
         value = full_evidence(self.tight_fit, 1.0)
         return value if np.isfinite(value) else -np.inf
 
     @property
-    def best(self) -> Candidate | None:
+    def best(self) -> CandidateSet | None:
         """Best refitted set that beats the model, if there is one."""
-        if self.candidates and self.candidates[0].evidence > self.model_evidence:
-            return self.candidates[0]
+        if self.sets and self.sets[0].evidence > self.model_evidence:
+            return self.sets[0]
         return None
 
 
@@ -115,20 +115,20 @@ def search(
         model, reseeds = better, reseeds - 1
 
 
-def in_finer_steps(
+def in_refined_steps(
     found: Search, settings: FitSettings, *, progress: Progress | None = None
 ) -> Search:
-    """The search with its best sets fitted again, if they ask for finer steps of the integrator.
+    """The search with its best sets fitted again, if they ask for refined steps of the integrator.
 
     Steps that are fine enough for the model may be too coarse for an effect, dry friction say:
     what they do wrong would look like one more cause.
     """
     while found.best is not None:
         coarse = found.best.fit.problem.model
-        model = coarse.finer(_jobs(found.best.fit, settings))
+        model = coarse.refined(_jobs(found.best.fit, settings))
         if model is coarse:
             break
-        # Finer steps move shapes, which may ask for finer steps again.
+        # Finer steps move shapes, which may ask for refined steps again.
         found = _again(found, model, settings, progress)
     return found
 
@@ -144,21 +144,21 @@ def _again(found: Search, model: Model, settings: FitSettings, progress: Progres
         new = polish(problem, replace(fit.point, memo={}), fit.level, settings)
         return replace(new, levels=fit.levels, notes=fit.notes)
 
-    effects = list({t.effect.name: t.effect for t in found.scores.terms}.values())
+    effects = list({t.effect.name: t.effect for t in found.scores.candidates}.values())
     tight = None if found.tight_fit is None else again(found.tight_fit)
     hunt = _Hunt(again(found.model_fit), tight, effects, settings, 0, 0, progress)
     hunt.scores, hunt.tight = found.scores, found.tight
     hunt.start = full_evidence(hunt.model_fit, hunt.total)
     hunt.failed.update(found.failed)
     # Larger sets may only explain what coarse steps did wrong: they have to come from the best one.
-    best = found.candidates[0]
-    for c in found.candidates:
+    best = found.sets[0]
+    for c in found.sets:
         if len(c.names) <= len(best.names) and c.evidence > best.evidence - NEAR_BEST:
-            hunt._tell("finer steps: " + " + ".join(c.names))
+            hunt._tell("refined steps: " + " + ".join(c.names))
             fit = again(c.fit)
-            hunt.done[c.key] = Candidate(fit, full_evidence(fit, hunt.total))
+            hunt.done[c.key] = CandidateSet(fit, full_evidence(fit, hunt.total))
         elif len(c.names) == 1:
-            hunt.done[c.key] = Candidate(moved(c.fit), c.evidence)
+            hunt.done[c.key] = CandidateSet(moved(c.fit), c.evidence)
     hunt._shrink()
     hunt._shape(hunt._best())
     hunt._vary(hunt._best())
@@ -166,27 +166,27 @@ def _again(found: Search, model: Model, settings: FitSettings, progress: Progres
     return hunt.found()
 
 
-def _jobs(fit: Fit, settings: FitSettings) -> list[Job]:
+def _jobs(fit: Fit, settings: FitSettings) -> list[Batch]:
     """What the machine of a fit simulates: records from their start where its gaps are closed.
 
-    There the error of the steps adds up from window to window.
+    There the error of the steps adds up from segment to segment.
     """
-    terms = machine_terms(fit.terms)
-    sizes = np.array([fit.point.sizes[fit.terms.index(t)] for t in terms])
-    places = list(zip(fit.problem.shots, fit.point.places, strict=True))
+    included = machine_candidates(fit.included)
+    magnitudes = np.array([fit.point.magnitudes[fit.included.index(t)] for t in included])
+    places = list(zip(fit.problem.segmented_records, fit.point.places, strict=True))
     model = fit.problem.model
 
-    def lanes(windows: NDArray[np.intp], starts: Array) -> Lanes:
-        return Lanes.at_point(fit.point.theta, windows, starts, terms, sizes)
+    def jobs(segments: NDArray[np.intp], starts: Array) -> Jobs:
+        return Jobs.at_point(fit.point.theta, segments, starts, included, magnitudes)
 
     if fit.level <= settings.levels[-1] and not model.chaotic:
         whole = [
-            (s.record, lanes(s.windows[[0, -1], [0, 1]][None, :], place.starts[:1]))
+            (s.record, jobs(s.segments[[0, -1], [0, 1]][None, :], place.starts[:1]))
             for s, place in places
         ]
         if all(np.isfinite(run.ends).all() for run in model.simulate_all(whole)):
             return whole
-    return [(s.record, lanes(s.windows, place.starts)) for s, place in places]
+    return [(s.record, jobs(s.segments, place.starts)) for s, place in places]
 
 
 class _Hunt:
@@ -204,11 +204,11 @@ class _Hunt:
     ) -> None:
         self.model_fit, self.tight_fit = model, tight
         self.settings, self.most, self.width, self.progress = settings, most, width, progress
-        # Sets are ranked by whole nats: a twentieth of one is near enough.
+        # Sets are ranked by whole units of log evidence: a twentieth of one is near enough.
         self.quick = settings.coarser(0.1, iterations=15)
         self.total = sum(e.weight for e in effects)
-        self.terms = all_terms(effects)
-        self.done: dict[tuple[str, ...], Candidate] = {}
+        self.candidates = all_candidates(effects)
+        self.done: dict[tuple[str, ...], CandidateSet] = {}
         self.failed: dict[str, str] = {}
         self.tried: set[tuple[tuple[str, str], ...]] = set()
         self.shaped: set[tuple[str, ...]] = set()
@@ -216,8 +216,8 @@ class _Hunt:
     def run(self, *, may_restart: bool) -> Fit | None:
         """Search; a fit of the model that does better, if the search led there."""
         self._tell("score")
-        self.scores = score_fit(self.model_fit, self.terms)
-        self.tight = None if self.tight_fit is None else score_fit(self.tight_fit, self.terms)
+        self.scores = score_fit(self.model_fit, self.candidates)
+        self.tight = None if self.tight_fit is None else score_fit(self.tight_fit, self.candidates)
         self.start = full_evidence(self.model_fit, self.total)
         fits = [self.model_fit] + ([] if self.tight_fit is None else [self.tight_fit])
         self.least = PROMISE if all(f.explains for f in fits) else -np.inf
@@ -248,21 +248,21 @@ class _Hunt:
         if self.progress is not None:
             self.progress(what, len(self.done), 0)
 
-    def _best(self) -> Candidate:
+    def _best(self) -> CandidateSet:
         return max(self.done.values(), key=lambda c: c.evidence)
 
-    def _keep(self, fit: Fit) -> Candidate:
+    def _keep(self, fit: Fit) -> CandidateSet:
         """Note a fit, if its set has no better one."""
-        candidate = Candidate(fit, full_evidence(fit, self.total))
-        known = self.done.get(candidate.key)
-        if known is None or candidate.evidence > known.evidence:
-            self.done[candidate.key] = candidate
-        return candidate
+        found = CandidateSet(fit, full_evidence(fit, self.total))
+        known = self.done.get(found.key)
+        if known is None or found.evidence > known.evidence:
+            self.done[found.key] = found
+        return found
 
-    def _attempt(self, base: Fit, chosen: tuple[Term, ...], sizes: Array) -> None:
+    def _attempt(self, base: Fit, chosen: tuple[Candidate, ...], magnitudes: Array) -> None:
         """Refit a set from a fit that is near it."""
         self._tell("refine: " + " + ".join(t.name for t in chosen))
-        fit = refit(base, chosen, sizes, self.quick)
+        fit = refit(base, chosen, magnitudes, self.quick)
         if len(chosen) == 1:
             fit = from_priors(fit, self.quick)
         if np.isfinite(fit.cost):
@@ -276,18 +276,19 @@ class _Hunt:
         if self.tight is not None and self.tight_fit is not None:
             base = replace(self.tight_fit, level=self.model_fit.level)
             self._extend(base, self.tight, self.width)
-        # The best singles are always among the refitted, so that a class is judged on equal terms.
+        # The best singles are always among the refitted, so that a class is judged on equal
+        # included effects.
         for at in (self.scores, self.tight):
             if at is None:
                 continue
             single, size = at.singles(), at.one_step()
-            promised = {t.name: -np.inf for t in at.terms}
+            promised = {t.name: -np.inf for t in at.candidates}
             for s in screen_sets(at, largest=1):
-                name = at.terms[s.index[0]].name
+                name = at.candidates[s.index[0]].name
                 promised[name] = max(promised[name], s.evidence)
             names: list[str] = []
             for i in np.argsort(-single, kind="stable"):
-                t = at.terms[i]
+                t = at.candidates[i]
                 if t.name in names or single[i] <= FAINT or promised[t.name] < self.least:
                     continue
                 names.append(t.name)
@@ -298,27 +299,31 @@ class _Hunt:
 
     def _extend(self, base: Fit, at: Scores, count: int) -> None:
         """Refit what the base holds and the sets that rank best beside it."""
-        for chosen, sizes in self._survivors(base, at, count):
+        for chosen, magnitudes in self._survivors(base, at, count):
             mark = tuple(sorted((t.name, repr(t.shape)) for t in chosen))
             if mark not in self.tried:
                 self.tried.add(mark)
-                self._attempt(base, chosen, sizes)
+                self._attempt(base, chosen, magnitudes)
 
-    def _survivors(self, base: Fit, at: Scores, count: int) -> list[tuple[tuple[Term, ...], Array]]:
+    def _survivors(
+        self, base: Fit, at: Scores, count: int
+    ) -> list[tuple[tuple[Candidate, ...], Array]]:
         """Best sets by linear evidence, added to what the base holds."""
         out = []
-        have = {t.name for t in base.terms}
+        have = {t.name for t in base.included}
         seen: set[tuple[str, ...]] = set()
-        for s in screen_sets(at, largest=max(1, min(3, self.most - len(base.terms)))):
+        for s in screen_sets(at, largest=max(1, min(3, self.most - len(base.included)))):
             if s.evidence < self.least:
                 break
-            new = tuple(at.terms[i] for i in s.index)
+            new = tuple(at.candidates[i] for i in s.index)
             key = _key(new)
             if key in seen or any(n in have for n in key):
                 continue
             seen.add(key)
-            sizes = np.array(s.sizes) * np.array([t.effect.scale for t in new])
-            out.append(((*base.terms, *new), np.concatenate([base.point.sizes, sizes])))
+            magnitudes = np.array(s.magnitudes) * np.array([t.effect.scale for t in new])
+            out.append(
+                ((*base.included, *new), np.concatenate([base.point.magnitudes, magnitudes]))
+            )
             if len(out) >= count:
                 break
         return out
@@ -343,8 +348,8 @@ class _Hunt:
             self._shape(self._best())
             best = self._best()
             before = best.evidence
-            left = tuple(t for t in self.terms if t.name not in best.names)
-            if left and len(best.fit.terms) < self.most:
+            left = tuple(t for t in self.candidates if t.name not in best.names)
+            if left and len(best.fit.included) < self.most:
                 self._extend(best.fit, score_fit(best.fit, left), 3)
                 best = self._best()
             if best.evidence <= before + max(1e-9, SMALL * (before - self.start)):
@@ -352,17 +357,17 @@ class _Hunt:
                 if self._best().evidence <= best.evidence:
                     break
 
-    def _vary(self, best: Candidate) -> None:
+    def _vary(self, best: CandidateSet) -> None:
         """Try the best set without each of its effects, and with another in its place."""
-        for k, term in enumerate(best.fit.terms):
-            rest = tuple(t for t in best.fit.terms if t is not term)
-            others = np.delete(best.fit.point.sizes, k)
+        for k, candidate in enumerate(best.fit.included):
+            rest = tuple(t for t in best.fit.included if t is not candidate)
+            others = np.delete(best.fit.point.magnitudes, k)
             if rest and _short(self.done.get(_key(rest)), best, k):
                 self._attempt(best.fit, rest, others)
             # A screen at a poor model may have overlooked what could stand in its place.
-            for like, share in _alike(self.tight or self.scores, term):
+            for like, share in _alike(self.tight or self.scores, candidate):
                 swapped = (*rest, like)
-                size = np.clip(share * best.fit.point.sizes[k], *like.effect.bounds)
+                size = np.clip(share * best.fit.point.magnitudes[k], *like.effect.bounds)
                 known = self.done.get(_key(swapped))
                 if like.name in best.names or size == 0.0 or (known and _holds(known, rest)):
                     continue
@@ -372,15 +377,15 @@ class _Hunt:
         """Leave effects of the best set out as long as that helps."""
         while True:
             best = self._best()
-            for k in range(len(best.fit.terms) if len(best.fit.terms) > 1 else 0):
-                rest = tuple(t for i, t in enumerate(best.fit.terms) if i != k)
-                self._attempt(best.fit, rest, np.delete(best.fit.point.sizes, k))
+            for k in range(len(best.fit.included) if len(best.fit.included) > 1 else 0):
+                rest = tuple(t for i, t in enumerate(best.fit.included) if i != k)
+                self._attempt(best.fit, rest, np.delete(best.fit.point.magnitudes, k))
             if self._best() is best:
                 return
 
-    def _shape(self, c: Candidate) -> None:
+    def _shape(self, c: CandidateSet) -> None:
         """Fit the shapes of a set where those of the lists may not be enough."""
-        if c.key in self.shaped or not any(movable(t.effect) for t in c.fit.terms):
+        if c.key in self.shaped or not any(movable(t.effect) for t in c.fit.included):
             return
         self.shaped.add(c.key)
         tightest = self.settings.levels[-1]
@@ -390,9 +395,9 @@ class _Hunt:
         self._tell("shapes: " + " + ".join(c.names))
         brief = replace(self.quick, iterations=6)
 
-        def make(near: Fit, new: tuple[Term, ...]) -> Fit:
-            point = near.problem.carry(near.point, new, near.point.sizes)
-            return polish(near.problem.with_terms(new), point, near.level, brief)
+        def make(near: Fit, new: tuple[Candidate, ...]) -> Fit:
+            point = near.problem.carry(near.point, new, near.point.magnitudes)
+            return polish(near.problem.with_candidates(new), point, near.level, brief)
 
         fit = between(c.fit, make, lambda f: full_evidence(f, self.total))
         again = self._keep(refit_at(fit.problem, fit.point, fit.level, self.quick))
@@ -412,48 +417,52 @@ class _Hunt:
         self._keep(from_priors(fit, self.quick))
 
 
-def _key(terms: Sequence[Term]) -> tuple[str, ...]:
-    return tuple(sorted(t.name for t in terms))
+def _key(included: Sequence[Candidate]) -> tuple[str, ...]:
+    return tuple(sorted(t.name for t in included))
 
 
-def _holds(c: Candidate, terms: Sequence[Term]) -> bool:
-    """Whether a set holds terms with just these shapes."""
-    shapes = {t.name: repr(t.shape) for t in c.fit.terms}
-    return all(shapes.get(t.name) == repr(t.shape) for t in terms)
+def _holds(c: CandidateSet, included: Sequence[Candidate]) -> bool:
+    """Whether a set holds included effects with just these shapes."""
+    shapes = {t.name: repr(t.shape) for t in c.fit.included}
+    return all(shapes.get(t.name) == repr(t.shape) for t in included)
 
 
-def _alike(scores: Scores, term: Term) -> list[tuple[Term, float]]:
-    """Effects whose trace is most like that of a term, and their size for one of it."""
-    own = [i for i, t in enumerate(scores.terms) if t.name == term.name]
+def _alike(scores: Scores, candidate: Candidate) -> list[tuple[Candidate, float]]:
+    """Effects whose trace is most like that of a candidate, and their magnitude for one of it."""
+    own = [i for i, t in enumerate(scores.candidates) if t.name == candidate.name]
     i = max(
-        own, key=lambda j: (repr(scores.terms[j].shape) == repr(term.shape), scores.strength[j])
+        own,
+        key=lambda j: (
+            repr(scores.candidates[j].shape) == repr(candidate.shape),
+            scores.strength[j],
+        ),
     )
     rho = np.abs(scores.correlation()[i])
     found: dict[str, int] = {}
     for j in np.argsort(-rho, kind="stable"):
-        t = scores.terms[j]
+        t = scores.candidates[j]
         if rho[j] < ALIKE or len(found) == SWAPS:
             break
-        if t.name != term.name and scores.testable[j]:
+        if t.name != candidate.name and scores.testable[j]:
             found.setdefault(t.name, int(j))
-    unit = 1.0 / scores.terms[i].effect.scale
+    unit = 1.0 / scores.candidates[i].effect.scale
     return [
         (
-            scores.terms[j],
-            float(scores.gram[i, j] / scores.gram[j, j]) * scores.terms[j].effect.scale * unit,
+            scores.candidates[j],
+            float(scores.gram[i, j] / scores.gram[j, j]) * scores.candidates[j].effect.scale * unit,
         )
         for j in found.values()
     ]
 
 
-def _short(known: Candidate | None, best: Candidate, k: int) -> bool:
-    """Whether the best set without its term k is still to be fitted from there.
+def _short(known: CandidateSet | None, best: CandidateSet, k: int) -> bool:
+    """Whether the best set without its candidate k is still to be fitted from there.
 
     So it is where its known fit falls short of what the best one predicts to first order: half the
-    square of the size over its deviation is lost. Such a fit is stuck in another valley.
+    square of the magnitude over its deviation is lost. Such a fit is stuck in another valley.
     """
     if known is None:
         return True
-    size = best.fit.intervals()[k - len(best.fit.terms)]
+    size = best.fit.intervals()[k - len(best.fit.included)]
     loss = 0.5 * (size.value / size.sd) ** 2 if size.sd > 0.0 else np.inf
     return known.evidence < best.evidence - loss - SHORT

@@ -1,4 +1,4 @@
-"""Shapes between those of an effect's list: a width, level or time is fitted like a size.
+"""Shapes between those of an effect's list: a width, level or time is fitted like a magnitude.
 
 The list is a coarse net: a play that is half as wide as its nearest entry leaves a rest behind, and
 the search would mend that rest with effects that are not there.
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from feltmb.fit.model import Effect, Term
+from feltmb.fit.model import Candidate, Effect
 from feltmb.fit.solve import Fit
 from feltmb.gap.score import FITTED_SHAPE, score_fit
 
@@ -29,7 +29,7 @@ WORTH = 2.0
 #: Log evidence of what cannot be simulated.
 WORST = 1e30
 
-Make = Callable[[Fit, tuple[Term, ...]], Fit]
+Make = Callable[[Fit, tuple[Candidate, ...]], Fit]
 
 
 def movable(effect: Effect) -> tuple[int, ...]:
@@ -50,16 +50,16 @@ def movable(effect: Effect) -> tuple[int, ...]:
 
 def off_grid(fit: Fit) -> bool:
     """Whether a second shape of one of its effects would help a fit: the true one is elsewhere."""
-    terms = [
-        Term(t.effect, s)
-        for t in fit.terms
+    included = [
+        Candidate(t.effect, s)
+        for t in fit.included
         if movable(t.effect) and _adds(t.effect)
         for s in t.effect.shapes
         if repr(s) != repr(t.shape)
     ]
-    if not terms:
+    if not included:
         return False
-    scores = score_fit(fit, tuple(terms))
+    scores = score_fit(fit, tuple(included))
     gram = np.where(scores.testable, np.diag(scores.gram), np.inf)
     # A mixture may need a negative share of either, so that signs do not count.
     return bool(np.max(scores.b**2 / gram) > 2.0 * (FITTED_SHAPE + WORTH))
@@ -79,13 +79,13 @@ def between(fit: Fit, make: Make, value: Callable[[Fit], float]) -> Fit:
     fit
         A set of effects, fitted.
     make
-        ``make(near, terms)``: fits the same effects with other shapes, from a fit that is near.
+        ``make(near, included)``: fits the same effects with other shapes, from a fit that is near.
     value
         Log evidence of a fit.
     """
     best = fit
-    for k, term in enumerate(fit.terms):
-        for place in movable(term.effect):
+    for k, candidate in enumerate(fit.included):
+        for place in movable(candidate.effect):
             best = _along(best, k, place, make, value)
     return best
 
@@ -94,10 +94,10 @@ def _along(fit: Fit, k: int, place: int, make: Make, value: Callable[[Fit], floa
     """The best fit along the logarithm of one number: a bracket by steps, then Brent's method."""
     from scipy.optimize import minimize_scalar
 
-    effect = fit.terms[k].effect
+    effect = fit.included[k].effect
     listed = sorted({shape_number(s, place) for s in effect.shapes})
     low, high = math.log(listed[0] / BEYOND), math.log(listed[-1] * BEYOND)
-    here = math.log(shape_number(fit.terms[k].shape, place))
+    here = math.log(shape_number(fit.included[k].shape, place))
     fits = {here: fit}
     values = {here: value(fit)}
 
@@ -105,9 +105,9 @@ def _along(fit: Fit, k: int, place: int, make: Make, value: Callable[[Fit], floa
         x = float(x)
         if x not in values:
             near = fits[min(fits, key=lambda known: abs(known - x))]
-            terms = list(near.terms)
-            terms[k] = Term(effect, moved_shape(terms[k].shape, place, math.exp(x)))
-            fits[x] = make(near, tuple(terms))
+            included = list(near.included)
+            included[k] = Candidate(effect, moved_shape(included[k].shape, place, math.exp(x)))
+            fits[x] = make(near, tuple(included))
             values[x] = value(fits[x]) if math.isfinite(fits[x].cost) else -WORST
         return -values[x]
 

@@ -10,8 +10,8 @@ import numpy as np
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
 from feltmb.fit.calling import calling
-from feltmb.fit.model import Effect, Lanes, Model, Term
-from feltmb.fit.observe import machine_terms, observe_lanes
+from feltmb.fit.model import Candidate, Effect, Jobs, Model
+from feltmb.fit.observe import machine_candidates, observe_jobs
 
 __all__ = ["try_effects"]
 
@@ -20,7 +20,7 @@ SAMPLES = 32
 
 
 def try_effects(model: Model, effects: Sequence[Effect], record: Record) -> None:
-    """Simulate the beginning of a record without effects, then with each, at its expected size.
+    """Simulate the beginning of a record without effects, then with each of them.
 
     Raises
     ------
@@ -29,14 +29,14 @@ def try_effects(model: Model, effects: Sequence[Effect], record: Record) -> None
         used, all of them.
     """
     with calling(f"model {model.name}: its simulation"):
-        bare = observe_lanes(model, record, _begin(model, None, record)).outputs
+        bare = observe_jobs(model, record, _begin(model, None, record)).outputs
         _check_numbers(model, record, bare)
     faults = []
     for e in effects:
         if e.rate is None and e.observe is None and e.excite is None:
             continue
         for shape in e.shapes:
-            fault = _fault(model, Term(e, shape), record, bare)
+            fault = _fault(model, Candidate(e, shape), record, bare)
             if fault:
                 faults.append(f"{e.name}: {fault}")
                 break
@@ -44,15 +44,15 @@ def try_effects(model: Model, effects: Sequence[Effect], record: Record) -> None
         raise InvalidParameter("effects: " + "; ".join(faults))
 
 
-def _fault(model: Model, term: Term, record: Record, bare: Array) -> str:
-    """What is wrong with a term, or nothing; ``bare``: outputs without it."""
-    e = term.effect
+def _fault(model: Model, candidate: Candidate, record: Record, bare: Array) -> str:
+    """What is wrong with a candidate, or nothing; ``bare``: outputs without it."""
+    e = candidate.effect
     try:
         if e.excite is not None:
             # The changed record checks lengths; a whole run would cost too much.
             with calling("its excite"):
-                change = e.excite(record, _size(e), term.shape)
-                same = record.with_inputs(e.excite(record, 0.0, term.shape))
+                change = e.excite(record, _size(e), candidate.shape)
+                same = record.with_inputs(e.excite(record, 0.0, candidate.shape))
             new = [n for n in record.with_inputs(change).inputs if n not in record.inputs]
             if new:
                 return (
@@ -60,14 +60,14 @@ def _fault(model: Model, term: Term, record: Record, bare: Array) -> str:
                     f"{', '.join(record.inputs)}"
                 )
             moved = [n for n, v in record.inputs.items() if not _alike(same.inputs[n], v)]
-            return f"at size zero it changes the input {', '.join(moved)}" if moved else ""
-        lanes = _begin(model, term, record)
-        seen = observe_lanes(model, record, lanes).outputs
+            return f"at magnitude zero it changes the input {', '.join(moved)}" if moved else ""
+        jobs = _begin(model, candidate, record)
+        seen = observe_jobs(model, record, jobs).outputs
         if _runs(bare) and not _runs(seen):
-            return f"at size {lanes.sizes[0, 0]:.3g} the model gives no numbers with it"
-        zero = observe_lanes(model, record, replace(lanes, sizes=0.0 * lanes.sizes)).outputs
+            return f"at magnitude {jobs.magnitudes[0, 0]:.3g} the model gives no numbers with it"
+        zero = observe_jobs(model, record, replace(jobs, magnitudes=0.0 * jobs.magnitudes)).outputs
         if not _alike(zero, bare):
-            return "at size zero it is not the model: what it adds must vanish with its size"
+            return "at magnitude zero it is not the model: what it adds must vanish"
     except InvalidParameter as error:
         return str(error).removeprefix(f"effect {e.name}: ")
     return ""
@@ -77,11 +77,11 @@ def _check_numbers(model: Model, record: Record, bare: Array) -> None:
     """The model must give numbers at its priors, from its start or from one that it guesses."""
     if _runs(bare):
         return
-    windows = np.array([[0, min(SAMPLES, record.samples) - 1]])
+    segments = np.array([[0, min(SAMPLES, record.samples) - 1]])
     theta = np.array([p.value for p in model.parameters])
-    starts = model.guess(record, windows)
-    lanes = Lanes.at_point(theta, windows, starts, (), np.zeros(0))
-    if not _runs(observe_lanes(model, record, lanes).outputs):
+    starts = model.guess(record, segments)
+    jobs = Jobs.at_point(theta, segments, starts, (), np.zeros(0))
+    if not _runs(observe_jobs(model, record, jobs).outputs):
         raise InvalidParameter(
             f"model {model.name}: gives no numbers at the beginning of record {record.name} with "
             "its parameters at their priors: all outputs are NaN or infinite"
@@ -101,21 +101,21 @@ def _alike(one: Array, other: Array) -> bool:
     return bool(np.allclose(one, other, rtol=1e-9, atol=1e-9 * size, equal_nan=True))
 
 
-def _begin(model: Model, term: Term | None, record: Record) -> Lanes:
-    """A few samples in three lanes: so many that a wrong shape does not fit by chance."""
+def _begin(model: Model, candidate: Candidate | None, record: Record) -> Jobs:
+    """A few samples in three jobs: so many that a wrong shape does not fit by chance."""
     last = min(SAMPLES, record.samples) - 1
-    terms = () if term is None else (term,)
-    starts: Array = np.array([[s.start for s in model.states(machine_terms(terms))]] * 3)
-    return Lanes(
+    included = () if candidate is None else (candidate,)
+    starts: Array = np.array([[s.start for s in model.states(machine_candidates(included))]] * 3)
+    return Jobs(
         theta=np.array([[p.value for p in model.parameters]] * 3),
-        windows=np.array([[0, last]] * 3),
+        segments=np.array([[0, last]] * 3),
         starts=starts.reshape(3, -1),
-        terms=terms,
-        sizes=np.array([[_size(t.effect) for t in terms]] * 3),
+        included=included,
+        magnitudes=np.array([[_size(t.effect) for t in included]] * 3),
     )
 
 
 def _size(effect: Effect) -> float:
-    """The expected size, on the side that is permitted."""
+    """The expected magnitude, on the side that is permitted."""
     size = -effect.scale if effect.sign < 0 else effect.scale
     return float(np.clip(size, *effect.bounds))

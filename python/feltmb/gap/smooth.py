@@ -10,7 +10,7 @@ with the priors and r the residual,
     log K = 1/2 s^2 v'(I + s^2 H)^-1 v - 1/2 log det(I + s^2 H),   v = L'u,   H = L'G L
 
 is the log Bayes factor of the amplitude s, L the roots of the process' spectrum. Of it the largest
-over a few lengths and amplitudes is taken. Where windows may leave gaps between them, these do the
+over a few lengths and amplitudes is taken. Where segments may leave gaps between them, these do the
 same (see :func:`feltmb.gap.decide.misfit`).
 """
 
@@ -21,14 +21,14 @@ import functools
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.fit.shots import Shot
+from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit
 
-__all__ = ["smooth_rest"]
+__all__ = ["smooth_discrepancy"]
 
 #: Lengths that are tried, in shares of the record.
 LENGTHS = (0.01, 0.03, 0.1, 0.3)
-#: Most cosines of a channel in a window, and of all.
+#: Most cosines of a channel in a segment, and of all.
 MOST, IN_ALL = 40, 900
 #: Share of a signal below which what the fit leaves of it is rounding.
 ROUNDING = 1e-9
@@ -38,7 +38,7 @@ SLOW = 0.3
 
 
 @functools.lru_cache(maxsize=8)
-def smooth_rest(fit: Fit) -> float:
+def smooth_discrepancy(fit: Fit) -> float:
     """Log Bayes factor of an unknown smooth signal against noise, at its best amplitude and length.
 
     Parameters
@@ -50,8 +50,8 @@ def smooth_rest(fit: Fit) -> float:
     -------
     float
         [1], at least 0. Under noise alone twice it is above x with half the chance of a chi-square
-        of one degree of freedom, for each length. 0 too where there are more channels times windows
-        than ``IN_ALL``.
+        of one degree of freedom, for each length. 0 too where there are more channels times
+        segments than ``IN_ALL``.
     """
     problem = fit.problem
     normal = problem.normal(fit.point, fit.linears, fit.gap_sd, keep_rows=True)
@@ -59,13 +59,15 @@ def smooth_rest(fit: Fit) -> float:
     size = np.sqrt(np.maximum(np.diag(normal.matrix), 1e-300))
     values, vectors = np.linalg.eigh(normal.matrix / np.outer(size, size))
     root = (vectors / np.sqrt(np.maximum(values, 1e-11 * values[-1:]))) / size[:, None]
-    cells = sum(s.count for s in problem.shots) * len(problem.model.outputs)
+    cells = sum(s.count for s in problem.segmented_records) * len(problem.model.outputs)
     most = min(MOST, IN_ALL // max(cells, 1))
     pulls, grams, crosses, periods = [], [], [], []
-    for shot, chain, own in zip(problem.shots, normal.chains, normal.columns, strict=True):
+    for segmented, chain, own in zip(
+        problem.segmented_records, normal.chains, normal.columns, strict=True
+    ):
         assert chain.rows is not None
-        for w in range(shot.count):
-            basis, omega = _cosines(shot.only(w), most)
+        for w in range(segmented.count):
+            basis, omega = _cosines(segmented.only(w), most)
             if not basis.shape[1]:
                 continue
             rows = chain.rows[w]
@@ -85,7 +87,7 @@ def smooth_rest(fit: Fit) -> float:
     whole = np.diag(gram).copy()
     cross = np.vstack(crosses)
     gram -= cross @ cross.T
-    span = max(float(s.record.time[-1] - s.record.time[0]) for s in problem.shots)
+    span = max(float(s.record.time[-1] - s.record.time[0]) for s in problem.segmented_records)
     return max(_best(u, gram, whole, omega, share * span) for share in LENGTHS)
 
 
@@ -108,24 +110,24 @@ def _best(u: Array, gram: Array, whole: Array, omega: Array, length: float) -> f
     return best
 
 
-def _cosines(shot: Shot, most: int) -> tuple[Array, Array]:
-    """Whitened cosines of all channels of one window, (L ny, k), and their frequencies [rad/s]."""
-    first, last = (int(i) for i in shot.windows[0])
-    length, ny = shot.measured.shape[1:]
-    time = shot.record.time[first : last + 1] - shot.record.time[first]
+def _cosines(segmented: SegmentedRecord, most: int) -> tuple[Array, Array]:
+    """Whitened cosines of all channels of one segment, (L ny, k), and their frequencies [rad/s]."""
+    first, last = (int(i) for i in segmented.segments[0])
+    length, ny = segmented.measured.shape[1:]
+    time = segmented.record.time[first : last + 1] - segmented.record.time[first]
     duration = float(time[-1])
     columns, omega = [], []
     for c in range(ny):
-        samples = int(shot.valid[0, :, c].sum())
-        tau = shot.noise[c].correlation_time
+        samples = int(segmented.valid[0, :, c].sum())
+        tau = segmented.noise[c].correlation_time
         for k in range(min(most, samples // 4)):
             rate = np.pi * k / duration
             if rate * tau > SLOW:
                 break
             column = np.zeros((1, length, ny))
-            column[0, : time.size, c] = np.cos(rate * time) * shot.noise[c].sigma
+            column[0, : time.size, c] = np.cos(rate * time) * segmented.noise[c].sigma
             columns.append(column)
             omega.append(rate)
     if not columns:
         return np.zeros((length * ny, 0)), np.zeros(0)
-    return shot.whiten(np.stack(columns, axis=-1)).reshape(length * ny, -1), np.array(omega)
+    return segmented.whiten(np.stack(columns, axis=-1)).reshape(length * ny, -1), np.array(omega)

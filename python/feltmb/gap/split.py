@@ -50,7 +50,7 @@ def split_records(
         edges = np.linspace(0, r.samples, blocks + 1).astype(int)
         if masked:
             block = np.searchsorted(edges, np.arange(r.samples), side="right") - 1
-            for parts, odd, name in ((fit_parts, 0, "fit"), (held_parts, 1, "held out")):
+            for parts, odd, name in ((fit_parts, 0, "fit"), (held_parts, 1, "held-out")):
                 outputs = {k: np.where(block % 2 == odd, v, np.nan) for k, v in r.outputs.items()}
                 part_role: Role = "held_out" if odd else "fit"
                 parts.append(replace(r, name=f"{r.name}[{name}]", outputs=outputs, role=part_role))

@@ -1,6 +1,6 @@
-"""Uncertainty of sizes and shapes together.
+"""Uncertainty of magnitudes and shapes together.
 
-A shape that was fitted is a number of the model like a size, and often trades against it: a
+A shape that was fitted is a number of the model like a magnitude, and often trades against it: a
 clearance that is wider at a stiffness that is lower. Its column is a difference of residuals, by
 the logarithm of the shape.
 """
@@ -14,9 +14,9 @@ import numpy as np
 
 from feltmb.data import Array
 from feltmb.fit.linearize import Linear, predict
-from feltmb.fit.model import Model, Term
+from feltmb.fit.model import Candidate, Model
 from feltmb.fit.problem import Problem
-from feltmb.fit.shots import Shot
+from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit, inverse_scaled
 from feltmb.fit.together import each
 from feltmb.gap.shape import movable, moved_shape, shape_number
@@ -31,33 +31,33 @@ WIDE = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """Standard deviations of the sizes of a fit, and of the logarithms of its shapes."""
+    """Standard deviations of the magnitudes of a fit, and of the logarithms of its shapes."""
 
-    sizes: Array
-    """(k,), in the order of the terms [their units]."""
+    magnitudes: Array
+    """(k,), in the order of the included effects [their units]."""
     shapes: dict[tuple[int, int], float]
-    """(term, place of the number in its shape) -> standard deviation of its logarithm [1]."""
+    """(candidate, place of the number in its shape) -> standard deviation of its logarithm [1]."""
 
 
 def spread(fit: Fit) -> Spread:
     """Standard deviations of what was fitted, shapes that may take any value among it."""
     count = len(fit.problem.free)
-    places = [(k, i) for k, term in enumerate(fit.terms) for i in movable(term.effect)]
+    places = [(k, i) for k, candidate in enumerate(fit.included) for i in movable(candidate.effect)]
     matrix = fit.normal.matrix
     if places:
         columns = [_columns(fit, k, i) for k, i in places]
-        shared = count + len(fit.terms)
+        shared = count + len(fit.included)
         linears = [_with(x, [c[n] for c in columns], shared) for n, x in enumerate(fit.linears)]
         matrix = fit.problem.normal(fit.point, linears, fit.gap_sd).matrix.copy()
         for j in range(len(places)):
             matrix[shared + j, shared + j] += 1.0 / WIDE**2
     sd = np.sqrt(np.maximum(np.diag(inverse_scaled(matrix)), 0.0))
-    at = count + len(fit.terms)
+    at = count + len(fit.included)
     return Spread(sd[count:at], {p: float(sd[at + j]) for j, p in enumerate(places)})
 
 
 def _columns(fit: Fit, k: int, place: int) -> list[tuple[Array, Array]]:
-    """By shot: minus the change of the residual (W, m), and change of the ends (W - 1, nx)."""
+    """By record: minus the change of the residual (W, m), and change of the ends (W - 1, nx)."""
     up, down = (_seen(fit, k, place, math.exp(s)) for s in (STEP, -STEP))
     out = []
     for (high, end), (low, start) in zip(up, down, strict=True):
@@ -69,22 +69,27 @@ def _columns(fit: Fit, k: int, place: int) -> list[tuple[Array, Array]]:
 
 def _seen(fit: Fit, k: int, place: int, factor: float) -> list[tuple[Array, Array]]:
     """Residuals and gaps with one shape at another value."""
-    terms = list(fit.terms)
-    number = shape_number(terms[k].shape, place) * factor
-    terms[k] = Term(terms[k].effect, moved_shape(terms[k].shape, place, number))
+    included = list(fit.included)
+    number = shape_number(included[k].shape, place) * factor
+    included[k] = Candidate(included[k].effect, moved_shape(included[k].shape, place, number))
     problem: Problem = fit.problem
 
     def see(model: Model, i: int) -> tuple[Array, Array]:
-        shot: Shot = problem.shots[i]
+        segmented: SegmentedRecord = problem.segmented_records[i]
         return predict(
-            model, shot, fit.point.theta, tuple(terms), fit.point.sizes, fit.point.places[i]
+            model,
+            segmented,
+            fit.point.theta,
+            tuple(included),
+            fit.point.magnitudes,
+            fit.point.places[i],
         )[1:]
 
-    return each(problem.model, see, range(len(problem.shots)))
+    return each(problem.model, see, range(len(problem.segmented_records)))
 
 
 def _with(linear: Linear, columns: list[tuple[Array, Array]], at: int) -> Linear:
-    """A linearization with further columns behind those of the sizes."""
+    """A linearization with further columns behind those of the magnitudes."""
     outputs = np.stack([c[0] for c in columns], axis=2)
     ends = np.zeros((*linear.ends_by_global.shape[:2], len(columns)))
     if ends.shape[1]:

@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from feltmb.fit.model import FLOOR, Model, Parameter
+from feltmb.fit.model import VARIABILITY, Model, Parameter
 from feltmb.fit.solve import Fit, FitSettings, polish
 from feltmb.gap.search import Search
 
-__all__ = ["TOLERATED", "strain_told", "strained", "within_tolerance"]
+__all__ = ["TOLERATED", "beyond_prior", "prior_deviations_told", "within_tolerance"]
 
 #: Standard deviations from its prior that a parameter may take up: of fifty parameters one goes
 #: beyond in one machine of 300.
@@ -22,15 +22,15 @@ TOLERATED = 4.0
 HELD = "parameters held within their tolerance"
 
 
-def strained(fit: Fit) -> dict[str, float]:
+def beyond_prior(fit: Fit) -> dict[str, float]:
     """Parameters that had to go beyond their tolerance, and by how many standard deviations.
 
-    Those of a floor are no numbers of the machine and are left out.
+    Those of run-to-run variability are no numbers of the machine and are left out.
     """
     out = {}
     for i in fit.problem.free:
         p = fit.problem.model.parameters[i]
-        if not 0.0 < p.sd < math.inf or p.component == FLOOR:
+        if not 0.0 < p.sd < math.inf or p.component == VARIABILITY:
             continue
         far = (float(fit.point.theta[i]) - p.value) / p.sd
         if abs(far) > TOLERATED:
@@ -38,9 +38,9 @@ def strained(fit: Fit) -> dict[str, float]:
     return out
 
 
-def strain_told(fit: Fit) -> str:
+def prior_deviations_told(fit: Fit) -> str:
     """Parameters that are not what they were said to be, in words; empty: there are none."""
-    far = strained(fit)
+    far = beyond_prior(fit)
     if not far:
         return ""
     told = ", ".join(f"{name} by {z:.2g}" for name, z in far.items())
@@ -58,8 +58,8 @@ def within_tolerance(found: Search, settings: FitSettings) -> Search:
     best = found.best
     if best is None:
         return found
-    far = strained(found.model_fit)
-    names = {t.effect.beyond for t in best.fit.terms} & far.keys()
+    far = beyond_prior(found.model_fit)
+    names = {t.effect.beyond for t in best.fit.included} & far.keys()
     if not names:
         return found
     before = found.model_fit

@@ -1,4 +1,4 @@
-"""Where the gap lies: ledger of channels and windows, events, time and amplitude."""
+"""Where the gap lies: ledger of channels and segments, events, time and amplitude."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from scipy import stats
 
 from feltmb.data import Array
 from feltmb.fit.linearize import predict
-from feltmb.fit.model import Lanes
-from feltmb.fit.observe import observe_lanes
-from feltmb.fit.shots import Shot
+from feltmb.fit.model import Jobs
+from feltmb.fit.observe import observe_jobs
+from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit
 from feltmb.gap.findings import EventRow, LedgerCell
 
@@ -22,7 +22,7 @@ SHOWS = 0.1
 
 
 def ledger(fit: Fit, level: float = 0.05) -> tuple[tuple[LedgerCell, ...], dict[str, float]]:
-    """Residual by channel and window against noise, and the onset by record [s].
+    """Residual by channel and segment against noise, and the onset by record [s].
 
     Cells are tested by chi-square of the whitened residual, states re-estimated, with
     Benjamini-Yekutieli control of the false discovery rate at ``level``. The degrees of freedom
@@ -31,15 +31,15 @@ def ledger(fit: Fit, level: float = 0.05) -> tuple[tuple[LedgerCell, ...], dict[
     problem = fit.problem
     normal = problem.normal(fit.point, fit.linears, fit.gap_sd, keep_rows=True)
     rows = []
-    for shot, chain in zip(problem.shots, normal.chains, strict=True):
+    for segmented, chain in zip(problem.segmented_records, normal.chains, strict=True):
         assert chain.rows is not None
         assert chain.leverage is not None
         ny = len(problem.model.outputs)
-        for w in range(shot.count):
+        for w in range(segmented.count):
             residual = chain.rows[w][:, -1].reshape(-1, ny)
             taken = chain.leverage[w].reshape(-1, ny)
             for c, channel in enumerate(problem.model.outputs):
-                valid = shot.valid[w, :, c]
+                valid = segmented.valid[w, :, c]
                 n = int(valid.sum())
                 if n < 2:
                     continue
@@ -47,23 +47,25 @@ def ledger(fit: Fit, level: float = 0.05) -> tuple[tuple[LedgerCell, ...], dict[
                 dof = max(n - float(taken[valid, c].sum()), 1.0)
                 chi2 = float(values @ values)
                 p = float(stats.chi2.sf(chi2, dof))
-                rms = float(np.sqrt(np.mean(values**2))) * shot.noise[c].sigma
-                rows.append((shot, w, channel, c, n, rms, chi2, dof, p, _lag1(values)))
+                rms = float(np.sqrt(np.mean(values**2))) * segmented.noise[c].sigma
+                rows.append((segmented, w, channel, c, n, rms, chi2, dof, p, _lag1(values)))
     ps = np.array([r[8] for r in rows])
     flags = _benjamini_yekutieli(ps, level)
     cells = []
     onset: dict[str, float] = {}
-    for (shot, w, channel, c, n, rms, chi2, dof, p, lag), flag in zip(rows, flags, strict=True):
-        first, last = shot.windows[w]
+    for (segmented, w, channel, c, n, rms, chi2, dof, p, lag), flag in zip(
+        rows, flags, strict=True
+    ):
+        first, last = segmented.segments[w]
         cells.append(
             LedgerCell(
-                record=shot.record.name,
+                record=segmented.record.name,
                 channel=channel,
-                start=float(shot.record.time[first]),
-                end=float(shot.record.time[last]),
+                start=float(segmented.record.time[first]),
+                end=float(segmented.record.time[last]),
                 samples=n,
                 rms=rms,
-                sigma=shot.noise[c].sigma,
+                sigma=segmented.noise[c].sigma,
                 z=float((chi2 - dof) / np.sqrt(2.0 * dof)),
                 p=p,
                 significant=bool(flag),
@@ -71,26 +73,28 @@ def ledger(fit: Fit, level: float = 0.05) -> tuple[tuple[LedgerCell, ...], dict[
             )
         )
         if flag:
-            moment = onset_of(shot, normal.chains, w, c, len(problem.model.outputs), fit)
-            name = shot.record.name
+            moment = onset_of(segmented, normal.chains, w, c, len(problem.model.outputs), fit)
+            name = segmented.record.name
             onset[name] = min(onset.get(name, np.inf), moment)
     return tuple(cells), onset
 
 
-def onset_of(shot: Shot, chains: Sequence[object], w: int, c: int, ny: int, fit: Fit) -> float:
-    """First moment in a significant cell at which the sum of squares stands out [s]."""
-    chain = chains[fit.problem.shots.index(shot)]
+def onset_of(
+    segmented: SegmentedRecord, chains: Sequence[object], w: int, c: int, ny: int, fit: Fit
+) -> float:
+    """First moment in a significant cell whose sum of squares exceeds its expectation [s]."""
+    chain = chains[fit.problem.segmented_records.index(segmented)]
     values = chain.rows[w][:, -1].reshape(-1, ny)[:, c]  # type: ignore[attr-defined]
     excess = np.cumsum(values**2 - 1.0)
     spread = np.sqrt(2.0 * np.arange(1, values.size + 1))
     high = np.flatnonzero(excess > 4.0 * spread)
-    first = int(shot.windows[w, 0])
+    first = int(segmented.segments[w, 0])
     if high.size == 0:
-        return float(shot.record.time[first])
+        return float(segmented.record.time[first])
     # From there back to where the sum began to rise.
     at = int(high[0])
     low = int(np.argmin(excess[: at + 1])) if at > 0 else 0
-    return float(shot.record.time[min(first + low, shot.record.samples - 1)])
+    return float(segmented.record.time[min(first + low, segmented.record.samples - 1)])
 
 
 def first_act(fit: Fit) -> dict[str, float]:
@@ -98,24 +102,26 @@ def first_act(fit: Fit) -> dict[str, float]:
 
     The fit is simulated with its effects and without, at the same parameters and from the same
     start; they show where an output differs by ``SHOWS`` of its noise and of the largest
-    difference. A sum of squares needs many samples before it stands out, the model knows when its
+    difference. A sum of squares needs many samples before it shows, the model knows when its
     effect begins. Records that the effects leave alone are left out.
     """
     problem = fit.problem
     found = {}
-    for shot, place in zip(problem.shots, fit.point.places, strict=True):
-        record = shot.record
+    for segmented, place in zip(problem.segmented_records, fit.point.places, strict=True):
+        record = segmented.record
         whole = np.array([[0, record.samples - 1]])
         runs = [
-            observe_lanes(
+            observe_jobs(
                 problem.model,
                 record,
-                Lanes.at_point(fit.point.theta, whole, place.starts[:1], problem.terms, sizes),
+                Jobs.at_point(
+                    fit.point.theta, whole, place.starts[:1], problem.included, magnitudes
+                ),
             ).outputs[0]
-            for sizes in (fit.point.sizes, np.zeros_like(fit.point.sizes))
+            for magnitudes in (fit.point.magnitudes, np.zeros_like(fit.point.magnitudes))
         ]
-        sigma = np.array([n.sigma for n in shot.noise])
-        seen = np.nan_to_num(np.abs(runs[0] - runs[1]) / sigma)[:, shot.valid.any(axis=(0, 1))]
+        sigma = np.array([n.sigma for n in segmented.noise])
+        seen = np.nan_to_num(np.abs(runs[0] - runs[1]) / sigma)[:, segmented.valid.any(axis=(0, 1))]
         most = np.max(seen, axis=1, initial=0.0)
         shows = np.flatnonzero(most > SHOWS * max(1.0, float(np.max(most))))
         if shows.size:
@@ -148,15 +154,15 @@ def _benjamini_yekutieli(p: Array, level: float) -> Array:
 
 
 def _simulated(fit: Fit) -> list[Array]:
-    """Outputs along every record (n, ny), windows joined."""
+    """Outputs along every record (n, ny), segments joined."""
     problem = fit.problem
     out = []
-    for shot, place in zip(problem.shots, fit.point.places, strict=True):
+    for segmented, place in zip(problem.segmented_records, fit.point.places, strict=True):
         outputs, _, _ = predict(
-            problem.model, shot, fit.point.theta, problem.terms, fit.point.sizes, place
+            problem.model, segmented, fit.point.theta, problem.included, fit.point.magnitudes, place
         )
-        joined = np.full((shot.record.samples, len(problem.model.outputs)), np.nan)
-        for w, (first, last) in enumerate(shot.windows):
+        joined = np.full((segmented.record.samples, len(problem.model.outputs)), np.nan)
+        for w, (first, last) in enumerate(segmented.segments):
             joined[first : last + 1] = outputs[w, : last - first + 1]
         out.append(joined)
     return out
@@ -165,16 +171,16 @@ def _simulated(fit: Fit) -> list[Array]:
 def split_gap(fit: Fit) -> Mapping[str, Mapping[str, float]]:
     """Shares of the squared gap by channel that a shift in time or a factor would explain.
 
-    e(t) = -tau dy/dt + a y + rest, tau and a fitted by window.
+    e(t) = -tau dy/dt + a y + rest, tau and a fitted by segment.
     """
     problem = fit.problem
     sums = {name: np.zeros(4) for name in problem.model.outputs}
-    for shot, joined in zip(problem.shots, _simulated(fit), strict=True):
-        measured = shot.record.output_array(problem.model.outputs)
+    for segmented, joined in zip(problem.segmented_records, _simulated(fit), strict=True):
+        measured = segmented.record.output_array(problem.model.outputs)
         for c, name in enumerate(problem.model.outputs):
             y = joined[:, c]
-            slope = np.gradient(y, shot.record.time)
-            for first, last in shot.windows:
+            slope = np.gradient(y, segmented.record.time)
+            for first, last in segmented.segments:
                 part = slice(first, last + 1)
                 e = measured[part, c] - y[part]
                 good = np.isfinite(e) & np.isfinite(slope[part])
@@ -182,7 +188,7 @@ def split_gap(fit: Fit) -> Mapping[str, Mapping[str, float]]:
                     continue
                 e, s, a = e[good], -slope[part][good], y[part][good]
                 total = float(e @ e)
-                noise = good.sum() * shot.noise[c].sigma ** 2
+                noise = good.sum() * segmented.noise[c].sigma ** 2
                 if total <= noise:
                     continue
                 by_time = _explained(e, [s])
@@ -211,17 +217,17 @@ def event_ledger(fit: Fit, level: float = 0.01) -> tuple[EventRow, ...]:
     """Events that the model knows, or else the steepest changes of each channel."""
     problem = fit.problem
     rows = []
-    for shot, joined in zip(problem.shots, _simulated(fit), strict=True):
-        record = shot.record
+    for segmented, joined in zip(problem.segmented_records, _simulated(fit), strict=True):
+        record = segmented.record
         names = problem.model.outputs
         measured = record.output_array(names)
         known = dict(problem.model.events(record, {n: measured[:, c] for c, n in enumerate(names)}))
         if known:
             moments = [(e, t, c) for e, t in known.items() for c in range(len(names))]
         else:
-            moments = _steepest(record.time, joined, shot)
+            moments = _steepest(record.time, joined, segmented)
         for event, time, c in moments:
-            row = _local_shift(shot, joined[:, c], measured[:, c], time, c)
+            row = _local_shift(segmented, joined[:, c], measured[:, c], time, c)
             if row is None:
                 continue
             delay, delay_se, speed, change, change_se = row
@@ -251,18 +257,21 @@ def event_ledger(fit: Fit, level: float = 0.01) -> tuple[EventRow, ...]:
 
 
 def _steepest(
-    time: Array, joined: Array, shot: Shot, most: int = 4
+    time: Array, joined: Array, segmented: SegmentedRecord, most: int = 4
 ) -> list[tuple[str, float, int]]:
-    """The largest bends of each channel of the simulation, apart by at least a window."""
+    """The largest bends of each channel of the simulation, apart by at least a segment."""
     out = []
     apart = float(
-        np.median(shot.record.time[shot.windows[:, 1]] - shot.record.time[shot.windows[:, 0]])
+        np.median(
+            segmented.record.time[segmented.segments[:, 1]]
+            - segmented.record.time[segmented.segments[:, 0]]
+        )
     )
     for c in range(joined.shape[1]):
-        if not shot.valid[:, :, c].any():
+        if not segmented.valid[:, :, c].any():
             continue
         bend = np.abs(np.gradient(np.gradient(joined[:, c], time), time))
-        for first in shot.windows[1:, 0]:  # joints between windows are no events
+        for first in segmented.segments[1:, 0]:  # joints between segments are no events
             bend[max(first - 2, 0) : first + 3] = 0.0
         bend = np.nan_to_num(bend)
         taken: list[float] = []
@@ -276,11 +285,11 @@ def _steepest(
 
 
 def _local_shift(
-    shot: Shot, model: Array, measured: Array, time: float, c: int
+    segmented: SegmentedRecord, model: Array, measured: Array, time: float, c: int
 ) -> tuple[float, float, float, float, float] | None:
     """Shift and change of speed around a moment by local regression, with standard errors."""
-    clock = shot.record.time
-    reach = max(6, int(shot.measured.shape[1] // 4))
+    clock = segmented.record.time
+    reach = max(6, int(segmented.measured.shape[1] // 4))
     at = int(np.argmin(np.abs(clock - time)))
     part = slice(max(0, at - reach), min(clock.size, at + reach + 1))
     t, y, m = clock[part] - time, model[part], measured[part]
@@ -290,7 +299,7 @@ def _local_shift(
     t, y, m = t[good], y[good], m[good]
     slope = np.gradient(y, t)
     e = m - y
-    sigma = shot.noise[c].sigma
+    sigma = segmented.noise[c].sigma
     power = float(slope @ slope)
     if power <= 0.0:
         return None

@@ -1,7 +1,7 @@
 """How often a diagnosis is right on a user's own machine: his effects, withheld one at a time.
 
 Each case draws the parameters of the model from their priors, gives the machine one effect of the
-library with a size from its prior, and simulates the user's own inputs with the noise that his
+library with a magnitude from its prior, and simulates the user's own inputs with the noise that his
 sensors have. The diagnosis sees the records only. Machine and model share their equations, so that
 the answer is an upper bound: a real machine differs from its model in more than one effect.
 """
@@ -24,8 +24,8 @@ from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import DataError, FeltmbError, InvalidParameter
 from feltmb.files import make_folder, write_text
-from feltmb.fit.model import Effect, Lanes, Model, Parameter, Term
-from feltmb.fit.observe import observe_lanes
+from feltmb.fit.model import Candidate, Effect, Jobs, Model, Parameter
+from feltmb.fit.observe import observe_jobs
 from feltmb.fit.problem import Problem
 from feltmb.fit.shift import shifted
 from feltmb.fit.solve import FitSettings, fit_problem
@@ -37,7 +37,7 @@ __all__ = ["OUTCOMES", "Withheld", "WithheldCase", "outcome_of", "withhold"]
 
 #: What may become of a case, the best first.
 OUTCOMES = ("right", "class", "unknown", "silent", "wrong", "failed")
-#: From this signal-to-noise ratio on an effect stands out of the noise.
+#: From this signal-to-noise ratio on an effect is detectable.
 CLEAR = 5.0
 
 Progress = Callable[[int, int, "WithheldCase"], None]
@@ -250,8 +250,8 @@ def _run(
     size, ratio, error = 0.0, 0.0, ""
     report: Findings | None = None
     try:
-        term, size = (None, 0.0) if effect is None else _drawn(effect, rng)
-        shown, ratio = machine.records_with(term, size, rng)
+        candidate, size = (None, 0.0) if effect is None else _drawn(effect, rng)
+        shown, ratio = machine.records_with(candidate, size, rng)
         report = diagnose(machine.model, effects, shown, hold_out, options)
     except FeltmbError as fault:
         error = str(fault)
@@ -274,14 +274,14 @@ def _run(
     )
 
 
-def _drawn(effect: Effect, rng: np.random.Generator) -> tuple[Term, float]:
-    """A shape of an effect, and a size from its prior: normal, of its scale, within its limits."""
+def _drawn(effect: Effect, rng: np.random.Generator) -> tuple[Candidate, float]:
+    """A shape of an effect, and a magnitude from its prior: normal, within its limits."""
     shape = effect.shapes[int(rng.integers(len(effect.shapes)))]
     low, high = effect.bounds
     size = float(effect.scale * rng.standard_normal())
     if not low <= size <= high:  # half of a normal law
         size = -size
-    return Term(effect, shape), float(np.clip(size, low, high))
+    return Candidate(effect, shape), float(np.clip(size, low, high))
 
 
 def _within(p: Parameter, z: float) -> float:
@@ -327,8 +327,8 @@ class _Machine:
             free.append(np.array([sd.get(s.name, s.start_sd) for s in states]))
         if any(np.any(np.isinf(f)) for f in free):
             # Nobody knows where the records begin: they begin where the fitted model does.
-            shots = prepare(ready.model, ready.records, checks, None)
-            fit = fit_problem(Problem(ready.model, shots), FitSettings(restarts=0))
+            segmented_records = prepare(ready.model, ready.records, checks, None)
+            fit = fit_problem(Problem(ready.model, segmented_records), FitSettings(restarts=0))
             for k, place in enumerate(fit.point.places):
                 wild = np.isinf(free[k])
                 starts[k] = np.where(wild, place.starts[0], starts[k])
@@ -336,7 +336,7 @@ class _Machine:
         return cls(ready.model, tuple(told), tuple(starts), tuple(free), checks)
 
     def records_with(
-        self, term: Term | None, size: float, rng: np.random.Generator
+        self, candidate: Candidate | None, size: float, rng: np.random.Generator
     ) -> tuple[list[Record], float]:
         """Records of a machine with an effect, and its signal-to-noise ratio in them."""
         theta = np.array([_within(p, rng.standard_normal()) for p in self.model.parameters])
@@ -344,7 +344,11 @@ class _Machine:
         for record, start, free in zip(self.records, self.starts, self.free, strict=True):
             first = start + free * rng.standard_normal(start.size)
             clean = self.outputs_of(record, theta, first, None, 0.0)
-            outputs = clean if term is None else self.outputs_of(record, theta, first, term, size)
+            outputs = (
+                clean
+                if candidate is None
+                else self.outputs_of(record, theta, first, candidate, size)
+            )
             noise = self.noise.noise(record.name)
             made = {}
             for name in outputs:
@@ -375,15 +379,15 @@ class _Machine:
         return shown, math.sqrt(square)
 
     def outputs_of(
-        self, record: Record, theta: Array, start: Array, term: Term | None, size: float
+        self, record: Record, theta: Array, start: Array, candidate: Candidate | None, size: float
     ) -> Mapping[str, Array]:
-        terms = () if term is None else (term,)
-        sizes = np.array([size] if terms else [])
-        hidden = [s.start for s in self.model.states(terms)[start.size :]]
+        included = () if candidate is None else (candidate,)
+        magnitudes = np.array([size] if included else [])
+        hidden = [s.start for s in self.model.states(included)[start.size :]]
         whole = np.array([[0, record.samples - 1]])
         states = np.concatenate([start, hidden])[None, :]
-        lanes = Lanes.at_point(theta, whole, states, terms, sizes)
-        outputs = observe_lanes(self.model, record, lanes).outputs[0]
+        jobs = Jobs.at_point(theta, whole, states, included, magnitudes)
+        outputs = observe_jobs(self.model, record, jobs).outputs[0]
         return {name: outputs[:, i] for i, name in enumerate(self.model.outputs)}
 
     def _seen(self, record: Record, name: str, y: Array, rng: np.random.Generator) -> Array:
@@ -494,11 +498,13 @@ def _digest(
             yield from (r.outputs[k].tobytes() for k in sorted(r.outputs))
         theta = np.array([p.value for p in model.parameters])
         for k, (record, start) in enumerate(zip(machine.records, machine.starts, strict=True)):
-            terms = [Term(e, e.shapes[0]) for e in effects] if k == 0 else []
-            for term in (None, *terms):
-                low, high = (0.0, 0.0) if term is None else term.effect.bounds
-                size = 0.0 if term is None else float(np.clip(term.effect.scale, low, high))
-                given = machine.outputs_of(record, theta, start, term, size)
+            included = [Candidate(e, e.shapes[0]) for e in effects] if k == 0 else []
+            for candidate in (None, *included):
+                low, high = (0.0, 0.0) if candidate is None else candidate.effect.bounds
+                size = (
+                    0.0 if candidate is None else float(np.clip(candidate.effect.scale, low, high))
+                )
+                given = machine.outputs_of(record, theta, start, candidate, size)
                 yield from (np.nan_to_num(given[name]).tobytes() for name in model.outputs)
 
     for word in words():

@@ -154,7 +154,7 @@ def simulate(
         samples.
     error
         In place of ``rtol``: the largest error of a contact force over its peak that is asked for,
-        in (0, 0.1], after one blow on a string of 50 ms; the method's tolerance follows from it
+        in (0, 0.1], after one strike on a string of 50 ms; the method's tolerance follows from it
         (``run.provenance["options"]``). It is held for a hammer on a string; a whole action, which
         bounces, may need more: compare with a tenth of it.
     start
@@ -560,12 +560,12 @@ def _summary(
     return out
 
 
-#: A hammer may leave the string and touch it again within this time of one blow [s].
+#: A hammer may leave the string and touch it again within this time of one strike [s].
 _ONE_BLOW = 6e-3
 
 
 def find_strike(changes: list[Change], contact: int) -> tuple[int | None, int | None]:
-    """First closing of the strike contact and its last opening within one blow."""
+    """First closing of the strike contact and its last opening within one strike."""
     on = next((i for i, c in enumerate(changes) if c.contact == contact and c.closes), None)
     if on is None:
         return None, None

@@ -45,7 +45,7 @@ def test_torque_and_stiffness_are_recovered():
 
 
 @pytest.mark.slow
-def test_all_parameters_are_recovered_through_the_blow():
+def test_all_parameters_are_recovered_through_the_strike():
     made = load_actuator("wood").with_values({"arm.young_modulus": 16.0})
     made = made.with_damper("one-sided", 0.03)
     knots = np.linspace(0.0, 0.12, 8)

@@ -11,15 +11,15 @@ from feltmb.adapters.aliases import alias_of
 from feltmb.adapters.changes import Change, read_entry
 from feltmb.adapters.variants import changed_config
 from feltmb.data import Record, Sensor
-from feltmb.fit import Effect, Parameter, Term
+from feltmb.fit import Candidate, Effect, Parameter
 from feltmb.fit.linear import LinearModel
 from feltmb.fit.problem import Problem
 from feltmb.fit.solve import fit_problem
 from feltmb.gap import Verdict, diagnose
 from feltmb.gap.checks import check_against
 from feltmb.gap.diagnose import prepare
-from feltmb.gap.score import all_terms, score_fit
-from feltmb.gap.tolerance import TOLERATED, strained
+from feltmb.gap.score import all_candidates, score_fit
+from feltmb.gap.tolerance import TOLERATED, beyond_prior
 
 ACTION = feltmb.load_action("steinway45")
 LIBRARY = load_library(ACTION)
@@ -64,17 +64,19 @@ def test_numbers_of_other_units_count_as_well():
 def test_the_ratio_is_that_of_the_changed_numbers(name):
     effect = LIBRARY.effect(name)
     alias = alias_of(ACTION.config, effect, LIBRARY.tolerances)
-    theta, size, h = 0.7 * alias.tolerance.size, 0.4 * effect.size, 1e-6
+    theta, size, h = 0.7 * alias.tolerance.magnitude, 0.4 * effect.magnitude, 1e-6
 
     def number(departure, amount):
         entries = [(alias.tolerance, departure, None), (effect, amount, None)]
         config = changed_config(ACTION.config, entries, {})
         return float(read_entry(config, effect.changes[0].path))
 
-    by_effect = number(theta, size + h * effect.size) - number(theta, size - h * effect.size)
-    by_tolerance = number(theta + h * alias.tolerance.size, size)
-    by_tolerance -= number(theta - h * alias.tolerance.size, size)
-    expected = by_effect / effect.size / (by_tolerance / alias.tolerance.size)
+    by_effect = number(theta, size + h * effect.magnitude) - number(
+        theta, size - h * effect.magnitude
+    )
+    by_tolerance = number(theta + h * alias.tolerance.magnitude, size)
+    by_tolerance -= number(theta - h * alias.tolerance.magnitude, size)
+    expected = by_effect / effect.magnitude / (by_tolerance / alias.tolerance.magnitude)
     assert alias.ratio(theta, size) == pytest.approx(expected, rel=1e-6)
 
 
@@ -122,12 +124,12 @@ def test_its_score_is_the_square_of_its_strain(small):
     model, effects, strokes = small
     ready = model.ready(strokes[1:])
     checks = check_against(ready.model, ready.records)
-    shots = prepare(ready.model, ready.records, checks, None)
-    fit = fit_problem(Problem(ready.model, shots))
-    z = strained(fit)["let_off_button"]
+    segmented_records = prepare(ready.model, ready.records, checks, None)
+    fit = fit_problem(Problem(ready.model, segmented_records))
+    z = beyond_prior(fit)["let_off_button"]
     assert z == pytest.approx(-6.0, abs=0.3)
-    scores = score_fit(fit, all_terms(effects))
-    at = [t.name for t in scores.terms].index("let_off_button")
+    scores = score_fit(fit, all_candidates(effects))
+    at = [t.name for t in scores.candidates].index("let_off_button")
     assert scores.singles()[at] == pytest.approx(z**2, rel=0.05)
 
 
@@ -193,10 +195,10 @@ def test_what_is_pressed_against_its_limit_takes_up_nothing():
         columns={"slope": lambda r: r.inputs["u"]},
         parameters=[Parameter(name="slope", value=1.0, sd=0.1, upper=1.2)],
     )
-    shots = prepare(limited, records, check_against(limited, records), None)
-    fit = fit_problem(Problem(limited, shots))
-    term = Term(steeper(""), None)
-    scores = score_fit(fit, (term,))
+    segmented_records = prepare(limited, records, check_against(limited, records), None)
+    fit = fit_problem(Problem(limited, segmented_records))
+    candidate = Candidate(steeper(""), None)
+    scores = score_fit(fit, (candidate,))
     # As if the parameter were known: 0.8 u over noise of 0.1.
     u = np.concatenate([r.inputs["u"] for r in records])
     assert scores.strength[0] == pytest.approx(np.sqrt(u @ u) / 0.1, rel=1e-6)

@@ -8,8 +8,8 @@ from feltmb.adapters import load_library, mechanism_model
 from feltmb.adapters.derivatives import difference_sensitivities, sensitivities
 from feltmb.adapters.variants import changed_config
 from feltmb.data import Record
-from feltmb.fit import Lanes, Term
-from feltmb.fit.observe import observe_lanes
+from feltmb.fit import Candidate, Jobs
+from feltmb.fit.observe import observe_jobs
 
 CONDITIONS = {"relative_humidity": 70.0, "cycle": 100.0}
 
@@ -27,7 +27,7 @@ def record_of(model, stroke, duration):
 
 
 @pytest.fixture(scope="module")
-def subject():
+def adapter():
     action = feltmb.load_action("steinway45")
     channels = ["key", "key_lift", "whippen", "hammer_tip", "backcheck", "jack", "damper"]
     model, effects = mechanism_model(
@@ -37,21 +37,21 @@ def subject():
     return model, {e.name: e for e in effects}, records
 
 
-def outputs(model, record, term=None, size=0.0):
-    terms = () if term is None else (term,)
-    lanes = Lanes(
+def outputs(model, record, candidate=None, size=0.0):
+    included = () if candidate is None else (candidate,)
+    jobs = Jobs(
         theta=np.zeros((1, len(model.parameters))),
-        windows=np.array([[0, record.samples - 1]]),
-        starts=np.zeros((1, len(model.states(terms)))),
-        terms=terms,
-        sizes=np.array([[size]]) if terms else np.zeros((0, 0)),
+        segments=np.array([[0, record.samples - 1]]),
+        starts=np.zeros((1, len(model.states(included)))),
+        included=included,
+        magnitudes=np.array([[size]]) if included else np.zeros((0, 0)),
     )
-    return observe_lanes(model, record, lanes).outputs[0]
+    return observe_jobs(model, record, jobs).outputs[0]
 
 
 @pytest.fixture(scope="module")
-def plain(subject):
-    model, _, records = subject
+def plain(adapter):
+    model, _, records = adapter
     return [outputs(model, r) for r in records]
 
 
@@ -63,22 +63,22 @@ def names(which):
     return [e.name for e in library.effects if e.name not in default]
 
 
-def check(subject, plain, name):
-    model, effects, records = subject
+def check(adapter, plain, name):
+    model, effects, records = adapter
     if name not in effects:  # a channel that no output of this model belongs to
         assert name.startswith(("channel_gain", "point_offset"))
         return
     effect = effects[name]
     # A force of the felt that is not used in these strokes, or a strap that stays slack in forte.
     for shape in effect.shapes:
-        term = Term(effect, shape)
+        candidate = Candidate(effect, shape)
         moved = 0.0
         for record, base in zip(records, plain, strict=True):
-            assert np.array_equal(outputs(model, record, term, 0.0), base)
+            assert np.array_equal(outputs(model, record, candidate, 0.0), base)
             low, high = effect.bounds
             step = effect.step * effect.scale * (1.0 if high > 0.0 else -1.0)
             assert low <= step <= high
-            slope = (outputs(model, record, term, step) - base) / effect.step
+            slope = (outputs(model, record, candidate, step) - base) / effect.step
             assert np.all(np.isfinite(slope))
             moved = max(moved, float(np.max(np.abs(slope))))
             if moved > 1e-7:
@@ -88,14 +88,14 @@ def check(subject, plain, name):
 
 
 @pytest.mark.parametrize("name", names("default"))
-def test_an_effect_is_the_model_at_zero_and_moves_it(subject, plain, name):
-    check(subject, plain, name)
+def test_an_effect_is_the_model_at_zero_and_moves_it(adapter, plain, name):
+    check(adapter, plain, name)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", names("rest"))
-def test_the_other_effects_too(subject, plain, name):
-    check(subject, plain, name)
+def test_the_other_effects_too(adapter, plain, name):
+    check(adapter, plain, name)
 
 
 def test_zero_gives_back_the_very_same_configuration():
@@ -111,7 +111,7 @@ def test_every_effect_says_what_it_is():
             assert e.component
             assert e.mechanism.endswith(".")
             assert e.remedy.endswith(".")
-            assert e.size > 0.0
+            assert e.magnitude > 0.0
             assert "{" not in e.name + e.component + e.mechanism + e.remedy
         assert len(library.select()) >= 40
         assert len({e.name for e in library.effects}) == len(library.effects)
@@ -119,30 +119,30 @@ def test_every_effect_says_what_it_is():
 
 @pytest.mark.slow
 def test_forward_derivatives_are_those_of_differences():
-    """Up to the blow, where the motion is smooth: by tolerances and by effects, both shootings."""
+    """Up to the impact, where the motion is smooth: by tolerances and effects, both shootings."""
     for shooting in ("single", "multiple"):
         model, effects = mechanism_model(
             feltmb.load_action("steinway45"), rtol=1e-8, shooting=shooting, derivatives="forward"
         )
         record = record_of(model, "forte", 0.085)
         theta = np.zeros(len(model.parameters))
-        windows = np.array([[0, 100], [100, record.samples - 1]])
-        starts = model.guess(record, windows)
+        segments = np.array([[0, 100], [100, record.samples - 1]])
+        starts = model.guess(record, segments)
         wanted = {"coulomb_friction.butt", "felt_thickness.04", "load_cell_mass", "damper_spoon"}
-        terms = tuple(Term(e, e.shapes[0]) for e in effects if e.name in wanted)
-        given = {"by_theta": range(len(theta)), "by_starts": True, "candidates": terms}
+        included = tuple(Candidate(e, e.shapes[0]) for e in effects if e.name in wanted)
+        given = {"by_theta": range(len(theta)), "by_starts": True, "candidates": included}
         none = np.zeros(0)
-        forward = sensitivities(model, record, theta, windows, starts, (), none, **given)
-        differ = difference_sensitivities(model, record, theta, windows, starts, (), none, **given)
+        forward = sensitivities(model, record, theta, segments, starts, (), none, **given)
+        differ = difference_sensitivities(model, record, theta, segments, starts, (), none, **given)
         assert np.nanmax(np.abs(forward.outputs - differ.outputs)) < 1e-7
-        sizes = np.array([p.size for p in model.parameters])
-        scales = np.array([t.effect.scale for t in terms])
+        magnitudes = np.array([p.size for p in model.parameters])
+        scales = np.array([t.effect.scale for t in included])
         for a, b, unit in (
-            (forward.d_theta, differ.d_theta, sizes),
+            (forward.d_theta, differ.d_theta, magnitudes),
             (forward.d_candidates, differ.d_candidates, scales),
         ):
             if a.size:
-                a, b = np.nan_to_num(a), np.nan_to_num(b)  # beyond the end of a window
+                a, b = np.nan_to_num(a), np.nan_to_num(b)  # beyond the end of a segment
                 # Departures of 1 mm and more: 1 um is the noise and curvature of the differences.
                 error = np.max(np.abs(a - b) * unit, axis=(0, 1, 2))
                 room = 2e-6 + 0.03 * np.max(np.abs(b) * unit, axis=(0, 1, 2))

@@ -1,4 +1,4 @@
-"""Blows as sparse records, and the thesis's own gap put to the diagnosis."""
+"""Impacts as sparse records, and the thesis's own gap put to the diagnosis."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import feltmb
-from feltmb.adapters import ImpactModel, blow_record, load_blows
+from feltmb.adapters import ImpactModel, impact_record, load_impacts
 from feltmb.data import read_records
 from feltmb.errors import InvalidParameter
 
@@ -19,10 +19,10 @@ ONE = {"string.count": 1}
 
 def record(values=None, speed=1.06):
     numbers = {o: (1.0, 1.0, "1") for o in OUTPUTS}
-    return blow_record("blow", "piano", speed, numbers, values=values)
+    return impact_record("impact", "piano", speed, numbers, values=values)
 
 
-def test_a_blow_is_that_of_the_stroke_at_its_own_speed():
+def test_a_impact_is_that_of_the_stroke_at_its_own_speed():
     action = feltmb.load_action("steinway45")
     run = feltmb.simulate(action, "piano", duration=0.26, ledger=False, rtol=1e-8)
     model = ImpactModel(action, (), [*OUTPUTS, "impact_speed"], rtol=1e-8)
@@ -31,7 +31,7 @@ def test_a_blow_is_that_of_the_stroke_at_its_own_speed():
         assert value == pytest.approx(run.summary[key], rel=2e-5), key
 
 
-def test_a_blow_arrives_with_the_speed_given_and_three_strings_are_stiffer():
+def test_a_impact_arrives_with_the_speed_given_and_three_strings_are_stiffer():
     action = feltmb.load_action("steinway45").with_values(ONE)
     model = ImpactModel(action, (), [*OUTPUTS, "impact_speed"])
     one = model.numbers(record(), np.zeros(0))
@@ -47,7 +47,7 @@ def test_a_blow_arrives_with_the_speed_given_and_three_strings_are_stiffer():
 
 
 def test_the_committed_records_are_those_of_the_table():
-    _, _, records = load_blows(EXAMPLE / "table_4_3.toml")
+    _, _, records = load_impacts(EXAMPLE / "table_4_3.toml")
     read = {r.name: r for r in read_records(sorted((EXAMPLE / "records").glob("*.csv")))}
     assert set(read) == {r.name for r in records}
     for made in records:
@@ -60,7 +60,7 @@ def test_the_committed_records_are_those_of_the_table():
 
 
 def test_faults_of_a_table_come_at_once(tmp_path):
-    path = tmp_path / "blows.toml"
+    path = tmp_path / "impacts.toml"
     path.write_text(
         """
 schema = 1
@@ -78,17 +78,17 @@ impact_speed = "1.0 m/s"
 """
     )
     with pytest.raises(InvalidParameter) as error:
-        load_blows(path)
+        load_impacts(path)
     for part in ("3 faults", "records.a.rebound_speed: sd is missing", "records.b", "mass.head"):
         assert part in str(error.value)
 
 
 @pytest.mark.slow
 def test_the_gap_of_the_thesis_is_its_string():
-    """Table 4.3 and the rebound speeds: three strings' impedance, proven on the forte blow."""
+    """Table 4.3 and the rebound speeds: three strings' impedance, proven on the forte impact."""
     from feltmb.gap import Options, diagnose
 
-    model, effects, records = load_blows(EXAMPLE / "table_4_3.toml")
+    model, effects, records = load_impacts(EXAMPLE / "table_4_3.toml")
     assert model.action.config.string.count == 1
     options = Options(bootstrap=0, restarts=0, max_effects=2, width=4)
     report = diagnose(model, effects, records, options=options)

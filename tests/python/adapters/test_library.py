@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import feltmb
-from feltmb.adapters import amended_action, load_library, mechanism_model
+from feltmb.adapters import action_with_effects, load_library, mechanism_model
 from feltmb.adapters.changes import Change, apply_changes, read_entry
 from feltmb.adapters.resolve import resolve
 from feltmb.errors import InvalidParameter
-from feltmb.fit import Lanes
+from feltmb.fit import Jobs
 from feltmb.mechanism import Action
 
 ACTION = feltmb.load_action("steinway45")
@@ -25,16 +25,16 @@ def test_all_faults_of_a_library_come_at_once(tmp_path):
         tmp_path,
         """
 [effects.a]
-size = 0.1
+magnitude = 0.1
 changes = [{ path = "bodies.kee.mass", scale = 1.0 }]
 [effects.b]
-size = "3 kg"
+magnitude = "3 kg"
 unit = "m"
 changes = [{ path = "bodies.key.mass", scale = 1.0 }]
 [effects.c]
-size = 0.1
+magnitude = 0.1
 [effects.d]
-size = 0.1
+magnitude = 0.1
 insert = { kind = "clearance", body = "nobody" }
 """,
     )
@@ -55,7 +55,7 @@ insert = { kind = "clearance", body = "nobody" }
 
 def test_an_unknown_key_is_named_with_the_near_one(tmp_path):
     with pytest.raises(InvalidParameter, match="did you mean 'mechanism'"):
-        load_library(ACTION, write(tmp_path, "[effects.a]\nsize = 1.0\nmechanisms = 'x'\n"))
+        load_library(ACTION, write(tmp_path, "[effects.a]\nmagnitude = 1.0\nmechanisms = 'x'\n"))
 
 
 def test_selection_by_name_pattern_and_all():
@@ -102,9 +102,9 @@ def test_changes_combine_and_a_zero_leaves_the_very_object():
         read_entry(config, "bodies.kee.mass")
 
 
-def test_an_amended_mechanism_is_one_that_loads():
+def test_an_with_effects_mechanism_is_one_that_loads():
     library = load_library(ACTION)
-    assert amended_action(ACTION, [(library.effect("let_off_button"), 0.0, None)]) is ACTION
+    assert action_with_effects(ACTION, [(library.effect("let_off_button"), 0.0, None)]) is ACTION
     # The round trip through plain tables loses nothing that counts.
     raw = ACTION.config.model_dump(mode="json", by_alias=True, exclude_none=True)
     assert Action(raw).hash == ACTION.hash
@@ -114,7 +114,7 @@ def test_an_amended_mechanism_is_one_that_loads():
         (library.effect("key_flexibility"), 1e-4, None),
         (library.effect("load_cell_mass"), 5e-3, None),
     ]
-    changed = amended_action(ACTION, chosen)
+    changed = action_with_effects(ACTION, chosen)
     assert {"butt.pin.x", "butt.pin.y", "key_front.bend"} <= set(changed.coordinates)
     run = feltmb.simulate(changed, "forte", duration=0.12, ledger=True, rtol=1e-7)
     assert run.energy["residual_relative"] < 1e-5
@@ -133,7 +133,7 @@ def test_a_pivot_that_gives_tends_to_the_ideal_one():
 
     plain = motion(ACTION)
     small, large = (
-        motion(amended_action(ACTION, [(entry, s, None)])) - plain for s in (1e-7, 2e-7)
+        motion(action_with_effects(ACTION, [(entry, s, None)])) - plain for s in (1e-7, 2e-7)
     )
     # At rest the pin stands where the load puts it; moving, it swings a little on its bushing.
     assert small[0] < -1e-9
@@ -142,7 +142,7 @@ def test_a_pivot_that_gives_tends_to_the_ideal_one():
     assert np.max(np.abs(large - 2.0 * small)) < 0.06 * np.max(np.abs(large))
 
 
-def test_windows_go_on_where_the_last_one_ended():
+def test_segments_go_on_where_the_last_one_ended():
     model, _ = mechanism_model(ACTION, rtol=1e-8, shooting="multiple")
     stroke = feltmb.load_stroke("forte")
     time = np.arange(0.0, 0.13, 5e-4)
@@ -157,16 +157,16 @@ def test_windows_go_on_where_the_last_one_ended():
     theta = np.zeros((1, len(model.parameters)))
     whole = model.simulate(
         record,
-        Lanes(
+        Jobs(
             theta=theta,
-            windows=np.array([[0, time.size - 1]]),
+            segments=np.array([[0, time.size - 1]]),
             starts=np.zeros((1, len(model.states()))),
         ),
     ).outputs[0]
     cuts = np.array([[0, 90], [90, 170], [170, time.size - 1]])
     starts = model.guess(record, cuts)
     parts = model.simulate(
-        record, Lanes(theta=np.repeat(theta, 3, axis=0), windows=cuts, starts=starts)
+        record, Jobs(theta=np.repeat(theta, 3, axis=0), segments=cuts, starts=starts)
     )
     for w, (first, last) in enumerate(cuts):
         difference = parts.outputs[w, : last - first + 1] - whole[first : last + 1]

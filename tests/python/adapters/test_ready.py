@@ -1,4 +1,4 @@
-"""What a mechanism makes of records before a fit: their useful part, their floor, smooth motion."""
+"""What a mechanism makes of records before a fit: their useful part, their variability, smooth motion."""
 
 import math
 from dataclasses import replace
@@ -13,7 +13,7 @@ from feltmb.adapters.resolve import resolve
 from feltmb.data import Record, Sensor
 from feltmb.data.smoothing import smooth_record
 from feltmb.errors import InvalidParameter
-from feltmb.fit import Lanes, including
+from feltmb.fit import Jobs, including
 from feltmb.gap.split import split_records
 
 ACTION = feltmb.load_action("steinway45")
@@ -39,7 +39,7 @@ def forte():
     )
 
 
-def test_the_first_turn_is_that_of_the_first_blow():
+def test_the_first_turn_is_that_of_the_first_impact():
     time = np.linspace(0.0, 0.4, 401)
     there = np.interp(time, [0.0, 0.1, 0.2, 0.3, 0.4], [0.0, 0.04, 0.01, 0.05, 0.0])
     assert first_turn(time, -there) == pytest.approx(0.1, abs=0.0015)
@@ -54,7 +54,7 @@ def test_the_first_turn_is_that_of_the_first_blow():
     assert first_turn(time, np.full(401, np.nan)) is None
 
 
-def test_records_end_shortly_after_the_blow(forte):
+def test_records_end_shortly_after_the_impact(forte):
     model, _ = resolve("steinway45", FEW)
     ready = model.ready([forte])
     turn = forte.time[np.argmax(np.abs(forte.outputs["hammer_tip.x"]))]
@@ -72,8 +72,8 @@ def test_records_end_shortly_after_the_blow(forte):
     for until, last in (("0.02", turn + 0.02), ("end", forte.time[-1])):
         other, _ = resolve("steinway45", {**FEW, "until": until})
         assert other.ready([forte]).records[0].time[-1] == pytest.approx(last, abs=2e-3)
-    windows, _ = resolve("steinway45", {**FEW, "shooting": "multiple"})
-    assert windows.ready([forte]).records[0] is forte
+    segments, _ = resolve("steinway45", {**FEW, "shooting": "multiple"})
+    assert segments.ready([forte]).records[0] is forte
 
 
 def test_what_is_ready_stays_as_it_is(forte):
@@ -83,27 +83,27 @@ def test_what_is_ready_stays_as_it_is(forte):
     assert twice.model is once.model
     assert twice.notes == ()
     assert twice.records[0].samples == once.records[0].samples
-    # The floor of the record; nothing is known of it beyond its end.
-    floor = once.model.floors["forte"].columns
+    # The variability of the record; nothing is known of it beyond its end.
+    variability = once.model.variabilities["forte"].columns
     theta = np.zeros(len(once.model.parameters))
     theta[-1] = 3.0
-    window = np.array([[0, forte.samples - 1]])
-    y = once.model.simulate(forte, Lanes.at_point(theta, window, np.zeros((1, 0)), (), np.zeros(0)))
+    segment = np.array([[0, forte.samples - 1]])
+    y = once.model.simulate(forte, Jobs.at_point(theta, segment, np.zeros((1, 0)), (), np.zeros(0)))
     bare = model.simulate(
-        forte, Lanes.at_point(theta[:2], window, np.zeros((1, 0)), (), np.zeros(0))
+        forte, Jobs.at_point(theta[:2], segment, np.zeros((1, 0)), (), np.zeros(0))
     )
     shift = (y.outputs - bare.outputs)[0]
     n = once.records[0].samples
-    assert shift[:n] == pytest.approx(3.0 * floor[..., -1], abs=1e-12)
+    assert shift[:n] == pytest.approx(3.0 * variability[..., -1], abs=1e-12)
     assert np.all(shift[n:] == 0.0)
 
 
-def test_effects_that_are_included_get_the_floor_as_well(forte):
+def test_effects_that_are_included_get_the_variability_as_well(forte):
     model, effects = resolve("steinway45", {**FEW, "effects": "coulomb_friction.butt"})
     ready = including(model, effects).ready([forte])
     names = [p.name for p in ready.model.parameters]
     assert names[-1] == "coulomb_friction.butt"
-    assert any(n.startswith("floor.forte.") for n in names)
+    assert any(n.startswith("variability.forte.") for n in names)
     assert ready.records[0].samples < forte.samples
 
 
@@ -111,18 +111,18 @@ def test_a_single_record_is_held_out_in_blocks_without_being_cut(forte):
     model, _ = resolve("steinway45", FEW)
     ready = model.ready([forte])
     fit, held = split_records(ready.records, None, masked=model.from_rest)
-    assert [r.name for r in (*fit, *held)] == ["forte[fit]", "forte[held out]"]
+    assert [r.name for r in (*fit, *held)] == ["forte[fit]", "forte[held-out]"]
     for name, values in ready.records[0].outputs.items():
         seen = [np.isfinite(r.outputs[name]) for r in (*fit, *held)]
         assert np.array_equal(seen[0], ~seen[1])
         assert 0.5 < np.mean(seen[0]) < 0.7
         assert np.array_equal(fit[0].outputs[name][seen[0]], values[seen[0]])
-    # Both parts have the floor of the whole.
+    # Both parts have run-to-run variability of the whole.
     theta = np.zeros(len(ready.model.parameters))
     theta[-1] = 1.0
-    window = np.array([[0, held[0].samples - 1]])
-    lanes = Lanes.at_point(theta, window, np.zeros((1, 0)), (), np.zeros(0))
-    part, whole = (ready.model.simulate(r, lanes).outputs for r in (held[0], ready.records[0]))
+    segment = np.array([[0, held[0].samples - 1]])
+    jobs = Jobs.at_point(theta, segment, np.zeros((1, 0)), (), np.zeros(0))
+    part, whole = (ready.model.simulate(r, jobs).outputs for r in (held[0], ready.records[0]))
     assert np.array_equal(part, whole)
 
 
@@ -153,7 +153,7 @@ def test_a_noisy_motion_drives_the_mechanism_as_the_clean_one():
     time = np.arange(0.0, 0.06, 1e-3)
     down = 9e-3 * np.sin(0.5 * np.pi * np.clip((time - 0.01) / 0.045, 0.0, 1.0)) ** 2
     outputs = {o: np.zeros(time.size) for o in model.outputs}
-    window, none = np.array([[0, time.size - 1]]), np.zeros((1, 0))
+    segment, none = np.array([[0, time.size - 1]]), np.zeros((1, 0))
     seen = []
     for noise in (0.0, 2e-6):
         record = Record(
@@ -164,8 +164,8 @@ def test_a_noisy_motion_drives_the_mechanism_as_the_clean_one():
             input_sigma={"displacement": 2e-6 if noise else 0.0},
             outputs=outputs,
         )
-        lanes = Lanes.at_point(np.zeros(2), window, none, (), np.zeros(0))
-        seen.append(model.simulate(record, lanes).outputs[0])
+        jobs = Jobs.at_point(np.zeros(2), segment, none, (), np.zeros(0))
+        seen.append(model.simulate(record, jobs).outputs[0])
     assert np.all(np.isfinite(seen))
     assert np.max(np.abs(seen[0][:, 1])) > 5e-3  # the hammer is on its way
     assert np.sqrt(np.mean((seen[1] - seen[0]) ** 2, axis=0)) == pytest.approx(0.0, abs=2e-5)
@@ -191,7 +191,7 @@ def test_the_noise_of_a_motion_is_estimated_where_it_is_not_told():
     assert model.ready([told]).records[0].input_sigma["displacement"] == 3e-6
 
 
-def test_a_floor_is_that_of_its_record(forte):
+def test_a_variability_is_that_of_its_record(forte):
     model, _ = resolve("steinway45", FEW)
     once = model.ready([forte])
     other = forte.with_inputs({"force": 0.8 * forte.inputs["force"]})

@@ -1,24 +1,24 @@
-"""Whole strokes as a model: derivatives that are kept, the floor, configurations in a row."""
+"""Whole strokes as a model: derivatives that are kept, run-to-run variability, configurations in a row."""
 
 import numpy as np
 import pytest
 
 import feltmb
 from feltmb.adapters import load_library, mechanism_model
-from feltmb.adapters.finer import KINDS, finer
+from feltmb.adapters.refined import KINDS, refined
 from feltmb.adapters.resolve import resolve
 from feltmb.adapters.shifter import Shifter
 from feltmb.adapters.variants import changed_config
 from feltmb.data import Record, Sensor
 from feltmb.errors import InvalidParameter
-from feltmb.fit import Lanes, Term
-from feltmb.fit.observe import observe_lanes
+from feltmb.fit import Candidate, Jobs
+from feltmb.fit.observe import observe_jobs
 
-LENGTH = 0.085  # up to shortly before the blow
+LENGTH = 0.085  # up to shortly before the impact
 
 
 @pytest.fixture(scope="module")
-def subject():
+def adapter():
     action = feltmb.load_action("steinway45")
     tolerances = ["let_off_button", "capstan_height", "mass.head", "felt.03", "joint_friction.butt"]
     library = load_library(action)
@@ -59,7 +59,9 @@ def test_a_row_of_configurations_is_that_of_single_ones():
         theta[rng.integers(theta.size, size=3)] = rng.standard_normal(3)
         if turn == 8:
             theta[:] = 0.0
-        entries = [(e, v * e.size, None) for e, v in zip(library.tolerances, theta, strict=True)]
+        entries = [
+            (e, v * e.magnitude, None) for e, v in zip(library.tolerances, theta, strict=True)
+        ]
         extra = library.effects[int(rng.integers(len(library.effects)))]
         entries.append((extra, 0.3 * extra.size, extra.shapes[0]))
         ours = shifter.config(entries, {}).model_dump(mode="json")
@@ -83,27 +85,27 @@ def assert_close(a, b):
         assert a == b
 
 
-def test_columns_are_kept_nearby_and_agree_with_central_differences(subject):
-    model, effects, record = subject
-    terms = tuple(Term(e, s) for e in effects for s in e.shapes)
+def test_columns_are_kept_nearby_and_agree_with_central_differences(adapter):
+    model, effects, record = adapter
+    included = tuple(Candidate(e, s) for e in effects for s in e.shapes)
     theta = np.zeros(len(model.parameters))
     none = np.zeros((1, 0))
-    s = model.sensitivities(record, theta, whole(record), none, candidates=terms)
+    s = model.sensitivities(record, theta, whole(record), none, candidates=included)
     taken = model.computed
-    own = [t for t in terms if not t.effect.beyond]  # the others take those of tolerances
+    own = [t for t in included if not t.effect.beyond]  # the others take those of tolerances
     assert taken == len(model.parameters) + len(own)
-    again = model.sensitivities(record, theta, whole(record), none, candidates=terms)
+    again = model.sensitivities(record, theta, whole(record), none, candidates=included)
     assert model.computed == taken
     assert np.array_equal(again.d_theta, s.d_theta)
     model.forget()
-    fresh = model.sensitivities(record, theta, whole(record), none, candidates=terms)
+    fresh = model.sensitivities(record, theta, whole(record), none, candidates=included)
     assert model.computed == 2 * taken
     assert np.array_equal(fresh.d_theta, s.d_theta)
     taken = model.computed
 
     def motion(theta):
-        lanes = Lanes.at_point(theta, whole(record), none, (), np.zeros(0))
-        return model.simulate(record, lanes).outputs[0]
+        jobs = Jobs.at_point(theta, whole(record), none, (), np.zeros(0))
+        return model.simulate(record, jobs).outputs[0]
 
     for i, p in enumerate(model.parameters):
         step = np.zeros(theta.size)
@@ -118,20 +120,20 @@ def test_columns_are_kept_nearby_and_agree_with_central_differences(subject):
     assert model.computed > taken
 
 
-def test_a_camera_that_lags_and_a_force_sensor_that_leads_show_the_same(subject):
-    """Their traces mirror each other, wherever the record is cut into windows of output."""
-    model, effects, record = subject
-    windows = np.array([[0, 110], [110, 140], [140, record.samples - 1]], dtype=np.intp)
+def test_a_camera_that_lags_and_a_force_sensor_that_leads_show_the_same(adapter):
+    """Their traces mirror each other, wherever the record is cut into segments of output."""
+    model, effects, record = adapter
+    segments = np.array([[0, 110], [110, 140], [140, record.samples - 1]], dtype=np.intp)
     camera, force = (
         next(e for e in effects if e.name == n) for n in ("camera_skew", "input_delay")
     )
     theta, states = np.zeros(len(model.parameters)), np.zeros((3, 0))
 
     def shown(effect, size):
-        terms = (Term(effect),)
-        lanes = Lanes.at_point(theta, windows, states, terms, np.array([size]))
-        outputs = observe_lanes(model, record, lanes).outputs
-        parts = zip(outputs, windows[:, 1] - windows[:, 0] + 1, strict=True)
+        included = (Candidate(effect),)
+        jobs = Jobs.at_point(theta, segments, states, included, np.array([size]))
+        outputs = observe_jobs(model, record, jobs).outputs
+        parts = zip(outputs, segments[:, 1] - segments[:, 0] + 1, strict=True)
         return np.concatenate([y[:length] for y, length in parts])
 
     still, lag, lead = shown(camera, 0.0), shown(camera, 6e-4), shown(force, -6e-4)
@@ -139,63 +141,65 @@ def test_a_camera_that_lags_and_a_force_sensor_that_leads_show_the_same(subject)
     assert np.max(np.abs(lead - lag)) < 4e-6  # a fifth of the noise of a camera
 
 
-def test_the_floor_is_linear_and_belongs_to_its_record(subject):
-    model, _, record = subject
-    with_floor = model.with_floor([record], 0.01)
-    extra = len(with_floor.parameters) - len(model.parameters)
-    assert extra == with_floor.floors["forte"].columns.shape[2] >= 2
-    assert all(p.sd == 1.0 and p.name.startswith("floor.forte.") for p in
-               with_floor.parameters[-extra:])  # fmt: skip
+def test_the_variability_is_linear_and_belongs_to_its_record(adapter):
+    model, _, record = adapter
+    with_variability = model.with_variability([record], 0.01)
+    extra = len(with_variability.parameters) - len(model.parameters)
+    assert extra == with_variability.variabilities["forte"].columns.shape[2] >= 2
+    assert all(p.sd == 1.0 and p.name.startswith("variability.forte.") for p in
+               with_variability.parameters[-extra:])  # fmt: skip
     none = np.zeros((1, 0))
-    theta = np.zeros(len(with_floor.parameters))
-    s = with_floor.sensitivities(record, theta, whole(record), none)
+    theta = np.zeros(len(with_variability.parameters))
+    s = with_variability.sensitivities(record, theta, whole(record), none)
     moved = theta.copy()
     moved[-extra:] = np.linspace(-1.0, 2.0, extra)
-    y = with_floor.simulate(record, Lanes.at_point(moved, whole(record), none, (), np.zeros(0)))
+    y = with_variability.simulate(
+        record, Jobs.at_point(moved, whole(record), none, (), np.zeros(0))
+    )
     expected = s.outputs[0] + s.d_theta[0, ..., -extra:] @ moved[-extra:]
     assert np.allclose(y.outputs[0], expected, rtol=0.0, atol=1e-15)
     other = Record(
         name="other", time=record.time, inputs=record.inputs, outputs=record.outputs
     )  # fmt: skip
-    y = with_floor.simulate(other, Lanes.at_point(moved, whole(record), none, (), np.zeros(0)))
+    y = with_variability.simulate(other, Jobs.at_point(moved, whole(record), none, (), np.zeros(0)))
     assert np.array_equal(y.outputs[0], s.outputs[0])
 
 
-def test_the_floor_holds_the_noise_of_the_input(subject):
-    """Replays with noisy input depart as much as the floor says."""
-    model, _, record = subject
-    floor = model.with_floor([record], 0.0).floors["forte"].columns / 2e-5
-    assert floor.shape[2] >= 1
+def test_the_variability_holds_the_noise_of_the_input(adapter):
+    """Replays with noisy input depart as much as run-to-run variability says."""
+    model, _, record = adapter
+    variability = model.with_variability([record], 0.0).variabilities["forte"].columns / 2e-5
+    assert variability.shape[2] >= 1
     rng = np.random.default_rng(3)
     none, theta = np.zeros((1, 0)), np.zeros(len(model.parameters))
-    lanes = Lanes.at_point(theta, whole(record), none, (), np.zeros(0))
-    base = model.simulate(record, lanes).outputs[0]
-    sizes = []
+    jobs = Jobs.at_point(theta, whole(record), none, (), np.zeros(0))
+    base = model.simulate(record, jobs).outputs[0]
+    magnitudes = []
     for _ in range(12):
         noisy = record.inputs["force"] + 0.01 * rng.standard_normal(record.samples)
-        y = model.simulate(record.with_inputs({"force": noisy}), lanes).outputs[0]
-        sizes.append(np.sum(((y - base) / 2e-5) ** 2))
-    assert np.mean(sizes) == pytest.approx(np.sum(floor**2), rel=0.8)
+        y = model.simulate(record.with_inputs({"force": noisy}), jobs).outputs[0]
+        magnitudes.append(np.sum(((y - base) / 2e-5) ** 2))
+    assert np.mean(magnitudes) == pytest.approx(np.sum(variability**2), rel=0.8)
 
 
-def test_finer_changes_what_it_says():
+def test_refined_changes_what_it_says():
     action = feltmb.load_action("steinway45")
-    fine = finer(action).config
+    fine = refined(action).config
     assert fine.string.modes == min(2 * action.config.string.modes, 200)
     assert fine.bodies["shank"].lateral_shapes == action.config.bodies["shank"].lateral_shapes + 1
     rate = action.config.contacts["04"].friction.threshold_speed
     assert fine.contacts["04"].friction.threshold_speed == pytest.approx(rate / 3.0)
-    assert {k for k in KINDS if finer(action, (k,)) is not action} == set(KINDS)
+    assert {k for k in KINDS if refined(action, (k,)) is not action} == set(KINDS)
 
 
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"floor": "0.01", "shooting": "multiple"}, "shooting=single"),
-        ({"floor": "many", "shooting": "single"}, "a share from 0 to 0.5, or none"),
-        ({"floor": "0.9", "shooting": "single"}, "got '0.9'"),
+        ({"variation": "0.01", "shooting": "multiple"}, "shooting=single"),
+        ({"variation": "many", "shooting": "single"}, "a share from 0 to 0.5, or none"),
+        ({"variation": "0.9", "shooting": "single"}, "got '0.9'"),
     ],
 )
-def test_faults_of_the_floor(settings, message):
+def test_faults_of_the_variability(settings, message):
     with pytest.raises(InvalidParameter, match=message):
         resolve("steinway45", settings)

@@ -35,7 +35,7 @@ def test_sealed_truths_are_those_of_the_seed(made, tmp_path):
         Bench(bench.folder).seal(40, 3, resume=True)
 
 
-def test_every_number_is_off_and_sizes_are_plausible(made):
+def test_every_number_is_off_and_magnitudes_are_plausible(made):
     bench, _, _ = made
     _, _, library, outputs = action_truth.setup()
     scales = packaged_scales()
@@ -54,12 +54,12 @@ def test_every_number_is_off_and_sizes_are_plausible(made):
                 assert part.name not in entries
             else:
                 entry = entries[part.name]
-                assert abs(part.size) <= action_truth.LARGEST * entry.size * 1.0001
+                assert abs(part.size) <= action_truth.LARGEST * entry.magnitude * 1.0001
                 assert entry.lower <= part.size <= entry.upper
     assert kinds == {"A", "B", "outside"}
 
 
-def test_records_are_as_the_data_sheet_says_and_end_after_the_blow(made):
+def test_records_are_as_the_data_sheet_says_and_end_after_the_impact(made):
     bench, _, number = made
     records = bench.machine.read_records(bench.folder / "records" / f"{number}.npz")
     assert [r.role for r in records] == ["fit"] * 3 + ["held_out"] * 2
@@ -131,7 +131,8 @@ def test_an_effect_that_a_tolerance_can_take_up_does_not_stand_out():
 
 @pytest.mark.slow
 def test_the_fit_of_the_model_is_not_stuck(tmp_path):
-    # No effect, yet from the priors the fit ended where effects seemed to be worth 380 nats.
+    # No effect, yet from the priors the fit ended where effects seemed to be worth 380 units of log
+    # evidence.
     from feltmb.adapters import mechanism_model
     from feltmb.fit.problem import Problem
     from feltmb.fit.solve import FitSettings, fit_problem
@@ -155,9 +156,11 @@ def test_the_fit_of_the_model_is_not_stuck(tmp_path):
         rtol=action_machine.RTOL,
         workers=1,
     )
-    model = model.with_floor(records, action_truth.VARIATION)
-    shots = prepare(model, split_records(records, None)[0], check_records(records), None)
-    fit = fit_problem(Problem(model, shots), FitSettings(restarts=0))
+    model = model.with_variability(records, action_truth.VARIATION)
+    segmented_records = prepare(
+        model, split_records(records, None)[0], check_records(records), None
+    )
+    fit = fit_problem(Problem(model, segmented_records), FitSettings(restarts=0))
     assert fit.explains
     assert fit.cost < 5200.0  # stuck: 5790; from the truth: 5028
     far = [i.value - i.prior for i in fit.intervals() if np.isfinite(i.prior_sd)]

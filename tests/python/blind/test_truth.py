@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from blind import calibration, key_hammer, truth, truth_machine, truth_outside, truth_sensors
-from feltmb.fit import Lanes, Term
+from feltmb.fit import Candidate, Jobs
 
 FOLDER = Path(truth.__file__).parent
 KINDS = truth.load_outside(truth_outside)
@@ -71,22 +71,22 @@ def residuals(mode, names):
     library = {e.name: e for e in key_hammer.effects()}
     out = {}
     for i, name in enumerate(names):
-        term = Term(library[name])
+        candidate = Candidate(library[name])
         size = cases[1 + i].parts[0].size
         records, starts = calibration._view(cases[1 + i], result, 3 * (1 + i), {})
         without, rest = [], []
         for r, s, p in zip(records, starts, plain, strict=True):
             without.append([a - b for a, b in zip(view.residual(r, s), p, strict=True)])
-            hidden, rows = np.zeros(len(term.effect.hidden)), []
-            for w, (a, b) in enumerate(view.windows):
+            hidden, rows = np.zeros(len(candidate.effect.hidden)), []
+            for w, (a, b) in enumerate(view.segments):
                 run = view.model.simulate(
                     r,
-                    Lanes(
+                    Jobs(
                         theta=view.theta[None],
-                        windows=view.windows[w : w + 1],
+                        segments=view.segments[w : w + 1],
                         starts=np.concatenate([s[w], hidden])[None],
-                        terms=(term,),
-                        sizes=np.array([[size]]),
+                        included=(candidate,),
+                        magnitudes=np.array([[size]]),
                     ),
                 )
                 hidden = run.ends[0, 4:]
@@ -129,11 +129,11 @@ def test_generator_and_model_agree_without_an_effect():
         for record in records:
             run = model.simulate(
                 record,
-                Lanes(
+                Jobs(
                     theta=theta,
-                    windows=np.array([[0, record.samples - 1]]),
+                    segments=np.array([[0, record.samples - 1]]),
                     starts=np.zeros((1, 4)),
-                    sizes=np.zeros((1, 0)),
+                    magnitudes=np.zeros((1, 0)),
                 ),
             )
             gap = run.outputs[0] - record.output_array(model.outputs)

@@ -3,15 +3,15 @@
 import numpy as np
 
 from feltmb.gap import (
+    Candidate,
     Coordinate,
     Effect,
-    Lanes,
+    Jobs,
     OdeModel,
     Parameter,
     Record,
     Sensor,
     State,
-    Term,
 )
 
 MASS = Coordinate(name="mass", position="q", speed="v", inertia="m")
@@ -66,14 +66,14 @@ def record(name, amplitude, seed, *, dry=0.0, cubic=0.0, noise=1e-4, samples=600
         inputs={"f": np.interp(np.linspace(0.0, time[-1], 4 * (samples - 1) + 1), time, force)},
         outputs={"q": np.zeros(4 * (samples - 1) + 1)},
     )
-    lanes = Lanes(
+    jobs = Jobs(
         theta=TRUTH[None, :],
-        windows=np.array([[0, fine.samples - 1]]),
+        segments=np.array([[0, fine.samples - 1]]),
         starts=np.zeros((1, 2)),
-        terms=(Term(DRY), Term(CUBIC)),
-        sizes=np.array([[dry, cubic]]),
+        included=(Candidate(DRY), Candidate(CUBIC)),
+        magnitudes=np.array([[dry, cubic]]),
     )
-    clean = NOMINAL.simulate(fine, lanes).outputs[0, ::4, 0]
+    clean = NOMINAL.simulate(fine, jobs).outputs[0, ::4, 0]
     return Record(
         name=name,
         time=empty.time,

@@ -91,7 +91,7 @@ def test_a_stroke_without_a_sheet(tmp_path, capsys):
     assert run("fit", "steinway45", tmp_path / "a.csv", *FEW, "--json") == 0
     rows = {r["name"]: r for r in json.loads(capsys.readouterr().out)["parameters"]}
     assert abs(rows["let_off_button"]["value"]) < 1e-4
-    assert "floor.a.1" in rows
+    assert "variability.a.1" in rows
     assert run("gap", "plan", "steinway45", tmp_path / "a.csv", *FEW, "--json") == 0
     assert json.loads(capsys.readouterr().out)["effects"]
 
@@ -119,7 +119,7 @@ def test_a_held_out_file_is_told_from_another_of_its_name(tmp_path, capsys):
         (("gap", "diagnose", EXAMPLES / "emps.py", *EMPS, "--hold-out", "z"), "no record z"),
         (("gap", "diagnose", EXAMPLES / "emps.py", *EMPS, "--alpha", "3"), "0<x<0.5"),
         (
-            ("gap", "diagnose", EXAMPLES / "emps.py", *EMPS, "--window", "-1"),
+            ("gap", "diagnose", EXAMPLES / "emps.py", *EMPS, "--segment", "-1"),
             "-1.0 is not in the range x>0",
         ),
     ],

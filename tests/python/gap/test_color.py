@@ -14,11 +14,11 @@ from feltmb.fit import Effect, Parameter
 from feltmb.fit.linear import LinearModel
 from feltmb.fit.noise import WHITE, Noise
 from feltmb.fit.problem import Problem
-from feltmb.fit.shots import make_shot
+from feltmb.fit.segmented_records import segment_record
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Verdict, calibrate, diagnose
 from feltmb.gap.checks import check_records
-from feltmb.gap.color import AVERAGES, BLOCK, color_at_rest, quiet_blocks
+from feltmb.gap.color import AVERAGES, BLOCK, color_at_rest, still_blocks
 from feltmb.gap.refine import tighten
 
 _spec = importlib.util.spec_from_file_location("models", Path(__file__).parent / "models.py")
@@ -40,13 +40,13 @@ def forgetting(tau, samples, seed):
     return np.array(out)
 
 
-def shot_of(values, noise):
+def segmented_of(values, noise):
     n = values.size
     record = Record(
         name="r", time=1e-3 * np.arange(n), inputs={"f": np.zeros(n)}, outputs={"q": values}
     )
-    windows = np.array([[0, n - 1]], dtype=np.intp)
-    return make_shot(models.NOMINAL, record, {"q": noise}, None, windows)
+    segments = np.array([[0, n - 1]], dtype=np.intp)
+    return segment_record(models.NOMINAL, record, {"q": noise}, None, segments)
 
 
 def covariance(noise, n):
@@ -61,13 +61,13 @@ def test_whitening_averaged_noise_gives_the_dense_likelihood_with_holes():
     noise = Noise(0.7, averaged=3)
     values = mean_of(3, noise.reach + 3, 1)
     values[[2, 6]] = np.nan  # as many are left as the filter looks back upon
-    shot = shot_of(values, noise)
+    segmented = segmented_of(values, noise)
     good = np.isfinite(values)
-    white = shot.whiten(shot.measured)[0, good, 0]
+    white = segmented.whiten(segmented.measured)[0, good, 0]
     cover = covariance(noise, values.size)[np.ix_(good, good)]
     expected = values[good] @ np.linalg.solve(cover, values[good])
     np.testing.assert_allclose(white @ white, expected, rtol=1e-10)
-    weights = shot.weight[0, good, 0]
+    weights = segmented.weight[0, good, 0]
     np.testing.assert_allclose(
         -2.0 * np.sum(np.log(weights)), np.linalg.slogdet(cover)[1], rtol=1e-10
     )
@@ -77,8 +77,8 @@ def test_whitening_averaged_noise_gives_the_dense_likelihood_with_holes():
 def test_a_long_record_of_averaged_noise_becomes_white(averaged):
     noise = Noise(0.7, averaged=averaged)
     n = 120
-    shot = shot_of(np.zeros(n), noise)
-    filtered = shot.whiten(np.eye(n)[None, :, None, :])[0, :, 0, :]
+    segmented = segmented_of(np.zeros(n), noise)
+    filtered = segmented.whiten(np.eye(n)[None, :, None, :])[0, :, 0, :]
     left = filtered @ covariance(noise, n) @ filtered.T
     np.testing.assert_allclose(np.diag(left), 1.0, rtol=1e-10)
     inner = left[40:80, 40:80]
@@ -92,10 +92,12 @@ def test_a_long_record_of_averaged_noise_becomes_white(averaged):
 
 def test_simulated_noise_has_the_color_of_its_channel():
     noise = Noise(0.7, averaged=3)
-    fit = fit_problem(Problem(models.NOMINAL, (shot_of(np.zeros(4000), noise),)))
-    shot, linear = fit.problem.shots[0], fit.linears[0]
+    fit = fit_problem(Problem(models.NOMINAL, (segmented_of(np.zeros(4000), noise),)))
+    segmented, linear = fit.problem.segmented_records[0], fit.linears[0]
     rng = np.random.default_rng(3)
-    drawn = calibrate._noisy(shot, np.zeros_like(shot.measured), linear, rng).measured[0, :, 0]
+    drawn = calibrate._noisy(segmented, np.zeros_like(segmented.measured), linear, rng).measured[
+        0, :, 0
+    ]
     power = drawn @ drawn
     for lag, wanted in ((1, (1 - WHITE) * 2 / 3), (2, (1 - WHITE) / 3), (3, 0.0), (6, 0.0)):
         assert drawn[lag:] @ drawn[:-lag] / power == pytest.approx(wanted, abs=0.06)
@@ -106,7 +108,7 @@ def at_rest(noise, seed=0, records=5):
     """Rest, then a motion that no parabola is, with noise."""
     t = np.arange(10 * BLOCK)
     moving = np.where(t > 2 * BLOCK + 7, 40.0 * np.sin(0.21 * t) + 0.3 * t, 0.0)
-    return [quiet_blocks(moving + noise(t.size, seed + k), 1.0) for k in range(records)]
+    return [still_blocks(moving + noise(t.size, seed + k), 1.0) for k in range(records)]
 
 
 def test_the_color_is_found_where_the_machine_rests():
@@ -123,7 +125,7 @@ def test_a_motion_that_hides_in_the_noise_is_not_its_color(period, size):
     t = np.arange(20 * BLOCK)
     for averaged in (1, 2, 3):
         blocks = [
-            quiet_blocks(
+            still_blocks(
                 size * np.sin(2 * np.pi * t / period + k) + mean_of(averaged, t.size, k), 1.0
             )
             for k in range(3)
@@ -168,13 +170,13 @@ def test_the_data_sheet_holds_where_rest_does_not_contradict():
 
 def test_blocks_that_move_or_miss_samples_are_not_quiet():
     values = np.random.default_rng(1).standard_normal(4 * BLOCK)
-    assert len(quiet_blocks(values, 1.0)) == 4
+    assert len(still_blocks(values, 1.0)) == 4
     values[BLOCK + 3] = np.nan
-    assert len(quiet_blocks(values, 1.0)) == 3
+    assert len(still_blocks(values, 1.0)) == 3
     values[2 * BLOCK : 3 * BLOCK] += 30.0 * np.sin(np.arange(BLOCK))
-    assert len(quiet_blocks(values, 1.0)) == 2
-    assert len(quiet_blocks(0.0 * values, 1.0)) == 0  # a step of the digitizer hides the noise
-    assert len(quiet_blocks(values[:10], 1.0)) == 0
+    assert len(still_blocks(values, 1.0)) == 2
+    assert len(still_blocks(0.0 * values, 1.0)) == 0  # a step of the digitizer hides the noise
+    assert len(still_blocks(values[:10], 1.0)) == 0
 
 
 def records(noise, *, tau, clock=1.0):
@@ -217,15 +219,17 @@ def test_the_gates_take_the_color_and_say_so():
 
 
 def test_a_stuck_fit_with_tight_gaps_is_no_unknown_force(tmp_path):
-    """Once a window of this model stayed in a wrong place, which looked like 91 nats."""
+    """Once a segment stayed in a wrong place, which looked like 91 units of log evidence."""
     bench = Bench(tmp_path / "b")
     bench.seal(792, 20261122)
     bench.machine.make_records(bench.folder, None, [791])
     model = KeyHammer()
     own = bench.machine.read_records(bench.folder / "records" / "791.npz")
     checks = check_records(own, model.outputs)
-    shots = tuple(make_shot(model, r, checks.noise(r.name), None) for r in own if r.role == "fit")
-    fit = fit_problem(Problem(model, shots))
+    segmented_records = tuple(
+        segment_record(model, r, checks.noise(r.name), None) for r in own if r.role == "fit"
+    )
+    fit = fit_problem(Problem(model, segmented_records))
     assert fit.explains
     tight = tighten(fit, FitSettings())
     assert tight is not None

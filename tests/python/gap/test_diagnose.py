@@ -11,13 +11,13 @@ import pytest
 
 from feltmb.data import read_records
 from feltmb.fit.problem import Problem
-from feltmb.fit.shots import Noise, make_shot
+from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import fit_problem
 from feltmb.gap import Options, Verdict, diagnose, fit_model, including
 from feltmb.gap.page import page
 from feltmb.gap.refine import refit
 from feltmb.gap.report import report_json
-from feltmb.gap.score import all_terms, family_threshold, score_fit, screen_sets
+from feltmb.gap.score import all_candidates, family_threshold, score_fit, screen_sets
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[2]
@@ -36,11 +36,13 @@ models = load(HERE / "models.py")
 
 def test_score_predicts_the_refit():
     data = models.records(1, dry=2e-3)[:2]
-    shots = tuple(make_shot(models.NOMINAL, r, {"q": Noise(1e-4)}, None) for r in data)
-    problem = Problem(models.NOMINAL, shots, state_scale=np.array([0.01, 0.1]))
+    segmented_records = tuple(
+        segment_record(models.NOMINAL, r, {"q": Noise(1e-4)}, None) for r in data
+    )
+    problem = Problem(models.NOMINAL, segmented_records, state_scale=np.array([0.01, 0.1]))
     fit = fit_problem(problem)
-    scores = score_fit(fit, all_terms(models.EFFECTS))
-    again = refit(fit, (scores.terms[0],), np.array([scores.one_step()[0] * 0.05]), _quick())
+    scores = score_fit(fit, all_candidates(models.EFFECTS))
+    again = refit(fit, (scores.candidates[0],), np.array([scores.one_step()[0] * 0.05]), _quick())
     gained = fit.cost - again.cost if again.level == fit.level else scores.singles()[0]
     assert gained == pytest.approx(scores.singles()[0], rel=0.1)
     assert screen_sets(scores)[0].index == (0,)
@@ -54,12 +56,14 @@ def _quick():
 
 def test_family_threshold_is_that_of_chi_square_for_one_effect():
     data = models.records(1)[:1]
-    shots = tuple(make_shot(models.NOMINAL, r, {"q": Noise(1e-4)}, None) for r in data)
-    fit = fit_problem(Problem(models.NOMINAL, shots))
-    scores = score_fit(fit, all_terms([models.CUBIC]))
+    segmented_records = tuple(
+        segment_record(models.NOMINAL, r, {"q": Noise(1e-4)}, None) for r in data
+    )
+    fit = fit_problem(Problem(models.NOMINAL, segmented_records))
+    scores = score_fit(fit, all_candidates([models.CUBIC]))
     level, _ = family_threshold(scores, 0.05)
     assert level == pytest.approx(3.84, rel=0.05)
-    one_sided, _ = family_threshold(score_fit(fit, all_terms([models.DRY])), 0.05)
+    one_sided, _ = family_threshold(score_fit(fit, all_candidates([models.DRY])), 0.05)
     assert one_sided == pytest.approx(2.71, rel=0.06)  # chi-bar-square
 
 
@@ -90,7 +94,7 @@ def test_withheld_effects_are_named(what, named):
     shares = dict(report.how_far.waterfall)
     total = sum(-shares[n] for n in named)
     assert shares["model"] - total == pytest.approx(
-        shares["unexplained"] + shares["floor"], rel=1e-6
+        shares["unexplained"] + shares["noise"], rel=1e-6
     )
 
 
@@ -138,7 +142,7 @@ def test_cut_off_run_resumes(tmp_path, noise):
 
     def cut(stage, done, total):
         del done, total
-        if stage.startswith("held out"):
+        if stage.startswith("held-out"):
             raise Stop
 
     with pytest.raises(Stop):
@@ -163,9 +167,9 @@ def test_an_edited_prior_is_not_taken_from_a_cut_off_run(tmp_path):
 
 def test_emps_names_dry_friction():
     """Measured: mass and viscous friction only; withheld is the dry friction of the guide."""
-    subject = load(EXAMPLES / "emps.py")
+    adapter = load(EXAMPLES / "emps.py")
     data = read_records(sorted((EXAMPLES / "data").glob("emps_*.csv")))
-    report = diagnose(subject.model, subject.effects, data)
+    report = diagnose(adapter.model, adapter.effects, data)
     assert report.named[0] == "dry friction"
     row = next(r for r in report.how_far.rows if r.metric == "open loop")
     spread = float(np.sqrt(np.mean(data[1].outputs["force"] ** 2)))
@@ -207,9 +211,9 @@ def test_known_sensors_are_applied_to_the_model():
 @pytest.mark.slow
 def test_silverbox_names_the_cubic_stiffness():
     """Measured: a linear model; withheld is the cubic stiffness of the oscillator."""
-    subject = load(EXAMPLES / "silverbox.py")
+    adapter = load(EXAMPLES / "silverbox.py")
     data = read_records(sorted((EXAMPLES / "data").glob("silverbox_*.nc")))
-    report = diagnose(subject.model, subject.effects, data)
+    report = diagnose(adapter.model, adapter.effects, data)
     assert "cubic stiffness mass" in report.named
     row = next(r for r in report.how_far.rows if r.metric == "open loop")
     assert row.after < 0.3 * row.before
@@ -218,17 +222,17 @@ def test_silverbox_names_the_cubic_stiffness():
 @pytest.mark.slow
 def test_tanks_name_the_overflow():
     """Measured: square-root outflow; withheld is the overflow of the upper tank."""
-    subject = load(EXAMPLES / "tanks.py")
+    adapter = load(EXAMPLES / "tanks.py")
     data = read_records(sorted((EXAMPLES / "data").glob("tanks_*.csv")))
-    report = diagnose(subject.model, subject.effects, data)
+    report = diagnose(adapter.model, adapter.effects, data)
     assert report.named[0] == "overflow upper"
     row = next(r for r in report.how_far.rows if r.metric == "open loop")
     assert row.before > 0.6
     assert row.after < 0.574  # what a plain trial reached
     # With what was found included there is no overflow to be found, and the gap is the smaller one.
-    amended = report.model
-    model = including(subject.model, amended.terms, amended.sizes)
-    left = [e for e in subject.effects if e.name not in [t.name for t in amended.terms]]
+    with_effects = report.model
+    model = including(adapter.model, with_effects.included, with_effects.magnitudes)
+    left = [e for e in adapter.effects if e.name not in [t.name for t in with_effects.included]]
     again = diagnose(model, left, data)
     smaller = next(r for r in again.how_far.rows if r.metric == "open loop")
     assert smaller.before < 1.05 * row.after

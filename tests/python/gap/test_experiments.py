@@ -7,9 +7,9 @@ import pytest
 
 from feltmb.data import Record, Sensor
 from feltmb.fit.linear import LinearModel
-from feltmb.fit.model import Effect, Parameter, Term
+from feltmb.fit.model import Candidate, Effect, Parameter
 from feltmb.fit.problem import Problem
-from feltmb.fit.shots import Noise, make_shot
+from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import fit_problem
 from feltmb.gap.advise import confusion_at
 from feltmb.gap.experiments import _advice, _plans
@@ -53,12 +53,12 @@ def record(strength, *, mode="force"):
 
 
 def fitted(r):
-    return fit_problem(Problem(LINE, (make_shot(LINE, r, {"y": Noise(NOISE)}, None),)))
+    return fit_problem(Problem(LINE, (segment_record(LINE, r, {"y": Noise(NOISE)}, None),)))
 
 
 def test_advice_is_what_the_experiment_would_give():
     fit = fitted(record(1.0))
-    advice = _advice(fit, Term(CUBE), Term(SINE), 0.1)
+    advice = _advice(fit, Candidate(CUBE), Candidate(SINE), 0.1)
     assert "twice the input" in advice.text
     assert advice.separates == ("cube", "sine")
     assert advice.confusion_then < 0.5 * advice.confusion_now
@@ -81,13 +81,13 @@ def test_a_motion_is_not_driven_past_its_stops():
 
 def test_twins_are_told_to_need_another_sensor():
     twin = replace(CUBE, name="twin")
-    advice = _advice(fitted(record(1.0)), Term(CUBE), Term(twin), 0.1)
+    advice = _advice(fitted(record(1.0)), Candidate(CUBE), Candidate(twin), 0.1)
     assert "another point or quantity" in advice.text
     assert advice.confusion_then == pytest.approx(0.5)
 
 
 def test_what_noise_does_not_hide_is_not_promised_to_an_experiment():
-    advice = _advice(fitted(record(3.0)), Term(CUBE), Term(SINE), 0.1)
+    advice = _advice(fitted(record(3.0)), Candidate(CUBE), Candidate(SINE), 0.1)
     assert advice.confusion_now < 0.005
     assert "by the noise of these records alone" in advice.text
     assert advice.confusion_then == advice.confusion_now

@@ -12,19 +12,19 @@ from feltmb.errors import InvalidParameter
 from feltmb.fit.filter import reduce_chain
 from feltmb.fit.linearize import Linear
 from feltmb.fit.problem import Problem
-from feltmb.fit.shots import Noise, choose_windows, make_shot
+from feltmb.fit.segmented_records import Noise, choose_segments, segment_record
 from feltmb.fit.solve import fit_problem
 from feltmb.gap import (
+    Candidate,
     Coordinate,
     Coupling,
-    Lanes,
+    Jobs,
     OdeModel,
     Parameter,
     Rate,
     Record,
     Sensor,
     State,
-    Term,
     fit_model,
     library,
 )
@@ -35,47 +35,47 @@ models = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(models)
 
 
-def random_linear(generator, windows=4, m=7, nx=2, ng=3, mi=2):
+def random_linear(generator, segments=4, m=7, nx=2, ng=3, mi=2):
     draw = generator.standard_normal
     return Linear(
-        residual=draw((windows, m)),
-        by_state=draw((windows, m, nx)),
-        by_global=draw((windows, m, ng)),
-        by_input=draw((windows, m, mi)),
-        gap=draw((windows - 1, nx)),
-        ends_by_state=draw((windows, nx, nx)),
-        ends_by_global=draw((windows, nx, ng)),
-        ends_by_input=draw((windows, nx, mi)),
-        good=np.ones(windows, dtype=bool),
+        residual=draw((segments, m)),
+        by_state=draw((segments, m, nx)),
+        by_global=draw((segments, m, ng)),
+        by_input=draw((segments, m, mi)),
+        gap=draw((segments - 1, nx)),
+        ends_by_state=draw((segments, nx, nx)),
+        ends_by_global=draw((segments, nx, ng)),
+        ends_by_input=draw((segments, nx, mi)),
+        good=np.ones(segments, dtype=bool),
     )
 
 
 def dense(linear, gap_sd, start_mean, start_sd):
     """All rows of the same problem: (states and input noise, globals, right-hand side)."""
-    windows, m, nx = linear.by_state.shape
+    segments, m, nx = linear.by_state.shape
     ng, mi = linear.by_global.shape[2], linear.by_input.shape[2]
-    width = windows * (nx + mi)
+    width = segments * (nx + mi)
     rows = []
 
     def row(own, other, right):
         rows.append(np.concatenate([own, other, [right]]))
 
-    for w in range(windows):
+    for w in range(segments):
         for i in range(m):
             own = np.zeros(width)
             own[w * nx : (w + 1) * nx] = linear.by_state[w, i]
-            own[windows * nx + w * mi : windows * nx + (w + 1) * mi] = linear.by_input[w, i]
+            own[segments * nx + w * mi : segments * nx + (w + 1) * mi] = linear.by_input[w, i]
             row(own, linear.by_global[w, i], linear.residual[w, i])
         for i in range(mi):
             own = np.zeros(width)
-            own[windows * nx + w * mi + i] = 1.0
+            own[segments * nx + w * mi + i] = 1.0
             row(own, np.zeros(ng), 0.0)
-        if w < windows - 1:
+        if w < segments - 1:
             for i in range(nx):
                 own = np.zeros(width)
                 own[w * nx : (w + 1) * nx] = -linear.ends_by_state[w, i]
                 own[(w + 1) * nx + i] = 1.0
-                own[windows * nx + w * mi : windows * nx + (w + 1) * mi] = -linear.ends_by_input[
+                own[segments * nx + w * mi : segments * nx + (w + 1) * mi] = -linear.ends_by_input[
                     w, i
                 ]
                 row(
@@ -121,38 +121,38 @@ def test_whitening_gives_the_dense_likelihood_with_gaps_in_the_data():
         outputs={"q": values},
         sensors={"q": Sensor(name="q", sigma=0.7, correlation_time=2.0)},
     )
-    shot = make_shot(
+    segmented = segment_record(
         models.NOMINAL, one, {"q": Noise(0.7, 2.0)}, None, np.array([[0, 39]], dtype=np.intp)
     )
-    white = shot.whiten(shot.measured)[0, :, 0]
+    white = segmented.whiten(segmented.measured)[0, :, 0]
     good = np.isfinite(values)
     cover = 0.49 * np.exp(-np.abs(time[good][:, None] - time[good][None, :]) / 2.0)
     expected = values[good] @ np.linalg.solve(cover, values[good])
     np.testing.assert_allclose(white @ white, expected, rtol=1e-10)
     _, log_det = np.linalg.slogdet(cover)
-    weights = shot.weight[0, good, 0]
+    weights = segmented.weight[0, good, 0]
     np.testing.assert_allclose(-2.0 * np.sum(np.log(weights)), log_det, rtol=1e-10)
 
 
 def test_sensitivities_are_derivatives():
     one = models.record("r", 1.0, 1, samples=200)
-    windows = choose_windows(one, 0.2)
-    starts = models.NOMINAL.guess(one, windows)
-    terms, candidates = (Term(models.CUBIC),), (Term(models.DRY),)
+    segments = choose_segments(one, 0.2)
+    starts = models.NOMINAL.guess(one, segments)
+    included, candidates = (Candidate(models.CUBIC),), (Candidate(models.DRY),)
     s = models.NOMINAL.sensitivities(
-        one, models.TRUTH, windows, starts, terms, np.array([500.0]), candidates=candidates
+        one, models.TRUTH, segments, starts, included, np.array([500.0]), candidates=candidates
     )
 
     def run(theta, x, cubic, dry):
-        count = len(windows)
-        lanes = Lanes(
+        count = len(segments)
+        jobs = Jobs(
             theta=np.tile(theta, (count, 1)),
-            windows=windows,
+            segments=segments,
             starts=x,
-            terms=(*terms, *candidates),
-            sizes=np.tile([cubic, dry], (count, 1)),
+            included=(*included, *candidates),
+            magnitudes=np.tile([cubic, dry], (count, 1)),
         )
-        return models.NOMINAL.simulate(one, lanes).outputs
+        return models.NOMINAL.simulate(one, jobs).outputs
 
     h = 1e-5
     moved = models.TRUTH + np.array([0.0, h, 0.0])
@@ -171,8 +171,10 @@ def test_sensitivities_are_derivatives():
 
 def test_fit_recovers_the_truth_within_its_intervals():
     data = models.records(2)[:2]
-    shots = tuple(make_shot(models.NOMINAL, r, {"q": Noise(1e-4)}, None) for r in data)
-    fit = fit_problem(Problem(models.NOMINAL, shots))
+    segmented_records = tuple(
+        segment_record(models.NOMINAL, r, {"q": Noise(1e-4)}, None) for r in data
+    )
+    fit = fit_problem(Problem(models.NOMINAL, segmented_records))
     assert fit.converged
     assert 0.85 < fit.chi2 / fit.dof < 1.15
     for row, truth in zip(fit.intervals(), models.TRUTH, strict=True):
@@ -182,16 +184,16 @@ def test_fit_recovers_the_truth_within_its_intervals():
 
 
 @pytest.mark.parametrize("length", [0.05, 0.4])
-def test_windows_cover_the_record_once(length):
+def test_segments_cover_the_record_once(length):
     one = models.record("r", 1.0, 1, samples=300)
-    windows = choose_windows(one, length)
-    assert windows[0, 0] == 0
-    assert windows[-1, 1] == 299
-    np.testing.assert_array_equal(windows[1:, 0], windows[:-1, 1])
-    assert np.all(windows[:, 1] > windows[:, 0])
+    segments = choose_segments(one, length)
+    assert segments[0, 0] == 0
+    assert segments[-1, 1] == 299
+    np.testing.assert_array_equal(segments[1:, 0], segments[:-1, 1])
+    assert np.all(segments[:, 1] > segments[:, 0])
 
 
-def test_a_window_in_a_wrong_valley_is_not_taken_for_a_gap():
+def test_a_segment_in_a_wrong_valley_is_not_taken_for_a_gap():
     """A pendulum seen by the sine of its angle: half a turn more is another valley."""
     from dataclasses import replace as changed
 
@@ -214,18 +216,18 @@ def test_a_window_in_a_wrong_valley_is_not_taken_for_a_gap():
     empty = Record(
         name="r", time=time, inputs={"f": 4.0 * np.sin(2.1 * time)}, outputs={"s": 0.0 * time}
     )
-    lanes = Lanes(
-        theta=np.array([[21.0, 0.25]]), windows=np.array([[0, 599]]), starts=np.array([[0.4, 0.0]])
+    jobs = Jobs(
+        theta=np.array([[21.0, 0.25]]), segments=np.array([[0, 599]]), starts=np.array([[0.4, 0.0]])
     )
-    clean = pendulum.simulate(empty, lanes).outputs[0, :, 0]
+    clean = pendulum.simulate(empty, jobs).outputs[0, :, 0]
     one = changed(empty, outputs={"s": clean + 0.01 * generator.standard_normal(600)})
-    shot = make_shot(pendulum, one, {"s": Noise(0.01)}, 0.4)
-    problem = Problem(pendulum, (shot,))
+    segmented = segment_record(pendulum, one, {"s": Noise(0.01)}, 0.4)
+    problem = Problem(pendulum, (segmented,))
     good = problem.start()
     starts = good.places[0].starts.copy()
     starts[6] = np.pi - starts[6]  # the same sine, the other branch
     starts[9] += [2.5, -4.0]
-    bad = Point(good.theta, good.sizes, (Place(starts, good.places[0].nuisances),))
+    bad = Point(good.theta, good.magnitudes, (Place(starts, good.places[0].nuisances),))
     fit = fit_problem(problem, point=bad)
     assert fit.chi2 < fit.dof + 4.0 * np.sqrt(2.0 * fit.dof)
 
@@ -280,17 +282,17 @@ def test_an_accelerometer_feels_effects_and_unknown_forces():
     time = np.arange(401) * 2.5e-3
     record = Record(name="r", time=time, inputs={"f": np.sin(20.0 * time)}, outputs={"a": 0 * time})
     cube = library.polynomial_stiffness(slide, 3, scale=1.0)
-    lanes = Lanes(
+    jobs = Jobs(
         theta=np.array([[2.0, 100.0]]),
-        windows=np.array([[0, 400]]),
+        segments=np.array([[0, 400]]),
         starts=np.zeros((1, 2), dtype=int),
-        terms=(Term(cube),),
-        sizes=np.array([[2e6]]),
+        included=(Candidate(cube),),
+        magnitudes=np.array([[2e6]]),
         forces=np.array([[[0.0, 0.5]]]),
     )
-    a, v = model.simulate(record, lanes).outputs[0].T
+    a, v = model.simulate(record, jobs).outputs[0].T
     assert np.allclose(a[1:-1], (v[2:] - v[:-2]) / 5e-3, atol=2e-3 * np.max(abs(a)))
-    bare = replace(lanes, terms=(), sizes=np.zeros((1, 0)), forces=None)
+    bare = replace(jobs, included=(), magnitudes=np.zeros((1, 0)), forces=None)
     without = model.simulate(record, bare).outputs[0, :, 0]
     assert np.max(abs(a - without)) > 0.2 * np.max(abs(a))
     with pytest.raises(InvalidParameter, match="output a: 'w' is no state; known are q, v"):

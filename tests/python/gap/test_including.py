@@ -10,7 +10,7 @@ from blind.key_hammer import KeyHammer, effects
 from feltmb.cli import main
 from feltmb.data import Record, read_records
 from feltmb.errors import InvalidParameter
-from feltmb.gap import Lanes, Options, Term, Verdict, diagnose, including, library
+from feltmb.gap import Candidate, Jobs, Options, Verdict, diagnose, including, library
 
 HERE = Path(__file__).parent
 EXAMPLES = HERE.parents[2] / "examples" / "gap"
@@ -35,41 +35,41 @@ def stroke():
     return Record(name="s", time=time, inputs={"finger": force}, outputs=zero)
 
 
-def test_it_is_the_model_with_the_term():
+def test_it_is_the_model_with_the_candidate():
     model, record = KeyHammer(), stroke()
     included = including(model, [CREEP], [3e-5])
     assert included.parameters[-1].name == "bed_creep"
     assert [s.name for s in included.states()][-1] == "bed_set"
     assert not any(s.hidden for s in included.states())
-    windows = np.array([[0, 60], [60, 239]])
+    segments = np.array([[0, 60], [60, 239]])
     theta = np.array([p.value for p in model.parameters])
     starts = np.zeros((2, 5))
     starts[1, :4] = [9.7e-3, 40e-3, 0.1, 1.0]
     plain = model.simulate(
-        record, Lanes.at_point(theta, windows, starts, (Term(CREEP),), np.array([3e-5]))
+        record, Jobs.at_point(theta, segments, starts, (Candidate(CREEP),), np.array([3e-5]))
     )
     same = included.simulate(
-        record, Lanes.at_point(np.append(theta, 3e-5), windows, starts, (), np.zeros(0))
+        record, Jobs.at_point(np.append(theta, 3e-5), segments, starts, (), np.zeros(0))
     )
     np.testing.assert_array_equal(same.outputs, plain.outputs)
     np.testing.assert_array_equal(same.ends, plain.ends)
 
-    # With another term: columns go where they belong, in the order asked for.
+    # With another candidate: columns go where they belong, in the order asked for.
     both = model.sensitivities(
-        record, theta, windows, starts, (Term(CREEP), Term(DRAG)), np.array([3e-5, 1e-3])
+        record, theta, segments, starts, (Candidate(CREEP), Candidate(DRAG)), np.array([3e-5, 1e-3])
     )
     mine = included.sensitivities(
         record,
         np.append(theta, 3e-5),
-        windows,
+        segments,
         starts,
-        (Term(DRAG),),
+        (Candidate(DRAG),),
         np.array([1e-3]),
         by_theta=[len(theta), 2],
     )
-    np.testing.assert_array_equal(mine.d_theta[..., 0], both.d_sizes[..., 0])
+    np.testing.assert_array_equal(mine.d_theta[..., 0], both.d_magnitudes[..., 0])
     np.testing.assert_array_equal(mine.d_theta[..., 1], both.d_theta[..., 2])
-    np.testing.assert_array_equal(mine.d_sizes[..., 0], both.d_sizes[..., 1])
+    np.testing.assert_array_equal(mine.d_magnitudes[..., 0], both.d_magnitudes[..., 1])
 
 
 def test_with_the_effect_included_there_is_no_gap():

@@ -68,7 +68,7 @@ def test_what_the_parameters_imitate_is_not_seen():
 def test_a_further_record_separates_what_is_alike():
     small, large = np.linspace(0.0, 0.2, 100), np.linspace(-1.0, 1.0, 100)
     effects = [effect("square", lambda u: u**2), effect("even", lambda u: np.abs(u) * u)]
-    found = plan(NOMINAL, effects, [planned("a", small)], candidates=[planned("b", large)])
+    found = plan(NOMINAL, effects, [planned("a", small)], experiments=[planned("b", large)])
     assert found.classes == (("even", "square"),)  # the same for u >= 0
     assert found.experiments[0].name == "b"
     assert found.experiments[0].worst < 0.05

@@ -1,4 +1,4 @@
-"""Held-out densities: window by window they are predictions; what is known costs nothing."""
+"""Held-out densities: segment by segment they are predictions; what is known costs nothing."""
 
 import importlib.util
 from dataclasses import replace
@@ -10,9 +10,9 @@ import pytest
 from feltmb.fit.filter import reduce_chain
 from feltmb.fit.linearize import Linear
 from feltmb.fit.problem import Problem
-from feltmb.fit.shots import Noise, make_shot
+from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, fit_problem
-from feltmb.gap import Effect, State, Term
+from feltmb.gap import Candidate, Effect, State
 from feltmb.gap.proof import HeldOut, evaluate
 from feltmb.gap.refine import refit
 
@@ -29,28 +29,28 @@ def gaussian(value, mean, cover):
 
 def test_heads_are_the_densities_of_the_beginnings():
     draw = np.random.default_rng(7).standard_normal
-    windows, m, nx, mi = 4, 6, 2, 2
+    segments, m, nx, mi = 4, 6, 2, 2
     linear = Linear(
-        residual=draw((windows, m)),
-        by_state=draw((windows, m, nx)),
-        by_global=np.zeros((windows, m, 0)),
-        by_input=draw((windows, m, mi)),
-        gap=draw((windows - 1, nx)),
-        ends_by_state=draw((windows, nx, nx)),
-        ends_by_global=np.zeros((windows, nx, 0)),
-        ends_by_input=draw((windows, nx, mi)),
-        good=np.ones(windows, dtype=bool),
+        residual=draw((segments, m)),
+        by_state=draw((segments, m, nx)),
+        by_global=np.zeros((segments, m, 0)),
+        by_input=draw((segments, m, mi)),
+        gap=draw((segments - 1, nx)),
+        ends_by_state=draw((segments, nx, nx)),
+        ends_by_global=np.zeros((segments, nx, 0)),
+        ends_by_input=draw((segments, nx, mi)),
+        good=np.ones(segments, dtype=bool),
     )
     gap_sd, start, start_sd = np.array([0.3, 0.02]), np.array([0.1, -0.2]), np.array([0.5, 2.0])
     chain = reduce_chain(linear, gap_sd, start, start_sd, keep_heads=True)
 
     # Forwards: every state as a mean and columns of unit normal numbers.
-    width = nx + windows * (mi + nx)
+    width = nx + segments * (mi + nx)
     mean, columns = start.copy(), np.zeros((nx, width))
     columns[:, :nx] = np.diag(start_sd)
     means, rows = [], []
     so_far = -np.sum(np.log(start_sd))
-    for w in range(windows):
+    for w in range(segments):
         at = nx + w * (mi + nx)
         here = linear.by_state[w] @ columns
         here[:, at : at + mi] += linear.by_input[w]
@@ -65,7 +65,7 @@ def test_heads_are_the_densities_of_the_beginnings():
             seen @ seen.T + np.eye(len(seen)),
         )
         assert found == pytest.approx(expected, rel=1e-9)
-        if w == windows - 1:
+        if w == segments - 1:
             break
         so_far += -0.5 * chain.grams[w][-1, -1] - chain.log_dets[w] - np.sum(np.log(gap_sd))
         mean = linear.ends_by_state[w] @ mean + linear.gap[w]
@@ -81,29 +81,33 @@ def fitted():
         Problem(
             models.NOMINAL,
             tuple(
-                make_shot(models.NOMINAL, models.record(f"r{i}", 1.0, i), noise, 0.4)
+                segment_record(models.NOMINAL, models.record(f"r{i}", 1.0, i), noise, 0.4)
                 for i in range(2)
             ),
         )
     )
     assert fit.explains
-    return fit, make_shot(models.NOMINAL, models.record("held", 1.0, 9), noise, 0.4)
+    return fit, segment_record(models.NOMINAL, models.record("held", 1.0, 9), noise, 0.4)
 
 
-def density(fit, *shots):
-    held = HeldOut(shots=shots, state_scale=fit.problem.scale(fit.point), sensed=shots)
-    return evaluate(held, fit, FitSettings(), windowed_level=fit.level).density
+def density(fit, *segmented_records):
+    held = HeldOut(
+        segmented_records=segmented_records,
+        state_scale=fit.problem.scale(fit.point),
+        sensed=segmented_records,
+    )
+    return evaluate(held, fit, FitSettings(), segmented_level=fit.level).density
 
 
-def test_what_a_window_is_worth_does_not_depend_on_what_follows(fitted):
-    fit, shot = fitted
-    whole, begun = density(fit, shot), density(fit, shot.until(0.5))
+def test_what_a_segment_is_worth_does_not_depend_on_what_follows(fitted):
+    fit, segmented = fitted
+    whole, begun = density(fit, segmented), density(fit, segmented.until(0.5))
     assert whole[:2] == pytest.approx(begun[:2], abs=0.01)
     assert begun[3:] == pytest.approx(0.0, abs=1e-9)  # nothing is measured there
 
 
 def test_a_memory_that_starts_known_costs_nothing(fitted):
-    fit, shot = fitted
+    fit, segmented = fitted
     idle = Effect(
         name="idle",
         component="spring",
@@ -115,7 +119,7 @@ def test_a_memory_that_starts_known_costs_nothing(fitted):
             "memory": (x.q - x.memory) / 0.05,
         },
     )
-    with_idle = refit(fit, (Term(idle),), np.zeros(1), FitSettings())
+    with_idle = refit(fit, (Candidate(idle),), np.zeros(1), FitSettings())
     with_idle = replace(with_idle, level=fit.level)
-    gain = np.sum(density(with_idle, shot)) - np.sum(density(fit, shot))
+    gain = np.sum(density(with_idle, segmented)) - np.sum(density(fit, segmented))
     assert abs(gain) < 5.0

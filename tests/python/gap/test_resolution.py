@@ -116,7 +116,7 @@ def test_substeps_are_as_many_as_it_takes() -> None:
     assert told.model.substeps == 1  # type: ignore[attr-defined]
 
 
-def test_an_effect_that_is_sharper_than_the_model_gets_finer_steps() -> None:
+def test_an_effect_that_is_sharper_than_the_model_gets_refined_steps() -> None:
     """Friction: in the steps of the model its error would look like a further cause."""
     records = runs("straight", k=40.0, dry=0.3)
     model = make_model(k=40.0)
@@ -135,7 +135,7 @@ def test_an_effect_that_is_sharper_than_the_model_gets_finer_steps() -> None:
     assert row.low < 0.3 < row.high
     # Where the user says how many, that many are taken.
     told = make_model(k=40.0, substeps=1).ready(records).model
-    assert told.finer([]) is told
+    assert told.refined([]) is told
 
 
 def test_what_is_ready_comes_back_as_it_is() -> None:
@@ -219,8 +219,8 @@ def test_a_clearance_between_two_masses_is_named() -> None:
 
 
 @pytest.mark.slow
-def test_rivals_stay_rivals_in_finer_steps() -> None:
-    """Two laws alike to a thousandth, beside a sharp friction that asks for finer steps."""
+def test_rivals_stay_rivals_in_refined_steps() -> None:
+    """Two laws alike to a thousandth, beside a sharp friction that asks for refined steps."""
     records = runs("straight", k=40.0, dry=0.3, cubic=2e3)
     cube = library.polynomial_stiffness(SLIDE, 3, scale=1e3)
     twin = Effect(

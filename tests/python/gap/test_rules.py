@@ -14,7 +14,7 @@ from feltmb.fit.linear import LinearModel
 from feltmb.fit.linearize import Linear, _tame
 from feltmb.fit.model import Effect, Parameter
 from feltmb.fit.problem import Problem, _by_input_noise
-from feltmb.fit.shots import Noise, make_shot
+from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Options, Verdict, diagnose
 from feltmb.gap.acceptance import _certainty
@@ -83,7 +83,7 @@ def test_the_statement_tells_what_held_out_records_say(monkeypatch):
     gain = f"{facts.accepted.proof['power 3'].gain:.2g}"
     said = decide(replace(facts, how_far=within))
     assert said.named == ("power 3",)
-    assert f"hardly above their noise, gain {gain} nats by it" in said.statement
+    assert f"hardly above their noise, gain {gain} units of log evidence by it" in said.statement
     stopped = replace(within, waterfall=(("model", np.inf), *far.waterfall[1:]))
     assert "cannot simulate" in decide(replace(facts, how_far=stopped)).statement
     # Held-out records that surely get worse refuse a name; those that may do not.
@@ -91,9 +91,9 @@ def test_the_statement_tells_what_held_out_records_say(monkeypatch):
     assert maybe.named == ("power 3",)
     assert "closes -10% of the held-out gap, 95% from -40% to 20%" in maybe.statement
     grown = replace(far, closed=-0.3, low=-0.5, high=-0.1)
-    trifle = (("model", 1.3), ("power 3", 0.01), ("unexplained", 0.31), ("floor", 1.0))
+    trifle = (("model", 1.3), ("power 3", 0.01), ("unexplained", 0.31), ("noise", 1.0))
     assert decide(replace(facts, how_far=replace(grown, waterfall=trifle))).named == ("power 3",)
-    wider = (("model", 1.3), ("power 3", 0.5), ("unexplained", 0.8), ("floor", 1.0))
+    wider = (("model", 1.3), ("power 3", 0.5), ("unexplained", 0.8), ("noise", 1.0))
     worse = decide(replace(facts, how_far=replace(grown, waterfall=wider)))
     assert worse.named == ()
     assert worse.verdict == Verdict.UNKNOWN
@@ -132,9 +132,9 @@ def test_what_mends_the_form_of_a_larger_effect_is_small_print():
 
 def test_certainty_is_that_of_least_squares():
     r = record("r", 3, lambda u: u + 0.1 * u**3)
-    fit = fit_problem(Problem(LINE, (make_shot(LINE, r, {"y": Noise(NOISE)}, None),)))
+    fit = fit_problem(Problem(LINE, (segment_record(LINE, r, {"y": Noise(NOISE)}, None),)))
     effect = power(3)
-    again = refit(fit, tuple(_terms(effect)), np.array([0.1]), FitSettings())
+    again = refit(fit, tuple(_candidates(effect)), np.array([0.1]), FitSettings())
     u = r.inputs["u"]
     columns = np.column_stack([u, u**3]) / NOISE
     precision = columns.T @ columns + np.diag([1.0 / 0.1**2, 0.0])
@@ -143,10 +143,10 @@ def test_certainty_is_that_of_least_squares():
     assert np.isclose(_certainty(again)["power 3"], abs(size) / sd, rtol=1e-2)
 
 
-def _terms(effect):
-    from feltmb.fit.model import Term
+def _candidates(effect):
+    from feltmb.fit.model import Candidate
 
-    yield Term(effect)
+    yield Candidate(effect)
 
 
 def test_a_piece_of_a_record_does_not_begin_at_rest():
@@ -154,7 +154,7 @@ def test_a_piece_of_a_record_does_not_begin_at_rest():
     # a hundred times the noise where there was none.
     data = [replace(r, role="fit") for r in models.records(5)[:2]]
     report = diagnose(models.NOMINAL, models.EFFECTS, data, options=Options(bootstrap=0))
-    assert len(report.fit.problem.shots) == 6
+    assert len(report.fit.problem.segmented_records) == 6
     assert report.verdict in (Verdict.NO_GAP, Verdict.TOO_WEAK)
     assert report.fit.chi2 < 1.2 * report.fit.dof
 
@@ -166,12 +166,12 @@ def test_a_piece_without_values_is_left_out():
     data = [replace(whole, outputs={"q": values})]
     report = diagnose(models.NOMINAL, models.EFFECTS, data, options=Options(bootstrap=0))
     assert report.named == ()
-    names = [s.record.name for s in report.fit.problem.shots]
+    names = [s.record.name for s in report.fit.problem.segmented_records]
     assert names == ["r[1/5]", "r[3/5]", "r[5/5]"]
     assert report.how_far.records == ("r[4/5]",)
 
 
-def test_windows_that_run_away_leave_finite_numbers():
+def test_segments_that_run_away_leave_finite_numbers():
     # Derivatives of 1e200 once ended three diagnoses of a hundred with "Singular matrix".
     values = np.array([1e200, -1e150, np.nan, np.inf, 3.0])
     np.testing.assert_array_equal(_tame(values), [0.0, 0.0, 0.0, 0.0, 3.0])
@@ -192,17 +192,17 @@ def test_windows_that_run_away_leave_finite_numbers():
 
 
 def test_a_model_that_tears_at_an_impact_gets_through(tmp_path):
-    """Window by window these strokes can be followed; closed too fast, the gaps once tore them."""
+    """Segment by segment these strokes can be followed; closed too fast, convergence was lost."""
     bench = Bench(tmp_path / "b")
     bench.seal(5, 20261120)
     bench.machine.make_records(bench.folder, None, [4])
     model = KeyHammer()
-    shots = tuple(
-        make_shot(model, r, {c: Noise(5e-5, 7.5e-4) for c in model.outputs}, None)
+    segmented_records = tuple(
+        segment_record(model, r, {c: Noise(5e-5, 7.5e-4) for c in model.outputs}, None)
         for r in bench.machine.read_records(bench.folder / "records" / "4.npz")
         if r.role == "fit"
     )
-    fit = fit_problem(Problem(model, shots))
+    fit = fit_problem(Problem(model, segmented_records))
     assert fit.level <= 1e-4
     assert fit.converged
     assert fit.chi2 < fit.dof
@@ -292,18 +292,20 @@ def test_a_small_effect_that_explains_all_that_is_left_is_no_small_print():
 def test_a_set_found_beside_a_rest_is_asked_whether_there_is_one():
     """Where the first search passed over a cause that explains all, no rest is told."""
 
-    def shots(law, noise):
+    def segmented_records(law, noise):
         runs = records(law)[:3]
-        return tuple(make_shot(LINE, r, {"y": Noise(noise)}, None) for r in runs)
+        return tuple(segment_record(LINE, r, {"y": Noise(noise)}, None) for r in runs)
 
     settings, effects = FitSettings(), [power(2), power(3)]
     for law, explains in (
         (lambda u: u + 0.3 * u**3, True),
         (lambda u: u + 0.3 * u**3 + 0.1 * np.sin(9.0 * u), False),
     ):
-        sensed = fit_problem(Problem(LINE, shots(law, NOISE)))
+        sensed = fit_problem(Problem(LINE, segmented_records(law, NOISE)))
         first = search(sensed, [power(2)], settings)
-        beside = search(fit_problem(Problem(LINE, shots(law, 3.0 * NOISE))), effects, settings)
+        beside = search(
+            fit_problem(Problem(LINE, segmented_records(law, 3.0 * NOISE))), effects, settings
+        )
         assert beside.best.names == ("power 3",)
         found = _explained(first, beside, effects, settings, SimpleNamespace(estimated=False), None)
         assert (found is not None) is explains

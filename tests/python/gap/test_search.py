@@ -6,10 +6,10 @@ import pytest
 from blind.bench import Bench
 from blind.key_hammer import KeyHammer, effects
 from feltmb.data import Record, Sensor
-from feltmb.fit import Effect, Parameter, Term
+from feltmb.fit import Candidate, Effect, Parameter
 from feltmb.fit.linear import LinearModel
 from feltmb.fit.problem import Problem
-from feltmb.fit.shots import Noise, make_shot
+from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap.score import score_fit
 from feltmb.gap.search import _alike, search
@@ -21,13 +21,13 @@ def searched(folder, number, *names):
     bench.seal(number + 1, 20261124)
     bench.machine.make_records(bench.folder, None, [number])
     model = KeyHammer()
-    shots = tuple(
-        make_shot(model, r, {c: Noise(5e-5, 7.5e-4) for c in model.outputs}, None)
+    segmented_records = tuple(
+        segment_record(model, r, {c: Noise(5e-5, 7.5e-4) for c in model.outputs}, None)
         for r in bench.machine.read_records(bench.folder / "records" / f"{number}.npz")
         if r.role == "fit"
     )
     chosen = [e for e in effects() if e.name in names]
-    return search(fit_problem(Problem(model, shots)), chosen, FitSettings())
+    return search(fit_problem(Problem(model, segmented_records)), chosen, FitSettings())
 
 
 def assert_size(candidate, name, true):
@@ -38,7 +38,7 @@ def assert_size(candidate, name, true):
 @pytest.mark.slow
 def test_parameters_come_back_from_where_the_model_without_the_effect_had_put_them(tmp_path):
     # The butt spring had gone 6 standard deviations from its prior; the size had the wrong sign.
-    best = searched(tmp_path, 560, "spring_preload").candidates[0]
+    best = searched(tmp_path, 560, "spring_preload").sets[0]
     assert best.fit.converged
     assert_size(best, "spring_preload", 0.016825)
 
@@ -47,8 +47,8 @@ def test_parameters_come_back_from_where_the_model_without_the_effect_had_put_th
 def test_a_set_is_fitted_again_from_a_larger_one_that_got_further(tmp_path):
     # The effect alone was stuck at three quarters of its size until another stood beside it.
     found = searched(tmp_path, 456, "key_flexibility", "shank_flexibility")
-    assert found.candidates[0].names == ("key_flexibility",)
-    assert_size(found.candidates[0], "key_flexibility", 6.877e-5)
+    assert found.sets[0].names == ("key_flexibility",)
+    assert_size(found.sets[0], "key_flexibility", 6.877e-5)
 
 
 def test_an_effect_with_a_like_trace_is_found_with_its_size():
@@ -67,13 +67,13 @@ def test_an_effect_with_a_like_trace_is_found_with_its_size():
         sensors={"y": Sensor(name="y", sigma=0.01)},
     )
     traces = {"cubic": x**3, "quintic": 2.0 * x**5, "even": x**2}
-    terms = tuple(
-        Term(Effect(name=n, component="spring", scale=0.5, regressor=lambda r, s, v=v: v))
+    included = tuple(
+        Candidate(Effect(name=n, component="spring", scale=0.5, regressor=lambda r, s, v=v: v))
         for n, v in traces.items()
     )
-    shot = make_shot(line, record, {"y": Noise(0.01)}, None)
-    scores = score_fit(fit_problem(Problem(line, (shot,))), terms)
-    ((like, share),) = _alike(scores, terms[0])
+    segmented = segment_record(line, record, {"y": Noise(0.01)}, None)
+    scores = score_fit(fit_problem(Problem(line, (segmented,))), included)
+    ((like, share),) = _alike(scores, included[0])
     assert like.name == "quintic"  # the even one is orthogonal
     # What the slope cannot take up of either.
     cubic, quintic = (v - x * (v @ x) / (x @ x) for v in (traces["cubic"], traces["quintic"]))

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from feltmb.data import Record, Sensor
-from feltmb.fit import Effect, Named, Parameter, Term
+from feltmb.fit import Candidate, Effect, Named, Parameter
 from feltmb.fit.linear import LinearModel
 from feltmb.fit.problem import Problem
-from feltmb.fit.shots import Noise, make_shot
+from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Coordinate, Verdict, diagnose, library
 from feltmb.gap.score import FITTED_SHAPE, prior_of
@@ -65,18 +65,18 @@ def test_only_numbers_that_the_list_varies_may_move():
 def test_a_shape_off_the_list_is_fitted_and_costs_what_it_says():
     truth = 0.31
     runs = records(lambda x: x - 0.5 * np.clip(x, -truth, truth))
-    shots = tuple(make_shot(LINE, r, {"y": Noise(NOISE)}, None) for r in runs)
+    segmented_records = tuple(segment_record(LINE, r, {"y": Noise(NOISE)}, None) for r in runs)
     known = effect((0.05, 0.15, 0.6))
-    best = search(fit_problem(Problem(LINE, shots)), [known], FitSettings()).candidates[0]
-    (term,) = best.fit.terms
-    assert term.shape == pytest.approx(truth, rel=0.05)
-    assert best.fit.point.sizes[0] == pytest.approx(0.5, rel=0.05)
+    best = search(fit_problem(Problem(LINE, segmented_records)), [known], FitSettings()).sets[0]
+    (candidate,) = best.fit.included
+    assert candidate.shape == pytest.approx(truth, rel=0.05)
+    assert best.fit.point.magnitudes[0] == pytest.approx(0.5, rel=0.05)
     assert best.fit.explains
     two = effect(((0.1, 2.0), (0.2, 10.0)))
-    costs = [prior_of([Term(two, s)], 1.0) for s in ((0.1, 2.0), (0.3, 2.0), (0.3, 5.0))]
+    costs = [prior_of([Candidate(two, s)], 1.0) for s in ((0.1, 2.0), (0.3, 2.0), (0.3, 5.0))]
     assert np.diff(costs) == pytest.approx([-FITTED_SHAPE, -FITTED_SHAPE])
-    listed = replace(term, shape=0.15)
-    assert prior_of([listed], 1.0) - prior_of([term], 1.0) == pytest.approx(FITTED_SHAPE)
+    listed = replace(candidate, shape=0.15)
+    assert prior_of([listed], 1.0) - prior_of([candidate], 1.0) == pytest.approx(FITTED_SHAPE)
 
 
 def test_no_second_effect_mends_a_shape_that_is_off_the_list():
@@ -86,7 +86,7 @@ def test_no_second_effect_mends_a_shape_that_is_off_the_list():
     assert report.verdict is Verdict.NAMED
     assert report.named == ("clearance",)
     assert report.which["clearance"].shape == pytest.approx(0.31, rel=0.05)
-    assert report.model.terms[0].shape == report.which["clearance"].shape
+    assert report.model.included[0].shape == report.which["clearance"].shape
 
 
 def test_a_shape_of_the_list_stays():
@@ -191,9 +191,11 @@ def test_a_bent_sensor_and_a_bent_input_are_the_model_at_size_zero_and_bend_as_t
     sensor = library.sensor_bend(["y"], "y", level=2.0)
     assert sensor.observe is not None
     y = run.outputs["y"][None, :, None]
-    windows, sizes = np.array([[0, 199]]), np.array([0.1])
+    segments, magnitudes = np.array([[0, 199]]), np.array([0.1])
     for shape, curve in (("odd", y * np.abs(y)), ("even", y**2)):
-        assert sensor.observe(run, y, windows, sizes, shape) == pytest.approx(y + 0.05 * curve)
+        assert sensor.observe(run, y, segments, magnitudes, shape) == pytest.approx(
+            y + 0.05 * curve
+        )
     assert {"nonlinearity of input x", "nonlinearity of sensor y"} <= {
         e.name for e in (*library.for_input("x", run), *library.for_sensor(["y"], "y", run))
     }

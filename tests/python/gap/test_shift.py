@@ -1,4 +1,4 @@
-"""Sensors that lag: what a window shows does not depend on where it was cut."""
+"""Sensors that lag: what a segment shows does not depend on where it was cut."""
 
 from dataclasses import replace
 
@@ -9,11 +9,11 @@ from feltmb.data import Record, Sensor
 from feltmb.fit import OdeModel
 from feltmb.fit.linear import LinearModel
 from feltmb.fit.linearize import predict
-from feltmb.fit.model import Lanes, Parameter, State
-from feltmb.fit.observe import observe_lanes
+from feltmb.fit.model import Jobs, Parameter, State
+from feltmb.fit.observe import observe_jobs
 from feltmb.fit.problem import Problem
+from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.shift import shifted
-from feltmb.fit.shots import Noise, make_shot
 from feltmb.fit.solve import fit_problem
 
 SAMPLES = 101
@@ -33,71 +33,71 @@ def motion(t):
     return np.stack([np.sin(7.0 * t), np.cos(5.0 * t)], axis=-1)
 
 
-def cut(y, windows):
-    length = int(np.max(windows[:, 1] - windows[:, 0])) + 1
-    out = np.zeros((len(windows), length, y.shape[-1]))
-    for b, (i, j) in enumerate(windows):
+def cut(y, segments):
+    length = int(np.max(segments[:, 1] - segments[:, 0])) + 1
+    out = np.zeros((len(segments), length, y.shape[-1]))
+    for b, (i, j) in enumerate(segments):
         out[b, : j - i + 1] = y[i : j + 1]
     return out
 
 
 @pytest.mark.parametrize("even", [True, False])
 @pytest.mark.parametrize("delay", [3e-3, -3e-3, 0.017])
-def test_windows_of_one_motion_see_into_one_another(even, delay):
+def test_segments_of_one_motion_see_into_one_another(even, delay):
     time = np.linspace(0.0, 1.0, SAMPLES)
     if not even:
         time = time + 0.003 * np.sin(9.0 * time)
     r = record(time)
-    windows = np.array([[0, 30], [30, 47], [47, 77], [77, 100]])
+    segments = np.array([[0, 30], [30, 47], [47, 77], [77, 100]])
     delays = np.full(4, delay)
     whole = shifted(r, motion(time)[None], np.array([[0, 100]]), delays[:1])[0]
     assert np.allclose(whole[3:-3], motion(time - delay)[3:-3], atol=2e-7)
     assert np.allclose(
         whole, motion(time - delay), atol=0.011
     )  # straight from rest beyond the ends
-    seen = shifted(r, cut(motion(time), windows), windows, delays)
-    assert np.allclose(seen, cut(whole, windows), atol=2e-7)
+    seen = shifted(r, cut(motion(time), segments), segments, delays)
+    assert np.allclose(seen, cut(whole, segments), atol=2e-7)
 
 
-def test_a_gap_between_windows_makes_no_step():
+def test_a_gap_between_segments_makes_no_step():
     time = np.linspace(0.0, 1.0, SAMPLES)
-    windows = np.array([[0, 50], [50, 100]])
-    y = cut(motion(time), windows)
+    segments = np.array([[0, 50], [50, 100]])
+    y = cut(motion(time), segments)
     y[1] += 1.0
     delays = np.full(2, 4e-3)
-    seen = shifted(record(time), y, windows, delays)
-    want = cut(motion(time - 4e-3), windows)
+    seen = shifted(record(time), y, segments, delays)
+    want = cut(motion(time - 4e-3), segments)
     want[1] += 1.0
     assert np.allclose(seen[1], want[1], atol=2e-7)
-    # Lanes of other sizes keep to themselves, and none is lost.
-    other = shifted(record(time), y, windows, np.array([4e-3, 0.0]))
+    # Jobs of other sizes keep to themselves, and none is lost.
+    other = shifted(record(time), y, segments, np.array([4e-3, 0.0]))
     assert np.allclose(other[0], want[0], atol=5e-5)
     assert np.array_equal(other[1], y[1])
-    turned = shifted(record(time), y[::-1], windows[::-1], delays)
+    turned = shifted(record(time), y[::-1], segments[::-1], delays)
     assert np.allclose(turned[1], other[0])
 
 
 def test_a_lag_longer_than_what_a_spline_remembers():
     time = np.linspace(0.0, 1.0, SAMPLES)
-    windows = np.array([[0, 50], [50, 100]])
-    seen = shifted(record(time), cut(motion(time), windows), windows, np.full(2, 0.3))
+    segments = np.array([[0, 50], [50, 100]])
+    seen = shifted(record(time), cut(motion(time), segments), segments, np.full(2, 0.3))
     assert np.allclose(seen[1], motion(time - 0.3)[50:], atol=2e-7)
 
 
 def test_what_failed_stays_and_two_dimensions_do():
     time = np.linspace(0.0, 1.0, SAMPLES)
-    windows = np.array([[0, 50], [50, 100]])
-    y = cut(motion(time), windows)
+    segments = np.array([[0, 50], [50, 100]])
+    y = cut(motion(time), segments)
     y[1, 7] = np.nan
     delays = np.full(2, 4e-3)
-    seen = shifted(record(time), y, windows, delays)
+    seen = shifted(record(time), y, segments, delays)
     assert np.array_equal(seen[1], y[1], equal_nan=True)
     assert np.all(np.isfinite(seen[0]))
-    flat = shifted(record(time), y[:, :, 0], windows, delays)
+    flat = shifted(record(time), y[:, :, 0], segments, delays)
     assert np.allclose(flat, seen[:, :, 0], rtol=0.0, atol=1e-14, equal_nan=True)
 
 
-def test_a_known_delay_does_not_depend_on_the_windows():
+def test_a_known_delay_does_not_depend_on_the_segments():
     time = np.linspace(0.0, 1.0, SAMPLES)
     r = record(time)
     r = replace(
@@ -111,9 +111,9 @@ def test_a_known_delay_does_not_depend_on_the_windows():
         parameters=[Parameter(name="slope", value=1.0, sd=0.1)],
         name="line",
     )
-    windows = np.array([[0, 40], [40, 100]])
-    lanes = Lanes.at_point(np.ones(1), windows, np.zeros((2, 0)), (), np.zeros(0))
-    seen = observe_lanes(model, r, lanes).outputs
+    segments = np.array([[0, 40], [40, 100]])
+    jobs = Jobs.at_point(np.ones(1), segments, np.zeros((2, 0)), (), np.zeros(0))
+    seen = observe_jobs(model, r, jobs).outputs
     want = motion(time - 0.004)[:, 0]
     assert np.allclose(seen[0, :41, 0], want[:41], atol=5e-5)
     assert np.allclose(seen[1, :61, 0], want[40:], atol=5e-5)
@@ -142,21 +142,21 @@ def shaken(noise=1e-3, **known):
         outputs={"y": np.zeros(time.size)},
         sensors={"y": sensor},
     )
-    whole = Lanes.at_point(np.array([1e4]), np.array([[0, 400]]), np.zeros((1, 2)), (), np.zeros(0))
-    y = observe_lanes(OSCILLATOR, r, whole).outputs[0, :, 0]
+    whole = Jobs.at_point(np.array([1e4]), np.array([[0, 400]]), np.zeros((1, 2)), (), np.zeros(0))
+    y = observe_jobs(OSCILLATOR, r, whole).outputs[0, :, 0]
     return replace(r, outputs={"y": y + noise * np.random.default_rng(0).standard_normal(401)})
 
 
 @pytest.mark.parametrize(
     "known", [{"delay": 2e-3}, {"delay": 5e-3}, {"bandwidth": 60.0, "delay": 5e-3}]
 )
-def test_fits_do_not_depend_on_windows_where_a_sensor_lags(known):
+def test_fits_do_not_depend_on_segments_where_a_sensor_lags(known):
     r = shaken(**known)
     every = np.arange(0, 400, 25)
     values = []
-    for windows in (np.array([[0, 400]]), np.column_stack([every, every + 25])):
-        shot = make_shot(OSCILLATOR, r, {"y": Noise(1e-3)}, None, windows)
-        fit = fit_problem(Problem(OSCILLATOR, (shot,)))
+    for segments in (np.array([[0, 400]]), np.column_stack([every, every + 25])):
+        segmented = segment_record(OSCILLATOR, r, {"y": Noise(1e-3)}, None, segments)
+        fit = fit_problem(Problem(OSCILLATOR, (segmented,)))
         assert fit.explains
         assert fit.converged
         values.append(fit.intervals()[0])
@@ -167,11 +167,11 @@ def test_fits_do_not_depend_on_windows_where_a_sensor_lags(known):
 
 
 @pytest.mark.parametrize("bandwidth", [1.0, 30.0])
-def test_derivatives_through_a_slow_sensor_are_those_of_a_window_alone(bandwidth):
+def test_derivatives_through_a_slow_sensor_are_those_of_a_segment_alone(bandwidth):
     r = shaken(bandwidth=bandwidth)
-    windows = np.array([[0, 100], [100, 220], [220, 400]])
-    shot = make_shot(OSCILLATOR, r, {"y": Noise(1e-3)}, None, windows)
-    problem = Problem(OSCILLATOR, (shot,))
+    segments = np.array([[0, 100], [100, 220], [220, 400]])
+    segmented = segment_record(OSCILLATOR, r, {"y": Noise(1e-3)}, None, segments)
+    problem = Problem(OSCILLATOR, (segmented,))
     point = problem.start()
     by_state = problem.linear(point)[0].by_state
     for w in range(3):
@@ -180,15 +180,17 @@ def test_derivatives_through_a_slow_sensor_are_those_of_a_window_alone(bandwidth
             starts = point.places[0].starts.copy()
             starts[w, 0] += h
             place = replace(point.places[0], starts=starts)
-            ends.append(predict(OSCILLATOR, shot, point.theta, (), point.sizes, place)[1][w])
+            ends.append(
+                predict(OSCILLATOR, segmented, point.theta, (), point.magnitudes, place)[1][w]
+            )
         numeric = -(ends[0] - ends[1]) / 2e-4
         assert np.allclose(by_state[w, :, 0], numeric, rtol=1e-4, atol=1e-4 * np.max(abs(numeric)))
 
 
-def test_windows_hold_six_time_constants_of_a_slow_sensor():
+def test_segments_hold_six_time_constants_of_a_slow_sensor():
     for bandwidth, least in ((1e4, 0.0), (10.0, 0.095), (1.0, 0.4)):
-        windows = make_shot(OSCILLATOR, shaken(bandwidth=bandwidth), {}, None).windows
-        assert np.all(np.diff(windows, axis=1) * 1e-3 >= 0.75 * least)
+        segments = segment_record(OSCILLATOR, shaken(bandwidth=bandwidth), {}, None).segments
+        assert np.all(np.diff(segments, axis=1) * 1e-3 >= 0.75 * least)
         # A length that is asked for is kept.
-        asked = make_shot(OSCILLATOR, shaken(bandwidth=bandwidth), {}, 0.05).windows
+        asked = segment_record(OSCILLATOR, shaken(bandwidth=bandwidth), {}, 0.05).segments
         assert len(asked) == 8

@@ -11,7 +11,7 @@ from feltmb.data import Array, Record, Sensor
 from feltmb.fit.linear import FunctionModel, LinearModel
 from feltmb.fit.model import Parameter
 from feltmb.fit.problem import Problem
-from feltmb.fit.shots import Noise, make_shot
+from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import Fit, fit_problem
 from feltmb.gap import smooth
 from feltmb.gap.misfit import FORM, OTHER, misfit
@@ -27,7 +27,7 @@ NOMINAL = LinearModel(
     output="y",
     columns=COLUMNS,
     parameters=[Parameter(name="offset", value=0.0, sd=0.1), Parameter(name="slope", value=0.0)],
-    window=10.0,
+    segment=10.0,
 )
 
 
@@ -45,14 +45,14 @@ def noise(generator: np.random.Generator, tau: float) -> Array:
 
 def fitted(seed: int, *, tau: float = 0.0, extra: float = 0.0) -> Fit:
     generator = np.random.default_rng(seed)
-    shots = []
+    segmented_records = []
     for name in ("one", "two"):
         y = 0.05 + 0.3 * TIME + 0.2 * np.sin(9.0 * TIME) + noise(generator, tau)
         y = y + extra * SIGMA * np.cos(22.0 * TIME)
         sensor = Sensor(name="y", sigma=SIGMA, correlation_time=tau)
         record = Record(name=name, time=TIME, inputs={}, outputs={"y": y}, sensors={"y": sensor})
-        shots.append(make_shot(NOMINAL, record, {"y": Noise(SIGMA, tau)}, None))
-    return fit_problem(Problem(NOMINAL, tuple(shots)))
+        segmented_records.append(segment_record(NOMINAL, record, {"y": Noise(SIGMA, tau)}, None))
+    return fit_problem(Problem(NOMINAL, tuple(segmented_records)))
 
 
 @pytest.mark.parametrize("tau", [0.0, 0.004])
@@ -65,11 +65,11 @@ def test_it_is_the_ratio_of_two_likelihoods(tau: float) -> None:
     zero = np.zeros_like(one)
     # A wide prior stands for none: it adds the same to both.
     sd = np.array([0.1, 1e3, 1e3])
-    record = fit.problem.shots[0].record
+    record = fit.problem.segmented_records[0].record
     design = np.column_stack([f(record) for f in COLUMNS.values()]) * sd
     both = np.vstack([design, design])
     noisy = np.block([[one, zero], [zero, one]]) + both @ both.T
-    measured = np.concatenate([s.record.outputs["y"] for s in fit.problem.shots])
+    measured = np.concatenate([s.record.outputs["y"] for s in fit.problem.segmented_records])
     best = 0.0
     for share in smooth.LENGTHS:
         k = np.arange(smooth.MOST)
@@ -85,11 +85,11 @@ def test_it_is_the_ratio_of_two_likelihoods(tau: float) -> None:
             value -= 0.5 * np.linalg.slogdet(total)[1]
             best = max(best, value - base)
     assert best > 5.0
-    assert smooth.smooth_rest(fit) == pytest.approx(best, rel=0.02, abs=0.1)
+    assert smooth.smooth_discrepancy(fit) == pytest.approx(best, rel=0.02, abs=0.1)
 
 
 def test_noise_alone_is_no_smooth_rest() -> None:
-    found = np.array([smooth.smooth_rest(fitted(s)) for s in range(60)])
+    found = np.array([smooth.smooth_discrepancy(fitted(s)) for s in range(60)])
     # Half a chi-square of one degree of freedom, the largest of four lengths that see alike.
     assert np.mean(found > 1.92) < 0.12
     assert found.max() < OTHER
@@ -110,21 +110,21 @@ def test_a_smooth_gap_is_seen_that_the_sum_of_squares_cannot_see() -> None:
     assert misfit(fit, None, estimated=False, explained=0.99 * (gap.other - OTHER) / FORM**2).left
 
 
-def test_windows_and_missing_samples_are_allowed() -> None:
+def test_segments_and_missing_samples_are_allowed() -> None:
     fit = fitted(3, extra=0.45)
-    record = fit.problem.shots[0].record
+    record = fit.problem.segmented_records[0].record
     y = record.outputs["y"].copy()
     y[40:60] = np.nan
     cut = replace(record, outputs={"y": y})
-    shot = make_shot(NOMINAL, cut, {"y": Noise(SIGMA, 0.0)}, 0.25)
-    assert shot.count > 1
-    assert smooth.smooth_rest(fit_problem(Problem(NOMINAL, (shot,)))) >= 0.0
+    segmented = segment_record(NOMINAL, cut, {"y": Noise(SIGMA, 0.0)}, 0.25)
+    assert segmented.count > 1
+    assert smooth.smooth_discrepancy(fit_problem(Problem(NOMINAL, (segmented,)))) >= 0.0
 
 
 def test_what_the_fit_can_take_up_altogether_is_no_signal() -> None:
     """One cosine, the constant, beside a free offset: nothing is left but rounding."""
     fit = fitted(5, tau=0.3)
-    assert smooth.smooth_rest(fit) == 0.0
+    assert smooth.smooth_discrepancy(fit) == 0.0
 
 
 def test_nothing_free_is_no_fault() -> None:
@@ -133,10 +133,13 @@ def test_nothing_free_is_no_fault() -> None:
         output="y",
         columns=COLUMNS,
         parameters=[Parameter(name=n, value=0.1, sd=0.0) for n in COLUMNS],
-        window=10.0,
+        segment=10.0,
     )
-    shots = tuple(make_shot(fixed, s.record, {"y": Noise(SIGMA)}, None) for s in fit.problem.shots)
-    assert smooth.smooth_rest(fit_problem(Problem(fixed, shots))) > OTHER
+    segmented_records = tuple(
+        segment_record(fixed, s.record, {"y": Noise(SIGMA)}, None)
+        for s in fit.problem.segmented_records
+    )
+    assert smooth.smooth_discrepancy(fit_problem(Problem(fixed, segmented_records))) > OTHER
 
 
 @pytest.mark.parametrize(
@@ -147,10 +150,10 @@ def test_parameters_that_the_beginning_does_not_show_are_found(late) -> None:
     model = FunctionModel(
         outputs={"y": lambda r, p: p.a * np.ones(r.samples) + np.sinh(p.b) * late(r.time)},
         parameters=[Parameter(name="a", value=0.0), Parameter(name="b", value=0.1)],
-        window=10.0,
+        segment=10.0,
     )
     y = 0.5 + np.sinh(1.5) * late(TIME) + noise(np.random.default_rng(2), 0.0)
     sensor = Sensor(name="y", sigma=SIGMA)
     record = Record(name="one", time=TIME, inputs={}, outputs={"y": y}, sensors={"y": sensor})
-    shot = make_shot(model, record, {"y": Noise(SIGMA)}, None)
-    assert fit_problem(Problem(model, (shot,))).explains
+    segmented = segment_record(model, record, {"y": Noise(SIGMA)}, None)
+    assert fit_problem(Problem(model, (segmented,))).explains

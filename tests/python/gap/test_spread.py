@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from feltmb.fit import Effect, LinearModel, Parameter, Term
+from feltmb.fit import Candidate, Effect, LinearModel, Parameter
 from feltmb.fit.problem import Problem
-from feltmb.fit.shots import Noise, make_shot
+from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, fit_problem, polish
 from feltmb.gap import Record
 from feltmb.gap.spread import WIDE, spread
@@ -34,22 +34,22 @@ def test_a_fitted_shape_widens_the_interval_of_its_size() -> None:
         shape_names=("width [1]",),
         regressor=lambda record, w: np.exp(-record.inputs["x"] / w),
     )
-    problem = Problem(LINE, (make_shot(LINE, record, {"y": Noise(SIGMA)}, None),))
-    term = (Term(effect, 0.3),)
+    problem = Problem(LINE, (segment_record(LINE, record, {"y": Noise(SIGMA)}, None),))
+    candidate = (Candidate(effect, 0.3),)
     start = fit_problem(problem)
     fit = polish(
-        problem.with_terms(term),
-        problem.carry(start.point, term, np.array([0.4])),
+        problem.with_candidates(candidate),
+        problem.carry(start.point, candidate, np.array([0.4])),
         start.level,
         FitSettings(),
     )
-    size = float(fit.point.sizes[0])
+    size = float(fit.point.magnitudes[0])
     decay = np.exp(-x / 0.3)
     columns = np.column_stack([x, decay, size * decay * x / 0.3]) / SIGMA
     matrix = columns.T @ columns + np.diag([1.0 / 0.5**2, 0.0, 1.0 / WIDE**2])
     sd = np.sqrt(np.diag(np.linalg.inv(matrix)))
     found = spread(fit)
-    assert np.allclose(found.sizes, sd[1], rtol=2e-3)
+    assert np.allclose(found.magnitudes, sd[1], rtol=2e-3)
     assert np.allclose(found.shapes[0, 0], sd[2], rtol=2e-3)
     alone = np.sqrt(fit.covariance[1, 1])
-    assert found.sizes[0] > 1.3 * alone
+    assert found.magnitudes[0] > 1.3 * alone

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from feltmb.errors import InvalidParameter
-from feltmb.fit import Effect, Lanes, Simulated, State, Term, including
+from feltmb.fit import Candidate, Effect, Jobs, Simulated, State, including
 from feltmb.fit.together import each
 from feltmb.gap import Coordinate, OdeModel, Parameter, Record, library
 
@@ -38,23 +38,23 @@ def record(name: str, samples: int, pitch: float) -> Record:
 RECORDS = [record("slow", 120, 2.0), record("fast", 90, 9.0), record("short", 40, 5.0)]
 
 
-def lanes(r: Record, term: Term) -> Lanes:
+def jobs(r: Record, candidate: Candidate) -> Jobs:
     half = r.samples // 2
-    return Lanes(
+    return Jobs(
         theta=np.array([[1.0], [1.1]]),
-        windows=np.array([[0, half], [half, r.samples - 1]]),
+        segments=np.array([[0, half], [half, r.samples - 1]]),
         starts=np.array([[0.01, 0.0, 0.0], [0.0, 0.1, 0.002]]),
-        terms=(term,),
-        sizes=np.array([[0.2], [0.4]]),
+        included=(candidate,),
+        magnitudes=np.array([[0.2], [0.4]]),
     )
 
 
 @pytest.mark.parametrize("hold", ["linear", "zero", "spline"])
 def test_records_together_are_records_one_by_one(hold: str) -> None:
     model = make_model(hold=hold)
-    term = Term(library.hysteresis(SLIDE, scale=0.1, travel=0.02), (0.002, 2.0))
-    jobs = [(r, lanes(r, term)) for r in RECORDS]
-    for one, (r, own) in zip(model.simulate_all(jobs), jobs, strict=True):
+    candidate = Candidate(library.hysteresis(SLIDE, scale=0.1, travel=0.02), (0.002, 2.0))
+    batches = [(r, jobs(r, candidate)) for r in RECORDS]
+    for one, (r, own) in zip(model.simulate_all(batches), batches, strict=True):
         alone = model.simulate(r, own)
         assert one.outputs.shape == alone.outputs.shape
         assert np.allclose(one.outputs, alone.outputs, rtol=1e-13, atol=1e-16)
@@ -66,32 +66,32 @@ def test_all_that_is_asked_at_once_is_one_simulation() -> None:
     asked: list[int] = []
     plain = model.simulate_all
 
-    def counted(jobs):  # type: ignore[no-untyped-def]
-        asked.append(len(jobs))
-        return plain(jobs)
+    def counted(batches):  # type: ignore[no-untyped-def]
+        asked.append(len(batches))
+        return plain(batches)
 
     model.simulate_all = counted  # type: ignore[method-assign]
-    windows = [np.array([[0, 10], [10, 20], [20, r.samples - 1]]) for r in RECORDS]
-    found = each(model, lambda m, i: m.guess(RECORDS[i], windows[i]), [0, 1, 2])
+    segments = [np.array([[0, 10], [10, 20], [20, r.samples - 1]]) for r in RECORDS]
+    found = each(model, lambda m, i: m.guess(RECORDS[i], segments[i]), [0, 1, 2])
     assert asked == [3, 3, 3]
     for i, starts in enumerate(found):
-        assert np.allclose(starts, model.guess(RECORDS[i], windows[i]), rtol=1e-13, atol=1e-16)
+        assert np.allclose(starts, model.guess(RECORDS[i], segments[i]), rtol=1e-13, atol=1e-16)
 
 
 def test_who_asks_less_often_is_not_waited_for() -> None:
     model = make_model()
-    windows = [np.array([[0, 10], [10, 20]][: 1 + i]) for i in range(2)]
-    found = each(model, lambda m, i: m.guess(RECORDS[i], windows[i]).shape, [0, 1])
+    segments = [np.array([[0, 10], [10, 20]][: 1 + i]) for i in range(2)]
+    found = each(model, lambda m, i: m.guess(RECORDS[i], segments[i]).shape, [0, 1])
     assert found == [(1, 2), (2, 2)]
 
 
 def test_a_model_that_includes_an_effect_asks_its_core() -> None:
     effect = library.viscous_friction(SLIDE, scale=0.1)
     model = including(make_model(), [effect], [0.3])
-    windows = np.array([[0, 20], [20, 39]])
-    found = each(model, lambda m, r: m.guess(r, windows), RECORDS)
+    segments = np.array([[0, 20], [20, 39]])
+    found = each(model, lambda m, r: m.guess(r, segments), RECORDS)
     for r, starts in zip(RECORDS, found, strict=True):
-        assert np.allclose(starts, model.guess(r, windows), rtol=1e-13, atol=1e-16)
+        assert np.allclose(starts, model.guess(r, segments), rtol=1e-13, atol=1e-16)
 
 
 def test_a_fault_is_raised_and_nobody_waits() -> None:
@@ -106,15 +106,15 @@ def test_a_fault_is_raised_and_nobody_waits() -> None:
     model = make_model()
 
     def work(m: OdeModel, r: Record) -> int:
-        own = lanes(r, Term(bad, None))
+        own = jobs(r, Candidate(bad, None))
         m.simulate(
             r,
-            Lanes(
+            Jobs(
                 theta=own.theta,
-                windows=own.windows,
+                segments=own.segments,
                 starts=own.starts[:, :2],
-                terms=own.terms,
-                sizes=own.sizes,
+                included=own.included,
+                magnitudes=own.magnitudes,
             ),
         )
         return 0
@@ -129,19 +129,21 @@ def test_an_exit_within_a_model_is_raised_and_nobody_waits(kind: type[BaseExcept
         raise kind
 
     model = make_model(rates=rates)
-    windows = np.array([[0, 10], [10, 20]])
+    segments = np.array([[0, 10], [10, 20]])
     with pytest.raises(kind):
-        each(model, lambda m, r: m.guess(r, windows), RECORDS)
+        each(model, lambda m, r: m.guess(r, segments), RECORDS)
 
 
 def test_a_subclass_with_a_simulation_of_its_own_is_asked_for_it() -> None:
     class Doubled(OdeModel):
-        def simulate(self, record: Record, lanes: Lanes) -> Simulated:
-            run = super().simulate(record, lanes)
+        def simulate(self, record: Record, jobs: Jobs) -> Simulated:
+            run = super().simulate(record, jobs)
             return Simulated(outputs=2.0 * run.outputs, ends=run.ends)
 
-    term = Term(library.viscous_friction(SLIDE, scale=0.1))
-    jobs = [(r, replace(lanes(r, term), starts=lanes(r, term).starts[:, :2])) for r in RECORDS]
+    candidate = Candidate(library.viscous_friction(SLIDE, scale=0.1))
+    batches = [
+        (r, replace(jobs(r, candidate), starts=jobs(r, candidate).starts[:, :2])) for r in RECORDS
+    ]
     plain, doubled = make_model(), make_model(of=Doubled)
-    for one, other in zip(plain.simulate_all(jobs), doubled.simulate_all(jobs), strict=True):
+    for one, other in zip(plain.simulate_all(batches), doubled.simulate_all(batches), strict=True):
         assert np.array_equal(2.0 * one.outputs, other.outputs, equal_nan=True)

@@ -161,7 +161,7 @@ def corpus(kind: str) -> list[bytes]:
         return [
             b"# a felt\nv_f [-],pressure [kPa]\n" + table.encode(),
             b"thickness [mm];force [N];branch\n" + thick.encode(),
-            b"strain [%],pressure [Pa]\n0,0\n10,2000\n30,9000\n20,1000\n",
+            b"prior deviation [%],pressure [Pa]\n0,0\n10,2000\n30,9000\n20,1000\n",
         ]
     if kind == "felt":
         return [p.read_bytes() for p in sorted((params.folder() / "felts").glob("*.toml"))]
@@ -666,7 +666,7 @@ SAFE = (  # command lines that are quick when they are right
     ["stroke", "{pendulum}", "piano", "--duration", "0.01", "--rtol", "1e-5", "--output-rate",
      "2000", "--max-wall", "3", "--no-ledger"],
     ["stroke", "{pendulum}", "piano", "forte", "--duration", "0.005", "--jobs", "2"],
-    ["view", "{run}", "--out", "{out}/a.html", "--slowness", "10", "--window", "0", "0.02"],
+    ["view", "{run}", "--out", "{out}/a.html", "--slowness", "10", "--segment", "0", "0.02"],
     ["view", "{run}", "{run}", "--at", "0.01", "--align", "felt_off", "--out", "{out}/b.html"],
     ["wav", "{run}", "--out", "{out}/a.wav"],
     ["plot", "{run}", "--compare", "arm.angle", "--out", "{out}"],

@@ -14,7 +14,7 @@ from models import EFFECTS as effects, NOMINAL as model
 
 
 def prepare(folder: Path) -> list[str]:
-    """Write a subject and its measured files; return their paths."""
+    """Write an adapter and its measured files; return their paths."""
     import sys
 
     from feltmb.data import write_record
@@ -22,12 +22,12 @@ def prepare(folder: Path) -> list[str]:
     sys.path.insert(0, str(HERE.parents[1] / "gap"))
     import models
 
-    (folder / "subject.py").write_text(SUBJECT)
+    (folder / "adapter.py").write_text(SUBJECT)
     files = [
         write_record(record, folder / f"{record.name}.csv")
         for record in models.records(4, dry=0.02)
     ]
-    return [str(folder / "subject.py"), *map(str, files)]
+    return [str(folder / "adapter.py"), *map(str, files)]
 
 
 def work(arguments: list[str], message: object = None, limit: int = 0) -> None:

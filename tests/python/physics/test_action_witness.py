@@ -122,7 +122,7 @@ def test_rest_pose_is_an_equilibrium():
     assert np.max(np.abs(aw.evaluate(solved, np.zeros(6)).force)) < 1e-11
 
 
-def test_hammer_blow():
+def test_hammer_blow_distance():
     """Blow 48.24 mm at rest; 47.988 mm from the bare tables (shank just touching the rest rail)."""
     assert aw.hammer_gap(aw.REST_POSE) == pytest.approx(48.24e-3, abs=5e-6)
     bare = aw.bare_model()

@@ -118,7 +118,7 @@ def test_peak_force_does_not_depend_on_the_output_rate(run_of):
 
 
 def test_moving_and_fixed_strike_point_differ_little(run_of):
-    """The hammer moves some tenths of a millimeter along the string during a blow."""
+    """The hammer moves some tenths of a millimeter along the string during a strike."""
     moving = run_of("forte", rtol=1e-8).summary
     fixed = run_of("forte", values={"string.strike_point": 0.0694}, rtol=1e-8).summary
     assert fixed["impact_speed"] == pytest.approx(moving["impact_speed"], rel=1e-5)

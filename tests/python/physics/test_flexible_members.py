@@ -587,7 +587,7 @@ def test_stroke_approaches_the_rigid_model(name, threshold):
     integrator step over vibrations that the rigid model does not have. Their phase at the impact
     scatters the differences by a few. The check gap follows as 1/E, in the last decades, when the
     friction of hammer and string has the threshold 0.05 m/s. With the assumed 1e-3 m/s the rebound
-    keeps a difference from the blow that comes in like E^-0.4 (in a trial, as 1/E without that
+    keeps a difference from the strike that comes in like E^-0.4 (in a trial, as 1/E without that
     friction): the law is then steep at the slip speeds of the shank's vibrations.
     """
     options = {"rtol": 1e-10, "duration": 0.5 if name == "piano" else 0.3}

@@ -47,7 +47,7 @@ def test_against_the_reference(data, root, state_of, modes, damping, rtol):
     assert run.energy["created_by"] == [] or run.energy["work_throughput"] == 0.0
 
 
-def test_momentum_and_energy_of_the_blow(data, state_of):
+def test_momentum_and_energy_of_the_strike(data, state_of):
     """Hammer's change of momentum is the impulse; its loss of energy goes into string and felt."""
     action = feltmb.load_action(data / "hammer_string.toml")
     run = feltmb.simulate(

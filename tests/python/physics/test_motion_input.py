@@ -68,7 +68,7 @@ def test_force_at_a_prescribed_point(pendulum):
 
 
 def test_force_to_motion_to_force(action):
-    """The forte stroke, driven by the motion of its own key: the same force, blow and work.
+    """The forte stroke, driven by the motion of its own key: the same force, strike and work.
 
     The key turns and lifts (two coordinates), so the motion of its front fixes neither alone.
     """

@@ -1,4 +1,4 @@
-"""A second mechanism from its own file: closed forms of a pendulum and of its blow on felt."""
+"""A second mechanism from its own file: closed forms of a pendulum and of its strike on felt."""
 
 import numpy as np
 import pytest

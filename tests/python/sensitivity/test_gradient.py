@@ -26,7 +26,7 @@ def swing(pendulum):
 
 
 def test_blow_on_a_linear_spring(sledge):
-    """Half a period of a mass on a spring; every number of the blow in closed form."""
+    """Half a period of a mass on a spring; every number of the strike in closed form."""
     speed, gap = 2.0, 1e-3
     paths = ["contacts.01.hunt_crossley.stiffness", "sledge.mass"]
     (g,) = windows(
@@ -48,7 +48,7 @@ def test_blow_on_a_linear_spring(sledge):
         # The weak return spring of the file, 1e-3 N/m, is left out of the closed form.
         error = g.summary_gradient[name] - np.array(derivative)
         assert np.all(np.abs(error) < 2e-5 * abs(g.summary[name]) * scale), name
-    # After the blow: x = -v (t - t_impact - T) from the wall.
+    # After the strike: x = -v (t - t_impact - T) from the wall.
     after = g.time > 0.006
     flight = g.time[after] - gap / speed - half
     by_mass = speed * half / (2 * MASS)
@@ -187,7 +187,7 @@ NUMBER = {
 
 @pytest.mark.parametrize("law", LAWS)
 def test_laws_with_branches_and_memory(pendulum, law):
-    """Two blows of the pendulum on each law, against differences; the second meets the memory."""
+    """Two strikes of the pendulum on each law, against differences; the second meets the memory."""
     felt = pendulum.with_values(LAWS[law])
     path = NUMBER[law]
     n = len(state_names(felt))
@@ -328,7 +328,7 @@ def test_what_a_parameter_touches_is_all_that_it_touches(action, monkeypatch, la
 
 
 def test_a_string_left_alone_by_differences(rigid):
-    """Strings are rotated, not integrated, after the blow; by its own numbers, against runs."""
+    """Strings are rotated, not integrated, after the strike; by its own numbers, against runs."""
     for path, value in (("string.tension", 654.0), ("string.damping_ratio", 0.07)):
         g = gradient(rigid, "forte", path, ["string.strike"], duration=0.12, rtol=1e-9,
                      tolerance=1e-4)  # fmt: skip

@@ -212,7 +212,7 @@ def stroke_command(*arguments):
     return caught.value.code
 
 
-def short_blow(path, name):
+def short_strike(path, name):
     path.write_text(f'schema = 1\nname = "{name}"\nduration = 0.002\n[ramp]\nforce = 1.0\n'
                     "start = 0.0\nramp = 0.001\n")  # fmt: skip
     return path
@@ -220,9 +220,9 @@ def short_blow(path, name):
 
 def test_name_of_a_stroke_does_not_leave_the_folder(tmp_path):
     # name = "../../outside" wrote outside of --out
-    blow = short_blow(tmp_path / "blow.toml", "../../outside")
+    strike = short_strike(tmp_path / "blow.toml", "../../outside")
     (tmp_path / "a").mkdir()
-    assert stroke_command("steinway45", blow, "--out", tmp_path / "a" / "b") == 0
+    assert stroke_command("steinway45", strike, "--out", tmp_path / "a" / "b") == 0
     assert [p.name for p in tmp_path.rglob("*.nc")] == ["_.._outside.nc"]
     assert (tmp_path / "a" / "b" / "_.._outside.nc").is_file()
 
@@ -230,23 +230,23 @@ def test_name_of_a_stroke_does_not_leave_the_folder(tmp_path):
 def test_strokes_whose_numbered_names_meet(tmp_path):
     # a, a, a_1 gave a_1.nc twice; the last was refused after its simulation
     names = ["a", "a", "a_1"]
-    blows = [short_blow(tmp_path / f"{i}.toml", name) for i, name in enumerate(names)]
-    assert stroke_command("steinway45", *blows, "--out", tmp_path / "out") == 0
+    strikes = [short_strike(tmp_path / f"{i}.toml", name) for i, name in enumerate(names)]
+    assert stroke_command("steinway45", *strikes, "--out", tmp_path / "out") == 0
     assert len(list((tmp_path / "out").glob("*.nc"))) == 3
 
 
 def test_existing_plots_are_seen_before_the_simulation(tmp_path, capsys):
     # the run was simulated and written, then the plots were refused
     (tmp_path / "run_overview.png").touch()
-    blow = short_blow(tmp_path / "blow.toml", "blow")
-    assert stroke_command("steinway45", blow, "--out", tmp_path / "run.nc", "--plot") == 2
+    strike = short_strike(tmp_path / "blow.toml", "blow")
+    assert stroke_command("steinway45", strike, "--out", tmp_path / "run.nc", "--plot") == 2
     assert "run_overview.png: exists already" in capsys.readouterr().err
     assert not (tmp_path / "run.nc").exists()
 
 
 def test_interrupted_jobs_keep_what_was_finished(tmp_path, monkeypatch):
     # strokes finished by the other threads were lost if the first was still running
-    blows = [short_blow(tmp_path / f"{n}.toml", n) for n in ("long", "short")]
+    strikes = [short_strike(tmp_path / f"{n}.toml", n) for n in ("long", "short")]
     short_done = threading.Event()
     simulate = feltmb.simulate
 
@@ -260,7 +260,7 @@ def test_interrupted_jobs_keep_what_was_finished(tmp_path, monkeypatch):
 
     monkeypatch.setattr(sys.modules["feltmb.run.simulate"], "simulate", interrupted)
     out = tmp_path / "out"
-    assert stroke_command("steinway45", *blows, "--out", out, "--jobs", 2) == 130
+    assert stroke_command("steinway45", *strikes, "--out", out, "--jobs", 2) == 130
     assert [p.name for p in out.iterdir()] == ["short.nc"]
 
 

@@ -194,7 +194,7 @@ def test_loops_lie_over_the_curves_of_their_laws(runs, action):
     figure = plot.loops(run, [6])
     drawn = lines(figure.axes[0])
     contact = action.config.contacts["06"]
-    # Driven alone as fast as in the blow, the law is on its curves but for the turn.
+    # Driven alone as fast as in the strike, the law is on its curves but for the turn.
     for label, curve in (
         ("law alone, pressed", contact.loading),
         ("law alone, released", contact.unloading),

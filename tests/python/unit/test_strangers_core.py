@@ -170,7 +170,7 @@ def test_members_beyond_small_deflections_are_told(action):
 
 @pytest.fixture(scope="module")
 def ended(action):
-    """A blow on felt that remembers, and its end."""
+    """A strike on felt that remembers, and its end."""
     felt = action.with_values(
         {"shank.rigid": True, "wire.rigid": True, "contacts.*.law": "felt_memory"}
     )

@@ -239,7 +239,7 @@ def test_outputs_and_events_of_saved_runs_are_completed(tmp_path, monkeypatch):
 
 def test_targets_of_the_line_stand_beside_those_of_a_file():
     packaged = load_targets("steinway45")
-    mine = packaged.amended(
+    mine = packaged.with_targets(
         {"let-off": "4mm", "A": "10 mm", "shank on_the REST rail": "0 N to 1 N"}
     )
     by_name = {step.name: step for step in mine.steps}
@@ -265,7 +265,7 @@ def test_targets_of_the_line_stand_beside_those_of_a_file():
 )
 def test_a_target_that_is_none_is_refused(name, value, said):
     with pytest.raises(InvalidParameter) as caught:
-        load_targets("steinway45").amended({name: value})
+        load_targets("steinway45").with_targets({name: value})
     assert said in str(caught.value)
     assert name in str(caught.value)
 

@@ -192,7 +192,7 @@ def words_of(figure):
 
 def test_impact_speed_is_that_of_the_contact_wherever_it_is_printed(action):
     from feltmb import plot
-    from feltmb.action.touch.blows import simulate_blow
+    from feltmb.action.touch.strikes import simulate_strike
     from feltmb.cli.stroke import SUMMARY_ROWS
     from feltmb.run.study.schema import KNOWN
 
@@ -212,7 +212,7 @@ def test_impact_speed_is_that_of_the_contact_wherever_it_is_printed(action):
     assert any("impact speed (of the contact)" in t for t in words_of(plot.overview(run)))
     assert SUMMARY_ROWS["impact_speed"][0] == KNOWN["impact_speed"][0]
     assert "of the contact" in KNOWN["impact_speed"][0]
-    blow = simulate_blow(action, "pressed", 12.0, 10.5e-3)
+    strike = simulate_strike(action, "pressed", 12.0, 10.5e-3)
     stroke = feltmb.ramp_stroke(12.0, 0.020, 0.020, duration=0.45)
     same = feltmb.simulate(action, stroke, ledger=False, output_rate=5000.0)
-    assert blow.hammer_speed == pytest.approx(same.summary["impact_speed"], rel=1e-12)
+    assert strike.hammer_speed == pytest.approx(same.summary["impact_speed"], rel=1e-12)

@@ -119,12 +119,12 @@ def test_shifted_and_scaled():
 
 
 def test_sequence():
-    blow = feltmb.pulse_stroke(10.0, duration=0.3)
-    line = feltmb.sequence(blow, blow.scaled(0.5), blow, period=0.2)
+    strike = feltmb.pulse_stroke(10.0, duration=0.3)
+    line = feltmb.sequence(strike, strike.scaled(0.5), strike, period=0.2)
     peak = 0.02 + 0.0125
     assert line.at([peak, peak + 0.2, peak + 0.4]) == pytest.approx([10, 5, 10])
     assert line.duration == pytest.approx(0.7)
-    after = feltmb.sequence(blow, blow)
+    after = feltmb.sequence(strike, strike)
     assert after.at(0.3 + peak) == pytest.approx(10.0)
 
 
@@ -136,13 +136,13 @@ def test_press_and_release_as_a_sequence():
 
 
 def test_faults_of_a_sequence():
-    blow = feltmb.pulse_stroke(10.0)
+    strike = feltmb.pulse_stroke(10.0)
     with pytest.raises(feltmb.InvalidParameter, match="at least one stroke"):
         feltmb.sequence()
     with pytest.raises(feltmb.InvalidParameter, match=r"stroke 1 .* begins at .* before"):
-        feltmb.sequence(blow, blow, period=0.01)
+        feltmb.sequence(strike, strike, period=0.01)
     with pytest.raises(feltmb.InvalidParameter, match="they must agree"):
-        feltmb.sequence(blow, feltmb.motion_stroke([0, 1], [0, 1]))
+        feltmb.sequence(strike, feltmb.motion_stroke([0, 1], [0, 1]))
     with pytest.raises(feltmb.InvalidParameter, match="oscillates"):
         feltmb.sequence(feltmb.ramp_stroke(1.0, oscillation=(0.1, 40.0)))
 

@@ -1,4 +1,4 @@
-"""Slow press with and without inertia, static touch, families of blows."""
+"""Slow press with and without inertia, static touch, families of strikes."""
 
 import json
 import sys
@@ -8,8 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 from feltmb import FeltmbError, InvalidParameter, _core, load_action
-from feltmb.action.touch import Blow, TouchRow, static_touch, touch
-from feltmb.action.touch.blows import at_speed, fit_travel_time
+from feltmb.action.touch import Strike, TouchRow, static_touch, touch
+from feltmb.action.touch.strikes import at_speed, fit_travel_time
 from feltmb.cli.touch import command
 from feltmb.mechanism import Action
 from feltmb.run.quasistatic import (
@@ -207,14 +207,14 @@ def test_missing_roles_are_named(action):
         static_touch(Action(raw))
 
 
-# ---------------------------------------------------------------- blows
+# ---------------------------------------------------------------- strikes
 
 
 def test_louder_blows_are_faster(measured):
     for kind in ("pressed", "struck"):
-        blows = [b for b in measured.blows if b.kind == kind]
-        speeds = [b.hammer_speed for b in blows]
-        times = [b.travel_time for b in blows]
+        strikes = [b for b in measured.strikes if b.kind == kind]
+        speeds = [b.hammer_speed for b in strikes]
+        times = [b.travel_time for b in strikes]
         assert speeds == sorted(speeds)
         assert times == sorted(times, reverse=True)
         a, b, _ = measured.fits[kind]
@@ -223,7 +223,7 @@ def test_louder_blows_are_faster(measured):
 
 
 def test_loud_key_bottoms_before_the_hammer_strikes_and_soft_after(measured):
-    pressed = [b for b in measured.blows if b.kind == "pressed"]
+    pressed = [b for b in measured.strikes if b.kind == "pressed"]
     assert pressed[0].bottom_after_string > 0.0 > pressed[-1].bottom_after_string
 
 
@@ -233,7 +233,7 @@ def test_struck_is_shorter_than_pressed(measured):
 
 def test_too_soft_a_blow_says_so(action):
     result = touch(action, forces=(0.5, 3.0), speeds=())
-    soft, loud = result.blows
+    soft, loud = result.strikes
     assert soft.hammer_speed is None
     assert "does not reach the string" in soft.failure
     assert loud.failure == ""
@@ -246,13 +246,13 @@ def test_bad_levels(action):
 
 
 def test_fit_recovers_a_power_law():
-    blows = [Blow("pressed", 1, v, 1, 0.09 * v**-0.6, 0.1, 0.0) for v in (0.5, 1.0, 2.0, 4.0)]
-    a, b, worst = fit_travel_time(blows)
+    strikes = [Strike("pressed", 1, v, 1, 0.09 * v**-0.6, 0.1, 0.0) for v in (0.5, 1.0, 2.0, 4.0)]
+    a, b, worst = fit_travel_time(strikes)
     assert (a, b) == pytest.approx((0.09, -0.6))
     assert worst < 1e-12
-    assert fit_travel_time(blows[:2]) is None
-    assert at_speed(blows, "travel_time", 1.0) == pytest.approx(0.09)
-    assert at_speed(blows, "travel_time", 9.0) is None
+    assert fit_travel_time(strikes[:2]) is None
+    assert at_speed(strikes, "travel_time", 1.0) == pytest.approx(0.09)
+    assert at_speed(strikes, "travel_time", 9.0) is None
 
 
 @pytest.mark.parametrize(

@@ -190,18 +190,18 @@ def test_a_drag_in_a_curve_moves_the_time_and_with_shift_enlarges(opened):
 
 
 def test_events_are_gone_to_and_runs_aligned(opened, forte, piano):
-    blow = [1e3 * run.event_time("string_contact_on") for run in (forte, piano)]
+    strike = [1e3 * run.event_time("string_contact_on") for run in (forte, piano)]
     opened.run(
         "[...document.querySelectorAll('.fv-events button')]"
         ".find(b => b.textContent === 'string contact on').click()"
     )
-    assert opened.run(f"{VIEWER}.now") == pytest.approx(blow[0], abs=1e-3)
+    assert opened.run(f"{VIEWER}.now") == pytest.approx(strike[0], abs=1e-3)
     opened.run(
         f"(() => {{ const a = {VIEWER}.aligner; a.value = 'string contact on';"
         "a.dispatchEvent(new Event('change')); return 1; })()"
     )
-    times = opened.run(f"{VIEWER}.runs.map(r => r.time({blow[0]}))")
-    assert times == pytest.approx(blow, abs=1e-3)
+    times = opened.run(f"{VIEWER}.runs.map(r => r.time({strike[0]}))")
+    assert times == pytest.approx(strike, abs=1e-3)
 
 
 def test_curves_are_added_and_removed(opened):

@@ -140,7 +140,7 @@ def _findings(runs: Mapping[str, ActuatorRun]) -> list[StudyFinding]:
     first = {name: run.summary["first_contact_time"] for name, run in runs.items()}
     after = {name: (t, t + 0.03) for name, t in first.items()}
     bend = {n: _swing(runs[n], "tip.deflection", *after[n]) for n in ("wood", "aluminum")}
-    # Force of the first swings, after the blow itself.
+    # Force of the first swings, after the strike itself.
     force = {n: _swing(runs[n], "finger.force", after[n][0] + 0.005, after[n][1]) for n in runs}
     lasts = {n: _lasts(runs[n], "tip.deflection") for n in ("wood", "aluminum")}
     same = runs["wood one-sided, same c"]

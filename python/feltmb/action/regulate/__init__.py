@@ -1,7 +1,7 @@
 """Virtual regulation: turn the screws of an action until it does what a technician asks for.
 
 Steps A to F of thesis section 4.2.3. Each step measures one thing, at rest, in a slow press or
-after a simulated blow, and turns one screw, a bracketed one-dimensional solve. The steps follow
+after a simulated strike, and turns one screw, a bracketed one-dimensional solve. The steps follow
 one another in the order of the targets file and are repeated until all hold at once.
 ``load_targets`` reads the file, :func:`regulate` does the work.
 """

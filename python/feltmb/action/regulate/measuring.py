@@ -1,4 +1,4 @@
-"""Measures of a regulation: at rest, in a slow press, after a blow."""
+"""Measures of a regulation: at rest, in a slow press, after a strike."""
 
 from __future__ import annotations
 

@@ -172,7 +172,7 @@ class Targets(Schema):
     steps: Annotated[list[Step], Field(min_length=1)]
 
     @checked
-    def amended(self, targets: Mapping[str, str]) -> Targets:
+    def with_targets(self, targets: Mapping[str, str]) -> Targets:
         """The same steps with other targets.
 
         Parameters

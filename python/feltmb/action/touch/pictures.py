@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from feltmb.action.touch.blows import Blow
 from feltmb.action.touch.published import published_numbers
 from feltmb.action.touch.static import StaticTouch
+from feltmb.action.touch.strikes import Strike
 
 if TYPE_CHECKING:
     from feltmb.run.quasistatic import SimulatedPress
@@ -85,9 +85,9 @@ def _from_gram(weight: Any) -> Any:
 
 
 def dynamic_figure(
-    name: str, blows_of_all: Sequence[Blow], fits: Mapping[str, tuple[float, float, float]]
+    name: str, strikes_of_all: Sequence[Strike], fits: Mapping[str, tuple[float, float, float]]
 ) -> Any:
-    """Impact speed, key-bottom time and travel time of the families of blows."""
+    """Impact speed, key-bottom time and travel time of the families of strikes."""
     import numpy as np
     from matplotlib.figure import Figure
     from matplotlib.ticker import FuncFormatter
@@ -95,22 +95,22 @@ def dynamic_figure(
     figure = Figure(figsize=(9.0, 7.0), layout="constrained")
     panels = figure.subplots(2, 2)
     families = [
-        (kind, color, marker, [b for b in blows_of_all if b.kind == kind and b.hammer_speed])
+        (kind, color, marker, [b for b in strikes_of_all if b.kind == kind and b.hammer_speed])
         for kind, color, marker in (("pressed", PRESS, "o"), ("struck", RELEASE, "s"))
     ]
 
-    def columns(blows: list[Blow], x: str, y: str) -> tuple[list[float], list[float]]:
-        rows = [(getattr(b, x), getattr(b, y)) for b in blows]
+    def columns(strikes: list[Strike], x: str, y: str) -> tuple[list[float], list[float]]:
+        rows = [(getattr(b, x), getattr(b, y)) for b in strikes]
         rows = [(p, q) for p, q in rows if p is not None and q is not None]
         return [p for p, _ in rows], [q for _, q in rows]
 
-    kind, color, marker, blows = families[0]
+    kind, color, marker, strikes = families[0]
     axes = panels[0, 0]
-    axes.plot(*columns(blows, "level", "hammer_speed"), marker=marker, color=color)
-    axes.set_xlabel("force level of a pressed blow, N")
+    axes.plot(*columns(strikes, "level", "hammer_speed"), marker=marker, color=color)
+    axes.set_xlabel("force level of a pressed strike, N")
     axes = panels[0, 1]
-    for kind, color, marker, blows in families:
-        axes.plot(*columns(blows, "key_speed", "hammer_speed"), marker, color=color, label=kind)
+    for kind, color, marker, strikes in families:
+        axes.plot(*columns(strikes, "key_speed", "hammer_speed"), marker, color=color, label=kind)
     axes.set_xlabel("largest key front speed, m/s")
     for axes in (panels[0, 0], panels[0, 1]):
         axes.set_xscale("log")
@@ -118,8 +118,8 @@ def dynamic_figure(
         axes.set_ylabel("impact speed, m/s")
     panels[0, 1].legend(frameon=False, fontsize=9)
     axes = panels[1, 0]
-    for kind, color, marker, blows in families:
-        v, y = columns(blows, "hammer_speed", "bottom_after_string")
+    for kind, color, marker, strikes in families:
+        v, y = columns(strikes, "hammer_speed", "bottom_after_string")
         axes.plot(v, [1e3 * t for t in y], marker=marker, lw=0.8, color=color, label=kind)
     axes.axhspan(-4.0, 35.0, color=MUTED, alpha=0.12, lw=0, label="grands, published range")
     axes.axhline(0.0, color="k", lw=0.6)
@@ -130,8 +130,8 @@ def dynamic_figure(
     axes.legend(frameon=False, fontsize=9, loc="upper right")
     axes = panels[1, 1]
     everything: list[float] = []
-    for kind, color, marker, blows in families:
-        v, y = columns(blows, "hammer_speed", "travel_time")
+    for kind, color, marker, strikes in families:
+        v, y = columns(strikes, "hammer_speed", "travel_time")
         everything += v
         axes.plot(v, [1e3 * t for t in y], marker, color=color, label=kind)
         if kind in fits and v:
@@ -157,7 +157,7 @@ def dynamic_figure(
                 axis.set_major_formatter(plain)
                 axis.set_minor_formatter(FuncFormatter(_some_minor))
         axes.grid(True, which="major", lw=0.3)
-    figure.suptitle(f"{name}: blows", x=0.01, ha="left")
+    figure.suptitle(f"{name}: strikes", x=0.01, ha="left")
     return figure
 
 

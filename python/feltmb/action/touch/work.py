@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
-from feltmb.action.touch.blows import Blow, at_speed, fit_travel_time, simulate_blow
 from feltmb.action.touch.pictures import dynamic_figure, static_figure
 from feltmb.action.touch.published import published_numbers
 from feltmb.action.touch.static import StaticTouch, roles_of, static_touch
+from feltmb.action.touch.strikes import Strike, at_speed, fit_travel_time, simulate_strike
 from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.files import make_folder, write_file
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from feltmb.run.quasistatic import PressPath, SimulatedPress
 
 
-#: Force levels of the pressed blows [N] and finger speeds of the struck ones [m/s].
+#: Force levels of the pressed strikes [N] and finger speeds of the struck ones [m/s].
 FORCES = (1.2, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 35.0)
 SPEEDS = (0.05, 0.08, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8)
 
-#: Impact speeds of the thesis's piano and forte blow [m/s].
+#: Impact speeds of the thesis's piano and forte strike [m/s].
 PIANO, FORTE = 1.06, 3.36
 
 
@@ -75,10 +75,10 @@ class Touch:
         Slow press and release.
     slow : SimulatedPress
         Simulated press and release at 10 mm/s, for comparison.
-    blows : tuple of Blow
+    strikes : tuple of Strike
         Pressed, then struck, by level.
     fits : dict
-        By kind of blow, a [s] and b of travel time = a v^b, v the impact speed in m/s, and the
+        By kind of strike, a [s] and b of travel time = a v^b, v the impact speed in m/s, and the
         largest relative residual.
     """
 
@@ -86,7 +86,7 @@ class Touch:
     rows: tuple[TouchRow, ...]
     static: StaticTouch
     slow: SimulatedPress
-    blows: tuple[Blow, ...]
+    strikes: tuple[Strike, ...]
     fits: dict[str, tuple[float, float, float]]
 
     def __getitem__(self, key: str) -> float | None:
@@ -126,11 +126,11 @@ class Touch:
         return pd.concat(parts, ignore_index=True)
 
     @cached_property
-    def blow_table(self) -> pd.DataFrame:
-        """One row a blow, SI units; see :class:`Blow`."""
+    def strike_table(self) -> pd.DataFrame:
+        """One row a strike, SI units; see :class:`Strike`."""
         import pandas as pd
 
-        return pd.DataFrame([vars(blow) for blow in self.blows])
+        return pd.DataFrame([vars(strike) for strike in self.strikes])
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data, for JSON."""
@@ -145,7 +145,7 @@ class Touch:
             "rows": [{**vars(row), "verdict": row.verdict} for row in self.rows],
             "window": list(self.static.window),
             "curve": curve,
-            "blows": [dict(vars(blow)) for blow in self.blows],
+            "strikes": [dict(vars(strike)) for strike in self.strikes],
             "fits": {
                 kind: {"a": a, "b": b, "largest_residual": worst}
                 for kind, (a, b, worst) in self.fits.items()
@@ -159,7 +159,7 @@ class Touch:
         written = []
         for name, figure in (
             ("touch_static", static_figure(self.action.name, self.static, self.slow)),
-            ("touch_dynamic", dynamic_figure(self.action.name, self.blows, self.fits)),
+            ("touch_dynamic", dynamic_figure(self.action.name, self.strikes, self.fits)),
         ):
 
             def save(path: Path, figure: Any = figure) -> None:
@@ -194,11 +194,11 @@ def touch(
     action
         Mechanism, or its name for :func:`load_action`.
     forces
-        Levels of the pressed blows [N], > 0.
+        Levels of the pressed strikes [N], > 0.
     speeds
-        Finger speeds of the struck blows [m/s], > 0.
+        Finger speeds of the struck strikes [m/s], > 0.
     executor
-        Runs the blows; default: threads, one a core.
+        Runs the strikes; default: threads, one a core.
     progress
         Called with a line of text now and then.
 
@@ -221,37 +221,37 @@ def touch(
     say("slow press and release")
     static = static_touch(action)
     dip = static.key_dip
-    say(f"{len(forces) + len(speeds)} blows")
+    say(f"{len(forces) + len(speeds)} strikes")
     jobs = [("pressed", f) for f in sorted(forces)] + [("struck", v) for v in sorted(speeds)]
     pool = executor if executor is not None else ThreadPoolExecutor()
     try:
         slow_future = pool.submit(simulated_press, action, travel=dip + 1.2e-3, release=True)
-        futures = [pool.submit(simulate_blow, action, kind, level, dip) for kind, level in jobs]
+        futures = [pool.submit(simulate_strike, action, kind, level, dip) for kind, level in jobs]
         slow = slow_future.result()
-        blows = tuple(future.result() for future in futures)
+        strikes = tuple(future.result() for future in futures)
     finally:
         if executor is None:
             pool.shutdown(cancel_futures=True)
     fits = {}
     for kind in ("pressed", "struck"):
-        fit = fit_travel_time([b for b in blows if b.kind == kind])
+        fit = fit_travel_time([b for b in strikes if b.kind == kind])
         if fit is not None:
             fits[kind] = fit
-    rows = _rows(action, static, slow, blows, fits)
-    return Touch(action, rows, static, slow, blows, fits)
+    rows = _rows(action, static, slow, strikes, fits)
+    return Touch(action, rows, static, slow, strikes, fits)
 
 
 def _rows(
     action: Action,
     static: StaticTouch,
     slow: SimulatedPress,
-    blows: tuple[Blow, ...],
+    strikes: tuple[Strike, ...],
     fits: dict[str, tuple[float, float, float]],
 ) -> tuple[TouchRow, ...]:
     roles = roles_of(action)
     strike, bottom = roles["strike"], roles["bottom"]
-    pressed = [b for b in blows if b.kind == "pressed" and b.hammer_speed]
-    struck = [b for b in blows if b.kind == "struck" and b.hammer_speed]
+    pressed = [b for b in strikes if b.kind == "pressed" and b.hammer_speed]
+    struck = [b for b in strikes if b.kind == "struck" and b.hammer_speed]
     landed = [b for b in (*pressed, *struck) if b.bottom_after_string is not None]
     after_start = [b.bottom_after_start for b in landed if b.bottom_after_start is not None]
     by_speed = sorted(landed, key=lambda b: b.hammer_speed or 0.0)

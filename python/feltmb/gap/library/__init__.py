@@ -1,6 +1,6 @@
 """Generic effects: for any coordinate of a second-order system, any level, sensor and input.
 
-Every function returns an :class:`~feltmb.fit.Effect` that is exactly the model at size zero.
+Every function returns an :class:`~feltmb.fit.Effect` that is exactly the model at magnitude zero.
 Lengths and speeds that give an effect its shape are taken from ranges that the caller knows from
 the records (``travel`` [position unit], ``speed`` [position unit/s]).
 """

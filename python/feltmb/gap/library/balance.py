@@ -1,4 +1,4 @@
-"""Terms of a force balance that is linear in its parameters."""
+"""Candidates of a force balance that is linear in its parameters."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from feltmb.fit import Effect
 def for_force_balance(
     position: str, speed: str, *, force: float, travel: float, pace: float, unit: str = "N"
 ) -> tuple[Effect, ...]:
-    """Terms of a measured force balance that is linear in its parameters.
+    """Candidates of a measured force balance that is linear in its parameters.
 
     For :class:`~feltmb.fit.LinearModel` with ``position`` and ``speed`` among the inputs of the
-    records; ``force``, ``travel`` and ``pace`` are their typical sizes.
+    records; ``force``, ``travel`` and ``pace`` are their typical magnitudes.
     """
 
     def effect(
@@ -46,7 +46,7 @@ def for_force_balance(
     return (
         effect(
             "dry friction",
-            "A force of constant size acts against the motion.",
+            "A force of constant magnitude acts against the motion.",
             lambda q, v, v0: np.tanh(v / v0),
             part,
             unit,

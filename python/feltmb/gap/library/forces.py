@@ -16,7 +16,7 @@ Rate = Callable[[Any, Named, Named, Named, Any, Any], Mapping[str, Any]]
 
 
 def _force(c: Part, law: Callable[[Any, Any, Any], Any]) -> Rate:
-    """Rate of a force law f(position, speed, shape) per unit of size, against the motion."""
+    """Rate of a force law f(position, speed, shape) per unit of magnitude, against the motion."""
 
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, shape: Any) -> Mapping[str, Array]:
         return c.push(-size * law(*c.motion(x), shape), t, x, u, p)
@@ -32,7 +32,7 @@ def dry_friction(c: Part, *, scale: float, speed: float) -> Effect:
         unit=c.unit,
         scale=scale,
         sign=1,
-        mechanism="A force of constant size acts against the motion.",
+        mechanism="A force of constant magnitude acts against the motion.",
         shapes=(0.003 * speed, 0.03 * speed),
         shape_names=("v_0 [position unit/s]",),
         remedy="Add the friction, or clean and lubricate the guide.",
@@ -155,11 +155,11 @@ def end_stop(c: Part, *, stiffness: float, travel: float) -> Effect:
 def hysteresis(c: Part, *, scale: float, travel: float) -> Effect:
     """Rate-independent hysteresis: a spring behind a slip z (hidden state), F = F_h (q - z) / b.
 
-    While the spring is strained further the slip takes the share |(q - z) / b|^n of the motion, and
-    none when it turns back: the law of Bouc (1967) and Wen (1976) with beta = gamma. The shape is
-    (b, n): the stretch [position unit] at which all slips, and how sharply it begins. n = 10 is
-    nearly elastic-plastic (Jenkins), n = 2 round; n = 1 with a small b nears pre-sliding friction
-    (Dahl 1968).
+    While the spring is beyond its prior further the slip takes the share |(q - z) / b|^n of the
+    motion, and none when it turns back: the law of Bouc (1967) and Wen (1976) with beta = gamma.
+    The shape is (b, n): the stretch [position unit] at which all slips, and how sharply it begins.
+    n = 10 is nearly elastic-plastic (Jenkins), n = 2 round; n = 1 with a small b nears pre-sliding
+    friction (Dahl 1968).
     """
 
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, shape: Any) -> Mapping[str, Array]:

@@ -24,7 +24,7 @@ def _input(
     kind: EffectKind = "input",
     **fields: Any,
 ) -> Effect:
-    """``change(values, size, shape, record)`` of one input.
+    """``change(values, magnitude, shape, record)`` of one input.
 
     The kind is "input" where the record may be wrong, "force" where the drive is.
     """
@@ -38,7 +38,7 @@ def _input(
 
 
 def delay_input(name: str, *, scale: float) -> Effect:
-    """The record of the input lags what acts by the size [s]; below zero the input acts later."""
+    """The record of the input lags what acts by the magnitude [s]; below zero it leads."""
     return _misread(
         name,
         "delay",
@@ -51,7 +51,7 @@ def delay_input(name: str, *, scale: float) -> Effect:
 
 
 def gain_input(name: str) -> Effect:
-    """The record shows (1 + size) times the input that acts."""
+    """The record shows (1 + magnitude) times the input that acts."""
     return _misread(
         name,
         "gain",
@@ -63,7 +63,7 @@ def gain_input(name: str) -> Effect:
 
 
 def bent_input(name: str, *, level: float) -> Effect:
-    """The input is larger by size u^2 / level ("even") or size u |u| / level ("odd")."""
+    """The input is larger by magnitude u^2 / level ("even") or magnitude u |u| / level ("odd")."""
     return _input(
         name,
         "nonlinearity of input",
@@ -77,7 +77,7 @@ def bent_input(name: str, *, level: float) -> Effect:
 
 
 def offset_input(name: str, *, unit: str, scale: float) -> Effect:
-    """The record shows the input that acts plus the size."""
+    """The record shows the input that acts plus the magnitude."""
     return _misread(
         name,
         "offset",
@@ -99,7 +99,7 @@ def _misread(name: str, error: ReadingError, **fields: Any) -> Effect:
 
 
 def saturation_input(name: str, *, levels: Sequence[float]) -> Effect:
-    """Of the input beyond +-level only the share 1 - size arrives."""
+    """Of the input beyond +-level only the share 1 - magnitude arrives."""
     return _part_lost(
         name,
         "saturation of input",
@@ -111,7 +111,7 @@ def saturation_input(name: str, *, levels: Sequence[float]) -> Effect:
 
 
 def dead_zone_input(name: str, *, levels: Sequence[float]) -> Effect:
-    """Of the input within +-level only the share 1 - size arrives."""
+    """Of the input within +-level only the share 1 - magnitude arrives."""
     return _part_lost(
         name,
         "dead zone of input",

@@ -12,10 +12,10 @@ from feltmb.fit import Effect, Named
 
 
 def overflow(state: str, *, levels: Sequence[float], rate_scale: float, into: str = "") -> Effect:
-    """Overflow above a level: the state loses size * max(0, x - level) a second.
+    """Overflow above a level: the state loses magnitude * max(0, x - level) a second.
 
     The level is a shape; with ``into`` a share of the loss (second number of the shape) arrives in
-    another state. A size far above the rates of the system holds the level.
+    another state. A magnitude far above the rates of the system holds the level.
     """
     shares = (0.0, 0.5, 1.0) if into else (0.0,)
 

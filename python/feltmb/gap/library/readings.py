@@ -33,7 +33,7 @@ def acting(
         Recorded input, its unit.
     error
         ``gain`` [1], ``offset`` [unit of the input] or ``delay`` [s].
-    size
+    magnitude
         Of the error: positive where the sensor reads too much or late.
     smooth
         Cubic between the samples, for an input without jumps; linear else.

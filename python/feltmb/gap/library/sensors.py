@@ -18,12 +18,14 @@ def _sensor(
     change: Callable[[Array, Array, Record, Array, Any], Array],
     **fields: Any,
 ) -> Effect:
-    """``change(values (B, L), sizes (B,), record, windows (B, 2), shape)`` of one channel."""
+    """``change(values (B, L), magnitudes (B,), record, segments (B, 2), shape)`` of one channel."""
     channel = list(outputs).index(name)
 
-    def observe(record: Record, values: Array, windows: Array, sizes: Array, shape: Any) -> Array:
+    def observe(
+        record: Record, values: Array, segments: Array, magnitudes: Array, shape: Any
+    ) -> Array:
         out = values.copy()
-        out[:, :, channel] = change(values[:, :, channel], sizes, record, windows, shape)
+        out[:, :, channel] = change(values[:, :, channel], magnitudes, record, segments, shape)
         return out
 
     return Effect(
@@ -32,7 +34,7 @@ def _sensor(
 
 
 def sensor_gain(outputs: Sequence[str], name: str) -> Effect:
-    """The channel shows (1 + size) times the output."""
+    """The channel shows (1 + magnitude) times the output."""
     return _sensor(
         outputs,
         name,
@@ -45,7 +47,7 @@ def sensor_gain(outputs: Sequence[str], name: str) -> Effect:
 
 
 def sensor_bend(outputs: Sequence[str], name: str, *, level: float) -> Effect:
-    """The channel shows y + size y^2 / level ("even") or y + size y |y| / level ("odd")."""
+    """The channel shows y + m y^2 / level ("even") or y + m y |y| / level ("odd"), m: magnitude."""
     return _sensor(
         outputs,
         name,
@@ -59,7 +61,7 @@ def sensor_bend(outputs: Sequence[str], name: str, *, level: float) -> Effect:
 
 
 def sensor_offset(outputs: Sequence[str], name: str, *, unit: str, scale: float) -> Effect:
-    """The channel shows the output plus the size."""
+    """The channel shows the output plus the magnitude."""
     return _sensor(
         outputs,
         name,
@@ -73,7 +75,7 @@ def sensor_offset(outputs: Sequence[str], name: str, *, unit: str, scale: float)
 
 
 def sensor_delay(outputs: Sequence[str], name: str, *, scale: float) -> Effect:
-    """The channel lags the output by the size [s]."""
+    """The channel lags the output by the magnitude [s]."""
     return _sensor(
         outputs,
         name,

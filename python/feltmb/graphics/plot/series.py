@@ -104,7 +104,7 @@ def draw_motion(ax: Axes, run: Run) -> None:
 def motion(run: Run) -> Figure:
     """Motion of key front, whippen, key lift (times 4) and hammer tip from their start.
 
-    As thesis Figs 4.12 to 4.16; below, the time around the blow. A mechanism without these points
+    As thesis Figs 4.12 to 4.16; below, the time around the strike. A mechanism without these points
     shows its first tracking points.
 
     Raises

@@ -307,11 +307,11 @@ def _string(run: Run, action: Action, film: Film, keep: slice) -> dict[str, Any]
     if not np.all(np.isfinite(eta)) or shapes.shape[1] != eta.shape[1]:
         raise InvalidParameter("the run holds motions of the string that are no finite numbers")
     size = np.abs(eta).max(axis=0) * np.abs(shapes).max(axis=0)
-    heard = size > 1e-4 * max(float(size.max()), 1e-30)
-    if not np.any(heard):
+    audible = size > 1e-4 * max(float(size.max()), 1e-30)
+    if not np.any(audible):
         return out
-    eta, shapes = eta[:, heard], shapes[:, heard]
-    # Nothing is lost before the blow: the string is at rest until the first sample that moves.
+    eta, shapes = eta[:, audible], shapes[:, audible]
+    # Nothing is lost before the strike: the string is at rest until the first sample that moves.
     moving = np.flatnonzero(np.any(np.abs(eta) > 1e-6 * np.abs(eta).max(axis=0), axis=1))
     first = max(int(moving[0]) - 1, 0)
     stride = -(-(len(eta) - first) // MOST_STRING_SAMPLES)

@@ -342,7 +342,7 @@ _SEAM = 1e-4
 
 @checked
 def sequence(*strokes: Stroke, period: float | None = None, name: str = "sequence") -> Stroke:
-    """Strokes one after the other: repeated blows, press and release.
+    """Strokes one after the other: repeated strikes, press and release.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Studies run: all their simulations side by side."""
+"""Studies run: all their simulations in parallel."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def run_studies(
     folder: str | Path | None = None,
     progress: Progress | bool | None = None,
 ) -> list[StudyResult]:
-    """Run several studies, all their simulations side by side; see :func:`study`."""
+    """Run several studies, all their simulations in parallel; see :func:`study`."""
     tagged: list[tuple[int, Case]] = []
     members: list[Member] = []
     found: list[dict[Case, Outcome | None]] = []
@@ -58,7 +58,7 @@ def study(
     folder: str | Path | None = None,
     progress: Progress | bool | None = None,
 ) -> StudyResult:
-    """Run a study: variants under strokes, side by side, with table, figures and findings.
+    """Run a study: variants under strokes, in parallel, with table, figures and findings.
 
     Parameters
     ----------

@@ -171,7 +171,7 @@ def _range(given: Mapping[str, Any], where: str) -> tuple[float, ...]:
 
 @checked
 def grid_points(axes: Sequence[Axis], mode: Literal["grid", "list"]) -> Iterator[tuple[Any, ...]]:
-    """Combinations of the values of the axes, the last varying fastest; ``list``: side by side."""
+    """Combinations of the values of the axes, the last varying fastest; ``list``: in pairs."""
     if mode == "grid":
         size = math.prod(len(axis.values) for axis in axes)
         if size > MOST_POINTS:

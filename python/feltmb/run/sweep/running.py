@@ -1,4 +1,4 @@
-"""Many members side by side: on threads of the core, or on an executor."""
+"""Many members in parallel: on threads of the core, or on an executor."""
 
 from __future__ import annotations
 

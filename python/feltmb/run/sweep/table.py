@@ -91,7 +91,7 @@ def sweep(
     action, stroke
         Objects or names; several strokes are simulated at each point.
     values
-        ``{path: values}``: all combinations (or ``mode="list"``: side by side). Paths are those of
+        ``{path: values}``: all combinations (or ``mode="list"``: in pairs). Paths are those of
         :meth:`Action.with_values`, ``stroke.scale``, ``stroke.delay`` [s], ``stroke.duration`` [s],
         ``options.rtol`` and so on. Values are a list; ``{"from": 1, "to": 4, "count": 7,
         "spacing": "log"}``; ``{"scale": values}``: multiples of the value that the mechanism has;

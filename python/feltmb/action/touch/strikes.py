@@ -1,4 +1,4 @@
-"""Dynamic touch: simulated blows, pressed and struck, and what a family of them tells."""
+"""Dynamic touch: simulated strikes, pressed and struck, and what a family of them tells."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.mechanism import Action
 
-RISE = 0.020  # s, of the force of a pressed blow
+RISE = 0.020  # s, of the force of a pressed strike
 START = 0.020  # s, when the finger begins
 
 
 @dataclass(frozen=True)
-class Blow:
-    """One simulated blow."""
+class Strike:
+    """One simulated strike."""
 
     kind: str  #: pressed or struck
     level: float  #: force level [N] or finger speed [m/s]
@@ -27,8 +27,8 @@ class Blow:
     failure: str = ""  #: why there is no result
 
 
-def simulate_blow(action: Action, kind: str, level: float, dip: float) -> Blow:
-    """Simulate a blow of a kind at a level; ``dip`` is the key's travel to its punching [m]."""
+def simulate_strike(action: Action, kind: str, level: float, dip: float) -> Strike:
+    """Simulate a strike of a kind at a level; ``dip`` is the key's travel to its punching [m]."""
     import numpy as np
 
     from feltmb.run.simulate import simulate
@@ -51,19 +51,19 @@ def simulate_blow(action: Action, kind: str, level: float, dip: float) -> Blow:
     except InvalidParameter:
         raise
     except FeltmbError as error:
-        return Blow(kind, level, None, None, None, None, None, str(error))
+        return Strike(kind, level, None, None, None, None, None, str(error))
     s = run.summary
     start, hit = s.get("key_start_time"), s.get("string_contact_on_time")
     land = s.get("key_landing_time")
     if hit is None or start is None:
-        return Blow(
+        return Strike(
             kind, level, None, None, None, None, None, "the hammer does not reach the string"
         )
     point = action.config.summary.key_point
     speed = None
     if point is not None:
         speed = float(np.max(-run[f"{point}.vy"][run.time <= hit]))
-    return Blow(
+    return Strike(
         kind,
         level,
         s["impact_speed"],
@@ -74,11 +74,11 @@ def simulate_blow(action: Action, kind: str, level: float, dip: float) -> Blow:
     )
 
 
-def fit_travel_time(blows: Sequence[Blow]) -> tuple[float, float, float] | None:
+def fit_travel_time(strikes: Sequence[Strike]) -> tuple[float, float, float] | None:
     """A and b of travel time = a v^b, least squares in the logarithms; largest residual."""
     import numpy as np
 
-    pairs = [(b.hammer_speed, b.travel_time) for b in blows if b.hammer_speed and b.travel_time]
+    pairs = [(b.hammer_speed, b.travel_time) for b in strikes if b.hammer_speed and b.travel_time]
     if len(pairs) < 3:
         return None
     v, t = np.log(np.array(pairs)).T
@@ -87,13 +87,13 @@ def fit_travel_time(blows: Sequence[Blow]) -> tuple[float, float, float] | None:
     return float(np.exp(log_a)), float(b), worst
 
 
-def at_speed(blows: Sequence[Blow], field: str, speed: float) -> float | None:
+def at_speed(strikes: Sequence[Strike], field: str, speed: float) -> float | None:
     """A number of a family at an impact speed, interpolated in its logarithm."""
     import numpy as np
 
     pairs = sorted(
         (b.hammer_speed, getattr(b, field))
-        for b in blows
+        for b in strikes
         if b.hammer_speed and getattr(b, field) is not None
     )
     if not pairs or not pairs[0][0] <= speed <= pairs[-1][0]:
