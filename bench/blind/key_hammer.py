@@ -401,9 +401,9 @@ class KeyHammer(Model):
             np.zeros(len(included)) if magnitudes is None else np.asarray(magnitudes, dtype=float)
         )
         wanted_theta = list(range(len(self.parameters)) if by_theta is None else by_theta)
-        of_candidates = self._known(included)
+        of_included = self._known(included)
         of_candidates = self._known(candidates)
-        wanted = [*wanted_theta, *(p for _, p in of_candidates), *(p for _, p in of_candidates)]
+        wanted = [*wanted_theta, *(p for _, p in of_included), *(p for _, p in of_candidates)]
         places = self._places(included)
         memories = [
             [self._states.index(s.name) for s in candidates[k].effect.hidden]
@@ -430,7 +430,7 @@ class KeyHammer(Model):
         longest = int(np.max(segments[:, 1] - segments[:, 0])) + 1
         y = _unpack(y, segments, longest)
         dy = _unpack(dy, segments, longest)
-        n_t, n_k, n_c = len(wanted_theta), len(of_candidates), len(of_candidates)
+        n_t, n_k, n_c = len(wanted_theta), len(of_included), len(of_candidates)
         first = n_t + n_k + n_c
         d_cand = dy[..., n_t + n_k : first].copy()
         d_cand_ends = d_ends[..., n_t + n_k : first].copy()
@@ -451,9 +451,9 @@ class KeyHammer(Model):
             ends=ends[:, places],
             d_theta=dy[..., :n_t],
             d_theta_ends=d_ends[:, places, :n_t],
-            d_magnitudes=_scatter(dy[..., n_t : n_t + n_k], of_candidates, len(included)),
+            d_magnitudes=_scatter(dy[..., n_t : n_t + n_k], of_included, len(included)),
             d_magnitudes_ends=_scatter(
-                d_ends[:, places, n_t : n_t + n_k], of_candidates, len(included)
+                d_ends[:, places, n_t : n_t + n_k], of_included, len(included)
             ),
             d_starts=dy[..., first : first + len(places)] if by_starts else dy[..., :0],
             d_starts_ends=(

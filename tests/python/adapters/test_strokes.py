@@ -63,7 +63,7 @@ def test_a_row_of_configurations_is_that_of_single_ones():
             (e, v * e.magnitude, None) for e, v in zip(library.tolerances, theta, strict=True)
         ]
         extra = library.effects[int(rng.integers(len(library.effects)))]
-        entries.append((extra, 0.3 * extra.size, extra.shapes[0]))
+        entries.append((extra, 0.3 * extra.magnitude, extra.shapes[0]))
         ours = shifter.config(entries, {}).model_dump(mode="json")
         assert_close(ours, changed_config(action.config, entries, {}).model_dump(mode="json"))
     zero = [(e, 0.0, None) for e in library.tolerances]
