@@ -36,7 +36,11 @@ def schemas() -> list[tuple[str, str, type[BaseModel]]]:
         ("Targets of a regulation", "[Regulation](../regulation.md).", Targets),
         ("Study", "[Studies](../studies.md).", StudyFile),
         ("Record", "The TOML beside a measured file: [records](../gap.md#records).", _Sheet),
-        ("Library of effects", "[Subjects](../gap-action.md#a-library-of-ones-own).", LibraryFile),
+        (
+            "Library of effects",
+            "[Diagnosis of the action](../gap-action.md#a-library-of-ones-own).",
+            LibraryFile,
+        ),
     ]
 
 

@@ -127,7 +127,7 @@ def audit_curves(curves: _Curves) -> list[Finding]:
     """Faults of the curves: crossings, adhesion, softening, an open end."""
     out = []
     end = curves.closing if curves.closing is not None else curves.reach
-    # Finer near zero, where fits go wrong.
+    # Denser near zero, where fits go wrong.
     e = end * np.linspace(0.0, 1.0, _SCAN) ** 2
     scale = float(np.max(np.abs(curves.loading(e))))
     if curves.closing is None and curves.pair:

@@ -210,7 +210,7 @@ def envelope(
         measured loop, whose unloading is then lower than that of a loop to this end: prefer the
         default, the law with memory scales the loop by itself.
     points
-        Rows of the table, at least 5; finer where the compression is small.
+        Rows of the table, at least 5; refined where the compression is small.
     name
         Of the envelope; default that of the felt.
 

@@ -1,4 +1,4 @@
-"""What a diagnosis found: where, which, how far, next, and the amended model."""
+"""What a diagnosis found: where, which, how far, next, and the model with effects."""
 
 from __future__ import annotations
 

@@ -128,7 +128,7 @@ def in_refined_steps(
         model = coarse.refined(_jobs(found.best.fit, settings))
         if model is coarse:
             break
-        # Finer steps move shapes, which may ask for refined steps again.
+        # Refined steps move shapes, which may ask for refined steps again.
         found = _again(found, model, settings, progress)
     return found
 

@@ -1,4 +1,4 @@
-"""What a mechanism makes of records before a fit: their useful part, their variability, smooth motion."""
+"""What a mechanism makes of records before a fit: useful part, variability, smooth motion."""
 
 import math
 from dataclasses import replace

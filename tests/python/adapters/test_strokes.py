@@ -1,4 +1,4 @@
-"""Whole strokes as a model: derivatives that are kept, run-to-run variability, configurations in a row."""
+"""Whole strokes as a model: kept derivatives, run-to-run variability, configurations in a row."""
 
 import numpy as np
 import pytest

@@ -33,7 +33,7 @@ def test_diagnose_writes_the_same_report_twice(tmp_path, capsys):
     page = (tmp_path / "a" / "report.html").read_text()
     assert "http" not in page.replace("http-equiv", "")  # nothing is loaded from elsewhere
     assert page.count('class="feltmb-view"') == len(EMPS)  # each record beside the model
-    assert page.count("model, amended") >= len(EMPS)
+    assert page.count("model with effects") >= len(EMPS)
     data = json.loads((tmp_path / "a" / "report.json").read_text())
     assert data["named"][0] == "dry friction"
     assert run("gap", "diagnose", EXAMPLES / "emps.py", *EMPS, "-o", tmp_path / "a") == 2

@@ -136,7 +136,7 @@ ODE = {
     "substeps": 1,
     "hold": "linear",
     "name": "oscillator",
-    "window": None,
+    "segment": None,
     "chaotic": False,
 }
 LINEAR = {
@@ -144,13 +144,13 @@ LINEAR = {
     "columns": {"slope": lambda record: record.inputs["f"]},
     "parameters": [],
     "name": "line",
-    "window": None,
+    "segment": None,
 }
 FUNCTION = {
     "outputs": {"y": lambda record, p: p.slope * record.inputs["f"]},
     "parameters": [gap.Parameter(name="slope", value=1.0, sd=1.0)],
     "name": "line",
-    "window": None,
+    "segment": None,
 }
 
 
@@ -172,7 +172,7 @@ def record(name="one", seed=0):
         sensors={"q": gap.Sensor(name="q", sigma=1e-4, unit="m")},
         start=gap.StartPrior(mean={"q": 0.0, "v": 0.0}, sd={"q": 0.0, "v": 0.0}),
     )
-    outputs = oscillator().simulate(bare, lanes()).outputs[0, :, 0]
+    outputs = oscillator().simulate(bare, jobs()).outputs[0, :, 0]
     return gap.Record(
         name=name,
         time=time,
@@ -183,9 +183,9 @@ def record(name="one", seed=0):
     )
 
 
-def lanes():
-    return gap.Lanes(
-        theta=np.array([[1.0, 100.0]]), windows=np.array([[0, 199]]), starts=np.zeros((1, 2))
+def jobs():
+    return gap.Jobs(
+        theta=np.array([[1.0, 100.0]]), segments=np.array([[0, 199]]), starts=np.zeros((1, 2))
     )
 
 
@@ -220,24 +220,24 @@ def model_methods(model):
     """Methods that all models have, with arguments."""
     theta = np.array([p.value for p in model.parameters])
     starts = np.zeros((1, len(model.states())))
-    rows = gap.Lanes(theta=theta[None], windows=np.array([[0, 199]]), starts=starts)
+    rows = gap.Jobs(theta=theta[None], segments=np.array([[0, 199]]), starts=starts)
     return {
         "accepts": {"effect": DRY},
         "asking": {"ask": lambda _jobs: []},
         "events": {"record": record(), "outputs": {"q": np.zeros(200)}},
-        "finer": {"jobs": [(record(), rows)]},
-        "guess": {"record": record(), "windows": np.array([[0, 199]])},
+        "refined": {"batches": [(record(), rows)]},
+        "guess": {"record": record(), "segments": np.array([[0, 199]])},
         "ready": {"records": [record()]},
-        "simulate": {"record": record(), "lanes": rows},
-        "simulate_all": {"jobs": [(record(), rows)]},
-        "states": {"terms": ()},
+        "simulate": {"record": record(), "jobs": rows},
+        "simulate_all": {"batches": [(record(), rows)]},
+        "states": {"included": ()},
         "sensitivities": {
             "record": record(),
             "theta": theta,
-            "windows": np.array([[0, 199]]),
+            "segments": np.array([[0, 199]]),
             "starts": starts,
-            "terms": (),
-            "sizes": None,
+            "included": (),
+            "magnitudes": None,
             "by_theta": None,
             "by_starts": True,
             "candidates": (),
@@ -812,25 +812,25 @@ CALLS = {
     "feltmb.fit.FunctionModel": lambda: dict(FUNCTION),
     "feltmb.fit.Including": lambda: {
         "model": oscillator(),
-        "terms": (gap.Term(DRY),),
-        "sizes": np.array([0.01]),
+        "included": (gap.Candidate(DRY),),
+        "magnitudes": np.array([0.01]),
     },
-    "feltmb.fit.Lanes": lambda: {
+    "feltmb.fit.Jobs": lambda: {
         "theta": np.array([[1.0, 100.0]]),
-        "windows": np.array([[0, 199]]),
+        "segments": np.array([[0, 199]]),
         "starts": np.zeros((1, 2)),
-        "terms": (),
-        "sizes": np.zeros((1, 0)),
+        "included": (),
+        "magnitudes": np.zeros((1, 0)),
         "forces": None,
     },
-    "feltmb.fit.Lanes.at_point": lambda: (
-        gap.Lanes,
+    "feltmb.fit.Jobs.at_point": lambda: (
+        gap.Jobs,
         {
             "theta": np.array([1.0, 100.0]),
-            "windows": np.array([[0, 199]]),
+            "segments": np.array([[0, 199]]),
             "starts": np.zeros((1, 2)),
-            "terms": (),
-            "sizes": np.zeros(0),
+            "included": (),
+            "magnitudes": np.zeros(0),
         },
     ),
     "feltmb.fit.LinearModel": lambda: dict(LINEAR),
@@ -868,14 +868,14 @@ CALLS = {
         "start_sd": 0.1,
         "hidden": False,
     },
-    "feltmb.fit.Term": lambda: {"effect": DRY, "shape": None},
+    "feltmb.fit.Candidate": lambda: {"effect": DRY, "shape": None},
     "feltmb.fit.including": lambda: {
         "model": oscillator(),
-        "terms": [DRY],
-        "sizes": [0.01],
+        "included": [DRY],
+        "magnitudes": [0.01],
     },
     # gap
-    "feltmb.gap.Amended.simulate": lambda: (
+    "feltmb.gap.ModelWithEffects.simulate": lambda: (
         report().model,
         {"record": record(), "start": None},
     ),
@@ -911,7 +911,7 @@ CALLS = {
     "feltmb.gap.fit_model": lambda: {
         "model": oscillator(),
         "records": [record()],
-        "window": None,
+        "segment": None,
         "settings": None,
         "progress": None,
         "resume": None,
@@ -922,8 +922,8 @@ CALLS = {
         "records": [record()],
         "channels": None,
         "sensors": None,
-        "candidates": (),
-        "window": None,
+        "experiments": (),
+        "segment": None,
     },
     "feltmb.gap.Withheld": lambda: {"cases": (withheld_case(),)},
     "feltmb.gap.Withheld.share": lambda: (
@@ -1024,7 +1024,7 @@ CALLS = {
         "rounds": 2,
         "steps": [one_step()],
     },
-    "feltmb.action.regulate.Targets.amended": lambda: (
+    "feltmb.action.regulate.Targets.with_targets": lambda: (
         importlib.import_module("feltmb.action.regulate").load_targets("steinway45"),
         {"targets": {"let-off": "4 mm"}},
     ),

@@ -16,7 +16,7 @@ from feltmb.adapters.signals import excite_by, observe_by
 from feltmb.cli.stroke import summary_table
 from feltmb.data import Record
 from feltmb.errors import InvalidParameter
-from feltmb.fit import Lanes, Term
+from feltmb.fit import Candidate, Jobs
 from feltmb.gap import library
 from feltmb.gap.library.readings import acting
 from feltmb.run.events import Change, name_events
@@ -65,7 +65,7 @@ def _force(action, travel, *, speed, friction="law"):
 
 @pytest.mark.parametrize("speed", [1e-3, 0.010, 0.03])
 @pytest.mark.parametrize(
-    ("term", "torque"),
+    ("candidate", "torque"),
     [
         ({}, lambda _: 0.0),
         ({"viscous": 0.3}, lambda w: 0.3 * w),
@@ -73,9 +73,9 @@ def _force(action, travel, *, speed, friction="law"):
         ({"stribeck": 0.05, "stribeck_speed": 0.05}, lambda w: 0.05 * math.exp(-((w / 0.05) ** 2))),
     ],
 )
-def test_every_term_of_friction_acts_in_a_slow_press(lever, speed, term, torque):
+def test_every_candidate_of_friction_acts_in_a_slow_press(lever, speed, candidate, torque):
     """By hand: F a cos(turn) = k turn + A + the term, at the joint's speed v / (a cos(turn))."""
-    action = lever.with_values({f"bodies.lever.friction.{k}": v for k, v in term.items()})
+    action = lever.with_values({f"bodies.lever.friction.{k}": v for k, v in candidate.items()})
     for mode in ("law", "saturated"):
         force, turn = _force(action, 0.004, speed=speed, friction=mode)
         arm = ARM * math.cos(turn)
@@ -132,10 +132,10 @@ def test_friction_that_grows_without_end_has_no_breakaway_value(lever):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("term", [{"viscous": 0.3}, {"quadratic": 5.0}])
-def test_a_slow_press_without_inertia_feels_what_a_simulated_one_feels(term):
+@pytest.mark.parametrize("candidate", [{"viscous": 0.3}, {"quadratic": 5.0}])
+def test_a_slow_press_without_inertia_feels_what_a_simulated_one_feels(candidate):
     action = load_action("steinway45").with_values(
-        {f"bodies.key.friction.{k}": v for k, v in term.items()}
+        {f"bodies.key.friction.{k}": v for k, v in candidate.items()}
     )
     simulated = simulated_press(action, travel=0.006)
     force, _ = _force(action, 0.004, speed=0.010)
@@ -261,11 +261,11 @@ def test_a_sensor_and_an_input_have_the_same_signs(error):
         "offset": library.sensor_offset(["f"], "f", unit="N", scale=1.0),
         "delay": library.sensor_delay(["f"], "f", scale=1.0),
     }[error]
-    windows = np.array([[0, TIME.size - 1]])
+    segments = np.array([[0, TIME.size - 1]])
     truth = _truth(TIME)[None, :, None]
     mechanical = observe_by(Signal(kind=error, channels="f"), ["f"], {})
     for observe in (sensor.observe, mechanical):
-        shown = observe(record, truth, windows, np.array([size]), None)[0, :, 0]
+        shown = observe(record, truth, segments, np.array([size]), None)[0, :, 0]
         assert shown[10:-10] == pytest.approx(reading[10:-10], abs=1e-5)
 
 
@@ -303,15 +303,15 @@ def test_the_model_of_the_blind_bench_reads_inputs_with_the_same_signs(error, si
         record = Record(
             name="r", time=time, inputs={"finger": values}, outputs={"key": zero, "hammer": zero}
         )
-        terms = (Term(effect),) if with_effect else ()
-        lanes = Lanes.at_point(
+        included = (Candidate(effect),) if with_effect else ()
+        jobs = Jobs.at_point(
             np.array([p.value for p in model.parameters]),
             np.array([[0, time.size - 1]]),
-            np.zeros((1, len(model.states(terms)))),
-            terms,
+            np.zeros((1, len(model.states(included)))),
+            included,
             np.array([size] if with_effect else []),
         )
-        return model.simulate(record, lanes).outputs[0]
+        return model.simulate(record, jobs).outputs[0]
 
     plain, taken_back, misread = motion(truth, 0), motion(shown, 1), motion(shown, 0)
     wrong = np.max(np.abs(misread - plain)[:200])
