@@ -4,8 +4,6 @@
 #include <cmath>
 #include <limits>
 
-#include "turns.hpp"
-
 namespace feltmb {
 namespace {
 
@@ -28,9 +26,6 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   for (std::size_t i = 1; i < m_->links.size(); ++i) {
     if (!m_->links[i].lump) moving_.push_back(i);
   }
-  const std::size_t turns =
-      (moving_.size() + detail::kTurnBlock - 1) / detail::kTurnBlock * detail::kTurnBlock;
-  for (auto* v : {&turn_, &cosine_, &sine_}) v->assign(turns, 0.0);
   contacts_.resize(m_->contacts.size());
   for (const Contact& contact : m_->contacts) {
     auto& chain = carriers_.emplace_back();

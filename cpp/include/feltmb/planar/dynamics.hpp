@@ -284,8 +284,7 @@ class Dynamics {
 
   std::shared_ptr<const Mechanism> m_;
   int n_ = 0;
-  std::vector<std::size_t> moving_;           ///< links but the ground and lumps, parents first
-  std::vector<double> turn_, cosine_, sine_;  ///< by place in moving_, in whole blocks
+  std::vector<std::size_t> moving_;  ///< links but the ground and lumps, parents first
   std::vector<LinkState> links_;
   std::vector<Wrench> applied_;
   std::vector<ContactState> contacts_;
