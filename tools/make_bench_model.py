@@ -1,4 +1,4 @@
-"""Write bench/steinway45.hpp: the packaged mechanism as C++ for the benchmark without Python.
+"""Write bench/speed/steinway45.hpp: the packaged mechanism as C++ for the benchmark without Python.
 
 Run it when params/steinway45.toml changes: python tools/make_bench_model.py
 A test compares the file with what this script would write.
@@ -186,7 +186,7 @@ def text() -> str:
 
 
 def main() -> None:
-    target = Path(__file__).parent.parent / "bench" / "steinway45.hpp"
+    target = Path(__file__).parent.parent / "bench" / "speed" / "steinway45.hpp"
     target.write_text(text())
     print(f"wrote {target.name}")
 

@@ -313,7 +313,7 @@ def test_fault_is_found(tmp_path, path, text, fault):
         ("cpp/src/contact/a.cpp", '#include "feltmb/fiber/b.hpp"\n#include <vector>'),
         ("cpp/src/ode/a.cpp", "#include <cvodes/cvodes.h>"),
         ("cpp/bindings/a.cpp", '#include "a.hpp"\n#include <pybind11/numpy.h>'),
-        ("bench/a.cpp", "#include <feltmb/batch/b.hpp>"),
+        ("bench/speed/a.cpp", "#include <feltmb/batch/b.hpp>"),
         ("python/feltmb/gap/a.py", "from .b import x\nfrom ..fit import Fit\nimport numpy"),
         ("python/feltmb/cli/a.py", "from feltmb import __version__, simulate"),
         ("python/feltmb/errors.py", "if TYPE_CHECKING:\n    from feltmb.run.results import Run"),

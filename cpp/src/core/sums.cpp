@@ -2,8 +2,6 @@
 
 #include <cmath>
 
-#include "feltmb/core/multiversion.hpp"
-
 namespace feltmb {
 namespace {
 
@@ -23,21 +21,19 @@ inline __attribute__((always_inline)) double lanes(std::size_t n, Term&& term) {
 
 }  // namespace
 
-FELTMB_CLONES double sum_absolute(std::size_t n, const double* __restrict x) {
+double sum_absolute(std::size_t n, const double* __restrict x) {
   return lanes(n, [=](std::size_t i) { return std::fabs(x[i]); });
 }
 
-FELTMB_CLONES double sum_squares(std::size_t n, const double* __restrict x) {
+double sum_squares(std::size_t n, const double* __restrict x) {
   return lanes(n, [=](std::size_t i) { return x[i] * x[i]; });
 }
 
-FELTMB_CLONES double sum_products(std::size_t n, const double* __restrict x,
-                                  const double* __restrict y) {
+double sum_products(std::size_t n, const double* __restrict x, const double* __restrict y) {
   return lanes(n, [=](std::size_t i) { return x[i] * y[i]; });
 }
 
-FELTMB_CLONES double sum_weighted_squares(std::size_t n, const double* __restrict w,
-                                          const double* __restrict x) {
+double sum_weighted_squares(std::size_t n, const double* __restrict w, const double* __restrict x) {
   return lanes(n, [=](std::size_t i) { return w[i] * x[i] * x[i]; });
 }
 

@@ -2,8 +2,6 @@
 
 #include <cmath>
 
-#include "feltmb/core/multiversion.hpp"
-
 namespace feltmb::modal {
 namespace {
 
@@ -13,10 +11,9 @@ double total(const double* part) { return (part[0] + part[2]) + (part[1] + part[
 
 }  // namespace
 
-FELTMB_CLONES PointSums point_sums(std::size_t n, const double* __restrict phi,
-                                   const double* __restrict dphi,
-                                   const double* __restrict wave_number_squared,
-                                   const double* __restrict eta, const double* __restrict rate) {
+PointSums point_sums(std::size_t n, const double* __restrict phi, const double* __restrict dphi,
+                     const double* __restrict wave_number_squared, const double* __restrict eta,
+                     const double* __restrict rate) {
   double a[kLanes] = {}, b[kLanes] = {}, c[kLanes] = {}, d[kLanes] = {}, e[kLanes] = {};
   std::size_t i = 0;
   for (; i + kLanes <= n; i += kLanes) {
@@ -40,24 +37,23 @@ FELTMB_CLONES PointSums point_sums(std::size_t n, const double* __restrict phi,
   return {total(a), total(b), total(c), total(d), total(e)};
 }
 
-FELTMB_CLONES void accelerate(std::size_t n, const double* __restrict stiffness,
-                              const double* __restrict damping, const double* __restrict eta,
-                              const double* __restrict rate, const double* __restrict phi,
-                              double force, double* __restrict acceleration) {
+void accelerate(std::size_t n, const double* __restrict stiffness, const double* __restrict damping,
+                const double* __restrict eta, const double* __restrict rate,
+                const double* __restrict phi, double force, double* __restrict acceleration) {
   for (std::size_t i = 0; i < n; ++i) {
     acceleration[i] = phi[i] * force - stiffness[i] * eta[i] - damping[i] * rate[i];
   }
 }
 
-FELTMB_CLONES void newton_factors(std::size_t n, double g, const double* __restrict stiffness,
-                                  const double* __restrict damping, double* __restrict factor) {
+void newton_factors(std::size_t n, double g, const double* __restrict stiffness,
+                    const double* __restrict damping, double* __restrict factor) {
   for (std::size_t i = 0; i < n; ++i) {
     factor[i] = 1.0 / (1.0 + g * (damping[i] + g * stiffness[i]));
   }
 }
 
-FELTMB_CLONES GramSums gram_sums(std::size_t n, const double* __restrict phi,
-                                 const double* __restrict dphi, const double* __restrict factor) {
+GramSums gram_sums(std::size_t n, const double* __restrict phi, const double* __restrict dphi,
+                   const double* __restrict factor) {
   double a[kLanes] = {}, b[kLanes] = {}, c[kLanes] = {};
   std::size_t i = 0;
   for (; i + kLanes <= n; i += kLanes) {
@@ -77,18 +73,17 @@ FELTMB_CLONES GramSums gram_sums(std::size_t n, const double* __restrict phi,
   return {total(a), total(b), total(c)};
 }
 
-FELTMB_CLONES void reduce_residual(std::size_t n, double g, const double* __restrict stiffness,
-                                   const double* __restrict factor, const double* __restrict eta,
-                                   double* __restrict rate) {
+void reduce_residual(std::size_t n, double g, const double* __restrict stiffness,
+                     const double* __restrict factor, const double* __restrict eta,
+                     double* __restrict rate) {
   for (std::size_t i = 0; i < n; ++i) {
     rate[i] = (rate[i] - g * stiffness[i] * eta[i]) * factor[i];
   }
 }
 
-FELTMB_CLONES ResidualSums residual_sums(std::size_t n, double g, const double* __restrict phi,
-                                         const double* __restrict dphi,
-                                         const double* __restrict eta,
-                                         const double* __restrict rate) {
+ResidualSums residual_sums(std::size_t n, double g, const double* __restrict phi,
+                           const double* __restrict dphi, const double* __restrict eta,
+                           const double* __restrict rate) {
   double a[kLanes] = {}, b[kLanes] = {}, c[kLanes] = {};
   std::size_t i = 0;
   for (; i + kLanes <= n; i += kLanes) {
@@ -108,20 +103,19 @@ FELTMB_CLONES ResidualSums residual_sums(std::size_t n, double g, const double* 
   return {total(a), total(b), total(c)};
 }
 
-FELTMB_CLONES void add_force(std::size_t n, double g, double a, double b,
-                             const double* __restrict phi, const double* __restrict dphi,
-                             const double* __restrict factor, double* __restrict rate) {
+void add_force(std::size_t n, double g, double a, double b, const double* __restrict phi,
+               const double* __restrict dphi, const double* __restrict factor,
+               double* __restrict rate) {
   for (std::size_t i = 0; i < n; ++i) rate[i] += g * (phi[i] * a + dphi[i] * b) * factor[i];
 }
 
-FELTMB_CLONES void advance(std::size_t n, double g, const double* __restrict rate,
-                           double* __restrict eta) {
+void advance(std::size_t n, double g, const double* __restrict rate, double* __restrict eta) {
   for (std::size_t i = 0; i < n; ++i) eta[i] += g * rate[i];
 }
 
-FELTMB_CLONES void rotate(std::size_t n, const double* __restrict xx, const double* __restrict xv,
-                          const double* __restrict vx, const double* __restrict vv,
-                          double* __restrict x, double* __restrict v) {
+void rotate(std::size_t n, const double* __restrict xx, const double* __restrict xv,
+            const double* __restrict vx, const double* __restrict vv, double* __restrict x,
+            double* __restrict v) {
   for (std::size_t i = 0; i < n; ++i) {
     const double p = x[i];
     const double q = v[i];
@@ -130,9 +124,8 @@ FELTMB_CLONES void rotate(std::size_t n, const double* __restrict xx, const doub
   }
 }
 
-FELTMB_CLONES void push(std::size_t n, const ForceWeights& w, const double* __restrict shape,
-                        double f0, double fm, double f1, double* __restrict x,
-                        double* __restrict v) {
+void push(std::size_t n, const ForceWeights& w, const double* __restrict shape, double f0,
+          double fm, double f1, double* __restrict x, double* __restrict v) {
   const double* __restrict x0 = w.x0;
   const double* __restrict xm = w.xm;
   const double* __restrict x1 = w.x1;
@@ -145,8 +138,8 @@ FELTMB_CLONES void push(std::size_t n, const ForceWeights& w, const double* __re
   }
 }
 
-FELTMB_CLONES FourSums sense(std::size_t n, const double* __restrict rows,
-                             const double* __restrict x, const double* __restrict v) {
+FourSums sense(std::size_t n, const double* __restrict rows, const double* __restrict x,
+               const double* __restrict v) {
   const double* __restrict ax = rows;
   const double* __restrict av = rows + n;
   const double* __restrict bx = rows + 2 * n;
@@ -174,9 +167,8 @@ FELTMB_CLONES FourSums sense(std::size_t n, const double* __restrict rows,
   return {{total(a), total(b), total(c), total(d)}};
 }
 
-FELTMB_CLONES double reach(std::size_t n, const double* __restrict shape,
-                           const double* __restrict stiffness, const double* __restrict x,
-                           const double* __restrict v) {
+double reach(std::size_t n, const double* __restrict shape, const double* __restrict stiffness,
+             const double* __restrict x, const double* __restrict v) {
   double part[kLanes] = {};
   std::size_t i = 0;
   const auto term = [&](std::size_t m) {

@@ -4,7 +4,6 @@
 #include <cmath>
 
 #include "feltmb/core/error.hpp"
-#include "feltmb/core/multiversion.hpp"
 
 namespace feltmb::modal {
 namespace {
@@ -13,10 +12,9 @@ constexpr double kTaylorReach = 1.0;  // largest |eigenvalue| h of the series
 constexpr int kTerms = 19;            // 1 / 20! is below the unit roundoff
 
 /// g = sum a_i, with a_i h^-i the Taylor coefficients of the impulse response.
-FELTMB_CLONES void sum_series(std::size_t n, double h, const double* __restrict k,
-                              const double* __restrict d, double* __restrict slope,
-                              double* __restrict g0, double* __restrict g1, double* __restrict g2,
-                              double* __restrict g3) {
+void sum_series(std::size_t n, double h, const double* __restrict k, const double* __restrict d,
+                double* __restrict slope, double* __restrict g0, double* __restrict g1,
+                double* __restrict g2, double* __restrict g3) {
   for (std::size_t i = 0; i < n; ++i) {
     const double kh = k[i] * h * h;
     const double dh = d[i] * h;
@@ -43,13 +41,12 @@ FELTMB_CLONES void sum_series(std::size_t n, double h, const double* __restrict 
 }
 
 /// The response over 2 h: that over h carried on, with the forces' polynomials shifted.
-FELTMB_CLONES void double_step(std::size_t n, double h, const double* __restrict k,
-                               const double* __restrict d, const double* __restrict slope,
-                               const double* __restrict g0, const double* __restrict g1,
-                               const double* __restrict g2, const double* __restrict g3,
-                               double* __restrict slope_out, double* __restrict g0_out,
-                               double* __restrict g1_out, double* __restrict g2_out,
-                               double* __restrict g3_out) {
+void double_step(std::size_t n, double h, const double* __restrict k, const double* __restrict d,
+                 const double* __restrict slope, const double* __restrict g0,
+                 const double* __restrict g1, const double* __restrict g2,
+                 const double* __restrict g3, double* __restrict slope_out,
+                 double* __restrict g0_out, double* __restrict g1_out, double* __restrict g2_out,
+                 double* __restrict g3_out) {
   const double half_square = 0.5 * h * h;
   for (std::size_t i = 0; i < n; ++i) {
     const double g = g0[i];
@@ -62,13 +59,12 @@ FELTMB_CLONES void double_step(std::size_t n, double h, const double* __restrict
   }
 }
 
-FELTMB_CLONES void combine(std::size_t n, double h, const double* __restrict k,
-                           const double* __restrict d, const double* __restrict slope,
-                           const double* __restrict g0, const double* __restrict g1,
-                           const double* __restrict g2, const double* __restrict g3,
-                           double* __restrict xx, double* __restrict vx, double* __restrict x0,
-                           double* __restrict xm, double* __restrict x1, double* __restrict v0,
-                           double* __restrict vm, double* __restrict v1) {
+void combine(std::size_t n, double h, const double* __restrict k, const double* __restrict d,
+             const double* __restrict slope, const double* __restrict g0,
+             const double* __restrict g1, const double* __restrict g2, const double* __restrict g3,
+             double* __restrict xx, double* __restrict vx, double* __restrict x0,
+             double* __restrict xm, double* __restrict x1, double* __restrict v0,
+             double* __restrict vm, double* __restrict v1) {
   const double a = 1.0 / h;
   const double b = 2.0 / (h * h);
   for (std::size_t i = 0; i < n; ++i) {

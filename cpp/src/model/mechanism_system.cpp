@@ -5,7 +5,6 @@
 
 #include "feltmb/core/error.hpp"
 #include "feltmb/modal/kernels.hpp"
-#include "newton_kernels.hpp"
 
 namespace feltmb {
 namespace {
@@ -93,7 +92,6 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Fin
   rhs_largest_.resize(m.contacts.size());
   residual_.assign(2 * at(n_) * DenseLu::padded(at(n_)), 0.0);
   right_.setZero(static_cast<Eigen::Index>(DenseLu::padded(at(n_) + m.strings.size() + 1)));
-  slopes_.assign(2 * at(n_), 0.0);
   kept_slope_.assign(m.contacts.size(), 0.0);
   for (auto* matrix : {&mass_, &stiffness_, &damping_, &base_stiffness_, &base_damping_}) {
     matrix->setZero(n_, n_);
@@ -262,10 +260,14 @@ void MechanismSystem::rhs(double t, std::span<const double> y, std::span<double>
 void MechanismSystem::add_contact_slopes(Eigen::MatrixXd& stiffness, Eigen::MatrixXd& damping,
                                          const ContactGradient& gradient, double slope,
                                          double rate_slope) {
-  detail::add_contact_slopes(at(n_), mechanism().contacts[at(gradient.contact)].coordinates,
-                             {gradient.by_force.data(), gradient.by_compression.data(),
-                              gradient.compression.data(), gradient.rate.data()},
-                             slope, rate_slope, slopes_.data(), stiffness.data(), damping.data());
+  // K += (b s + c) g^T + b r h^T and D += b r g^T: force column b, compression column c, gradient g
+  // and rate gradient h, zero but for the coordinates of the contact, slopes s and r.
+  slope_column_ = slope * gradient.by_force + gradient.by_compression;
+  rate_column_ = rate_slope * gradient.by_force;
+  for (const int k : mechanism().contacts[at(gradient.contact)].coordinates) {
+    stiffness.col(k) += slope_column_ * gradient.compression[k] + rate_column_ * gradient.rate[k];
+    damping.col(k) += rate_column_ * gradient.compression[k];
+  }
 }
 
 void MechanismSystem::add_stateful(const ContactGradient* gradient, int contact, int coupling) {
@@ -447,11 +449,12 @@ bool MechanismSystem::factorize(double gamma) {
   lu_.resize(at(total));
   Eigen::Map<Eigen::MatrixXd, 0, Eigen::OuterStride<>> newton(
       lu_.column(0), total, total, Eigen::OuterStride<>(static_cast<Eigen::Index>(lu_.stride())));
-  const std::size_t stride = DenseLu::padded(at(n_));
-  detail::form_newton(at(n_), gamma, mass_.data(),
-                      (stateful_count_ > 0 ? damping_ : base_damping_).data(),
-                      (stateful_count_ > 0 ? stiffness_ : base_stiffness_).data(), lu_.stride(),
-                      lu_.column(0), stride, residual_.data(), residual_.data() + at(n_) * stride);
+  const auto padded = static_cast<Eigen::Index>(DenseLu::padded(at(n_)));
+  Eigen::Map<Eigen::MatrixXd> residual(residual_.data(), padded, 2 * n_);
+  residual.topLeftCorner(n_, n_) = mass_;
+  residual.topRightCorner(n_, n_) = gamma * (stateful_count_ > 0 ? stiffness_ : base_stiffness_);
+  newton.topLeftCorner(n_, n_) = mass_ - gamma * ((stateful_count_ > 0 ? damping_ : base_damping_) +
+                                                  residual.topRightCorner(n_, n_));
   for (int i = 0; i < coupling_count_; ++i) {
     StringCoupling& c = couplings_[at(i)];
     c.displacement_column = -(c.force_column * c.by_compression + c.compression_column);

@@ -140,10 +140,7 @@ void Dynamics::differentiate_members() {
     stiffness_(spring.coordinate, spring.coordinate) -= spring.stiffness + spring.play.at(x).slope;
   }
   for (std::size_t i = 0; i < turning_.size(); ++i) {
-    const int k = turning_[i];
-    damping_(k, k) -= frictions_.taken(i)
-                          ? frictions_.slope[i]
-                          : feltmb::evaluate(m_->joint_friction[at(k)], v_[at(k)]).slope;
+    damping_(turning_[i], turning_[i]) -= resistance_[i].slope;
   }
   for (const Dashpot& d : m_->dashpots) {
     damping_(d.coordinate, d.coordinate) -= d.against(v_[at(d.coordinate)]).slope;

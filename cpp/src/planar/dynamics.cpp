@@ -4,12 +4,14 @@
 #include <cmath>
 #include <limits>
 
-#include "turns.hpp"
-
 namespace feltmb {
 namespace {
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+bool frictionless(const Friction& f) {
+  return f.amplitude == 0.0 && f.viscous == 0.0 && f.quadratic == 0.0 && f.stribeck == 0.0;
+}
 
 }  // namespace
 
@@ -24,9 +26,6 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   for (std::size_t i = 1; i < m_->links.size(); ++i) {
     if (!m_->links[i].lump) moving_.push_back(i);
   }
-  const std::size_t turns =
-      (moving_.size() + detail::kTurnBlock - 1) / detail::kTurnBlock * detail::kTurnBlock;
-  for (auto* v : {&turn_, &cosine_, &sine_}) v->assign(turns, 0.0);
   contacts_.resize(m_->contacts.size());
   for (const Contact& contact : m_->contacts) {
     auto& chain = carriers_.emplace_back();
@@ -53,24 +52,13 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   law_states_.resize(m_->contacts.size());
   loaded_.assign(m_->contacts.size(), char{0});
   cycles_.resize(m_->contacts.size());
-  std::vector<Friction> frictions;
   for (int k = 0; k < n_; ++k) {
-    const Friction& friction = m_->joint_friction[at(k)];
-    if (FrictionLanes::takes(friction) && friction.amplitude == 0.0) continue;
-    frictions.push_back(friction);
-    turning_.push_back(k);
+    if (!frictionless(m_->joint_friction[at(k)])) turning_.push_back(k);
   }
+  resistance_.resize(turning_.size());
   for (const Contact& contact : m_->contacts) {
-    pairs_.add(contact.law);
-    memories_.add(contact.law);
     idle_.push_back(contact.law.still_when_open() || !contact.enabled ? 1 : 0);
-    frictions.push_back(contact.friction);
   }
-  pairs_.finish();
-  memories_.finish();
-  for (auto* v : {&closed_, &rubbing_, &remembering_}) v->reserve(frictions.size());
-  frictions_ = FrictionLanes(std::move(frictions));
-  choose_lanes();
   phi_.assign(at(m_->total_modes), 0.0);
   dphi_.assign(at(m_->total_modes), 0.0);
   shaped_at_.assign(m_->strings.size(), std::numeric_limits<double>::quiet_NaN());
@@ -112,63 +100,6 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   }
 }
 
-/// Whether the lanes are those of the contacts that are closed.
-bool Dynamics::lanes_chosen() const {
-  std::size_t lane = 0;
-  for (std::size_t i = 0; i < contacts_.size(); ++i) {
-    if (!contacts_[i].closed) continue;
-    if (lane == closed_.size() || closed_[lane] != i) return false;
-    ++lane;
-  }
-  return lane == closed_.size();
-}
-
-void Dynamics::choose_lanes() {
-  closed_.clear();
-  for (std::size_t i = 0; i < contacts_.size(); ++i) {
-    if (contacts_[i].closed) closed_.push_back(i);
-  }
-  pairs_.choose(closed_);
-  remembering_.clear();
-  for (const std::size_t i : closed_) {
-    if (MemoryLanes::takes(m_->contacts[i].law)) remembering_.push_back(i);
-  }
-  memories_.choose(remembering_);
-  rubbing_.clear();
-  for (std::size_t i = 0; i < turning_.size(); ++i) rubbing_.push_back(i);
-  for (const std::size_t i : closed_) rubbing_.push_back(turning_.size() + i);
-  frictions_.choose(rubbing_);
-}
-
-/// Laws and friction of the closed contacts, friction of the joints, side by side.
-void Dynamics::evaluate_lanes() {
-  if (!lanes_chosen()) choose_lanes();
-  double* speed = frictions_.speed.data();
-  for (const int k : turning_) *speed++ = v_[at(k)];
-  for (std::size_t lane = 0; lane < closed_.size(); ++lane) {
-    const ContactState& state = contacts_[closed_[lane]];
-    pairs_.compression[lane] = state.compression;
-    pairs_.rate[lane] = state.rate;
-    *speed++ = state.slip;
-  }
-  for (std::size_t lane = 0; lane < remembering_.size(); ++lane) {
-    const std::size_t i = remembering_[lane];
-    const ContactState& state = contacts_[i];
-    memories_.compression[lane] = state.compression;
-    memories_.rate[lane] = state.rate;
-    memories_.state[lane] = law_[at(m_->contacts[i].first_state)];
-    if (memories_.largest(lane) != largest_[i]) {
-      m_->contacts[i].law.keep_cycle(largest_[i], cycles_[i]);
-      memories_.begin(lane, cycles_[i]);
-    }
-  }
-  if (!static_laws_) {
-    pairs_.evaluate();
-    memories_.evaluate();
-  }
-  frictions_.evaluate();
-}
-
 void Dynamics::keep_law_rates(std::size_t contact) {
   const Contact& of = m_->contacts[contact];
   std::copy_n(law_states_[contact].rate.begin(), of.law.n_states(),
@@ -176,9 +107,6 @@ void Dynamics::keep_law_rates(std::size_t contact) {
 }
 
 void Dynamics::apply_contacts() {
-  evaluate_lanes();
-  std::size_t lane = 0;
-  std::size_t remembered = 0;
   for (std::size_t i = 0; i < contacts_.size(); ++i) {
     ContactState& state = contacts_[i];
     const Contact& contact = m_->contacts[i];
@@ -199,30 +127,18 @@ void Dynamics::apply_contacts() {
       }
       continue;
     }
-    const bool remembers = remembered < remembering_.size() && remembering_[remembered] == i;
-    const std::size_t memory_lane = remembers ? remembered++ : 0;
     if (static_laws_) {
       const CurveValue v = contact.law.static_force(state.compression);
       state.law = {};
       state.law.force = v.force;
       state.law.d_compression = v.slope;
-    } else if (state.compression < pairs_.reach(lane)) {
-      state.law = pairs_.value(lane);
-    } else if (remembers && state.compression < memories_.reach(memory_lane)) {
-      state.law = memories_.value(memory_lane);
-      memories_.states(memory_lane, law_states_[i]);
-      law_rate_[at(contact.first_state)] = law_states_[i].rate[0];
-      loaded_[i] = 1;
     } else {
       if (contact.law.has_memory()) contact.law.keep_cycle(largest_[i], cycles_[i]);
       state.law = contact.law.evaluate(state.compression, state.rate, memory(i), &law_states_[i]);
       loaded_[i] = 1;
       keep_law_rates(i);
     }
-    const std::size_t rubbing = turning_.size() + lane++;
-    state.friction = frictions_.taken(rubbing)
-                         ? FrictionValue{frictions_.value[rubbing], frictions_.slope[rubbing]}
-                         : feltmb::evaluate(contact.friction, state.slip);
+    state.friction = feltmb::evaluate(contact.friction, state.slip);
     const Vec2 f = state.law.force * (state.normal - state.friction.value * perp(state.normal));
     apply(contact.b.link, state.point, f);
     if (contact.a.link != 0) apply(contact.a.link, state.point, -f);
@@ -355,15 +271,13 @@ void Dynamics::add_beam(std::size_t index) {
   carried.second += second + 2.0 * dot(first_world, origin) + beam.mass * dot(origin, origin);
 }
 
-/// Starts the generalized forces with the resistance of the joints, as joint_friction has it, from
-/// the lanes of apply_contacts.
+/// Starts the generalized forces with the resistance of the joints, as joint_friction has it.
 void Dynamics::resist_joints() {
   force_.setZero();
   for (std::size_t i = 0; i < turning_.size(); ++i) {
     const int k = turning_[i];
-    force_[k] =
-        -(frictions_.taken(i) ? frictions_.value[i]
-                              : feltmb::evaluate(m_->joint_friction[at(k)], v_[at(k)]).value);
+    resistance_[i] = feltmb::evaluate(m_->joint_friction[at(k)], v_[at(k)]);
+    force_[k] = -resistance_[i].value;
   }
   for (const Dashpot& d : m_->dashpots) {
     force_[d.coordinate] -= d.against(v_[at(d.coordinate)]).value;

@@ -2,7 +2,6 @@
 #include <cmath>
 
 #include "feltmb/planar/dynamics.hpp"
-#include "turns.hpp"
 
 namespace feltmb {
 namespace {
@@ -70,13 +69,7 @@ void Dynamics::move_link(std::size_t i, Rotation own) {
 void Dynamics::move_links(std::span<const double> q, std::span<const double> v) {
   std::copy(q.begin(), q.end(), q_.begin());
   std::copy(v.begin(), v.end(), v_.begin());
-  for (std::size_t place = 0; place < moving_.size(); ++place) turn_[place] = turn(moving_[place]);
-  detail::small_turns(turn_.size(), turn_.data(), cosine_.data(), sine_.data());
-  for (std::size_t place = 0; place < moving_.size(); ++place) {
-    const double angle = turn_[place];
-    move_link(moving_[place], Rotation::is_small(angle) ? Rotation{cosine_[place], sine_[place]}
-                                                        : Rotation::of(angle));
-  }
+  for (const std::size_t i : moving_) move_link(i);
 }
 
 void Dynamics::move_lumps() {

@@ -5,7 +5,6 @@
 
 #include "feltmb/core/error.hpp"
 #include "feltmb/core/flush_to_zero.hpp"
-#include "feltmb/core/multiversion.hpp"
 
 namespace feltmb::detail {
 namespace {
@@ -35,35 +34,12 @@ void dense_weights(double u, double (&weight)[3]) {
   for (int i = 0; i < 3; ++i) weight[i] = w[i];
 }
 
-FELTMB_CLONES void start_stage(std::size_t n, const double* __restrict state, double a,
-                               const double* __restrict x, double b, const double* __restrict y,
-                               double g, const double* __restrict rate, double* __restrict start,
-                               double* __restrict stage) {
-  for (std::size_t i = 0; i < n; ++i) {
-    start[i] = state[i] + (a * x[i] + b * y[i]);
-    stage[i] = start[i] + g * rate[i];
-  }
-}
-
-/// (stage - start) / g, in place of the start.
-FELTMB_CLONES void find_slope(std::size_t n, double inverse, const double* __restrict stage,
-                              double* __restrict start) {
-  for (std::size_t i = 0; i < n; ++i) start[i] = inverse * (stage[i] - start[i]);
-}
-
 /// Largest of `size` and the weighted row, by column.
-FELTMB_CLONES void grow(std::size_t n, double weight, const double* __restrict row,
-                        double* __restrict size) {
+void grow(std::size_t n, double weight, const double* __restrict row, double* __restrict size) {
   for (std::size_t i = 0; i < n; ++i) {
     const double own = weight * std::fabs(row[i]);
     size[i] = own > size[i] ? own : size[i];
   }
-}
-
-FELTMB_CLONES void combine(std::size_t n, const double (&k)[3], const double* __restrict x,
-                           const double* __restrict y, const double* __restrict z,
-                           double* __restrict out) {
-  for (std::size_t i = 0; i < n; ++i) out[i] = k[0] * x[i] + k[1] * y[i] + k[2] * z[i];
 }
 
 }  // namespace
@@ -111,18 +87,13 @@ void Variational::stage(int i, double t, double h) {
   models_.rates(t, y_, memory, columns_.memory, rate_);
   // (I - gamma h J) Z = U + gamma h B, k = (Z - U) / (gamma h).
   const double g = kGamma * h;
-  const auto count = static_cast<std::size_t>(rate_.size());
-  slope_[i].resize(rate_.rows(), rate_.cols());
-  stage_.resize(rate_.rows(), rate_.cols());
-  // Slopes that a stage does not know yet have no weight, but must be numbers.
-  const double first = i == 0 ? 0.0 : i == 1 ? h * kA21 : h * kB1;
-  const double second = i == 2 ? h * kB2 : 0.0;
-  const double* now = columns_.state.data();  // rows: those that are integrated come first
-  const double* known = i == 0 ? now : slope_[0].data();
-  start_stage(count, now, first, known, second, i == 2 ? slope_[1].data() : known, g, rate_.data(),
-              slope_[i].data(), stage_.data());
+  RowMatrix& start = slope_[i];
+  start = columns_.state.topRows(rows_);
+  if (i == 1) start += (h * kA21) * slope_[0];
+  if (i == 2) start += (h * kB1) * slope_[0] + (h * kB2) * slope_[1];
+  stage_ = start + g * rate_;
   base.solve_many(stage_, &models_.loads());
-  find_slope(count, 1.0 / g, stage_.data(), slope_[i].data());
+  slope_[i] = (1.0 / g) * (stage_ - start);
 }
 
 template <class Rows>
@@ -139,10 +110,8 @@ bool Variational::step(double h, double from, double to) {
     // Stages stay inside the stretch: at its ends a law may already be on the other branch.
     stage(i, std::clamp(time_ + kC[i] * h, from, to), h);
   }
-  difference_.resize(rows_, columns_.state.cols());
-  combine(static_cast<std::size_t>(difference_.size()),
-          {h * (kB1 - kE1), h * (kB2 - kE2), h * kGamma}, slope_[0].data(), slope_[1].data(),
-          slope_[2].data(), difference_.data());
+  difference_ =
+      (h * (kB1 - kE1)) * slope_[0] + (h * (kB2 - kE2)) * slope_[1] + (h * kGamma) * slope_[2];
   models_.base().solve_many(difference_);
   error_ = 0.0;
   measure(stage_, size_);

@@ -30,7 +30,7 @@ def free(arm, **values):
 
 @pytest.mark.parametrize("arm", ["wood", "aluminum"])
 def test_reference_of_problem_a(arm, root):
-    """Ten undamped elements, 0.2 s; the reference is converged to 1e-9 m (bench/reference)."""
+    """Ten undamped elements, 0.2 s; reference converged to 1e-9 m (bench/speed/reference)."""
     actuator = free(
         arm,
         **{
@@ -45,7 +45,7 @@ def test_reference_of_problem_a(arm, root):
     )
     run = simulate_actuator(actuator, RAMP, tolerance=1e-5)
     reference = np.genfromtxt(
-        root / "bench" / "reference" / f"ref_A_{arm}.csv", delimiter=",", names=True
+        root / "bench" / "speed" / "reference" / f"ref_A_{arm}.csv", delimiter=",", names=True
     )
     peak = np.max(reference["F"])
     assert np.max(np.abs(run["stop.force"] - reference["F"])) < 1e-3 * peak

@@ -110,7 +110,7 @@ def test_bench_model_is_what_the_tool_writes():
     assert spec.loader is not None
     tool = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(tool)
-    assert (ROOT / "bench" / "steinway45.hpp").read_text(encoding="utf-8") == tool.text()
+    assert (ROOT / "bench" / "speed" / "steinway45.hpp").read_text(encoding="utf-8") == tool.text()
 
 
 def test_faults_are_told_at_once():

@@ -1,5 +1,7 @@
 /// Function multiversioning: one binary runs everywhere, the loader picks the widest clone.
 ///
+/// For the two kernels that gain by it, the LU of Newton's matrix and the vectors of the integrator
+/// (bench/results/2026-11-22_kernels.md).
 /// Kernels marked so must not depend on the width of the vectors: elementwise, or with a fixed
 /// number of partial sums, so that every clone gives the same bits (contraction is off).
 #pragma once

@@ -1,4 +1,4 @@
-/// Loops over modes, vectorised for the machine at hand.
+/// Loops over modes. Sums have a fixed number of partial sums: the same bits on every machine.
 #pragma once
 
 #include <cstddef>

@@ -243,7 +243,7 @@ class MechanismSystem : public OdeSystem {
   int coupling_count_ = 0;
   int constraint_ = 0;  ///< 1 with a prescribed motion: its reaction is one more unknown
   std::vector<double> phi_, dphi_;
-  std::vector<double> slopes_;      ///< scratch of add_contact_slopes
+  Eigen::VectorXd slope_column_, rate_column_;  ///< scratch of add_contact_slopes
   std::vector<double> kept_slope_;  ///< dF/de of dynamics_.gradients() at the last linearization
   double gamma_ = 0.0;
   DenseLu lu_;

@@ -59,16 +59,4 @@ inline HyperbolicTangent fast_tanh(double x) {
   return {std::copysign(value, x), 4.0 * (1.0 + grown) * inverse * inverse};
 }
 
-/// The same bits with choices instead of branches, for several numbers side by side.
-inline HyperbolicTangent fast_tanh_flat(double x) {
-  const double size = std::fabs(x);
-  const bool inside = size < 20.0;
-  const ExponentialParts p = exponential_parts(2.0 * (inside ? size : 20.0));
-  const double grown = (p.scale - 1.0) + p.scale * p.rest;
-  const double inverse = 1.0 / (grown + 2.0);
-  const double value = inside ? grown * inverse : (size >= 20.0 ? 1.0 : size);
-  const double slope = 4.0 * (1.0 + grown) * inverse * inverse;
-  return {std::copysign(value, x), inside ? slope : 0.0};
-}
-
 }  // namespace feltmb

@@ -6,7 +6,6 @@
 #include <span>
 #include <vector>
 
-#include "feltmb/contact/side_by_side.hpp"
 #include "feltmb/planar/mechanism.hpp"
 
 namespace feltmb {
@@ -247,9 +246,6 @@ class Dynamics {
     w.moment += cross(point, force);
     w.virial += dot(point, force);
   }
-  bool lanes_chosen() const;
-  void choose_lanes();
-  void evaluate_lanes();
   void keep_law_rates(std::size_t contact);
   void apply_contacts();
   void resist_joints();
@@ -288,8 +284,7 @@ class Dynamics {
 
   std::shared_ptr<const Mechanism> m_;
   int n_ = 0;
-  std::vector<std::size_t> moving_;           ///< links but the ground and lumps, parents first
-  std::vector<double> turn_, cosine_, sine_;  ///< by place in moving_, in whole blocks
+  std::vector<std::size_t> moving_;  ///< links but the ground and lumps, parents first
   std::vector<LinkState> links_;
   std::vector<Wrench> applied_;
   std::vector<ContactState> contacts_;
@@ -323,17 +318,12 @@ class Dynamics {
   std::vector<double> largest_;
   std::vector<double> law_;
   std::vector<double> law_rate_;
-  std::vector<LawStates> law_states_;     ///< by contact
-  std::vector<char> loaded_;              ///< by contact: law_states_ is of a closed contact
-  std::vector<char> idle_;                ///< by contact: nothing is evaluated while it is open
-  std::vector<CycleStart> cycles_;        ///< by contact: of laws with memory, kept while it lasts
-  std::vector<int> turning_;              ///< coordinates of the joints with friction
-  std::vector<std::size_t> closed_;       ///< closed contacts, for which lanes are chosen
-  std::vector<std::size_t> rubbing_;      ///< scratch: the frictions that have lanes
-  std::vector<std::size_t> remembering_;  ///< of the closed contacts those with a lane of memories_
-  PairLanes pairs_;                       ///< laws of contacts; lanes: closed_
-  MemoryLanes memories_;                  ///< laws of contacts; lanes: remembering_
-  FrictionLanes frictions_;               ///< of turning_, then contacts; lanes: turning_, closed_
+  std::vector<LawStates> law_states_;      ///< by contact
+  std::vector<char> loaded_;               ///< by contact: law_states_ is of a closed contact
+  std::vector<char> idle_;                 ///< by contact: nothing is evaluated while it is open
+  std::vector<CycleStart> cycles_;         ///< by contact: of laws with memory, kept while it lasts
+  std::vector<int> turning_;               ///< coordinates of the joints with friction
+  std::vector<FrictionValue> resistance_;  ///< of these joints
   std::vector<double> q_;
   std::vector<double> v_;
   Eigen::VectorXd force_;

@@ -1,6 +1,6 @@
 """Cost against the number of string modes, bodies, closed contacts and strokes, as one picture.
 
-    python bench/cost_against_size.py --bench build/bench/feltmb_bench [--repeat 7]
+    python bench/speed/cost_against_size.py --bench build/bench/feltmb_bench [--repeat 7]
         [--strokes 10 30 100 300] [--plot FILE] [--json FILE]
 
 CPU times. Modes: a stroke of the rigid action. Bodies and contacts: one right-hand side. Strokes:

@@ -1,6 +1,6 @@
 """Time of all packaged studies from nothing, figures and page included, on two workers.
 
-Usage: python bench/study_all.py [--jobs N]
+Usage: python bench/speed/study_all.py [--jobs N]
 """
 
 from __future__ import annotations

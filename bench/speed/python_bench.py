@@ -1,8 +1,8 @@
 """What Python adds: import, gradient against stroke, many strokes, changed mechanisms, files.
 
-    python bench/python_bench.py [--case TEXT] [--repeat N] [--strokes N] [--json FILE]
+    python bench/speed/python_bench.py [--case TEXT] [--repeat N] [--strokes N] [--json FILE]
 
-The JSON is that of feltmb_bench, for bench/compare.py. The gradient and its stroke are timed in
+The JSON is that of feltmb_bench, for compare.py. The gradient and its stroke are timed in
 turn, so that a busy machine slows both; CPU time is printed beside wall time.
 """
 

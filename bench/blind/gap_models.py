@@ -1,6 +1,6 @@
 """Diagnoses of models of one's own: nine systems from a simulator that feltmb has no part in.
 
-python bench/gap_models.py [CASE ...] [--json FILE]
+python bench/blind/gap_models.py [CASE ...] [--json FILE]
 
 Each machine is integrated by scipy (LSODA) with a cause that its model lacks; parameters of the
 model are off, the library is the generic one of ``feltmb.gap.library``, one record is held-out.
@@ -16,6 +16,7 @@ import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -33,6 +34,8 @@ from feltmb.gap import (
     library,
 )
 
+Signal = Callable[..., Any]
+
 
 @dataclass(frozen=True)
 class Case:
@@ -48,7 +51,9 @@ class Case:
     records: Sequence[Record]
 
 
-def multisine(random: np.random.Generator, low: float, high: float, tones: int, rms: float):
+def multisine(
+    random: np.random.Generator, low: float, high: float, tones: int, rms: float
+) -> Signal:
     """A smooth input: tones of equal size and random phase from low to high [Hz]."""
     pitch, phase = np.linspace(low, high, tones), random.uniform(0.0, 2.0 * np.pi, tones)
     size = rms * np.sqrt(2.0 / tones)
@@ -57,13 +62,13 @@ def multisine(random: np.random.Generator, low: float, high: float, tones: int, 
     )
 
 
-def simulate(rates: Callable, start: Sequence[float], time: np.ndarray, step: float) -> np.ndarray:
+def simulate(rates: Signal, start: Sequence[float], time: np.ndarray, step: float) -> np.ndarray:
     """States at some times, (n, nx)."""
     run = solve_ivp(
         rates, (time[0], time[-1]), start, "LSODA", time, rtol=1e-8, atol=1e-11, max_step=step
     )
     assert run.success, run.message
-    return run.y.T
+    return np.asarray(run.y.T)
 
 
 def record(
@@ -175,7 +180,7 @@ def absorber() -> Case:
     for i, rms in enumerate((2.0, 4.0, 3.0, 4.0)):
         f = multisine(random, 0.3, 6.0, 25, rms)
 
-        def rates(t: float, x: np.ndarray, f=f) -> list[float]:
+        def rates(t: float, x: np.ndarray, f: Signal = f) -> list[float]:
             inner = ka * (x[0] - x[2]) + ca * (x[1] - x[3])
             return [x[1], (f(t) - k * x[0] - c * x[1] - inner) / m, x[3], inner / ma]
 
@@ -202,7 +207,7 @@ def backlash() -> Case:
     for i, rms in enumerate((0.5, 1.0, 0.7)):
         torque = multisine(random, 0.5, 12.0, 25, rms)
 
-        def rates(t: float, x: np.ndarray, torque=torque) -> list[float]:
+        def rates(t: float, x: np.ndarray, torque: Signal = torque) -> list[float]:
             twist = x[0] - x[1]
             inner = k * (twist - np.clip(twist, -gap, gap)) + c * (x[2] - x[3])
             return [
@@ -352,7 +357,7 @@ def nothing() -> Case:
     for i in range(4):
         road = multisine(random, 0.4, 12.0, 30, 0.01 * (1.0 + 0.3 * i))
 
-        def rates(t: float, x: np.ndarray, road=road) -> list[float]:
+        def rates(t: float, x: np.ndarray, road: Signal = road) -> list[float]:
             inner = ks * (x[0] - x[2]) + cs * (x[1] - x[3])
             return [x[1], -inner / ms, x[3], (inner - kt * (x[2] - road(t))) / mu]
 
@@ -364,7 +369,7 @@ def nothing() -> Case:
     body = Coordinate(name="body", position="zs", speed="vs", inertia="ms")
     wheel = Coordinate(name="wheel", position="zu", speed="vu", inertia="mu")
 
-    def lift(t, x, u, p):  # type: ignore[no-untyped-def]
+    def lift(t: Any, x: Any, u: Any, p: Any) -> Any:
         return (-p.ks * (x.zs - x.zu) - p.cs * (x.vs - x.vu)) / p.ms
 
     off = {"ms": 1.05, "mu": 0.95, "ks": 1.05, "cs": 0.9, "kt": 0.95}

@@ -1,7 +1,7 @@
 """Two results of feltmb_bench beside each other, or feltmb beside the peers' scripts in one run.
 
-    python bench/compare.py OLD.json NEW.json [--plot FILE]
-    python bench/compare.py --bench build/bench/feltmb_bench --peers bench/peers
+    python bench/speed/compare.py OLD.json NEW.json [--plot FILE]
+    python bench/speed/compare.py --bench build/bench/feltmb_bench --peers bench/speed/peers
         [--python PYTHON] [--modes 40 --modes 200] [--damping 0.07 --damping 7e-4] [--rounds 3]
         [--limit 60] [--markdown FILE] [--plot FILE] [--json FILE]
 

@@ -1,6 +1,6 @@
 """Time of a diagnosis of the action, by stage: five strokes by forty effects and more.
 
-python bench/gap_action.py [--strokes N] [--rtol R] [--derivatives D]
+python bench/speed/gap_action.py [--strokes N] [--rtol R] [--derivatives D]
     [--effects PATTERNS] [--whole] [--json FILE]
 
 Derivatives are counted in strokes: processor time over that of one stroke, which does not depend on
