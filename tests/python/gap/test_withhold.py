@@ -162,7 +162,9 @@ def test_cases_of_other_equations_or_edited_ones_are_not_believed(tmp_path):
     first = withhold(model(), effects(), records(), **given)
     path = tmp_path / "case_1.json"
     path.write_text(path.read_text().replace('"rest"', '"wrong"'))
-    assert withhold(model(), effects(), records(), **given).cases[1].outcome == first.cases[1].outcome
+    assert (
+        withhold(model(), effects(), records(), **given).cases[1].outcome == first.cases[1].outcome
+    )
     stiffer = effects()
     stiffer[1] = Effect(name="spring", component="rail", unit="N/m", scale=5.0,
                         regressor=lambda r, _shape: 1.5 * r.inputs["x"])  # fmt: skip

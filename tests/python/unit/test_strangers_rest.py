@@ -300,3 +300,13 @@ def test_hints_are_made_only_for_faults_that_are_told(monkeypatch, tmp_path):
         load_action(path)
     assert len(asked) <= quantity.MOST_FAULTS
     assert "t5: unknown key" in str(told.value)
+
+
+def test_every_picture_of_the_docs_is_drawn_by_a_command(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "tools"))
+    drawn = importlib.import_module("make_pictures").PICTURES
+    benched = {"cost_against_size.png", "peers.png"}  # bench/README.md
+    kept = {path.name for path in (ROOT / "docs" / "img").glob("*.png")}
+    assert kept == set(drawn) | benched
+    shown = "".join(p.read_text() for p in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")))
+    assert all(f"img/{name}" in shown for name in kept)
