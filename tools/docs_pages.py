@@ -283,8 +283,8 @@ def _picture(page: Path, block: Block, *, write: bool) -> None:
         raise Mismatch(f"{page.name}:{block.line + 1}: {shown.name} is missing; run with --write")
 
 
-def screenshot(page: Path) -> Path:
-    """First screen of an HTML page, drawn by Chromium."""
+def screenshot(page: Path, size: str = "1000,900") -> Path:
+    """First screen of an HTML page, drawn by Chromium; width and height in pixels."""
     picture = page.with_suffix(".screen.png").resolve()
     program = next((n for n in BROWSERS if shutil.which(n)), None)
     if program is None:
@@ -292,13 +292,13 @@ def screenshot(page: Path) -> Path:
             f"{page.name}: its picture needs Chromium; on Debian: apt-get install chromium"
         )
     command = [program, "--headless", "--no-sandbox", "--hide-scrollbars", "--disable-gpu"]
-    command += ["--segment-size=1000,900", f"--screenshot={picture}", page.resolve().as_uri()]
+    command += [f"--window-size={size}", f"--screenshot={picture}", page.resolve().as_uri()]
     subprocess.run(command, check=True, capture_output=True, timeout=120)
     return picture
 
 
-def small_png(source: Path, target: Path, width: int = 1100) -> None:
-    """Copy a picture with 64 colors and no wider than a page: the repository stays small."""
+def small_png(source: Path, target: Path, width: int = 1100, colors: int = 64) -> None:
+    """Copy a picture with few colors and no wider than a page: the repository stays small."""
     from PIL import Image
 
     with Image.open(source) as image:
@@ -306,7 +306,7 @@ def small_png(source: Path, target: Path, width: int = 1100) -> None:
         if picture.width > width:
             height = round(picture.height * width / picture.width)
             picture = picture.resize((width, height), Image.Resampling.LANCZOS)
-        picture.quantize(64, dither=Image.Dither.NONE).save(target, optimize=True)
+        picture.quantize(colors, dither=Image.Dither.NONE).save(target, optimize=True)
 
 
 def main() -> int:

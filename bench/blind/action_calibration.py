@@ -7,6 +7,8 @@ strokes that are fitted, at drawing values:
 
 with d the whitened change of the records by the effect, made by the generator, and S the whitened
 derivatives by tolerances and by run-to-run variability, in standard deviations of their priors.
+
+    PYTHONPATH=bench python -m blind.action_calibration     writes action_scales.json; no seed
 """
 
 from __future__ import annotations
@@ -130,3 +132,9 @@ def packaged_scales() -> dict[str, float]:
     file = Path(__file__).parent / "action_scales.json"
     data: dict[str, float] = json.loads(file.read_text(encoding="utf-8"))
     return data
+
+
+if __name__ == "__main__":
+    rounded = {name: float(f"{value:.6g}") for name, value in calibrate().items()}
+    target = Path(__file__).parent / "action_scales.json"
+    target.write_text(json.dumps(rounded, indent=1, sort_keys=True) + "\n", encoding="utf-8")

@@ -32,7 +32,7 @@ class ActionMachine(Machine):
 
     name = "steinway45"
     generator = ("action_truth.py", "action_scales.json")
-    engine = ("adapters", "params", "action_machine.py", "action_calibration.py")
+    engine = ("action_machine.py", "action_calibration.py")
 
     def draw(self, seed: int, cases: int, outside: Path | None) -> list[Any]:
         if outside is not None:

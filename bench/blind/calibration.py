@@ -10,6 +10,8 @@ noise carried through the model, S the model's sensitivities to its parameters (
 to the free start state of every segment. It is what is left to see of the effect when all that the
 model may adjust has been adjusted. Secant at a noncentrality of about 10 gives the number per
 unit of magnitude that magnitudes are drawn with.
+
+    PYTHONPATH=bench python -m blind.calibration     writes scales.json; no seed
 """
 
 from __future__ import annotations
@@ -212,3 +214,14 @@ def calibrate(
             limit = np.inf if form == "outside" else truth.LARGEST[name]
             guess[mode, name, form] = float(min(wanted, limit, 30.0 * size))
     return scales
+
+
+if __name__ == "__main__":
+    from blind import truth_outside
+
+    rounded = {
+        mode: {name: float(f"{value:.6g}") for name, value in found.items()}
+        for mode, found in calibrate(truth.load_outside(truth_outside)).items()
+    }
+    target = Path(__file__).parent / "scales.json"
+    target.write_text(json.dumps(rounded, indent=1, sort_keys=True) + "\n", encoding="utf-8")

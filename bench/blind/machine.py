@@ -11,15 +11,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import feltmb
 from feltmb.data import Record
-from feltmb.files import make_folder, read_json, write_text
+from feltmb.files import make_folder, package_digest, read_input, read_json, write_text
 
 __all__ = ["Machine", "as_json", "digest_of", "sha256", "summarize"]
 
-#: Folders whose files decide what a bench does: this package, and feltmb.
 HERE = Path(__file__).resolve().parent
-PACKAGE = Path(feltmb.__file__).resolve().parent
+LARGEST_SOURCE = 10_000_000  # bytes
 
 
 class Machine(ABC):
@@ -36,7 +34,7 @@ class Machine(ABC):
     generator: tuple[str, ...] = ()
     """Files of this package on which truths and records depend."""
     engine: tuple[str, ...] = ()
-    """Files of this package and parts of feltmb on which a result depends, beside the engine."""
+    """Files of this package on which a result depends; it depends on the whole of feltmb too."""
 
     @abstractmethod
     def draw(self, seed: int, cases: int, outside: Path | None) -> list[Any]:
@@ -62,8 +60,8 @@ class Machine(ABC):
 
     @functools.cached_property
     def engine_hash(self) -> str:
-        """Hash of all that a result depends on."""
-        return digest_of("fit", "gap", "data", *self.engine)
+        """Hash of all that a result depends on: feltmb as it is installed, and the machine."""
+        return sha256(f"{package_digest()} {digest_of(*self.engine)}".encode())
 
     def result(self, folder: Path, number: int, *, oracle: bool) -> dict[str, Any]:
         """What the engine says of a case, as plain data.
@@ -118,12 +116,17 @@ def sha256(data: bytes) -> str:
 
 
 def digest_of(*names: str) -> str:
-    """Hash of files of this package, and of files and folders of feltmb."""
+    """Hash of files of this package.
+
+    Raises
+    ------
+    DataError
+        There is no such file.
+    """
     digest = hashlib.sha256()
     for name in names:
-        path = HERE / name if (HERE / name).is_file() else PACKAGE / name
-        for file in [path] if path.is_file() else sorted(path.rglob("*.py")):
-            digest.update(file.read_bytes())
+        data = read_input(HERE / name, most=LARGEST_SOURCE)
+        digest.update(f"{name} {len(data)} ".encode() + data)
     return digest.hexdigest()
 
 

@@ -55,7 +55,7 @@ void bind_batch(py::module_& m) {
                                        const std::string& failure) {
           const WithInterpreter acquire;
           if (PyErr_CheckSignals() != 0) throw py::error_already_set();
-          return sink(index, std::move(result), failure).cast<bool>();
+          return goes_on(sink(index, std::move(result), failure));
         };
         const std::size_t many = threads_with_interpreter(threads);
         const WithoutInterpreter release;
@@ -64,7 +64,8 @@ void bind_batch(py::module_& m) {
       py::arg("strokes"), py::arg("sink"), py::arg("threads") = 0, py::arg("ordered") = true,
       py::arg("stop") = py::none(),
       "Simulates the strokes of an iterator on threads; sink(index, result, failure) gets the "
-      "outcomes, in order or as soon as each is known, and returns whether to go on. Returns their "
+      "outcomes, in order or as soon as each is known; a returned False ends the rest. Returns "
+      "their "
       "number.");
 }
 

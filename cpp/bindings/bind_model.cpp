@@ -228,7 +228,7 @@ void bind_model(py::module_& m) {
           report = [&progress](double t) {
             const WithInterpreter acquire;
             if (PyErr_CheckSignals() != 0) throw py::error_already_set();
-            return progress(t).cast<bool>();
+            return goes_on(progress(t));
           };
         } else {
           report = [](double) {

@@ -37,6 +37,13 @@ class WithInterpreter {
   std::optional<pybind11::gil_scoped_acquire> taken_;
 };
 
+/// Whether a callback of the user's asks to go on: only a returned False (Python's or NumPy's)
+/// stops; None, which a function without a return gives, does not.
+inline bool goes_on(const pybind11::handle& returned) {
+  pybind11::detail::make_caster<bool> flag;
+  return !flag.load(returned, false) || static_cast<bool>(flag);
+}
+
 /// Threads for work that calls Python: one once the interpreter ends, since others would never get
 /// the lock.
 std::size_t threads_with_interpreter(std::size_t requested);

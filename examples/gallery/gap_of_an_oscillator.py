@@ -106,7 +106,7 @@ def draw(found: Found):
     ax = figure.subplots()
     rows = [g for g in report.how_far.rows if g.metric == "open loop"]
     names = ["model", "with friction", "noise"]
-    values = [1e3 * rows[0].before, 1e3 * rows[0].after, 1e3 * rows[0].variability]
+    values = [1e3 * rows[0].before, 1e3 * rows[0].after, 1e3 * rows[0].noise]
     ax.bar(names, values, color=[RED, BLUE, "#999999"], width=0.5)
     for i, value in enumerate(values):
         ax.text(i, value, f"{value:.3f}", ha="center", va="bottom", fontsize=8)

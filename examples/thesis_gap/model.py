@@ -2,9 +2,9 @@
 
 The diagnosis starts from one string and names the impedance of three, which `steinway45` has since.
 
-feltmb gap diagnose examples/thesis_gap/adapter.py examples/thesis_gap/records/*.csv -o report/
+feltmb gap diagnose examples/thesis_gap/model.py examples/thesis_gap/records/*.csv -o report/
 
-The numbers are those of table_4_3.toml; `python examples/thesis_gap/adapter.py` writes the records
+The numbers are those of table_4_3.toml; `python examples/thesis_gap/model.py` writes the records
 from it anew.
 """
 

@@ -43,7 +43,8 @@ class _Kind:
 def checked(target: T) -> T:
     """Check the arguments of a function, or of the public methods of a class, by annotations.
 
-    A ``float`` is finite, unless the default of its parameter is not; an ``int`` is a count, and
+    A ``float`` is finite, unless the default of its parameter is not, and so is each of a
+    ``Sequence[float]``; an ``int`` is a count, and
     not negative; an ``Array`` is made of what it is given. The call raises
     :class:`~feltmb.errors.InvalidParameter` with function, argument, what was got and what is
     expected; a missing or unknown argument stays Python's ``TypeError``.
@@ -377,8 +378,12 @@ def _sequence(kinds: list[_Kind | None], name: str, fixed: bool) -> _Kind:
             value = tuple(value)
         items = _items(value, where, text)
         if numeric:
-            if _as_array(items, where).ndim != 1:
+            array = _as_array(items, where)
+            if array.ndim != 1:
                 raise _Refused(where, value, "a sequence of numbers")
+            if kinds[0] is _FINITE:
+                for i, number in enumerate(array.tolist()):
+                    _finite(number, f"{where}[{i}]")
         elif fixed and kinds and len(items) != len(kinds):
             raise _Refused(where, value, text)
         elif any(kinds):

@@ -143,15 +143,10 @@ def identify_command(
                 table.add_row(
                     b.which, title, f"{getattr(b, key):.5g}", f"{low:.5g}", f"{high:.5g}", fit
                 )
-        if result.thickness is not None and result.thickness_interval is not None:
-            low, high = (1e3 * x for x in result.thickness_interval)
-            table.add_row(
-                "both",
-                "thickness [mm]",
-                f"{1e3 * result.thickness:.5g}",
-                f"{low:.5g}",
-                f"{high:.5g}",
-            )
+        if result.thickness is not None:
+            span = result.thickness_interval
+            ends = ("given", "") if span is None else [f"{1e3 * x:.5g}" for x in span]
+            table.add_row("both", "thickness [mm]", f"{1e3 * result.thickness:.5g}", *ends)
         console().print(table)
         say(f"loss of the loop: {100 * result.material.loss():.2f} % of the loading work")
         for warning in result.warnings:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,8 +64,8 @@ if TYPE_CHECKING:
     "--out",
     "-o",
     type=click.Path(path_type=Path),
-    help="File to write, .nc (everything) or .csv (the outputs over time); with several strokes "
-    "the folder for STROKE.nc.",
+    help="File to write, .nc or .h5 (everything) or .csv (the outputs over time); with several "
+    "strokes the folder for STROKE.nc.",
 )
 @click.option(
     "--resume",
@@ -395,14 +397,22 @@ def summary_table(run: Run, title: str) -> Any:
     from feltmb.run.results import let_off_words
 
     table = new_table(f"{title}: {run.provenance['action']}", "", "value", "unit", right=(1,))
+    words = let_off_words(run.summary)
+    # Events in the order of their times; what follows an event in the list stays with it.
+    groups: list[tuple[float, list[tuple[str, str, str]]]] = [(-math.inf, [])]
     for key, (text, unit) in SUMMARY_ROWS.items():
-        if key == "let_off_time" and (words := let_off_words(run.summary)):
-            table.add_row(words, "none", "")
+        if key == "let_off_time" and words and "free_flight_time" not in run.summary:
+            groups[-1][1].append((words, "none", ""))
         if key not in run.summary:
             continue
         value = run.summary[key]
-        number, shown = (f"{value:.5f}", "s") if key.endswith("_time") else pretty(value, unit)
-        table.add_row(text, number, shown)
+        if key.endswith("_time"):
+            named = words if words and key == "free_flight_time" else text
+            groups.append((value, [(named, f"{value:.5f}", "s")]))
+        else:
+            groups[-1][1].append((text, *pretty(value, unit)))
+    for row in chain.from_iterable(rows for _, rows in sorted(groups, key=lambda group: group[0])):
+        table.add_row(*row)
     stats = run.stats
     if run.energy:
         table.add_row("work put in", *pretty(run.energy["work_in"], "J"))

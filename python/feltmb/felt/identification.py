@@ -105,9 +105,9 @@ class Identification:
     name: str
     """Of the test."""
     thickness: float | None = None
-    """Without load [m], of a test by thickness that did not know it: estimated."""
+    """Without load [m], of a test by thickness: as given, or estimated."""
     thickness_interval: tuple[float, float] | None = None
-    """Confidence interval of the estimated thickness [m]."""
+    """Confidence interval of the estimated thickness [m]; None of a given one."""
 
     @property
     def closing_gap(self) -> float:
@@ -135,6 +135,10 @@ class Identification:
             lines.append(
                 f"| both | unloaded thickness [mm], estimated | {self.thickness * 1e3:.5g} | "
                 f"{low * 1e3:.5g} to {high * 1e3:.5g} |"
+            )
+        elif self.thickness is not None:
+            lines.append(
+                f"| both | unloaded thickness [mm], as given | {self.thickness * 1e3:.5g} | - |"
             )
         for b in (self.loading, self.unloading):
             for key, unit in (("K_p", "Pa"), ("gamma", "-")):
@@ -477,6 +481,24 @@ def _estimate_thickness(
     return _Thickness(value, interval, row, variance)
 
 
+def _hold_given(test: CompressionData, base: FeltMaterial, relative: float) -> list[str]:
+    """Say where the test itself tells another unloaded thickness than the one given."""
+    given = test.thickness0
+    if given is None or np.sum(test.loading) < 8 or test.v_f0 != base.v_f0:
+        return []
+    try:  # so rare that it is the thickness, or the law, and not scatter
+        own = _estimate_thickness(test, base, relative, 0.9999)
+    except ModelError:  # the data do not tell
+        return []
+    if own.interval[0] <= given <= own.interval[1]:
+        return []
+    return [
+        f"The unloaded thickness of {given * 1e3:.5g} mm that was given does not agree with the "
+        f"loading branch, which asks for {own.value * 1e3:.5g} mm, {own.interval[0] * 1e3:.5g} to "
+        f"{own.interval[1] * 1e3:.5g} mm at 99.99 %. Measure it again, or leave it out."
+    ]
+
+
 def _fitted(
     material: FeltMaterial, which: BranchName, fit: BranchFit, log_K: float, log_gamma: float
 ) -> Array:
@@ -661,6 +683,7 @@ def identify(
         slack = slack_fault(replace(test, v_f0=reference), None)
         if slack:
             raise DataError(f"{test.name}: {slack}")
+        warnings += _hold_given(test, base, relative)
     branches: dict[str, tuple[Array, Array]] = {}
     for which in ("loading", "unloading"):
         keep = test.loading if which == "loading" else ~test.loading
@@ -697,7 +720,7 @@ def identify(
         unloading=tuple(found.branch("unloading", grid).theta_cr),
     )
     found = found.model_copy(update={"critical_angles": angles})
-    result = Identification(found, load, back, level, (), test.name)
+    result = Identification(found, load, back, level, (), test.name, thickness=test.thickness0)
     if thickness is not None:
         result = replace(result, thickness=thickness.value, thickness_interval=thickness.interval)
     return replace(result, warnings=(*warnings, *_doubts(result)))

@@ -13,7 +13,7 @@ from feltmb.fiber.contacts import (
 )
 from feltmb.fiber.data import CompressionData, read_compression
 from feltmb.fiber.energy import EnergyCurve, compress_arcs
-from feltmb.fiber.fit import Fit, compare, fit
+from feltmb.fiber.fit import Fit, compare, fit, fit_branches
 from feltmb.fiber.friction import (
     CarnabyPan,
     carnaby_pan,
@@ -55,6 +55,7 @@ __all__ = [
     "density_structure",
     "energy",
     "fit",
+    "fit_branches",
     "free_length_survival",
     "granular_stress",
     "history",

@@ -65,6 +65,13 @@ class CompressionData:
         return float(np.max(self.thickness[self.is_loaded]))
 
     @property
+    def thickness0(self) -> float | None:
+        """Unloaded thickness that was given [m]; None of other tests."""
+        if self.thickness is None or not self.reference_known:
+            return None
+        return float(self.thickness[0] * self.v_f[0] / self.v_f0)
+
+    @property
     def loosest_loaded(self) -> float:
         """Smallest volume fraction of a sample that carries load [-]."""
         return float(np.min(self.v_f[self.is_loaded]))
@@ -81,10 +88,14 @@ class CompressionData:
         Raises
         ------
         DataError
-            The test has no thicknesses, or carries load at a larger one.
+            The test has no thicknesses, or carries load at a larger one, or was compressed to
+            where the fibers of a sample as thick fill more than all.
         """
         if self.thickness is None:
             raise DataError(f"{self.name}: has no thicknesses, expected a test with them")
+        fault = thick_fault(self.thickness, self.v_f0, thickness0)
+        if fault:
+            raise DataError(f"{self.name}: {fault}")
         made = replace(self, v_f=self.v_f0 * thickness0 / self.thickness, reference_known=True)
         fault = slack_fault(made, thickness0)
         if fault:
@@ -121,6 +132,19 @@ def _scatter(data: CompressionData) -> float:
             found.append(float(np.median(np.abs(np.diff(p[np.argsort(data.v_f[branch])], 3)))))
     # Third differences of white noise have the variance 1 + 9 + 9 + 1.
     return 1.4826 * min(found) / math.sqrt(20.0) if found else 0.0
+
+
+def thick_fault(thickness: Array, v_f0: float, thickness0: float) -> str:
+    """What is wrong with an unloaded thickness [m] that is too large; empty if nothing."""
+    least = float(np.min(thickness))
+    if v_f0 * thickness0 <= least:
+        return ""
+    return (
+        f"thickness {thickness0 * 1e3:.6g} mm without load, at v_f0 = {v_f0:.6g}, but the test "
+        f"goes down to {least * 1e3:.6g} mm, where the fibers would fill "
+        f"{100 * v_f0 * thickness0 / least:.4g} % of the volume; expected at most "
+        f"{least / v_f0 * 1e3:.6g} mm, or a smaller v_f0"
+    )
 
 
 def slack_fault(data: CompressionData, thickness0: float | None) -> str:
@@ -290,8 +314,12 @@ def read_compression(
         else:
             known = thickness0 is not None
             h0 = float(np.max(x)) if thickness0 is None else thickness0
-            if not (h0 > 0 and np.all(x > 0)):
+            if not np.all(x > 0):
                 fault(f"thickness down to {np.min(x):.6g} m, expected > 0")
+            elif not 0 < h0 <= 100.0:
+                fault(f"thickness0 = {h0:.6g} m, expected > 0, at most 100")
+            elif known and (thick := thick_fault(x, v_f0, h0)):
+                fault(thick)
             with np.errstate(over="ignore"):  # told below
                 v = v_f0 * h0 / np.where(x > 0, x, np.nan)
     if not faults and not np.all((v > 0) & (v <= 1)):

@@ -307,7 +307,7 @@ def simulate(
     *,
     resume: FiberRun | None = None,
     threads: int = 0,
-    progress: Callable[[float, dict[str, Any]], None] | None = None,
+    progress: Callable[[float, dict[str, Any]], object] | None = None,
     checkpoint: str | Path | None = None,
     max_samples: int | None = None,
 ) -> FiberRun:
@@ -322,7 +322,8 @@ def simulate(
     threads
         0: all cores. The result does not depend on it.
     progress
-        Called after every sample with the fraction done and the sample.
+        Called after every sample with the fraction done and the sample. A returned False stops
+        there (the run can be resumed); anything else, None too, does not.
     checkpoint
         File rewritten after every tenth sample and at the end.
     max_samples
@@ -403,11 +404,12 @@ def simulate(
         taken += 1
         new += 1
         _append(run, sample, unloading)
-        if progress is not None:
-            progress(taken / total, sample)
+        stopped = progress is not None and progress(taken / total, sample) is False
         if checkpoint is not None and taken % 10 == 0:
             run.state = network.state()
             run.save(checkpoint)
+        if stopped:
+            break
     run.state = network.state()
     run.done = taken >= total
     if checkpoint is not None:

@@ -23,6 +23,7 @@ from feltmb.files.access import (
     write_file,
     write_text,
 )
+from feltmb.files.digest import package_digest
 
 __all__ = [
     "LARGEST_JSON",
@@ -37,6 +38,7 @@ __all__ = [
     "make_folder",
     "named_file",
     "open_input",
+    "package_digest",
     "plain_text",
     "read_input",
     "read_json",

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from feltmb.data import Array
+from feltmb.files import package_digest
 from feltmb.fit.cache import Cache
 from feltmb.fit.linearize import InputColumns, Linear, Place
 from feltmb.fit.model import Candidate, Jobs, Model
@@ -195,6 +196,7 @@ def _optimize(
     linears = problem.linear(point)
     cost, parts = problem.cost_at(point, gap_sd, linears)
     key = Cache.key(
+        package_digest(),  # another code may find another minimum
         cost,
         *parts,
         point.theta,

@@ -36,7 +36,7 @@ from feltmb.gap.findings import Findings, Verdict
 __all__ = ["OUTCOMES", "Withheld", "WithheldCase", "outcome_of", "withhold"]
 
 #: What may become of a case, the best first.
-OUTCOMES = ("right", "class", "unknown", "silent", "wrong", "failed")
+OUTCOMES = ("right", "rest", "class", "unknown", "silent", "wrong", "failed")
 #: From this signal-to-noise ratio on an effect is detectable.
 CLEAR = 5.0
 
@@ -136,15 +136,18 @@ def _plain(share: tuple[float, float, float, int]) -> dict[str, float | int | No
 def outcome_of(effect: str, report: Findings) -> str:
     """What a diagnosis is worth, given the withheld effect.
 
-    ``right``: it is named, and nothing else; without an effect, no gap is claimed. ``class``: it is
-    among those that cannot be told apart. ``unknown``: a gap is told, without a name. ``silent``:
-    no gap is claimed. ``wrong``: something is named that is not there, or a gap without an effect.
+    ``right``: it is named, and nothing else; without an effect, no gap is claimed. ``rest``: it is
+    named, beside an unexplained rest, and nothing else was withheld. ``class``: it is among those
+    that cannot be told apart. ``unknown``: a gap is told, without a name. ``silent``: no gap is
+    claimed. ``wrong``: something is named that is not there, or a gap without an effect.
     """
     silent = report.verdict in (Verdict.NO_GAP, Verdict.TOO_WEAK)
     if not effect:
         return "right" if silent else "wrong"
     if report.named:
-        return "right" if set(report.named) == {effect} else "wrong"
+        if set(report.named) != {effect}:
+            return "wrong"
+        return "rest" if report.verdict == Verdict.NAMED_UNKNOWN_REST else "right"
     if report.one_of:
         return "class" if effect in report.one_of else "wrong"
     if silent:

@@ -15,6 +15,7 @@ from feltmb.mechanism.partial import mended
 from feltmb.mechanism.schema import LAWS, Contact, MechanismFile
 from feltmb.mechanism.to_core import describe_with_faults
 from feltmb.units.quantity import (
+    MOST_FAULTS,
     fault_lines,
     fault_text,
     shortened,
@@ -371,7 +372,8 @@ def validate(raw: Mapping[str, Any], origin: str) -> tuple[MechanismFile, Any]:
     faults, config = _parse(raw)
     mechanism = None
     if faults or config is None:
-        faults += _hidden_faults(raw)
+        if len(faults) < MOST_FAULTS:  # more would not be told
+            faults += _hidden_faults(raw)
     else:
         faults, mechanism = _assemble(config)
     if faults or config is None:

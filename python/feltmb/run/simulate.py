@@ -123,7 +123,7 @@ def simulate(
     max_step: float | None = None,
     max_order: int | None = None,
     ledger_limit: float | None = None,
-    progress: Callable[[float], bool] | None = None,
+    progress: Callable[[float], object] | None = None,
 ) -> Run:
     """Simulate a stroke.
 
@@ -172,7 +172,8 @@ def simulate(
         default 0.1 (``run.energy["residual_relative"]``). Beyond it the run has failed. Without a
         ledger nothing is known, and nothing is limited. A large number, 1e9 say, is no limit.
     progress
-        Called now and then with the simulated time [s]; returning False interrupts.
+        Called now and then with the simulated time [s]. A returned False interrupts the run;
+        anything else, None too, lets it go on.
 
     Raises
     ------

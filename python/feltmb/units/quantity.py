@@ -33,6 +33,7 @@ else:
 
 __all__ = [
     "META_KEYS",
+    "MOST_FAULTS",
     "SI",
     "Count",
     "JointSI",
@@ -326,7 +327,11 @@ def _plain_input(node: object) -> str:
     return shown(node)
 
 
-def fault_text(origin: str, faults: Sequence[str], most: int = 100) -> str:
+MOST_FAULTS = 100
+"""Faults of a file that are told; of the others only their number."""
+
+
+def fault_text(origin: str, faults: Sequence[str], most: int = MOST_FAULTS) -> str:
     """Message that lists the faults of a file, at most ``most`` of them."""
     count = "1 fault" if len(faults) == 1 else f"{len(faults)} faults"
     shown = [shortened(printable(f), 1000) for f in faults[:most]]
@@ -336,12 +341,18 @@ def fault_text(origin: str, faults: Sequence[str], most: int = 100) -> str:
 
 
 def fault_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
-    """One line a fault: where, what was got, what is expected, a hint."""
-    lines = []
+    """One line a fault: where, what was got, what is expected, a hint.
+
+    Beyond :data:`MOST_FAULTS`, which nobody is shown, a line says only where: hints take long.
+    """
+    lines: list[str] = []
     for item in error.errors(include_url=False):
         loc = tuple(p for p in item["loc"] if p != "function-before")
         where = ".".join(str(p) for p in loc) or "file"
         kind = item["type"]
+        if len(lines) >= MOST_FAULTS:
+            lines.append(f"{where}: {kind}")
+            continue
         got = _plain_input(item.get("input"))
         if kind == "missing":
             lines.append(f"{where}: is missing")

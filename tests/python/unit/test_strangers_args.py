@@ -680,6 +680,12 @@ CALLS = {
         "fixed": None,
         "options": {"n_starts": 1},
     },
+    "feltmb.fiber.fit_branches": lambda: {
+        "data": compressed(),
+        "model": "van_wyk",
+        "branches": ["loading"],
+        "n_starts": 1,
+    },
     "feltmb.fiber.compress_arcs": lambda: {
         "strain": np.linspace(0.0, 0.3, 4),
         "E": 1e9,

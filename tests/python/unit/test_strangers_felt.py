@@ -167,7 +167,9 @@ def test_the_unloaded_thickness_is_estimated_and_said(tmp_path):
     assert "unloaded thickness [mm], estimated" in found.report()
     # As one that is known: narrower intervals, around the same truth.
     known = identify(data.with_thickness(THICK), material=FELT)
-    assert known.thickness is None
+    assert known.thickness == pytest.approx(THICK)
+    assert known.thickness_interval is None
+    assert "unloaded thickness [mm], as given" in known.report()
     for b, c in ((found.loading, known.loading), (found.unloading, known.unloading)):
         assert b.interval["K_p"][0] < c.K_p < b.interval["K_p"][1]
         assert np.ptp(b.interval["K_p"]) > 2.0 * np.ptp(c.interval["K_p"])

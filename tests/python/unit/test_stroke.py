@@ -91,7 +91,7 @@ def test_arguments_out_of_range(arguments, message):
         ([0.0, 0.1, 0.1], [0, 1, 2], "knot 2 does not follow"),
         ([0.0, 0.1], [0, 1, 2], "2 times and 3 values"),
         ([], [], "0 times and 0 values"),
-        ([0.0, 0.1], [0, float("nan")], "knot 1 is not a finite number"),
+        ([0.0, 0.1], [0, float("nan")], r"force\[1\]: got nan, expected a finite number"),
     ],
 )
 def test_faults_of_a_table(time, value, message):

@@ -34,7 +34,7 @@ OUTCOMES = {
     "shank": ("DPAADP", ""),
     "string": ("AAAAAAAAADAAAD", "DDA"),
     "hysteresis": ("AADA", "AA"),
-    "staccato": ("APNPPPAPA", ""),
+    "staccato": ("PPNPPPAPA", ""),
     "shapes": ("", "AAAAA"),
     "axial": ("", "AAAAAAAAA"),
     "letoff": ("", "AAAAA"),

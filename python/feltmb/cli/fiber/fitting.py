@@ -158,7 +158,7 @@ def fit_command(
     Columns: v_f [-], strain [-] or thickness [mm]; pressure [kPa] or force [N]; optionally branch.
     """
     from feltmb.errors import InvalidParameter, ModelError
-    from feltmb.fiber import compare, fit, models, read_compression
+    from feltmb.fiber import compare, fit_branches, models, read_compression
     from feltmb.fiber.plot import plot_fits
 
     for path in (plot, output):
@@ -187,11 +187,19 @@ def fit_command(
         "seed": seed,
         "level": level,
     }
-    fits = []
+    if every:
+        both = len(branches) > 1
+        fits = compare(test, branch="each" if both else branches[0], **common)
+    else:
+        fits = fit_branches(
+            test, model, branches=branches, free=free or None, bounds=bounds, **common
+        )
+    if test.thickness0 is not None:
+        say(f"unloaded thickness: {test.thickness0 * 1e3:.6g} mm, as given; all values rest on it")
     for which in branches:
+        here = [f for f in fits if f.branch == which]
         if every:
-            ranked = compare(test, branch=which, **common)
-            best = ranked[0].bic
+            best = here[0].bic
             print_table(
                 f"{test.name}, {which}: laws by BIC",
                 ["law", "BIC - best", "RMSE [Pa]", "parameters", "warnings"],
@@ -203,34 +211,35 @@ def fit_command(
                         " ".join(f"{k}={f.values[k]:.4g}" for k in f.free),
                         str(len(f.warnings)),
                     ]
-                    for f in ranked
+                    for f in here
                 ],
             )
-            fits += ranked
-        else:
-            f = fit(test, model, free=free or None, bounds=bounds, branch=which, **common)
+            continue
+        f = here[0]
+        print_table(
+            f"{test.name}, {which}: {model}, {len(f.v_f)} samples",
+            ["parameter", "unit", "value", f"{100 * level:g} % from", "to"],
+            _fit_rows(f),
+        )
+        say(
+            f"RMSE {f.rmse:.6g} Pa   R^2 {f.r_squared:.6f}   BIC {f.bic:.2f}   "
+            f"{f.n_best} of {f.n_starts} starts agree"
+        )
+        if len(f.free) > 1:
             print_table(
-                f"{test.name}, {which}: {model}, {len(f.v_f)} samples",
-                ["parameter", "unit", "value", f"{100 * level:g} % from", "to"],
-                _fit_rows(f),
+                "Correlation",
+                ["", *f.free],
+                [
+                    [n, *(f"{x:+.4f}" for x in row)]
+                    for n, row in zip(f.free, f.correlation, strict=True)
+                ],
             )
-            say(
-                f"RMSE {f.rmse:.6g} Pa   R^2 {f.r_squared:.6f}   BIC {f.bic:.2f}   "
-                f"{f.n_best} of {f.n_starts} starts agree"
-            )
-            if len(f.free) > 1:
-                print_table(
-                    "Correlation",
-                    ["", *f.free],
-                    [
-                        [n, *(f"{x:+.4f}" for x in row)]
-                        for n, row in zip(f.free, f.correlation, strict=True)
-                    ],
-                )
-            fits.append(f)
     for f in fits:
         for warning in f.warnings:
-            say(f"warning: {f.model}, {f.branch}: {warning}")
+            # What is said of the sample is the same for all branches.
+            same = [g.branch for g in fits if g.model == f.model and warning in g.warnings]
+            if same[0] == f.branch:
+                say(f"warning: {f.model}, {' and '.join(same)}: {warning}")
     if plot is not None:
         save_figure(plot_fits(fits), plot, force=force)
     # Beside others a law that does not fit is a result; alone its numbers mean nothing.

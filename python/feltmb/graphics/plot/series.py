@@ -143,7 +143,7 @@ def draw_speed(ax: Axes, run: Run, *, marks: bool = True) -> None:
     speed = -run[speed_name(run)]
     ax.plot(1e3 * run.time, speed, color=RED, linewidth=1.3, label="hammer tip")
     ax.axhline(0.0, color=GRAY, linewidth=0.6)
-    style_axes(ax, "time, ms", "hammer tip toward string, m/s")
+    style_axes(ax, "time, ms", "hammer tip\ntoward string, m/s")
     if not marks:
         return
     top = float(np.max(speed))
@@ -173,6 +173,7 @@ def draw_speed(ax: Axes, run: Run, *, marks: bool = True) -> None:
                 "relpos": (0.0, 0.5),
             },
             color=color,
+            bbox={"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none"},
         )
 
 

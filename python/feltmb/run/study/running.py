@@ -71,7 +71,8 @@ def study(
     folder
         Folder of finished simulations, from which a study that was cut off goes on.
     progress
-        ``progress(done, total, name)``; default: a bar on a terminal; False: none.
+        ``progress(done, total, name)``, whatever it returns; default: a bar on a terminal; False:
+        none.
 
     Returns
     -------

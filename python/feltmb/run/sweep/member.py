@@ -6,13 +6,12 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
-from pathlib import Path
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from feltmb import _core
 from feltmb.arguments import checked
 from feltmb.errors import FeltmbError, IntegrationError
+from feltmb.files import package_digest
 from feltmb.mechanism import Action
 from feltmb.run.stroke import Stroke
 
@@ -76,7 +75,7 @@ class Member:
         text = json.dumps(
             {
                 "format": MEMBER_FORMAT,
-                "code": code_fingerprint(),
+                "code": package_digest(),
                 "action": self.action.hash,
                 "values": self.values,
                 "stroke": self.stroke.as_dict(),
@@ -88,21 +87,6 @@ class Member:
             default=str,
         )
         return hashlib.sha256(text.encode()).hexdigest()
-
-
-#: Parts on which the outcome of a member depends, besides the core.
-_CODE = ("mechanism", "run")
-
-
-@lru_cache(maxsize=1)
-def code_fingerprint() -> str:
-    """Version and digest of the code: results of other code must not be taken for the same."""
-    digest = hashlib.sha256()
-    package = Path(__file__).parents[2]
-    files = [file for part in _CODE for file in (package / part).rglob("*.py")]
-    for file in [*sorted(files), Path(getattr(_core, "__file__", None) or "")]:
-        digest.update(file.read_bytes() if file.is_file() else b"")
-    return f"{_core.__version__} {digest.hexdigest()[:16]}"
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,8 @@ class ProgressBar:
     Parameters
     ----------
     progress
-        ``progress(done, total, name)``; None: a bar if standard error is a terminal; False: none.
+        ``progress(done, total, name)``, whatever it returns; None: a bar if standard error is a
+        terminal; False: none.
     total
         Number of members.
     """

@@ -110,7 +110,8 @@ def sweep(
     summary_only
         False: also write each run as NetCDF into ``folder`` (which every worker must see).
     progress
-        ``progress(done, total, name)``; default: a bar on a terminal; False: none.
+        ``progress(done, total, name)``, whatever it returns; default: a bar on a terminal; False:
+        none.
 
     Returns
     -------

@@ -1,0 +1,132 @@
+"""Draws the pictures of docs/img that no command of a page draws.
+
+    python tools/make_pictures.py                    all
+    python tools/make_pictures.py mechanism.png      one
+
+docs/img/gallery is of tools/make_gallery.py, architecture.svg of tools/make_architecture.py,
+docs/img/tutorial and docs/img/howto of tools/docs_pages.py; peers.png and cost_against_size.png are
+of bench (bench/README.md). The page of the viewer needs Chromium.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from docs_pages import screenshot, small_png
+
+FOLDER = Path(__file__).resolve().parents[1] / "docs" / "img"
+
+
+def forte_overview() -> Any:
+    """A loud blow on one page."""
+    import feltmb
+    from feltmb.graphics import plot
+
+    return plot.overview(feltmb.simulate("steinway45", "forte"))
+
+
+def mechanism() -> Any:
+    """The upright action at rest."""
+    import feltmb
+    from feltmb.graphics import plot
+
+    return plot.mechanism(feltmb.load_action("steinway45"))
+
+
+def felt_identification() -> Any:
+    """A felt identified from its own loop with scatter of 0.5 % of the largest pressure."""
+    import numpy as np
+
+    from feltmb.felt import identify, load_material
+    from feltmb.felt.plot import plot_identification
+
+    felt = load_material("synthetic_soft_red")
+    v = np.linspace(felt.v_f0, felt.end, 130)[1:]
+    loop = [felt.pressure("loading", v), felt.pressure("unloading", v)[::-1]]
+    pressure = np.concatenate(loop)
+    pressure += 0.005 * pressure.max() * np.random.default_rng(1).normal(size=pressure.size)
+    v = np.concatenate([v, v[::-1]])
+    found = identify(v, pressure, material=felt, loading=np.arange(v.size) < v.size // 2)
+    return plot_identification(found)
+
+
+def felt_audit_hammer() -> Any:
+    """The printed curves of the hammer on the string."""
+    import feltmb
+    from feltmb.felt import audit
+    from feltmb.felt.plot import plot_audit
+
+    action = feltmb.load_action("steinway45").with_values({"contacts.06.law": "printed"})
+    return plot_audit(audit(action.config.contacts["06"], name="steinway45:06"))
+
+
+def actuator_dampers() -> Any:
+    """Figure 5.11 of the thesis."""
+    from feltmb.action.actuator import study_actuator
+
+    return study_actuator().figures["5.11"]
+
+
+def actuator_input() -> Any:
+    """What a wrong capstan does under force and motion."""
+    from feltmb.run.study import study
+    from feltmb.run.study.plot import draw
+
+    return draw(study("input"), "timing")
+
+
+def view_two() -> str:
+    """Page of two strokes in the browser, at the loud blow."""
+    import feltmb
+    from feltmb.graphics.viewer import page
+
+    runs = [feltmb.simulate("steinway45", stroke) for stroke in ("forte", "piano")]
+    return page(runs, align="string_contact_on", at=0.0932)
+
+
+#: Picture -> what draws it: a figure, or the text of a page whose first screen is the picture.
+PICTURES: dict[str, Callable[[], Any]] = {
+    f"{draw.__name__}.png": draw
+    for draw in (
+        forte_overview,
+        mechanism,
+        felt_identification,
+        felt_audit_hammer,
+        actuator_dampers,
+        actuator_input,
+        view_two,
+    )
+}
+
+
+def main() -> None:
+    """Draw the pictures asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*", metavar="PICTURE", help=", ".join(PICTURES))
+    names = parser.parse_args().names or list(PICTURES)
+    unknown = [name for name in names if name not in PICTURES]
+    if unknown:
+        parser.error(f"no picture {', '.join(unknown)}; there are {', '.join(PICTURES)}")
+    with tempfile.TemporaryDirectory() as folder:
+        for name in names:
+            made = PICTURES[name]()
+            drawn = Path(folder) / name
+            if isinstance(made, str):
+                html = drawn.with_suffix(".html")
+                html.write_text(made, encoding="utf-8")
+                drawn = screenshot(html, "1240,800")
+            else:
+                made.savefig(drawn, dpi=150)
+            small_png(drawn, FOLDER / name, width=1300, colors=256)
+            print(name, flush=True)
+
+
+if __name__ == "__main__":
+    main()
