@@ -19,6 +19,7 @@ from feltmb.adapters.library import Entry, Library, load_library
 from feltmb.adapters.refined import refined as refine
 from feltmb.data import Array, Record, Role, Sensor
 from feltmb.errors import InvalidParameter
+from feltmb.fit.noise import Noise
 from feltmb.mechanism import Action
 from feltmb.run.simulate import simulate
 from feltmb.run.stroke import Stroke, load_stroke, pulse_stroke, ramp_stroke
@@ -169,7 +170,8 @@ def make_record(
         camera = output != "finger.force"
         sigma = sensors.noise if camera else sensors.force_noise
         step = sensors.pixel if camera else sensors.force_step
-        values = values + _noise(time, sigma, sensors.correlation_time if camera else 0.0, rng)
+        noise = Noise(sigma, sensors.correlation_time if camera else 0.0)
+        values = values + noise.draw(time, rng)
         noisy[output] = np.round(np.round(values / step) * step, 9) if step else values
     applied = stroke.at(time)
     if motion:
@@ -206,18 +208,6 @@ def make_record(
         role=role,
         source="synthetic",
     )
-
-
-def _noise(time: Array, sigma: float, tau: float, rng: np.random.Generator) -> Array:
-    white = sigma * rng.standard_normal(time.size)
-    if tau <= 0.0:
-        return white
-    from scipy.signal import lfilter
-
-    decay = math.exp(-(time[1] - time[0]) / tau)
-    start = sigma * rng.standard_normal()
-    out, _ = lfilter([math.sqrt(1.0 - decay**2)], [1.0, -decay], white, zi=[decay * start])
-    return np.asarray(out)
 
 
 def make_case(

@@ -49,6 +49,22 @@ class Noise:
         share = np.maximum(0.0, 1.0 - np.abs(distance) / self.averaged)
         return np.where(distance == 0, 1.0, (1.0 - WHITE) * share)
 
+    def draw(self, time: Array, generator: np.random.Generator) -> Array:
+        """Noise at given times [unit], stationary from the first sample on."""
+        n = time.size
+        if self.averaged > 1:
+            white = generator.standard_normal(n + self.averaged - 1)
+            mean: Array = np.convolve(white, np.ones(self.averaged), "valid")
+            return self.sigma / math.sqrt(self.averaged) * mean
+        out = self.sigma * generator.standard_normal(n)
+        if self.correlation_time > 0.0 and n > 1:
+            before = self.sigma * generator.standard_normal()
+            keep = np.exp(-np.diff(time, prepend=2.0 * time[0] - time[1]) / self.correlation_time)
+            fresh = np.sqrt(1.0 - keep**2)
+            for i in range(n):
+                before = out[i] = keep[i] * before + fresh[i] * out[i]
+        return out
+
 
 def innovations(
     noise: Sequence[Noise], position: Integers, time: Array

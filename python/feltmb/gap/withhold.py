@@ -403,26 +403,9 @@ class _Machine:
         y = (1.0 + sensor.gain_sd * rng.standard_normal()) * y
         y = y + sensor.offset_sd * rng.standard_normal()
         noise = self.noise.noise(record.name)[name]
-        y = y + _noise(record, noise.sigma, noise.correlation_time, noise.averaged, rng)
+        y = y + noise.draw(record.time, rng)
         step = sensor.quantum
         return np.round(y / step) * step if step > 0.0 else y
-
-
-def _noise(
-    record: Record, sigma: float, tau: float, averaged: int, rng: np.random.Generator
-) -> Array:
-    """Noise of a channel [its unit]: white, a mean over samples, or forgotten exponentially."""
-    n = record.samples
-    if averaged > 1:
-        white = rng.standard_normal(n + averaged - 1)
-        out: Array = np.convolve(white, np.ones(averaged), "valid") * sigma / math.sqrt(averaged)
-        return out
-    white = rng.standard_normal(n)
-    if tau > 0.0:
-        keep = np.exp(-np.diff(record.time) / tau)
-        for i in range(1, n):
-            white[i] = keep[i - 1] * white[i - 1] + math.sqrt(1.0 - keep[i - 1] ** 2) * white[i]
-    return sigma * white
 
 
 # ---------------------------------------------------------------- finished cases

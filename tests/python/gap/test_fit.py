@@ -301,3 +301,22 @@ def test_an_accelerometer_feels_effects_and_unknown_forces():
             rates=lambda t, x, u, p: (x.v, -x.q),
             outputs={"a": Rate("w")},
         )
+
+
+@pytest.mark.parametrize(
+    "noise", [Noise(0.3), Noise(0.3, correlation_time=4e-3), Noise(0.3, averaged=4)]
+)
+def test_drawn_noise_is_the_one_that_innovations_whiten(noise):
+    time = 1e-3 * np.arange(20_000)
+    drawn = noise.draw(time, np.random.default_rng(7))
+    assert np.std(drawn) == pytest.approx(0.3, rel=0.05)
+    lag = 2
+    correlation = float(np.mean(drawn[lag:] * drawn[:-lag]) / np.mean(drawn**2))
+    expected = 0.0
+    if noise.correlation_time:
+        expected = np.exp(-lag * 1e-3 / noise.correlation_time)
+    elif noise.averaged > 1:
+        expected = 1.0 - lag / noise.averaged
+    assert correlation == pytest.approx(expected, abs=0.05)
+    first = [noise.draw(time[:1], np.random.default_rng(s))[0] for s in range(400)]
+    assert np.std(first) == pytest.approx(0.3, rel=0.15)
