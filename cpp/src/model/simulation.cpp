@@ -220,7 +220,7 @@ class Run {
       const ContactLaw& law = mechanism->contacts[i].law;
       if (!law.has_memory()) continue;
       remembering_.push_back(i);
-      if (std::get<FeltMemory>(law.parameters()).recovery_time > 0.0) recovering_ = true;
+      if (law.recovery_time() > 0.0) recovering_ = true;
     }
     felt_rate_.assign(remembering_.size(), 0.0);  // at rest
     recovered_.assign(mechanism->contacts.size(), 0.0);
@@ -449,7 +449,6 @@ class Run {
     const Dynamics& dynamics = system_.dynamics();
     const ContactState& s = dynamics.contacts()[contact];
     const ContactLaw& law = system_.mechanism().contacts[contact].law;
-    if (law.n_states() == 1) return {s.compression, s.rate};  // no creeping layer
     const LawMemory memory = dynamics.memory(contact);
     return {law.felt_compression(s.compression, memory),
             law.felt_rate(s.compression, s.rate, memory)};
@@ -520,7 +519,7 @@ class Run {
   /// Between blows a felt forgets; the energy that its friction held locked turns into heat.
   void recover(std::size_t contact, double compression, double h) {
     const ContactLaw& law = system_.mechanism().contacts[contact].law;
-    const double time = std::get<FeltMemory>(law.parameters()).recovery_time;
+    const double time = law.recovery_time();
     if (time <= 0.0 || compression > 0.0) return;
     const double* state = system_.dynamics().memory(contact).state;
     double& remembered = largest()[contact];

@@ -15,6 +15,7 @@ from pydantic import ValidationError
 
 from feltmb import _core
 from feltmb.arguments import checked
+from feltmb.contact.tables import CORE_LAWS
 from feltmb.errors import InvalidParameter
 from feltmb.mechanism.checking import validate
 from feltmb.mechanism.reading import load_raw, resolve
@@ -29,6 +30,11 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 __all__ = ["Action", "load_action"]
+
+#: Tables of laws that came later than the first results: where they are not given, hashes stay.
+_LATER_LAWS = {law.table for law in CORE_LAWS.values()} - {
+    *("", "memory", "hunt_crossley", "stulov")
+}
 
 
 @checked
@@ -94,6 +100,10 @@ class Action:
                 del tables[table]  # as before there were any: results keep their hash
         if tables["string"] and tables["string"]["count"] == 1:
             del tables["string"]["count"]  # likewise
+        for key, contact in self.config.contacts.items():
+            for table in _LATER_LAWS:
+                if getattr(contact, table) == type(contact).model_fields[table].default:
+                    del tables["contacts"][key][table]
         text = json.dumps(_without_texts(tables), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 

@@ -197,7 +197,7 @@ def test_elastic_limit_conserves_energy(area):
     table = _core.Envelope.from_table(strain.tolist(), pressure.tolist(), pressure.tolist())
     for columns in (False, True):
         layered = _core.layer_envelope(_core.FeltLayer(table, 3e-3, area.core, columns))
-        core = _core.ContactLaw(_core.FeltMemory(envelope=layered))
+        core = _core.ContactLaw("felt_memory", envelope=layered)
         e = history(np.array([0.9, 0.2, 1.0, 0.5]), 2000)
         force = np.asarray(_core.force_along(core, np.arange(len(e)) * 1e-5, e.tolist()))
         work = np.trapezoid(force, e)

@@ -85,8 +85,8 @@ class PairLanes {
 class MemoryLanes {
  public:
   static bool takes(const ContactLaw& law) {
-    return law.has_memory() && law.n_states() == 1 &&
-           std::get<FeltMemory>(law.parameters()).wiping_out == 0.0;
+    const auto* felt = std::get_if<FeltMemory>(&law.parameters());
+    return felt != nullptr && law.n_states() == 1 && felt->wiping_out == 0.0;
   }
 
   /// Adds the next law, which must outlive the lanes; `finish` after the last one.
