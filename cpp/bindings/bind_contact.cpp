@@ -2,6 +2,7 @@
 #include <pybind11/stl.h>
 
 #include <cmath>
+#include <cstdint>
 
 #include "bindings.hpp"
 #include "feltmb/contact/friction.hpp"
@@ -24,6 +25,15 @@ std::map<std::string, FieldValue> values_from(const py::dict& fields) {
       values[name] = std::shared_ptr<const Envelope>(node.cast<std::shared_ptr<Envelope>>());
     } else if (py::isinstance<ExponentialCurve>(node)) {
       values[name] = node.cast<ExponentialCurve>();
+    } else if (py::isinstance<py::str>(node)) {
+      values[name] = node.cast<std::string>();
+    } else if (py::isinstance<py::dict>(node)) {
+      values[name] = node.cast<std::map<std::string, double>>();
+    } else if (py::isinstance<py::list>(node)) {
+      values[name] = node.cast<std::vector<double>>();
+    } else if (name == "function") {
+      // An address: what Python's ctypes and numba give of a compiled function.
+      values[name] = reinterpret_cast<LawFunction>(node.cast<std::uintptr_t>());
     } else {
       values[name] = node.cast<double>();
     }
@@ -35,7 +45,18 @@ py::object from_value(const FieldValue& value) {
   if (const auto* envelope = std::get_if<std::shared_ptr<const Envelope>>(&value)) {
     return py::cast(std::const_pointer_cast<Envelope>(*envelope));
   }
-  return std::visit([](const auto& own) { return py::cast(own); }, value);
+  if (const auto* function = std::get_if<LawFunction>(&value)) {
+    return py::cast(reinterpret_cast<std::uintptr_t>(*function));
+  }
+  return std::visit(
+      []<class T>(const T& own) -> py::object {
+        if constexpr (std::is_same_v<T, LawFunction>) {
+          return py::none();  // done above
+        } else {
+          return py::cast(own);
+        }
+      },
+      value);
 }
 
 /// A limit of a range, None where there is none.
@@ -175,7 +196,7 @@ void bind_contact(py::module_& m) {
           "zeros if none.");
   py::class_<ContactLaw>(m, "ContactLaw")
       .def(py::init([](const std::string& name, const py::kwargs& fields) {
-             return ContactLaw(make_law(name, values_from(fields)));
+             return ContactLaw(make_contact_law(name, values_from(fields)));
            }),
            py::arg("name"), "A contact law by its name and the fields of contact_laws(), SI.")
       .def_property_readonly(

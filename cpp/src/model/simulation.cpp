@@ -751,6 +751,31 @@ class Run {
     result_.message = format("failed at t = %.9g s: %s", t, why.c_str());
   }
 
+  /// Which law gives no number where the motion would go on from here, if one does.
+  std::string broken_law(const Integrator& integrator) {
+    const auto y = integrator.state();
+    std::vector<double> ahead(y.begin(), y.end());
+    std::vector<double> rate(y.size());
+    std::vector<double> change(y.size());
+    const double t = integrator.time();
+    system_.rhs(t, y, rate);
+    for (const double h : {0.0, 1e-12, 1e-10, 1e-8, 1e-6}) {
+      for (std::size_t i = 0; i < y.size(); ++i) ahead[i] = y[i] + h * rate[i];
+      system_.rhs(t, ahead, change);
+      const Mechanism& m = system_.mechanism();
+      for (std::size_t i = 0; i < m.contacts.size(); ++i) {
+        const ContactState& s = system_.dynamics().contacts()[i];
+        if (!s.closed || std::isfinite(s.law.force + s.law.d_compression + s.law.d_rate)) continue;
+        return format(
+            "; law \"%s\" of %s gives force %g N with slopes %g N/m, %g N s/m at "
+            "compression %.6g m, rate %.6g m/s",
+            m.contacts[i].law.name().c_str(), m.contacts[i].name.c_str(), s.law.force,
+            s.law.d_compression, s.law.d_rate, s.compression, s.rate);
+      }
+    }
+    return "";
+  }
+
   void fail(Integrator& integrator, const std::string& why) {
     result_.status = RunStatus::kFailed;
     const double t = integrator.time();
@@ -764,6 +789,7 @@ class Run {
     if (contact >= 0) {
       result_.message += ", stiffest contact there " + result_.failed_contact;
     }
+    result_.message += broken_law(integrator);
   }
 
   void finish(Integrator& integrator) {

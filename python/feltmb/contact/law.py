@@ -6,7 +6,9 @@ compression, rate and its own history, and nothing of bodies.
 
 from __future__ import annotations
 
+import ctypes
 import sys
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -178,6 +180,16 @@ def _fault(key: str, kind: str, value: Any) -> list[str]:
         good = isinstance(value, (list, tuple)) and len(value) == 3
         good = good and all(map(_numbers, value)) and len(set(map(len, value))) == 1
         expected = "compression [m], loading [N] and unloading [N], arrays of one length"
+    elif kind == "text":
+        good, expected = isinstance(value, str), "a text"
+    elif kind == "parameters":
+        good = isinstance(value, Mapping) and all(map(_is_number, value.values()))
+        good, expected = good and all(isinstance(k, str) for k in value), "numbers by name"
+    elif kind == "list":
+        good, expected = _numbers(value), "a list of numbers"
+    elif kind == "function":
+        good = _address(value) > 0
+        expected = "a compiled function: of numba.cfunc, a ctypes function, or its address"
     else:
         good, expected = _is_number(value), "a number"
     return [] if good else [f"{key} = {shown(value)}, expected {expected}"]
@@ -188,7 +200,32 @@ def _value(kind: str, value: Any) -> Any:
         return _core.ExponentialCurve(*map(float, value))
     if kind == "envelope":
         return _core.Envelope.from_table(*([float(v) for v in column] for column in value))
+    if kind == "text":
+        return value
+    if kind == "parameters":
+        return {key: float(number) for key, number in value.items()}
+    if kind == "list":
+        return [float(number) for number in value]
+    if kind == "function":
+        _FUNCTIONS[_address(value)] = value
+        return _address(value)
     return float(value)
+
+
+#: What ctypes makes of every function.
+_C_FUNCTION: Any = ctypes.CFUNCTYPE(None).__mro__[1]
+
+#: Compiled functions that laws were made of: a mechanism may outlive all that Python holds of it.
+_FUNCTIONS: dict[int, Any] = {}
+
+
+def _address(function: Any) -> int:
+    """Address of a compiled function; 0: it is none."""
+    address = getattr(function, "address", function)
+    if isinstance(address, _C_FUNCTION):
+        address = ctypes.cast(address, ctypes.c_void_p).value
+    whole = isinstance(address, (int, np.integer)) and not isinstance(address, bool)
+    return int(address) if whole else 0
 
 
 def _is_number(value: Any) -> bool:

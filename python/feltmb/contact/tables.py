@@ -39,7 +39,7 @@ class LawField:
 
     name: str
     kind: str
-    """``number``, ``curve`` or ``envelope``."""
+    """``number``, ``curve``, ``envelope``, ``text``, ``parameters``, ``list`` or ``function``."""
     unit: str
     meaning: str
     low: float | None
@@ -83,10 +83,13 @@ CORE_LAWS: dict[str, LawInfo] = {
     for law in _core.contact_laws()
 }
 
-#: Name of each law that a mechanism file may choose, and what it is.
-LAWS: dict[str, str] = {name: law.about for name, law in CORE_LAWS.items()} | {
-    "micromechanical": "felt_memory whose loop follows from the fibers, thickness and area"
-}
+#: Name of each law that a mechanism file may choose, and what it is. None that needs a function:
+#: a file must not make feltmb run code.
+LAWS: dict[str, str] = {
+    name: law.about
+    for name, law in CORE_LAWS.items()
+    if not any(field.kind == "function" for field in law.fields)
+} | {"micromechanical": "felt_memory whose loop follows from the fibers, thickness and area"}
 
 
 def _curve(node: object) -> object:
@@ -152,10 +155,18 @@ def _power_stiffness(node: object) -> float:
 
 _CURVE_FIELD: Any = Annotated[Curve, BeforeValidator(_curve)]
 
+#: Annotations of the entries that are no numbers.
+_KINDS: dict[str, Any] = {
+    "curve": _CURVE_FIELD,
+    "text": str,
+    "parameters": dict[str, Annotated[float, SI("1")]],
+    "list": list[float],
+}
+
 
 def _number(field: LawField) -> Any:
     """Annotation of a number: its unit and limits."""
-    limits: dict[str, Any] = {"description": field.meaning}
+    limits: dict[str, Any] = {}
     if field.low is not None:
         limits["gt" if field.low_open else "ge"] = field.low
     if field.high is not None:
@@ -170,10 +181,10 @@ def _in_table(field: LawField) -> Iterator[tuple[str, Any]]:
     if field.kind == "envelope":
         yield "closing_compression", (Annotated[float, SI("m"), Field(gt=0)] | None, None)
         yield field.name, (EnvelopeTable | None, None)
-    elif field.kind == "curve":
-        yield field.name, (_CURVE_FIELD, ...)
     else:
-        yield field.name, (_number(field), ... if field.required else field.default)
+        annotation = _KINDS[field.kind] if field.kind in _KINDS else _number(field)
+        described: Any = Annotated[annotation, Field(description=field.meaning)]
+        yield field.name, (described, ... if field.required else field.default)
 
 
 def _in_contact(field: LawField) -> Iterator[tuple[str, Any]]:
@@ -183,16 +194,9 @@ def _in_contact(field: LawField) -> Iterator[tuple[str, Any]]:
     elif field.in_contact and field.kind == "curve":
         yield field.name, (_CURVE_FIELD | None, None)
     elif field.in_contact:
-        annotation = _number(field)
-        yield (
-            field.name,
-            (annotation | None, None)
-            if field.required
-            else (
-                annotation,
-                field.default,
-            ),
-        )
+        annotation: Any = Annotated[_number(field), Field(description=field.meaning)]
+        missing = annotation | None, None
+        yield field.name, missing if field.required else (annotation, field.default)
 
 
 def _table_fields(*laws: LawInfo) -> dict[str, Any]:
@@ -234,7 +238,7 @@ def _choice_fields() -> dict[str, Any]:
     """Entries of a contact that choose a law: those that stand in it, and the laws' tables."""
     entries: dict[str, Any] = {}
     by_table: dict[str, list[LawInfo]] = {}
-    for law in CORE_LAWS.values():
+    for law in (CORE_LAWS[name] for name in LAWS if name in CORE_LAWS):
         for field in law.fields:
             entries |= {k: v for k, v in _in_contact(field) if k not in entries}
         if law.table:

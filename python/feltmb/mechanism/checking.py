@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from feltmb import _core
-from feltmb.contact.tables import CORE_LAWS
+from feltmb.contact.tables import CORE_LAWS, LAWS
 from feltmb.errors import InvalidParameter
 from feltmb.mechanism.partial import mended
 from feltmb.mechanism.schema import Contact, MechanismFile
@@ -163,7 +163,7 @@ def _output_faults(raw: Mapping[str, Any]) -> list[str]:
 
 
 #: Where the parameters of a law stand in a contact; others stand in the contact itself.
-_LAW_TABLE = {name: law.table for name, law in CORE_LAWS.items() if law.table} | {
+_LAW_TABLE = {name: law.table for name, law in CORE_LAWS.items() if name in LAWS and law.table} | {
     "micromechanical": "micromechanical"
 }
 
@@ -270,7 +270,7 @@ def missing_law_faults(node: Mapping[str, Any], where: str) -> list[str]:
     law = node.get("law", "felt_memory")
     if law == "micromechanical":
         needed = ["micromechanical"]
-    elif isinstance(law, str) and law in CORE_LAWS:
+    elif isinstance(law, str) and law in LAWS:
         needed = CORE_LAWS[law].needed(node)
     else:
         return []

@@ -1,10 +1,11 @@
+#include "feltmb/contact/laws/catalog.hpp"
+
 #include <cmath>
 #include <iterator>
 #include <optional>
 #include <tuple>
 #include <type_traits>
 
-#include "feltmb/contact/laws/catalog.hpp"
 #include "feltmb/core/error.hpp"
 
 namespace feltmb {
@@ -13,6 +14,10 @@ namespace {
 constexpr const char* kind_of(const double&) { return "number"; }
 constexpr const char* kind_of(const ExponentialCurve&) { return "curve"; }
 constexpr const char* kind_of(const std::shared_ptr<const Envelope>&) { return "envelope"; }
+constexpr const char* kind_of(const std::string&) { return "text"; }
+constexpr const char* kind_of(const std::map<std::string, double>&) { return "parameters"; }
+constexpr const char* kind_of(const std::vector<double>&) { return "list"; }
+constexpr const char* kind_of(const LawFunction&) { return "function"; }
 
 /// Calls `use(field, its value)` for each field of a law.
 template <class L, class Use>
@@ -21,11 +26,20 @@ void each_field(L& law, Use&& use) {
              std::remove_const_t<L>::fields());
 }
 
+/// Whether a value is one that a law can do with: a default that is not is none.
 template <class T>
-bool permitted(const Range& range, const T& value) {
-  if constexpr (std::is_same_v<T, double>) return range.holds(value);
-  if constexpr (std::is_same_v<T, std::shared_ptr<const Envelope>>) return value != nullptr;
-  return false;  // curves have no default
+bool given(const Range& range, const T& value) {
+  if constexpr (std::is_same_v<T, double>) {
+    return range.holds(value);
+  } else if constexpr (std::is_same_v<T, ExponentialCurve>) {
+    return value.a != 0.0 || value.b != 0.0 || value.c != 0.0;
+  } else if constexpr (std::is_same_v<T, std::string>) {
+    return !value.empty();
+  } else if constexpr (requires { value == nullptr; }) {
+    return value != nullptr;
+  } else {
+    return true;  // a list or a table may be empty
+  }
 }
 
 template <class L>
@@ -42,7 +56,7 @@ void add_info(std::vector<LawInfo>& all) {
     each_field(standard, [&](const auto& field, const auto& value) {
       if (field.place == Place::kTable) info.table = table_of<L>();
       info.fields.push_back({field.name, kind_of(value), field.unit, field.meaning, field.range,
-                             value, !permitted(field.range, value), field.place});
+                             value, !given(field.range, value), field.place});
     });
   }
 }
@@ -119,7 +133,8 @@ const std::vector<LawInfo>& contact_laws() {
   return all;
 }
 
-LawParameters make_law(const std::string& name, const std::map<std::string, FieldValue>& values) {
+LawParameters make_contact_law(const std::string& name,
+                               const std::map<std::string, FieldValue>& values) {
   std::optional<LawParameters> made = OfList<LawParameters>::find(name);
   if (!made) {
     std::string known;
@@ -182,7 +197,7 @@ void check_fields(const LawParameters& law) {
                            field.range.text().c_str());
           } else if constexpr (std::is_same_v<T, ExponentialCurve>) {
             check_curve(faults, value, field.name);
-          } else if (value == nullptr) {
+          } else if (!given(field.range, value)) {
             faults.add(chosen_name(law).name + std::string(": ") + field.name + " is missing");
           }
         });

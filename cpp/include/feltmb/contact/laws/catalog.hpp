@@ -13,12 +13,14 @@
 namespace feltmb {
 
 /// Value of a field.
-using FieldValue = std::variant<double, ExponentialCurve, std::shared_ptr<const Envelope>>;
+using FieldValue =
+    std::variant<double, ExponentialCurve, std::shared_ptr<const Envelope>, std::string,
+                 std::map<std::string, double>, std::vector<double>, LawFunction>;
 
 /// A field of a law, as files and other languages see it.
 struct FieldInfo {
   std::string name;
-  std::string kind;  ///< "number", "curve", "envelope"
+  std::string kind;  ///< "number", "curve", "envelope", "text", "parameters", "list", "function"
   std::string unit;
   std::string meaning;
   Range range;
@@ -40,7 +42,8 @@ const std::vector<LawInfo>& contact_laws();
 
 /// Law by name; what is not given keeps its default. Throws InvalidParameter if the name or a field
 /// is unknown or a value of the wrong kind; ranges are checked by ContactLaw.
-LawParameters make_law(const std::string& name, const std::map<std::string, FieldValue>& values);
+LawParameters make_contact_law(const std::string& name,
+                               const std::map<std::string, FieldValue>& values);
 
 /// Values of all fields.
 std::map<std::string, FieldValue> values_of(const LawParameters& law);
