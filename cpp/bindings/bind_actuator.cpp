@@ -53,7 +53,15 @@ void bind_actuator(py::module_& m) {
       .def_readwrite("gravity", &ActuatorDescription::gravity)
       .def_readwrite("linear_gravity", &ActuatorDescription::linear_gravity)
       .def_readwrite("gap", &ActuatorDescription::gap)
-      .def_readwrite("stop", &ActuatorDescription::stop)
+      .def_property(
+          "stop",
+          [](const ActuatorDescription& d) {
+            return d.stop ? std::optional<ContactLaw>(*d.stop) : std::nullopt;
+          },
+          [](ActuatorDescription& d, const std::optional<ContactLaw>& law) {
+            d.stop.reset();
+            if (law) d.stop = law->parameters();
+          })
       .def_readwrite("damper", &ActuatorDescription::damper)
       .def_readwrite("damping", &ActuatorDescription::damping)
       .def_readwrite("action_mass", &ActuatorDescription::action_mass)

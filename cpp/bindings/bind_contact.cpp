@@ -1,14 +1,99 @@
 #include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 
+#include <cmath>
+#include <cstdint>
+
 #include "bindings.hpp"
 #include "feltmb/contact/friction.hpp"
 #include "feltmb/contact/law.hpp"
+#include "feltmb/contact/laws/catalog.hpp"
 #include "feltmb/contact/path.hpp"
 
 namespace py = pybind11;
 
 namespace feltmb::python {
+
+namespace {
+
+/// The values that make_law takes, from keywords.
+std::map<std::string, FieldValue> values_from(const py::dict& fields) {
+  std::map<std::string, FieldValue> values;
+  for (const auto& [key, node] : fields) {
+    const auto name = key.cast<std::string>();
+    if (py::isinstance<Envelope>(node)) {
+      values[name] = std::shared_ptr<const Envelope>(node.cast<std::shared_ptr<Envelope>>());
+    } else if (py::isinstance<ExponentialCurve>(node)) {
+      values[name] = node.cast<ExponentialCurve>();
+    } else if (py::isinstance<py::str>(node)) {
+      values[name] = node.cast<std::string>();
+    } else if (py::isinstance<py::dict>(node)) {
+      values[name] = node.cast<std::map<std::string, double>>();
+    } else if (py::isinstance<py::list>(node)) {
+      values[name] = node.cast<std::vector<double>>();
+    } else if (name == "function") {
+      // An address: what Python's ctypes and numba give of a compiled function.
+      values[name] = reinterpret_cast<LawFunction>(node.cast<std::uintptr_t>());
+    } else {
+      values[name] = node.cast<double>();
+    }
+  }
+  return values;
+}
+
+py::object from_value(const FieldValue& value) {
+  if (const auto* envelope = std::get_if<std::shared_ptr<const Envelope>>(&value)) {
+    return py::cast(std::const_pointer_cast<Envelope>(*envelope));
+  }
+  if (const auto* function = std::get_if<LawFunction>(&value)) {
+    return py::cast(reinterpret_cast<std::uintptr_t>(*function));
+  }
+  return std::visit(
+      []<class T>(const T& own) -> py::object {
+        if constexpr (std::is_same_v<T, LawFunction>) {
+          return py::none();  // done above
+        } else {
+          return py::cast(own);
+        }
+      },
+      value);
+}
+
+/// A limit of a range, None where there is none.
+py::object limit(double value) { return std::isfinite(value) ? py::cast(value) : py::none(); }
+
+py::dict as_dict(const FieldInfo& field) {
+  py::dict out;
+  out["name"] = field.name;
+  out["kind"] = field.kind;
+  out["unit"] = field.unit;
+  out["meaning"] = field.meaning;
+  out["low"] = limit(field.range.low);
+  out["high"] = limit(field.range.high);
+  out["low_open"] = field.range.low_open;
+  out["high_open"] = field.range.high_open;
+  out["required"] = field.required;
+  out["default"] = field.required ? py::none() : from_value(field.standard);
+  out["in_contact"] = field.place == Place::kContact;
+  return out;
+}
+
+py::list list_laws() {
+  py::list out;
+  for (const LawInfo& law : contact_laws()) {
+    py::list fields;
+    for (const FieldInfo& field : law.fields) fields.append(as_dict(field));
+    py::dict entry;
+    entry["name"] = law.name;
+    entry["about"] = law.about;
+    entry["table"] = law.table;
+    entry["fields"] = fields;
+    out.append(entry);
+  }
+  return out;
+}
+
+}  // namespace
 
 void bind_contact(py::module_& m) {
   py::class_<Friction>(m, "Friction")
@@ -49,39 +134,6 @@ void bind_contact(py::module_& m) {
           },
           py::arg("compression"), "Force [N] of thesis eq. 4.21 at compression [m].");
 
-  py::class_<ExponentialPair>(m, "ExponentialPair")
-      .def(py::init([](ExponentialCurve loading, ExponentialCurve unloading, double alpha,
-                       bool guarded, double hysteresis, double rate_amplitude, double rate_time) {
-             return ExponentialPair{
-                 loading,
-                 unloading,
-                 alpha,
-                 guarded ? ExponentialPair::Form::kGuarded : ExponentialPair::Form::kPrinted,
-                 hysteresis,
-                 rate_amplitude,
-                 rate_time};
-           }),
-           py::kw_only(), py::arg("loading"), py::arg("unloading"), py::arg("alpha") = 100.0,
-           py::arg("guarded") = true, py::arg("hysteresis") = 1.0, py::arg("rate_amplitude") = 0.0,
-           py::arg("rate_time") = 0.0);
-  py::class_<MeanCurve>(m, "MeanCurve")
-      .def(py::init([](ExponentialCurve loading, ExponentialCurve unloading) {
-             return MeanCurve{loading, unloading};
-           }),
-           py::kw_only(), py::arg("loading"), py::arg("unloading"));
-  py::class_<HuntCrossley>(m, "HuntCrossley")
-      .def(py::init([](double stiffness, double exponent, double damping) {
-             return HuntCrossley{stiffness, exponent, damping};
-           }),
-           py::kw_only(), py::arg("stiffness"), py::arg("exponent") = 1.5,
-           py::arg("damping") = 0.0);
-
-  py::class_<Stulov>(m, "Stulov")
-      .def(py::init([](double stiffness, double exponent, double amplitude, double time) {
-             return Stulov{stiffness, exponent, amplitude, time};
-           }),
-           py::kw_only(), py::arg("stiffness"), py::arg("exponent"), py::arg("amplitude"),
-           py::arg("time"));
   py::class_<Envelope, std::shared_ptr<Envelope>>(m, "Envelope")
       .def_static(
           "from_curves",
@@ -142,26 +194,21 @@ void bind_contact(py::module_& m) {
           "Largest change [N] of the unloading force that made its shape monotone, from and to "
           "[m]; "
           "zeros if none.");
-  py::class_<FeltMemory>(m, "FeltMemory")
-      .def(py::init([](std::shared_ptr<Envelope> envelope, double kappa, double recovery_time,
-                       double creep_stiffness, double creep_damping, double rate_amplitude,
-                       double rate_time, double wiping_out) {
-             return FeltMemory{envelope,      kappa,          recovery_time, creep_stiffness,
-                               creep_damping, rate_amplitude, rate_time,     wiping_out};
-           }),
-           py::kw_only(), py::arg("envelope"), py::arg("kappa") = 0.2,
-           py::arg("recovery_time") = 0.0, py::arg("creep_stiffness") = 0.0,
-           py::arg("creep_damping") = 0.0, py::arg("rate_amplitude") = 0.0,
-           py::arg("rate_time") = 0.0, py::arg("wiping_out") = 0.0)
-      .def_property_readonly(
-          "envelope",
-          [](const FeltMemory& law) { return std::const_pointer_cast<Envelope>(law.envelope); },
-          "Envelope of the law.")
-      .def_readonly("kappa", &FeltMemory::kappa)
-      .def_readonly("wiping_out", &FeltMemory::wiping_out);
-
   py::class_<ContactLaw>(m, "ContactLaw")
-      .def(py::init<const LawParameters&>(), py::arg("parameters"))
+      .def(py::init([](const std::string& name, const py::kwargs& fields) {
+             return ContactLaw(make_contact_law(name, values_from(fields)));
+           }),
+           py::arg("name"), "A contact law by its name and the fields of contact_laws(), SI.")
+      .def_property_readonly(
+          "fields",
+          [](const ContactLaw& law) {
+            py::dict out;
+            for (const auto& [name, value] : values_of(law.parameters())) {
+              out[name.c_str()] = from_value(value);
+            }
+            return out;
+          },
+          "Values of all fields by name.")
       .def_property_readonly("name", &ContactLaw::name)
       .def_property_readonly("n_states", &ContactLaw::n_states)
       .def_property_readonly("has_memory", &ContactLaw::has_memory)
@@ -226,6 +273,9 @@ void bind_contact(py::module_& m) {
       .def_property_readonly("compression", &LawPath::compression)
       .def_property_readonly("largest", &LawPath::largest)
       .def_property_readonly("state", &LawPath::state);
+  m.def("contact_laws", &list_laws,
+        "All contact laws: name, about, table and fields, each with name, kind, unit, meaning, "
+        "limits, default and whether it stands in the contact itself.");
   m.def(
       "force_along",
       [](const ContactLaw& law, const std::vector<double>& time,

@@ -79,7 +79,9 @@ void bind_description(py::module_& m) {
       .def_readwrite("label", &ContactDescription::label)
       .def_readwrite("surface_a", &ContactDescription::surface_a)
       .def_readwrite("surface_b", &ContactDescription::surface_b)
-      .def_readwrite("law", &ContactDescription::law)
+      .def_property(
+          "law", [](const ContactDescription& c) { return ContactLaw(c.law); },
+          [](ContactDescription& c, const ContactLaw& law) { c.law = law.parameters(); })
       .def_readwrite("friction", &ContactDescription::friction)
       .def_readwrite("enabled", &ContactDescription::enabled);
 
@@ -130,7 +132,9 @@ void bind_description(py::module_& m) {
   py::class_<FingerDescription> finger(m, "FingerDescription");
   finger.def(py::init<>())
       .def_readwrite("body", &FingerDescription::body)
-      .def_readwrite("pad", &FingerDescription::pad);
+      .def_property(
+          "pad", [](const FingerDescription& f) { return ContactLaw(f.pad); },
+          [](FingerDescription& f, const ContactLaw& law) { f.pad = law.parameters(); });
   vec2(finger, "point", &FingerDescription::point);
   vec2(finger, "direction", &FingerDescription::direction);
 

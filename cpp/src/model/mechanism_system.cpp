@@ -769,15 +769,7 @@ std::vector<double> MechanismSystem::absolute_tolerances(double rtol) const {
   }
   for (const auto& c : m.contacts) {
     for (std::size_t j = 0; j < c.law.n_states(); ++j) {
-      // z is a fraction of a band that is a tenth of the force or less where the felts are soft;
-      // creep a length, overstress a force of some N, Stulov's g a power of e.
-      const std::string name = c.law.state_name(j);
-      double scale = name == "z" ? 10.0 : 1.0;
-      if (name == "creep") scale = felt;
-      if (const auto* st = std::get_if<Stulov>(&c.law.parameters())) {
-        scale = std::pow(felt, st->exponent);
-      }
-      atol[2 * n + at(c.first_state) + j] = rtol * scale;
+      atol[2 * n + at(c.first_state) + j] = rtol * c.law.state(j, felt).scale;
     }
   }
   const std::size_t modal = 2 * n + at(law_states_);

@@ -220,7 +220,7 @@ class Run {
       const ContactLaw& law = mechanism->contacts[i].law;
       if (!law.has_memory()) continue;
       remembering_.push_back(i);
-      if (std::get<FeltMemory>(law.parameters()).recovery_time > 0.0) recovering_ = true;
+      if (law.recovery_time() > 0.0) recovering_ = true;
     }
     felt_rate_.assign(remembering_.size(), 0.0);  // at rest
     recovered_.assign(mechanism->contacts.size(), 0.0);
@@ -449,7 +449,6 @@ class Run {
     const Dynamics& dynamics = system_.dynamics();
     const ContactState& s = dynamics.contacts()[contact];
     const ContactLaw& law = system_.mechanism().contacts[contact].law;
-    if (law.n_states() == 1) return {s.compression, s.rate};  // no creeping layer
     const LawMemory memory = dynamics.memory(contact);
     return {law.felt_compression(s.compression, memory),
             law.felt_rate(s.compression, s.rate, memory)};
@@ -520,7 +519,7 @@ class Run {
   /// Between strikes a felt forgets; the energy that its friction held locked turns into heat.
   void recover(std::size_t contact, double compression, double h) {
     const ContactLaw& law = system_.mechanism().contacts[contact].law;
-    const double time = std::get<FeltMemory>(law.parameters()).recovery_time;
+    const double time = law.recovery_time();
     if (time <= 0.0 || compression > 0.0) return;
     const double* state = system_.dynamics().memory(contact).state;
     double& remembered = largest()[contact];
@@ -752,6 +751,31 @@ class Run {
     result_.message = format("failed at t = %.9g s: %s", t, why.c_str());
   }
 
+  /// Which law gives no number where the motion would go on from here, if one does.
+  std::string broken_law(const Integrator& integrator) {
+    const auto y = integrator.state();
+    std::vector<double> ahead(y.begin(), y.end());
+    std::vector<double> rate(y.size());
+    std::vector<double> change(y.size());
+    const double t = integrator.time();
+    system_.rhs(t, y, rate);
+    for (const double h : {0.0, 1e-12, 1e-10, 1e-8, 1e-6}) {
+      for (std::size_t i = 0; i < y.size(); ++i) ahead[i] = y[i] + h * rate[i];
+      system_.rhs(t, ahead, change);
+      const Mechanism& m = system_.mechanism();
+      for (std::size_t i = 0; i < m.contacts.size(); ++i) {
+        const ContactState& s = system_.dynamics().contacts()[i];
+        if (!s.closed || std::isfinite(s.law.force + s.law.d_compression + s.law.d_rate)) continue;
+        return format(
+            "; law \"%s\" of %s gives force %g N with slopes %g N/m, %g N s/m at "
+            "compression %.6g m, rate %.6g m/s",
+            m.contacts[i].law.name().c_str(), m.contacts[i].name.c_str(), s.law.force,
+            s.law.d_compression, s.law.d_rate, s.compression, s.rate);
+      }
+    }
+    return "";
+  }
+
   void fail(Integrator& integrator, const std::string& why) {
     result_.status = RunStatus::kFailed;
     const double t = integrator.time();
@@ -765,6 +789,7 @@ class Run {
     if (contact >= 0) {
       result_.message += ", stiffest contact there " + result_.failed_contact;
     }
+    result_.message += broken_law(integrator);
   }
 
   void finish(Integrator& integrator) {

@@ -454,9 +454,8 @@ void ShiftedModels::add_recovery(std::size_t contact, double remembered, double 
   for (std::size_t j = 0; j < parameters_.size(); ++j) {
     double sum = 0.0;
     for (const Node& node : parameters_[j]) {
-      const auto& law =
-          std::get<FeltMemory>(node.system->mechanism().contacts[contact].law.parameters());
-      const double own = law.recovery_time > 0.0 ? 1.0 / law.recovery_time : 0.0;
+      const double recovery = node.system->mechanism().contacts[contact].law.recovery_time();
+      const double own = recovery > 0.0 ? 1.0 / recovery : 0.0;
       sum += node.weight * std::exp(open * (1.0 / time - own));
     }
     memory_columns(static_cast<Eigen::Index>(contact), static_cast<Eigen::Index>(j)) +=

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "feltmb/contact/branch.hpp"
 #include "feltmb/contact/friction.hpp"
 #include "feltmb/numeric/bracketing.hpp"
 
@@ -105,7 +104,7 @@ class Finder {
     const bool slides = active_[c] && s.compression > 0.0 && turns_over(friction);
     out.zone[c] = slides ? zone(s.slip, friction.threshold_speed) : 0;
     if (!active_[c]) return;
-    const int piece = branch(mechanism_.contacts[c].law, s.compression, s.rate, dynamics.memory(c));
+    const int piece = mechanism_.contacts[c].law.piece(s.compression, s.rate, dynamics.memory(c));
     // On the arc of a hybrid surface the normal turns, on its lines it does not.
     out.piece[c] = 2 * piece + (piece != 0 && s.turning_normal ? 1 : 0);
   }

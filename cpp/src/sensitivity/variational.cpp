@@ -131,13 +131,12 @@ void Variational::forget(double from, double to) {
   const auto after = trajectory_.memory(trajectory_.interval(to));
   for (std::size_t c = 0; c < before.size(); ++c) {
     if (after[c] >= before[c] || before[c] <= 0.0) continue;
-    const auto* law = std::get_if<FeltMemory>(&contacts[c].law.parameters());
-    if (law == nullptr || law->recovery_time <= 0.0) continue;
+    const double time = contacts[c].law.recovery_time();
+    if (time <= 0.0) continue;
     const auto row = static_cast<Eigen::Index>(c);
     const double ratio = after[c] / before[c];
     columns_.memory.row(row) *= ratio;
-    models_.add_recovery(c, after[c], -std::log(ratio) * law->recovery_time, law->recovery_time,
-                         columns_.memory);
+    models_.add_recovery(c, after[c], -std::log(ratio) * time, time, columns_.memory);
   }
 }
 

@@ -28,21 +28,17 @@ __all__: list[str] = [
     "DashpotDescription",
     "Envelope",
     "ExponentialCurve",
-    "ExponentialPair",
     "FeltLayer",
     "FeltMaterial",
-    "FeltMemory",
     "FingerDescription",
     "Friction",
     "HubBeam",
     "HubBeamDescription",
-    "HuntCrossley",
     "Interpolation",
     "JointKind",
     "LawPath",
     "LayerColumns",
     "LumpedNetwork",
-    "MeanCurve",
     "Mechanism",
     "MechanismDescription",
     "ModalString",
@@ -63,7 +59,6 @@ __all__: list[str] = [
     "StrapDescription",
     "StringDescription",
     "StringParameters",
-    "Stulov",
     "SurfaceDescription",
     "SurfaceKind",
     "TipPlacement",
@@ -71,6 +66,7 @@ __all__: list[str] = [
     "TrackingPointDescription",
     "assemble",
     "body_poses",
+    "contact_laws",
     "evaluate",
     "fiber",
     "find_equilibrium",
@@ -146,41 +142,6 @@ class ExponentialCurve:
     @property
     def c(self) -> float: ...
 
-class ExponentialPair:
-    def __init__(
-        self,
-        *,
-        loading: ExponentialCurve,
-        unloading: ExponentialCurve,
-        alpha: typing.SupportsFloat | typing.SupportsIndex = 100.0,
-        guarded: bool = True,
-        hysteresis: typing.SupportsFloat | typing.SupportsIndex = 1.0,
-        rate_amplitude: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-        rate_time: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-    ) -> None: ...
-
-class MeanCurve:
-    def __init__(self, *, loading: ExponentialCurve, unloading: ExponentialCurve) -> None: ...
-
-class HuntCrossley:
-    def __init__(
-        self,
-        *,
-        stiffness: typing.SupportsFloat | typing.SupportsIndex,
-        exponent: typing.SupportsFloat | typing.SupportsIndex = 1.5,
-        damping: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-    ) -> None: ...
-
-class Stulov:
-    def __init__(
-        self,
-        *,
-        stiffness: typing.SupportsFloat | typing.SupportsIndex,
-        exponent: typing.SupportsFloat | typing.SupportsIndex,
-        amplitude: typing.SupportsFloat | typing.SupportsIndex,
-        time: typing.SupportsFloat | typing.SupportsIndex,
-    ) -> None: ...
-
 class Envelope:
     @staticmethod
     def from_curves(
@@ -239,33 +200,11 @@ class Envelope:
         Largest change [N] of the unloading force that made its shape monotone, from and to [m]; zeros if none.
         """
 
-class FeltMemory:
-    def __init__(
-        self,
-        *,
-        envelope: Envelope,
-        kappa: typing.SupportsFloat | typing.SupportsIndex = 0.2,
-        recovery_time: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-        creep_stiffness: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-        creep_damping: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-        rate_amplitude: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-        rate_time: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-        wiping_out: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-    ) -> None: ...
-    @property
-    def envelope(self) -> Envelope:
-        """
-        Envelope of the law.
-        """
-    @property
-    def kappa(self) -> float: ...
-    @property
-    def wiping_out(self) -> float: ...
-
 class ContactLaw:
-    def __init__(
-        self, parameters: ExponentialPair | MeanCurve | HuntCrossley | Stulov | FeltMemory
-    ) -> None: ...
+    def __init__(self, name: str, **kwargs: typing.Any) -> None:
+        """
+        A contact law by its name and the fields of contact_laws(), SI.
+        """
     def evaluate(
         self,
         compression: typing.SupportsFloat | typing.SupportsIndex,
@@ -299,6 +238,11 @@ class ContactLaw:
     ) -> typing.Any:
         """
         Energy [J] stored under a virgin compression, states at rest.
+        """
+    @property
+    def fields(self) -> dict:
+        """
+        Values of all fields by name.
         """
     @property
     def has_memory(self) -> bool: ...
@@ -728,7 +672,7 @@ class ContactDescription:
     enabled: bool
     friction: Friction
     label: str
-    law: ExponentialPair | MeanCurve | HuntCrossley | Stulov | FeltMemory
+    law: ContactLaw
     surface_a: str
     surface_b: str
     def __init__(self) -> None: ...
@@ -853,7 +797,7 @@ class TrackingPointDescription:
 
 class FingerDescription:
     body: str
-    pad: ExponentialPair | MeanCurve | HuntCrossley | Stulov | FeltMemory
+    pad: ContactLaw
     def __init__(self) -> None: ...
     @property
     def direction(self) -> tuple[float, float]: ...
@@ -1474,7 +1418,7 @@ class ActuatorDescription:
     arm: HubBeamDescription
     damper: DamperKind
     linear_gravity: bool
-    stop: ExponentialPair | MeanCurve | HuntCrossley | Stulov | FeltMemory | None
+    stop: ContactLaw | None
     def __init__(self) -> None: ...
     @property
     def action_mass(self) -> float: ...
@@ -1518,6 +1462,11 @@ def body_poses(
 ) -> dict:
     """
     Origin x, y [m] and angle [rad] of every body in the ground frame; of a flexible beam at its clamped end.
+    """
+
+def contact_laws() -> list:
+    """
+    All contact laws: name, about, table and fields, each with name, kind, unit, meaning, limits, default and whether it stands in the contact itself.
     """
 
 def evaluate(

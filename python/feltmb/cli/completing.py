@@ -162,7 +162,7 @@ def settings(
     _context: click.Context, parameter: click.Parameter, incomplete: str
 ) -> list[CompletionItem]:
     """PATH= of the mechanism of the line; the values where they are words."""
-    from feltmb.mechanism import LAWS
+    from feltmb.contact import LAWS
 
     path, sign, value = incomplete.partition("=")
     of_adapter = dict.fromkeys(ADAPTER) if parameter.metavar == "NAME=VALUE" else {}

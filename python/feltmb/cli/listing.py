@@ -6,22 +6,13 @@ import click
 
 from feltmb.cli.common import console, json_option, new_table, print_json
 
-LAWS = {
-    "guarded": "loading-unloading pair of eq. 4.22, held inside 0 <= F_U <= F <= F_L",
-    "printed": "the same pair as printed: may pull and make energy where its fits cross",
-    "mean": "mean of loading and unloading, without hysteresis",
-    "felt_memory": "rate independent, remembers its largest compression, passive",
-    "micromechanical": "felt_memory whose loop follows from the fibers, thickness and area",
-    "hunt_crossley": "k e^p (1 + d de/dt)",
-    "stulov": "hereditary: F0 (e^p - amplitude g), tau0 dg/dt = e^p - g",
-}
-
 
 @click.command("list")
 @json_option
 def command(as_json: bool) -> None:
     """List packaged mechanisms, strokes and studies, contact laws and accepted units."""
     from feltmb.action.actuator import load_actuator, packaged_actuators
+    from feltmb.contact import LAWS
     from feltmb.mechanism import load_action, packaged_actions
     from feltmb.run.stroke import load_stroke, packaged_strokes
     from feltmb.run.study import study_outlines

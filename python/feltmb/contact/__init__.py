@@ -7,8 +7,11 @@ from feltmb.contact.law import (
     Law,
     law,
 )
+from feltmb.contact.tables import CORE_LAWS, LAWS
 
 __all__ = [
+    "CORE_LAWS",
+    "LAWS",
     "Law",
     "law",
 ]

@@ -6,13 +6,16 @@ compression, rate and its own history, and nothing of bodies.
 
 from __future__ import annotations
 
+import ctypes
 import sys
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from feltmb import _core
 from feltmb.arguments import checked
+from feltmb.contact.tables import CORE_LAWS, LAWS, LawInfo, core_envelope
 from feltmb.errors import InvalidParameter, shown
 
 if TYPE_CHECKING:
@@ -99,37 +102,6 @@ class Law:
         return out
 
 
-#: Numbers of the law with memory, whatever its envelope.
-_MEMORY = (
-    "kappa",
-    "wiping_out",
-    "recovery_time",
-    "creep_stiffness",
-    "creep_damping",
-    "rate_amplitude",
-    "rate_time",
-)
-_WIDTH = ("hysteresis", "rate_amplitude", "rate_time")
-_CURVES = ("loading", "unloading")
-#: What the laws cannot do without, and what they may be given.
-_NEEDED: dict[str, tuple[str, ...]] = {
-    "guarded": _CURVES,
-    "printed": _CURVES,
-    "mean": _CURVES,
-    "hunt_crossley": ("stiffness",),
-    "stulov": ("stiffness", "exponent", "amplitude", "time"),
-    "felt_memory": _CURVES,
-}
-_OPTIONAL: dict[str, tuple[str, ...]] = {
-    "guarded": ("alpha", *_WIDTH),
-    "printed": ("alpha", *_WIDTH),
-    "mean": (),
-    "hunt_crossley": ("exponent", "damping"),
-    "stulov": (),
-    "felt_memory": ("envelope", "closing_compression", *_MEMORY),
-}
-
-
 @checked
 def law(name: str, **parameters: Any) -> Law:
     """Make a contact law.
@@ -137,16 +109,15 @@ def law(name: str, **parameters: Any) -> Law:
     Parameters
     ----------
     name
-        ``"guarded"``, ``"printed"``, ``"mean"``: ``loading=(a, b, c), unloading=(a, b, c)`` of
-        thesis eq. 4.21, the first two with ``alpha`` [s/m], ``hysteresis`` (width of the loop),
-        ``rate_amplitude`` and ``rate_time`` [s]; ``"hunt_crossley"``: ``stiffness,
-        exponent, damping``; ``"stulov"``: ``stiffness, exponent, amplitude, time``;
-        ``"felt_memory"``: curves as above, or ``envelope=(compression, loading, unloading)``
-        arrays [m, N, N], with ``kappa``, ``wiping_out`` and the options ``closing_compression,
-        recovery_time, creep_stiffness, creep_damping, rate_amplitude, rate_time``;
-        ``"micromechanical"``: ``felt`` (name, file or :class:`feltmb.felt.FeltMaterial`),
-        ``thickness`` [m], ``area`` (such as :class:`feltmb.felt.CrossedCylinders`, or a table as
-        in a mechanism file), ``compression`` (``"even"`` or ``"columns"``), and the same options.
+        One of :data:`feltmb.contact.LAWS`, such as ``"felt_memory"`` or ``"hunt_crossley"``.
+    **parameters
+        Those of the law's table in a mechanism file, in SI: numbers; curves of thesis eq. 4.21 as
+        ``loading=(a, b, c)``; a loop as ``envelope=(compression, loading, unloading)``, arrays
+        [m, N, N], or as its two curves. :data:`feltmb.contact.CORE_LAWS` has the fields of each
+        law with unit, limits, default and meaning. ``"micromechanical"``: ``felt`` (name, file or
+        :class:`feltmb.felt.FeltMaterial`), ``thickness`` [m], ``area`` (such as
+        :class:`feltmb.felt.CrossedCylinders`, or a table as in a mechanism file), ``compression``
+        (``"even"`` or ``"columns"``), and the numbers of ``"felt_memory"``.
 
     Raises
     ------
@@ -158,82 +129,103 @@ def law(name: str, **parameters: Any) -> Law:
         from feltmb.contact.layer import layer_parameters
 
         layer = layer_parameters(**parameters)
-        options = {key: getattr(layer, key) for key in _MEMORY}
-        return Law(_core.ContactLaw(_core.FeltMemory(envelope=layer.envelope, **options)), name)
-    if name not in _NEEDED:
-        raise InvalidParameter(
-            f"law {name!r} is unknown; known are {', '.join(_NEEDED)}, micromechanical"
-        )
-    given = _Given(name, parameters)
-    core: Any
-    if name == "mean":
-        core = _core.MeanCurve(**given.curves())
-    elif name in ("guarded", "printed"):
-        options = given.numbers("alpha", *_WIDTH)
-        core = _core.ExponentialPair(
-            **given.curves(), **{"alpha": 100.0, **options}, guarded=name == "guarded"
-        )
-    elif name == "hunt_crossley":
-        options = given.numbers("stiffness", "exponent", "damping")
-        core = _core.HuntCrossley(**{"exponent": 1.5, "damping": 0.0, **options})
-    elif name == "stulov":
-        core = _core.Stulov(**given.numbers("stiffness", "exponent", "amplitude", "time"))
+        core = _core.ContactLaw("felt_memory", envelope=layer.envelope, **layer.numbers)
+        return Law(core, name)
+    if name not in CORE_LAWS:
+        raise InvalidParameter(f"law {name!r} is unknown; known are {', '.join(LAWS)}")
+    return Law(_core.ContactLaw(name, **_core_values(CORE_LAWS[name], parameters)), name)
+
+
+def _core_values(law: LawInfo, given: dict[str, Any]) -> dict[str, Any]:
+    """Values of a law's fields for the core; all that is wrong with them is told at once."""
+    needed, optional = _keys(law, given)
+    faults = [f"parameter {k!r} is missing" for k in needed if k not in given]
+    known = {**needed, **optional}
+    unknown = sorted(set(given) - set(known))
+    if unknown:
+        faults.append(f"unknown parameter {', '.join(unknown)}; known are {', '.join(known)}")
+    for key, kind in known.items():
+        if key in given:
+            faults += _fault(key, kind, given[key])
+    if faults:
+        raise InvalidParameter("\n".join(f"law {law.name!r}: {f}" for f in faults))
+    values = {key: _value(known[key], given[key]) for key in given}
+    if "envelope" in optional and "envelope" not in values:
+        closing = values.pop("closing_compression", None)
+        values["envelope"] = core_envelope(values.pop("loading"), values.pop("unloading"), closing)
+    return values
+
+
+def _keys(law: LawInfo, given: dict[str, Any]) -> tuple[dict[str, str], dict[str, str]]:
+    """What a law cannot do without, and what it may be given, with the kind of each."""
+    needed: dict[str, str] = {}
+    optional: dict[str, str] = {}
+    for field in law.fields:
+        if field.kind != "envelope":
+            (needed if field.required else optional)[field.name] = field.kind
+            continue
+        optional["envelope"] = "envelope"
+        if "envelope" not in given:
+            needed |= {"loading": "curve", "unloading": "curve"}
+            optional["closing_compression"] = "number"
+    return needed, optional
+
+
+def _fault(key: str, kind: str, value: Any) -> list[str]:
+    """What is wrong with the kind of a value; its range is the core's to check."""
+    if kind == "curve":
+        good = _numbers(value) and len(value) == 3
+        expected = "(a [N/m], b [1/m], c [N/m]) of eq. 4.21"
+    elif kind == "envelope":
+        good = isinstance(value, (list, tuple)) and len(value) == 3
+        good = good and all(map(_numbers, value)) and len(set(map(len, value))) == 1
+        expected = "compression [m], loading [N] and unloading [N], arrays of one length"
+    elif kind == "text":
+        good, expected = isinstance(value, str), "a text"
+    elif kind == "parameters":
+        good = isinstance(value, Mapping) and all(map(_is_number, value.values()))
+        good, expected = good and all(isinstance(k, str) for k in value), "numbers by name"
+    elif kind == "list":
+        good, expected = _numbers(value), "a list of numbers"
+    elif kind == "function":
+        good = _address(value) > 0
+        expected = "a compiled function: of numba.cfunc, a ctypes function, or its address"
     else:
-        options = given.numbers(*_MEMORY)
-        core = _core.FeltMemory(envelope=given.envelope(), **options)
-    return Law(_core.ContactLaw(core), name)
+        good, expected = _is_number(value), "a number"
+    return [] if good else [f"{key} = {shown(value)}, expected {expected}"]
 
 
-class _Given:
-    """Parameters of a law as they were given; all that is wrong with them is told at once."""
+def _value(kind: str, value: Any) -> Any:
+    if kind == "curve":
+        return _core.ExponentialCurve(*map(float, value))
+    if kind == "envelope":
+        return _core.Envelope.from_table(*([float(v) for v in column] for column in value))
+    if kind == "text":
+        return value
+    if kind == "parameters":
+        return {key: float(number) for key, number in value.items()}
+    if kind == "list":
+        return [float(number) for number in value]
+    if kind == "function":
+        _FUNCTIONS[_address(value)] = value
+        return _address(value)
+    return float(value)
 
-    def __init__(self, name: str, parameters: dict[str, Any]):
-        needed, optional = _NEEDED[name], _OPTIONAL[name]
-        if "envelope" in parameters and "envelope" in optional:
-            needed, optional = (), tuple(k for k in optional if k != "closing_compression")
-        faults = [f"parameter {k!r} is missing" for k in needed if k not in parameters]
-        unknown = sorted(set(parameters) - {*needed, *optional})
-        if unknown:
-            known = ", ".join((*needed, *optional))
-            faults.append(f"unknown parameter {', '.join(unknown)}; known are {known}")
-        for key in (*needed, *optional):
-            if key in parameters:
-                faults += self._fault(key, parameters[key])
-        if faults:
-            raise InvalidParameter("\n".join(f"law {name!r}: {f}" for f in faults))
-        self.values = parameters
 
-    @staticmethod
-    def _fault(key: str, value: Any) -> list[str]:
-        """What is wrong with the kind of a value; its range is the core's to check."""
-        if key in ("loading", "unloading"):
-            good = _numbers(value) and len(value) == 3
-            expected = "(a [N/m], b [1/m], c [N/m]) of eq. 4.21"
-        elif key == "envelope":
-            good = isinstance(value, (list, tuple)) and len(value) == 3
-            good = good and all(map(_numbers, value)) and len(set(map(len, value))) == 1
-            expected = "compression [m], loading [N] and unloading [N], arrays of one length"
-        else:
-            good, expected = _is_number(value), "a number"
-        return [] if good else [f"{key} = {shown(value)}, expected {expected}"]
+#: What ctypes makes of every function.
+_C_FUNCTION: Any = ctypes.CFUNCTYPE(None).__mro__[1]
 
-    def numbers(self, *keys: str) -> dict[str, Any]:
-        return {key: float(self.values[key]) for key in keys if key in self.values}
+#: Compiled functions that laws were made of: a mechanism may outlive all that Python holds of it.
+_FUNCTIONS: dict[int, Any] = {}
 
-    def curves(self) -> dict[str, Any]:
-        return {
-            key: _core.ExponentialCurve(*map(float, self.values[key]))
-            for key in ("loading", "unloading")
-        }
 
-    def envelope(self) -> _core.Envelope:
-        if "envelope" in self.values:
-            return _core.Envelope.from_table(
-                *([float(v) for v in column] for column in self.values["envelope"])
-            )
-        closing = float(self.values.get("closing_compression", 0.0))
-        curves = self.curves()
-        return _core.Envelope.from_curves(curves["loading"], curves["unloading"], closing)
+def _address(function: Any) -> int:
+    """Address of a compiled function; 0: it is none."""
+    address = getattr(function, "address", function)
+    if isinstance(address, _C_FUNCTION):
+        address = ctypes.cast(address, ctypes.c_void_p).value
+    whole = isinstance(address, (int, np.integer)) and not isinstance(address, bool)
+    return int(address) if whole else 0
 
 
 def _is_number(value: Any) -> bool:

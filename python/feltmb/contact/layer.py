@@ -16,6 +16,7 @@ from pydantic import BeforeValidator, Field, ValidationError
 
 from feltmb import _core
 from feltmb.arguments import checked
+from feltmb.contact.tables import CORE_LAWS, with_fields
 from feltmb.errors import InvalidParameter
 from feltmb.fiber.material import FeltMaterial, load_material
 from feltmb.units.quantity import SI, Schema, fault_lines
@@ -215,6 +216,7 @@ def _area(node: object) -> object:
     return node
 
 
+@with_fields("felt_memory")
 class LayerParameters(Schema):
     """The micromechanical law: a felt of some thickness, the area, and the law's memory."""
 
@@ -222,14 +224,13 @@ class LayerParameters(Schema):
     thickness: Annotated[float, SI("m"), Field(gt=0)]
     area: Annotated[AreaParameters, BeforeValidator(_area)]
     compression: Compression = "even"
-    kappa: Annotated[float, SI("1"), Field(gt=0, le=2)] = 0.2
-    wiping_out: Annotated[float, SI("1"), Field(ge=0)] = 0.0
-    recovery_time: Annotated[float, SI("s"), Field(ge=0)] = 0.0
-    creep_stiffness: Annotated[float, SI("N/m"), Field(ge=0)] = 0.0
-    creep_damping: Annotated[float, SI("N s/m"), Field(ge=0)] = 0.0
-    rate_amplitude: Annotated[float, SI("1"), Field(ge=0)] = 0.0
-    rate_time: Annotated[float, SI("s"), Field(ge=0)] = 0.0
     note: str = ""
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """Those of the law with memory, by name."""
+        law = CORE_LAWS["felt_memory"]
+        return {f.name: getattr(self, f.name) for f in law.fields if f.kind == "number"}
 
     @property
     def envelope(self) -> _core.Envelope:

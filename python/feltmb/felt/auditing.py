@@ -177,9 +177,8 @@ def audit(
         findings += shape_findings(law.core)
     elif isinstance(law, Contact):
         about = law.label
-        parameters = core_law(law)
-        core = _core.ContactLaw(parameters)
-        envelope_of = parameters.envelope if isinstance(parameters, _core.FeltMemory) else None
+        core = core_law(law)
+        envelope_of = core.fields.get("envelope")
         if envelope_of is not None:
             findings += shape_findings(envelope_of)
         if envelope_of is not None and (

@@ -137,7 +137,7 @@ class FeltEnvelope:
 
     def law(self, **options: float) -> _core.ContactLaw:
         """Law with memory on this envelope; options ``kappa``, ``recovery_time`` and so on."""
-        return _core.ContactLaw(_core.FeltMemory(envelope=self.core, **options))
+        return _core.ContactLaw("felt_memory", envelope=self.core, **options)
 
     def table(self) -> dict[str, Any]:
         """Value of ``contacts.NN.memory.envelope`` in a mechanism file."""

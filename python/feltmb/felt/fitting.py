@@ -73,9 +73,9 @@ def contact_loop(contact: object, *, name: str, points: int = 80) -> tuple[Array
             f"{name}: has no loading and unloading curves; expected a contact with the fits of "
             "eq. 4.21, such as steinway45:06"
         )
-    law = core_law(contact.model_copy(update={"law": "felt_memory"}))
-    e = law.envelope.closing * np.linspace(0.0, 1.0, points + 1)[1:]
-    load = np.asarray(law.envelope.loading(e), dtype=float)
+    envelope = core_law(contact.model_copy(update={"law": "felt_memory"})).fields["envelope"]
+    e = envelope.closing * np.linspace(0.0, 1.0, points + 1)[1:]
+    load = np.asarray(envelope.loading(e), dtype=float)
     curve = contact.unloading
     back = np.asarray(_core.ExponentialCurve(curve.a, curve.b, curve.c).force(e), dtype=float)
     return e, load, np.clip(back, 0.0, load)

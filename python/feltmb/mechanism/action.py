@@ -15,7 +15,9 @@ from pydantic import ValidationError
 
 from feltmb import _core
 from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
+from feltmb.contact.law import Law
+from feltmb.contact.tables import CORE_LAWS, LAWS
+from feltmb.errors import InvalidParameter, shown
 from feltmb.mechanism.checking import validate
 from feltmb.mechanism.reading import load_raw, resolve
 from feltmb.mechanism.to_core import describe
@@ -29,6 +31,11 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 __all__ = ["Action", "load_action"]
+
+#: Tables of laws that came later than the first results: where they are not given, hashes stay.
+_LATER_LAWS = {law.table for name, law in CORE_LAWS.items() if name in LAWS} - {
+    *("", "memory", "hunt_crossley", "stulov")
+}
 
 
 @checked
@@ -62,13 +69,22 @@ class Action:
         except InvalidParameter as error:
             raise InvalidParameter(f"{origin}: {error}") from None
         self.origin = origin
+        self._laws: dict[str, Law] = {}
         self.config, self.mechanism = validate(self._raw, origin)
 
     def __repr__(self) -> str:
         return f"Action({self.name!r}, {len(self.coordinates)} coordinates, hash {self.hash[:12]})"
 
     def __reduce__(self) -> tuple[Any, ...]:
+        self._refuse_laws("pickled")
         return (Action, (self._raw, self.origin))
+
+    def _refuse_laws(self, what: str) -> None:
+        if self._laws:
+            raise InvalidParameter(
+                f"{self.name}: contacts {', '.join(self._laws)} follow laws of with_laws, which "
+                f"cannot be {what}; expected a mechanism whose laws are in its file"
+            )
 
     @property
     def name(self) -> str:
@@ -94,6 +110,12 @@ class Action:
                 del tables[table]  # as before there were any: results keep their hash
         if tables["string"] and tables["string"]["count"] == 1:
             del tables["string"]["count"]  # likewise
+        for key, contact in self.config.contacts.items():
+            for table in _LATER_LAWS:
+                if getattr(contact, table) == type(contact).model_fields[table].default:
+                    del tables["contacts"][key][table]
+        for key, own in self._laws.items():
+            tables["contacts"][key]["law"] = f"{own.name} {own.core.fields}"
         text = json.dumps(_without_texts(tables), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
@@ -113,9 +135,49 @@ class Action:
         InvalidParameter
             A path that does not exist, or a value out of range.
         """
-        return self._with_numbers(values) or Action(
+        changed = self._with_numbers(values) or Action(
             apply_values(self._raw, values, "with_values"), self.origin
         )
+        return changed.with_laws(self._laws) if self._laws else changed
+
+    def with_laws(self, laws: Mapping[str, Law]) -> Action:
+        """Copy whose contacts follow laws that no file can hold, such as a compiled function.
+
+        Parameters
+        ----------
+        laws
+            Law by the key of the contact: ``{"06": law("callback", function=f)}``. The tables of
+            the contact stay as they are and have no effect; pickling is refused, and a file
+            written from the copy names the contacts in a remark.
+
+        Raises
+        ------
+        InvalidParameter
+            A contact that does not exist, or something that is no law.
+        """
+        given = {**self._laws, **laws}
+        for key, own in given.items():
+            if key not in self.config.contacts:
+                known = ", ".join(self.config.contacts)
+                raise InvalidParameter(f"with_laws: contact {key!r} is missing; known are {known}")
+            if not isinstance(own, Law):
+                raise InvalidParameter(f"with_laws: {key}: got {shown(own)}, expected a law")
+        changed = Action.__new__(Action)
+        changed._raw, changed.origin, changed.config = self._raw, self.origin, self.config
+        changed._laws = given
+        changed.mechanism = changed._assembled()
+        return changed
+
+    def _assembled(self) -> Any:
+        """The mechanism of the core with the laws that no file holds."""
+        description = describe(self.config)
+        contacts = description.contacts
+        for contact in contacts:
+            own = self._laws.get(f"{contact.number:02d}")
+            if own is not None:
+                contact.law = own.core
+        description.contacts = contacts
+        return _core.assemble(description)
 
     def _with_numbers(self, values: Mapping[str, Any]) -> Action | None:
         """Copy that shares all that did not change; None where a whole check is called for."""
@@ -130,7 +192,7 @@ class Action:
         except (ValidationError, InvalidParameter, ValueError, TypeError, KeyError):
             return None  # the way through the file says what is wrong
         changed = Action.__new__(Action)
-        changed._raw, changed.origin = raw, self.origin
+        changed._raw, changed.origin, changed._laws = raw, self.origin, {}
         changed.config, changed.mechanism = config, mechanism
         return changed
 
@@ -145,7 +207,11 @@ class Action:
         """Text of a file that loads as this mechanism."""
         import tomlkit
 
-        return tomlkit.dumps(self._raw)
+        text = tomlkit.dumps(self._raw)
+        lines = [
+            f"# contact {key} followed {own.name!r} instead\n" for key, own in self._laws.items()
+        ]
+        return "".join(lines) + text
 
     @cached_property
     def _equilibrium(self) -> dict[str, Any]:

@@ -10,9 +10,10 @@ from typing import Any
 from pydantic import ValidationError
 
 from feltmb import _core
+from feltmb.contact.tables import CORE_LAWS, LAWS
 from feltmb.errors import InvalidParameter
 from feltmb.mechanism.partial import mended
-from feltmb.mechanism.schema import LAWS, Contact, MechanismFile
+from feltmb.mechanism.schema import Contact, MechanismFile
 from feltmb.mechanism.to_core import describe_with_faults
 from feltmb.units.quantity import (
     MOST_FAULTS,
@@ -163,17 +164,21 @@ def _output_faults(raw: Mapping[str, Any]) -> list[str]:
 
 
 #: Where the parameters of a law stand in a contact; others stand in the contact itself.
-_LAW_TABLE = {
-    "hunt_crossley": "hunt_crossley",
-    "stulov": "stulov",
-    "felt_memory": "memory",
-    "micromechanical": "micromechanical",
-    "guarded": "memory",
-    "printed": "memory",
+_LAW_TABLE = {name: law.table for name, law in CORE_LAWS.items() if name in LAWS and law.table} | {
+    "micromechanical": "micromechanical"
 }
 
 
-_LAW_CURVES = ("loading", "unloading", "alpha", "hysteresis")
+#: Entries of laws that stand in the contact itself.
+_IN_CONTACT = list(
+    dict.fromkeys(
+        key
+        for law in CORE_LAWS.values()
+        for field in law.fields
+        for key in (["loading", "unloading"] if field.kind == "envelope" else [field.name])
+        if field.in_contact or field.kind == "envelope"
+    )
+)
 
 
 def spread_laws(raw: dict[str, Any], faults: list[str]) -> dict[str, Any]:
@@ -192,7 +197,7 @@ def spread_laws(raw: dict[str, Any], faults: list[str]) -> dict[str, Any]:
                 '{ name = "felt_memory", kappa = 0.2 }'
             )
             name = "felt_memory"
-        curves = {k: own.pop(k) for k in _LAW_CURVES if k in own}
+        curves = {k: own.pop(k) for k in _IN_CONTACT if k in own}
         table = _LAW_TABLE.get(str(name))
         inner = {}
         if table is not None:
@@ -264,19 +269,13 @@ def _with_radii(config: MechanismFile) -> MechanismFile:
 def missing_law_faults(node: Mapping[str, Any], where: str) -> list[str]:
     """What the law chosen in a raw table needs and does not find there."""
     law = node.get("law", "felt_memory")
-    memory = node.get("memory")
-    tabulated = isinstance(memory, Mapping) and "envelope" in memory
-    needed = {
-        "hunt_crossley": ["hunt_crossley"],
-        "stulov": ["stulov"],
-        "felt_memory": [] if tabulated else ["loading", "unloading"],
-        "micromechanical": ["micromechanical"],
-    }.get(str(law), ["loading", "unloading"])
-    return [
-        f"{where}.{key}: is missing; law {law!r} needs it"
-        for key in needed
-        if law in LAWS and key not in node
-    ]
+    if law == "micromechanical":
+        needed = ["micromechanical"]
+    elif isinstance(law, str) and law in LAWS:
+        needed = CORE_LAWS[law].needed(node)
+    else:
+        return []
+    return [f"{where}.{key}: is missing; law {law!r} needs it" for key in needed if key not in node]
 
 
 def _law_faults(raw: Mapping[str, Any]) -> list[str]:

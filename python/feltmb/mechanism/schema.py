@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from feltmb.contact.layer import LayerParameters
+from feltmb.contact.tables import LAWS, Curve, with_fields, with_laws
 from feltmb.units.quantity import (
-    META_KEYS,
     SI,
     Count,
     JointSI,
@@ -25,15 +25,11 @@ __all__ = [
     "Contact",
     "Curve",
     "Dashpot",
-    "EnvelopeTable",
     "Finger",
     "Friction",
     "FrictionParameters",
-    "HuntCrossleyParameters",
     "LawChoice",
-    "LawName",
     "MechanismFile",
-    "MemoryParameters",
     "Motor",
     "NamedEvent",
     "Pad",
@@ -42,33 +38,9 @@ __all__ = [
     "Spring",
     "Strap",
     "String",
-    "StulovParameters",
     "SummaryRoles",
     "Surface",
 ]
-
-
-LawName = Literal[
-    "guarded", "printed", "mean", "hunt_crossley", "stulov", "felt_memory", "micromechanical"
-]
-
-
-LAWS: tuple[str, ...] = get_args(LawName)
-
-
-def _curve(node: object) -> object:
-    """Accept ``unit = [..]`` for the three coefficients of eq. 4.21 at once."""
-    if not isinstance(node, Mapping):
-        return node
-    units = ("N/m", "1/m", "N/m")
-    given = node.get("unit", units)
-    if not isinstance(given, (list, tuple)) or len(given) != 3:
-        raise ValueError(f"got unit {given!r}, expected three, such as {list(units)}")
-    out = {key: node[key] for key in node if key not in META_KEYS}
-    for key, unit in zip("abc", given, strict=True):
-        if key in out and not isinstance(out[key], (Mapping, str)):
-            out[key] = {"value": out[key], "unit": unit}
-    return out
 
 
 def _drop_meta(node: object) -> object:
@@ -76,65 +48,6 @@ def _drop_meta(node: object) -> object:
     if not isinstance(node, Mapping):
         return node
     return {k: v for k, v in node.items() if k not in ("source", "status", "note", "printed")}
-
-
-class Curve(Schema):
-    """F(e) = a e exp(b e) + c e, thesis eq. 4.21."""
-
-    a: Annotated[float, SI("N/m")]
-    b: Annotated[float, SI("1/m"), Field(ge=0)]
-    c: Annotated[float, SI("N/m")]
-
-
-class HuntCrossleyParameters(Schema):
-    """F = k e^p (1 + d de/dt)."""
-
-    stiffness: Annotated[float, Field(gt=0), BeforeValidator(lambda n: _power_stiffness(n))]
-    exponent: Annotated[float, SI("1"), Field(ge=1)] = 1.5
-    damping: Annotated[float, SI("s/m"), Field(ge=0)] = 0.0
-
-
-class StulovParameters(Schema):
-    """F = F0 max(0, e^p - amplitude g), tau0 dg/dt = e^p - g."""
-
-    stiffness: Annotated[float, Field(gt=0), BeforeValidator(lambda n: _power_stiffness(n))]
-    exponent: Annotated[float, SI("1"), Field(ge=1)] = 2.5
-    amplitude: Annotated[float, SI("1"), Field(ge=0, lt=1)] = 0.0
-    time: Annotated[float, SI("s"), Field(gt=0)] = 1e-5
-
-
-class EnvelopeTable(Schema):
-    """A measured or computed loop: both branches at the same compressions."""
-
-    unit: list[str] = ["m", "N"]
-    compression: list[float]
-    loading: list[float]
-    unloading: list[float]
-
-
-class MemoryParameters(Schema):
-    """Options of the law with memory; the curves come from loading and unloading, or a table."""
-
-    kappa: Annotated[float, SI("1"), Field(gt=0, le=2)] = 0.2
-    wiping_out: Annotated[float, SI("1"), Field(ge=0)] = 0.0
-    closing_compression: Annotated[float, SI("m"), Field(gt=0)] | None = None
-    envelope: EnvelopeTable | None = None
-    recovery_time: Annotated[float, SI("s"), Field(ge=0)] = 0.0
-    creep_stiffness: Annotated[float, SI("N/m"), Field(ge=0)] = 0.0
-    creep_damping: Annotated[float, SI("N s/m"), Field(ge=0)] = 0.0
-    rate_amplitude: Annotated[float, SI("1"), Field(ge=0)] = 0.0
-    rate_time: Annotated[float, SI("s"), Field(ge=0)] = 0.0
-    note: str = ""
-
-
-def _power_stiffness(node: object) -> float:
-    """Stiffness of a power law; its unit N/m^p depends on the exponent, so only N and m scale."""
-    if isinstance(node, Mapping) and isinstance(node.get("unit"), str):
-        unit = node["unit"]
-        if not unit.startswith("N/m^") and unit != "N/m":
-            raise ValueError(f"got unit {unit!r}, expected 'N/m^p' with the exponent p of the law")
-        return parse_scalar({k: v for k, v in node.items() if k != "unit"}, "1")
-    return parse_scalar(node, "1")
 
 
 class FrictionParameters(Schema):
@@ -198,18 +111,15 @@ class Surface(Schema):
     note: str = ""
 
 
+@with_laws(micromechanical=(LayerParameters | None, None))
 class LawChoice(Schema):
     """A contact law with the parameters of all that may be chosen."""
 
-    law: LawName = "felt_memory"
-    alpha: Annotated[float, SI("s/m"), Field(gt=0)] = 100.0
-    hysteresis: Annotated[float, SI("1"), Field(ge=0)] = 1.0
-    loading: Annotated[Curve, BeforeValidator(_curve)] | None = None
-    unloading: Annotated[Curve, BeforeValidator(_curve)] | None = None
-    hunt_crossley: HuntCrossleyParameters | None = None
-    stulov: StulovParameters | None = None
-    memory: MemoryParameters = MemoryParameters()
-    micromechanical: LayerParameters | None = None
+    if TYPE_CHECKING:
+        law: str
+
+        def __getattr__(self, name: str) -> Any:
+            """The entries of the laws: see :mod:`feltmb.contact.tables`."""
 
 
 class Contact(LawChoice):
@@ -289,10 +199,16 @@ class String(Schema):
     note: str = ""
 
 
-class Pad(HuntCrossleyParameters):
+@with_fields("hunt_crossley")
+class Pad(Schema):
     """Finger pad between a prescribed finger motion and the key."""
 
     law: Literal["hunt_crossley"] = "hunt_crossley"
+
+    @property
+    def hunt_crossley(self) -> Pad:
+        """The pad as the table of its law."""
+        return self
 
 
 class Finger(Schema):
@@ -301,7 +217,7 @@ class Finger(Schema):
     body: str
     point: Annotated[tuple[float, float], SIVector("m")]
     direction: Annotated[tuple[float, float], SIVector("1")] = (0.0, -1.0)
-    pad: Pad = Pad(stiffness=1.1e5, exponent=1.5, damping=1.0)
+    pad: Pad = Pad.model_validate({"stiffness": 1.1e5, "exponent": 1.5, "damping": 1.0})
 
 
 class Motor(Schema):

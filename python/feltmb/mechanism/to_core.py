@@ -6,25 +6,22 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from feltmb import _core
-from feltmb.contact.layer import LayerParameters
+from feltmb.contact.tables import make_core
 from feltmb.errors import InvalidParameter
 from feltmb.mechanism.schema import (
     Body,
     Contact,
     Dashpot,
-    EnvelopeTable,
     FrictionParameters,
-    HuntCrossleyParameters,
     LawChoice,
     MechanismFile,
-    MemoryParameters,
+    Pad,
     Point,
     Spring,
     Strap,
     String,
     Surface,
 )
-from feltmb.units import conversion_factor
 
 __all__ = ["core_friction", "core_law", "describe", "describe_with_faults"]
 
@@ -43,74 +40,12 @@ def core_friction(f: FrictionParameters) -> _core.Friction:
     )
 
 
-def _core_hunt_crossley(p: HuntCrossleyParameters) -> _core.HuntCrossley:
-    return _core.HuntCrossley(stiffness=p.stiffness, exponent=p.exponent, damping=p.damping)
-
-
-def core_law(contact: LawChoice) -> Any:
-    """Law parameters of a contact for the core."""
-    if contact.law == "hunt_crossley":
-        assert contact.hunt_crossley is not None
-        return _core_hunt_crossley(contact.hunt_crossley)
-    if contact.law == "stulov":
-        assert contact.stulov is not None
-        st = contact.stulov
-        return _core.Stulov(
-            stiffness=st.stiffness, exponent=st.exponent, amplitude=st.amplitude, time=st.time
-        )
-    if contact.law == "micromechanical":
-        assert contact.micromechanical is not None
-        return _core_memory(contact.micromechanical, contact.micromechanical.envelope)
-    if contact.law == "felt_memory" and contact.memory.envelope is not None:
-        return _core_memory(contact.memory, _table_envelope(contact.memory.envelope))
-    assert contact.loading is not None
-    assert contact.unloading is not None
-    loading = _core.ExponentialCurve(contact.loading.a, contact.loading.b, contact.loading.c)
-    unloading = _core.ExponentialCurve(
-        contact.unloading.a, contact.unloading.b, contact.unloading.c
-    )
-    if contact.law == "mean":
-        return _core.MeanCurve(loading=loading, unloading=unloading)
-    if contact.law == "felt_memory":
-        closing = contact.memory.closing_compression or 0.0
-        return _core_memory(contact.memory, _core.Envelope.from_curves(loading, unloading, closing))
-    return _core.ExponentialPair(
-        loading=loading,
-        unloading=unloading,
-        alpha=contact.alpha,
-        guarded=contact.law == "guarded",
-        hysteresis=contact.hysteresis,
-        rate_amplitude=contact.memory.rate_amplitude,
-        rate_time=contact.memory.rate_time,
-    )
-
-
-def _table_envelope(table: EnvelopeTable) -> _core.Envelope:
-    if len(table.unit) != 2:
-        raise InvalidParameter(
-            f"memory.envelope.unit: got {table.unit!r}, expected two, such as ['mm', 'N']"
-        )
-    length, force = conversion_factor(table.unit[0], "m"), conversion_factor(table.unit[1], "N")
-    return _core.Envelope.from_table(
-        [v * length for v in table.compression],
-        [v * force for v in table.loading],
-        [v * force for v in table.unloading],
-    )
-
-
-def _core_memory(
-    p: MemoryParameters | LayerParameters, envelope: _core.Envelope
-) -> _core.FeltMemory:
-    return _core.FeltMemory(
-        envelope=envelope,
-        kappa=p.kappa,
-        wiping_out=p.wiping_out,
-        recovery_time=p.recovery_time,
-        creep_stiffness=p.creep_stiffness,
-        creep_damping=p.creep_damping,
-        rate_amplitude=p.rate_amplitude,
-        rate_time=p.rate_time,
-    )
+def core_law(contact: LawChoice | Pad) -> _core.ContactLaw:
+    """Law of a contact for the core."""
+    if isinstance(contact, Pad) or contact.law != "micromechanical":
+        return make_core(contact.law, contact)
+    layer = contact.micromechanical
+    return _core.ContactLaw("felt_memory", envelope=layer.envelope, **layer.numbers)
 
 
 def _core_body(name: str, b: Body) -> _core.BodyDescription:
@@ -301,7 +236,7 @@ def describe_with_faults(
         fd.body = config.finger.body
         fd.point = config.finger.point
         fd.direction = config.finger.direction
-        fd.pad = _core_hunt_crossley(config.finger.pad)
+        fd.pad = core_law(config.finger.pad)
         d.finger = fd
     if config.motor is not None:
         md = _core.MotorDescription()

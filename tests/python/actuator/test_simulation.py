@@ -5,7 +5,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import feltmb
-from feltmb import _core
 from feltmb.action.actuator import load_actuator, simulate_actuator, stand_alone
 from feltmb.errors import InvalidParameter
 from feltmb.mechanism import core_law
@@ -15,7 +14,7 @@ RAMP = feltmb.torque_stroke([0.0, 0.06], [0.0, 3.0])
 
 def force_of(actuator):
     """Stop force as a function of compression and rate: the law alone."""
-    law = _core.ContactLaw(core_law(actuator.config.stop))
+    law = core_law(actuator.config.stop)
 
     def force(e, rate):
         return float(law.force(e, rate)) if e > 0 else 0.0

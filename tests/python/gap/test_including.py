@@ -90,7 +90,7 @@ def test_faults_are_told_together():
     with pytest.raises(InvalidParameter) as caught:
         including(models.NOMINAL, [CREEP, gain], [1.0])
     text = str(caught.value)
-    assert "1 sizes for 2 effects" in text
+    assert "1 magnitudes for 2 effects" in text
     assert "cannot simulate bed_creep" in text
     assert "mend the records" in text
 

@@ -21,12 +21,31 @@ def layer(felt, thickness, area, **more):
     return lambda: law("micromechanical", felt=felt, thickness=thickness, area=area, **more)
 
 
+# fmt: off
 #: name -> law; every law that a mechanism file knows, the options of the law with memory apart
 LAWS = {
     "guarded": lambda: law("guarded", **ROW, alpha=100.0),
     "mean": lambda: law("mean", **ROW),
     "hunt_crossley": lambda: law("hunt_crossley", stiffness=4e6, exponent=1.8, damping=0.6),
     "stulov": lambda: law("stulov", stiffness=4e8, exponent=2.5, amplitude=0.3, time=2e-4),
+    "stulov_differential": lambda: law(
+        "stulov_differential", stiffness=4e8, exponent=2.5, time=1e-4
+    ),
+    "lankarani_nikravesh": lambda: law(
+        "lankarani_nikravesh", stiffness=4e6, exponent=1.5, restitution=0.7, impact_speed=1.2
+    ),
+    "kelvin_voigt": lambda: law("kelvin_voigt", stiffness=8e3, damping=3.0),
+    "maxwell": lambda: law(
+        "maxwell", stiffness=1e8, exponent=2.2, branch_stiffness=2e8, branch_exponent=2.6,
+        branch_time=1e-3,
+    ),
+    "dunlop": lambda: law(
+        "dunlop", stiffness=2e5, exponent=1.3, share=0.2, friction_1=0.1, friction_2=0.3,
+        friction_3=0.8, damping=50.0,
+    ),
+    "expression": lambda: law(
+        "expression", force="k*e^p*(1 + d*rate)", parameters={"k": 4e6, "p": 1.8, "d": 0.6}
+    ),
     "felt_memory": lambda: law("felt_memory", **ROW),
     "felt_memory, wiping": lambda: law("felt_memory", **ROW, kappa=0.01, wiping_out=0.2),
     "felt_memory, wiping far": lambda: law("felt_memory", **ROW, kappa=2.0, wiping_out=3.0),
@@ -47,6 +66,7 @@ LAWS = {
         "synthetic_moderate_red", 1.4e-3, SphereOnLayer(8e-3), compression="columns"
     ),
 }
+# fmt: on
 RATE_INDEPENDENT = [
     "mean", "felt_memory", "felt_memory, wiping", "felt_memory, wiping far", "hammer",
     "hammer, columns", "layer", "cylinder, columns", "sphere, columns",
@@ -197,7 +217,7 @@ def test_elastic_limit_conserves_energy(area):
     table = _core.Envelope.from_table(strain.tolist(), pressure.tolist(), pressure.tolist())
     for columns in (False, True):
         layered = _core.layer_envelope(_core.FeltLayer(table, 3e-3, area.core, columns))
-        core = _core.ContactLaw(_core.FeltMemory(envelope=layered))
+        core = _core.ContactLaw("felt_memory", envelope=layered)
         e = history(np.array([0.9, 0.2, 1.0, 0.5]), 2000)
         force = np.asarray(_core.force_along(core, np.arange(len(e)) * 1e-5, e.tolist()))
         work = np.trapezoid(force, e)

@@ -176,12 +176,37 @@ LAWS = {
         "contacts.01.hunt_crossley": {"stiffness": 5e6, "exponent": 2.0, "damping": 0.2},
     },
     "felt_memory": {"contacts.01.law": "felt_memory"},
-}
+    "maxwell": {
+        "contacts.01.law": "maxwell",
+        "contacts.01.maxwell": {
+            "stiffness": 1e7, "exponent": 2.0, "branch_stiffness": 5e7, "branch_exponent": 2.2,
+            "branch_time": 2e-3,
+        },
+    },
+    "dunlop": {
+        "contacts.01.law": "dunlop",
+        "contacts.01.dunlop": {
+            "stiffness": 5e5,
+            "exponent": 1.5,
+            "share": 0.2,
+            "damping": 20.0,
+        },
+    },
+    "expression": {
+        "contacts.01.law": "expression",
+        "contacts.01.expression": {
+            "force": "k*e^p*max(0.2, 1 + d*rate)", "parameters": {"k": 5e6, "p": 2.0, "d": 0.5},
+        },
+    },
+}  # fmt: skip
 NUMBER = {
     "guarded": "contacts.01.loading.b",
     "stulov": "contacts.01.stulov.amplitude",
     "hunt_crossley": "contacts.01.hunt_crossley.damping",
     "felt_memory": "contacts.01.loading.b",
+    "maxwell": "contacts.01.maxwell.branch_time",
+    "dunlop": "contacts.01.dunlop.share",
+    "expression": "contacts.01.expression.parameters.d",
 }
 
 

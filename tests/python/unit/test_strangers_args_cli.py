@@ -220,7 +220,7 @@ def test_the_law_in_use_is_drawn(template, law, inherited):
     deepest = float(run["contact01.compression"].max())
     assert pressed.get_xdata()[-1] == pytest.approx(1e3 * deepest)
     if law in ("hunt_crossley", "mean"):  # the same number by the law's own static force
-        made = _core.ContactLaw(core_law(Action(raw).config.contacts["01"]))
+        made = core_law(Action(raw).config.contacts["01"])
         static = float(np.asarray(made.force(np.array([deepest])))[0])
         assert pressed.get_ydata()[-1] == pytest.approx(static, rel=0.2)
 

@@ -10,10 +10,9 @@ namespace feltmb {
 
 /// Law with its memory, advanced step by step: what another engine needs to use the law.
 ///
-/// Within a step the compression is taken linear in time. felt_memory without options is advanced
-/// exactly at fixed e_m (loading: 1 - z falls by exp(-A/c), unloading: z does, A the area of the
-/// band passed), so that its force depends on the path only, not on time or on the step; Stulov's
-/// state by the exponential of its linear equation; creep and overstress by substeps.
+/// Within a step the compression is taken linear in time. Laws that can be are advanced exactly
+/// (`advance` of contact/laws), so that the force of a rate-independent one depends on the path
+/// only, not on time or on the step; the states of others by substeps.
 class LawPath {
  public:
   explicit LawPath(const ContactLaw& law);
@@ -27,18 +26,17 @@ class LawPath {
   /// Force if the step were taken, leaving the memory as it is.
   double peek(double compression, double duration) const;
 
-  double compression() const { return compression_; }
-  double largest() const { return largest_; }
-  const std::array<double, kMaxLawStates>& state() const { return state_; }
+  double compression() const { return at_.compression; }
+  double largest() const { return at_.largest; }
+  const std::array<double, kMaxLawStates>& state() const { return at_.state; }
 
  private:
   void move(double compression, double duration);
-  void move_within(double to);
+  void move_by_substeps(double compression, double duration);
+  LawMemory memory() const { return {at_.state.data(), at_.largest}; }
 
   const ContactLaw* law_;
-  double compression_ = 0.0;
-  double largest_ = 0.0;
-  std::array<double, kMaxLawStates> state_{};
+  PathPoint at_;
 };
 
 /// Forces [N] at the samples of a history; time [s] strictly growing, compression [m], same

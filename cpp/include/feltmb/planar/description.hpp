@@ -81,7 +81,7 @@ struct ContactDescription {
   std::string label;  ///< for people
   std::string surface_a;
   std::string surface_b;
-  LawParameters law = ExponentialPair{};
+  LawParameters law;
   Friction friction;  ///< amplitude without unit
   bool enabled = true;
 };
@@ -145,7 +145,7 @@ struct FingerDescription {
   std::string body;
   Vec2 point;
   Vec2 direction{0.0, -1.0};  ///< in the ground frame, positive sense of force and motion
-  LawParameters pad = HuntCrossley{1.0, 1.0, 0.0};
+  LawParameters pad;          ///< to be given
 };
 
 /// A motor on a joint coordinate that drives the mechanism instead of a finger.

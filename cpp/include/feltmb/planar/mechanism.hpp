@@ -117,7 +117,7 @@ struct Contact {
   LinkPoint b;          ///< center of the circle on link b
   double radius_b = 0.0;
   bool swapped = false;  ///< the description named the circle first
-  ContactLaw law{LawParameters{HuntCrossley{1.0, 1.0, 0.0}}};
+  ContactLaw law;
   Friction friction;
   bool enabled = true;
   int string = -1;               ///< index of the string behind line a, -1 if none

@@ -216,7 +216,7 @@ def loops(run: Run, numbers: Sequence[int] | None = None) -> Figure:
         deepest = max(float(compression.max()), 1e-6)
         touching = compression > 0
         lasts = float(np.count_nonzero(touching)) * float(np.mean(np.diff(run.time)))
-        up, down = _alone(_core.ContactLaw(core_law(laws[number])), deepest, lasts)
+        up, down = _alone(core_law(laws[number]), deepest, lasts)
         for (e, values), style, label in (
             (up, "-", "law alone, pressed"),
             (down, (0, (2, 1)), "law alone, released"),

@@ -1,0 +1,291 @@
+"""Contact laws as the core lists them: schemas of their tables, and laws made from values.
+
+The one list of a law's fields, with unit, limits and default, is that of its header
+(``cpp/include/feltmb/contact/laws``); all here follows from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import BaseModel, BeforeValidator, Field, create_model
+
+from feltmb import _core
+from feltmb.errors import InvalidParameter
+from feltmb.units import conversion_factor
+from feltmb.units.quantity import META_KEYS, SI, Schema, parse_scalar
+
+__all__ = [
+    "CORE_LAWS",
+    "LAWS",
+    "Curve",
+    "EnvelopeTable",
+    "LawField",
+    "LawInfo",
+    "core_envelope",
+    "make_core",
+    "with_fields",
+    "with_laws",
+]
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+@dataclass(frozen=True)
+class LawField:
+    """A field of a law, from its table in the core."""
+
+    name: str
+    kind: str
+    """``number``, ``curve``, ``envelope``, ``text``, ``parameters``, ``list`` or ``function``."""
+    unit: str
+    meaning: str
+    low: float | None
+    high: float | None
+    low_open: bool
+    high_open: bool
+    required: bool
+    default: Any
+    in_contact: bool
+    """Whether it stands in the contact itself, not in the table of the law."""
+
+
+@dataclass(frozen=True)
+class LawInfo:
+    """A law under one of its names."""
+
+    name: str
+    about: str
+    table: str
+    """Its table in a mechanism file; empty if it needs none."""
+    fields: tuple[LawField, ...]
+
+    def needed(self, node: Mapping[str, Any]) -> list[str]:
+        """Keys of a contact that the law cannot do without, in a raw table."""
+        own = node.get(self.table)
+        tabulated = isinstance(own, Mapping) and "envelope" in own
+        keys: list[str] = []
+        for field in self.fields:
+            if field.kind == "envelope":
+                keys += [] if tabulated else _CURVES
+            elif field.required:
+                keys.append(field.name if field.in_contact else self.table)
+        return list(dict.fromkeys(keys))
+
+
+_CURVES = ["loading", "unloading"]
+
+#: Laws of the core by name.
+CORE_LAWS: dict[str, LawInfo] = {
+    law["name"]: LawInfo(**{**law, "fields": tuple(LawField(**f) for f in law["fields"])})
+    for law in _core.contact_laws()
+}
+
+#: Name of each law that a mechanism file may choose, and what it is. None that needs a function:
+#: a file must not make feltmb run code.
+LAWS: dict[str, str] = {
+    name: law.about
+    for name, law in CORE_LAWS.items()
+    if not any(field.kind == "function" for field in law.fields)
+} | {"micromechanical": "felt_memory whose loop follows from the fibers, thickness and area"}
+
+
+def _curve(node: object) -> object:
+    """Accept ``unit = [..]`` for the three coefficients of eq. 4.21 at once."""
+    if not isinstance(node, Mapping):
+        return node
+    units = ("N/m", "1/m", "N/m")
+    given = node.get("unit", units)
+    if not isinstance(given, (list, tuple)) or len(given) != 3:
+        raise ValueError(f"got unit {given!r}, expected three, such as {list(units)}")
+    out = {key: node[key] for key in node if key not in META_KEYS}
+    for key, unit in zip("abc", given, strict=True):
+        if key in out and not isinstance(out[key], (Mapping, str)):
+            out[key] = {"value": out[key], "unit": unit}
+    return out
+
+
+class Curve(Schema):
+    """F(e) = a e exp(b e) + c e, thesis eq. 4.21."""
+
+    a: Annotated[float, SI("N/m")]
+    b: Annotated[float, SI("1/m"), Field(ge=0)]
+    c: Annotated[float, SI("N/m")]
+
+    @property
+    def core(self) -> _core.ExponentialCurve:
+        """The curve as the core knows it."""
+        return _core.ExponentialCurve(self.a, self.b, self.c)
+
+
+class EnvelopeTable(Schema):
+    """A measured or computed loop: both branches at the same compressions."""
+
+    unit: list[str] = Field(default_factory=lambda: ["m", "N"])
+    compression: list[float]
+    loading: list[float]
+    unloading: list[float]
+
+    @property
+    def core(self) -> _core.Envelope:
+        """The envelope as the core knows it."""
+        if len(self.unit) != 2:
+            raise InvalidParameter(
+                f"memory.envelope.unit: got {self.unit!r}, expected two, such as ['mm', 'N']"
+            )
+        length, force = conversion_factor(self.unit[0], "m"), conversion_factor(self.unit[1], "N")
+        return _core.Envelope.from_table(
+            [v * length for v in self.compression],
+            [v * force for v in self.loading],
+            [v * force for v in self.unloading],
+        )
+
+
+def _power_stiffness(node: object) -> float:
+    """Stiffness of a power law; its unit N/m^p depends on the exponent, so only N and m scale."""
+    if isinstance(node, Mapping) and isinstance(node.get("unit"), str):
+        unit = node["unit"]
+        if not unit.startswith("N/m^") and unit != "N/m":
+            raise ValueError(f"got unit {unit!r}, expected 'N/m^p' with the exponent p of the law")
+        return parse_scalar({k: v for k, v in node.items() if k != "unit"}, "1")
+    return parse_scalar(node, "1")
+
+
+_CURVE_FIELD: Any = Annotated[Curve, BeforeValidator(_curve)]
+
+#: Annotations of the entries that are no numbers.
+_KINDS: dict[str, Any] = {
+    "curve": _CURVE_FIELD,
+    "text": str,
+    "parameters": dict[str, Annotated[float, SI("1")]],
+    "list": list[float],
+}
+
+
+def _number(field: LawField) -> Any:
+    """Annotation of a number: its unit and limits."""
+    limits: dict[str, Any] = {}
+    if field.low is not None:
+        limits["gt" if field.low_open else "ge"] = field.low
+    if field.high is not None:
+        limits["lt" if field.high_open else "le"] = field.high
+    power = field.unit == "N/m^p"
+    unit = BeforeValidator(_power_stiffness) if power else SI(field.unit)
+    return Annotated[float, unit, Field(**limits)]
+
+
+def _in_table(field: LawField) -> Iterator[tuple[str, Any]]:
+    """Entries of a law's own table that a field stands for."""
+    if field.kind == "envelope":
+        yield "closing_compression", (Annotated[float, SI("m"), Field(gt=0)] | None, None)
+        yield field.name, (EnvelopeTable | None, None)
+    else:
+        annotation = _KINDS[field.kind] if field.kind in _KINDS else _number(field)
+        described: Any = Annotated[annotation, Field(description=field.meaning)]
+        yield field.name, (described, ... if field.required else field.default)
+
+
+def _in_contact(field: LawField) -> Iterator[tuple[str, Any]]:
+    """Entries of a contact that a field stands for."""
+    if field.kind == "envelope":
+        yield from ((key, (_CURVE_FIELD | None, None)) for key in _CURVES)
+    elif field.in_contact and field.kind == "curve":
+        yield field.name, (_CURVE_FIELD | None, None)
+    elif field.in_contact:
+        annotation: Any = Annotated[_number(field), Field(description=field.meaning)]
+        missing = annotation | None, None
+        yield field.name, missing if field.required else (annotation, field.default)
+
+
+def _table_fields(*laws: LawInfo) -> dict[str, Any]:
+    """Entries of the table that laws share; of the law with most first, so that they group."""
+    entries: dict[str, Any] = {}
+    for law in sorted(laws, key=lambda law: -len(law.fields)):
+        for field in law.fields:
+            if not field.in_contact:
+                entries |= {k: v for k, v in _in_table(field) if k not in entries}
+    return entries
+
+
+def _extended(model: type[Model], entries: dict[str, Any]) -> type[Model]:
+    made = create_model(
+        model.__name__,
+        __base__=model,
+        __module__=model.__module__,
+        __doc__=model.__doc__,
+        **entries,
+    )
+    made.__qualname__ = model.__qualname__
+    return made
+
+
+def with_fields(law: str) -> Callable[[type[Model]], type[Model]]:
+    """Class decorator: adds the numbers of a law to a schema."""
+    numbers = [f for f in CORE_LAWS[law].fields if f.kind == "number"]
+    entries = {key: value for field in numbers for key, value in _in_table(field)}
+    return lambda model: _extended(model, entries)
+
+
+def with_laws(**more: Any) -> Callable[[type[Model]], type[Model]]:
+    """Class decorator: adds ``law``, the entries and tables of all laws, and ``more``."""
+    entries = {"law": (Literal[tuple(LAWS)], "felt_memory"), **_choice_fields(), **more}
+    return lambda model: _extended(model, entries)
+
+
+def _choice_fields() -> dict[str, Any]:
+    """Entries of a contact that choose a law: those that stand in it, and the laws' tables."""
+    entries: dict[str, Any] = {}
+    by_table: dict[str, list[LawInfo]] = {}
+    for law in (CORE_LAWS[name] for name in LAWS if name in CORE_LAWS):
+        for field in law.fields:
+            entries |= {k: v for k, v in _in_contact(field) if k not in entries}
+        if law.table:
+            by_table.setdefault(law.table, []).append(law)
+    for table, laws in by_table.items():
+        fields = {**_table_fields(*laws), "note": (str, "")}
+        names = ", ".join(law.name for law in laws)
+        made = create_model(
+            "".join(part.capitalize() for part in table.split("_")) + "Parameters",
+            __base__=Schema,
+            __module__=__name__,
+            __doc__=f"{laws[0].about}." if len(laws) == 1 else f"Options of {names}.",
+            **fields,
+        )
+        globals()[made.__name__] = made  # found by pickle
+        free = all(value[1] is not ... for value in fields.values())
+        entries[table] = (made, made()) if free else (made | None, None)
+    return entries
+
+
+def core_envelope(loading: Any, unloading: Any, closing: float | None) -> _core.Envelope:
+    """Envelope from a pair of curves; ``closing`` [m] is needed if they never meet."""
+    return _core.Envelope.from_curves(loading, unloading, closing or 0.0)
+
+
+def make_core(name: str, contact: Any) -> _core.ContactLaw:
+    """Law of the core from the entries of a checked contact.
+
+    Raises
+    ------
+    InvalidParameter
+        Entries that do not fit each other.
+    """
+    law = CORE_LAWS[name]
+    table: Any = getattr(contact, law.table) if law.table else None
+    values: dict[str, Any] = {}
+    for field in law.fields:
+        value = getattr(contact if field.in_contact else table, field.name)
+        if field.kind == "envelope":
+            value = (
+                value.core
+                if value is not None
+                else core_envelope(
+                    contact.loading.core, contact.unloading.core, table.closing_compression
+                )
+            )
+        elif field.kind == "curve":
+            value = value.core
+        values[field.name] = value
+    return _core.ContactLaw(name, **values)
