@@ -26,7 +26,7 @@ def test_a_blow_on_felt_has_the_numbers_of_its_energy_balance(engine):
     pytest.importorskip(engine, reason=f"{engine} is not installed: its example was not run")
     example = load(f"felt_in_{engine}")
     got = example.main()
-    expected = example.first_strike(example.make_felt(), example.MASS, example.SPEED)
+    expected = example.first_impact(example.make_felt(), example.MASS, example.SPEED)
     for name, value in expected.items():
         assert got[name] == pytest.approx(value, rel=2e-4), name
     # Felt takes a third of the energy: no number above is that of an elastic contact.
@@ -48,7 +48,7 @@ def test_the_same_blow_with_a_plain_integrator(substeps):
         v -= h * force / mass
         x += h * v
         top, most = max(top, x), max(most, force)
-    exact = balance.first_strike(law("felt_memory", **curves), mass, speed)
+    exact = balance.first_impact(law("felt_memory", **curves), mass, speed)
     assert [top, most, -v] == pytest.approx(
         [exact["compression"], exact["force"], exact["rebound"]], rel=1e-4
     )
