@@ -68,8 +68,15 @@ LAWS = {
 }
 # fmt: on
 RATE_INDEPENDENT = [
-    "mean", "felt_memory", "felt_memory, wiping", "felt_memory, wiping far", "hammer",
-    "hammer, columns", "layer", "cylinder, columns", "sphere, columns",
+    "mean",
+    "felt_memory",
+    "felt_memory, wiping",
+    "felt_memory, wiping far",
+    "hammer",
+    "hammer, columns",
+    "layer",
+    "cylinder, columns",
+    "sphere, columns",
 ]  # fmt: skip
 #: Their stored energy is that of a static curve, not of every state: only their work is checked.
 ACCOUNT_BY_WORK = ["felt_memory, recovery", "felt_memory, rate", "stulov"]
