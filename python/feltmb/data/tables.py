@@ -130,7 +130,7 @@ def _style(sample: Sequence[str]) -> tuple[str | None, str]:
         if not cells:
             continue
         numbers = sum(read_number(c, decimal) is not None for c in cells)
-        # All cells are numbers where separator and sign are right; of such, the finer split.
+        # All cells are numbers where separator and sign are right; the most cells then.
         merit = (round(numbers / len(cells), 2), sum(map(len, rows)) / len(rows))
         if merit > best:
             best, chosen = merit, (separator, decimal)
