@@ -53,7 +53,7 @@ MAY_USE = {
         "felt": MODEL,
         "run": f"{MODEL} data",
         "fit": f"{GROUND} data",
-        "gap": f"{GROUND} _core data fit",
+        "gap": f"{GROUND} _core style data fit",
         "adapters": f"{RUN} fit gap",
         "action": f"{RUN} style",
         "graphics": f"{RUN} style",

@@ -27,6 +27,7 @@ from feltmb.adapters.differentiable import DifferentiableMechanism
 from feltmb.adapters.drives import Drive, Drives, follow, with_noise
 from feltmb.adapters.landmarks import first_turn, landmarks
 from feltmb.adapters.library import Entry, Library
+from feltmb.adapters.references import from_rest
 from feltmb.adapters.reuse import Question, Reuse
 from feltmb.adapters.variants import Variant, Workshop, changed_config
 from feltmb.data import Array, Record
@@ -99,6 +100,9 @@ class MechanismModel(DifferentiableMechanism):
 
     difference_step = 0.1
     input_modes = MappingProxyType({"force": ("force",), "motion": ("displacement",)})
+    input_names = MappingProxyType(
+        {"force": ("finger.force",), "displacement": ("finger.displacement",)}
+    )
 
     def __init__(
         self,
@@ -233,6 +237,8 @@ class MechanismModel(DifferentiableMechanism):
         cut: list[Record] = []
         notes: list[str] = []
         for record in records:
+            record, said = self.referred(record)
+            notes += said
             if record.input_mode == "motion" and "displacement" in record.inputs:
                 record = with_noise(record, notes)
             if not self.single or self.until is None:
@@ -250,6 +256,15 @@ class MechanismModel(DifferentiableMechanism):
                 record = record.cut(0, kept)
             cut.append(record)
         return Ready(self, tuple(cut), tuple(notes))
+
+    def referred(self, record: Record) -> tuple[Record, tuple[str, ...]]:
+        """Channels of tracking points as displacements from rest: absolute ones are told apart.
+
+        Their sensor says which they are, or where they start.
+        """
+        base = self._base()
+        at = {o: self.at_rest(base, o) for o in self.outputs if self.units[o] == "m"}
+        return from_rest(record, at, self.name)
 
     def _turn(self, record: Record) -> float | None:
         """When the stroke of a record turns [s]: measured, else as the model moves."""

@@ -28,9 +28,12 @@ from feltmb.cli.common import (
 )
 from feltmb.cli.completing import actions, effects
 from feltmb.cli.gap_blind import command as blind_command
+from feltmb.cli.gap_check import command as check_command
+from feltmb.cli.gap_reading import reading_options
 from feltmb.errors import InvalidParameter
 
 if TYPE_CHECKING:
+    from feltmb.data import ReadOptions
     from feltmb.gap import Report
 
 __all__ = ["command"]
@@ -46,6 +49,7 @@ def command() -> None:
 
 
 command.add_command(blind_command)
+command.add_command(check_command)
 
 
 def progress_line() -> Callable[[str, int, int], None] | None:
@@ -62,54 +66,6 @@ def progress_line() -> Callable[[str, int, int], None] | None:
         last["time"] = time.monotonic()
 
     return show
-
-
-@command.command("check")
-@click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path))
-@json_option
-def check(data: tuple[Path, ...], as_json: bool) -> None:
-    """Check measured DATA: clocks, units, noise, repeatability."""
-    from feltmb.data import read_records
-    from feltmb.errors import DataError
-    from feltmb.gap import check_records
-
-    checks = check_records(read_records(data))
-    if as_json:
-        from feltmb.gap.report import plain
-
-        print_json(plain(checks))
-    else:
-        table = new_table(
-            "channels",
-            "record",
-            "channel",
-            "unit",
-            "samples",
-            "missing",
-            "spread",
-            "noise",
-            "from",
-            right=(3, 4, 5, 6),
-            whole=(0, 1, 6),
-        )
-        for c in checks.channels:
-            table.add_row(
-                c.record,
-                c.channel,
-                c.unit,
-                str(c.samples),
-                f"{c.missing:.0%}",
-                f"{c.spread:.4g}",
-                f"{c.sigma:.2g}",
-                c.method,
-            )
-        console().print(table)
-        for label, channel, sd in checks.repeatability:
-            say(f"repeats {label}: {channel} differs by {sd:.3g}")
-        for warning in checks.warnings:
-            say(f"warning: {warning}")
-    if checks.problems:
-        raise DataError("records: " + "; ".join(checks.problems))
 
 
 @command.command("plan", short_help="Before measuring: which effects of MODEL could be told apart.")
@@ -229,6 +185,7 @@ def plan_command(
     show_default=True,
     help="Of the refits for the null law.",
 )
+@reading_options
 @model_set_option
 @json_option
 @force_option
@@ -243,6 +200,7 @@ def run(
     max_effects: int,
     bootstrap: int,
     seed: int,
+    reading: ReadOptions,
     settings: tuple[str, ...],
     as_json: bool,
     force: bool,
@@ -264,9 +222,10 @@ def run(
         for name in ("report.html", "report.json"):
             check_writable(output / name, force=force)
     adapter = load_adapter(model, settings)
-    records = adapter.read(data)
+    groups = adapter.read_each(data, reading)
+    records = tuple(r for group in groups for r in group)
     adapter = adapter.including(included)
-    held = held_out(hold_out, data, records) or None
+    held = held_out(hold_out, data, groups) or None
     resume = None if output is None else output / ".resume"
     options = Options(
         alpha=alpha,

@@ -108,7 +108,8 @@ def command(
     from feltmb.gap import OUTCOMES, withhold
 
     adapter = load_adapter(model, settings)
-    records = adapter.read(data) if data else adapter.planned
+    groups = adapter.read_each(data) if data else (adapter.planned,)
+    records = tuple(r for group in groups for r in group)
     if not records:
         raise InvalidParameter(f"{model}: has no planned runs; give measured or planned files")
     found = withhold(
@@ -118,7 +119,7 @@ def command(
         cases=cases,
         seed=seed,
         only=list(dict.fromkeys(only)) or None,
-        hold_out=(held_out(hold_out, data, records) if data else list(hold_out)) or None,
+        hold_out=(held_out(hold_out, data, groups) if data else list(hold_out)) or None,
         folder=output,
         progress=_Told(),
     )

@@ -7,7 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from feltmb.data import Record, read_records
+from feltmb.data import ReadOptions, Record
+from feltmb.data.files import read_each
+from feltmb.data.mapping import Signals
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Effect, Model, including
 
@@ -25,15 +27,26 @@ class Adapter:
     outputs_of: Callable[[Sequence[str]], tuple[str, ...]] = tuple
     """Outputs behind names of channels."""
 
-    def read(self, data: Sequence[Path]) -> tuple[Record, ...]:
-        """Measured files as records of the model."""
-        return read_records(
-            data,
+    @property
+    def signals(self) -> Signals:
+        """What the columns of a measured file may be."""
+        return Signals(
             inputs=tuple(getattr(self.model, "inputs", ())),
             outputs=self.model.outputs,
             modes=self.model.input_modes,
-            units=self.model.units if self.model.input_modes else None,
+            units=self.model.units if self.model.input_modes else {},
+            names=self.model.input_names,
         )
+
+    def read(self, data: Sequence[Path], options: ReadOptions | None = None) -> tuple[Record, ...]:
+        """Measured files as records of the model."""
+        return tuple(r for group in self.read_each(data, options) for r in group)
+
+    def read_each(
+        self, data: Sequence[Path], options: ReadOptions | None = None
+    ) -> tuple[tuple[Record, ...], ...]:
+        """The same by file: one may hold several runs."""
+        return read_each(data, self.signals, options)
 
     def including(self, names: Sequence[str]) -> Adapter:
         """The same with effects of the library as part of the model."""
@@ -131,22 +144,27 @@ def _from_file(path: Path) -> Adapter:
     return Adapter(model, tuple(effects), tuple(getattr(module, "planned", ())))
 
 
-def held_out(given: tuple[str, ...], data: Sequence[Path], records: Sequence[Record]) -> list[str]:
-    """Names of the records that are held out, each given by its name, its file or the file's name.
+def held_out(
+    given: tuple[str, ...], data: Sequence[Path], groups: Sequence[Sequence[Record]]
+) -> list[str]:
+    """Names of the records that are held out.
+
+    Each is given by its name, by its file or by the file's name; a file stands for all of its runs.
 
     Raises
     ------
     InvalidParameter
         One of them means several files.
     """
-    out = []
+    out: list[str] = []
     for h in given:
-        paths = [r.name for p, r in zip(data, records, strict=True) if str(p) == h]
-        files = [r.name for p, r in zip(data, records, strict=True) if p.name == h]
+        paths = [g for p, g in zip(data, groups, strict=True) if str(p) == h]
+        files = [g for p, g in zip(data, groups, strict=True) if p.name == h]
         if not paths and len(files) > 1:
             raise InvalidParameter(
                 f"--hold-out {h}: is the name of {len(files)} files; give the whole path of one, "
                 "as it stands among the data"
             )
-        out.append((paths or files or [h])[0])
+        found = (paths or files or [()])[0]
+        out += [r.name for r in found] or [h]
     return out

@@ -1,12 +1,15 @@
 """Measured data: records, sensors, and their files (CSV, MAT, NetCDF with a TOML beside them)."""
 
 from feltmb.data.files import read_record, read_records, write_record
-from feltmb.data.records import Array, InputMode, Record, Role, Sensor, StartPrior
+from feltmb.data.records import Array, InputMode, Record, Reference, Role, Sensor, StartPrior
+from feltmb.data.sheet import ReadOptions
 
 __all__ = [
     "Array",
     "InputMode",
+    "ReadOptions",
     "Record",
+    "Reference",
     "Role",
     "Sensor",
     "StartPrior",

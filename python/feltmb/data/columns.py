@@ -1,4 +1,4 @@
-"""Named columns of numbers in CSV, MAT (version 5 or 7.3) and NetCDF files.
+"""Named columns of numbers in text, MAT (version 5 or 7.3) and NetCDF files.
 
 Nothing from a file is taken on trust: sizes are looked at before anything is read, and whatever a
 library says of a damaged file becomes one message.
@@ -12,55 +12,23 @@ import math
 import struct
 import warnings
 import zlib
-from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from feltmb.data.records import Array
+from feltmb.data.series import MOST_NUMBERS, Columns, columns_of, limit_text
+from feltmb.data.tables import read_table, text_lines
+from feltmb.data.trackers import read_tracked
 from feltmb.errors import DataError
 from feltmb.files import LARGEST_TABLE, plain_text, read_input
 from feltmb.files.hdf5 import HDF5_FAULTS, Hdf5Dataset, Hdf5File, open_hdf5
-from feltmb.units.quantity import fault_text, shortened, split_heading
+from feltmb.units import split_column
+from feltmb.units.quantity import shortened
 
 __all__ = ["MOST_NUMBERS", "Columns", "read_columns"]
 
-MOST_NUMBERS = 20_000_000  # of a file: 160 MB; reading it takes a few times that
 LARGEST_MAT = 500_000_000  # bytes of a MAT file of version 5
-_MISSING = ("", "nan", "NaN", "NA")
 _MAT_NUMBERS = {"double", "single"} | {f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64)}
-
-
-@dataclass
-class Columns:
-    """Series of one length by name."""
-
-    values: dict[str, Array] = field(default_factory=dict)
-    units: dict[str, str] = field(default_factory=dict)
-    """As they stand in the file; a column without one is missing here."""
-    left_out: dict[str, str] = field(default_factory=dict)
-    """What else the file holds, and why it is no series."""
-
-    def __str__(self) -> str:
-        shown = [shortened(name) for name in self.values]
-        out = [f"{shortened(name)} ({why})" for name, why in self.left_out.items()]
-        text = shortened(", ".join(shown), 600) or "none"
-        return text + (f"; left out: {shortened(', '.join(out), 300)}" if out else "")
-
-    def add(self, name: str, shape: tuple[int, ...]) -> bool:
-        """Whether an array of this shape is a series; a number alone is passed over."""
-        if math.prod(shape) == max(shape, default=1) and shape:
-            return True
-        if shape:
-            self.left_out[name] = " x ".join(map(str, shape))
-        return False
-
-    def only_longest(self) -> None:
-        """Keep the series that are as long as the longest."""
-        longest = max((v.size for v in self.values.values()), default=0)
-        for name in [n for n, v in self.values.items() if v.size != longest]:
-            self.left_out[name] = f"{self.values.pop(name).size} values"
 
 
 def read_columns(path: Path) -> Columns:
@@ -72,7 +40,8 @@ def read_columns(path: Path) -> Columns:
         The file cannot be read, holds no series, or is beyond the limits of size.
     """
     kind = path.suffix.lower()
-    readers = {".csv": _read_csv, ".txt": _read_csv, ".mat": _read_mat, ".nc": _read_netcdf}
+    readers = {".mat": _read_mat, ".nc": _read_netcdf}
+    readers |= dict.fromkeys((".csv", ".txt", ".tsv", ".dat"), _read_text)
     if kind not in readers:
         raise DataError(f"{path}: cannot read {kind or 'this'}; expected .csv, .mat or .nc")
     columns = readers[kind](path)
@@ -83,90 +52,22 @@ def read_columns(path: Path) -> Columns:
     return columns
 
 
-# ---------------------------------------------------------------- CSV
+# ---------------------------------------------------------------- text
 
 
-def _read_csv(path: Path) -> Columns:
-    data = read_input(path, most=LARGEST_TABLE)
+def _read_text(path: Path) -> Columns:
+    lines = text_lines(read_input(path, most=LARGEST_TABLE), path)
+    tracked = read_tracked(path, lines)
+    if tracked is not None:
+        return tracked
+    lines = [line for line in lines if not line.startswith("#")]
+    if len(lines) < 3:
+        raise DataError(f"{path}: {len(lines)} lines, expected a header and at least 2 samples")
     try:
-        data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise DataError(f"{path}: is no UTF-8 text (byte {error.start})") from None
-    lines = list(_lines(data, most=1))
-    count = sum(1 for _ in _lines(data))
-    if count < 3:
-        raise DataError(f"{path}: {count} lines, expected a header and at least 2 samples")
-    separator = max(",;\t", key=lines[0].count)
-    rows = csv.reader(_lines(data), delimiter=separator)
-    try:
-        head = next(rows)
-        if (count - 1) * len(head) > MOST_NUMBERS:
-            raise DataError(f"{path}: {count - 1} rows of {len(head)}; {_limit()}")
-        return _table(path, head, rows, count - 1)
+        table = read_table(lines)
+        return columns_of(path, table, [split_column(plain_text(c)) for c in table.header])
     except csv.Error as error:
         raise DataError(f"{path}: is no table: {error}") from None
-
-
-def _lines(data: bytes, most: int | None = None) -> Iterator[str]:
-    """Lines that are neither empty nor a comment, one at a time."""
-    given = 0
-    for line in io.TextIOWrapper(io.BytesIO(data), encoding="utf-8-sig"):
-        if line.strip() and not line.startswith("#"):
-            yield line
-            given += 1
-            if given == most:
-                return
-
-
-def _table(path: Path, head: list[str], rows: Iterator[list[str]], most: int) -> Columns:
-    faults: list[str] = []
-    columns = Columns()
-    names = []
-    for cell in head:
-        name, unit = split_heading(plain_text(cell))
-        names.append(name)
-        if unit:
-            columns.units[name] = unit
-    if len(set(names)) < len(names):
-        faults.append(f"line 1: a column is named twice ({shortened(', '.join(names), 600)})")
-    if all(_is_number(c) for c in head):
-        faults.append("line 1 holds numbers, expected the names of the columns")
-    values = np.full((most, len(names)), np.nan)
-    read = wrong = 0
-    for i, row in enumerate(rows):
-        read += 1
-        if wrong > 10:
-            continue
-        if len(row) != len(names):
-            faults.append(f"row {i + 1}: {len(row)} cells, expected {len(names)}")
-            wrong += 1
-            continue
-        for j, cell in enumerate(row):
-            if cell.strip() in _MISSING:
-                continue
-            try:
-                values[i, j] = float(cell)
-            except ValueError:
-                got = shortened(repr(cell))
-                faults.append(f"row {i + 1}, column {shortened(names[j])}: {got} is no number")
-                wrong += 1
-    if faults:
-        raise DataError(fault_text(str(path), faults, most=10))
-    # Rows are fewer than lines where a cell in quotes goes over several.
-    columns.values = {n: values[:read, j] for j, n in enumerate(names) if n}
-    return columns
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _limit() -> str:
-    return f"the limit of a measured file is {MOST_NUMBERS} numbers"
 
 
 # ---------------------------------------------------------------- MAT
@@ -203,7 +104,7 @@ def _read_mat(path: Path) -> Columns:
         reason = shortened(plain_text(str(error) or type(error).__name__), 200)
         raise DataError(f"{path}: cannot be read as MAT: {reason}") from None
     if total > MOST_NUMBERS:
-        raise DataError(f"{path}: {total} numbers; {_limit()}")
+        raise DataError(f"{path}: {total} numbers; {limit_text()}")
     return columns
 
 
@@ -226,7 +127,7 @@ def _check_packed(data: bytes) -> None:
                 total += len(unpacker.decompress(rest, 1 << 20))
                 rest = unpacker.unconsumed_tail
                 if total > 8 * MOST_NUMBERS + len(data):
-                    raise ValueError(f"unpacks to more than {total} bytes; {_limit()}")
+                    raise ValueError(f"unpacks to more than {total} bytes; {limit_text()}")
         at += size
 
 
@@ -265,7 +166,7 @@ def _series(file: Hdf5File) -> Columns:
             continue
         total += math.prod(item.shape)
         if total > MOST_NUMBERS:
-            raise DataError(f"more than {MOST_NUMBERS} numbers; {_limit()}")
+            raise DataError(f"more than {MOST_NUMBERS} numbers; {limit_text()}")
         values = np.array(item.read(), dtype=np.float64).ravel()
         for key in ("_FillValue", "missing_value"):
             fill = _attribute(item, key, faults)

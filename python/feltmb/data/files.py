@@ -1,86 +1,39 @@
-"""Records from files: CSV, MAT (version 5 or 7.3) and NetCDF, with a small TOML beside them.
+"""Records from files: text, MAT (version 5 or 7.3) and NetCDF, with a small TOML beside them.
 
-``strokes/forte.csv`` is described by ``strokes/forte.toml``; without it every column must be
-called for by name and has its unit in the header, ``hammer [mm]``.
+``strokes/forte.csv`` is described by ``strokes/forte.toml``; without it columns are known by their
+names and have their units in the header, ``hammer [mm]``.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
-from pydantic import Field, ValidationError
+from numpy.typing import NDArray
+from pydantic import ValidationError
 
-from feltmb.data.columns import Columns, read_columns
+from feltmb.data.columns import read_columns
+from feltmb.data.mapping import (
+    Signals,
+    clock_column,
+    frame_column,
+    run_column,
+    sheet_for,
+    unit_of_column,
+)
 from feltmb.data.records import Array, InputMode, Record, Role, Sensor, StartPrior
+from feltmb.data.series import Columns
+from feltmb.data.sheet import ColumnSpec, OutputSpec, ReadOptions, Sheet
+from feltmb.data.smoothing import start_of
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import is_file, read_toml, why_missing
-from feltmb.units import conversion_factor
-from feltmb.units.quantity import Schema, fault_lines, fault_text, shortened
+from feltmb.units import PIXEL, conversion_factor, split_quantity
+from feltmb.units.quantity import fault_lines, fault_text, shortened
 
-__all__ = ["read_record", "read_records", "write_record"]
-
-
-class _Column(Schema):
-    """A column of the file: where it is and in what unit."""
-
-    column: str = ""
-    """Name in the file; default: that of the signal."""
-    unit: str = ""
-    """Unit in the file; default: that of the header, else SI."""
-    factor: float = 1.0
-    """Multiplies the values after the unit."""
-    shift: float = 0.0
-    """Added after the factor [unit of the model]."""
-    si: str = ""
-    """Unit of the model; default: the SI unit of the same quantity, or the unit itself."""
-
-
-class _Input(_Column):
-    sigma: Annotated[float, Field(ge=0.0)] = 0.0
-    correlation_time: Annotated[float, Field(ge=0.0)] = 0.0
-
-
-class _Output(_Column):
-    sigma: float | None = None
-    quantum: float = 0.0
-    delay: float = 0.0
-    bandwidth: float | None = None
-    gain: float = 1.0
-    offset: float = 0.0
-    correlation_time: float = 0.0
-    gain_sd: float = 0.0
-    offset_sd: float = 0.0
-    delay_sd: float = 0.0
-    point: str = ""
-    axis: str = ""
-
-
-class _Sheet(Schema):
-    """The TOML beside a measured file."""
-
-    name: str = ""
-    role: Literal["fit", "held_out"] = "fit"
-    input_mode: Literal["force", "motion"] = "force"
-    repeats: str = ""
-    source: str = ""
-    time: str = ""
-    """Column of the clock; default: time or t, else the first."""
-    interval: float | None = None
-    """Step of the clock [s] if the file has none."""
-    first: int = 0
-    """First sample that is used."""
-    last: int | None = None
-    """Sample before which to stop; negative counts from the end."""
-    every: Annotated[int, Field(ge=1)] = 1
-    """Use every so-manyth sample."""
-    inputs: dict[str, _Input] = {}
-    outputs: dict[str, _Output] = {}
-    start: dict[str, tuple[float, float]] = {}
-    """State -> (mean, standard deviation) at the first sample [SI]."""
-    conditions: dict[str, float | str] = {}
+__all__ = ["read_each", "read_record", "read_records", "read_sheet", "write_record"]
 
 
 def read_records(
@@ -90,14 +43,25 @@ def read_records(
     outputs: Sequence[str] = (),
     modes: Mapping[InputMode, Sequence[str]] | None = None,
     units: Mapping[str, str] | None = None,
+    names: Mapping[str, Sequence[str]] | None = None,
+    options: ReadOptions | None = None,
 ) -> tuple[Record, ...]:
-    """Read several files; all faults in one message. See :func:`read_record`."""
+    """Read several files; all faults in one message. See :func:`read_record`.
+
+    A file that holds several runs gives a record for each, as repeats of one another.
+    """
+    signals = Signals(inputs, outputs, modes or {}, units or {}, names or {})
+    return tuple(r for group in read_each(paths, signals, options) for r in group)
+
+
+def read_each(
+    paths: Sequence[str | Path], signals: Signals | None = None, options: ReadOptions | None = None
+) -> tuple[tuple[Record, ...], ...]:
+    """Records of each of several files; all faults in one message."""
     found, faults = [], []
     for path in paths:
         try:
-            found.append(
-                read_record(path, inputs=inputs, outputs=outputs, modes=modes, units=units)
-            )
+            found.append(_read_file(Path(path), signals or Signals(), options or ReadOptions()))
         except DataError as error:
             faults.append(str(error))
     if faults:
@@ -114,108 +78,74 @@ def read_record(
     outputs: Sequence[str] = (),
     modes: Mapping[InputMode, Sequence[str]] | None = None,
     units: Mapping[str, str] | None = None,
+    names: Mapping[str, Sequence[str]] | None = None,
+    options: ReadOptions | None = None,
 ) -> Record:
     """Read one measured file.
 
     Parameters
     ----------
     path
-        ``.csv`` (comma, semicolon or tab; lines with # are comments; empty cells and nan are
-        missing), ``.mat``, ``.nc``.
+        ``.csv``, ``.txt``, ``.tsv`` (comma, semicolon, tab or spaces; decimal point or comma; text
+        above the header and lines with # are passed over; empty cells and nan are missing), also
+        exports of Kinovea, Tracker and DeepLabCut; ``.mat``, ``.nc``.
     inputs, outputs
         Names of the signals when there is no TOML beside the file; they are columns then. All
-        inputs must be there, and one of the outputs: the others were not measured.
+        inputs must be there, and one of the outputs: the others were not measured. Without names
+        every column is an output, but the clock and the only one that is called a force.
     modes
         Further inputs by input mode; the first mode whose inputs the file has counts.
     units
         Units of the model by signal: without TOML their columns must say theirs in the header.
+    names
+        Other names by signal.
+    options
+        What is told instead of the TOML or the header.
 
     Raises
     ------
     DataError
-        With every fault of the file.
+        With every fault of the file; it holds several runs.
     """
-    path = Path(path)
+    signals = Signals(inputs, outputs, modes or {}, units or {}, names or {})
+    found = _read_file(Path(path), signals, options or ReadOptions())
+    if len(found) > 1:
+        raise DataError(f"{path}: holds {len(found)} runs, expected one; read_records reads them")
+    return found[0]
+
+
+def read_sheet(path: Path) -> Sheet | None:
+    """The TOML beside a measured file; None if there is none."""
+    beside = path.with_suffix(".toml")
+    if not is_file(beside):
+        return None
+    raw = read_toml(beside)
+    try:
+        sheet = Sheet.model_validate(raw)
+    except ValidationError as error:
+        raise DataError(fault_text(str(beside), fault_lines(error, Sheet))) from None
+    if not sheet.outputs:
+        raise DataError(f"{beside}: there is no table [outputs.NAME]: nothing to compare")
+    return sheet
+
+
+def _read_file(path: Path, signals: Signals, options: ReadOptions) -> tuple[Record, ...]:
     if not is_file(path):
         raise DataError(f"{path}: {why_missing(path)}")
-    beside = path.with_suffix(".toml")
-    if is_file(beside):
-        raw = read_toml(beside)
-        try:
-            sheet = _Sheet.model_validate(raw)
-        except ValidationError as error:
-            raise DataError(fault_text(str(beside), fault_lines(error, _Sheet))) from None
-        if not sheet.outputs:
-            raise DataError(f"{beside}: there is no table [outputs.NAME]: nothing to compare")
-    else:
-        if not outputs:
-            raise DataError(
-                f"{path}: there is no {beside.name} beside it that says which columns are inputs "
-                "and outputs; write one, or name them"
-            )
-        columns = read_columns(path)
-        sheet = _plain_sheet(path, columns, inputs, outputs, modes or {}, units or {})
-        return _build(path, sheet, columns)
-    return _build(path, sheet, read_columns(path))
+    given = read_sheet(path)
+    columns = read_columns(path)
+    return _build(path, sheet_for(path, columns, signals, options, given), columns)
 
 
-def _plain_sheet(
-    path: Path,
-    columns: Columns,
-    inputs: Sequence[str],
-    outputs: Sequence[str],
-    modes: Mapping[InputMode, Sequence[str]],
-    units: Mapping[str, str],
-) -> _Sheet:
-    """What a file without a sheet says by the names of its columns."""
-    there = columns.values
-    fitting = [m for m, names in modes.items() if all(n in there for n in names)]
-    faults = []
-    if modes and not fitting:
-        wanted = " or ".join(" and ".join(names) for names in modes.values())
-        faults.append(f"no column {wanted} for the input; there are {columns}")
-    if not any(n in there for n in outputs):
-        faults.append(f"none of the outputs {', '.join(outputs)}; there are {columns}")
-    for name in there:
-        unit = units.get(name, "1")
-        if unit != "1" and not columns.units.get(name):
-            faults.append(f"column {name} has no unit in the header, expected such as [{unit}]")
-    if faults:
-        raise DataError(fault_text(str(path), faults))
-    mode: InputMode = next(iter([*fitting, *modes]), "force")
-    seen = [n for n in outputs if n in there]
-    return _Sheet(
-        input_mode=mode,
-        inputs={n: _Input() for n in (*inputs, *modes.get(mode, tuple[str, ...]()))},
-        outputs={n: _Output() for n in seen},
-    )
-
-
-def _build(path: Path, sheet: _Sheet, columns: Columns) -> Record:
+def _build(path: Path, sheet: Sheet, columns: Columns) -> tuple[Record, ...]:
+    """Records of a file, one a run."""
     faults: list[str] = []
-
-    def find(name: str, spec: _Column) -> tuple[Array, str]:
-        key = spec.column or name
-        shown = shortened(key)
-        if key not in columns.values:
-            faults.append(f"no column {shown!r}; there are {columns}")
-            return np.zeros(0), ""
-        unit = spec.unit or columns.units.get(key, "")
-        factor, si = _to_si(unit, spec.si)
-        if factor is None:
-            expected = f"expected one of {spec.si}" if spec.si else "give its si and factor"
-            faults.append(f"column {shown}: unit {shortened(unit)!r} is unknown; {expected}")
-            return np.zeros(0), ""
-        with np.errstate(over="ignore", invalid="ignore"):  # the record tells of what is infinite
-            return columns.values[key] * factor * spec.factor + spec.shift, si
-
-    part = slice(sheet.first, sheet.last, sheet.every)
-    read_in = {n: find(n, s) for n, s in sheet.inputs.items()}
-    read_out = {n: find(n, s) for n, s in sheet.outputs.items()}
+    read_in = {n: _series(n, s, sheet, columns, faults) for n, s in sheet.inputs.items()}
+    read_out = {n: _series(n, s, sheet, columns, faults) for n, s in sheet.outputs.items()}
     time = _clock(sheet, columns, faults)
     sensors = {}
     for name, spec in sheet.outputs.items():
-        fields = spec.model_dump(exclude={"column", "unit", "factor", "shift", "si"})
+        fields = spec.model_dump(exclude=set(ColumnSpec.model_fields))
         if fields["bandwidth"] is None:
             fields.pop("bandwidth")
         try:
@@ -231,54 +161,163 @@ def _build(path: Path, sheet: _Sheet, columns: Columns) -> Record:
             )
         except DataError as error:
             faults.append(str(error))
+    parts = [] if faults else _runs(sheet, columns, time, faults)
     if faults:
         raise DataError(fault_text(str(path), faults))
     role: Role = sheet.role
     mode: InputMode = sheet.input_mode
-    try:
-        return Record(
-            name=sheet.name or path.stem,
-            time=time[part],
-            inputs={n: v[part] for n, (v, _) in read_in.items()},
-            outputs={n: v[part] for n, (v, _) in read_out.items()},
-            sensors=sensors,
-            input_mode=mode,
-            input_units={n: unit for n, (_, unit) in read_in.items() if unit not in ("", "1")},
-            input_sigma={n: s.sigma for n, s in sheet.inputs.items() if s.sigma > 0.0},
-            input_correlation_time={
-                n: s.correlation_time for n, s in sheet.inputs.items() if s.correlation_time > 0.0
-            },
-            conditions=sheet.conditions,
-            role=role,
-            start=start,
-            repeats=sheet.repeats,
-            source=sheet.source,
+    base = sheet.name or path.stem
+    used = slice(sheet.first, sheet.last, sheet.every)
+    records = []
+    for label, rows in parts:
+        at = rows[used]
+        zero = {
+            n: start_of(read_out[n][0][at]) if s.origin == "start" else 0.0
+            for n, s in sheet.outputs.items()
+        }
+        zero_in = {
+            n: start_of(read_in[n][0][at]) if s.origin == "start" else 0.0
+            for n, s in sheet.inputs.items()
+        }
+        try:
+            records.append(
+                Record(
+                    name=f"{base}-{label}" if len(parts) > 1 else base,
+                    time=time[at],
+                    inputs={n: v[at] - zero_in[n] for n, (v, _) in read_in.items()},
+                    outputs={n: v[at] - zero[n] for n, (v, _) in read_out.items()},
+                    sensors=sensors,
+                    input_mode=mode,
+                    input_units={n: u for n, (_, u) in read_in.items() if u not in ("", "1")},
+                    input_sigma={n: s.sigma for n, s in sheet.inputs.items() if s.sigma > 0.0},
+                    input_correlation_time={
+                        n: s.correlation_time
+                        for n, s in sheet.inputs.items()
+                        if s.correlation_time > 0.0
+                    },
+                    conditions=sheet.conditions,
+                    role=role,
+                    start=start,
+                    repeats=sheet.repeats or (base if len(parts) > 1 else ""),
+                    source=sheet.source or columns.source,
+                    notes=tuple(columns.notes),
+                )
+            )
+        except DataError as error:
+            raise DataError(f"{path}: {error}") from None
+    return tuple(records)
+
+
+def _series(
+    name: str, spec: ColumnSpec, sheet: Sheet, columns: Columns, faults: list[str]
+) -> tuple[Array, str]:
+    """Values of a signal and their unit."""
+    empty = np.zeros(0), ""
+    key = columns.find(spec.column or name)
+    shown = shortened(spec.column or name)
+    if not key:
+        faults.append(f"no column {shown!r}; there are {columns}")
+        return empty
+    unit = unit_of_column(columns, key, spec.unit)
+    scale, down = 1.0, bool(spec.down)
+    if spec.scale != "":
+        told = _scale(spec.scale)
+        if told is None:
+            faults.append(
+                f"column {shown}: scale = {shortened(repr(spec.scale))}, expected what one "
+                f'{unit or "unit"} is, such as "0.21 mm"'
+            )
+            return empty
+        down = name.endswith(".y") and unit == PIXEL if spec.down is None else down
+        scale, unit = told
+    elif unit == PIXEL:
+        faults.append(
+            f'column {shown} is in pixels: how large is one? (scale = "0.21 mm" in the TOML, or '
+            "--scale 0.21mm)"
         )
-    except DataError as error:
-        raise DataError(f"{path}: {error}") from None
+        return empty
+    factor, si = _to_si(unit, spec.si)
+    if factor is None:
+        expected = f"expected one of {spec.si}" if spec.si else "give its si and factor"
+        faults.append(f"column {shown}: unit {shortened(unit)!r} is unknown; {expected}")
+        return empty
+    values = columns.values[key]
+    if isinstance(spec.origin, float) and spec.origin != 0.0:
+        values = values - spec.origin
+    with np.errstate(over="ignore", invalid="ignore"):  # the record tells of what is infinite
+        values = values * (-factor if down else factor) * scale * spec.factor + spec.shift
+    trust = columns.likelihood.get(key)
+    if trust is not None:
+        values = np.where(columns.values[trust] >= sheet.likelihood, values, np.nan)
+    return values, si
 
 
-def _clock(sheet: _Sheet, columns: Columns, faults: list[str]) -> Array:
+def _scale(scale: float | str) -> tuple[float, str] | None:
+    """Number and unit of what one unit of the file is; a bare number is in meters."""
+    if not isinstance(scale, str):
+        return float(scale), "m"
+    found = split_quantity(scale)
+    if found is None or not math.isfinite(found[0]) or found[0] == 0.0:
+        return None
+    return found[0], found[1] or "m"
+
+
+def _clock(sheet: Sheet, columns: Columns, faults: list[str]) -> Array:
     length = max((v.size for v in columns.values.values()), default=0)
     if sheet.interval is not None:
         if not sheet.interval > 0.0:
             faults.append(f"interval = {sheet.interval!r}, expected > 0 [s]")
         with np.errstate(over="ignore"):
             return np.arange(length, dtype=np.float64) * float(sheet.interval)
-    name = sheet.time
+    name = clock_column(columns, sheet.time)
     if not name:
-        name = next((n for n in ("time", "t", "Time", "T") if n in columns.values), "")
-        name = name or next(iter(columns.values), "")
-    if name not in columns.values:
-        faults.append(f"no column {shortened(name)!r} for the clock; there are {columns}")
+        faults.append(f"no column {shortened(sheet.time)!r} for the clock; there are {columns}")
         return np.zeros(0)
-    unit = columns.units.get(name, "") or "s"
+    values = columns.values[name]
+    frames = name == frame_column(columns) and not columns.units.get(name)
+    if sheet.frame_rate is not None:
+        if not frames:  # the clock of a video that plays at another rate
+            steps = np.diff(values)
+            forward = steps[steps > 0.0]
+            step = float(np.median(forward)) if forward.size else 1.0
+            values = np.round((values - values[0]) / step)
+        return values / sheet.frame_rate
+    if frames and not sheet.time_unit:
+        faults.append(
+            f"the clock {shortened(name)} counts frames: how many are a second? (frame_rate in "
+            "the TOML, or --frame-rate HZ)"
+        )
+        return np.zeros(0)
+    unit = unit_of_column(columns, name, sheet.time_unit) or "s"
     factor, _ = _to_si(unit, "s")
     if factor is None:
         faults.append(f"column {shortened(name)}: unit {shortened(unit)!r} is no time")
         return np.zeros(0)
     with np.errstate(over="ignore"):
-        return columns.values[name] * factor
+        return values * factor
+
+
+def _runs(
+    sheet: Sheet, columns: Columns, time: Array, faults: list[str]
+) -> list[tuple[str, NDArray[np.intp]]]:
+    """Samples of each run of a file, by its label."""
+    rows = np.arange(time.size)
+    name = run_column(columns, sheet.run)
+    if sheet.run and not name:
+        faults.append(f"no column {shortened(sheet.run)!r} for the runs; there are {columns}")
+        return []
+    with np.errstate(invalid="ignore"):
+        steps = np.diff(time)
+        # A clock that begins again, not one that stumbles.
+        again = np.flatnonzero((steps < 0.0) & (time[1:] - time[0] < 0.5 * (time[:-1] - time[0])))
+    if name and (sheet.run or np.any(steps <= 0.0)):
+        number = columns.values[name]
+        labels = [n for n in dict.fromkeys(number.tolist()) if math.isfinite(n)]
+        return [(f"{label:g}", rows[number == label]) for label in labels]
+    if not again.size:
+        return [("1", rows)]
+    parts = np.split(rows, again + 1)
+    return [(str(k), part) for k, part in enumerate(parts, 1)]
 
 
 #: Units whose SI form keeps its name in reports.
@@ -339,7 +378,7 @@ def write_record(record: Record, path: str | Path, *, force: bool = False) -> Pa
     for n, sensor in record.sensors.items():
         fields = {
             k: getattr(sensor, k)
-            for k in _Output.model_fields
+            for k in OutputSpec.model_fields
             if k in Sensor.__dataclass_fields__ and getattr(sensor, k) != getattr(plain, k)
         }
         fields.pop("unit", None)

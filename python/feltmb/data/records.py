@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from feltmb.arguments import checked
 from feltmb.errors import DataError
 
-__all__ = ["Array", "InputMode", "Record", "Role", "Sensor", "StartPrior"]
+__all__ = ["Array", "InputMode", "Record", "Reference", "Role", "Sensor", "StartPrior"]
 
 Array = NDArray[np.float64]
 InputMode = Literal["force", "motion"]
 Role = Literal["fit", "held_out"]
+Reference = Literal["", "absolute", "rest"]
 
 LARGEST = (
     1e100  # of any number of a record: what lies beyond is no measurement, its square no number
@@ -58,6 +59,9 @@ class Sensor:
     """Prior of an unknown offset [unit]."""
     delay_sd: float = 0.0
     """Prior of an unknown delay [s]."""
+    reference: Reference = ""
+    """Zero of a coordinate: "absolute" is that of the frame of the model, "rest" the rest pose of
+    the machine; "": told by where the channel starts. For models that know their rest."""
     point: str = ""
     """Where it sits, for people and for the model."""
     axis: str = ""
@@ -137,6 +141,8 @@ class Record:
     """Label shared by repeats of one run: their spread is the floor of every gap."""
     source: str = ""
     """File and license, for the report."""
+    notes: tuple[str, ...] = ()
+    """What was assumed when it was read, for the data checks."""
 
     def __post_init__(self) -> None:
         faults = []

@@ -15,10 +15,12 @@ if TYPE_CHECKING:
 
     Array = npt.NDArray[np.float64]
 
-__all__ = ["LEAST_SAMPLES", "noise_of_record", "smooth_record"]
+__all__ = ["LEAST_SAMPLES", "NEAR", "noise_of_record", "smooth_record", "start_of"]
 
 #: Fewer samples say nothing about noise.
 LEAST_SAMPLES = 12
+#: Standard deviations of the noise within which a value is where another one is.
+NEAR = 5.0
 #: Decades of the penalty that are searched, on a clock of samples, and how closely.
 _WEAKEST, _STRONGEST, _CLOSE = -6.0, 12.0, 0.02
 
@@ -37,6 +39,31 @@ def noise_of_record(value: npt.ArrayLike) -> float:
         return 0.0
     fourth = np.diff(values, 4)
     return float(np.median(np.abs(fourth)) / 0.6745 / np.sqrt(70.0))
+
+
+def start_of(values: npt.ArrayLike, noise: float | None = None) -> float:
+    """Mean of the still beginning of a record, in its unit; NaN if nothing was measured.
+
+    Only the first quarter of what lies within the noise is averaged: a motion that begins slowly
+    has hardly moved there.
+
+    Parameters
+    ----------
+    values
+        The record; NaN is missing.
+    noise
+        Standard deviation of its noise; default: estimated.
+    """
+    import numpy as np
+
+    x = np.asarray(values, dtype=float)
+    x = x[np.isfinite(x)]
+    if not x.size:
+        return float("nan")
+    noise = noise_of_record(x) if noise is None else noise
+    beyond = np.abs(x - np.median(x[:5])) > NEAR * noise
+    still = int(np.argmax(beyond)) if beyond.any() else x.size
+    return float(np.mean(x[: max(1, still // 4)]))
 
 
 def smooth_record(time: npt.ArrayLike, value: npt.ArrayLike, noise: float) -> Array:

@@ -105,6 +105,7 @@ class Including(Model):
         self.from_rest = model.from_rest
         self.together = model.together
         self.input_modes = model.input_modes
+        self.input_names = model.input_names
         self.inputs = tuple(getattr(model, "inputs", ()))
 
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
@@ -116,6 +117,10 @@ class Including(Model):
     def forget(self) -> None:
         """That of the model."""
         self._base.forget()
+
+    def referred(self, record: Record) -> tuple[Record, tuple[str, ...]]:
+        """As the model refers it."""
+        return self._base.referred(record)
 
     def ready(self, records: Sequence[Record]) -> Ready:
         """The ready model with the same effects."""

@@ -379,6 +379,8 @@ class Model(ABC):
     input_modes: Mapping[InputMode, Sequence[str]] = MappingProxyType({})
     """Inputs by the mode of a record, where it reads others in each: what a measured file without a
     sheet is searched for."""
+    input_names: Mapping[str, Sequence[str]] = MappingProxyType({})
+    """Other names of inputs in measured files: what a run of the model calls them."""
     least_samples: int = 8
     """Samples that a record must have at least; fewer only where an output is a single number."""
     ports: tuple[Port, ...] = ()
@@ -412,6 +414,13 @@ class Model(ABC):
     def simulate_all(self, batches: Sequence[Batch]) -> list[Simulated]:
         """Simulate jobs of several records; see ``together``. Default: one after the other."""
         return [self.simulate(record, jobs) for record, jobs in batches]
+
+    def referred(self, record: Record) -> tuple[Record, tuple[str, ...]]:
+        """A record in the coordinates of the outputs, and what was done to it, in words.
+
+        Default: as it is. A model whose outputs are displacements from rest overrides it.
+        """
+        return record, ()
 
     def refined(self, batches: Sequence[Batch]) -> Model:
         """Itself in steps that are fine enough for these jobs and their included effects.

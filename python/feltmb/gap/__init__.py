@@ -39,6 +39,7 @@ from feltmb.gap.findings import (
     Where,
     Which,
 )
+from feltmb.gap.overlay import GapBefore, GapBeforeRow, check
 from feltmb.gap.planning import Plan, noncentrality, plan
 from feltmb.gap.report import Report
 from feltmb.gap.withhold import OUTCOMES, Withheld, WithheldCase, withhold
@@ -54,6 +55,8 @@ __all__ = [
     "Effect",
     "EventRow",
     "FunctionModel",
+    "GapBefore",
+    "GapBeforeRow",
     "GapRow",
     "HowFar",
     "Jobs",
@@ -82,6 +85,7 @@ __all__ = [
     "Which",
     "Withheld",
     "WithheldCase",
+    "check",
     "check_records",
     "diagnose",
     "fit_model",

@@ -96,6 +96,7 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
     channels = []
     estimated = False
     for record in records:
+        warnings += [f"{record.name}: {note}" for note in record.notes]
         _clock(record, problems, warnings)
         for name, values in record.outputs.items():
             if outputs is not None and name not in outputs:

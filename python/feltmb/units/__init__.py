@@ -8,12 +8,16 @@ from feltmb.units.names import (
     si_value,
     split_quantity,
 )
+from feltmb.units.spelling import PIXEL, spelled_unit, split_column
 
 __all__ = [
     "ACCEPTED_UNITS",
+    "PIXEL",
     "conversion_factor",
     "convert",
     "dimension_text",
     "si_value",
+    "spelled_unit",
+    "split_column",
     "split_quantity",
 ]

@@ -61,7 +61,7 @@ def test_wrong_units_name_what_is_expected(unit, si, message):
 
 
 def test_accepted_ways_are_listed():
-    assert dimension_text("N") == "N, mN, cN, kN, gf"
+    assert dimension_text("N") == "N, mN, cN, kN, gf, kgf, lbf"
     assert "mm" in dimension_text("m")
     assert dimension_text("N/m^2.3") == "N/m^2.3"
 

@@ -1,0 +1,96 @@
+"""Channels of a record as displacements from rest, whichever zero they were measured from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from feltmb.data import Record
+from feltmb.data.smoothing import NEAR, start_of
+
+__all__ = ["from_rest"]
+
+#: Digits of a number that a file rounds: share of an absolute coordinate.
+ROUNDED = 1e-3
+
+
+def from_rest(
+    record: Record, rest: Mapping[str, float], model: str
+) -> tuple[Record, tuple[str, ...]]:
+    """The record with every channel as displacement from rest, and what was done, in words.
+
+    Parameters
+    ----------
+    rest
+        Absolute coordinate at rest of the channels that have one [m].
+    model
+        Name of the model, for the notes.
+    """
+    starts = {n: _Start.of(record, n, rest[n]) for n in record.outputs if n in rest}
+    clear = {s.kind for s in starts.values() if not s.told}
+    frame = "absolute" if "absolute" in clear and "rest" not in clear else "rest"
+    outputs, sensors = dict(record.outputs), dict(record.sensors)
+    notes: list[str] = []
+    absolute: dict[bool, list[str]] = {True: [], False: []}
+    for name, start in starts.items():
+        kind = frame if start.kind == "either" else start.kind
+        if not kind:
+            notes.append(
+                f"{record.name}: {name} starts at {start.value:.6g} m: that is neither rest (0) "
+                f"nor where {model} has it at rest ({start.rest:.6g} m); it is taken as "
+                'displacement from rest (reference = "absolute" or origin = "start" in the TOML '
+                "says otherwise)"
+            )
+        if kind != "absolute":
+            continue
+        absolute[start.told].append(name)
+        zero = start.rest
+        if abs(start.value - start.rest) > start.near:
+            zero = start.value
+            notes.append(
+                f"{record.name}: {name} starts at {start.value:.6g} m, {model} has it at "
+                f"{start.rest:.6g} m at rest: its own start is taken for rest"
+            )
+        outputs[name] = record.outputs[name] - zero
+        sensors[name] = replace(sensors[name], reference="rest")
+    for told, names in absolute.items():
+        if names:
+            why = "as told" if told else f"they start where {model} has them at rest"
+            notes.insert(
+                0,
+                f"{record.name}: {', '.join(names)}: absolute coordinates ({why}); compared as "
+                "displacements from rest",
+            )
+    if not any(absolute.values()):
+        return record, tuple(notes)
+    return replace(record, outputs=outputs, sensors=sensors), tuple(notes)
+
+
+@dataclass(frozen=True)
+class _Start:
+    """Where a channel starts, and what that says of its zero."""
+
+    value: float
+    rest: float
+    near: float
+    """Distance within which it starts at the rest of the model [m]."""
+    kind: str
+    """"rest", "absolute", "either" where they are the same within the noise, else nothing."""
+    told: bool
+
+    @classmethod
+    def of(cls, record: Record, name: str, rest: float) -> _Start:
+        sensor, values = record.sensors[name], record.outputs[name]
+        sigma = math.hypot(sensor.sigma or 0.0, sensor.quantum / math.sqrt(12.0))
+        start = start_of(values, sigma)
+        finite = np.abs(values[np.isfinite(values)])
+        near = max(NEAR * sigma, ROUNDED * abs(rest))
+        still = max(NEAR * sigma, ROUNDED * float(np.max(finite, initial=0.0)))
+        at_zero, at_rest = abs(start) <= still, abs(start - rest) <= near
+        kind = "rest" if at_zero or not math.isfinite(start) else "absolute" if at_rest else ""
+        if at_zero and at_rest:
+            kind = "either"
+        return cls(start, rest, near, sensor.reference or kind, bool(sensor.reference))

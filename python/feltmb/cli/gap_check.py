@@ -1,0 +1,186 @@
+"""``feltmb gap check``: records by themselves, and beside a model before anything is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from feltmb.cli.common import (
+    check_targets,
+    console,
+    force_option,
+    json_option,
+    model_set_option,
+    new_table,
+    pretty,
+    print_json,
+    save_figure,
+    say,
+)
+from feltmb.cli.completing import actions
+from feltmb.cli.gap_reading import reading_options
+from feltmb.errors import DataError, InvalidParameter
+
+if TYPE_CHECKING:
+    from feltmb.data import ReadOptions
+    from feltmb.gap import DataChecks, GapBefore
+
+__all__ = ["command"]
+
+_DATA = (".csv", ".txt", ".tsv", ".dat", ".mat", ".nc")
+
+
+@click.command("check")
+@click.argument("model_and_data", nargs=-1, required=True, shell_complete=actions,
+                metavar="[MODEL] DATA...")  # fmt: skip
+@click.option(
+    "--out",
+    "-o",
+    "picture",
+    metavar="PICTURE",
+    type=click.Path(path_type=Path),
+    help="Draw records, model and difference: .png, .pdf or .svg.",
+)
+@reading_options
+@model_set_option
+@json_option
+@force_option
+def command(
+    model_and_data: tuple[str, ...],
+    picture: Path | None,
+    reading: ReadOptions,
+    settings: tuple[str, ...],
+    as_json: bool,
+    force: bool,
+) -> None:
+    """Check measured DATA: clocks, units, noise, repeatability.
+
+    With MODEL (as of `gap diagnose`) also simulate each record with the tabulated numbers and show
+    how far record and model are apart, before anything is fitted.
+    """
+    from feltmb.gap.checks import check_records
+    from feltmb.gap.report import plain
+
+    name, data = _split(model_and_data)
+    check_targets(pictures=(picture,), force=force)
+    if name is None:
+        if picture is not None or settings:
+            raise InvalidParameter("gap check: --out and --set need a MODEL before the data")
+        from feltmb.data.files import read_each
+
+        records = [r for group in read_each(data, options=reading) for r in group]
+        checks = check_records(records)
+        if as_json:
+            print_json(plain(checks))
+        else:
+            _print_checks(checks)
+            _print_warnings(checks.warnings)
+        _refuse(checks)
+        return
+    from feltmb.cli.gap_models import load_adapter
+    from feltmb.gap import check
+
+    adapter = load_adapter(name, settings)
+    records = list(adapter.read(data, reading))
+    checks = check_records(records, adapter.model.outputs)
+    if checks.problems and not as_json:
+        _print_checks(checks)
+    _refuse(checks)
+    found = check(adapter.model, records)
+    if as_json:
+        print_json({"checks": plain(found.checks), "gap": plain(found.rows), "notes": found.notes})
+    else:
+        _print_checks(found.checks)
+        _print_gap(found)
+        _print_warnings((*found.notes, *found.checks.warnings))
+    if picture is not None:
+        save_figure(found.plot(), picture, force=force)
+
+
+def _split(given: Sequence[str]) -> tuple[str | None, list[Path]]:
+    """The model, if the first argument is none of the measured files, and the files."""
+    if Path(given[0]).suffix.lower() in _DATA:
+        return None, [Path(g) for g in given]
+    if len(given) == 1:
+        raise InvalidParameter(
+            f"gap check: got {given[0]!r} alone, expected measured files ({', '.join(_DATA)}), "
+            "before them perhaps a model"
+        )
+    return given[0], [Path(g) for g in given[1:]]
+
+
+def _refuse(checks: DataChecks) -> None:
+    if checks.problems:
+        raise DataError("records: " + "; ".join(checks.problems))
+
+
+def _print_checks(checks: DataChecks) -> None:
+    table = new_table(
+        "channels",
+        "record",
+        "channel",
+        "unit",
+        "samples",
+        "missing",
+        "spread",
+        "noise",
+        "from",
+        right=(3, 4, 5, 6),
+        whole=(0, 1, 6),
+    )
+    for c in checks.channels:
+        table.add_row(
+            c.record,
+            c.channel,
+            c.unit,
+            str(c.samples),
+            f"{c.missing:.0%}",
+            f"{c.spread:.4g}",
+            f"{c.sigma:.2g}",
+            c.method,
+        )
+    console().print(table)
+    for label, channel, sd in checks.repeatability:
+        say(f"repeats {label}: {channel} differs by {sd:.3g}")
+
+
+def _print_gap(found: GapBefore) -> None:
+    table = new_table(
+        f"record - {found.model}, nothing fitted",
+        "record",
+        "channel",
+        "rms",
+        "largest",
+        "at [s]",
+        "x noise",
+        "corr.",
+        "late [ms]",
+        "factor",
+        right=(2, 3, 4, 5, 6, 7, 8),
+        whole=(0, 1, 2, 3, 4, 5, 6, 7, 8),
+    )
+    for r in found.rows:
+        table.add_row(
+            r.record,
+            r.channel,
+            " ".join(pretty(r.rms, r.unit)),
+            " ".join(pretty(r.largest, r.unit)),
+            f"{r.at:.4g}",
+            f"{r.in_noise:.3g}",
+            _told(r.correlation, ".3f"),
+            _told(1e3 * r.delay, "+.3g"),
+            _told(r.factor, ".4g"),
+        )
+    console().print(table)
+
+
+def _told(value: float, form: str) -> str:
+    return "" if value != value else f"{value:{form}}"
+
+
+def _print_warnings(warnings: Sequence[str]) -> None:
+    for warning in dict.fromkeys(warnings):
+        say(f"warning: {warning}")

@@ -1,0 +1,151 @@
+"""Options that say how measured files are read, shared by the commands that read them."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from feltmb.cli.common import Number, positive
+from feltmb.errors import InvalidParameter
+
+if TYPE_CHECKING:
+    from feltmb.data import ReadOptions
+
+__all__ = ["reading_options"]
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_OPTIONS: tuple[tuple[str, dict[str, Any]], ...] = (
+    (
+        "--column",
+        {
+            "metavar": "CHANNEL=COLUMN",
+            "multiple": True,
+            "help": "Column of the file that shows this channel (or time). Repeatable.",
+        },
+    ),
+    (
+        "--unit",
+        {
+            "metavar": "[CHANNEL=]UNIT",
+            "multiple": True,
+            "help": "Unit of a channel (or of time), also px; without CHANNEL: of outputs whose "
+            "header says none. Repeatable.",
+        },
+    ),
+    (
+        "--scale",
+        {
+            "metavar": "[CHANNEL=]LENGTH",
+            "multiple": True,
+            "help": "What a pixel, or another unit of the file, is: 0.21mm. Repeatable.",
+        },
+    ),
+    (
+        "--origin",
+        {
+            "metavar": "[CHANNEL=]VALUE",
+            "multiple": True,
+            "help": "Zero of a channel in the unit of the file; X,Y of all in pixels; start: where "
+            "it stands at the beginning. Repeatable.",
+        },
+    ),
+    ("--y-up", {"is_flag": True, "help": "Pixels count upwards in y; default: downwards."}),
+    (
+        "--reference",
+        {
+            "metavar": "[CHANNEL=]KIND",
+            "multiple": True,
+            "help": "absolute (coordinates of the mechanism) or rest (displacement from rest); "
+            "default: told by where a channel starts. Repeatable.",
+        },
+    ),
+    (
+        "--frame-rate",
+        {"type": positive("Hz"), "help": "True frames a second of the camera [Hz]."},
+    ),
+    (
+        "--time-offset",
+        {
+            "metavar": "[CHANNEL=]TIME",
+            "multiple": True,
+            "help": "By how much a channel, or all outputs, are late against the input: 12ms. "
+            "Repeatable.",
+        },
+    ),
+    (
+        "--run",
+        {
+            "metavar": "COLUMN",
+            "default": "",
+            "help": "Column that numbers the runs; default: a run begins where the clock does.",
+        },
+    ),
+    (
+        "--likelihood",
+        {"type": Number(0, 1), "help": "Points of a tracker below it are missing; default 0.6."},
+    ),
+)
+
+
+def reading_options(function: F) -> F:
+    """Add the options to a command, which gets them as ``reading``."""
+
+    @functools.wraps(function)
+    def command(*args: Any, **kwargs: Any) -> Any:
+        taken = {k: kwargs.pop(k) for k in _KEYS}
+        return function(*args, reading=_options(taken), **kwargs)
+
+    for name, attributes in reversed(_OPTIONS):
+        command = click.option(name, **attributes)(command)
+    return command  # type: ignore[return-value]
+
+
+_KEYS = tuple(name.lstrip("-").replace("-", "_") for name, _ in _OPTIONS)
+
+
+def _options(given: dict[str, Any]) -> ReadOptions:
+    from feltmb.data import ReadOptions
+    from feltmb.units import si_value
+
+    delays = {}
+    for channel, text in _pairs("--time-offset", given["time_offset"]).items():
+        value = si_value(text)
+        if value is None:
+            raise InvalidParameter(f"--time-offset {text}: expected a time such as 12ms")
+        delays[channel] = value
+    references = _pairs("--reference", given["reference"])
+    for kind in references.values():
+        if kind not in ("absolute", "rest"):
+            raise InvalidParameter(f"--reference {kind}: expected absolute or rest")
+    return ReadOptions(
+        columns=_pairs("--column", given["column"], bare=False),
+        units=_pairs("--unit", given["unit"]),
+        scales=_pairs("--scale", given["scale"]),
+        origins=_pairs("--origin", given["origin"]),
+        delays=delays,
+        references=references,
+        frame_rate=given["frame_rate"],
+        run=given["run"],
+        likelihood=given["likelihood"],
+        down=False if given["y_up"] else None,
+    )
+
+
+def _pairs(option: str, texts: Sequence[str], *, bare: bool = True) -> dict[str, str]:
+    """Values by channel; "" stands for all."""
+    out: dict[str, str] = {}
+    for text in texts:
+        channel, mark, value = text.partition("=")
+        if not mark:
+            channel, value = "", text
+        channel, value = channel.strip(), value.strip()
+        if not value or not (channel or (bare and not mark)):
+            raise InvalidParameter(f"{option} {text}: expected CHANNEL=VALUE")
+        if channel in out:
+            raise InvalidParameter(f"{option} {text}: {channel or 'all'} is told twice")
+        out[channel] = value
+    return out

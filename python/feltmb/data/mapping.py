@@ -1,0 +1,293 @@
+"""Which column of a measured file is which signal of a model: told, or guessed by its name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from feltmb.data.records import InputMode
+from feltmb.data.series import Columns, plain_name
+from feltmb.data.sheet import InputSpec, OutputSpec, ReadOptions, Sheet
+from feltmb.errors import DataError, InvalidParameter
+from feltmb.units import PIXEL, conversion_factor, spelled_unit
+from feltmb.units.quantity import fault_lines, fault_text, shortened
+
+__all__ = ["Signals", "clock_column", "run_column", "sheet_for", "unit_of_column"]
+
+_CLOCKS = ("time", "t", "timestamp", "elapsedtime", "zeit", "temps", "tiempo")
+_FRAMES = ("frame", "frames", "frameno", "framenumber", "bild")
+_RUNS = ("run", "runno", "runnumber", "trial", "repeat", "repetition", "take", "specimen", "test")
+#: What instruments call an input, by its SI unit.
+_CALLED = {
+    "N": ("force", "load", "loadcell", "kraft", "f"),
+    "m": ("displacement", "extension", "travel", "stroke", "position", "crosshead", "weg"),
+}
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Names and units of what a model reads."""
+
+    inputs: Sequence[str] = ()
+    outputs: Sequence[str] = ()
+    modes: Mapping[InputMode, Sequence[str]] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    names: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    """Other names."""
+
+    def is_input(self, name: str) -> bool:
+        """Whether a signal drives the model."""
+        return name in self.inputs or any(name in names for names in self.modes.values())
+
+
+def clock_column(columns: Columns, told: str = "") -> str:
+    """Column of the clock, "" if there is none."""
+    if told:
+        return columns.find(told)
+    exact = next((n for n in ("time", "t", "Time", "T") if n in columns.values), "")
+    return (
+        exact
+        or _one_of(columns, _CLOCKS)
+        or frame_column(columns)
+        or next(iter(columns.values), "")
+    )
+
+
+def frame_column(columns: Columns) -> str:
+    """Column that counts frames, "" if there is none."""
+    return columns.frames or _one_of(columns, _FRAMES)
+
+
+def run_column(columns: Columns, told: str = "") -> str:
+    """Column that numbers the runs, "" if there is none."""
+    return columns.find(told) if told else _one_of(columns, _RUNS)
+
+
+def _one_of(columns: Columns, words: Sequence[str]) -> str:
+    found = [c for c in columns.values if plain_name(c) in words]
+    return found[0] if len(found) == 1 else ""
+
+
+def unit_of_column(columns: Columns, column: str, told: str = "") -> str:
+    """Unit of a column as it is accepted, as it stands where it is unknown, "" if none."""
+    unit = told or columns.units.get(column, "")
+    return spelled_unit(unit) or unit
+
+
+def sheet_for(
+    path: Path, columns: Columns, signals: Signals, options: ReadOptions, given: Sheet | None
+) -> Sheet:
+    """The sheet of a file: the one beside it or a guessed one, changed by the options.
+
+    Raises
+    ------
+    DataError
+        Something that the model needs is not there, or not clear.
+    """
+    if given is not None:
+        sheet = given
+    elif signals.outputs:
+        sheet = _of_model(path, columns, signals, options)
+    else:
+        sheet = _of_columns(path, columns, options)
+    return _changed(path, sheet, columns, signals, options)
+
+
+def _of_model(path: Path, columns: Columns, signals: Signals, options: ReadOptions) -> Sheet:
+    """What the columns are by their names, those of the model."""
+
+    def find(name: str) -> str:
+        told = options.columns.get(name)
+        if told is not None:
+            return told
+        found = columns.find(name, *signals.names.get(name, ()))
+        return found or (_by_quantity(columns, signals, name) if signals.is_input(name) else "")
+
+    place = {n: find(n) for names in signals.modes.values() for n in names}
+    place |= {n: find(n) for n in (*signals.inputs, *signals.outputs)}
+    fitting = [m for m, names in signals.modes.items() if all(place[n] for n in names)]
+    seen = [n for n in signals.outputs if place[n]]
+    faults = []
+    if signals.modes and not fitting:
+        wanted = " or ".join(" and ".join(names) for names in signals.modes.values())
+        faults.append(
+            f"no column {wanted} for the input; there are {columns} (--column NAME=COLUMN says "
+            "which it is)"
+        )
+    if not seen:
+        faults.append(f"none of the outputs {', '.join(signals.outputs)}; there are {columns}")
+    mode: InputMode = next(iter([*fitting, *signals.modes]), "force")
+    driven = (*signals.inputs, *signals.modes.get(mode, ()))
+    for name in (*driven, *seen):
+        unit = signals.units.get(name, "1")
+        scaled = {name, ""} & {*options.units, *options.scales}
+        told = columns.units.get(columns.find(place[name])) or name in scaled
+        told = told or (name not in driven and "" in scaled)
+        if unit != "1" and place[name] and not told:
+            faults.append(
+                f"column {place[name]} has no unit in the header, expected such as [{unit}] "
+                f"(--unit {name}={unit} says it)"
+            )
+    if faults:
+        raise DataError(fault_text(str(path), faults))
+    return Sheet(
+        input_mode=mode,
+        inputs={n: InputSpec(column=_other(place[n], n)) for n in driven},
+        outputs={n: OutputSpec(column=_other(place[n], n)) for n in seen},
+    )
+
+
+def _other(column: str, name: str) -> str:
+    return "" if column in ("", name) else column
+
+
+def _by_quantity(columns: Columns, signals: Signals, name: str) -> str:
+    """The only column that is called as instruments call such an input and measures it."""
+    si = signals.units.get(name, "1")
+    found = [
+        c
+        for c in columns.values
+        if plain_name(c) in _CALLED.get(si, ()) and _measures(columns.units.get(c, ""), si)
+    ]
+    return found[0] if len(found) == 1 else ""
+
+
+def _measures(unit: str, si: str) -> bool:
+    known = spelled_unit(unit)
+    if known is None or known == PIXEL:
+        return False
+    try:
+        conversion_factor(known, si)
+    except InvalidParameter:
+        return False
+    return True
+
+
+def _of_columns(path: Path, columns: Columns, options: ReadOptions) -> Sheet:
+    """Every column is an output of its name, but the clock and what is called a force."""
+    clock = clock_column(columns, options.columns.get("time", ""))
+    aside = {clock, run_column(columns, options.run), frame_column(columns)}
+    aside |= set(columns.likelihood.values())
+    rest = [c for c in columns.values if c not in aside]
+    forces = [c for c in rest if plain_name(c) in _CALLED["N"]]
+    forces = forces if len(forces) == 1 < len(rest) else []
+    told = {v: k for k, v in options.columns.items()}
+    outputs = {told.get(c, c): OutputSpec(column=c) for c in rest if c not in forces}
+    if not outputs:
+        raise DataError(f"{path}: holds no output; there are {columns}")
+    return Sheet(
+        inputs={told.get(c, "force"): InputSpec(column=c) for c in forces}, outputs=outputs
+    )
+
+
+# ---------------------------------------------------------------- options
+
+
+def _changed(
+    path: Path, sheet: Sheet, columns: Columns, signals: Signals, options: ReadOptions
+) -> Sheet:
+    """The sheet with what the options say."""
+    inputs: dict[str, Any] = dict(sheet.inputs)
+    outputs: dict[str, Any] = dict(sheet.outputs)
+    for name, column in options.columns.items():
+        if name == "time":
+            continue
+        where = inputs if name in inputs or signals.is_input(name) else outputs
+        empty = InputSpec() if where is inputs else OutputSpec()
+        where[name] = where.get(name, empty).model_copy(update={"column": column})
+    known = {*inputs, *outputs, "time", ""}
+    faults = [
+        f"{what} of {name}: there is no such channel; known are {', '.join(sorted(known - {''}))}"
+        for what, table in (
+            ("unit", options.units),
+            ("scale", options.scales),
+            ("origin", options.origins),
+            ("time offset", options.delays),
+            ("reference", options.references),
+        )
+        for name in table
+        if name not in known
+    ]
+    for group in (inputs, outputs):
+        for name, spec in group.items():
+            try:
+                update = _update(name, spec, columns, options, output=group is outputs)
+            except InvalidParameter as error:
+                faults.append(str(error))
+                continue
+            group[name] = spec.model_copy(update=update) if update else spec
+    if faults:
+        raise DataError(fault_text(str(path), faults))
+    changed = {**options.top(), "inputs": inputs, "outputs": outputs}
+    try:
+        return Sheet.model_validate({**dict(sheet), **changed})
+    except ValidationError as error:
+        raise DataError(fault_text(str(path), fault_lines(error, Sheet))) from None
+
+
+def _update(
+    name: str, spec: Any, columns: Columns, options: ReadOptions, *, output: bool
+) -> dict[str, Any]:
+    """Fields of one column that the options replace."""
+    column = columns.find(spec.column or name)
+    update: dict[str, Any] = {}
+
+    def told(table: Mapping[str, Any]) -> Any:
+        return table.get(name)
+
+    unit = told(options.units)
+    bare = options.units.get("")
+    if unit is None and bare and output and not spec.unit and not columns.units.get(column):
+        unit = bare
+    if unit is not None:
+        update["unit"] = unit
+    unit = unit_of_column(columns, column, update.get("unit", spec.unit))
+    pixels = unit == PIXEL
+    scale = told(options.scales)
+    if scale is None and output and (pixels or not unit):
+        scale = options.scales.get("")
+    if scale is not None:
+        update["scale"] = scale
+        if not unit:
+            update["unit"] = PIXEL
+            pixels = True
+    origin = told(options.origins)
+    if origin is None and output and (pixels or _measures(unit, "m")):
+        origin = _of_axis(name, options.origins.get(""), pixels=pixels)
+    if origin is not None:
+        update["origin"] = _origin(name, origin)
+    if options.down is not None and pixels and name.endswith(".y"):
+        update["down"] = options.down
+    if output:
+        for key, table in (("delay", options.delays), ("reference", options.references)):
+            value = table.get(name, table.get(""))
+            if value is not None:
+                update[key] = value
+    return update
+
+
+def _of_axis(name: str, origin: str | None, *, pixels: bool) -> str | None:
+    """The part of an origin "X,Y" that belongs to a channel."""
+    if origin is None or "," not in origin:
+        return origin
+    parts = [p.strip() for p in origin.split(",")]
+    axis = name.rpartition(".")[2]
+    if len(parts) != 2 or axis not in ("x", "y") or not pixels:
+        return None
+    return parts["xy".index(axis)]
+
+
+def _origin(name: str, text: str) -> float | str:
+    if text == "start":
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        got = shortened(repr(text))
+        raise InvalidParameter(
+            f"origin of {name}: got {got}, expected a number in the unit of the file, or start"
+        ) from None

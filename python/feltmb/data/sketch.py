@@ -1,0 +1,134 @@
+"""A first TOML for a measured file: what its columns seem to be, with comments to correct it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from feltmb.data.columns import read_columns
+from feltmb.data.mapping import (
+    Signals,
+    clock_column,
+    frame_column,
+    run_column,
+    sheet_for,
+    unit_of_column,
+)
+from feltmb.data.series import Columns
+from feltmb.data.sheet import ColumnSpec, ReadOptions, Sheet
+from feltmb.errors import DataError
+from feltmb.units import PIXEL
+
+__all__ = ["sketch_sheet"]
+
+
+def sketch_sheet(
+    path: Path, signals: Signals | None = None, options: ReadOptions | None = None
+) -> str:
+    """Text of a TOML to be written beside a measured file.
+
+    Parameters
+    ----------
+    signals
+        What the model reads; without it every column is an output of its own name.
+    options
+        What is told instead of guessed.
+    """
+    columns = read_columns(path)
+    options = options or ReadOptions()
+    note = ""
+    try:
+        sheet = sheet_for(path, columns, signals or Signals(), options, None)
+    except DataError as error:
+        if signals is None:
+            raise
+        # A name that is no signal of the model is better than no file.
+        note = str(error)
+        sheet = sheet_for(path, columns, Signals(), options, None)
+    lines = [f"# How {path.name} is read. Written by feltmb new --record: look it over."]
+    if columns.source:
+        lines.append(f"# It was exported by {columns.source}.")
+    lines += [f"# {text}" for text in (*columns.notes, *note.splitlines())]
+    lines += _top(path, sheet, columns)
+    for group, table in (("inputs", sheet.inputs), ("outputs", sheet.outputs)):
+        for name, spec in table.items():
+            lines += ["", f"[{group}.{_quoted(name)}]", *_column(name, spec, columns)]
+            lines += _sensor(spec, output=group == "outputs", unit=_unit(name, spec, columns))
+    used = {columns.find(s.column or n) for n, s in {**sheet.inputs, **sheet.outputs}.items()}
+    used |= {clock_column(columns, sheet.time), run_column(columns, sheet.run)}
+    used |= {frame_column(columns), *columns.likelihood.values()}
+    left = [c for c in columns.values if c not in used]
+    if left:
+        lines += ["", f"# Columns that are not used: {', '.join(left)}"]
+    if signals is not None:
+        known = [*signals.inputs, *(n for m in signals.modes.values() for n in m)]
+        known += [o for o in signals.outputs]
+        lines += ["", f"# Channels of the model: {', '.join(dict.fromkeys(known))}"]
+    return "\n".join(lines) + "\n"
+
+
+def _top(path: Path, sheet: Sheet, columns: Columns) -> list[str]:
+    clock = clock_column(columns, sheet.time)
+    lines = [
+        f"name = {_quoted(path.stem)}",
+        'role = "fit"  # or "held_out": proves what others say',
+    ]
+    lines.append(f'input_mode = {_quoted(sheet.input_mode)}  # or "motion"')
+    lines.append(f"time = {_quoted(clock)}")
+    if clock == frame_column(columns) and not columns.units.get(clock):
+        rate = "" if sheet.frame_rate is None else f"{sheet.frame_rate:g}"
+        lines.append(f"frame_rate = {rate}" if rate else "# frame_rate = 1000  # Hz: to be told")
+    else:
+        told = unit_of_column(columns, clock, sheet.time_unit)
+        why = "" if told else "  # the header says none"
+        lines.append(f"time_unit = {_quoted(told or 's')}{why}")
+        if sheet.frame_rate is not None:
+            lines.append(f"frame_rate = {sheet.frame_rate:g}")
+    runs = run_column(columns, sheet.run)
+    if runs:
+        lines.append(f"run = {_quoted(runs)}  # every run is a record of its own")
+    if columns.likelihood:
+        lines.append(f"likelihood = {sheet.likelihood:g}  # less likely points are missing")
+    return lines
+
+
+def _unit(name: str, spec: ColumnSpec, columns: Columns) -> str:
+    return unit_of_column(columns, columns.find(spec.column or name), spec.unit)
+
+
+def _column(name: str, spec: ColumnSpec, columns: Columns) -> list[str]:
+    column = columns.find(spec.column or name)
+    unit = _unit(name, spec, columns)
+    lines = [f"column = {_quoted(column)}"]
+    lines.append(f"unit = {_quoted(unit)}" if unit else '# unit = "mm"  # the header says none')
+    if spec.scale != "":
+        lines.append(f"scale = {_quoted(spec.scale)}")
+    elif unit == PIXEL:
+        lines.append('# scale = "0.21 mm"  # what a pixel is: to be told')
+    if spec.origin != 0.0:
+        lines.append(f"origin = {_quoted(spec.origin)}")
+    elif unit == PIXEL:
+        lines.append('origin = "start"  # zero where it stands at the beginning; or a pixel')
+    if unit == PIXEL and name.endswith(".y"):
+        lines.append(f"down = {'false' if spec.down is False else 'true'}  # counts downwards")
+    return lines
+
+
+def _sensor(spec: Any, *, output: bool, unit: str) -> list[str]:
+    lines = ["# sigma = 0.0  # standard deviation of its noise [SI]; estimated without it"]
+    if not output:
+        return lines
+    if spec.delay:
+        lines.append(f"delay = {spec.delay:g}  # s, late against the input")
+    if spec.reference:
+        lines.append(f"reference = {_quoted(spec.reference)}")
+    elif unit not in ("N", "kN", "mN"):
+        lines.append('# reference = "rest"  # or "absolute"; told by its start without it')
+    return lines
+
+
+def _quoted(value: object) -> str:
+    """A value in TOML."""
+    import tomlkit
+
+    return tomlkit.item(value).as_string()  # type: ignore[call-overload,no-any-return]

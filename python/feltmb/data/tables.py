@@ -1,0 +1,168 @@
+"""Tables of numbers in text files, as instruments and trackers write them.
+
+A preamble, a header, perhaps a line of units, then rows. Separator and decimal sign are those that
+make numbers of the most cells.
+"""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from feltmb.errors import DataError
+from feltmb.units import spelled_unit
+
+__all__ = ["MISSING", "Table", "read_number", "read_table", "text_lines"]
+
+MISSING = ("", "nan", "NaN", "NA", "N/A", "-", "--")
+#: Separator and decimal sign, the first of equal ones counts. None: any white space.
+_STYLES: tuple[tuple[str | None, str], ...] = (
+    (",", "."),
+    (";", "."),
+    ("\t", "."),
+    (";", ","),
+    ("\t", ","),
+    (",", ","),
+    (None, "."),
+    (None, ","),
+)
+#: Lines that decide how a file is written.
+SAMPLE = 60
+#: A preamble is no longer than this.
+LONGEST_PREAMBLE = 200
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of text: what stands above its rows, and the rows as cells."""
+
+    preamble: tuple[str, ...]
+    """Lines above the header."""
+    header: tuple[str, ...]
+    units: tuple[str, ...]
+    """Of a second line of the header; empty if there is none."""
+    rows: Iterator[list[str]]
+    decimal: str
+    lines: int
+    """Most rows that come: lines below the header."""
+
+
+def text_lines(data: bytes, path: Path) -> list[str]:
+    """Lines of a text in UTF-8, UTF-16 with a mark, or else Windows-1252, without empty ones."""
+    encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+    try:
+        text = data.decode(encoding)
+    except UnicodeDecodeError as fault:
+        # Older instruments write umlauts and signs of units in the code page of their system.
+        if encoding != "utf-8-sig" or b"\x00" in data:
+            raise DataError(f"{path}: is no text (byte {fault.start})") from None
+        text = data.decode("cp1252", errors="replace")
+    return [line for line in text.splitlines() if line.strip()]
+
+
+def read_number(cell: str, decimal: str = ".") -> float | None:
+    """Number of a cell; NaN where it is missing, None where it is none."""
+    text = cell.strip()
+    if text in MISSING:
+        return float("nan")
+    if decimal == ",":
+        if "." in text:
+            return None
+        text = text.replace(",", ".")
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def read_table(lines: Sequence[str]) -> Table:
+    """Split a text, without its comments, into what stands above and the rows.
+
+    Raises
+    ------
+    DataError
+        The text holds no table.
+    """
+    head = list(lines[: LONGEST_PREAMBLE + SAMPLE])
+    separator, decimal = _style(_sample(lines))
+    cells = list(_split(head, separator))
+    width = _width(cells)
+    first = _first_row(cells, width, decimal)
+    header = first - 1
+    units: tuple[str, ...] = ()
+    if first >= 2 and len(cells[first - 2]) == width and _are_units(cells[first - 1]):
+        header, units = first - 2, tuple(c.strip() for c in cells[first - 1])
+    names = tuple(cells[header]) if header >= 0 else ()
+    rows = itertools.islice(_split(lines, separator), first, None)
+    return Table(
+        preamble=tuple(head[: max(header, 0)]),
+        header=names,
+        units=units,
+        rows=rows,
+        decimal=decimal,
+        lines=len(lines) - first,
+    )
+
+
+def _sample(lines: Sequence[str]) -> list[str]:
+    """Lines from the second half, where the rows are."""
+    later = lines[len(lines) // 2 :]
+    step = max(1, len(later) // SAMPLE)
+    return list(later[::step])
+
+
+def _split(lines: Sequence[str], separator: str | None) -> Iterator[list[str]]:
+    if separator is None:
+        return (re.split(r"\s+", line.strip()) for line in lines)
+    # A cell in quotes may go over several lines.
+    return csv.reader((line + "\n" for line in lines), delimiter=separator, skipinitialspace=True)
+
+
+def _style(sample: Sequence[str]) -> tuple[str | None, str]:
+    best, chosen = (-1.0, 0.0), _STYLES[0]
+    for separator, decimal in _STYLES:
+        rows = list(_split(sample, separator))
+        cells = [c for row in rows for c in row if c.strip()]
+        if not cells:
+            continue
+        numbers = sum(read_number(c, decimal) is not None for c in cells)
+        # All cells are numbers where separator and sign are right; the most cells then.
+        merit = (round(numbers / len(cells), 2), sum(map(len, rows)) / len(rows))
+        if merit > best:
+            best, chosen = merit, (separator, decimal)
+    return chosen
+
+
+def _width(cells: Sequence[Sequence[str]]) -> int:
+    """Cells of the most rows at the end of the beginning."""
+    counts = [len(row) for row in cells[len(cells) // 2 :]]
+    return max(set(counts), key=counts.count) if counts else 0
+
+
+def _first_row(cells: Sequence[Sequence[str]], width: int, decimal: str) -> int:
+    """Index of the first row of numbers: most of its cells are, and of the row below it."""
+
+    def share(row: Sequence[str]) -> float:
+        told = [c for c in row if c.strip() not in MISSING]
+        numbers = sum(read_number(c, decimal) is not None for c in told)
+        return numbers / len(told) if told and len(row) == width else 0.0
+
+    shares = [share(row) for row in cells]
+    pairs = zip(shares, [*shares[1:], 1.0], strict=True)
+    first = next((i for i, (a, b) in enumerate(pairs) if min(a, b) > 0.5), len(cells))
+    # A fault in the first row is a fault and no header.
+    while first > 1 and shares[first - 1] > 0.0:
+        first -= 1
+    return first
+
+
+def _are_units(row: Sequence[str]) -> bool:
+    """Whether a line holds units: at least one, and nothing that is neither unit nor empty."""
+    told = [c.strip() for c in row if c.strip() not in ("", "-", "[]", "()")]
+    return bool(told) and all(
+        spelled_unit(c) is not None or (c[0] in "[(" and c[-1] in "])") for c in told
+    )

@@ -1,0 +1,173 @@
+"""Exports of programs that track points in videos: Kinovea, Tracker, DeepLabCut.
+
+Each is known by its header. A point of the name P becomes the columns ``P.x`` and ``P.y``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from feltmb.data.series import Columns, columns_of
+from feltmb.data.tables import read_number, read_table
+from feltmb.errors import DataError
+from feltmb.units import PIXEL, split_column
+
+__all__ = ["read_tracked"]
+
+_KINOVEA_TEXT = "#kinovea trajectory data export"
+_SEPARATORS = ("\t", ",", ";")
+
+
+def read_tracked(path: Path, lines: Sequence[str]) -> Columns | None:
+    """Series of an export that is known by its header; None for any other text."""
+    for reader in (_kinovea_text, _deeplabcut, _tracker, _kinovea_table):
+        found = reader(path, lines)
+        if found is not None:
+            return found
+    return None
+
+
+def _cells(line: str) -> list[str]:
+    separator = max(_SEPARATORS, key=line.count)
+    return [c.strip().strip('"') for c in line.split(separator)]
+
+
+# ---------------------------------------------------------------- Kinovea
+
+
+def _kinovea_table(path: Path, lines: Sequence[str]) -> Columns | None:
+    """Time, then NAME/KEY/X and NAME/KEY/Y of every point."""
+    head = _cells(lines[0]) if lines else []
+    points = [re.fullmatch(r"(.+)/(.+)/([XY])", c) for c in head[1:]]
+    if len(head) < 3 or not all(points) or not head[0].lower().startswith("time"):
+        return None
+    several: dict[str, set[str]] = {}
+    for p in points:
+        assert p is not None
+        several.setdefault(p[1], set()).add(p[2])
+    names = [split_column(head[0])]
+    for p in points:
+        assert p is not None
+        point = p[1] if len(several[p[1]]) == 1 else f"{p[1]}.{p[2]}"
+        names.append((f"{point}.{p[3].lower()}", ""))
+    columns = columns_of(path, read_table(lines), names)
+    columns.source = "Kinovea"
+    if names[0][0] not in columns.units:
+        columns.notes.append("Kinovea says no unit of time: seconds, its default")
+    return columns
+
+
+def _kinovea_text(path: Path, lines: Sequence[str]) -> Columns | None:
+    """Blocks of T X Y, one a trajectory, each after its name or where the time begins again."""
+    if not lines or not lines[0].strip().lower().startswith(_KINOVEA_TEXT):
+        return None
+    blocks: list[tuple[str, list[tuple[float, float, float]]]] = []
+    faults = []
+    code = False
+    for i, line in enumerate(lines[1:], 2):
+        text = line.strip()
+        if text.startswith("#"):
+            if text.replace(" ", "").upper() != "#TXY":
+                blocks.append((text[1:].strip(), []))
+            continue
+        cells = text.split()
+        numbers = [_kinovea_time(cells[0])]
+        numbers += [read_number(c.replace(",", ".")) for c in cells[1:3]]
+        if len(numbers) != 3 or None in numbers:
+            faults.append(f"line {i}: got {text[:60]!r}, expected T X Y")
+            continue
+        code = code or ":" in cells[0]
+        time, x, y = (float(n) for n in numbers if n is not None)
+        if not blocks or (blocks[-1][1] and time < blocks[-1][1][-1][0]):
+            blocks.append((f"point{len(blocks) + 1}", []))
+        blocks[-1][1].append((time, x, y))
+    if faults:
+        raise DataError(f"{path}: " + "; ".join(faults[:5]))
+    columns = Columns(source="Kinovea")
+    clock = np.unique([row[0] for _, rows in blocks for row in rows])
+    columns.values["time"] = clock
+    columns.units["time"] = "s"
+    if code:
+        columns.notes.append("times of Kinovea are read as h:mm:ss:hundredths")
+    else:
+        columns.notes.append("Kinovea says no unit of time: seconds, its default")
+    for name, rows in blocks:
+        for k, axis in ((1, "x"), (2, "y")):
+            values = np.full(clock.size, np.nan)
+            if rows:
+                values[np.searchsorted(clock, [r[0] for r in rows])] = [r[k] for r in rows]
+            columns.values[f"{name}.{axis}"] = values
+    return columns
+
+
+def _kinovea_time(text: str) -> float | None:
+    """Seconds of a number or of a time code h:mm:ss:hundredths."""
+    parts = text.split(":")
+    if len(parts) == 1:
+        return read_number(text.replace(",", "."))
+    numbers = [read_number(p) for p in parts]
+    if None in numbers or len(parts) > 4:
+        return None
+    weights = (3600.0, 60.0, 1.0, 0.01)[-len(parts) :] if len(parts) == 4 else (60.0, 1.0, 0.01)
+    return sum(w * n for w, n in zip(weights[-len(parts) :], numbers, strict=True) if n is not None)
+
+
+# ---------------------------------------------------------------- Tracker
+
+
+def _tracker(path: Path, lines: Sequence[str]) -> Columns | None:
+    """A line of names of tracks, then t and the columns of each: x, y and more."""
+    body = [line for line in lines if line.strip().lower() != "#multi:"]
+    if len(body) < 4:
+        return None
+    head = [split_column(c) for c in _cells(body[1].lstrip("#"))]
+    while head and head[-1] == ("", ""):
+        head.pop()
+    plain = [n.lower() for n, _ in head]
+    if not plain or plain[0] != "t" or not {"x", "y"} <= set(plain):
+        return None
+    tracks = _cells(body[0].lstrip("#"))
+    told = [t for t in tracks if t]
+    if not told or any(read_number(t) is not None for t in told):
+        return None
+    spread = tracks + [""] * (len(head) - len(tracks))
+    several = plain.count("x") > 1
+    name, names = told[0], [("time", head[0][1])]
+    for j, (column, unit) in enumerate(head[1:], 1):
+        if several and j < len(spread) and spread[j]:
+            name = spread[j]
+        names.append((f"{name}.{column.lower()}", unit))
+    columns = columns_of(path, read_table([body[1].lstrip("#"), *body[2:]]), names)
+    columns.source = "Tracker"
+    if "time" not in columns.units:
+        columns.units["time"] = "s"
+    return columns
+
+
+# ---------------------------------------------------------------- DeepLabCut
+
+
+def _deeplabcut(path: Path, lines: Sequence[str]) -> Columns | None:
+    """Lines scorer, (individuals,) bodyparts, coords, then frames of x, y, likelihood."""
+    heads = [_cells(line) for line in lines[:4]]
+    kinds = [h[0].lower() for h in heads]
+    if not kinds or kinds[0] != "scorer" or "bodyparts" not in kinds or "coords" not in kinds:
+        return None
+    parts, coords = heads[kinds.index("bodyparts")], heads[kinds.index("coords")]
+    owners = heads[kinds.index("individuals")] if "individuals" in kinds else None
+    names = [("frame", "")]
+    for j in range(1, len(coords)):
+        part = parts[j] if owners is None else f"{owners[j]}.{parts[j]}"
+        names.append((f"{part}.{coords[j]}", PIXEL if coords[j] in ("x", "y") else ""))
+    body = [lines[kinds.index("coords")], *lines[kinds.index("coords") + 1 :]]
+    columns = columns_of(path, read_table(body), names)
+    columns.source, columns.frames = "DeepLabCut", "frame"
+    for name in columns.values:
+        point, _, coordinate = name.rpartition(".")
+        if coordinate in ("x", "y") and f"{point}.likelihood" in columns.values:
+            columns.likelihood[name] = f"{point}.likelihood"
+    return columns

@@ -1,0 +1,282 @@
+"""Model beside records before anything is fitted: how far apart they are, channel by channel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from feltmb.arguments import checked
+from feltmb.data import Array, Record
+from feltmb.errors import DataError
+from feltmb.fit.model import Jobs, Model
+from feltmb.fit.observe import observe_jobs
+from feltmb.gap.checks import DataChecks, check_against, with_sigma
+from feltmb.style import BLUE, GRAY, ORANGE, new_figure, plain_text, reader_unit, style_axes
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["GapBefore", "GapBeforeRow", "check"]
+
+#: Share of its squared gap that a shift or a factor must take away to be told.
+TOLD = 0.5
+#: Longest shift that is looked for, as a share of the record.
+LONGEST_SHIFT = 0.25
+#: Channels that are drawn in one picture.
+MOST_PANELS = 24
+
+
+@dataclass(frozen=True, kw_only=True)
+class GapBeforeRow:
+    """One channel of one record beside the model as it is."""
+
+    record: str
+    channel: str
+    unit: str
+    samples: int
+    """That both have [1]."""
+    rms: float
+    """Root mean square of record - model [unit]."""
+    largest: float
+    """Largest difference, with its sign [unit]."""
+    at: float
+    """When it occurs [s]."""
+    noise: float
+    """Standard deviation of the noise [unit]."""
+    correlation: float
+    """Of record and model [1]; NaN where one of them does not move."""
+    delay: float
+    """By how much the record is late, where that alone explains at least half of the squared
+    difference [s]; NaN: it does not."""
+    factor: float
+    """Record over model, where that alone explains at least half of it [1]; NaN: it does not."""
+
+    @property
+    def in_noise(self) -> float:
+        """The rms in standard deviations of the noise [1]."""
+        return self.rms / self.noise if self.noise > 0.0 else float("nan")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GapBefore:
+    """The gap as it is: records, and the model with its tabulated numbers under their inputs."""
+
+    model: str
+    rows: tuple[GapBeforeRow, ...]
+    checks: DataChecks
+    records: tuple[Record, ...]
+    """In the coordinates of the model."""
+    simulated: Mapping[str, Mapping[str, Array]]
+    """Outputs of the model by record and channel, on the clock of the record."""
+    notes: tuple[str, ...]
+    """What was done to the records, what the numbers look like."""
+
+    @checked
+    def plot(self) -> Figure:
+        """Record and model over time, and their difference, a row of panels for each channel."""
+        return _figure(self)
+
+
+@checked
+def check(model: Model, records: Sequence[Record] | Record) -> GapBefore:
+    """Simulate the inputs of records with the tabulated parameters of a model and compare.
+
+    Nothing is fitted: one simulation a record.
+
+    Raises
+    ------
+    DataError
+        The records cannot be used with this model.
+    """
+    if isinstance(records, Record):
+        records = [records]
+    checks = check_against(model, records)
+    rows: list[GapBeforeRow] = []
+    notes: list[str] = []
+    shown: list[Record] = []
+    simulated: dict[str, dict[str, Array]] = {}
+    for record in records:
+        noise = checks.noise(record.name)
+        record, said = model.referred(with_sigma(record, noise))
+        notes += said
+        outputs = _simulate(model, record)
+        shown.append(record)
+        simulated[record.name] = outputs
+        for name in record.outputs:
+            if name in outputs:
+                rows.append(_row(record, name, outputs[name], noise[name].sigma))
+        failed = [n for n, y in outputs.items() if n in record.outputs and np.isnan(y).all()]
+        if failed:
+            notes.append(f"{record.name}: the model gives no numbers for {', '.join(failed)}")
+    notes += _hints(rows)
+    return GapBefore(
+        model=model.name,
+        rows=tuple(rows),
+        checks=checks,
+        records=tuple(shown),
+        simulated=simulated,
+        notes=tuple(notes),
+    )
+
+
+def _simulate(model: Model, record: Record) -> dict[str, Array]:
+    """Outputs over the whole record, from the start that the model expects."""
+    whole = np.array([[0, record.samples - 1]])
+    theta = np.array([p.value for p in model.parameters])
+    starts = model.guess(record, whole)
+    jobs = Jobs.at_point(theta, whole, starts, (), np.zeros(0))
+    values = observe_jobs(model, record, jobs).outputs[0]
+    if not values.shape[0] >= record.samples:
+        raise DataError(
+            f"record {record.name}: the model {model.name} gives {values.shape[0]} samples, "
+            f"expected {record.samples}"
+        )
+    return {name: values[: record.samples, i] for i, name in enumerate(model.outputs)}
+
+
+def _row(record: Record, name: str, model: Array, sigma: float) -> GapBeforeRow:
+    measured = record.outputs[name]
+    gap = measured - model
+    both = np.isfinite(gap)
+    count = int(both.sum())
+    nan = float("nan")
+    rms, largest, at, correlation, delay, factor = (nan,) * 6
+    if count:
+        rms = float(np.sqrt(np.mean(gap[both] ** 2)))
+        worst = int(np.argmax(np.where(both, np.abs(gap), -1.0)))
+        largest, at = float(gap[worst]), float(record.time[worst])
+        x, y = measured[both], model[both]
+        spread = float(np.std(x) * np.std(y))
+        if count > 2 and spread > 0.0:
+            correlation = float(np.mean((x - x.mean()) * (y - y.mean())) / spread)
+        if rms > 3.0 * sigma:
+            factor = _factor(x, y)
+            delay = _delay(record.time, measured, model)
+    return GapBeforeRow(
+        record=record.name,
+        channel=name,
+        unit=record.sensors[name].unit,
+        samples=count,
+        rms=rms,
+        largest=largest,
+        at=at,
+        noise=sigma,
+        correlation=correlation,
+        delay=delay,
+        factor=factor,
+    )
+
+
+def _factor(x: Array, y: Array) -> float:
+    """Factor by which the model would explain most; NaN if that is less than half of the gap."""
+    size = float(y @ y)
+    if not size > 0.0:
+        return float("nan")
+    factor = float(x @ y) / size
+    left, whole = float(np.sum((x - factor * y) ** 2)), float(np.sum((x - y) ** 2))
+    return factor if left < (1.0 - TOLD) * whole else float("nan")
+
+
+def _delay(time: Array, measured: Array, model: Array) -> float:
+    """Shift of the model by which it would explain most [s]; NaN if less than half of the gap."""
+    both = np.isfinite(measured) & np.isfinite(model)
+    count = int(min(time.size, 4096))
+    if both.sum() < 8:
+        return float("nan")
+    clock = np.linspace(time[0], time[-1], count)
+    step = float(clock[1] - clock[0])
+    x = np.interp(clock, time[both], measured[both])
+    y = np.interp(clock, time[both], model[both])
+    most = int(LONGEST_SHIFT * count)
+    padded = np.concatenate([np.full(most, y[0]), y, np.full(most, y[-1])])
+    # Sums of squares of all shifts at once: x^2 - 2 x y + y^2, the product by convolution.
+    from scipy.signal import fftconvolve
+
+    product = fftconvolve(padded, x[::-1], mode="valid")
+    squares = np.concatenate([[0.0], np.cumsum(padded**2)])
+    cost = float(x @ x) - 2.0 * product + squares[count:] - squares[:-count]
+    best = int(np.argmin(cost))
+    if best in (0, 2 * most) or not cost[best] < (1.0 - TOLD) * cost[most]:
+        return float("nan")
+    a, b, c = cost[best - 1 : best + 2]
+    bend = a - 2.0 * b + c
+    fine = 0.5 * (a - c) / bend if bend > 0.0 else 0.0
+    return float((most - best - fine) * step)
+
+
+#: Factors that wrong units leave, and what they look like.
+_UNITS = (
+    (1e3, "m for mm"),
+    (1e-3, "mm for m"),
+    (10.0, "cm for mm"),
+    (0.1, "mm for cm"),
+    (25.4, "mm for inches"),
+    (1.0 / 25.4, "inches for mm"),
+    (9.80665, "N for kgf"),
+    (1.0 / 9.80665, "kgf for N"),
+    (-1.0, "the other direction"),
+)
+
+
+def _hints(rows: Sequence[GapBeforeRow]) -> list[str]:
+    """What shifts and factors look like."""
+    notes = []
+    for r in rows:
+        for factor, text in _UNITS:
+            if abs(r.factor / factor - 1.0) < 0.1:
+                notes.append(f"{r.record}: {r.channel} is {r.factor:.4g} times the model: {text}?")
+    late = [r for r in rows if np.isfinite(r.delay)]
+    by_record: dict[str, list[GapBeforeRow]] = {}
+    for r in late:
+        by_record.setdefault(r.record, []).append(r)
+    for name, own in by_record.items():
+        all_of = [r for r in rows if r.record == name]
+        delays = np.array([r.delay for r in own])
+        if len(own) == len(all_of) > 1 and np.ptp(delays) < 0.3 * abs(np.mean(delays)):
+            notes.append(
+                f"{name}: every channel is about {1e3 * np.mean(delays):.3g} ms late: is the input "
+                "on the same clock?"
+            )
+    return notes
+
+
+def _figure(gap: GapBefore) -> Figure:
+    rows = [r for r in gap.rows if r.samples][:MOST_PANELS]
+    count = max(len(rows), 1)
+    figure = new_figure(9.0, 0.6 + 2.1 * count)
+    axes = figure.subplots(count, 2, squeeze=False, width_ratios=(3, 2))
+    by_name = {r.name: r for r in gap.records}
+    for (left, right), r in zip(axes, rows, strict=False):
+        record = by_name[r.record]
+        factor, unit = reader_unit(r.unit)
+        unit = "" if unit == "1" else f" [{unit}]"
+        time = 1e3 * record.time
+        model = gap.simulated[r.record][r.channel]
+        measured = record.outputs[r.channel]
+        style_axes(left, y=plain_text(f"{r.channel}{unit}"))
+        left.plot(time, factor * measured, color=BLUE, lw=1.4, label="record")
+        left.plot(time, factor * model, color=ORANGE, lw=1.1, ls="--", label="model")
+        title = r.record if len(gap.records) > 1 or r is rows[0] else ""
+        left.set_title(plain_text(title), fontsize=8.5, loc="left")
+        band = factor * r.noise
+        style_axes(right, y=plain_text(f"record - model{unit}"))
+        right.axhspan(-2.0 * band, 2.0 * band, color=GRAY, alpha=0.25, lw=0)
+        right.plot(time, factor * (measured - model), color=BLUE, lw=1.0)
+        right.set_title(
+            f"rms {factor * r.rms:.3g}{unit.strip(' []') and ' ' + unit.strip(' []')}"
+            f", {r.in_noise:.3g} x noise",
+            fontsize=8.5,
+            loc="left",
+        )
+    if rows:
+        axes[0, 0].legend(frameon=False, fontsize=8, loc="best")
+    for ax in axes[-1]:
+        ax.set_xlabel("time [ms]", fontsize=8.5)
+    figure.suptitle(
+        plain_text(f"{gap.model}: the gap before anything is fitted"), fontsize=10.5, x=0.01,
+        ha="left",
+    )  # fmt: skip
+    return figure

@@ -1,0 +1,95 @@
+"""Units and headings of columns as instruments write them: ``Extension (mm)``, ``Time_s``."""
+
+from __future__ import annotations
+
+import re
+
+from feltmb.units.names import ACCEPTED_UNITS, conversion_factor
+
+__all__ = ["PIXEL", "spelled_unit", "split_column"]
+
+#: Not a unit of anything until its size is told.
+PIXEL = "px"
+
+_NAMES = {
+    "m": "meter meters metre metres",
+    "mm": "millimeter millimeters millimetre millimetres",
+    "cm": "centimeter centimeters centimetre centimetres",
+    "um": "micrometer micrometers micrometre micrometres micron microns",
+    "in": "inch inches",
+    "s": "sec secs second seconds sekunde sekunden",
+    "ms": "msec msecs millisecond milliseconds",
+    "us": "usec microsecond microseconds",
+    "min": "minute minutes",
+    "N": "newton newtons",
+    "mN": "millinewton millinewtons",
+    "kN": "kilonewton kilonewtons",
+    "kg": "kilogram kilograms",
+    "g": "gram grams",
+    "rad": "radian radians",
+    "deg": "degree degrees °",
+    "Hz": "hertz",
+    "kHz": "kilohertz",
+    "Pa": "pascal pascals",
+    "%": "percent",
+    PIXEL: "px pixel pixels pix",
+}
+_SPELLED = {word: unit for unit, words in _NAMES.items() for word in words.split()}
+_LENGTH, _FORCE = "m", "N"
+#: Words after which a bare unit may follow (``Time_s``), and what they measure. Elsewhere the end
+#: of a name is its own: ``force_in`` is no force in inches.
+_QUANTITIES = {
+    "s": "time t zeit temps tiempo",
+    _FORCE: "force load kraft fz fy fx",
+    _LENGTH: "displacement extension position travel stroke distance compression deflection weg "
+    "x y",
+    "rad": "angle rotation winkel",
+}
+_MEASURED = {word: si for si, words in _QUANTITIES.items() for word in words.split()}
+_BRACKETS = re.compile(r"(.*\S)?\s*[\[(]([^\[\]()]*)[\])]\s*")
+_BARE = re.compile(r"(.*?[^\s_,/])(?:\s*[_,/]\s*|\s+|\s+in\s+)([^\s_,/]+(?:/[^\s_,/]+)?)")
+
+
+def spelled_unit(text: str) -> str | None:
+    """The accepted spelling of a unit; None where the text is no unit."""
+    text = text.strip().strip("[]()").strip().rstrip(".")
+    if not text:
+        return None
+    word = _SPELLED.get(text.lower())
+    if word is not None:
+        return word
+    try:
+        conversion_factor(text, "1")
+    except ValueError as error:  # InvalidParameter is one
+        return text if "does not measure" in str(error) else None
+    return text
+
+
+def split_column(heading: str) -> tuple[str, str]:
+    """Name and unit of a column as an instrument heads it; the unit as it stands, "" if none.
+
+    ``force [N]``, ``Extension (mm)``, ``Time_s``, ``Force, N``, ``Load / kN``. What stands in
+    square brackets is a unit, known or not; what stands elsewhere only if it is a known one.
+    """
+    text = heading.strip()
+    found = _BRACKETS.fullmatch(text)
+    if found is not None:
+        name, unit = (found[1] or "").strip(), found[2].strip()
+        if text.endswith("]"):
+            return name, spelled_unit(unit) or unit
+        known = spelled_unit(unit)
+        return (name, known) if name and known else (text, "")
+    bare = _BARE.fullmatch(text)
+    if bare is not None:
+        name, known = bare[1].strip(), spelled_unit(bare[2])
+        word = re.split(r"[\s_./]", name.lower())[-1]
+        si = _MEASURED.get(word)
+        if known and si and (_measures(known, si) or (known == PIXEL and si == _LENGTH)):
+            return name, known
+    return text, ""
+
+
+def _measures(unit: str, si: str) -> bool:
+    if unit == PIXEL or unit not in ACCEPTED_UNITS:
+        return False
+    return ACCEPTED_UNITS[unit][1] == ACCEPTED_UNITS[si][1]

@@ -1,0 +1,179 @@
+"""The gap before anything is fitted, and channels that are absolute or from rest."""
+
+import json
+import sys
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import feltmb
+from feltmb import gap
+from feltmb.cli import main
+from feltmb.data import Record, Sensor, write_record
+from feltmb.errors import DataError
+
+sys.path.insert(0, str(Path(__file__).parent))
+import models
+
+POINTS = ("key_front.y", "hammer_tip.x")
+
+
+def command(*arguments):
+    """Exit code of a command."""
+    with pytest.raises(SystemExit) as stop:
+        main(list(arguments))
+    return stop.value.code
+
+
+@cache
+def action():
+    from feltmb.adapters import mechanism_model
+
+    return mechanism_model(feltmb.load_action("steinway45"), channels=POINTS)[0]
+
+
+@cache
+def run():
+    return feltmb.simulate("steinway45", "forte", duration=0.1, output_rate=2000.0)
+
+
+def record(shift=None, *, reference="", sigma=2e-5, scale=1.0, late=0):
+    """The run as a record; ``shift``: what is added to absolute coordinates, None: from rest."""
+    generator = np.random.default_rng(3)
+    done = run()
+    outputs, sensors = {}, {}
+    for name in POINTS:
+        values = np.array(done[name])
+        values = values - values[0] if shift is None else values + shift
+        values = np.roll(values, late) if late else values
+        values[:late] = values[late]
+        outputs[name] = scale * values + sigma * generator.standard_normal(values.size)
+        sensors[name] = Sensor(name=name, unit="m", sigma=sigma, reference=reference)
+    force = np.array(done["finger.force"])
+    return Record(
+        name="run", time=done.time, inputs={"force": force}, outputs=outputs, sensors=sensors
+    )
+
+
+def test_absolute_channels_are_told_from_those_that_start_at_rest():
+    absolute, notes = action().referred(record(0.0))
+    assert "key_front.y, hammer_tip.x: absolute coordinates" in notes[0]
+    assert absolute.sensors["hammer_tip.x"].reference == "rest"
+    again, nothing = action().referred(absolute)
+    assert nothing == ()
+    assert again is absolute
+    plain = record()
+    same, nothing = action().referred(plain)
+    assert same is plain
+    assert nothing == ()
+    for name in POINTS:  # exactly the rest of the model: no noise of a mean is added
+        difference = absolute.outputs[name] - plain.outputs[name]
+        assert np.abs(difference).max() < 1e-9
+
+
+def test_a_channel_that_starts_elsewhere_is_told_of():
+    far = record(0.5e-3)
+    same, notes = action().referred(far)
+    assert same is far
+    assert "neither rest (0) nor where steinway45 has it at rest" in notes[0]
+    told, notes = action().referred(record(0.5e-3, reference="absolute"))
+    assert any("its own start is taken for rest" in n for n in notes)
+    assert abs(np.mean(told.outputs["hammer_tip.x"][:40])) < 1e-5
+    offset = record(0.5e-3, reference="rest")
+    same, notes = action().referred(offset)
+    assert same is offset
+    assert notes == ()
+
+
+def test_a_channel_whose_rest_is_lost_in_noise_goes_with_the_others():
+    from feltmb.adapters.references import from_rest
+
+    time = np.arange(40) * 1e-3
+    noise = 1e-5 * np.random.default_rng(0).standard_normal(40)
+    sensors = {n: Sensor(name=n, unit="m", sigma=1e-5) for n in "ab"}
+    both = Record(
+        name="r", time=time, inputs={}, outputs={"a": 0.1 + noise, "b": 3e-5 + noise},
+        sensors=sensors,
+    )  # fmt: skip
+    moved, _ = from_rest(both, {"a": 0.1, "b": 3e-5}, "m")
+    np.testing.assert_allclose(moved.outputs["b"], noise, atol=1e-12)
+    alone = replace(both, outputs={"b": 3e-5 + noise}, sensors={"b": sensors["b"]})
+    assert from_rest(alone, {"b": 3e-5}, "m")[0] is alone
+
+
+def test_the_data_checks_of_a_diagnosis_tell_what_was_absolute():
+    ready = action().ready([record(0.0)])
+    assert any("absolute coordinates" in n for n in ready.notes)
+    assert abs(ready.records[0].outputs["hammer_tip.x"][0]) < 1e-4
+
+
+def test_outputs_of_a_run_are_compared_as_they_are(tmp_path, capsys):
+    path, picture = tmp_path / "run.csv", tmp_path / "run.png"
+    assert command("stroke", "steinway45", "forte", "--duration", "0.1", "-o", str(path)) == 0
+    capsys.readouterr()
+    given = ["gap", "check", "steinway45", str(path), "--json", "-o", str(picture)]
+    assert command(*given) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert {r["channel"] for r in found["gap"]} > set(POINTS)
+    assert all(r["rms"] < 1e-6 for r in found["gap"])
+    assert any("absolute coordinates" in n for n in found["notes"])
+    assert picture.read_bytes()[:4] == b"\x89PNG"
+
+
+# ---------------------------------------------------------------- model beside records
+
+
+def test_a_model_that_is_right_leaves_the_noise():
+    found = gap.check(action(), record(0.0))
+    assert [r.channel for r in found.rows] == list(POINTS)
+    for row in found.rows:
+        assert row.in_noise == pytest.approx(1.0, abs=0.2)
+        assert np.isnan(row.delay)
+        assert np.isnan(row.factor)
+    figure = found.plot()
+    assert len(figure.axes) == 2 * len(POINTS)
+    assert [line.get_label() for line in figure.axes[0].lines] == ["record", "model"]
+
+
+def test_a_wrong_scale_and_a_late_clock_are_seen():
+    scaled = gap.check(action(), record(scale=1e-3, sigma=1e-8))
+    for row in scaled.rows:
+        assert row.factor == pytest.approx(1e-3, rel=0.01)
+    assert any("mm for m?" in n for n in scaled.notes)
+    late = gap.check(action(), record(late=8))  # samples of 0.5 ms
+    for row in late.rows:
+        assert row.delay == pytest.approx(4e-3, abs=3e-4)
+    assert any("every channel is about" in n and "ms late" in n for n in late.notes)
+
+
+def test_any_model_is_compared(tmp_path, capsys):
+    own = models.records(2)
+    found = gap.check(models.NOMINAL, own)
+    assert [r.record for r in found.rows] == [r.name for r in own]
+    assert all(r.rms > r.noise for r in found.rows)
+    path = write_record(own[0], tmp_path / "one.csv")
+    assert command("gap", "check", str(Path(models.__file__)), str(path)) == 2
+    assert "model is NoneType" in capsys.readouterr().err
+    file = tmp_path / "m.py"
+    file.write_text(
+        f"import sys\nsys.path.insert(0, {str(Path(models.__file__).parent)!r})\n"
+        "import models\nmodel, effects = models.NOMINAL, models.EFFECTS\n"
+    )
+    assert command("gap", "check", str(file), str(path)) == 0
+    shown = capsys.readouterr().out
+    assert "record - oscillator, nothing fitted" in shown
+    path.with_suffix(".toml").unlink()
+    assert command("gap", "check", str(file), str(path)) == 0
+
+
+def test_what_cannot_be_compared_is_refused(tmp_path, capsys):
+    with pytest.raises(DataError, match="none of its outputs"):
+        gap.check(models.NOMINAL, record())
+    assert command("gap", "check", "steinway45") == 2
+    assert "got 'steinway45' alone, expected measured files" in capsys.readouterr().err
+    path = write_record(models.records(1)[0], tmp_path / "one.csv")
+    assert command("gap", "check", str(path), "-o", str(tmp_path / "a.png")) == 2
+    assert "need a MODEL before the data" in capsys.readouterr().err

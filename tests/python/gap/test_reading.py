@@ -1,0 +1,321 @@
+"""Measured files as instruments and trackers write them."""
+
+import numpy as np
+import pytest
+
+from feltmb.cli import main
+from feltmb.data import ReadOptions, read_record, read_records
+from feltmb.data.mapping import Signals
+from feltmb.data.sketch import sketch_sheet
+from feltmb.errors import DataError, InvalidParameter
+from feltmb.units import spelled_unit, split_column
+
+UNITS = {"force": "N", "displacement": "m", "tip.x": "m", "tip.y": "m"}
+MODES = {"force": ("force",), "motion": ("displacement",)}
+MODEL = {"outputs": ("tip.x", "tip.y"), "modes": MODES, "units": UNITS,
+         "names": {"force": ("finger.force",)}}  # fmt: skip
+
+
+def command(*arguments):
+    """Exit code of a command."""
+    with pytest.raises(SystemExit) as stop:
+        main(list(arguments))
+    return stop.value.code
+
+
+def put(folder, text, name="a.csv", encoding="utf-8"):
+    path = folder / name
+    path.write_bytes(text.encode(encoding))
+    return path
+
+
+# ---------------------------------------------------------------- headings and units
+
+
+@pytest.mark.parametrize(
+    ("heading", "name", "unit"),
+    [
+        ("force [N]", "force", "N"),
+        ("Extension (mm)", "Extension", "mm"),
+        ("displacement [millimeters]", "displacement", "mm"),
+        ("Time_s", "Time", "s"),
+        ("Load, kN", "Load", "kN"),
+        ("Weg / mm", "Weg", "mm"),
+        ("Time in ms", "Time", "ms"),
+        ("area (cm2)", "area", "cm2"),
+        ("q [furlong]", "q", "furlong"),
+        ("Marker (left)", "Marker (left)", ""),
+        ("Marker 3 X", "Marker 3 X", ""),
+        ("force_in", "force_in", ""),
+        ("v_min", "v_min", ""),
+        ("mass A", "mass A", ""),
+    ],
+)
+def test_headings_hold_units(heading, name, unit):
+    assert split_column(heading) == (name, unit)
+
+
+def test_units_are_spelled_in_many_ways():
+    spelled = {"(mm)": "mm", "Seconds": "s", "sec.": "s", "pixels": "px", "N/mm": "N/mm"}
+    assert {k: spelled_unit(k) for k in spelled} == spelled
+    assert spelled_unit("X") is None
+
+
+# ---------------------------------------------------------------- tables
+
+
+@pytest.mark.parametrize(
+    ("text", "encoding"),
+    [
+        ("time [s];force [N];tip.x [mm]\n0,0;1,5;0,25\n0,1;2,5;0,5\n0,2;3,5;0,75\n", "utf-8"),
+        ("time [s]\tforce [N]\ttip.x [mm]\n0\t1.5\t.25\n.1\t2.5\t.5\n.2\t3.5\t.75\n", "utf-16"),
+        ("Prüfung;;\nGeschwindigkeit;10 mm/s;\nProbe;7;\nZeit;Kraft;Tip X\ns;N;mm\n"
+         "0,0;1,5;0,25\n0,1;2,5;0,5\n0,2;3,5;0,75\n", "cp1252"),
+        ('"Time_s","Force (N)","Tip_X (mm)"\n"0,0","1,5","0,25"\n"0,1","2,5","0,5"\n'
+         '"0,2","3,5","0,75"\n', "utf-8"),
+        ("time [ms],finger.force [N],tip x [um],\n0,1.5,250,\n100,2.5,500,\n200,3.5,750,\n",
+         "utf-8"),
+        ("Elapsed Time (s)  Load (N)  tip.x (mm)\n", "utf-8"),
+    ],
+)  # fmt: skip
+def test_tables_of_instruments(tmp_path, text, encoding):
+    if text.startswith("Elapsed"):  # spaces between columns need headings without spaces
+        text = "Time_s Load_N tip.x[mm]\n0 1.5 .25\n.1 2.5 .5\n.2 3.5 .75\n"
+    record = read_record(put(tmp_path, text, encoding=encoding), **MODEL)
+    np.testing.assert_allclose(record.time, [0.0, 0.1, 0.2])
+    np.testing.assert_allclose(record.inputs["force"], [1.5, 2.5, 3.5])
+    np.testing.assert_allclose(record.outputs["tip.x"], [0.25e-3, 0.5e-3, 0.75e-3])
+
+
+def test_a_fault_in_the_first_row_is_no_header(tmp_path):
+    path = put(tmp_path, "t,force [N],tip.x [m]\n0,x,1\n1,2,3\n2,3,4\n3,4,5\n")
+    with pytest.raises(DataError, match="row 1, column force: 'x' is no number"):
+        read_record(path, **MODEL)
+
+
+def test_the_input_of_a_test_machine_is_known_by_what_it_measures(tmp_path):
+    path = put(tmp_path, "Time (s),Extension (mm),tip.x [mm]\n0,1,2\n1,2,3\n2,3,4\n")
+    record = read_record(path, **MODEL)
+    assert record.input_mode == "motion"
+    np.testing.assert_allclose(record.inputs["displacement"], [1e-3, 2e-3, 3e-3])
+    two = put(tmp_path, "t,Load (N),Force (kN),tip.x [mm]\n0,1,2,1\n1,2,3,1\n2,3,4,1\n", "b.csv")
+    assert read_record(two, **MODEL).inputs["force"][0] == 2000.0  # the name of the signal first
+    none = put(tmp_path, "t,Load (mm),tip.x [mm]\n0,1,2\n1,2,3\n2,3,4\n", "c.csv")
+    with pytest.raises(DataError, match="no column force or displacement"):
+        read_record(none, **MODEL)
+
+
+def test_without_model_and_sheet_every_column_is_an_output(tmp_path):
+    path = put(tmp_path, "time [s],force [N],a [mm],b\n0,1,2,3\n1,2,3,4\n2,3,4,5\n")
+    record = read_record(path)
+    assert list(record.inputs) == ["force"]
+    assert list(record.outputs) == ["a", "b"]
+
+
+# ---------------------------------------------------------------- told on the command line
+
+
+PIXELS = (
+    "frame,Load (N),Marker 3 X,Marker 3 Y\n0,1,100,480\n1,2,110,470\n2,3,120,460\n4,3,120,460\n"
+)
+
+
+def test_columns_in_pixels_with_scale_and_origin(tmp_path):
+    options = ReadOptions(
+        columns={"tip.x": "Marker 3 X", "tip.y": "Marker 3 Y"},
+        units={"": "px"},
+        scales={"": "0.2mm"},
+        origins={"": "90,480"},
+        frame_rate=500.0,
+        delays={"tip.x": 0.004},
+        references={"": "rest"},
+    )
+    record = read_record(put(tmp_path, PIXELS), **MODEL, options=options)
+    np.testing.assert_allclose(record.time, [0.0, 2e-3, 4e-3, 8e-3])
+    np.testing.assert_allclose(record.outputs["tip.x"], [2e-3, 4e-3, 6e-3, 6e-3])
+    np.testing.assert_allclose(record.outputs["tip.y"], [0.0, 2e-3, 4e-3, 4e-3], atol=1e-15)
+    assert record.sensors["tip.x"].delay == 0.004
+    assert record.sensors["tip.y"].reference == "rest"
+    up = ReadOptions(**{**vars(options), "down": False, "origins": {"": "start"}})
+    record = read_record(put(tmp_path, PIXELS), **MODEL, options=up)
+    np.testing.assert_allclose(record.outputs["tip.y"], [0, -2e-3, -4e-3, -4e-3], atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({}, "Marker 3 X' is no|no unit in the header|tip.x"),
+        ({"units": {"": "px"}, "frame_rate": 100.0}, "is in pixels: how large is one"),
+        ({"scales": {"": "0.2mm"}}, "counts frames: how many are a second"),
+        ({"scales": {"": "wide"}, "frame_rate": 100.0}, "scale = 'wide', expected what one px is"),
+        (
+            {"scales": {"": "1mm", "toe": "1mm"}},
+            "scale of toe: there is no such channel; known are",
+        ),
+        ({"scales": {"": "1mm"}, "origins": {"tip.x": "left"}}, "origin of tip.x: got 'left'"),
+    ],
+)
+def test_what_is_not_told_of_pixels_is_asked_for(tmp_path, options, said):
+    told = ReadOptions(columns={"tip.x": "Marker 3 X"}, **options)
+    with pytest.raises(DataError, match=said):
+        read_record(put(tmp_path, PIXELS), **MODEL, options=told)
+
+
+def test_a_video_that_plays_slowly_gets_its_true_clock(tmp_path):
+    path = put(tmp_path, "t [s],force [N],tip.x [mm]\n0,1,1\n0.04,1,2\n0.08,1,3\n0.16,1,4\n")
+    record = read_record(path, **MODEL, options=ReadOptions(frame_rate=1000.0))
+    np.testing.assert_allclose(record.time, [0.0, 1e-3, 2e-3, 4e-3])
+
+
+def test_options_go_before_the_sheet(tmp_path):
+    path = put(tmp_path, "t,f,a,b\n0,1,2,3\n1,2,3,4\n2,3,4,5\n")
+    path.with_suffix(".toml").write_text("[inputs.force]\ncolumn='f'\n[outputs.q]\ncolumn='a'\n")
+    record = read_record(path, options=ReadOptions(columns={"q": "b"}, units={"q": "mm"}))
+    np.testing.assert_allclose(record.outputs["q"], [3e-3, 4e-3, 5e-3])
+
+
+# ---------------------------------------------------------------- several runs in one file
+
+
+def test_a_clock_that_begins_again_begins_a_run(tmp_path):
+    rows = "".join(f"{t},{t},{run}{t}\n" for run in (1, 2, 3) for t in range(4))
+    records = read_records([put(tmp_path, "t,force [N],tip.x [mm]\n" + rows)], **MODEL)
+    assert [r.name for r in records] == ["a-1", "a-2", "a-3"]
+    assert {r.repeats for r in records} == {"a"}
+    np.testing.assert_allclose(records[2].outputs["tip.x"], 1e-3 * np.arange(30, 34))
+    with pytest.raises(DataError, match="holds 3 runs, expected one"):
+        read_record(tmp_path / "a.csv", **MODEL)
+
+
+def test_a_column_numbers_the_runs(tmp_path):
+    rows = "".join(f"{run},{t},{t},{run}{t}\n" for t in range(4) for run in (7, 8))
+    path = put(tmp_path, "Trial,t,force [N],tip.x [mm]\n" + rows)
+    records = read_records([path], **MODEL)
+    assert [r.name for r in records] == ["a-7", "a-8"]
+    np.testing.assert_allclose(records[1].outputs["tip.x"], 1e-3 * np.arange(80, 84))
+    # A clock that goes on is one run, unless it is told.
+    going = "".join(f"{t // 4},{t},{t},{t}\n" for t in range(8))
+    path = put(tmp_path, "Trial,t,force [N],tip.x [mm]\n" + going)
+    assert len(read_records([path], **MODEL)) == 1
+    assert len(read_records([path], **MODEL, options=ReadOptions(run="Trial"))) == 2
+
+
+def test_a_clock_that_stumbles_is_a_fault(tmp_path):
+    path = put(tmp_path, "t,force [N],tip.x [mm]\n0,1,1\n1,1,1\n2,1,1\n1.9,1,1\n3,1,1\n")
+    with pytest.raises(DataError, match="time does not rise at sample 3"):
+        read_record(path, **MODEL)
+
+
+# ---------------------------------------------------------------- exports of trackers
+
+
+def test_deeplabcut(tmp_path):
+    text = (
+        "scorer,net,net,net,net,net,net\nbodyparts,tip,tip,tip,toe,toe,toe\n"
+        "coords,x,y,likelihood,x,y,likelihood\n0,100,480,0.99,5,5,0.9\n1,110,470,0.2,5,5,0.9\n"
+        "2,120,460,0.98,5,5,0.9\n"
+    )
+    options = ReadOptions(frame_rate=100.0, scales={"": "0.1mm"})
+    record = read_record(put(tmp_path, text), options=options)
+    assert list(record.outputs) == ["tip.x", "tip.y", "toe.x", "toe.y"]
+    np.testing.assert_allclose(record.outputs["tip.x"], [10e-3, np.nan, 12e-3])
+    np.testing.assert_allclose(record.outputs["tip.y"], [-48e-3, np.nan, -46e-3])
+    assert record.source == "DeepLabCut"
+    lax = read_record(tmp_path / "a.csv", options=ReadOptions(**{**vars(options), "likelihood": 0}))
+    assert np.isfinite(lax.outputs["tip.x"]).all()
+    several = text.replace("bodyparts", "individuals,one,one,one,two,two,two\nbodyparts")
+    record = read_record(put(tmp_path, several, "b.csv"), options=options)
+    assert list(record.outputs) == ["one.tip.x", "one.tip.y", "two.toe.x", "two.toe.y"]
+
+
+@pytest.mark.parametrize(
+    ("text", "outputs"),
+    [
+        ("mass A\nt\tx\ty\n0.0\t1\t2\n0.1\t2\t3\n0.2\t\t\n", ["mass A.x", "mass A.y"]),
+        ("#mass_A\nt\tx\ty\n0.0\t1\t2\n0.1\t2\t3\n0.2\t\t\n", ["mass_A.x", "mass_A.y"]),
+        ("#multi:\n;A;;B;;\nt;x;y;x;y;\n0,0;1;2;3;4;\n0,1;2;3;4;5;\n0,2;;;5;6;\n",
+         ["A.x", "A.y", "B.x", "B.y"]),
+    ],
+)  # fmt: skip
+def test_tracker(tmp_path, text, outputs):
+    options = ReadOptions(units={"": "cm"})
+    record = read_record(put(tmp_path, text, "a.txt"), options=options)
+    assert list(record.outputs) == outputs
+    np.testing.assert_allclose(record.outputs[outputs[1]], [0.02, 0.03, np.nan])
+    np.testing.assert_allclose(record.time, [0.0, 0.1, 0.2])
+    assert record.source == "Tracker"
+
+
+def test_kinovea(tmp_path):
+    table = '"Time";"tip/0/X";"tip/0/Y";"toe/0/X";"toe/0/Y"\n'
+    table += '"0,0";"1,5";"2,0";;\n"0,1";"2,5";"3,0";"7,0";"8,0"\n"0,2";"3,5";"4,0";;\n'
+    options = ReadOptions(units={"": "mm"})
+    one = read_record(put(tmp_path, table), options=options)
+    assert one.source == "Kinovea"
+    assert "seconds, its default" in one.notes[0]
+    np.testing.assert_allclose(one.outputs["toe.y"], [np.nan, 8e-3, np.nan])
+    text = "#Kinovea Trajectory data export\n#T X Y\n\n# tip\n0 1.5 2\n0.1 2.5 3\n0.2 3.5 4\n\n"
+    two = read_record(put(tmp_path, text + "# toe\n0.1 7 8\n\n", "b.txt"), options=options)
+    np.testing.assert_allclose(two.time, one.time)
+    for name, values in one.outputs.items():
+        np.testing.assert_allclose(two.outputs[name], values)
+    old = "#Kinovea Trajectory data export\n#T X Y\n0:00:00:00 866,00 320,00\n"
+    old += "0:00:00:04 847,00 321,00\n0:00:01:00 840,00 322,00\n"
+    three = read_record(put(tmp_path, old, "c.txt"), options=options)
+    np.testing.assert_allclose(three.time, [0.0, 0.04, 1.0])
+    np.testing.assert_allclose(three.outputs["point1.x"], [0.866, 0.847, 0.84])
+
+
+# ---------------------------------------------------------------- the sheet that new writes
+
+
+def test_a_sheet_is_written_that_reads_the_same(tmp_path):
+    path = put(tmp_path, PIXELS)
+    options = ReadOptions(
+        columns={"tip.x": "Marker 3 X"}, scales={"": "0.2mm"}, origins={"": "90,480"},
+        frame_rate=500.0,
+    )  # fmt: skip
+    before = read_record(path, **MODEL, options=options)
+    text = sketch_sheet(path, Signals(**MODEL), options)
+    assert "# Columns that are not used: Marker 3 Y" in text
+    path.with_suffix(".toml").write_text(text)
+    after = read_record(path)
+    assert after.input_mode == before.input_mode
+    np.testing.assert_array_equal(after.time, before.time)
+    np.testing.assert_array_equal(after.outputs["tip.x"], before.outputs["tip.x"])
+    np.testing.assert_array_equal(after.inputs["force"], before.inputs["force"])
+
+
+def test_new_writes_a_sheet_beside_a_file(tmp_path, capsys):
+    path = put(tmp_path, "Zeit (s);Kraft (N);a (mm)\n0;1;2,5\n1;2;3,5\n2;3;4,5\n")
+    assert command("new", "--record", str(path)) == 0
+    record = read_record(path)
+    assert list(record.inputs) == ["force"]
+    np.testing.assert_allclose(record.outputs["a"], [2.5e-3, 3.5e-3, 4.5e-3])
+    assert command("new", "--record", str(path)) == 2
+    assert "exists" in capsys.readouterr().err
+    assert command("new") == 2
+    assert "expected the name of a file to write, or --record" in capsys.readouterr().err
+
+
+def test_options_of_the_command_line():
+    from feltmb.cli.gap_reading import _options
+
+    def options(**given):
+        empty = dict.fromkeys(("column", "unit", "scale", "origin", "reference", "time_offset"), ())
+        return _options(
+            {**empty, "frame_rate": None, "run": "", "likelihood": None, "y_up": False, **given}
+        )
+
+    told = options(column=("tip.x=Marker 3 X",), unit=("px", "time=ms"), time_offset=("12ms",))
+    assert told.columns == {"tip.x": "Marker 3 X"}
+    assert told.units == {"": "px", "time": "ms"}
+    assert told.delays == {"": 0.012}
+    for wrong in (
+        {"column": ("tip.x",)},
+        {"time_offset": ("soon",)},
+        {"reference": ("floor",)},
+        {"unit": ("mm", "px")},
+    ):
+        with pytest.raises(InvalidParameter):
+            options(**wrong)
