@@ -60,7 +60,7 @@ def report_json(report: Findings) -> dict[str, Any]:
     fit = report.fit
     return {
         "feltmb": __version__,
-        "model": report.model.base.name,
+        "model": report.model.original.name,
         "verdict": report.verdict.value,
         "statement": report.statement,
         "named": list(report.named),
