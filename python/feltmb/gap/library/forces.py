@@ -48,7 +48,7 @@ def dry_friction_asymmetry(c: Part, *, scale: float, speed: float) -> Effect:
         unit=c.unit,
         scale=scale,
         mechanism="Dry friction is stronger in one direction than in the other.",
-        shapes=(0.01 * speed,),
+        shapes=(0.003 * speed, 0.03 * speed),
         shape_names=("v_0 [position unit/s]",),
         remedy="Use two levels of dry friction.",
         rate=_force(c, lambda q, v, v0: np.abs(np.tanh(v / v0))),
