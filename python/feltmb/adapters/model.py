@@ -140,6 +140,9 @@ class MechanismModel(DifferentiableMechanism):
                 lower=max(e.lower, -0.9 if e.unit == "1" else -math.inf),
                 upper=e.upper,
                 component=e.component,
+                label=e.part or f"The {e.component}",
+                words=e.words,
+                relative=e.unit == "1",
             )
             for e in self.tolerances
         )
