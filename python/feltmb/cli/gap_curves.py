@@ -20,7 +20,7 @@ MOST_RECORDS = 8
 
 
 def record_viewers(report: Report, records: Sequence[Record]) -> str:
-    """HTML of one viewer for each record: measured, the model as tabulated, calibrated, with effects.
+    """HTML of one viewer a record: measured, the model as tabulated, calibrated, with effects.
 
     Each is an open-loop simulation over all of the record that was used. A record that a model
     cannot follow to its end is left out.

@@ -449,6 +449,19 @@ class Model(ABC):
         """
         return Ready(self, tuple(records))
 
+    def check_writing(self, path: Path) -> None:
+        """Whether :meth:`write` can write itself. Default: it is made from no file.
+
+        Raises
+        ------
+        InvalidParameter
+            It cannot.
+        """
+        raise InvalidParameter(
+            f"{path}: the model {self.name} ({type(self).__name__}) is made from no file, expected "
+            "a mechanism; use report.model.simulate, .parameters and .effects"
+        )
+
     def write(
         self,
         path: Path,
@@ -459,18 +472,10 @@ class Model(ABC):
         provenance: str = "",
         force: bool = False,
     ) -> Path:
-        """Write itself with these numbers into a file. Default: it is made from none.
-
-        Raises
-        ------
-        InvalidParameter
-            It cannot be written.
-        """
+        """Write itself with these numbers into a file; see :meth:`check_writing`."""
         del theta, included, magnitudes, provenance, force
-        raise InvalidParameter(
-            f"{path}: the model {self.name} ({type(self).__name__}) is made from no file, expected "
-            "a mechanism; use report.model.simulate, .parameters and .effects"
-        )
+        self.check_writing(path)
+        raise NotImplementedError
 
     def accepts(self, effect: Effect) -> bool:
         """Whether it can simulate the effect. Sensor and input effects need no help from it."""

@@ -42,6 +42,7 @@ from feltmb.gap.score import all_candidates, family_threshold, score_fit
 from feltmb.gap.search import Search, in_refined_steps, search
 from feltmb.gap.smoke_test import try_effects
 from feltmb.gap.split import split_records
+from feltmb.gap.steps import next_steps
 from feltmb.gap.tabulated import (
     as_it_is,
     beyond_noise,
@@ -441,6 +442,16 @@ def diagnose(
             say("next experiment")
         advice = advise(found, accepted)
     lap("next")
+    rows = as_it_is(tabulated, metric)
+    advice += next_steps(
+        decision.verdict,
+        rows,
+        calibrated,
+        [r for r in which.effects if r.named],
+        decision.closest,
+        components,
+        best_fit.intervals(),
+    )
     provenance = _provenance(best_fit, records)
     starts = found_starts(accepted.after.tight) | fitted_starts(best_fit, settings)
     before_starts = found_starts(accepted.before.tight) | fitted_starts(found.model_fit, settings)
@@ -451,7 +462,7 @@ def diagnose(
         named=decision.named,
         one_of=decision.one_of,
         confidence=decision.confidence,
-        as_it_is=as_it_is(tabulated, metric),
+        as_it_is=rows,
         calibrated=calibrated,
         closest=decision.closest,
         where=where,

@@ -348,13 +348,14 @@ class HowFar:
 
 @dataclass(frozen=True, kw_only=True)
 class Advice:
-    """An experiment that would separate what is still confused."""
+    """What to do next: a step, or an experiment that would separate what is still confused."""
 
     text: str
-    separates: tuple[str, str]
-    confusion_now: float
+    separates: tuple[str, str] = ("", "")
+    """Rivals that an experiment would separate."""
+    confusion_now: float = math.nan
     """Probability to take one for the other, now [1]."""
-    confusion_then: float
+    confusion_then: float = math.nan
 
 
 @dataclass(frozen=True, kw_only=True)
