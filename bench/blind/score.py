@@ -22,7 +22,7 @@ __all__ = ["BINS", "Figure", "markdown", "read", "score"]
 BINS = ((0.5, 1.5), (1.5, 3.0), (3.0, 5.0), (5.0, 10.0), (10.0, 20.0), (20.0, 50.1))
 DATA = ("input", "hammer camera", "key camera")
 UNKNOWN = ("UNKNOWN", "NAMED + RESIDUAL REMAINS")
-SILENT = ("NO GAP", "TOO WEAK")
+SILENT = ("NO GAP", "NO STRUCTURAL GAP, CALIBRATED", "TOO WEAK")
 
 
 @dataclass(frozen=True)

@@ -127,6 +127,8 @@ class _Table(Schema):
     confounders: list[str] = []
     source: str = ""
     note: str = ""
+    part: str = ""
+    words: Annotated[list[str], Field(min_length=2, max_length=2)] = ["lower", "higher"]
 
 
 class _UntilTable(Schema):
@@ -212,6 +214,10 @@ class Entry:
     remedy: str = ""
     confounders: tuple[str, ...] = ()
     source: str = ""
+    part: str = ""
+    """What a report calls it: the subject of "... is 10 % lighter than tabulated"."""
+    words: tuple[str, str] = ("lower", "higher")
+    """What a report says of a value below and above the tabulated one."""
 
 
 @dataclass(frozen=True)
@@ -585,6 +591,8 @@ def _entry(
         remedy=_put(table.remedy, words),
         confounders=tuple(_put(c, words) for c in table.confounders),
         source=table.source,
+        part=_put(table.part, words),
+        words=(table.words[0], table.words[1]),
     )
 
 

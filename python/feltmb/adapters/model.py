@@ -14,6 +14,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -30,6 +31,7 @@ from feltmb.adapters.library import Entry, Library
 from feltmb.adapters.references import from_rest
 from feltmb.adapters.reuse import Question, Reuse
 from feltmb.adapters.variants import Variant, Workshop, changed_config
+from feltmb.adapters.writing import write_mechanism
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError, InvalidParameter, ModelError
 from feltmb.fit import (
@@ -144,6 +146,9 @@ class MechanismModel(DifferentiableMechanism):
                 lower=max(e.lower, -0.9 if e.unit == "1" else -math.inf),
                 upper=e.upper,
                 component=e.component,
+                label=e.part or f"The {e.component}",
+                words=e.words,
+                relative=e.unit == "1",
             )
             for e in self.tolerances
         )
@@ -417,6 +422,32 @@ class MechanismModel(DifferentiableMechanism):
         if entry.name not in self._aliases:
             self._aliases[entry.name] = alias_of(self.action.config, entry, self.tolerances)
         return self._aliases[entry.name]
+
+    def check_writing(self, path: Path) -> None:
+        """See :class:`~feltmb.fit.Model`: a mechanism is a file."""
+        if path.suffix != ".toml":
+            raise InvalidParameter(f"{path}: expected the name of a TOML file, such as found.toml")
+
+    def write(
+        self,
+        path: Path,
+        theta: Array,
+        included: Sequence[Candidate],
+        magnitudes: Array,
+        *,
+        provenance: str = "",
+        force: bool = False,
+    ) -> Path:
+        """Write the mechanism with these numbers as TOML; see :mod:`feltmb.adapters.writing`."""
+        self.check_writing(path)
+        return write_mechanism(
+            path,
+            self.action,
+            self._chosen(theta[: len(self.tolerances)], tuple(included), magnitudes),
+            provenance=provenance,
+            besides=[t.name for t in included if not isinstance(t.effect.data, Entry)],
+            force=force,
+        )
 
     # --- what it rests on -------------------------------------------------------------------------
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -34,7 +33,6 @@ from feltmb.errors import InvalidParameter
 
 if TYPE_CHECKING:
     from feltmb.data import ReadOptions
-    from feltmb.gap import Report
 
 __all__ = ["command"]
 
@@ -186,6 +184,20 @@ def plan_command(
     help="Of the refits for the null law.",
 )
 @reading_options
+@list_option(
+    "--good-enough",
+    "good_enough",
+    metavar="[CHANNEL=]SIZE",
+    help="Difference that does not matter, such as 0.2mm or hammer_tip.x=0.1mm: it is added to "
+    "the noise of channels of that unit.",
+)
+@click.option(
+    "--write",
+    "written",
+    metavar="FILE",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write the mechanism with calibrated values and named effects (TOML).",
+)
 @model_set_option
 @json_option
 @force_option
@@ -201,6 +213,8 @@ def run(
     bootstrap: int,
     seed: int,
     reading: ReadOptions,
+    good_enough: tuple[str, ...],
+    written: Path | None,
     settings: tuple[str, ...],
     as_json: bool,
     force: bool,
@@ -213,6 +227,7 @@ def run(
 
     from feltmb.cli.gap_curves import record_viewers
     from feltmb.cli.gap_models import held_out, load_adapter
+    from feltmb.cli.gap_printing import print_report
     from feltmb.files import check_writable, make_folder
     from feltmb.gap import Options, diagnose
     from feltmb.gap.report import report_json, write_report
@@ -222,6 +237,9 @@ def run(
         for name in ("report.html", "report.json"):
             check_writable(output / name, force=force)
     adapter = load_adapter(model, settings)
+    if written is not None:
+        check_writable(written, force=force)
+        adapter.model.check_writing(written)
     groups = adapter.read_each(data, reading)
     records = tuple(r for group in groups for r in group)
     adapter = adapter.including(included)
@@ -234,6 +252,7 @@ def run(
         bootstrap=bootstrap,
         seed=seed,
         resume=resume,
+        good_enough=floors(good_enough),
     )
     report = diagnose(adapter.model, adapter.effects, records, held, options, progress_line())
     if is_terminal():
@@ -241,7 +260,9 @@ def run(
     if as_json:
         print_json(report_json(report))
     else:
-        _print(report)
+        print_report(report)
+    if written is not None:
+        say_written(report.model.write(written, force=force))
     if output is not None:
         viewers = record_viewers(report, records)
         for path in write_report(report, output, force=force, viewers=viewers):
@@ -250,58 +271,30 @@ def run(
             shutil.rmtree(resume)
 
 
-def _print(report: Report) -> None:
-    from feltmb.gap.digits import digits
+def floors(texts: tuple[str, ...]) -> dict[str, float]:
+    """Practical floors by channel or SI unit, from ``0.2mm`` or ``CHANNEL=0.2mm``."""
+    from feltmb.units import si_value, split_quantity
+    from feltmb.units.names import ACCEPTED_UNITS, conversion_factor
 
-    say(f"{report.verdict}: {report.statement}")
-    out = console()
-    table = new_table(
-        "which", "effect", "magnitude, 95 %", "T", "belief", right=(1, 2, 3), whole=(0, 1, 2, 3)
-    )
-    room = max(27, out.width - 50)
-    for r in report.which.effects[:8]:
-        mark = "* " if r.named else ("? " if r.effect in report.one_of else "  ")
-        unit = "" if r.unit == "1" else f" {r.unit}"
-        left = [f"{mark}{r.effect}", *(f"  {b}" for b in textwrap.wrap(r.component, room))]
-        shown = digits(r.size, r.sd, 3)
-        right = [f"{r.size:.{max(4, shown)}g}{unit}", f"{r.low:.{shown}g} .. {r.high:.{shown}g}"]
-        right += [""] * (len(left) - len(right))
-        if r.named or r.effect in report.one_of:
-            left += [f"  {n.name} {n.value:.4g}" for n in r.numbers]
-            right += [f"{n.low:.4g} .. {n.high:.4g}" if n.low < n.high else "" for n in r.numbers]
-        table.add_row(
-            "\n".join(left),
-            "\n".join(right),
-            f"{r.statistic:.{0 if r.statistic > 1000 else 1}f}",
-            f"{r.posterior:.0%}",
-        )
-    out.print(table)
-    for n in report.refused:
-        say(f"refused by held-out records: {n.name} ({n.why})")
-    gap = new_table(
-        "how far (held-out)",
-        "metric",
-        "channel",
-        "before",
-        "after",
-        "noise",
-        "closed",
-        right=(2, 3, 4, 5),
-        whole=(0, 1),
-    )
-    for g in report.how_far.rows:
-        gap.add_row(
-            g.metric,
-            f"{g.channel} [{g.unit}]",
-            f"{g.before:.3g}",
-            f"{g.after:.3g}",
-            f"{g.noise:.2g}",
-            f"{g.closed:.0%} {100 * g.low:.0f}..{g.high:.0%}",
-        )
-    out.print(gap)
-    for advice in report.next:
-        say(f"next: {advice.text}")
-    if report.not_tested:
-        say("not tested: " + ", ".join(n.name for n in report.not_tested))
-    for warning in report.checks.warnings:
-        say(f"warning: {warning}")
+    out: dict[str, float] = {}
+    for text in texts:
+        channel, _, size = text.rpartition("=")
+        value, found = si_value(size), split_quantity(size)
+        if value is None or found is None or not value > 0.0 or not (found[1] or channel):
+            raise InvalidParameter(
+                f"--good-enough {text}: expected a size with its unit, such as 0.2mm, or "
+                "CHANNEL=0.2mm"
+            )
+        if channel:
+            out[channel.strip()] = value
+            continue
+        for name, (factor, _) in ACCEPTED_UNITS.items():
+            if factor != 1.0:
+                continue
+            try:
+                conversion_factor(found[1], name)
+            except InvalidParameter:
+                continue
+            out[name] = value
+            break
+    return out

@@ -9,7 +9,6 @@ import numpy as np
 
 if TYPE_CHECKING:
     from feltmb.data import Array, Record
-    from feltmb.fit import Model
     from feltmb.gap import Report
     from feltmb.gap.findings import ModelWithEffects
     from feltmb.graphics.viewer import Curves
@@ -21,7 +20,7 @@ MOST_RECORDS = 8
 
 
 def record_viewers(report: Report, records: Sequence[Record]) -> str:
-    """HTML of one viewer for each record: measured, the fitted model, the model with effects.
+    """HTML of one viewer a record: measured, the model as tabulated, calibrated, with effects.
 
     Each is an open-loop simulation over all of the record that was used. A record that a model
     cannot follow to its end is left out.
@@ -30,13 +29,13 @@ def record_viewers(report: Report, records: Sequence[Record]) -> str:
     from feltmb.graphics.viewer import Curves, assets, fragment
 
     model = report.fit.problem.model
-    fitted = _fitted(report, model)
     parts = []
     for record in model.ready(records[:MOST_RECORDS]).records:
         units = {name: record.sensors[name].unit for name in record.outputs}
         shown = [Curves("measured", record.time, record.outputs, units)]
         try:
-            shown.append(_curves("model, fitted", fitted, record, units))
+            shown.append(_curves("model as tabulated", report.tabulated, record, units))
+            shown.append(_curves("model, calibrated", report.fitted, record, units))
             if report.model.included:
                 shown.append(_curves("model with effects", report.model, record, units))
             panels = [{"title": n, "outputs": [n], "change": False} for n in record.outputs]
@@ -45,15 +44,6 @@ def record_viewers(report: Report, records: Sequence[Record]) -> str:
             continue
         parts.append(f"<h3>{_escaped(record.name)}</h3>\n{viewer}")
     return assets() + "".join(parts) if parts else ""
-
-
-def _fitted(report: Report, model: Model) -> ModelWithEffects:
-    """The model with the parameters of the first fit, no effect added."""
-    from feltmb.gap.findings import ModelWithEffects
-
-    return ModelWithEffects(
-        base=model, theta=report.fit.point.theta, included=(), magnitudes=np.zeros(0)
-    )
 
 
 def _curves(name: str, model: ModelWithEffects, record: Record, units: dict[str, str]) -> Curves:

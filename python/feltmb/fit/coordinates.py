@@ -9,6 +9,9 @@ from typing import Any
 from feltmb.arguments import checked
 from feltmb.data import Array
 
+#: How units of what turns begin.
+TURNING = ("N m", "Nm", "mN m", "rad")
+
 __all__ = ["Coordinate", "Coupling", "Named", "Rate"]
 
 
@@ -63,6 +66,14 @@ class Coordinate:
     unit: str = "N"
     scale: float = 1.0
     """Scale of a force on it [unit]."""
+    position_unit: str = ""
+    """Unit of the position; default: rad where the force is a torque or an angular acceleration,
+    else m."""
+
+    @property
+    def travel_unit(self) -> str:
+        """Unit of the position."""
+        return self.position_unit or ("rad" if self.unit.startswith(TURNING) else "m")
 
     @property
     def parts(self) -> tuple[Coordinate, ...]:
@@ -105,6 +116,11 @@ class Coupling:
     position: str = ""
     """No state holds its position or its speed."""
     speed: str = ""
+
+    @property
+    def travel_unit(self) -> str:
+        """Unit of its position: that of the first coordinate."""
+        return self.first.travel_unit
 
     @property
     def parts(self) -> tuple[Coordinate, ...]:

@@ -12,6 +12,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -60,6 +61,12 @@ class Parameter:
     component: str = ""
     scale: float | None = None
     """Scale for steps of differences [unit]; default: sd if finite, else abs(value) or 1."""
+    label: str = ""
+    """What people call it, as the subject of a sentence: "the hammer head"; default: the name."""
+    words: tuple[str, str] = ("lower", "higher")
+    """What a report says of a value below and above the tabulated one."""
+    relative: bool = False
+    """Whether it is the share by which something departs from its tabulated value."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.value) and self.lower <= self.value <= self.upper):
@@ -450,6 +457,34 @@ class Model(ABC):
         Default: as they are. What is ready already comes back as it is.
         """
         return Ready(self, tuple(records))
+
+    def check_writing(self, path: Path) -> None:
+        """Whether :meth:`write` can write itself. Default: it is made from no file.
+
+        Raises
+        ------
+        InvalidParameter
+            It cannot.
+        """
+        raise InvalidParameter(
+            f"{path}: the model {self.name} ({type(self).__name__}) is made from no file, expected "
+            "a mechanism; use report.model.simulate, .parameters and .effects"
+        )
+
+    def write(
+        self,
+        path: Path,
+        theta: Array,
+        included: Sequence[Candidate],
+        magnitudes: Array,
+        *,
+        provenance: str = "",
+        force: bool = False,
+    ) -> Path:
+        """Write itself with these numbers into a file; see :meth:`check_writing`."""
+        del theta, included, magnitudes, provenance, force
+        self.check_writing(path)
+        raise NotImplementedError
 
     def accepts(self, effect: Effect) -> bool:
         """Whether it can simulate the effect. Sensor and input effects need no help from it."""

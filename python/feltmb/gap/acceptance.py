@@ -29,9 +29,9 @@ CLOSES = 0.05
 #: must then close. The error of another effect's form, in which it would stand in for that, is not
 #: mended to a hundredth by an effect that is not there.
 ALL, DEEP = 0.99, 10.0
-#: The same share from which an effect stands though an unknown force would still bring more: what
-#: is left then is small beside it, however sure it is.
-MOST = 0.8
+#: Share of the squared held-out gap from which an effect stands though an unknown force would still
+#: bring more: it explains more than is left.
+MOST = 0.5
 #: Held-out gap [sigma] from which such a share counts, and it is asked whether parameters of the
 #: model could close it.
 WIDE = 1.33
@@ -252,10 +252,15 @@ class _Attempt:
         return share >= ALL and any(DEEP < g < np.inf for g in gaps)
 
     def _carries(self, c: CandidateSet, name: str, paired: Paired) -> bool:
-        """Whether an effect closes most of a held-out gap that is one, and surely."""
-        gaps = self._gaps(self._outcome_without(c, name))
-        wide = any(WIDE < g < np.inf for g in gaps)
-        return wide and _improves(paired, self.inflation) and self.closes(c, name) >= MOST
+        """Whether an effect explains most of a held-out gap that is one, and surely."""
+        before = self._gaps(self._outcome_without(c, name))
+        after = self._gaps(self.outcome(c.fit))
+        shares = [
+            (old**2 - new**2) / (old**2 - 1.0)
+            for old, new in zip(before, after, strict=True)
+            if WIDE < old < np.inf and np.isfinite(new)
+        ]
+        return _improves(paired, self.inflation) and max(shares, default=0.0) >= MOST
 
     def standing(
         self, first: CandidateSet, proof: dict[str, Paired], bad: dict[str, str]
@@ -357,6 +362,8 @@ def accept(
             best, proof = attempt.standing(first, proof, bad)
             kept = () if best is None else best.names
             rejected = [(n, bad.get(n, without)) for n in first.names if n not in kept]
+    elif search.sets:
+        attempt.outcome(search.sets[0].fit)  # how near it comes is told
     return Accepted(
         best,
         attempt.before,

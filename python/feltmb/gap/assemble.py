@@ -11,10 +11,12 @@ import numpy as np
 from feltmb.data import Array
 from feltmb.fit.model import Effect, Model
 from feltmb.fit.segmented_records import SegmentedRecord
+from feltmb.fit.solve import Fit
 from feltmb.gap.acceptance import Accepted, Posterior
 from feltmb.gap.advise import confusion
 from feltmb.gap.calibrate import Null
 from feltmb.gap.findings import (
+    Closest,
     GapRow,
     HowFar,
     ModelWithEffects,
@@ -28,14 +30,54 @@ from feltmb.gap.refine import CandidateSet
 from feltmb.gap.search import Search
 from feltmb.gap.spread import Spread, spread
 
-__all__ = ["how_far_rows", "ranked", "with_effects"]
+__all__ = ["closest_set", "how_far_rows", "ranked", "with_effects"]
 
 
-def with_effects(model: Model, search: Search, accepted: Accepted) -> ModelWithEffects:
-    """The model with what was accepted."""
-    fit = search.model_fit if accepted.best is None else accepted.best.fit
+def with_effects(
+    model: Model, fit: Fit, starts: Mapping[str, Array], provenance: str
+) -> ModelWithEffects:
+    """The model with the numbers of a fit."""
     return ModelWithEffects(
-        base=model, theta=fit.point.theta, included=fit.included, magnitudes=fit.point.magnitudes
+        original=model,
+        theta=fit.point.theta,
+        included=fit.included,
+        magnitudes=fit.point.magnitudes,
+        starts=starts,
+        provenance=provenance,
+    )
+
+
+def closest_set(
+    search: Search,
+    accepted: Accepted,
+    segmented_records: Sequence[SegmentedRecord],
+    which: str,
+    seed: int,
+) -> Closest | None:
+    """The tested set whose held-out gap is smallest; None: none is nearer than the model."""
+    before = accepted.before.gap(segmented_records, which)
+    found: tuple[float, Outcome] | None = None
+    for key, outcome in accepted.outcomes.items():
+        gap = outcome.gap(segmented_records, which)
+        if key and gap < (before if found is None else found[0]):
+            found = gap, outcome
+    if found is None:
+        return None
+    outcome = found[1]
+    included = outcome.fit.included
+    closed, low, high = _closed(accepted.before, outcome, segmented_records, which, seed)
+    rejected = dict(accepted.rejected)
+    why = "; ".join(f"{t.name}: {rejected[t.name]}" for t in included if t.name in rejected)
+    if not why and search.best is None:
+        why = "an unknown force would explain the fitted records better"
+    return Closest(
+        effects=tuple(t.name for t in included),
+        magnitudes=tuple(float(m) for m in outcome.fit.point.magnitudes),
+        units=tuple(t.effect.unit for t in included),
+        closed=closed,
+        low=low,
+        high=high,
+        why=why,
     )
 
 
@@ -202,12 +244,13 @@ def _speed(part: Array, segmented: SegmentedRecord) -> Array:
 
 def how_far_rows(
     accepted: Accepted,
+    tabulated: Outcome,
     segmented_records: Sequence[SegmentedRecord],
     shares: Mapping[str, float],
     primary: str,
     seed: int,
 ) -> HowFar:
-    """Gap on held-out data before and after, by metric and channel, with bands."""
+    """Gap on held-out data as tabulated, calibrated and with effects, by metric and channel."""
     before, after = accepted.before, accepted.after
     outputs = before.fit.problem.model.outputs
     rows = []
@@ -220,6 +263,7 @@ def how_far_rows(
                 continue
             old = _per_channel(before, segmented_records, which, c)
             new = _per_channel(after, segmented_records, which, c)
+            plain = _per_channel(tabulated, segmented_records, which, c)
             sigma = float(
                 np.sqrt(
                     np.mean(
@@ -231,19 +275,22 @@ def how_far_rows(
                     )
                 )
             )
-            rows.append(_gap_row(metric, name, units[0], old, new, sigma, seed))
+            rows.append(_gap_row(metric, name, units[0], plain, old, new, sigma, seed))
             if which == primary:
                 used = [s for s in segmented_records if name in s.record.outputs]
+                fast_plain = [_speed(p, s) for p, s in zip(plain, used, strict=True)]
                 fast_old = [_speed(p, s) for p, s in zip(old, used, strict=True)]
                 fast_new = [_speed(p, s) for p, s in zip(new, used, strict=True)]
                 if sum(p.size for p in fast_old):
                     width = max(3, int(used[0].measured.shape[1] // 12) | 1)
                     noise = sigma * np.sqrt(2.0 / width) / (width * used[0].record.interval)
-                    rows.append(
-                        _gap_row("speed", name, f"{units[0]}/s", fast_old, fast_new, noise, seed)
-                    )
+                    fast = fast_plain, fast_old, fast_new
+                    rows.append(_gap_row("speed", name, f"{units[0]}/s", *fast, noise, seed))
     start, end = before.gap(segmented_records, primary), after.gap(segmented_records, primary)
-    waterfall = [("model", start)]
+    first = tabulated.gap(segmented_records, primary)
+    waterfall = [("as tabulated", first)]
+    if math.isfinite(first) and math.isfinite(start):
+        waterfall.append(("calibration", start - first))
     waterfall += [(n, -v) for n, v in sorted(shares.items(), key=lambda kv: -kv[1])]
     waterfall += [("unexplained", max(end - 1.0, 0.0)), ("noise", min(1.0, end))]
     closed, low, high = _closed(before, after, segmented_records, primary, seed)
@@ -257,6 +304,9 @@ def how_far_rows(
         rows=tuple(rows),
         waterfall=tuple(waterfall),
         waterfall_unit="noise standard deviations",
+        tabulated=first,
+        before=start,
+        after=end,
         metric=primary.replace("_", " "),
         closed=closed,
         low=low,
@@ -299,6 +349,7 @@ def _gap_row(
     metric: str,
     channel: str,
     unit: str,
+    plain: list[Array],
     old: list[Array],
     new: list[Array],
     noise: float,
@@ -322,6 +373,7 @@ def _gap_row(
         low=low,
         high=high,
         p=p,
+        tabulated=_rms(plain),
     )
 
 

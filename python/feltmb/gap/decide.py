@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from feltmb.fit.solve import Fit
 from feltmb.gap.acceptance import Accepted, Posterior
 from feltmb.gap.checks import DataChecks
-from feltmb.gap.findings import HowFar, Verdict, Where
+from feltmb.gap.findings import Calibrated, Closest, HowFar, Verdict, Where
 from feltmb.gap.misfit import OTHER, Misfit, misfit
 from feltmb.gap.search import Search
 from feltmb.gap.tolerance import prior_deviations_told
@@ -17,6 +17,8 @@ __all__ = ["Decision", "Facts", "decide"]
 
 #: Standardized excess of the sum of squares for what is left after effects were named.
 REST = 3.0
+#: Share of the gap from which a parameter that moved is told in the statement beside others.
+LARGE = 0.1
 #: Posterior that a name needs.
 SURE = 0.9
 #: Family-wise p of the largest score at which the model is refuted, whatever held-out records
@@ -33,6 +35,7 @@ TRUST = {
     Verdict.TOO_WEAK: 0.6,
     Verdict.UNKNOWN: 0.36,
     Verdict.NO_GAP: 1.0,
+    Verdict.CALIBRATED: 1.0,
 }
 #: Share of the held-out gap that a name must close where an unexplained residual was admitted.
 LEAST_CLOSED = 0.2
@@ -64,6 +67,16 @@ class Facts:
     """Largest score of the other effects after the accepted ones, over its family-wise bar."""
     unexplained: bool
     """Whether effects were judged against an unexplained residual as well as noise."""
+    apart: bool = False
+    """Whether the model with tabulated numbers is off by more than noise."""
+    calibrated: tuple[Calibrated, ...] = ()
+    """Parameters that the fit moved."""
+    closest: Closest | None = None
+    """Tested set that comes closest to the held-out records."""
+    enough: bool = False
+    """Whether the fitted model is as good as was said to be good enough."""
+    enough_left: bool = False
+    """The same with what was accepted."""
     beyond: float | None = None
     """Sum of squares, of its expectation, of a gap that only the held-out records show."""
 
@@ -78,6 +91,8 @@ class Decision:
     one_of: tuple[str, ...]
     confidence: float
     belief: Posterior
+    closest: Closest | None = None
+    """What came closest, and why it is not proven; only where nothing is named."""
 
 
 def decide(facts: Facts) -> Decision:
@@ -86,7 +101,12 @@ def decide(facts: Facts) -> Decision:
     p = facts.p
     hint = p < facts.alpha
     best = accepted.best
-    gap = _refuted(facts) or (hint and best is not None)
+    gap = not facts.enough and (_refuted(facts) or (hint and best is not None))
+    if gap and (_refuted(facts) or facts.unexplained):
+        # Beside an unexplained residual "nothing" means: that residual and no more.
+        none = facts.belief.none
+        belief = replace(facts.belief, none=0.0, other=facts.belief.other + none)
+        facts = replace(facts, belief=belief)
     if not gap and facts.beyond is not None:
         # What the fitted records say of a gap does not hold for those that reach further.
         belief = replace(facts.belief, none=0.0, other=facts.belief.none + facts.belief.other)
@@ -98,7 +118,8 @@ def decide(facts: Facts) -> Decision:
             "what the others do not. Give some of them to the fit, and hold out others.",
         )
     if not gap:
-        if hint or (p < 5.0 * facts.alpha and search.best is not None):
+        weak = hint or (p < 5.0 * facts.alpha and search.best is not None)
+        if weak and not facts.enough:
             reason = _refusals(accepted) or f"family-wise p = {p:.2g}"
             return _silent(
                 facts,
@@ -106,15 +127,7 @@ def decide(facts: Facts) -> Decision:
                 "There may be something, but these records cannot prove it "
                 f"({reason}). The model is not refuted.",
             )
-        return _silent(
-            facts,
-            Verdict.NO_GAP,
-            "The model explains the records: what is left is noise "
-            f"(sum of squares {search.model_fit.chi2 / search.model_fit.dof:.2f} of its "
-            "expectation, "
-            f"largest score family-wise p = {p:.2g})."
-            + (f" But {told}." if (told := prior_deviations_told(search.model_fit)) else ""),
-        )
+        return _calibrated(facts)
     if best is None and not facts.first.model_fit.converged and not hint:
         return _silent(
             facts,
@@ -123,11 +136,74 @@ def decide(facts: Facts) -> Decision:
             "taken for a gap. Give closer priors, or shorter segments.",
         )
     if best is None:
-        text = f"There is a gap ({_signs(facts)}), but no tested effect explains it"
+        text = f"There is a gap ({_signs(facts)}), but no tested effect is proven to explain it."
+        text += _closest(facts.closest)
         refused = _refusals(accepted)
-        text += f"; held-out records refused {refused}." if refused else "."
-        return _silent(facts, Verdict.UNKNOWN, text + _place(facts))
+        if refused and (facts.closest is None or not facts.closest.why):
+            text += f" Held-out records refused {refused}."
+        out = _silent(facts, Verdict.UNKNOWN, text + _place(facts))
+        return replace(out, closest=facts.closest)
     return _name(facts)
+
+
+def _calibrated(facts: Facts) -> Decision:
+    """No gap is left: as tabulated, or with parameters that moved."""
+    fit = facts.search.model_fit
+    ratio = f"sum of squares {fit.chi2 / fit.dof:.2f} of its expectation"
+    rest = f"{ratio}, largest score family-wise p = {facts.p:.2g}"
+    what = "less than was said to be good enough" if facts.enough else f"noise ({rest})"
+    told = prior_deviations_told(fit)
+    but = f" But {told}." if told else ""
+    sure = [r for r in facts.calibrated if r.sure]
+    if not facts.apart and not sure:
+        by_chance = ""
+        if facts.calibrated:
+            by_chance = (
+                f" {len(facts.calibrated)} of {len(fit.problem.free)} parameters moved by more than"
+                " two standard deviations of their estimates, no further than noise moves some."
+            )
+        text = f"The model explains the records as it is tabulated: what is left is {what}."
+        return _silent(facts, Verdict.NO_GAP, text + by_chance + but)
+    moved = sure or list(facts.calibrated)
+    if not moved:
+        text = (
+            "No single parameter, but all of them together: each within its tolerance, they close "
+            "the gap that the tabulated numbers leave."
+        )
+    else:
+        large = [r for r in moved if r.share >= LARGE][:3] or moved[:1]
+        text = "; ".join(_moved(r) for r in large)
+        text = f"{text[0].lower()}{text[1:]}." if text.startswith("The ") else f"{text}."
+        more = len(moved) - len(large)
+        if more:
+            text += f" {more} more parameter{'s' if more > 1 else ''} moved, by less of the gap."
+    text += f" Nothing is missing: what is left is {what}."
+    return _silent(facts, Verdict.CALIBRATED, text + but)
+
+
+def _moved(row: Calibrated) -> str:
+    """What happened to a parameter, with its tolerance and its share of the gap."""
+    notes = []
+    if row.prior_deviations is not None:
+        notes.append(f"{abs(row.prior_deviations):.1f} times its tolerance")
+    if math.isfinite(row.share):
+        notes.append(f"{row.share:.0%} of the gap")
+    return row.text + (f" ({', '.join(notes)})" if notes else "")
+
+
+def _closest(closest: Closest | None) -> str:
+    """What came closest, in words."""
+    if closest is None:
+        return ""
+    sizes = ", ".join(
+        f"{name} of {size:.3g}{'' if unit == '1' else ' ' + unit}"
+        for name, size, unit in zip(closest.effects, closest.magnitudes, closest.units, strict=True)
+    )
+    text = (
+        f" Closest comes {sizes}: it would close {closest.closed:.0%} of the held-out gap "
+        f"(95% from {closest.low:.0%} to {closest.high:.0%})"
+    )
+    return f"{text}, but is not proven: {closest.why}." if closest.why else f"{text}."
 
 
 def _refuted(facts: Facts) -> bool:
@@ -140,6 +216,7 @@ def _silent(facts: Facts, verdict: Verdict, text: str) -> Decision:
     belief = facts.belief.trusted(TRUST[verdict])
     confidence = {
         Verdict.NO_GAP: belief.none,
+        Verdict.CALIBRATED: belief.none,
         Verdict.UNKNOWN: belief.other,
         Verdict.TOO_WEAK: 1.0 - belief.none,
     }[verdict]
@@ -174,6 +251,7 @@ def _name(facts: Facts) -> Decision:
         explained=best.evidence - facts.search.tight_evidence,
     )
     left = after.left or facts.unexplained or facts.leftover > 1.0
+    left = left and not facts.enough_left
     closed = _closing(facts, sure or tuple(unsure))
     if left:
         what = "that held-out records confirm" if accepted.rejected else "tested"
@@ -203,8 +281,7 @@ def _name(facts: Facts) -> Decision:
 
 def _widens(far: HowFar) -> bool:
     """Whether the held-out gap grows, beyond chance and by more than a trifle."""
-    before, after = far.waterfall[0][1], far.waterfall[-2][1] + far.waterfall[-1][1]
-    return far.high < 0.0 and after > NEAR * before
+    return far.high < 0.0 and far.after > NEAR * far.before
 
 
 def _band(far: HowFar) -> str:
@@ -214,7 +291,7 @@ def _band(far: HowFar) -> str:
 def _closing(facts: Facts, names: tuple[str, ...]) -> str:
     """What these effects do for the held-out records, in words."""
     far = facts.how_far
-    gap = far.waterfall[0][1]
+    gap = far.before
     if not math.isfinite(gap):
         return "The model cannot simulate the held-out records to their end."
     gains = [paired.gain for name, paired in facts.accepted.proof.items() if name in names]
@@ -232,7 +309,11 @@ def _unsure(facts: Facts, hinted: tuple[str, ...], why: str) -> Decision:
             f"There is a gap ({_signs(facts)}), but no effect is sure; nearest {_list(hinted)} "
             f"({why})."
         )
-        return _silent(facts, Verdict.UNKNOWN, text + _place(facts))
+        closest = facts.closest and replace(facts.closest, why=facts.closest.why or why)
+        if closest is not None and set(closest.effects) == set(hinted):
+            text = f"There is a gap ({_signs(facts)}), but no effect is sure."
+        out = _silent(facts, Verdict.UNKNOWN, text + _closest(closest) + _place(facts))
+        return replace(out, closest=closest)
     text = (
         "There may be something, but these records cannot prove it: "
         f"nearest {_list(hinted)} ({why}). The model is not refuted."

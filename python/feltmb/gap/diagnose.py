@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import time as clock
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from feltmb.fit.problem import Point, Problem
 from feltmb.fit.segmented_records import SegmentedRecord, segment_record
 from feltmb.fit.solve import Fit, FitSettings, fit_problem
 from feltmb.gap.acceptance import WIDE, Accepted, accept, posterior, shapley
-from feltmb.gap.assemble import how_far_rows, ranked, with_effects
+from feltmb.gap.assemble import closest_set, how_far_rows, ranked, with_effects
 from feltmb.gap.calibrate import calibrate
 from feltmb.gap.checks import DataChecks, check_against, check_records, with_sigma
 from feltmb.gap.color import SURE
@@ -34,13 +35,22 @@ from feltmb.gap.discrepancy import (
 from feltmb.gap.experiments import advise
 from feltmb.gap.findings import Advice, NotTested, Verdict, Where
 from feltmb.gap.misfit import EXCESS, form_of, misfit
-from feltmb.gap.proof import HeldOut
+from feltmb.gap.proof import HeldOut, residuals_by_segment
 from feltmb.gap.refine import CandidateSet, full_evidence, refit_at, tighten
 from feltmb.gap.report import Report
 from feltmb.gap.score import all_candidates, family_threshold, score_fit
 from feltmb.gap.search import Search, in_refined_steps, search
 from feltmb.gap.smoke_test import try_effects
 from feltmb.gap.split import split_records
+from feltmb.gap.steps import next_steps
+from feltmb.gap.tabulated import (
+    as_it_is,
+    beyond_noise,
+    calibrated_rows,
+    fitted_starts,
+    found_starts,
+    tabulated_outcome,
+)
 from feltmb.gap.tolerance import prior_deviations_told, within_tolerance
 from feltmb.gap.where import event_ledger, first_act, ledger, split_gap
 
@@ -76,6 +86,9 @@ class Options:
     """How hard fits try; replaces ``restarts`` and ``seed`` there."""
     resume: Path | None = None
     """Folder for finished fits: a cut-off run continues from them."""
+    good_enough: Mapping[str, float] = field(default_factory=dict)
+    """Practical floor by output or by unit (``{"m": 2e-4}``) [SI]: added to the noise of these
+    channels, and a fit whose rest is below both together leaves no gap."""
     advice: bool = True
     """Whether experiments are predicted that would separate what is still confused."""
 
@@ -85,6 +98,9 @@ class Options:
             faults.append(f"alpha = {self.alpha!r}, expected in (0, 0.5)")
         if not 1 <= self.max_effects <= 6:
             faults.append(f"max_effects = {self.max_effects!r}, expected 1 to 6")
+        for name, floor in self.good_enough.items():
+            if not 0.0 < floor < np.inf:
+                faults.append(f"good_enough of {name} = {floor!r}, expected > 0")
         if self.bootstrap < 0:
             faults.append(f"bootstrap = {self.bootstrap!r}, expected >= 0")
         if faults:
@@ -244,6 +260,7 @@ def diagnose(
     checks = _inherit(check_records([*fit_records, *held_records], model.outputs), whole, records)
     if checks.problems:
         raise DataError("records: " + "; ".join(checks.problems))
+    checks = _floored(checks, options.good_enough, model)
     segmented_records = prepare(model, fit_records, checks, options.segment)
     held_segmented_records = prepare(model, held_records, checks, options.segment)
     lap("data checks")
@@ -253,6 +270,11 @@ def diagnose(
     usable, not_tested = _usable(model, effects)
     try_effects(model, usable, fit_records[0])
     sensed = held_segmented_records
+    say("gap as it is")
+    tabulated = tabulated_outcome(
+        model, (*segmented_records, *sensed), settings, options.segmented_level
+    )
+    lap("gap as it is")
     first = _investigate(model, segmented_records, usable, options, settings, cache, progress)
     model = first.model_fit.problem.model
     color = None if checks.estimated else _recolored(first, segmented_records, settings, cache)
@@ -381,8 +403,12 @@ def diagnose(
     if accepted.best is None and not bare_misfit.left:
         beyond = _beyond(accepted, held_segmented_records, settings, checks, cache, say)
         lap("how far")
-    model_with_effects = with_effects(model, found, accepted)
-    how_far = how_far_rows(accepted, sensed, shares, which_gap, options.seed)
+    best_fit = found.model_fit if accepted.best is None else accepted.best.fit
+    held_tabulated = tabulated.part(slice(len(plain), None))
+    how_far = how_far_rows(accepted, held_tabulated, sensed, shares, which_gap, options.seed)
+    metric = "segmented" if model.chaotic else "open_loop"
+    calibrated = calibrated_rows(best_fit, held_tabulated, accepted.after, which_gap, options.alpha)
+    closest = closest_set(found, accepted, sensed, which_gap, options.seed)
     facts = Facts(
         checks=checks,
         search=found,
@@ -398,6 +424,11 @@ def diagnose(
         unexplained=rest_noise is not None,
         leftover=leftover,
         beyond=beyond,
+        apart=beyond_noise(tabulated, metric),
+        calibrated=calibrated,
+        closest=closest,
+        enough=bool(options.good_enough) and _within(first.tight_fit or first.bare),
+        enough_left=bool(options.good_enough) and _within(rest or best_fit),
     )
     decision = decide(facts)
     told = prior_deviations_told(fit if accepted.best is None else accepted.best.fit)
@@ -406,22 +437,41 @@ def diagnose(
     which = ranked(found, accepted, decision.belief, null, decision.named, decision.one_of)
     lap("verdict")
     advice: tuple[Advice, ...] = ()
-    if options.advice and decision.verdict is not Verdict.NO_GAP:
+    if options.advice and decision.verdict not in (Verdict.NO_GAP, Verdict.CALIBRATED):
         if accepted.rivals:
             say("next experiment")
         advice = advise(found, accepted)
     lap("next")
+    rows = as_it_is(tabulated, metric)
+    advice += next_steps(
+        decision.verdict,
+        rows,
+        calibrated,
+        [r for r in which.effects if r.named],
+        decision.closest,
+        components,
+        best_fit.intervals(),
+    )
+    provenance = _provenance(best_fit, records)
+    starts = found_starts(accepted.after.tight) | fitted_starts(best_fit, settings)
+    before_starts = found_starts(accepted.before.tight) | fitted_starts(found.model_fit, settings)
+    plain_fit = tabulated.fit
     return Report(
         verdict=decision.verdict,
         statement=decision.statement,
         named=decision.named,
         one_of=decision.one_of,
         confidence=decision.confidence,
+        as_it_is=rows,
+        calibrated=calibrated,
+        closest=decision.closest,
         where=where,
         which=which,
         how_far=how_far,
         next=advice,
-        model=model_with_effects,
+        model=with_effects(model, best_fit, starts, provenance),
+        fitted=with_effects(model, found.model_fit, before_starts, provenance),
+        tabulated=with_effects(model, plain_fit, found_starts(plain_fit), provenance),
         not_tested=tuple(not_tested),
         refused=tuple(NotTested(name=n, why=w) for n, w in accepted.rejected),
         fit=fit,
@@ -457,6 +507,47 @@ def _inherit(checks: DataChecks, whole: DataChecks, records: Sequence[Record]) -
         repeatability=whole.repeatability,
         estimated=whole.estimated,
     )
+
+
+def _floored(checks: DataChecks, floors: Mapping[str, float], model: Model) -> DataChecks:
+    """The checks with a practical floor added to the noise of some channels."""
+    if not floors:
+        return checks
+    units = {c.unit for c in checks.channels}
+    unknown = [n for n in floors if n not in model.outputs and n not in units]
+    if unknown:
+        raise InvalidParameter(
+            f"good_enough: got {', '.join(unknown)}, expected an output "
+            f"({', '.join(model.outputs)}) or a unit of one ({', '.join(sorted(units))})"
+        )
+    channels = []
+    for c in checks.channels:
+        floor = floors.get(c.channel, floors.get(c.unit, 0.0))
+        channels.append(replace(c, sigma=math.hypot(c.sigma, floor)))
+    return replace(checks, channels=tuple(channels))
+
+
+def _within(fit: Fit) -> bool:
+    """Whether what a fit leaves in every channel is no more than the noise that was given."""
+    records = fit.problem.segmented_records
+    for c, _ in enumerate(fit.problem.model.outputs):
+        total = expected = 0.0
+        for s, r in zip(records, residuals_by_segment(fit), strict=True):
+            seen = r[np.isfinite(r[:, c]), c]
+            total += float(seen @ seen)
+            expected += seen.size * s.noise[c].sigma ** 2
+        if total > expected:
+            return False
+    return True
+
+
+def _provenance(fit: Fit, records: Sequence[Record]) -> str:
+    """Which diagnosis numbers are from, without a clock: the same records give the same words."""
+    names = list(dict.fromkeys(r.name for r in records))
+    shown = ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+    dates = sorted({str(r.conditions["date"]) for r in records if "date" in r.conditions})
+    when = f" of {', '.join(dates)}" if dates else ""
+    return f"diagnosis of {fit.problem.model.name} with records {shown}{when}"
 
 
 def _recolored(

@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from html import escape
 
+import numpy as np
+
 from feltmb.gap.digits import digits
 from feltmb.gap.findings import ComponentRow, HowFar, LedgerCell, Ranked
 
@@ -110,18 +112,19 @@ def bars(
 
 
 def waterfall(how_far: HowFar) -> str:
-    """From the gap of the model to what is left, by effect."""
+    """From the gap as it is to the noise: calibration, each effect, what is left."""
     steps = how_far.waterfall
-    top = max((v for n, v in steps if n == "model"), default=0.0)
+    top = steps[0][1]
     if not top > 0.0 or not math.isfinite(top):
         return ""
     left, width, step = 250.0, 860.0, 26.0
-    scale = 480.0 / max(top, sum(v for n, v in steps if n in ("unexplained", "noise")))
+    levels = np.cumsum([v for n, v in steps if n not in ("unexplained", "noise")])
+    scale = 480.0 / max(top, how_far.after, float(np.max(levels)))
     parts = []
     level = 0.0
     for i, (name, value) in enumerate(steps):
         y = i * step + 4
-        if name == "model":
+        if name == "as tabulated":
             x, w, color, level = 0.0, value, GREY, value
         elif name in ("unexplained", "noise"):
             x = 0.0 if name == "noise" else steps[-1][1]
@@ -129,8 +132,7 @@ def waterfall(how_far: HowFar) -> str:
         else:
             x, w, color = min(level, level + value), abs(value), BLUE
             level += value
-        label = {"model": "model as it is"}.get(name, name)
-        parts.append(_text(left - 8, y + 14, label[:38], anchor="end"))
+        parts.append(_text(left - 8, y + 14, name[:38], anchor="end"))
         parts.append(
             f'<rect x="{left + x * scale:.1f}" y="{y:.1f}" width="{max(w * scale, 1.0):.1f}" '
             f'height="18" fill="{color}"/>'

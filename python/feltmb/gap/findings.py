@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +19,9 @@ from feltmb.fit.observe import observe_jobs
 
 __all__ = [
     "Advice",
+    "AsItIs",
+    "Calibrated",
+    "Closest",
     "ComponentRow",
     "EventRow",
     "Findings",
@@ -37,7 +42,9 @@ class Verdict(StrEnum):
     """What the engine commits itself to."""
 
     NO_GAP = "NO GAP"
-    """The model explains the records within noise and repeatability."""
+    """The model explains the records within noise and repeatability, with its tabulated numbers."""
+    CALIBRATED = "NO STRUCTURAL GAP, CALIBRATED"
+    """So it does once the parameters of ``report.calibrated`` have moved; nothing is missing."""
     NAMED = "NAMED"
     """The effects in ``report.named`` explain the gap, proven on held-out data."""
     ONE_OF = "ONE OF"
@@ -50,6 +57,83 @@ class Verdict(StrEnum):
     """A hint that does not reach significance, or no held-out record can prove it."""
     DATA_PROBLEM = "DATA PROBLEM"
     """Sensors, inputs or clocks explain it at least as well as the machine does."""
+
+
+#: Verdicts that ask for no cause outside the model.
+QUIET = frozenset({Verdict.NO_GAP, Verdict.CALIBRATED, Verdict.TOO_WEAK})
+
+
+@dataclass(frozen=True, kw_only=True)
+class AsItIs:
+    """The gap of the model with its tabulated numbers in one channel, before any fit."""
+
+    channel: str
+    unit: str
+    gap: float
+    """Root mean square over all records [unit]; infinite where the simulation fails."""
+    noise: float
+    """Of the sensor [unit]."""
+    multiple: float
+    """``gap / noise`` [1]"""
+    spread: float
+    """Standard deviation of what was measured [unit]."""
+    failed: tuple[str, ...] = ()
+    """Records that the model cannot simulate to their end."""
+
+    @property
+    def worse_than_constant(self) -> bool:
+        """Whether a constant would be nearer to the records than the model is."""
+        return self.gap > self.spread
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibrated:
+    """A parameter that the fit moved by more than two posterior standard deviations."""
+
+    name: str
+    component: str
+    part: str
+    """What people call it."""
+    unit: str
+    tabulated: float
+    """From [unit]."""
+    value: float
+    """To [unit]."""
+    sd: float
+    """Posterior standard deviation [unit]."""
+    low: float
+    """95 % interval [unit]."""
+    high: float
+    deviations: float
+    """How far it moved, in posterior standard deviations."""
+    prior_deviations: float | None
+    """The same in those of its prior; None: nothing was known of it."""
+    at_limit: bool
+    """Whether it sits at a limit that it may not pass."""
+    share: float
+    """Share of the squared held-out gap of the tabulated model that it explains [1]; NaN: not
+    computed, or there is no gap above the noise."""
+    sure: bool
+    """Whether it moved further than noise alone moves one of all parameters (``alpha``)."""
+    text: str = ""
+    """All that in a sentence."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Closest:
+    """The tested set that comes closest to the held-out records where nothing is proven."""
+
+    effects: tuple[str, ...]
+    magnitudes: tuple[float, ...]
+    """[units of the effects]"""
+    units: tuple[str, ...]
+    closed: float
+    """Share of the held-out gap of the fitted model that it would close [1]."""
+    low: float
+    """95 % interval."""
+    high: float
+    why: str
+    """Why it is not proven."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,7 +303,9 @@ class GapRow:
     channel: str
     unit: str
     before: float
+    """Model with fitted parameters [unit]."""
     after: float
+    """The same with what was named [unit]."""
     noise: float
     closed: float
     """(before - after) / (before - noise) [1]"""
@@ -228,6 +314,8 @@ class GapRow:
     high: float
     p: float
     """One-sided: the effect does not improve held-out data."""
+    tabulated: float = math.nan
+    """Model with tabulated parameters [unit]; NaN: not computed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -236,8 +324,15 @@ class HowFar:
 
     rows: tuple[GapRow, ...]
     waterfall: tuple[tuple[str, float], ...]
-    """("model", gap), then every accepted effect with its order-free (Shapley) share, then
-    ("unexplained", rest), ("noise", noise and repeatability); in units of ``waterfall_unit``."""
+    """("as tabulated", gap), ("calibration", what the fit of the parameters brings), then every
+    accepted effect with its order-free (Shapley) share, then ("unexplained", rest), ("noise",
+    noise and repeatability); in units of ``waterfall_unit``."""
+    tabulated: float
+    """Gap of the model with tabulated parameters, all channels together [``waterfall_unit``]."""
+    before: float
+    """The same with fitted parameters."""
+    after: float
+    """The same with what was named."""
     waterfall_unit: str
     metric: str
     """Metric of the waterfall and of ``closed``: "open loop" or "segmented"."""
@@ -253,13 +348,14 @@ class HowFar:
 
 @dataclass(frozen=True, kw_only=True)
 class Advice:
-    """An experiment that would separate what is still confused."""
+    """What to do next: a step, or an experiment that would separate what is still confused."""
 
     text: str
-    separates: tuple[str, str]
-    confusion_now: float
+    separates: tuple[str, str] = ("", "")
+    """Rivals that an experiment would separate."""
+    confusion_now: float = math.nan
     """Probability to take one for the other, now [1]."""
-    confusion_then: float
+    confusion_then: float = math.nan
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -274,15 +370,20 @@ class NotTested:
 class ModelWithEffects:
     """The model with the effects that were named, ready to simulate."""
 
-    base: Model
+    original: Model
+    """What was diagnosed: the model with neither fitted parameters nor effects."""
     theta: Array
     included: tuple[Candidate, ...]
     magnitudes: Array
+    starts: Mapping[str, Array] = field(default_factory=dict)
+    """Start state that the fit found, by record; order of ``original.states(included)``."""
+    provenance: str = ""
+    """Which diagnosis the numbers are from, for files."""
 
     @property
     def parameters(self) -> dict[str, float]:
         """Fitted parameters by name."""
-        return {p.name: float(v) for p, v in zip(self.base.parameters, self.theta, strict=True)}
+        return {p.name: float(v) for p, v in zip(self.original.parameters, self.theta, strict=True)}
 
     @property
     def effects(self) -> dict[str, float]:
@@ -291,8 +392,13 @@ class ModelWithEffects:
 
     @checked
     def simulate(self, record: Record, start: Array | None = None) -> dict[str, Array]:
-        """Outputs over a whole record, by name, from a start state (default: its prior mean)."""
-        states = self.base.states(self.included)
+        """Outputs over a whole record, by name, from a start state.
+
+        Default: the state that the fit found for the record, else the mean of its prior.
+        """
+        states = self.original.states(self.included)
+        if start is None:
+            start = self.starts.get(record.name)
         if start is None:
             prior = {} if record.start is None else record.start.mean
             start = np.array([prior.get(s.name, s.start) for s in states])
@@ -305,8 +411,26 @@ class ModelWithEffects:
         jobs = Jobs.at_point(
             self.theta, whole, np.asarray(start)[None, :], self.included, self.magnitudes
         )
-        outputs = observe_jobs(self.base, record, jobs).outputs[0]
-        return {name: outputs[:, i] for i, name in enumerate(self.base.outputs)}
+        outputs = observe_jobs(self.original, record, jobs).outputs[0]
+        return {name: outputs[:, i] for i, name in enumerate(self.original.outputs)}
+
+    @checked
+    def write(self, path: str | Path, *, force: bool = False) -> Path:
+        """Write the model with fitted parameters and effects into a file that loads again.
+
+        Raises
+        ------
+        InvalidParameter
+            The model is not made from a file, or an effect has no place in one.
+        """
+        return self.original.write(
+            Path(path),
+            self.theta,
+            self.included,
+            self.magnitudes,
+            provenance=self.provenance,
+            force=force,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -322,11 +446,23 @@ class Findings:
     """The class (ONE OF); () otherwise."""
     confidence: float
     """Posterior probability of what the verdict says [1]."""
+    as_it_is: tuple[AsItIs, ...]
+    """The gap of the model with tabulated numbers, by channel; the same whatever effects are
+    tested."""
+    calibrated: tuple[Calibrated, ...]
+    """What the fit of the parameters moved, largest share of the gap first."""
+    closest: Closest | None
+    """What came closest where nothing was named; None: no tested set comes closer."""
     where: Where
     which: Which
     how_far: HowFar
     next: tuple[Advice, ...]
     model: ModelWithEffects
+    """With fitted parameters and what was named."""
+    fitted: ModelWithEffects
+    """With fitted parameters alone."""
+    tabulated: ModelWithEffects
+    """As it is, from the start states that suit it best."""
     not_tested: tuple[NotTested, ...]
     refused: tuple[NotTested, ...]
     """Effects that the fit asked for and held-out records did not confirm."""

@@ -15,6 +15,7 @@ __all__ = ["page"]
 
 MARK = {
     Verdict.NO_GAP: "good",
+    Verdict.CALIBRATED: "named",
     Verdict.NAMED: "named",
     Verdict.ONE_OF: "some",
     Verdict.NAMED_UNKNOWN_REST: "some",
@@ -57,7 +58,7 @@ def page(report: Findings, viewers: str = "") -> str:
         "version": __version__,
         "report": report,
         "mark": MARK[report.verdict],
-        "model": report.model.base.name,
+        "model": report.model.original.name,
         "viewers": Markup(viewers),
         "map": Markup(ledger_map(where.ledger, dict(where.onset))),
         "cells": len(where.ledger),

@@ -23,7 +23,7 @@ from feltmb.fit.problem import Point, Problem, solve_scaled
 from feltmb.fit.segmented_records import SegmentedRecord, segment_record
 from feltmb.fit.solve import Fit, FitSettings, at_level, polish
 
-__all__ = ["HeldOut", "Outcome", "Paired", "compare", "evaluate"]
+__all__ = ["HeldOut", "Outcome", "Paired", "compare", "evaluate", "one_run", "residuals_by_segment"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,17 +42,29 @@ class Outcome:
         fit = self.fit
         if fit.gap_sd.size and not np.isclose(self.segmented_level, fit.level):
             fit = polish(fit.problem, fit.point, self.segmented_level, self.settings)
-        return tuple(_segmented(fit))
+        return tuple(residuals_by_segment(fit))
 
     @cached_property
-    def open_loop(self) -> tuple[Array, ...]:
-        """The same, simulated in one go from the first state."""
+    def tight(self) -> Fit:
+        """With segments that are tied to one another: its start states are those of one run."""
         fit, tightest = self.fit, self.settings.levels[-1]
         if fit.gap_sd.size and fit.level > tightest:
             settings = replace(self.settings, chain=True)
             tight = polish(fit.problem, fit.point, tightest, settings)
             fit = tight if tight.cost < np.inf else fit
-        return tuple(_open_loop(fit))
+        return fit
+
+    @cached_property
+    def open_loop(self) -> tuple[Array, ...]:
+        """The same, simulated in one go from the first state."""
+        return tuple(one_run(self.tight))
+
+    def part(self, rows: slice) -> Outcome:
+        """The same for some of the records."""
+        fit = self.fit
+        problem = replace(fit.problem, segmented_records=fit.problem.segmented_records[rows])
+        point = replace(fit.point, places=fit.point.places[rows], memo={})
+        return replace(self, fit=replace(fit, problem=problem, point=point))
 
     def gap(
         self, segmented_records: Sequence[SegmentedRecord], which: str, only: int | None = None
@@ -216,7 +228,8 @@ def _converge(problem: Problem, model: Fit) -> Point:
     return point
 
 
-def _segmented(fit: Fit) -> list[Array]:
+def residuals_by_segment(fit: Fit) -> list[Array]:
+    """Residual by record, (n, ny), each segment from its own start state."""
     out = []
     problem = fit.problem
     for segmented, place in zip(problem.segmented_records, fit.point.places, strict=True):
@@ -231,7 +244,8 @@ def _segmented(fit: Fit) -> list[Array]:
     return out
 
 
-def _open_loop(fit: Fit) -> list[Array]:
+def one_run(fit: Fit) -> list[Array]:
+    """Residual by record, (n, ny), simulated in one go from the first start state."""
     problem = fit.problem
     out = []
     for segmented, place in zip(problem.segmented_records, fit.point.places, strict=True):

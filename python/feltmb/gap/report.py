@@ -56,19 +56,22 @@ def plain(value: Any) -> Any:
 
 
 def report_json(report: Findings) -> dict[str, Any]:
-    """Report as one JSON object; times of computation are left out."""
+    """Report as one JSON object in the order of the page; times of computation are left out."""
     fit = report.fit
     return {
         "feltmb": __version__,
-        "model": report.model.base.name,
+        "model": report.model.original.name,
         "verdict": report.verdict.value,
         "statement": report.statement,
+        "confidence": plain(report.confidence),
+        "as_it_is": plain(report.as_it_is),
+        "calibrated": plain(report.calibrated),
         "named": list(report.named),
         "one_of": list(report.one_of),
-        "confidence": plain(report.confidence),
-        "where": plain(report.where),
+        "closest": plain(report.closest),
         "which": plain(report.which),
         "how_far": plain(report.how_far),
+        "where": plain(report.where),
         "next": plain(report.next),
         "not_tested": plain(report.not_tested),
         "refused": plain(report.refused),
@@ -97,7 +100,7 @@ def write_report(
     ``viewers`` is HTML with the records beside the model, see :func:`feltmb.gap.page.page`.
     """
     make_folder(folder)
-    text = json.dumps(report_json(report), indent=1, sort_keys=True, ensure_ascii=False)
+    text = json.dumps(report_json(report), indent=1, ensure_ascii=False)
     return (
         write_text(folder / "report.html", page(report, viewers), force=force),
         write_text(folder / "report.json", text + "\n", force=force),

@@ -31,7 +31,7 @@ from feltmb.fit.shift import shifted
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap.checks import DataChecks, check_against, with_sigma
 from feltmb.gap.diagnose import Options, diagnose, prepare
-from feltmb.gap.findings import Findings, Verdict
+from feltmb.gap.findings import QUIET, Findings, Verdict
 
 __all__ = ["OUTCOMES", "Withheld", "WithheldCase", "outcome_of", "withhold"]
 
@@ -141,7 +141,7 @@ def outcome_of(effect: str, report: Findings) -> str:
     that cannot be told apart. ``unknown``: a gap is told, without a name. ``silent``: no gap is
     claimed. ``wrong``: something is named that is not there, or a gap without an effect.
     """
-    silent = report.verdict in (Verdict.NO_GAP, Verdict.TOO_WEAK)
+    silent = report.verdict in QUIET
     if not effect:
         return "right" if silent else "wrong"
     if report.named:

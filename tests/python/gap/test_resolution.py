@@ -130,7 +130,7 @@ def test_an_effect_that_is_sharper_than_the_model_gets_refined_steps() -> None:
     report = diagnose(model, effects, records, options=Options(bootstrap=0))
     assert report.verdict is Verdict.NAMED, report.statement
     assert report.named == ("dry friction slide",)
-    assert report.model.base.substeps > coarse  # type: ignore[attr-defined]
+    assert report.model.original.substeps > coarse  # type: ignore[attr-defined]
     row = report.which.effects[0]
     assert row.low < 0.3 < row.high
     # Where the user says how many, that many are taken.

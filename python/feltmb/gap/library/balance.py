@@ -52,7 +52,7 @@ def for_force_balance(
             unit,
             1,
             (0.003 * pace, 0.03 * pace),
-            ("v_0 [speed unit]",),
+            ("v_0 [m/s]",),
         ),
         effect(
             "one-sided friction",
@@ -61,8 +61,8 @@ def for_force_balance(
             part,
             unit,
             0,
-            (0.01 * pace,),
-            ("v_0 [speed unit]",),
+            (0.003 * pace, 0.03 * pace),
+            ("v_0 [m/s]",),
         ),
         effect(
             "Stribeck friction",
@@ -72,7 +72,7 @@ def for_force_balance(
             unit,
             1,
             ((0.05 * pace, 0.003 * pace), (0.3 * pace, 0.01 * pace)),
-            ("v_s [speed unit]", "v_0 [speed unit]"),
+            ("v_s [m/s]", "v_0 [m/s]"),
         ),
         effect(
             "quadratic friction",
@@ -110,7 +110,7 @@ def for_force_balance(
             part / travel,
             f"{unit}/m",
             0,
-            (0.01 * pace,),
-            ("v_0 [speed unit]",),
+            (0.003 * pace, 0.03 * pace),
+            ("v_0 [m/s]",),
         ),
     )

@@ -9,6 +9,7 @@ import numpy as np
 
 from feltmb.data import Array
 from feltmb.fit import Coordinate, Coupling, Effect, Named, State
+from feltmb.gap.library.products import product
 
 #: What an effect may act on.
 Part = Coordinate | Coupling
@@ -34,7 +35,7 @@ def dry_friction(c: Part, *, scale: float, speed: float) -> Effect:
         sign=1,
         mechanism="A force of constant magnitude acts against the motion.",
         shapes=(0.003 * speed, 0.03 * speed),
-        shape_names=("v_0 [position unit/s]",),
+        shape_names=(f"v_0 [{c.travel_unit}/s]",),
         remedy="Add the friction, or clean and lubricate the guide.",
         rate=_force(c, lambda q, v, v0: np.tanh(v / v0)),
     )
@@ -48,8 +49,8 @@ def dry_friction_asymmetry(c: Part, *, scale: float, speed: float) -> Effect:
         unit=c.unit,
         scale=scale,
         mechanism="Dry friction is stronger in one direction than in the other.",
-        shapes=(0.01 * speed,),
-        shape_names=("v_0 [position unit/s]",),
+        shapes=(0.003 * speed, 0.03 * speed),
+        shape_names=(f"v_0 [{c.travel_unit}/s]",),
         remedy="Use two levels of dry friction.",
         rate=_force(c, lambda q, v, v0: np.abs(np.tanh(v / v0))),
     )
@@ -65,7 +66,7 @@ def static_friction(c: Part, *, scale: float, speed: float) -> Effect:
         sign=1,
         mechanism="Friction is larger at low speed than in full motion.",
         shapes=((0.05 * speed, 0.003 * speed), (0.3 * speed, 0.01 * speed)),
-        shape_names=("v_s [position unit/s]", "v_0 [position unit/s]"),
+        shape_names=(f"v_s [{c.travel_unit}/s]", f"v_0 [{c.travel_unit}/s]"),
         remedy="Add the Stribeck term, or change the lubricant.",
         rate=_force(c, lambda q, v, s: np.exp(-((v / s[0]) ** 2)) * np.tanh(v / s[1])),
     )
@@ -76,7 +77,7 @@ def viscous_friction(c: Part, *, scale: float) -> Effect:
     return Effect(
         name=f"viscous friction {c.name}",
         component=c.name,
-        unit=f"{c.unit} s/m",
+        unit=product((c.unit, 1), ("s", 1), (c.travel_unit, -1)),
         scale=scale,
         mechanism="A force in proportion to the speed acts against the motion.",
         remedy="Add the damping.",
@@ -89,7 +90,7 @@ def quadratic_friction(c: Part, *, scale: float) -> Effect:
     return Effect(
         name=f"quadratic friction {c.name}",
         component=c.name,
-        unit=f"{c.unit} s^2/m^2",
+        unit=product((c.unit, 1), ("s", 2), (c.travel_unit, -2)),
         scale=scale,
         sign=1,
         mechanism="Drag grows with the square of the speed.",
@@ -104,7 +105,7 @@ def polynomial_stiffness(c: Part, power: int, *, scale: float) -> Effect:
     return Effect(
         name=f"{name} stiffness {c.name}",
         component=c.name,
-        unit=f"{c.unit}/m^{power}",
+        unit=product((c.unit, 1), (c.travel_unit, -power)),
         scale=scale,
         mechanism=f"The spring has a part that grows with the power {power} of the displacement.",
         remedy="Use the nonlinear characteristic of the spring.",
@@ -122,7 +123,7 @@ def backlash(c: Part, *, stiffness: float, travel: float) -> Effect:
         sign=1,
         mechanism="Within a clearance the spring does not act.",
         shapes=tuple(travel * f for f in (0.03, 0.1, 0.3)),
-        shape_names=("half width [position unit]",),
+        shape_names=(f"half width [{c.travel_unit}]",),
         remedy="Model the clearance, or close it.",
         rate=_force(c, lambda q, v, b: -stiffness * np.clip(q, -b, b)),
     )
@@ -141,12 +142,12 @@ def end_stop(c: Part, *, stiffness: float, travel: float) -> Effect:
     return Effect(
         name=f"end stop {c.name}",
         component=c.name,
-        unit=f"{c.unit}/m",
+        unit=product((c.unit, 1), (c.travel_unit, -1)),
         scale=stiffness,
         sign=1,
         mechanism="At one end of the travel a further spring is met.",
         shapes=tuple((side, travel * f) for side in (1.0, -1.0) for f in (0.3, 0.7)),
-        shape_names=("side", "level [position unit]"),
+        shape_names=("side", f"level [{c.travel_unit}]"),
         remedy="Model the stop.",
         rate=_force(c, law),
     )
@@ -180,7 +181,7 @@ def hysteresis(c: Part, *, scale: float, travel: float) -> Effect:
         kind="state",
         mechanism="Force depends on the direction of the last reversal, not on the speed.",
         shapes=tuple((travel * f, n) for f in (0.03, 0.2) for n in (2.0, 10.0)),
-        shape_names=("stretch [position unit]", "sharpness"),
+        shape_names=(f"stretch [{c.travel_unit}]", "sharpness"),
         remedy="Use a law with memory.",
         hidden=(State(name="hysteresis.slip", hidden=True, scale=travel, start_sd=0.3 * travel),),
         rate=rate,
@@ -197,7 +198,7 @@ def creep(c: Part, *, scale: float, times: Sequence[float]) -> Effect:
     return Effect(
         name=f"creep {c.name}",
         component=c.name,
-        unit=f"{c.unit}/m",
+        unit=product((c.unit, 1), (c.travel_unit, -1)),
         scale=scale,
         sign=1,
         kind="state",
@@ -223,7 +224,7 @@ def drifting_stiffness(c: Part, *, scale: float, times: Sequence[float]) -> Effe
     return Effect(
         name=f"drifting stiffness {c.name}",
         component=c.name,
-        unit=f"{c.unit}/m",
+        unit=product((c.unit, 1), (c.travel_unit, -1)),
         scale=scale,
         kind="drift",
         mechanism="The spring changes while the record runs.",

@@ -1,0 +1,197 @@
+"""A mechanism with what a diagnosis found, as a file: each changed value says where it is from."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from feltmb.adapters.changes import read_entry
+from feltmb.adapters.library import Entry
+from feltmb.adapters.variants import changed_config
+from feltmb.errors import InvalidParameter
+from feltmb.files import write_text
+from feltmb.mechanism import Action, MechanismFile, expand_path
+from feltmb.units import conversion_factor, split_quantity
+from feltmb.units.quantity import is_quantity
+
+__all__ = ["action_of_findings", "write_mechanism"]
+
+#: What is said of a value beside it.
+_SAID = ("source", "status", "note")
+
+
+def write_mechanism(
+    path: Path,
+    action: Action,
+    entries: Sequence[tuple[Entry, float, float | None]],
+    *,
+    provenance: str,
+    besides: Sequence[str] = (),
+    force: bool = False,
+) -> Path:
+    """Write the mechanism of :func:`action_of_findings` as TOML."""
+    changed = action_of_findings(action, entries, provenance=provenance, besides=besides)
+    return write_text(path, changed.to_toml(), force=force)
+
+
+def action_of_findings(
+    action: Action,
+    entries: Sequence[tuple[Entry, float, float | None]],
+    *,
+    provenance: str,
+    besides: Sequence[str] = (),
+) -> Action:
+    """The mechanism with tolerances and effects of given magnitudes, in the units of its file.
+
+    Parameters
+    ----------
+    entries
+        (entry, magnitude [its unit], shape or None).
+    provenance
+        Where the numbers are from: the source of every changed value. Its value before is its note.
+    besides
+        Effects of sensors and inputs, which are no part of a mechanism; they are told in ``about``.
+
+    Raises
+    ------
+    InvalidParameter
+        An effect depends on a condition of the record, such as its temperature.
+    """
+    used = [(e, m, s) for e, m, s in entries if m != 0.0]
+    drifting = [e.name for e, _, _ in used if e.condition is not None]
+    if drifting:
+        raise InvalidParameter(
+            f"{action.name}: {', '.join(drifting)} depend on a condition of the record, expected "
+            "effects that are the same in every record; take them out first"
+        )
+    numbers = [(e, m, s) for e, m, s in used if e.insertion is None]
+    raw, old = action.raw, action.config
+    new = changed_config(old, numbers, {})
+    paths = dict.fromkeys(c.path for e, _, _ in numbers for c in e.changes)
+    paths |= dict.fromkeys(e.shape_path for e, _, s in numbers if e.shape_path and s is not None)
+    for path in paths:
+        before, after = read_entry(old, path), read_entry(new, path)
+        if before != after:
+            _put(raw, path, float(before), float(after), provenance)
+    inserted = changed_config(new, [(e, m, s) for e, m, s in used if e.insertion], {})
+    if inserted is not new:
+        _put_parts(raw, new, inserted)
+    raw["name"] = f"{action.name.removesuffix('_calibrated')}_calibrated"
+    about = str(raw.get("about", "")) or action.name
+    about = f"{about.partition('; calibrated by ')[0]}; calibrated by {provenance}"
+    found = [f"{e.name} = {m:.6g} {e.unit}".removesuffix(" 1") for e, m, _ in used if e.insertion]
+    if found:
+        about += f"; inserted: {', '.join(found)}"
+    if besides:
+        about += f"; not in this file, because they are of the records: {', '.join(besides)}"
+    raw["about"] = about
+    return Action(raw, action.origin)
+
+
+def _tidy(value: float) -> float:
+    """A number without the last digits, which are rounding."""
+    return float(f"{value:.12g}")
+
+
+def _put(raw: dict[str, Any], path: str, before: float, after: float, provenance: str) -> None:
+    """Replace a number of the file (given in SI), in the unit that it has there."""
+    parts = expand_path(raw, path)[0]
+    above: Any = None
+    node: Any = raw
+    for part in parts[:-1]:
+        if isinstance(node, dict) and part not in node:
+            node[part] = {}  # what the file leaves out has its default
+        above, node = node, node[part]
+    last = parts[-1]
+    if isinstance(node, list):
+        node = above[parts[-2]] = {"value": node}
+    if is_quantity(node):
+        _put_component(node, last, before, after, provenance)
+        return
+    said = {"source": provenance, "status": "fitted"}
+    leaf = node.get(last)
+    if is_quantity(leaf):
+        number, unit, source = leaf["value"], str(leaf.get("unit", "")), leaf.get("source", "")
+        note = _note(number, unit, source, leaf.get("note", ""))
+        node[last] = _scaled(float(number), unit, before, after) | said | {"note": note}
+    elif isinstance(leaf, str) and (found := split_quantity(leaf)) is not None:
+        note = _note(found[0], found[1], "", "")
+        node[last] = _scaled(found[0], found[1], before, after) | said | {"note": note}
+    elif isinstance(node.get("unit"), list):
+        # Numbers of a curve share what is said of them.
+        was = f"{last} before {leaf:.6g}"
+        if node.get("source") != provenance:
+            was = _note(leaf, "", node.get("source", ""), node.get("note", "")).replace(
+                "before", f"{last} before", 1
+            )
+            node["note"] = was
+        else:
+            node["note"] = f"{node['note']}; {was}"
+        node[last] = _tidy(_scaled(float(leaf), "", before, after)["value"])
+        node.update(said)
+    else:
+        source = node.get("source", "") if leaf is not None else ""
+        note = _note(before, "", source, "")
+        node[last] = {"value": _tidy(after)} | said | {"note": note}
+
+
+def _put_component(
+    node: dict[str, Any], axis: str, before: float, after: float, provenance: str
+) -> None:
+    """One component of a point."""
+    index = {"x": 0, "y": 1}.get(axis, int(axis) if axis.isdecimal() else 0)
+    values, unit = list(node["value"]), str(node.get("unit", ""))
+    was = list(node["value"])
+    if unit and before != 0.0 and isinstance(was[index], (int, float)) and was[index]:
+        values[index] = _tidy(was[index] * (after / before))
+    else:
+        values[index] = _tidy(after / _to_si(unit))
+    if node.get("source") != provenance:
+        node["note"] = _note(was, unit, node.get("source", ""), node.get("note", ""))
+    node.update({"value": values, "source": provenance, "status": "fitted"})
+
+
+def _to_si(unit: str) -> float:
+    """Factor of the unit of a vector: a place, or gravity."""
+    for si in ("m", "m/s^2"):
+        try:
+            return conversion_factor(unit or si, si)
+        except InvalidParameter:
+            continue
+    return 1.0
+
+
+def _scaled(number: float, unit: str, before: float, after: float) -> dict[str, Any]:
+    """The new value in the unit of the file; in SI, without a unit, where the old one is zero."""
+    if number == 0.0 or before == 0.0 or not math.isfinite(before / number):
+        return {"value": _tidy(after)}
+    out: dict[str, Any] = {"value": _tidy(number * (after / before))}
+    return out | ({"unit": unit} if unit else {})
+
+
+def _note(number: Any, unit: str, source: str, note: str) -> str:
+    """The value before, its source, and what was said of it."""
+    shown = f"{number:.6g}" if isinstance(number, (int, float)) else str(number)
+    text = f"before {shown} {unit}".rstrip()
+    text += f" ({source})" if source else ""
+    return f"{text}; {note}" if note else text
+
+
+def _put_parts(raw: dict[str, Any], old: MechanismFile, new: MechanismFile) -> None:
+    """Parts that an insertion changed or brought, in SI units."""
+    options: Mapping[str, Any] = {"mode": "json", "by_alias": True, "exclude_none": True}
+    before, after = old.model_dump(**options), new.model_dump(**options)
+    for table, parts in after.items():
+        if not isinstance(parts, dict) or parts == before.get(table):
+            if parts != before.get(table):
+                raw[table] = copy.deepcopy(parts)
+            continue
+        mine = raw.setdefault(table, {})
+        for key, value in parts.items():
+            if value != before.get(table, {}).get(key):
+                mine[key] = copy.deepcopy(value)
+        for key in set(before.get(table, {})) - set(parts):
+            mine.pop(key, None)

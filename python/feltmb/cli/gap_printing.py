@@ -1,0 +1,182 @@
+"""What ``feltmb gap diagnose`` prints, in the order in which a gap is read."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from typing import TYPE_CHECKING
+
+from feltmb.cli.common import console, new_table, pretty, say
+
+if TYPE_CHECKING:
+    from feltmb.gap import Report
+
+__all__ = ["print_report"]
+
+#: Parameters that are listed, and effects.
+MOST_MOVED, MOST_EFFECTS = 8, 6
+
+
+def print_report(report: Report) -> None:
+    """The report in five parts: as it is, calibration, what is missing, what remains, next."""
+    say(f"{report.verdict}: {report.statement}")
+    _as_it_is(report)
+    _calibration(report)
+    _missing(report)
+    _remains(report)
+    _next(report)
+
+
+def _head(text: str) -> None:
+    say(f"\n{text}")
+
+
+def _in_unit(value: float, unit: str) -> str:
+    return " ".join(pretty(value, unit)) if math.isfinite(value) else "fails"
+
+
+def _as_it_is(report: Report) -> None:
+    _head("1 The gap as it is: tabulated numbers, before any fit, all records")
+    table = new_table(
+        "", "channel", "gap", "noise", "gap / noise", "gap / motion", right=(1, 2, 3, 4), whole=(0,)
+    )
+    for row in report.as_it_is:
+        share = row.gap / row.spread if row.spread > 0.0 else math.inf
+        table.add_row(
+            row.channel,
+            _in_unit(row.gap, row.unit),
+            _in_unit(row.noise, row.unit),
+            f"{row.multiple:.3g}",
+            f"{share:.2g}" if math.isfinite(share) else "-",
+        )
+    console().print(table)
+    for row in report.as_it_is:
+        if row.failed:
+            say(f"{row.channel}: the simulation ends early in {', '.join(row.failed)}")
+        elif row.worse_than_constant:
+            say(
+                f"{row.channel}: the model is further from the records than a constant is. "
+                "Look at units, signs and columns before anything else."
+            )
+
+
+def _calibration(report: Report) -> None:
+    _head("2 What calibration explains")
+    fell = dict(report.how_far.waterfall)
+    if "calibration" in fell:
+        far = report.how_far
+        say(
+            f"held-out gap {far.tabulated:.4g} as tabulated, {far.before:.4g} with fitted "
+            f"parameters (in {far.waterfall_unit})"
+        )
+    if not report.calibrated:
+        say("no parameter moved by more than two standard deviations of its estimate")
+    for row in report.calibrated[:MOST_MOVED]:
+        notes = []
+        if row.prior_deviations is not None:
+            notes.append(f"{abs(row.prior_deviations):.1f} times its tolerance")
+        if math.isfinite(row.share):
+            notes.append(f"{row.share:.0%} of the gap")
+        if not row.sure:
+            notes.append("may be chance")
+        say(f"- {row.text}" + (f" ({', '.join(notes)})" if notes else ""))
+    if len(report.calibrated) > MOST_MOVED:
+        say(f"- and {len(report.calibrated) - MOST_MOVED} more, see report.json")
+    at_limit = [i.name for i in report.fit.intervals() if i.at_limit]
+    if at_limit:
+        say(f"at a limit that it may not pass: {', '.join(at_limit)}")
+
+
+def _missing(report: Report) -> None:
+    from feltmb.gap.digits import digits
+
+    _head("3 What is missing")
+    if not report.which.effects:
+        say("no effect was tested")
+        return
+    if not report.named and not report.one_of:
+        say("nothing is named; what was tested, in the order of belief:")
+    out = console()
+    table = new_table(
+        "", "effect", "magnitude, 95 %", "T", "belief", right=(1, 2, 3), whole=(0, 1, 2, 3)
+    )
+    room = max(27, out.width - 50)
+    for r in report.which.effects[:MOST_EFFECTS]:
+        mark = "* " if r.named else ("? " if r.effect in report.one_of else "  ")
+        unit = "" if r.unit == "1" else f" {r.unit}"
+        left = [f"{mark}{r.effect}", *(f"  {b}" for b in textwrap.wrap(r.component, room))]
+        shown = digits(r.size, r.sd, 3)
+        right = [f"{r.size:.{max(4, shown)}g}{unit}", f"{r.low:.{shown}g} .. {r.high:.{shown}g}"]
+        right += [""] * (len(left) - len(right))
+        if r.named or r.effect in report.one_of:
+            left += [f"  {n.name} {n.value:.4g}" for n in r.numbers]
+            right += [f"{n.low:.4g} .. {n.high:.4g}" if n.low < n.high else "" for n in r.numbers]
+        table.add_row(
+            "\n".join(left),
+            "\n".join(right),
+            f"{r.statistic:.{0 if r.statistic > 1000 else 1}f}",
+            f"{r.posterior:.0%}",
+        )
+    out.print(table)
+    for n in report.refused:
+        say(f"refused by held-out records: {n.name} ({n.why})")
+    if report.not_tested:
+        say("not tested: " + ", ".join(n.name for n in report.not_tested))
+
+
+def _remains(report: Report) -> None:
+    _head(f"4 What remains, on held-out records ({', '.join(report.how_far.records)})")
+    table = new_table(
+        "",
+        "metric",
+        "channel",
+        "tabulated",
+        "calibrated",
+        "with effects",
+        "noise",
+        right=(2, 3, 4, 5),
+        whole=(0, 1),
+    )
+    for g in report.how_far.rows:
+        table.add_row(
+            g.metric,
+            f"{g.channel} [{g.unit}]",
+            f"{g.tabulated:.3g}",
+            f"{g.before:.3g}",
+            f"{g.after:.3g}" if report.model.included else "-",
+            f"{g.noise:.2g}",
+        )
+    console().print(table)
+    far = report.how_far
+    if report.model.included:
+        say(
+            f"what is named closes {far.closed:.0%} of the calibrated gap "
+            f"({far.low:.0%} to {far.high:.0%})"
+        )
+    cells = [c for c in report.where.ledger if c.significant]
+    if not cells:
+        say("no channel differs from the calibrated model by more than noise at any time")
+        return
+    worst = max(cells, key=lambda c: c.z)
+    what = "the calibrated model" + (", without effects," if report.model.included else "")
+    say(
+        f"{what} is off most in {worst.channel} of {worst.record}, {worst.start:.4g} to "
+        f"{worst.end:.4g} s: {_in_unit(worst.rms, _unit(report, worst.channel))}"
+    )
+    strong = [c for c in report.where.components if c.significant][:3]
+    for c in strong:
+        say(f"an unknown force at {c.component} would explain {c.explained:.0%} of that")
+
+
+def _unit(report: Report, channel: str) -> str:
+    return next((a.unit for a in report.as_it_is if a.channel == channel), "")
+
+
+def _next(report: Report) -> None:
+    _head("5 What to do next")
+    for advice in report.next:
+        say(f"- {advice.text}")
+    if not report.next:
+        say("nothing: the model explains these records")
+    for warning in report.checks.warnings:
+        say(f"warning: {warning}")

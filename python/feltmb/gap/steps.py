@@ -1,0 +1,70 @@
+"""What to do next with a report, beside experiments that separate rivals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from feltmb.fit.solve import Interval
+from feltmb.gap.findings import (
+    Advice,
+    AsItIs,
+    Calibrated,
+    Closest,
+    ComponentRow,
+    Ranked,
+    Verdict,
+)
+
+__all__ = ["next_steps"]
+
+#: Prior standard deviations from which a part is to be measured by itself.
+FAR = 2.0
+
+
+def next_steps(
+    verdict: Verdict,
+    as_it_is: Sequence[AsItIs],
+    calibrated: Sequence[Calibrated],
+    named: Sequence[Ranked],
+    closest: Closest | None,
+    components: Sequence[ComponentRow],
+    intervals: Sequence[Interval],
+) -> tuple[Advice, ...]:
+    """Steps in the order of what they may save."""
+    texts = [
+        f"Check unit, sign and column of {row.channel}: a constant is nearer to its records than "
+        "the model is."
+        for row in as_it_is
+        if row.worse_than_constant
+    ]
+    texts += [
+        f"{i.name} sits at its limit {i.value:.4g}: widen the limit, or look for what pushes it "
+        "there."
+        for i in intervals
+        if i.at_limit
+    ]
+    texts += [
+        f"Measure by itself: {row.text[0].lower()}{row.text[1:]}."
+        if row.text.startswith("The ")
+        else f"Measure by itself: {row.text}."
+        for row in calibrated
+        if row.sure and row.prior_deviations is not None and abs(row.prior_deviations) > FAR
+    ][:3]
+    texts += [f"{r.effect}: {r.remedy}" for r in named if r.remedy]
+    if verdict in (Verdict.UNKNOWN, Verdict.NAMED_UNKNOWN_REST):
+        strong = [c for c in components if c.significant]
+        if strong:
+            texts.append(
+                f"Look at {strong[0].component}, or add an effect that acts there: an unknown force"
+                f" there would explain {strong[0].explained:.0%} of the gap."
+            )
+        if closest is not None:
+            texts.append(
+                f"Give more held-out records that excite {' and '.join(closest.effects)}: it came "
+                "closest."
+            )
+        texts.append(
+            "If what is left is small enough for you, say so: good_enough (--good-enough) adds a "
+            "practical floor to the noise."
+        )
+    return tuple(Advice(text=t) for t in texts)

@@ -1,0 +1,280 @@
+"""The model with its tabulated numbers, and what calibration moved."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy import stats
+
+from feltmb.data import Array
+from feltmb.fit.model import VARIABILITY, Model, Parameter
+from feltmb.fit.problem import Problem
+from feltmb.fit.resolution import BETWEEN
+from feltmb.fit.segmented_records import SegmentedRecord
+from feltmb.fit.solve import Fit, FitSettings, Interval, at_level, polish
+from feltmb.gap.digits import digits
+from feltmb.gap.findings import AsItIs, Calibrated
+from feltmb.gap.proof import Outcome, one_run, residuals_by_segment
+
+__all__ = [
+    "BEYOND_NOISE",
+    "as_it_is",
+    "beyond_noise",
+    "calibrated_rows",
+    "fitted_starts",
+    "found_starts",
+    "outcome_at",
+    "tabulated_outcome",
+]
+
+#: Posterior standard deviations from its tabulated value from which a parameter was moved.
+MOVED = 2.0
+#: Standardized excess of the sum of squares from which a gap is more than noise.
+BEYOND_NOISE = 4.0
+#: Rows whose share of the gap is computed; two simulations of the records each.
+SHARED = 16
+
+
+def tabulated_outcome(
+    model: Model,
+    segmented_records: Sequence[SegmentedRecord],
+    settings: FitSettings,
+    segmented_level: float,
+) -> Outcome:
+    """The model with its tabulated numbers on records, before any fit.
+
+    Where a record starts and what its sensors add are no numbers of the model: they are estimated,
+    as they are for every model that is compared. Effects have no part in it.
+    """
+    theta = np.array([p.value for p in model.parameters], dtype=np.float64)
+    return outcome_at(model, segmented_records, theta, settings, segmented_level)
+
+
+def outcome_at(
+    model: Model,
+    segmented_records: Sequence[SegmentedRecord],
+    theta: Array,
+    settings: FitSettings,
+    segmented_level: float,
+) -> Outcome:
+    """The model with given parameters on records; start states and nuisances are estimated."""
+    problem = Problem(model, tuple(segmented_records), frozen=True)
+    point = problem.start(theta=theta)
+    tightest = settings.levels[-1]
+    if model.states():
+        quick, level = FitSettings(iterations=8, decrement=0.3), 1.0
+        while level > 1.001 * tightest:
+            point = at_level(problem, point, level, None, quick, 8).point
+            level /= 10.0
+    fit = polish(problem, point, tightest, replace(settings, chain=True))
+    return Outcome(fit, np.zeros(0), settings, segmented_level)
+
+
+def as_it_is(outcome: Outcome, which: str) -> tuple[AsItIs, ...]:
+    """The gap of a model in each channel, all records together."""
+    segmented_records = outcome.fit.problem.segmented_records
+    rows = []
+    for c, name in enumerate(outcome.fit.problem.model.outputs):
+        own = [
+            (s, r)
+            for s, r in zip(segmented_records, getattr(outcome, which), strict=True)
+            if name in s.record.outputs
+        ]
+        if not own:
+            continue
+        rest, spread, noise, failed = [], [], [], []
+        for s, r in own:
+            measured = s.record.outputs[name]
+            known = np.isfinite(measured)
+            if not known.any():
+                continue
+            rest.append(r[known, c])
+            spread.append(measured[known] - np.mean(measured[known]))
+            noise.append(np.full(int(known.sum()), s.noise[c].sigma))
+            if not np.all(np.isfinite(r[known, c])):
+                failed.append(s.record.name)
+        if not rest:
+            continue
+        gap = math.inf if failed else float(np.sqrt(np.mean(np.concatenate(rest) ** 2)))
+        sigma = float(np.sqrt(np.mean(np.concatenate(noise) ** 2)))
+        rows.append(
+            AsItIs(
+                channel=name,
+                unit=own[0][0].record.sensors[name].unit,
+                gap=gap,
+                noise=sigma,
+                multiple=gap / sigma,
+                spread=float(np.sqrt(np.mean(np.concatenate(spread) ** 2))),
+                failed=tuple(failed),
+            )
+        )
+    return tuple(rows)
+
+
+def beyond_noise(outcome: Outcome, which: str) -> bool:
+    """Whether the gap of a model is more than the noise of the sensors."""
+    records = outcome.fit.problem.segmented_records
+    gap = outcome.gap(records, which)
+    if not math.isfinite(gap):
+        return True
+    samples = outcome.fit.problem.samples
+    return (gap**2 - 1.0) * math.sqrt(samples / 2.0) > BEYOND_NOISE
+
+
+def calibrated_rows(
+    fit: Fit, before: Outcome, after: Outcome, which: str, alpha: float
+) -> tuple[Calibrated, ...]:
+    """Parameters that a fit moved by more than two posterior deviations, largest share first.
+
+    Parameters
+    ----------
+    before, after
+        The model with tabulated and with fitted numbers, on the records whose gap is shared out.
+    alpha
+        Family-wise rate at which noise alone would have moved one of the parameters.
+    """
+    parameters = fit.problem.model.parameters
+    rows = [
+        (i, parameters[i], interval)
+        for i, interval in zip(fit.problem.free, fit.intervals(), strict=False)
+        if parameters[i].component != VARIABILITY and not parameters[i].name.startswith(BETWEEN)
+    ]
+    bar = float(stats.norm.isf(0.5 * alpha / max(len(rows), 1)))
+    moved = [r for r in rows if abs(_deviations(r[2])) > MOVED]
+    moved.sort(key=lambda r: -abs(_deviations(r[2])))
+    shares = _shares([i for i, _, _ in moved[:SHARED]], fit, before, after, which)
+    out = [
+        _row(p, interval, shares.get(i, math.nan), sure=abs(_deviations(interval)) > bar)
+        for i, p, interval in moved
+    ]
+    out.sort(key=lambda r: (math.isnan(r.share), -(0.0 if math.isnan(r.share) else r.share)))
+    return tuple(out)
+
+
+def _deviations(interval: Interval) -> float:
+    """Distance from the tabulated value in posterior standard deviations."""
+    return (interval.value - interval.prior) / max(interval.sd, 1e-300)
+
+
+def _row(p: Parameter, interval: Interval, share: float, *, sure: bool) -> Calibrated:
+    row = Calibrated(
+        name=p.name,
+        component=p.component,
+        part=p.label or p.component or p.name,
+        unit=p.unit,
+        tabulated=interval.prior,
+        value=interval.value,
+        sd=interval.sd,
+        low=interval.low,
+        high=interval.high,
+        deviations=_deviations(interval),
+        prior_deviations=(interval.value - interval.prior) / p.sd if np.isfinite(p.sd) else None,
+        at_limit=interval.at_limit,
+        share=share,
+        sure=sure,
+    )
+    return replace(row, text=_text(p, row))
+
+
+def _text(p: Parameter, row: Calibrated) -> str:
+    """What happened to a parameter, as a person says it."""
+    subject = p.label or (f"{p.name} ({p.component})" if p.component else p.name)
+    unit = "" if p.unit == "1" else f" {p.unit}"
+    if row.prior_deviations is None:
+        shown = digits(row.value, row.sd, 3)
+        return (
+            f"{subject} is {row.value:.{shown}g} ± {1.96 * row.sd:.2g}{unit}, "
+            "of which nothing was known before"
+        )
+    change, wide = row.value - row.tabulated, 1.96 * row.sd
+    word = p.words[change > 0.0]
+    if p.relative or row.tabulated != 0.0:
+        by = 100.0 / (1.0 if p.relative else abs(row.tabulated))
+        amount = _amount(change * by, wide * by, "%")
+    elif p.unit == "m":
+        amount = _amount(change * 1e3, wide * 1e3, "mm")
+    elif p.unit == "rad":
+        amount = _amount(math.degrees(change), math.degrees(wide), "deg")
+    else:
+        amount = _amount(change, wide, unit.strip())
+    text = f"{subject} is {amount} {word} than tabulated"
+    return f"{text} (at its limit)" if row.at_limit else text
+
+
+def _amount(change: float, wide: float, unit: str) -> str:
+    """A change with half its 95 % interval, to the digits that the interval has."""
+    if not (math.isfinite(wide) and wide > 0.0):
+        return f"{abs(change):.3g} {unit}".strip()
+    places = min(max(0, 1 - math.floor(math.log10(wide))), 9)
+    if wide >= 10.0:
+        places = 0
+    return f"{abs(change):.{places}f} ± {wide:.{places}f} {unit}".strip()
+
+
+def _shares(
+    which: Sequence[int], fit: Fit, before: Outcome, after: Outcome, metric: str
+) -> dict[int, float]:
+    """Share of the squared gap that each parameter explains.
+
+    The mean of what it brings as the first of all to be moved, and as the last: parameters that
+    stand in for each other share what they explain together.
+    """
+    records = before.fit.problem.segmented_records
+    first, last = before.gap(records, metric), after.gap(records, metric)
+    if not (math.isfinite(first) and first > 1.0):
+        return {}
+    old = before.fit.point.theta
+    out = {}
+    for i in which:
+        alone, without = old.copy(), after.fit.point.theta.copy()
+        alone[i] = fit.point.theta[i]
+        without[i] = old[i]
+        a = _gap_with(before, alone, metric)
+        b = _gap_with(after, without, metric)
+        gains = [first**2 - a**2] if math.isfinite(a) else []
+        gains += [b**2 - last**2] if math.isfinite(b) else []
+        if gains:
+            out[i] = float(np.clip(np.mean(gains) / (first**2 - 1.0), 0.0, 1.0))
+    return out
+
+
+def _gap_with(outcome: Outcome, theta: Array, metric: str) -> float:
+    """Gap with other parameters from the same start states."""
+    fit = outcome.tight
+    moved = replace(fit, point=replace(fit.point, theta=theta, memo={}))
+    seen = one_run(moved) if metric == "open_loop" else residuals_by_segment(moved)
+    other = Outcome(moved, outcome.density, outcome.settings, outcome.segmented_level)
+    vars(other)[metric] = tuple(seen)  # instead of states that are estimated again
+    return other.gap(fit.problem.segmented_records, metric)
+
+
+def fitted_starts(fit: Fit, settings: FitSettings) -> dict[str, Array]:
+    """Start states of the records of a fit with which one run follows each of them."""
+    if not fit.gap_sd.size:
+        return found_starts(fit)
+    frozen = replace(fit.problem, frozen=True)
+    tight = polish(
+        frozen,
+        replace(fit.point, memo={}),
+        settings.levels[-1],
+        replace(settings, chain=True),
+    )
+    return found_starts(tight if np.isfinite(tight.cost) else fit)
+
+
+def found_starts(*fits: Fit) -> dict[str, Array]:
+    """Start state that fits found, by record; its first block stands for a record."""
+    out: dict[str, Array] = {}
+    for fit in fits:
+        if not fit.gap_sd.size and not any(p.starts.size for p in fit.point.places):
+            continue
+        for s, place in zip(fit.problem.segmented_records, fit.point.places, strict=True):
+            out.setdefault(s.record.name, place.starts[0])
+            if s.record.name.endswith("]"):
+                name, _, block = s.record.name.rpartition("[")
+                if block.startswith("1/"):
+                    out.setdefault(name, place.starts[0])
+    return out
