@@ -18,6 +18,7 @@ from feltmb.fit.model import (
     State,
 )
 from feltmb.fit.ode import OdeModel
+from feltmb.fit.simulator import Exposed, SimulatorModel
 
 __all__ = [
     "VARIABILITY",
@@ -26,6 +27,7 @@ __all__ = [
     "Coupling",
     "Effect",
     "EffectKind",
+    "Exposed",
     "FunctionModel",
     "Including",
     "Jobs",
@@ -39,6 +41,7 @@ __all__ = [
     "Ready",
     "Sensitivity",
     "Simulated",
+    "SimulatorModel",
     "State",
     "including",
 ]

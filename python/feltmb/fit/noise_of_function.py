@@ -1,0 +1,87 @@
+"""Numerical noise of a function that is known by its values only, and steps that suit it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from feltmb.data import Array
+
+__all__ = ["Step", "choose_step", "noise_of_function"]
+
+#: Least noise that is believed, of the spread of the outputs: rounding.
+ROUNDING = 1e-15
+#: Error of a derivative, of its own size, that forward differences may have.
+GOOD = 0.02
+#: Smallest and largest step, of the scale of the parameter.
+SMALLEST, LARGEST = 1e-5, 0.3
+
+
+@dataclass(frozen=True)
+class Step:
+    """How a derivative by one parameter is taken."""
+
+    size: float
+    """[unit of the parameter]"""
+    central: bool
+
+    def offsets(self, at: float, low: float, high: float) -> tuple[tuple[float, float], ...]:
+        """Changes of the parameter within its limits, with their weights in the derivative."""
+        h = self.size
+        if not self.central:
+            side = h if at + h <= high else -h
+            return ((side, 1.0 / side),)
+        if at + h <= high and at - h >= low:
+            return (h, 0.5 / h), (-h, -0.5 / h)
+        side = h if at + 2.0 * h <= high else -h
+        return (side, 2.0 / side), (2.0 * side, -0.5 / side)
+
+
+def noise_of_function(values: Array) -> float:
+    """Standard deviation of the noise of values at equal spacing, (m + 1, ...); ECnoise.
+
+    Differences of a smooth function fade from order to order, those of noise do not: of order k
+    they have the variance sigma^2 (2k)! / (k!)^2. The first order from which three estimates agree
+    within a factor of four counts (J. J. More and S. M. Wild, "Estimating computational noise",
+    SIAM J. Sci. Comput. 33, 2011); all outputs and samples are averaged. If none does, the
+    function was still smooth at the last order, which is then an upper limit.
+    """
+    table, gamma, sigmas = values, 1.0, []
+    for k in range(1, len(values)):
+        table = np.diff(table, axis=0)
+        gamma *= 0.5 * k / (2 * k - 1)
+        sigmas.append(math.sqrt(gamma * float(np.mean(table**2))))
+    for i in range(len(sigmas) - 2):
+        three = sigmas[i : i + 3]
+        if max(three) <= 4.0 * min(three):
+            return max(sigmas[i], ROUNDING)
+    return max(sigmas[-1], ROUNDING)
+
+
+def choose_step(
+    base: Array, near: Array, far: Array, step: float, noise: float, scale: float, both: bool
+) -> Step:
+    """Step of least error from values at 0, ``step`` and -``step`` (one-sided: 2 ``step``).
+
+    A forward difference has the error 2 noise / h + h |f''| / 2, least at h = 2 sqrt(noise /
+    |f''|); a central one noise / h + h^2 |f'''| / 6, with |f'''| taken as |f''|^2 / |f'|.
+    """
+    if not (np.all(np.isfinite(near)) and np.all(np.isfinite(far))):
+        return Step(0.1 * abs(step), central=True)
+
+    def norm(x: Array) -> float:
+        return float(np.sqrt(np.mean(x**2)))
+
+    h = abs(step)
+    slope = norm(near - far) / (2.0 * h) if both else norm(near - base) / h
+    bend = norm(near - 2.0 * base + far) if both else norm(far - 2.0 * near + base)
+    if slope == 0.0:
+        return Step(h, central=True)
+    bend = max(bend, 4.0 * noise) / h**2  # what is not seen above the noise may still be there
+    forward = float(np.clip(2.0 * math.sqrt(noise / bend), SMALLEST * scale, LARGEST * scale))
+    if 2.0 * noise / forward + 0.5 * forward * bend <= GOOD * slope:
+        return Step(forward, central=False)
+    central = (3.0 * noise * slope / bend**2) ** (1.0 / 3.0)
+    return Step(float(np.clip(central, SMALLEST * scale, LARGEST * scale)), central=True)

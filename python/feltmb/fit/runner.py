@@ -1,0 +1,267 @@
+"""Runs of a user's function: kept by their content, made in processes, their faults told once."""
+
+from __future__ import annotations
+
+import hashlib
+import multiprocessing
+import os
+import pickle
+import signal
+import sys
+import time as clock
+import warnings
+import weakref
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from feltmb.data import Array, Record
+from feltmb.errors import FeltmbError, InvalidParameter
+
+__all__ = ["Run", "Runner"]
+
+#: Numbers that are kept (two hundred megabytes).
+KEPT = 25_000_000
+
+Function = Callable[..., Mapping[str, Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One run that is asked for."""
+
+    record: str
+    time: Array
+    inputs: dict[str, Array]
+    parameters: dict[str, float]
+
+    @classmethod
+    def of(cls, record: Record, inputs: Sequence[str], parameters: dict[str, float]) -> Run:
+        """A whole record with some parameters."""
+        return cls(record.name, record.time, {n: record.inputs[n] for n in inputs}, parameters)
+
+    @property
+    def key(self) -> bytes:
+        """Digest of all that the function sees."""
+        digest = hashlib.blake2b(digest_size=16)
+        for array in (self.time, *self.inputs.values()):
+            digest.update(np.ascontiguousarray(array).tobytes())
+        digest.update(np.array(list(self.parameters.values())).tobytes())
+        return digest.digest()
+
+    def __str__(self) -> str:
+        values = ", ".join(f"{k} = {v:.6g}" for k, v in self.parameters.items())
+        return (
+            f"record {self.record}, {len(self.time)} samples from {self.time[0]:g} to "
+            f"{self.time[-1]:g} s; parameters {values or 'none'}"
+        )
+
+
+#: The function, in a process of its own.
+_function: Function | None = None
+
+
+def _begin(function: Function | bytes) -> None:
+    """Begin of a process: the function comes by the fork, or pickled; Ctrl-C is for the parent."""
+    global _function
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _function = pickle.loads(function) if isinstance(function, bytes) else function
+
+
+def _work(run: Run, outputs: tuple[str, ...]) -> Array | str:
+    assert _function is not None
+    return call(_function, run, outputs)
+
+
+class Unusable(InvalidParameter):
+    """What a function returned has not the form that it must have."""
+
+
+def call(function: Function, run: Run, outputs: tuple[str, ...]) -> Array | str:
+    """Outputs of one run, (n, ny); or what the function raised.
+
+    Raises
+    ------
+    Unusable
+        An output is missing or has another length.
+    """
+    inputs = {k: v.copy() for k, v in run.inputs.items()}  # the function may write into them
+    try:
+        with np.errstate(all="ignore"):
+            given = function(run.time.copy(), inputs, dict(run.parameters))
+    except FeltmbError as error:
+        return str(error)
+    except Exception as error:
+        return f"{type(error).__name__}: {error}"
+    if not isinstance(given, Mapping):
+        raise Unusable(
+            f"returned {type(given).__name__}, expected a dictionary of arrays by output: "
+            f"{', '.join(outputs)}"
+        )
+    missing = [n for n in outputs if n not in given]
+    if missing:
+        there = ", ".join(map(str, given)) or "none"
+        raise Unusable(f"returned no output {', '.join(missing)}; there is {there}")
+    found = np.empty((len(run.time), len(outputs)))
+    for i, name in enumerate(outputs):
+        try:
+            values = np.asarray(given[name], dtype=np.float64)
+        except (TypeError, ValueError):
+            raise Unusable(f"output {name} holds no numbers: {given[name]!r:.80}") from None
+        if values.shape != run.time.shape:
+            raise Unusable(
+                f"output {name} has shape {values.shape}, expected one value for each time, "
+                f"{run.time.shape}"
+            )
+        found[:, i] = values
+    return found
+
+
+class Runner:
+    """Makes runs and keeps them."""
+
+    def __init__(self, function: Function, outputs: tuple[str, ...], name: str):
+        self._function = function
+        self._outputs = outputs
+        self._name = name
+        self._kept: OrderedDict[bytes, Array] = OrderedDict()
+        self._size = 0
+        self._pool: ProcessPoolExecutor | None = None
+        self._failed = False
+        self.processes = 1
+        self.made = 0
+        """Runs so far."""
+        self.notices: list[str] = []
+        """What is to be told of the way in which it runs."""
+
+    def start(self, workers: int | None) -> None:
+        """Start processes, before there are threads."""
+        if self._pool is not None:
+            return
+        there = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+        count = workers or there or 1
+        if count == 1:
+            return
+        given: Function | bytes = self._function
+        if sys.platform == "linux":
+            # Closures, notebooks and scripts without a guard of __main__ run as well. The processes
+            # do nothing but call the function: no lock of this one is waited for.
+            context = multiprocessing.get_context("fork")
+        else:
+            context = multiprocessing.get_context("spawn")
+            try:
+                given = pickle.dumps(self._function)
+            except Exception as error:
+                self.notices.append(
+                    f"its function cannot be pickled ({error}): runs are made one after the other. "
+                    "Define it at the top of a module to have them made in processes"
+                )
+                return
+        pool = ProcessPoolExecutor(count, context, _begin, (given,))
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", DeprecationWarning)  # of a fork beside threads
+                pool.submit(os.getpid).result()
+        except (BrokenProcessPool, OSError) as error:
+            pool.shutdown(wait=False)
+            self.notices.append(f"no process could be started ({error}): runs are made in this one")
+            return
+        weakref.finalize(self, pool.shutdown, wait=False, cancel_futures=True)
+        self._pool, self.processes = pool, count
+
+    def first(self, run: Run) -> tuple[float, Array]:
+        """Seconds of a run, and its values a second time, which should be the same.
+
+        Raises
+        ------
+        InvalidParameter
+            The function fails.
+        """
+        self.checked([run])  # imports and tables of the function are made here
+        tick = clock.perf_counter()
+        again = self._one(run)
+        if isinstance(again, str):
+            raise InvalidParameter(f"model {self._name}: its function raises {again} ({run})")
+        return clock.perf_counter() - tick, again
+
+    def checked(self, runs: Sequence[Run]) -> None:
+        """Make runs that must succeed.
+
+        Raises
+        ------
+        InvalidParameter
+            Naming the first that does not, and why.
+        """
+        for run, found in zip(runs, self._make(runs), strict=True):
+            if isinstance(found, str):
+                raise InvalidParameter(f"model {self._name}: its function raises {found} ({run})")
+            bad = ~np.isfinite(found)
+            if bad.any():
+                j, i = np.argwhere(bad)[0]
+                raise InvalidParameter(
+                    f"model {self._name}: its output {self._outputs[i]} is {found[j, i]} at "
+                    f"t = {run.time[j]:g} s, sample {j} ({run})"
+                )
+            self._keep(run.key, found)
+
+    def values(self, runs: Sequence[Run]) -> list[Array]:
+        """Outputs of runs, (n, ny) each; NaN where the function fails."""
+        keys = [run.key for run in runs]
+        new = {k: run for k, run in zip(keys, runs, strict=True) if k not in self._kept}
+        found = {k: self._kept[k] for k in keys if k not in new}
+        for (key, run), got in zip(new.items(), self._make(list(new.values())), strict=True):
+            if isinstance(got, str):
+                if not self._failed:
+                    self._failed = True
+                    warnings.warn(
+                        f"model {self._name}: its function raises {got} ({run}); this trial, and "
+                        "others like it, count as failed",
+                        RuntimeWarning,
+                        stacklevel=2,
+                    )
+                got = np.full((len(run.time), len(self._outputs)), np.nan)
+            found[key] = got
+            self._keep(key, got)
+        return [found[k] for k in keys]
+
+    def _keep(self, key: bytes, values: Array) -> None:
+        if key not in self._kept:
+            self._size += values.size
+        self._kept[key] = values
+        self._kept.move_to_end(key)
+        while self._size > KEPT and len(self._kept) > 1:
+            self._size -= self._kept.popitem(last=False)[1].size
+
+    def _one(self, run: Run) -> Array | str:
+        self.made += 1
+        try:
+            return call(self._function, run, self._outputs)
+        except Unusable as error:
+            raise self._told(run, error) from None
+
+    def _told(self, run: Run, error: Unusable) -> InvalidParameter:
+        return InvalidParameter(f"model {self._name}: its function {error} ({run})")
+
+    def _make(self, runs: Sequence[Run]) -> list[Array | str]:
+        if self._pool is None or len(runs) < 2:
+            return [self._one(run) for run in runs]
+        futures = [self._pool.submit(_work, run, self._outputs) for run in runs]
+        out: list[Array | str] = []
+        for run, future in zip(runs, futures, strict=True):
+            try:
+                out.append(future.result())
+            except Unusable as error:
+                raise self._told(run, error) from None
+            except BrokenProcessPool:
+                raise InvalidParameter(
+                    f"model {self._name}: a process of its function ended without an answer, as "
+                    f"after a fault of memory, with this or another run of the batch ({run}); "
+                    "workers=1 runs it in this process"
+                ) from None
+            self.made += 1
+        return out

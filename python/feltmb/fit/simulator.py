@@ -1,0 +1,387 @@
+"""A model from any simulator: a Python function of a whole record, asked as a black box.
+
+Runs are kept by their content, made in processes where one takes long, and differentiated by
+differences whose steps follow from the numerical noise of the function itself.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from feltmb.arguments import checked
+from feltmb.data import Array, Record
+from feltmb.errors import InvalidParameter
+from feltmb.fit.model import (
+    Batch,
+    Candidate,
+    Effect,
+    Integers,
+    Jobs,
+    Model,
+    Parameter,
+    Ready,
+    Sensitivity,
+    Simulated,
+    State,
+    check_segments,
+)
+from feltmb.fit.noise_of_function import Step, choose_step, noise_of_function
+from feltmb.fit.runner import Run, Runner
+
+__all__ = ["Exposed", "SimulatorModel"]
+
+#: Steps at which a parameter is tried before one is chosen, and spacing of the values from which
+#: the noise of the function is read, as shares of the scales; number of spacings.
+TRIAL, SPACING, SPACINGS = 0.1, 1e-3, 6
+#: Seconds of a run from which processes are worth their overhead.
+WORTH_A_PROCESS = 5e-3
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class Exposed:
+    """A parameter of the function that is at its neutral value in the model as it is: an effect."""
+
+    scale: float
+    """Departure from the neutral value that one would expect if it were there [unit]."""
+    unit: str = "1"
+    component: str = ""
+    """Part of the machine; default: the name of the parameter."""
+    sign: Literal[-1, 0, 1] = 0
+    """+1: values at and above the neutral one only, -1: at and below, 0: any."""
+    neutral: float = 0.0
+    """Value with which the function is the model as it is [unit]."""
+    mechanism: str = ""
+    """One sentence: what happens in the machine."""
+    remedy: str = ""
+    """What to do about it."""
+    lower: float = -math.inf
+    upper: float = math.inf
+    """Hard limits of the parameter [unit]."""
+
+    def effect(self, name: str) -> Effect:
+        """The effect; its magnitude is the departure from the neutral value."""
+        return Effect(
+            name=name,
+            component=self.component or name,
+            unit=self.unit,
+            scale=self.scale,
+            sign=self.sign,
+            mechanism=self.mechanism,
+            remedy=self.remedy,
+            lower=self.lower - self.neutral,
+            upper=self.upper - self.neutral,
+            data=name,
+        )
+
+
+@checked
+class SimulatorModel(Model):
+    """A simulator of one's own: ``function(time, inputs, parameters) -> {output: array}``.
+
+    The function gets the clock [s] of a whole record, a dictionary of its inputs, each (n,), and a
+    dictionary of all parameters, exposed ones included, as numbers; it returns every output at
+    every time, (n,). It must give the same for the same arguments. Where it has no answer it may
+    raise an exception or return NaN: at the given values of the parameters that is an error, far
+    off, where a fit tries, that trial has failed.
+
+    Parameters
+    ----------
+    function
+        The simulator. Where processes cannot be forked it must be picklable to run in several.
+    parameters
+        What is fitted, with priors.
+    inputs, outputs
+        Their names; or names and SI units, ``{"force": "N"}``.
+    exposed
+        Parameters that are effects: at their neutral value the function is the model as it is. An
+        :class:`Exposed`, or an :class:`Effect` whose magnitude is added to zero. An effect whose
+        ``data`` is the name of a parameter acts on that parameter, without being listed here.
+    workers
+        Processes; 1: none; default: as many as there are cores, if a run takes longer than 5 ms.
+    segment
+        Length of the pieces in which residuals are judged [s]; runs are always whole.
+    chaotic
+        Whether it has impacts after which a small change of a parameter grows strongly.
+    """
+
+    together = True
+    from_rest = True
+    least_samples = 2
+
+    def __init__(
+        self,
+        function: Callable[..., Mapping[str, Any]],
+        *,
+        parameters: Sequence[Parameter],
+        inputs: Sequence[str] | Mapping[str, str],
+        outputs: Sequence[str] | Mapping[str, str],
+        exposed: Mapping[str, Exposed | Effect] | None = None,
+        workers: int | None = None,
+        name: str = "simulator",
+        segment: float | None = None,
+        chaotic: bool = False,
+    ):
+        self.name = name
+        self.parameters = tuple(parameters)
+        self.inputs = tuple(inputs)
+        self.outputs = tuple(outputs)
+        named = [g for g in (inputs, outputs) if isinstance(g, Mapping)]
+        self.units = {k: v for g in named for k, v in g.items()}
+        self.segment = segment
+        self.chaotic = chaotic
+        known = dict(exposed or {})
+        self._neutral = {k: e.neutral if isinstance(e, Exposed) else 0.0 for k, e in known.items()}
+        self.effects = tuple(
+            e.effect(k) if isinstance(e, Exposed) else replace(e, data=k) for k, e in known.items()
+        )
+        """Those of the exposed parameters."""
+        self._names = (*(p.name for p in self.parameters), *self._neutral)
+        everything = [*self._names, *self.inputs]
+        faults = [
+            f"{n!r} is used twice" for n in dict.fromkeys(everything) if everything.count(n) > 1
+        ]
+        if not self.outputs:
+            faults.append("outputs is empty, expected at least one name")
+        if workers is not None and workers < 1:
+            faults.append(f"workers = {workers}, expected a whole number >= 1, or None")
+        if faults:
+            raise InvalidParameter(f"model {name}: " + "; ".join(faults))
+        self._workers = workers
+        self._runner = Runner(function, self.outputs, name)
+        self._steps: dict[str, Step] = {}
+        self._ready = False
+
+    def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
+        """None that could be set: a run begins as the function begins it."""
+        del included
+        return ()
+
+    @property
+    def simulations(self) -> int:
+        """Runs of the function so far; what was kept is not run again."""
+        return self._runner.made
+
+    def accepts(self, effect: Effect) -> bool:
+        """Effects whose ``data`` names a parameter, besides sensor and input effects."""
+        own = isinstance(effect.data, str) and effect.data in self._names
+        return own or super().accepts(effect)
+
+    def ready(self, records: Sequence[Record]) -> Ready:
+        """Tried at its priors, with steps of differences for these records.
+
+        Raises
+        ------
+        InvalidParameter
+            The function fails there, or returns what cannot be used.
+        """
+        if self._ready:
+            return Ready(self, tuple(records))
+        self._check_inputs(records)
+        runner = self._runner
+        prior = self._point([p.value for p in self.parameters])
+        first = Run.of(records[0], self.inputs, prior)
+        seconds, again = runner.first(first)
+        if self._workers != 1 and (self._workers or seconds > WORTH_A_PROCESS):
+            runner.start(self._workers)
+        runner.checked([Run.of(r, self.inputs, prior) for r in records])
+        out = copy.copy(self)
+        out._steps, notes = self._chosen_steps(records[0], again)
+        out._ready = True
+        how = f"{runner.processes} processes" if runner.processes > 1 else "one process"
+        notes.insert(0, f"a run of the simulator takes {seconds:.2g} s; runs are made in {how}")
+        notes += runner.notices
+        return Ready(out, tuple(records), tuple(f"model {self.name}: {n}" for n in notes))
+
+    def _check_inputs(self, records: Sequence[Record]) -> None:
+        for record in records:
+            missing = [n for n in self.inputs if n not in record.inputs]
+            if missing:
+                raise InvalidParameter(
+                    f"record {record.name}: model {self.name} needs the input "
+                    f"{', '.join(missing)}; there is {', '.join(record.inputs) or 'none'}"
+                )
+
+    def _point(self, theta: Sequence[float] | Array) -> dict[str, float]:
+        """All parameters of the function, the exposed ones neutral."""
+        values = dict(zip((p.name for p in self.parameters), map(float, theta), strict=True))
+        return {**values, **self._neutral}
+
+    def _chosen_steps(self, record: Record, repeated: Array) -> tuple[dict[str, Step], list[str]]:
+        """Steps by parameter from trials at the priors, and what is told of them."""
+        rows = [(p.name, p.size, p.lower, p.upper, p.value) for p in self.parameters if p.sd > 0.0]
+        for e, (name, neutral) in zip(self.effects, self._neutral.items(), strict=True):
+            low, high = e.bounds
+            rows.append((name, e.scale, low + neutral, high + neutral, neutral))
+        if not rows:
+            return {}, []
+        prior = self._point([p.value for p in self.parameters])
+
+        def moved(changes: Mapping[str, float]) -> Run:
+            values = {k: v + changes.get(k, 0.0) for k, v in prior.items()}
+            return Run.of(record, self.inputs, values)
+
+        # Along one direction in which all parameters move, to the side that is free.
+        way = {name: size if at + size <= high else -size for name, size, _, high, at in rows}
+        runs = [moved({k: i * SPACING * v for k, v in way.items()}) for i in range(SPACINGS + 1)]
+        offsets = []
+        for name, size, low, high, at in rows:
+            h = TRIAL * size
+            both = at - h >= low and at + h <= high
+            side = h if at + 2.0 * h <= high else -h
+            offsets.append((h, -h) if both else (side, 2.0 * side))
+            runs += [moved({name: o}) for o in offsets[-1]]
+        seen = self._runner.values(runs)
+        base = seen[0]
+        unit = np.std(base, axis=0)
+        unit[unit == 0.0] = 1.0
+        along = np.array([s / unit for s in seen[: SPACINGS + 1]])
+        noise = noise_of_function(along)
+        jitter = float(np.sqrt(np.mean(((repeated - base) / unit) ** 2))) / math.sqrt(2.0)
+        noise = max(noise, jitter)
+        steps: dict[str, Step] = {}
+        dead = []
+        pairs = iter(seen[SPACINGS + 1 :])
+        for (name, size, *_), (one, _) in zip(rows, offsets, strict=True):
+            near, far = next(pairs), next(pairs)
+            both = offsets[len(steps)][1] == -one
+            steps[name] = choose_step(base / unit, near / unit, far / unit, one, noise, size, both)
+            if np.array_equal(near, base) and np.array_equal(far, base):
+                dead.append(name)
+        forward = sum(1 for s in steps.values() if not s.central)
+        shares = [s.size / size for s, (_, size, *_) in zip(steps.values(), rows, strict=True)]
+        notes = [
+            f"its numerical noise is {noise:.1g} of the spread of its outputs; derivatives by "
+            f"differences over {min(shares):.1g} to {max(shares):.1g} of the scales, forward for "
+            f"{forward} of {len(steps)} parameters, central for the others"
+        ]
+        sigma = [record.sensors[n].sigma if n in record.sensors else None for n in self.outputs]
+        loud = [
+            n
+            for n, s, u in zip(self.outputs, sigma, unit, strict=True)
+            if s and noise * u > 0.3 * s
+        ]
+        if loud:
+            notes.append(
+                f"its numerical noise is not small beside that of the sensor of {', '.join(loud)}: "
+                "tighten its tolerances"
+            )
+        if jitter > 1e-12:
+            notes.append("two runs with the same arguments differ: seed its random numbers")
+        if dead:
+            notes.append(
+                f"{', '.join(dead)} changes no output of record {record.name}: is it misspelled in "
+                "the function?"
+            )
+        return steps, notes
+
+    def simulate(self, record: Record, jobs: Jobs) -> Simulated:
+        """See :class:`~feltmb.fit.Model`."""
+        return self.simulate_all([(record, jobs)])[0]
+
+    def simulate_all(self, batches: Sequence[Batch]) -> list[Simulated]:
+        """One run for every different record and point, however many segments are cut from it."""
+        self._check_inputs([record for record, _ in batches])
+        runs: list[Run] = []
+        placed: list[Integers] = []
+        for record, jobs in batches:
+            table = np.hstack([jobs.theta, jobs.magnitudes]) if jobs.included else jobs.theta
+            rows, which = np.unique(table, axis=0, return_inverse=True)
+            placed.append(np.asarray(which).reshape(-1) + len(runs))
+            runs += [Run.of(record, self.inputs, self._values(row, jobs.included)) for row in rows]
+        seen = self._runner.values(runs)
+        out = []
+        for (_, jobs), which in zip(batches, placed, strict=True):
+            outputs = np.full((jobs.count, jobs.longest, len(self.outputs)), np.nan)
+            for b, (first, last) in enumerate(jobs.segments):
+                outputs[b, : last - first + 1] = seen[which[b]][first : last + 1]
+            out.append(Simulated(outputs=outputs, ends=np.zeros((jobs.count, 0))))
+        return out
+
+    def _values(self, row: Array, included: tuple[Candidate, ...]) -> dict[str, float]:
+        count = len(self.parameters)
+        values = self._point(row[:count])
+        for candidate, magnitude in zip(included, row[count:], strict=True):
+            if candidate.effect.data not in values:
+                raise InvalidParameter(
+                    f"effect {candidate.name}: its data is {candidate.effect.data!r}, expected the "
+                    f"name of a parameter of model {self.name}: {', '.join(values)}"
+                )
+            values[candidate.effect.data] += float(magnitude)
+        return values
+
+    def sensitivities(
+        self,
+        record: Record,
+        theta: Array,
+        segments: Integers,
+        starts: Array,
+        included: tuple[Candidate, ...] = (),
+        magnitudes: Array | None = None,
+        *,
+        by_theta: Sequence[int] | None = None,
+        by_starts: bool = True,
+        candidates: tuple[Candidate, ...] = (),
+    ) -> Sensitivity:
+        """Differences with the steps that suit the noise of the function."""
+        del by_starts
+        given = np.zeros(len(included)) if magnitudes is None else magnitudes
+        check_segments(self, record, segments, starts, included, given, theta)
+        wanted = range(len(self.parameters)) if by_theta is None else by_theta
+        everything = (*included, *candidates)
+        at = np.concatenate([theta, given, np.zeros(len(candidates))])
+        columns = [
+            (i, self.parameters[i].name, self.parameters[i].size, *_limits(self.parameters[i]))
+            for i in wanted
+        ]
+        columns += [
+            (len(theta) + k, str(c.effect.data), c.effect.scale, *c.effect.bounds)
+            for k, c in enumerate(everything)
+        ]
+        rows, entries = [at], []
+        for index, name, scale, low, high in columns:
+            step = self._steps.get(name) or Step(TRIAL * scale, central=True)
+            entry = []
+            for offset, weight in step.offsets(at[index], low, high):
+                row = at.copy()
+                row[index] += offset
+                entry.append((len(rows), weight))
+                rows.append(row)
+            entries.append(entry)
+        table, count = np.array(rows), len(segments)
+        jobs = Jobs(
+            theta=np.repeat(table[:, : len(theta)], count, axis=0),
+            segments=np.tile(segments, (len(rows), 1)),
+            starts=np.zeros((len(rows) * count, 0)),
+            included=everything,
+            magnitudes=np.repeat(table[:, len(theta) :], count, axis=0),
+        )
+        run = self.simulate(record, jobs)
+        seen = run.outputs.reshape(len(rows), count, -1, len(self.outputs))
+        found = np.zeros((*seen.shape[1:], len(columns)))
+        for c, entry in enumerate(entries):
+            for moved, weight in entry:
+                found[..., c] += weight * (seen[moved] - seen[0])
+        a, b = len(wanted), len(wanted) + len(included)
+        return Sensitivity(
+            outputs=seen[0],
+            ends=np.zeros((count, 0)),
+            d_theta=found[..., :a],
+            d_theta_ends=np.zeros((count, 0, a)),
+            d_magnitudes=found[..., a:b],
+            d_magnitudes_ends=np.zeros((count, 0, len(included))),
+            d_starts=np.zeros((*seen.shape[1:], 0)),
+            d_starts_ends=np.zeros((count, 0, 0)),
+            d_candidates=found[..., b:],
+            d_candidates_ends=np.zeros((count, 0, len(candidates))),
+        )
+
+
+def _limits(p: Parameter) -> tuple[float, float]:
+    return p.lower, p.upper
