@@ -41,7 +41,6 @@ __all__: list[str] = [
     "JointKind",
     "LawPath",
     "LayerColumns",
-    "LumpedNetwork",
     "MeanCurve",
     "Mechanism",
     "MechanismDescription",
@@ -1304,36 +1303,6 @@ class StopFlag:
     def __init__(self) -> None: ...
     def is_set(self) -> bool: ...
     def set(self) -> None: ...
-
-class LumpedNetwork:
-    """
-    Network of lumped masses; see bench/blind/lumped.py.
-    """
-    def __init__(self, description: dict) -> None: ...
-    def simulate(
-        self,
-        parameters: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-        inputs: collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float64]],
-        segments: typing.Annotated[numpy.typing.ArrayLike, numpy.int32],
-        starts: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-        wanted: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] = [],
-        wanted_states: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] = [],
-        forces: bool = False,
-        unknown: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None,
-    ) -> tuple[
-        numpy.typing.NDArray[numpy.float64],
-        numpy.typing.NDArray[numpy.float64],
-        numpy.typing.NDArray[numpy.float64],
-        numpy.typing.NDArray[numpy.float64],
-        numpy.typing.NDArray[numpy.float64],
-    ]:
-        """
-        (outputs, ends, d_outputs, d_ends, forces) of segments (input, first, steps, row).
-        """
-    @property
-    def parameters(self) -> int: ...
-    @property
-    def states(self) -> int: ...
 
 class ArmSection:
     def __init__(
