@@ -29,7 +29,6 @@ FOLDERS = {
     "beam": "shapes of flexible beams, hub with a flexible arm",
     "modal": "the string in its modes, exact stepping between contacts",
     "ode": "integration in time behind one interface; the only part that sees SUNDIALS",
-    "lumped": "networks of lumped masses with exact sensitivities, apart from the rest",
     "planar": "multibody mechanism: description, assembly, dynamics",
     "model": "a mechanism in time: equilibrium, simulation, events, energy ledger, actuator",
     "sensitivity": "derivatives of a stroke",
@@ -37,9 +36,6 @@ FOLDERS = {
     "bindings": "feltmb._core: the only part that sees Python",
     "bench": "speed, apart from the tests",
 }
-
-#: Left edges of boxes that stand apart, so that no arrow runs behind another box.
-ASIDE = {"C++": {"lumped": 80.0}, "Python": {}}
 
 WIDTH, ROW, BOX = 1000, 46, 26
 LETTER = 7.1  # width of a letter
@@ -123,14 +119,10 @@ def draw(tables: dict[str, dict[str, set[str]]]) -> str:
         boxes: list[str] = []
         for line in wrapped:
             gap = 12 if language == "Python" else 110
-            aside = ASIDE[language]
-            line = sorted(line, key=lambda p: p in aside)
-            shown = [p for p in line if p not in aside]
-            width = sum(box_width(p) + gap for p in shown) - gap
+            width = sum(box_width(p) + gap for p in line) - gap
             x = (WIDTH - width) / 2
             for part in line:
                 w = box_width(part)
-                x = aside.get(part, x)
                 place[part] = (x + w / 2, y)
                 boxes.append(
                     f'<rect x="{x:.1f}" y="{y:.0f}" width="{w:.1f}" height="{BOX}" rx="4" '

@@ -1,8 +1,8 @@
 """Networks of lumped masses with exact sensitivities: description by names, one call a batch.
 
-A description names its parameters; a :class:`Network` turns it into the arrays of the C++ core
-(``feltmb::lumped``): fixed-step Runge-Kutta 4, derivatives of the discrete scheme by forward
-differentiation.
+A description names its parameters; a :class:`Network` turns it into the arrays of the C++ extension
+``blind._network`` (folder ``network``), which is built at the first import: fixed-step Runge-Kutta
+4, derivatives of the discrete scheme by forward differentiation.
 """
 
 from __future__ import annotations
@@ -13,8 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb._core import LumpedNetwork
+from blind.build import build_network
 from feltmb.errors import InvalidParameter
+
+build_network()
+
+from blind._network import LumpedNetwork  # noqa: E402
 
 __all__ = ["Network"]
 

@@ -31,7 +31,11 @@ class KeyHammerMachine(Machine):
     name = "key_hammer"
     chunk = 20
     generator = ("truth.py", "truth_machine.py", "truth_sensors.py", "truth_outside.py")
-    engine = ("lumped.py", "key_hammer.py")
+    engine = (
+        "lumped.py",
+        "key_hammer.py",
+        *(f"network/{n}.cpp" for n in ("bind", "dynamics", "network", "simulate", "slopes")),
+    )
 
     def draw(self, seed: int, cases: int, outside: Path | None) -> list[Any]:
         kinds = load_kinds(outside)

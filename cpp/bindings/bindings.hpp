@@ -17,7 +17,6 @@ void bind_planar(pybind11::module_& m);
 void bind_model(pybind11::module_& m);
 void bind_sensitivity(pybind11::module_& m);
 void bind_batch(pybind11::module_& m);
-void bind_lumped(pybind11::module_& m);
 void bind_actuator(pybind11::module_& m);
 
 }  // namespace feltmb::python

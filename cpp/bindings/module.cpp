@@ -12,7 +12,6 @@ PYBIND11_MODULE(_core, m) {
   feltmb::python::bind_model(m);
   feltmb::python::bind_sensitivity(m);
   feltmb::python::bind_batch(m);
-  feltmb::python::bind_lumped(m);
   feltmb::python::bind_actuator(m);
   bind_fiber(m);
 }

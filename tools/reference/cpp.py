@@ -7,7 +7,7 @@ from pathlib import Path
 
 #: In the order of the layers.
 FOLDERS = (
-    "core", "numeric", "fiber", "contact", "beam", "modal", "ode", "lumped", "planar", "model",
+    "core", "numeric", "fiber", "contact", "beam", "modal", "ode", "planar", "model",
     "sensitivity", "batch",
 )  # fmt: skip
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from blind import build
 from blind.lumped import Network
-from feltmb.errors import InvalidParameter
+from feltmb.errors import FeltmbError, InvalidParameter
 
 DESCRIPTION = {
     "masses": {"x": "m"},
@@ -93,3 +94,12 @@ def test_network_agrees_with_another_integrator():
 def test_bad_description_is_told(change, message):
     with pytest.raises(InvalidParameter, match=message):
         Network({**DESCRIPTION, "hidden": {}, **change}, ("m", "gap"), sample_time=1e-3)
+
+
+def test_network_is_built_only_when_it_is_out_of_date(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", "")  # no CMake: whoever builds fails
+    build.build_network()
+    monkeypatch.setattr(build, "BUILD", tmp_path)
+    monkeypatch.setattr(build, "LIBRARY", tmp_path / "none.so")
+    with pytest.raises(FeltmbError, match="needs cmake, which is not installed"):
+        build.build_network()

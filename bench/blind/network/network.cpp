@@ -1,4 +1,4 @@
-#include "feltmb/lumped/network.hpp"
+#include "network.hpp"
 
 #include <cstddef>
 #include <initializer_list>

@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "feltmb/core/error.hpp"
-#include "feltmb/lumped/network.hpp"
 #include "feltmb/numeric/floor_within.hpp"
+#include "network.hpp"
 
 namespace {
 

@@ -8,8 +8,8 @@
 
 #include "dynamics.hpp"
 #include "feltmb/core/error.hpp"
-#include "feltmb/lumped/network.hpp"
 #include "feltmb/numeric/floor_within.hpp"
+#include "network.hpp"
 #include "slopes.hpp"
 
 namespace feltmb::lumped {

@@ -3,16 +3,14 @@
 
 #include <optional>
 
-#include "bindings.hpp"
 #include "feltmb/core/error.hpp"
-#include "feltmb/lumped/network.hpp"
+#include "network.hpp"
 
 namespace py = pybind11;
 
-namespace feltmb::python {
+namespace feltmb::lumped {
 namespace {
 
-using namespace feltmb::lumped;
 using Doubles = py::array_t<double, py::array::c_style | py::array::forcecast>;
 
 Sum sum_of(const py::handle& list) {
@@ -101,8 +99,9 @@ std::span<const double> view(const Doubles& a) {
 
 }  // namespace
 
-void bind_lumped(py::module_& m) {
-  py::class_<Network>(m, "LumpedNetwork", "Network of lumped masses; see bench/blind/lumped.py.")
+void bind_network(py::module_& m) {
+  py::class_<Network>(m, "LumpedNetwork", "Network of lumped masses; see lumped.py.",
+                      py::module_local())
       .def(py::init(&network_of), py::arg("description"))
       .def_property_readonly("states", &Network::states)
       .def_readonly("parameters", &Network::parameters)
@@ -139,7 +138,7 @@ void bind_lumped(py::module_& m) {
             }
             Batch b;
             {
-              const WithoutInterpreter free;
+              const py::gil_scoped_release free;
               b = simulate(net, request);
             }
             const auto n_y = static_cast<py::ssize_t>(net.sensors.size());
@@ -156,4 +155,19 @@ void bind_lumped(py::module_& m) {
           "(outputs, ends, d_outputs, d_ends, forces) of segments (input, first, steps, row).");
 }
 
-}  // namespace feltmb::python
+}  // namespace feltmb::lumped
+
+PYBIND11_MODULE(_network, m) {
+  m.doc() = "Networks of lumped masses; see lumped.py.";
+  // As in the core, exceptions are those of Python's feltmb.errors; never destroyed.
+  static PyObject* invalid =
+      py::object(py::module_::import("feltmb.errors").attr("InvalidParameter")).release().ptr();
+  py::register_local_exception_translator([](std::exception_ptr p) {
+    try {
+      if (p) std::rethrow_exception(p);
+    } catch (const feltmb::InvalidParameter& e) {
+      PyErr_SetString(invalid, e.what());
+    }
+  });
+  feltmb::lumped::bind_network(m);
+}

@@ -6,7 +6,7 @@
 #include <span>
 #include <vector>
 
-#include "feltmb/lumped/network.hpp"
+#include "network.hpp"
 #include "slopes.hpp"
 
 namespace feltmb::lumped {
