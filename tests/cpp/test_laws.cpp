@@ -387,6 +387,10 @@ TEST_CASE("faults of formulas are told with their place") {
   CHECK(fault_of("pow(e)", p) == "column 6: got ')', expected ',': pow takes 2 arguments");
   CHECK(fault_of("exp(e, 2)", p) == "column 6: got ',', expected ')'");
   CHECK(fault_of("exp e", p) == "column 5: got 'e', expected '(' after exp");
+  CHECK(fault_of("k*\xD0\xB5", p) ==  // a letter of two bytes is told whole
+        "column 3: got '\xD0\xB5', expected a number, a name or '('");
+  CHECK(fault_of(std::string(1, '\0'), p) ==
+        "column 1: got a control character, expected a number, a name or '('");
   CHECK(fault_of("1.2.3", p) == "column 1: got 1.2.3, expected a finite number");
   CHECK(fault_of("1e999", p) == "column 1: got 1e999, expected a finite number");
   CHECK(fault_of("__import__('os')", p).find("column 1: unknown name '__import__'") == 0);

@@ -87,11 +87,19 @@ class Formula::Parser {
   }
 
   [[noreturn]] void fault(const std::string& what) const { fault(what, at_); }
-  [[noreturn]] static void fault(const std::string& what, std::size_t place) {
-    throw InvalidParameter(format("column %zu: ", place + 1) + what);
+  [[noreturn]] void fault(const std::string& what, std::size_t place) const {
+    // Letters of UTF-8 may take several bytes, which begin with the bits 10 but for the first.
+    std::size_t column = 1;
+    for (const char c : text_.substr(0, place)) column += is_later_byte(c) ? 0 : 1;
+    throw InvalidParameter(format("column %zu: ", column) + what);
   }
+  static bool is_later_byte(char c) { return (static_cast<unsigned char>(c) & 0xC0U) == 0x80U; }
   std::string shown() const {
-    return at_ < text_.size() ? std::string("got '") + text_[at_] + "'" : "got the end";
+    if (at_ == text_.size()) return "got the end";
+    if (static_cast<unsigned char>(text_[at_]) < 0x20U) return "got a control character";
+    std::size_t end = at_ + 1;
+    while (end < text_.size() && is_later_byte(text_[end])) ++end;
+    return "got '" + std::string(text_.substr(at_, end - at_)) + "'";
   }
   void skip() {
     while (at_ < text_.size() && (text_[at_] == ' ' || text_[at_] == '\t' || text_[at_] == '\n')) {
