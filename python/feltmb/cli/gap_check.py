@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,6 @@ from feltmb.cli.common import (
     json_option,
     model_set_option,
     new_table,
-    pretty,
     print_json,
     save_figure,
     say,
@@ -23,10 +23,11 @@ from feltmb.cli.common import (
 from feltmb.cli.completing import actions
 from feltmb.cli.gap_reading import reading_options
 from feltmb.errors import DataError, InvalidParameter
+from feltmb.style import reader_unit
 
 if TYPE_CHECKING:
     from feltmb.data import ReadOptions
-    from feltmb.gap import DataChecks, GapBefore
+    from feltmb.gap import DataChecks, GapBefore, GapBeforeRow
 
 __all__ = ["command"]
 
@@ -148,37 +149,43 @@ def _print_checks(checks: DataChecks) -> None:
 
 
 def _print_gap(found: GapBefore) -> None:
-    table = new_table(
-        f"record - {found.model}, nothing fitted",
-        "record",
-        "channel",
-        "rms",
-        "largest",
-        "at [s]",
-        "x noise",
-        "corr.",
-        "late [ms]",
-        "factor",
-        right=(2, 3, 4, 5, 6, 7, 8),
-        whole=(0, 1, 2, 3, 4, 5, 6, 7, 8),
-    )
-    for r in found.rows:
-        table.add_row(
-            r.record,
-            r.channel,
-            " ".join(pretty(r.rms, r.unit)),
-            " ".join(pretty(r.largest, r.unit)),
-            f"{r.at:.4g}",
-            f"{r.in_noise:.3g}",
-            _told(r.correlation, ".3f"),
-            _told(1e3 * r.delay, "+.3g"),
-            _told(r.factor, ".4g"),
+    """A table for each record: they are as wide as a terminal."""
+    for record in found.records:
+        table = new_table(
+            f"{record.name} - {found.model}, nothing fitted",
+            "channel",
+            "rms",
+            "largest",
+            "in noise",
+            "corr.",
+            "looks like",
+            right=(1, 2, 3, 4),
+            whole=(0, 1, 2, 3, 4),
         )
-    console().print(table)
+        for r in found.rows:
+            if r.record != record.name:
+                continue
+            factor, unit = reader_unit(r.unit)
+            unit = "" if unit == "1" else f" {unit}"
+            table.add_row(
+                r.channel,
+                f"{factor * r.rms:.3g}{unit}",
+                f"{factor * r.largest:.3g}{unit}",
+                f"{r.in_noise:.3g}, {abs(r.largest_in_noise):.3g}",
+                f"{r.correlation:.3f}" if isfinite(r.correlation) else "",
+                _looks(r),
+            )
+        console().print(table)
 
 
-def _told(value: float, form: str) -> str:
-    return "" if value != value else f"{value:{form}}"
+def _looks(row: GapBeforeRow) -> str:
+    """What alone would explain at least half of the squared difference."""
+    told = []
+    if isfinite(row.delay):
+        told.append(f"{abs(1e3 * row.delay):.3g} ms {'late' if row.delay > 0 else 'early'}")
+    if isfinite(row.factor):
+        told.append(f"{row.factor:.4g} times")
+    return "\n".join(told)
 
 
 def _print_warnings(warnings: Sequence[str]) -> None:

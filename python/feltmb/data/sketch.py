@@ -131,4 +131,4 @@ def _quoted(value: object) -> str:
     """A value in TOML."""
     import tomlkit
 
-    return tomlkit.item(value).as_string()  # type: ignore[call-overload,no-any-return]
+    return tomlkit.item(value).as_string()

@@ -899,6 +899,7 @@ CALLS = {
     },
     "feltmb.gap.StartPrior": lambda: {"mean": {"q": 0.0}, "sd": {"q": 0.1}, "known": True},
     "feltmb.gap.Verdict": None,  # an enumeration
+    "feltmb.gap.check": lambda: {"model": oscillator(), "records": [record()]},
     "feltmb.gap.check_records": lambda: {"records": [record()], "outputs": ["q"]},
     "feltmb.gap.diagnose": lambda: {
         "model": oscillator(),
