@@ -16,6 +16,7 @@ from feltmb.cli.common import (
     json_option,
     model_set_option,
     new_table,
+    pretty,
     print_json,
     save_figure,
     say,
@@ -23,7 +24,6 @@ from feltmb.cli.common import (
 from feltmb.cli.completing import actions
 from feltmb.cli.gap_reading import reading_options
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.style import reader_unit
 
 if TYPE_CHECKING:
     from feltmb.data import ReadOptions
@@ -165,17 +165,19 @@ def _print_gap(found: GapBefore) -> None:
         for r in found.rows:
             if r.record != record.name:
                 continue
-            factor, unit = reader_unit(r.unit)
-            unit = "" if unit == "1" else f" {unit}"
             table.add_row(
                 r.channel,
-                f"{factor * r.rms:.3g}{unit}",
-                f"{factor * r.largest:.3g}{unit}",
+                _size(r.rms, r.unit),
+                _size(r.largest, r.unit),
                 f"{r.in_noise:.3g}, {abs(r.largest_in_noise):.3g}",
                 f"{r.correlation:.3f}" if isfinite(r.correlation) else "",
                 _looks(r),
             )
         console().print(table)
+
+
+def _size(value: float, unit: str) -> str:
+    return " ".join(pretty(value, unit)) if unit != "1" else f"{value:.4g}"
 
 
 def _looks(row: GapBeforeRow) -> str:
