@@ -22,7 +22,7 @@ def schemas() -> list[tuple[str, str, type[BaseModel]]]:
     from feltmb.action.actuator.model import ActuatorFile
     from feltmb.action.regulate import Targets
     from feltmb.adapters.library import LibraryFile
-    from feltmb.data.files import _Sheet
+    from feltmb.data.sheet import Sheet
     from feltmb.fiber.material import FeltMaterial
     from feltmb.mechanism import MechanismFile
     from feltmb.run.stroke.files import StrokeFile
@@ -35,7 +35,7 @@ def schemas() -> list[tuple[str, str, type[BaseModel]]]:
         ("Actuator", "[The key actuator](../actuator.md).", ActuatorFile),
         ("Targets of a regulation", "[Regulation](../regulation.md).", Targets),
         ("Study", "[Studies](../studies.md).", StudyFile),
-        ("Record", "The TOML beside a measured file: [records](../gap.md#records).", _Sheet),
+        ("Record", "The TOML beside a measured file: [records](../gap.md#records).", Sheet),
         (
             "Library of effects",
             "[Diagnosis of the action](../gap-action.md#a-library-of-ones-own).",

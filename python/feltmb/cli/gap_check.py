@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,7 +27,7 @@ from feltmb.errors import DataError, InvalidParameter
 
 if TYPE_CHECKING:
     from feltmb.data import ReadOptions
-    from feltmb.gap import DataChecks, GapBefore
+    from feltmb.gap import DataChecks, GapBefore, GapBeforeRow
 
 __all__ = ["command"]
 
@@ -148,37 +149,45 @@ def _print_checks(checks: DataChecks) -> None:
 
 
 def _print_gap(found: GapBefore) -> None:
-    table = new_table(
-        f"record - {found.model}, nothing fitted",
-        "record",
-        "channel",
-        "rms",
-        "largest",
-        "at [s]",
-        "x noise",
-        "corr.",
-        "late [ms]",
-        "factor",
-        right=(2, 3, 4, 5, 6, 7, 8),
-        whole=(0, 1, 2, 3, 4, 5, 6, 7, 8),
-    )
-    for r in found.rows:
-        table.add_row(
-            r.record,
-            r.channel,
-            " ".join(pretty(r.rms, r.unit)),
-            " ".join(pretty(r.largest, r.unit)),
-            f"{r.at:.4g}",
-            f"{r.in_noise:.3g}",
-            _told(r.correlation, ".3f"),
-            _told(1e3 * r.delay, "+.3g"),
-            _told(r.factor, ".4g"),
+    """A table for each record: they are as wide as a terminal."""
+    for record in found.records:
+        table = new_table(
+            f"{record.name} - {found.model}, nothing fitted",
+            "channel",
+            "rms",
+            "largest",
+            "in noise",
+            "corr.",
+            "looks like",
+            right=(1, 2, 3, 4),
+            whole=(0, 1, 2, 3, 4),
         )
-    console().print(table)
+        for r in found.rows:
+            if r.record != record.name:
+                continue
+            table.add_row(
+                r.channel,
+                _size(r.rms, r.unit),
+                _size(r.largest, r.unit),
+                f"{r.in_noise:.3g}, {abs(r.largest_in_noise):.3g}",
+                f"{r.correlation:.3f}" if isfinite(r.correlation) else "",
+                _looks(r),
+            )
+        console().print(table)
 
 
-def _told(value: float, form: str) -> str:
-    return "" if value != value else f"{value:{form}}"
+def _size(value: float, unit: str) -> str:
+    return " ".join(pretty(value, unit)) if unit != "1" else f"{value:.4g}"
+
+
+def _looks(row: GapBeforeRow) -> str:
+    """What alone would explain at least half of the squared difference."""
+    told = []
+    if isfinite(row.delay):
+        told.append(f"{abs(1e3 * row.delay):.3g} ms {'late' if row.delay > 0 else 'early'}")
+    if isfinite(row.factor):
+        told.append(f"{row.factor:.4g} times")
+    return "\n".join(told)
 
 
 def _print_warnings(warnings: Sequence[str]) -> None:

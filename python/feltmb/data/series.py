@@ -136,6 +136,8 @@ def columns_of(path: Path, table: Table, names: Sequence[tuple[str, str]]) -> Co
                 wrong += 1
             else:
                 values[i, j] = number
+    if read < 2 and not faults:
+        faults.append(f"{read} rows of numbers, expected at least 2")
     if faults:
         raise DataError(fault_text(str(path), faults, most=10))
     columns = Columns()

@@ -159,6 +159,12 @@ def _deeplabcut(path: Path, lines: Sequence[str]) -> Columns | None:
         return None
     parts, coords = heads[kinds.index("bodyparts")], heads[kinds.index("coords")]
     owners = heads[kinds.index("individuals")] if "individuals" in kinds else None
+    widths = {len(h) for h in (parts, coords, owners) if h is not None}
+    if len(widths) > 1:
+        raise DataError(
+            f"{path}: the header lines of DeepLabCut have {', '.join(map(str, sorted(widths)))} "
+            "cells, expected as many in each"
+        )
     names = [("frame", "")]
     for j in range(1, len(coords)):
         part = parts[j] if owners is None else f"{owners[j]}.{parts[j]}"

@@ -59,6 +59,11 @@ class GapBeforeRow:
         """The rms in standard deviations of the noise [1]."""
         return self.rms / self.noise if self.noise > 0.0 else float("nan")
 
+    @property
+    def largest_in_noise(self) -> float:
+        """The largest difference in standard deviations of the noise [1]."""
+        return self.largest / self.noise if self.noise > 0.0 else float("nan")
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GapBefore:

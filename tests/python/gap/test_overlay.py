@@ -164,7 +164,7 @@ def test_any_model_is_compared(tmp_path, capsys):
     )
     assert command("gap", "check", str(file), str(path)) == 0
     shown = capsys.readouterr().out
-    assert "record - oscillator, nothing fitted" in shown
+    assert "- oscillator, nothing fitted" in shown
     path.with_suffix(".toml").unlink()
     assert command("gap", "check", str(file), str(path)) == 0
 

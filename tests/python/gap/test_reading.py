@@ -266,6 +266,32 @@ def test_kinovea(tmp_path):
     np.testing.assert_allclose(three.outputs["point1.x"], [0.866, 0.847, 0.84])
 
 
+ODD = (
+    "t,x\n0,1\n1,2\n2,3\n",
+    "Zeit;Kraft\ns;N\n0,0;1,0\n0,1;2,0\n0,2;3,0\n",
+    "scorer,a,a,a\nbodyparts,p,p,p\ncoords,x,y,likelihood\n0,1,2,.9\n1,2,3,.9\n2,2,3,.9\n",
+    "#Kinovea Trajectory data export\n#T X Y\n0 1 2\n1 2 3\n",
+    "#multi:\n,A,,B,\nt,x,y,x,y\n0,1,2,3,4\n1,2,3,4,5\n2,2,3,4,5\n",
+)
+
+
+@pytest.mark.parametrize("text", ODD)
+def test_damaged_texts_are_read_or_refused(tmp_path, text):
+    """Whatever a text holds: records, or one message."""
+    generator = np.random.default_rng(0)
+    refused = 0
+    for _ in range(150):
+        letters = list(text)
+        for place in generator.integers(0, len(letters), 3):
+            letters[place] = generator.choice([*',;\t\n "#x.-:0', ""])
+        path = put(tmp_path, "".join(letters))
+        try:
+            read_records([path], options=ReadOptions(scales={"": "1mm"}, frame_rate=100.0))
+        except DataError:
+            refused += 1
+    assert 0 < refused < 150
+
+
 # ---------------------------------------------------------------- the sheet that new writes
 
 

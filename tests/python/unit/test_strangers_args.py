@@ -228,6 +228,7 @@ def model_methods(model):
         "refined": {"batches": [(record(), rows)]},
         "guess": {"record": record(), "segments": np.array([[0, 199]])},
         "ready": {"records": [record()]},
+        "referred": {"record": record()},
         "simulate": {"record": record(), "jobs": rows},
         "simulate_all": {"batches": [(record(), rows)]},
         "states": {"included": ()},
@@ -905,6 +906,7 @@ CALLS = {
     },
     "feltmb.gap.StartPrior": lambda: {"mean": {"q": 0.0}, "sd": {"q": 0.1}, "known": True},
     "feltmb.gap.Verdict": None,  # an enumeration
+    "feltmb.gap.check": lambda: {"model": oscillator(), "records": [record()]},
     "feltmb.gap.check_records": lambda: {"records": [record()], "outputs": ["q"]},
     "feltmb.gap.diagnose": lambda: {
         "model": oscillator(),
