@@ -153,19 +153,19 @@ def _remains(report: Report) -> None:
             f"what is named closes {far.closed:.0%} of the calibrated gap "
             f"({far.low:.0%} to {far.high:.0%})"
         )
-    cells = [c for c in report.where.ledger if c.significant]
+    named = bool(report.model.included)
+    cells = [c for c in (report.where.remains if named else report.where.ledger) if c.significant]
     if not cells:
-        say("no channel differs from the calibrated model by more than noise at any time")
+        say("no channel differs from that by more than noise at any time")
         return
     worst = max(cells, key=lambda c: c.z)
-    what = "the calibrated model" + (", without effects," if report.model.included else "")
     say(
-        f"{what} is off most in {worst.channel} of {worst.record}, {worst.start:.4g} to "
-        f"{worst.end:.4g} s: {_in_unit(worst.rms, _unit(report, worst.channel))}"
+        f"largest in {worst.channel} of {worst.record}, {worst.start:.4g} to {worst.end:.4g} s: "
+        f"{_in_unit(worst.rms, _unit(report, worst.channel))}"
     )
-    strong = [c for c in report.where.components if c.significant][:3]
-    for c in strong:
-        say(f"an unknown force at {c.component} would explain {c.explained:.0%} of that")
+    if not named:
+        for c in [c for c in report.where.components if c.significant][:3]:
+            say(f"an unknown force at {c.component} would explain {c.explained:.0%} of it")
 
 
 def _unit(report: Report, channel: str) -> str:

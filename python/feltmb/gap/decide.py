@@ -138,6 +138,8 @@ def decide(facts: Facts) -> Decision:
     if best is None:
         text = f"There is a gap ({_signs(facts)}), but no tested effect is proven to explain it."
         text += _closest(facts.closest)
+        if facts.closest is None and search.scores.candidates:
+            text += " None of them comes nearer to the held-out records than the model does."
         refused = _refusals(accepted)
         if refused and (facts.closest is None or not facts.closest.why):
             text += f" Held-out records refused {refused}."

@@ -17,7 +17,7 @@ from feltmb.fit.cache import Cache
 from feltmb.fit.model import Effect, Model
 from feltmb.fit.problem import Point, Problem
 from feltmb.fit.segmented_records import SegmentedRecord, segment_record
-from feltmb.fit.solve import Fit, FitSettings, fit_problem
+from feltmb.fit.solve import Fit, FitSettings, finish, fit_problem
 from feltmb.gap.acceptance import WIDE, Accepted, accept, posterior, shapley
 from feltmb.gap.assemble import closest_set, how_far_rows, ranked, with_effects
 from feltmb.gap.calibrate import calibrate
@@ -398,7 +398,11 @@ def diagnose(
             leftover = float(np.max(both) / least) if np.isfinite(limit) else 0.0
     lap("null")
     if accepted.best is not None:
-        where = replace(where, onset={**where.onset, **first_act(accepted.best.fit)})
+        where = replace(
+            where,
+            onset={**where.onset, **first_act(accepted.best.fit)},
+            remains=ledger(_with_sensor_noise(rest or accepted.best.fit, plain))[0],
+        )
     beyond = None
     if accepted.best is None and not bare_misfit.left:
         beyond = _beyond(accepted, held_segmented_records, settings, checks, cache, say)
@@ -525,6 +529,14 @@ def _floored(checks: DataChecks, floors: Mapping[str, float], model: Model) -> D
         floor = floors.get(c.channel, floors.get(c.unit, 0.0))
         channels.append(replace(c, sigma=math.hypot(c.sigma, floor)))
     return replace(checks, channels=tuple(channels))
+
+
+def _with_sensor_noise(fit: Fit, sensed: tuple[SegmentedRecord, ...]) -> Fit:
+    """A fit as it stands against the noise of the sensors, where more was admitted."""
+    if fit.problem.segmented_records is sensed:
+        return fit
+    problem = replace(fit.problem, segmented_records=sensed)
+    return finish(problem, replace(fit.point, memo={}), fit.level, fit.gap_sd)
 
 
 def _within(fit: Fit) -> bool:

@@ -211,6 +211,8 @@ class Where:
     begin to show in the model, or else where the sum of squares exceeds its expectation."""
     split: Mapping[str, Mapping[str, float]]
     """Channel -> shares of the squared gap: "time", "amplitude", "rest" [1]."""
+    remains: tuple[LedgerCell, ...] = ()
+    """The ledger of the model with what was named; empty where nothing was."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -79,22 +79,21 @@ def test_the_statement_tells_what_held_out_records_say(monkeypatch):
     assert report.named == ("power 3",)
     assert f"closes {report.how_far.closed:.0%} of the held-out gap" in report.statement
     far = facts.how_far
-    within = replace(far, waterfall=(("model", 0.98), *far.waterfall[1:]), closed=0.0, low=0.0)
+    within = replace(far, before=0.98, closed=0.0, low=0.0)
     gain = f"{facts.accepted.proof['power 3'].gain:.2g}"
     said = decide(replace(facts, how_far=within))
     assert said.named == ("power 3",)
     assert f"hardly above their noise, gain {gain} units of log evidence by it" in said.statement
-    stopped = replace(within, waterfall=(("model", np.inf), *far.waterfall[1:]))
+    stopped = replace(within, before=np.inf)
     assert "cannot simulate" in decide(replace(facts, how_far=stopped)).statement
     # Held-out records that surely get worse refuse a name; those that may do not.
     maybe = decide(replace(facts, how_far=replace(far, closed=-0.1, low=-0.4, high=0.2)))
     assert maybe.named == ("power 3",)
     assert "closes -10% of the held-out gap, 95% from -40% to 20%" in maybe.statement
     grown = replace(far, closed=-0.3, low=-0.5, high=-0.1)
-    trifle = (("model", 1.3), ("power 3", 0.01), ("unexplained", 0.31), ("noise", 1.0))
-    assert decide(replace(facts, how_far=replace(grown, waterfall=trifle))).named == ("power 3",)
-    wider = (("model", 1.3), ("power 3", 0.5), ("unexplained", 0.8), ("noise", 1.0))
-    worse = decide(replace(facts, how_far=replace(grown, waterfall=wider)))
+    trifle = replace(grown, before=1.3, after=1.31)
+    assert decide(replace(facts, how_far=trifle)).named == ("power 3",)
+    worse = decide(replace(facts, how_far=replace(grown, before=1.3, after=1.8)))
     assert worse.named == ()
     assert worse.verdict == Verdict.UNKNOWN
     assert "closes -30% of the held-out gap, 95% from -50% to -10%" in worse.statement
@@ -155,7 +154,7 @@ def test_a_piece_of_a_record_does_not_begin_at_rest():
     data = [replace(r, role="fit") for r in models.records(5)[:2]]
     report = diagnose(models.NOMINAL, models.EFFECTS, data, options=Options(bootstrap=0))
     assert len(report.fit.problem.segmented_records) == 6
-    assert report.verdict in (Verdict.NO_GAP, Verdict.TOO_WEAK)
+    assert report.verdict in (Verdict.CALIBRATED, Verdict.TOO_WEAK)
     assert report.fit.chi2 < 1.2 * report.fit.dof
 
 
@@ -269,7 +268,7 @@ def test_without_a_library_there_is_still_a_verdict():
 
 def test_what_a_limit_forbids_is_not_explained():
     steep = records(lambda u: 1.3 * u)
-    for upper, verdict in ((np.inf, Verdict.NO_GAP), (1.1, Verdict.UNKNOWN)):
+    for upper, verdict in ((np.inf, Verdict.CALIBRATED), (1.1, Verdict.UNKNOWN)):
         slope = Parameter(name="slope", value=1.0, sd=0.3, upper=upper)
         line = LinearModel(output="y", columns=LINE.columns, parameters=[slope], name="line")
         report = diagnose(line, [], steep, options=Options(bootstrap=0))

@@ -110,7 +110,7 @@ def for_force_balance(
             part / travel,
             f"{unit}/m",
             0,
-            (0.003 * pace, 0.03 * pace),
+            (0.01 * pace,),
             ("v_0 [m/s]",),
         ),
     )
