@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import textwrap
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,16 +11,17 @@ import click
 from feltmb.cli.common import (
     FolderName,
     Number,
+    ProgressLine,
+    budget_option,
     console,
     force_option,
-    is_terminal,
+    interruptible,
     json_option,
     list_option,
     model_set_option,
     new_table,
     positive,
     print_json,
-    redraw,
     say,
     say_written,
 )
@@ -46,22 +45,6 @@ def command() -> None:
 
 
 command.add_command(blind_command)
-
-
-def progress_line() -> Callable[[str, int, int], None] | None:
-    """Progress on stderr: one line that is rewritten on a terminal, a line a stage elsewhere."""
-    last = {"stage": "", "time": 0.0}
-
-    def show(stage: str, done: int, total: int) -> None:
-        text = f"{stage} {done + 1}/{total}" if total else stage
-        if is_terminal():
-            redraw(text[:100])
-        elif stage.split(":")[0] != last["stage"]:
-            last["stage"] = stage.split(":")[0]
-            say(f"feltmb: {last['stage']}", err=True)
-        last["time"] = time.monotonic()
-
-    return show
 
 
 @command.command("check")
@@ -229,6 +212,7 @@ def plan_command(
     show_default=True,
     help="Of the refits for the null law.",
 )
+@budget_option
 @model_set_option
 @json_option
 @force_option
@@ -243,12 +227,14 @@ def run(
     max_effects: int,
     bootstrap: int,
     seed: int,
+    budget: float | None,
     settings: tuple[str, ...],
     as_json: bool,
     force: bool,
 ) -> None:
     """Diagnose the gap between MODEL and measured DATA.
 
+    Ctrl-C ends it with what is known so far, as --budget does; Ctrl-C once more ends it at once.
     A run that was cut off resumes when it is started again with the same output folder.
     """
     import shutil
@@ -276,9 +262,19 @@ def run(
         seed=seed,
         resume=resume,
     )
-    report = diagnose(adapter.model, adapter.effects, records, held, options, progress_line())
-    if is_terminal():
-        redraw("")
+    line = ProgressLine()
+    with interruptible() as stop:
+        report = diagnose(
+            adapter.model,
+            adapter.effects,
+            records,
+            held,
+            options,
+            line,
+            budget=budget,
+            stop=stop,
+        )
+    line.close()
     if as_json:
         print_json(report_json(report))
     else:
@@ -287,7 +283,7 @@ def run(
         viewers = record_viewers(report, records)
         for path in write_report(report, output, force=force, viewers=viewers):
             say_written(path)
-        if resume is not None and resume.is_dir():
+        if resume is not None and resume.is_dir() and not report.stopped:
             shutil.rmtree(resume)
 
 

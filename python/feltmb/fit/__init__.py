@@ -19,6 +19,7 @@ from feltmb.fit.model import (
 )
 from feltmb.fit.ode import OdeModel
 from feltmb.fit.simulator import Exposed, SimulatorModel
+from feltmb.fit.watch import Progress
 
 __all__ = [
     "VARIABILITY",
@@ -37,6 +38,7 @@ __all__ = [
     "OdeModel",
     "Parameter",
     "Port",
+    "Progress",
     "Rate",
     "Ready",
     "Sensitivity",

@@ -302,7 +302,7 @@ def test_nothing_is_warned_of_where_nothing_fails():
 
 
 @pytest.mark.slow
-def test_the_page_names_the_friction_with_its_size(tmp_path):
+def test_the_page_names_the_friction_with_its_size():
     """Within 3 %, in a bounded number of simulations; the values are those of the page."""
     spec = importlib.util.spec_from_file_location("docs_pages", ROOT / "tools" / "docs_pages.py")
     tool = importlib.util.module_from_spec(spec)
