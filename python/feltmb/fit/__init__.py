@@ -1,6 +1,7 @@
 """Fits of anything that simulates: parameters with priors, segments, intervals."""
 
 from feltmb.fit.coordinates import Coordinate, Coupling, Named, Rate
+from feltmb.fit.fmu import fmu_model
 from feltmb.fit.including import Including, including
 from feltmb.fit.linear import FunctionModel, LinearModel
 from feltmb.fit.model import (
@@ -45,5 +46,6 @@ __all__ = [
     "Simulated",
     "SimulatorModel",
     "State",
+    "fmu_model",
     "including",
 ]
