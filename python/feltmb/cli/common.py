@@ -8,8 +8,10 @@ import json
 import math
 import os
 import re
+import signal
 import sys
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -23,15 +25,19 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
+    from feltmb.fit import Progress
     from feltmb.mechanism import Action
 
 __all__ = [
     "ListOption",
+    "ProgressLine",
     "Quantity",
+    "budget_option",
     "complain",
     "console",
     "diameter_option",
     "force_option",
+    "interruptible",
     "is_terminal",
     "json_option",
     "list_option",
@@ -149,6 +155,82 @@ def say(text: str, *, err: bool = False, nl: bool = True) -> None:
 def redraw(text: str, *, end: bool = False) -> None:
     """Replace the line of progress on stderr."""
     click.echo(f"\r\x1b[2K{printable(text)}", nl=end, err=True)
+
+
+class ProgressLine:
+    """Progress of a fit or diagnosis on stderr.
+
+    One line that is rewritten on a terminal; elsewhere a line a stage, and one each half a minute.
+    """
+
+    def __init__(self) -> None:
+        self._stage = ""
+        self._next = 0.0
+        self._lock = threading.Lock()
+
+    def __call__(self, p: Progress) -> None:
+        """Show it."""
+        with self._lock:
+            if is_terminal():
+                redraw(self.text(p)[: max(console(stderr=True).width - 1, 20)])
+            elif p.stage != self._stage or p.elapsed >= self._next:
+                self._next = p.elapsed + 30.0
+                say(f"feltmb: {self.text(p)}", err=True)
+            self._stage = p.stage
+
+    @staticmethod
+    def text(p: Progress) -> str:
+        """The line; what matters most comes first, for its end may be cut."""
+        parts = [p.stage]
+        if p.simulations:
+            about = f" of about {p.about}" if p.about else ""
+            parts.append(f"{p.simulations}{about} simulations")
+        if p.misfit is not None:
+            parts.append(f"misfit {p.misfit:.3g}")
+        left = "" if p.left is None else f", about {duration(p.left)} left"
+        parts.append(duration(p.elapsed) + left)
+        return ", ".join(parts) + (f": {p.detail}" if p.detail else "")
+
+    def close(self) -> None:
+        """Clear the line."""
+        if self._stage and is_terminal():
+            redraw("")
+
+
+def duration(seconds: float) -> str:
+    """A time for people: 8 s, 3:20 min, 1:05 h."""
+    whole = round(seconds)
+    if whole < 100:
+        return f"{whole} s"
+    if whole < 6000:
+        return f"{whole // 60}:{whole % 60:02d} min"
+    return f"{whole // 3600}:{whole % 3600 // 60:02d} h"
+
+
+@contextlib.contextmanager
+def interruptible() -> Iterator[Callable[[], bool]]:
+    """Within, the first Ctrl-C asks what runs to end with what it has; the second ends it.
+
+    Yields whether there was one.
+    """
+    asked = threading.Event()
+    if (
+        threading.current_thread() is not threading.main_thread()
+        or signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+    ):
+        yield asked.is_set
+        return
+
+    def handle(*_: object) -> None:
+        asked.set()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        say("\nfeltmb: ends with what is known so far; Ctrl-C once more ends at once", err=True)
+
+    signal.signal(signal.SIGINT, handle)
+    try:
+        yield asked.is_set
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def complain(text: str) -> None:
@@ -455,6 +537,11 @@ def json_option(function: F) -> F:
     )
 
 
+budget_option = click.option(
+    "--budget",
+    type=positive("s"),
+    help="Time after which the best answer by then is reported, with what was not tried: 5min [s].",
+)
 modulus_option = click.option(
     "--e-modulus",
     "modulus",

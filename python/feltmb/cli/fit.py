@@ -8,8 +8,11 @@ import click
 
 from feltmb.cli.common import (
     FolderName,
+    ProgressLine,
+    budget_option,
     console,
     force_option,
+    interruptible,
     json_option,
     model_set_option,
     new_table,
@@ -35,6 +38,7 @@ __all__ = ["command"]
     help="Further starting points at most.",
 )
 @click.option("--out", "-o", "output", type=FolderName(), help="Folder of fit.json.")
+@budget_option
 @model_set_option
 @json_option
 @force_option
@@ -44,6 +48,7 @@ def command(
     segment: float | None,
     restarts: int,
     output: Path | None,
+    budget: float | None,
     settings: tuple[str, ...],
     as_json: bool,
     force: bool,
@@ -56,7 +61,6 @@ def command(
     import json
     import shutil
 
-    from feltmb.cli.gap import progress_line
     from feltmb.cli.gap_models import load_adapter
     from feltmb.files import check_writable, make_folder, write_text
     from feltmb.fit.solve import FitSettings
@@ -68,14 +72,19 @@ def command(
 
     adapter = load_adapter(model, settings)
     records = adapter.read(data)
-    fit = fit_model(
-        adapter.model,
-        records,
-        segment=segment,
-        settings=FitSettings(restarts=restarts),
-        progress=progress_line(),
-        resume=None if output is None else output / ".resume",
-    )
+    line = ProgressLine()
+    with interruptible() as stop:
+        fit = fit_model(
+            adapter.model,
+            records,
+            segment=segment,
+            settings=FitSettings(restarts=restarts),
+            progress=line,
+            resume=None if output is None else output / ".resume",
+            budget=budget,
+            stop=stop,
+        )
+    line.close()
     rows = fit.intervals()
     result = {
         "model": adapter.model.name,
@@ -89,7 +98,8 @@ def command(
     if output is not None:
         text = json.dumps(result, indent=2) + "\n"
         say_written(write_text(output / "fit.json", text, force=force))
-        shutil.rmtree(output / ".resume", ignore_errors=True)
+        if not any(n.startswith("stopped") for n in fit.notes):
+            shutil.rmtree(output / ".resume", ignore_errors=True)
     if as_json:
         print_json(result)
         return

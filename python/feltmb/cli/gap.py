@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,16 +10,17 @@ import click
 from feltmb.cli.common import (
     FolderName,
     Number,
+    ProgressLine,
+    budget_option,
     console,
     force_option,
-    is_terminal,
+    interruptible,
     json_option,
     list_option,
     model_set_option,
     new_table,
     positive,
     print_json,
-    redraw,
     say,
     say_written,
 )
@@ -48,22 +47,6 @@ def command() -> None:
 
 command.add_command(blind_command)
 command.add_command(check_command)
-
-
-def progress_line() -> Callable[[str, int, int], None] | None:
-    """Progress on stderr: one line that is rewritten on a terminal, a line a stage elsewhere."""
-    last = {"stage": "", "time": 0.0}
-
-    def show(stage: str, done: int, total: int) -> None:
-        text = f"{stage} {done + 1}/{total}" if total else stage
-        if is_terminal():
-            redraw(text[:100])
-        elif stage.split(":")[0] != last["stage"]:
-            last["stage"] = stage.split(":")[0]
-            say(f"feltmb: {last['stage']}", err=True)
-        last["time"] = time.monotonic()
-
-    return show
 
 
 @command.command("plan", short_help="Before measuring: which effects of MODEL could be told apart.")
@@ -198,6 +181,7 @@ def plan_command(
     type=click.Path(path_type=Path, dir_okay=False),
     help="Write the mechanism with calibrated values and named effects (TOML).",
 )
+@budget_option
 @model_set_option
 @json_option
 @force_option
@@ -215,12 +199,14 @@ def run(
     reading: ReadOptions,
     good_enough: tuple[str, ...],
     written: Path | None,
+    budget: float | None,
     settings: tuple[str, ...],
     as_json: bool,
     force: bool,
 ) -> None:
     """Diagnose the gap between MODEL and measured DATA.
 
+    Ctrl-C ends it with what is known so far, as --budget does; Ctrl-C once more ends it at once.
     A run that was cut off resumes when it is started again with the same output folder.
     """
     import shutil
@@ -254,9 +240,19 @@ def run(
         resume=resume,
         good_enough=floors(good_enough),
     )
-    report = diagnose(adapter.model, adapter.effects, records, held, options, progress_line())
-    if is_terminal():
-        redraw("")
+    line = ProgressLine()
+    with interruptible() as stop:
+        report = diagnose(
+            adapter.model,
+            adapter.effects,
+            records,
+            held,
+            options,
+            line,
+            budget=budget,
+            stop=stop,
+        )
+    line.close()
     if as_json:
         print_json(report_json(report))
     else:
@@ -267,7 +263,7 @@ def run(
         viewers = record_viewers(report, records)
         for path in write_report(report, output, force=force, viewers=viewers):
             say_written(path)
-        if resume is not None and resume.is_dir():
+        if resume is not None and resume.is_dir() and not report.stopped:
             shutil.rmtree(resume)
 
 

@@ -1,6 +1,7 @@
 """Fits of anything that simulates: parameters with priors, segments, intervals."""
 
 from feltmb.fit.coordinates import Coordinate, Coupling, Named, Rate
+from feltmb.fit.fmu import fmu_model
 from feltmb.fit.including import Including, including
 from feltmb.fit.linear import FunctionModel, LinearModel
 from feltmb.fit.model import (
@@ -19,6 +20,7 @@ from feltmb.fit.model import (
 )
 from feltmb.fit.ode import OdeModel
 from feltmb.fit.simulator import Exposed, SimulatorModel
+from feltmb.fit.watch import Progress
 
 __all__ = [
     "VARIABILITY",
@@ -37,11 +39,13 @@ __all__ = [
     "OdeModel",
     "Parameter",
     "Port",
+    "Progress",
     "Rate",
     "Ready",
     "Sensitivity",
     "Simulated",
     "SimulatorModel",
     "State",
+    "fmu_model",
     "including",
 ]

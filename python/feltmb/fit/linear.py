@@ -12,6 +12,7 @@ from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
 from feltmb.fit.coordinates import Named
 from feltmb.fit.model import Candidate, Effect, Jobs, Model, Parameter, Simulated, State
+from feltmb.fit.watch import simulated
 
 __all__ = ["FunctionModel", "LinearModel"]
 
@@ -76,6 +77,7 @@ class FunctionModel(Model):
             now = (jobs.theta[b].tobytes(), jobs.magnitudes[b].tobytes() if jobs.included else b"")
             if now != key:  # jobs of one version come together
                 key, whole = now, self.whole(record, jobs.theta[b])
+                simulated(1.0)
                 for k, column in enumerate(columns):
                     whole = whole + float(jobs.magnitudes[b, k]) * column
             first, last = jobs.segments[b]

@@ -26,6 +26,7 @@ from feltmb.fit.model import (
     State,
 )
 from feltmb.fit.resolution import BETWEEN, Stepped, refined, resolved
+from feltmb.fit.watch import simulated
 
 __all__ = ["OdeModel"]
 
@@ -219,6 +220,9 @@ class OdeModel(Stepped):
                     f"record {record.name}: model {self.name} needs the input "
                     f"{', '.join(missing)}; there is {', '.join(record.inputs) or 'none'}"
                 )
+        for record, jobs in batches:
+            samples = float(np.sum(jobs.segments[:, 1] - jobs.segments[:, 0]))
+            simulated(samples / max(record.samples - 1, 1))
         groups: dict[object, list[int]] = {}
         for i, (_, jobs) in enumerate(batches):
             included = tuple((id(t.effect), repr(t.shape)) for t in jobs.included)

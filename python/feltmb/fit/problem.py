@@ -16,6 +16,7 @@ from feltmb.fit.model import Candidate, Model
 from feltmb.fit.observe import machine_candidates
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.together import each
+from feltmb.fit.watch import current
 
 __all__ = ["Normal", "Point", "Problem"]
 
@@ -133,6 +134,7 @@ class Problem:
         The noise of the inputs is integrated out with the derivatives of ``linears``, as the
         steps do: otherwise steps and their acceptance would not mean the same function.
         """
+        current().step()
 
         def see(model: Model, at: tuple[SegmentedRecord, Place]) -> tuple[Array, Array]:
             segmented, place = at
@@ -213,6 +215,8 @@ class Problem:
         candidates: tuple[Candidate, ...],
         known: Sequence[Linear | InputColumns] | None,
     ) -> list[Linear]:
+        current().step()
+
         def of(
             model: Model, at: tuple[SegmentedRecord, Place, Linear | InputColumns | None]
         ) -> Linear:

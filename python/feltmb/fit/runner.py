@@ -22,6 +22,7 @@ import numpy as np
 
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError, InvalidParameter
+from feltmb.fit.watch import current, simulated
 
 __all__ = ["Run", "Runner"]
 
@@ -237,8 +238,13 @@ class Runner:
         while self._size > KEPT and len(self._kept) > 1:
             self._size -= self._kept.popitem(last=False)[1].size
 
-    def _one(self, run: Run) -> Array | str:
+    def _count(self) -> None:
         self.made += 1
+        simulated(1.0)
+        current().beat()
+
+    def _one(self, run: Run) -> Array | str:
+        self._count()
         try:
             return call(self._function, run, self._outputs)
         except Unusable as error:
@@ -263,5 +269,5 @@ class Runner:
                     f"after a fault of memory, with this or another run of the batch ({run}); "
                     "workers=1 runs it in this process"
                 ) from None
-            self.made += 1
+            self._count()
         return out

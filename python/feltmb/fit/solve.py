@@ -16,6 +16,7 @@ from feltmb.fit.observe import machine_candidates, observe_jobs
 from feltmb.fit.problem import Normal, Point, Problem
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.together import each
+from feltmb.fit.watch import current
 
 __all__ = [
     "Fit",
@@ -225,6 +226,8 @@ def _optimize(
         linears = problem.linear(found, known=noise)
         return found, float(known["cost"]), linears, bool(known["converged"])
     found, cost, linears, converged = _minimize(problem, point, gap_sd, settings, iterations)
+    if current().stopping():  # it may have been cut short
+        return found, cost, linears, converged
     arrays = {"theta": found.theta, "magnitudes": found.magnitudes}
     arrays |= {"cost": np.array(cost), "converged": np.array(float(converged))}
     for i, place in enumerate(found.places):
@@ -251,6 +254,8 @@ def _minimize(
     lam = 1e-4
     damping = [np.zeros(s.count) for s in problem.segmented_records]
     for _ in range(iterations):
+        if current().stopping():
+            return point, cost, linears, False
         accepted = False
         for _ in range(8):
             used = [d if np.any(d) else None for d in damping]
@@ -507,7 +512,7 @@ def _descend(
             best, poor = (value, level, point), 0
         else:
             poor += 1
-        if poor >= 2:
+        if poor >= 2 or current().stopping():
             break
     assert best is not None
     fixed = replace(problem, state_scale=scale)
@@ -522,6 +527,8 @@ def _annealed(fit: Fit, settings: FitSettings) -> Fit:
     show; what is fine is fitted from there. The better of the two is kept.
     """
     problem = fit.problem
+    if current().stopping():
+        return fit
     point = problem.start()
     for factor in TEMPERATURES:
         tempered = replace(
@@ -614,6 +621,8 @@ def fit_problem(
 
     lowest = loosened(replace(loose, memo={})).cost if settings.restarts else 0.0
     for i in range(settings.restarts):
+        if current().stopping():
+            break
         theta = fit.point.theta.copy()
         for j in free:
             p = problem.model.parameters[j]

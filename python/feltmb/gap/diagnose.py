@@ -18,6 +18,7 @@ from feltmb.fit.model import Effect, Model
 from feltmb.fit.problem import Point, Problem
 from feltmb.fit.segmented_records import SegmentedRecord, segment_record
 from feltmb.fit.solve import Fit, FitSettings, finish, fit_problem
+from feltmb.fit.watch import FIT, PROOF, REPORT, SEARCH, Tell, Watch, current, watching
 from feltmb.gap.acceptance import WIDE, Accepted, accept, posterior, shapley
 from feltmb.gap.assemble import closest_set, how_far_rows, ranked, with_effects
 from feltmb.gap.calibrate import calibrate
@@ -43,6 +44,7 @@ from feltmb.gap.search import Search, in_refined_steps, search
 from feltmb.gap.smoke_test import try_effects
 from feltmb.gap.split import split_records
 from feltmb.gap.steps import next_steps
+from feltmb.gap.stopped import cut_short, left_out
 from feltmb.gap.tabulated import (
     as_it_is,
     beyond_noise,
@@ -157,7 +159,10 @@ def _investigate(
     ``near``: where the model was fitted with less noise. From there it is soon fitted again; it
     begins at its priors only if that does not explain the records.
     """
-    problem, label = Problem(model, segmented_records, cache=cache), "model fit"
+    problem, label = Problem(model, segmented_records, cache=cache), "the model alone"
+    watch = current()
+    watch.misfit = None  # other noise, another scale
+    watch.enter(FIT)
     fit: Fit | None = None
     if near is not None:
         point = replace(near, memo={})
@@ -167,6 +172,8 @@ def _investigate(
         way = settings if fit is None else replace(settings, restarts=0)
         other = fit_problem(problem, way, progress=progress, label=label)
         fit = other if fit is None or other.log_evidence > fit.log_evidence else fit
+    watch.fitted(fit.chi2 / fit.dof)
+    watch.enter(SEARCH)
     found = search(
         fit,
         effects,
@@ -175,6 +182,8 @@ def _investigate(
         width=options.width,
         progress=progress,
     )
+    if watch.stopping():
+        return found
     return within_tolerance(in_refined_steps(found, settings, progress=progress), settings)
 
 
@@ -214,7 +223,10 @@ def diagnose(
     records: Sequence[Record] | Record,
     hold_out: Sequence[str] | str | None = None,
     options: Options | None = None,
-    progress: Progress | None = None,
+    progress: Tell | None = None,
+    *,
+    budget: float | None = None,
+    stop: Callable[[], bool] | None = None,
 ) -> Report:
     """Where the gap between a model and measurements lies, what causes it, how far it shrinks.
 
@@ -230,16 +242,38 @@ def diagnose(
         Names of records that prove what the others suggest. None: the records whose role is
         "held_out"; without such, some are chosen (see :func:`split_records`).
     options, progress
-        ``progress(stage, done, total)``, total 0 if unknown.
+        ``progress(p)`` is told a :class:`feltmb.fit.Progress` now and then, from any thread.
+    budget
+        Time after which the best answer by then is reported, with what was not tried [s]. What is
+        being simulated when four fifths of it are over comes to its end, then comes the proof: a
+        budget of a few simulations is exceeded.
+    stop
+        Asked now and then; once it says True, it is as if the budget were spent.
 
     Raises
     ------
     DataError, InvalidParameter
         Records or arguments cannot be used.
     """
+    if budget is not None and not budget > 0.0:
+        raise InvalidParameter(f"budget = {budget!r} s, expected > 0")
     options = options or Options()
     if isinstance(records, Record):
         records = [records]
+    watch = Watch(progress, budget, stop)
+    with watching(watch):
+        return _diagnosed(model, effects, records, hold_out, options, watch)
+
+
+def _diagnosed(
+    model: Model,
+    effects: Sequence[Effect],
+    records: Sequence[Record],
+    hold_out: Sequence[str] | str | None,
+    options: Options,
+    watch: Watch,
+) -> Report:
+    progress = watch.say
     seconds: dict[str, float] = {}
     tick = clock.perf_counter()
 
@@ -249,11 +283,7 @@ def diagnose(
         seconds[stage] = seconds.get(stage, 0.0) + now - tick
         tick = now
 
-    def say(stage: str, done: int = 0, total: int = 0) -> None:
-        if progress is not None:
-            progress(stage, done, total)
-
-    say("data checks")
+    watch.enter(watch.stage)
     model.forget()
     model, records, whole = _ready(model, records)
     fit_records, held_records = split_records(records, hold_out, masked=model.from_rest)
@@ -270,14 +300,16 @@ def diagnose(
     usable, not_tested = _usable(model, effects)
     try_effects(model, usable, fit_records[0])
     sensed = held_segmented_records
-    say("gap as it is")
+    watch.say("gap as it is")
     tabulated = tabulated_outcome(
         model, (*segmented_records, *sensed), settings, options.segmented_level
     )
     lap("gap as it is")
     first = _investigate(model, segmented_records, usable, options, settings, cache, progress)
     model = first.model_fit.problem.model
-    color = None if checks.estimated else _recolored(first, segmented_records, settings, cache)
+    color = None
+    if not (checks.estimated or watch.stopping()):
+        color = _recolored(first, segmented_records, settings, cache)
     if color is not None:
         checks = _with_color(checks, color)
         segmented_records = tuple(with_color(model, s, color) for s in segmented_records)
@@ -289,11 +321,12 @@ def diagnose(
     found, rest_noise = first, None
     plain = segmented_records
     for _ in range(ROUNDS):
-        new = discrepancy_of(found, plain, settings)
+        new = None if watch.stopping() else discrepancy_of(found, plain, settings)
         if new is None or (rest_noise is not None and converged(rest_noise, new)):
             break
         # Nothing in the library explains all of it: effects must now beat the unexplained residual,
         # which shrinks with every effect that is found.
+        before = (found, rest_noise, segmented_records, held_segmented_records)
         rest_noise = new
         segmented_records = tuple(with_noise(model, s, new) for s in plain)
         held_segmented_records = tuple(with_noise(model, s, new) for s in sensed)
@@ -301,8 +334,10 @@ def diagnose(
         found = _investigate(
             model, segmented_records, usable, options, settings, cache, progress, near
         )
+        if watch.stopping():  # the search before is whole
+            found, rest_noise, segmented_records, held_segmented_records = before
         model = found.model_fit.problem.model
-    if rest_noise is not None:
+    if rest_noise is not None and not watch.stopping():
         clean = _explained(first, found, usable, settings, checks, progress)
         if clean is not None:
             found, rest_noise, segmented_records, held_segmented_records = (
@@ -328,7 +363,9 @@ def diagnose(
                 )
             )
     lap("which")
-    say("where")
+    skipped = left_out(found, usable) if found.skipped else ()
+    not_tested += skipped
+    watch.enter(PROOF, "where the gap lies")
     # With the noise of the sensors: an unexplained residual that is taken for noise hides where it
     # lies.
     tight = None if model.chaotic else first.tight_fit
@@ -356,15 +393,17 @@ def diagnose(
         progress=progress,
     )
     which_gap = _primary(model, accepted, sensed)
-    shares = shapley(
-        found,
-        accepted,
-        held,
-        settings,
-        which=which_gap,
-        segmented_level=options.segmented_level,
-        progress=progress,
-    )
+    shares: dict[str, float] = {}
+    if not watch.over():
+        shares = shapley(
+            found,
+            accepted,
+            held,
+            settings,
+            which=which_gap,
+            segmented_level=options.segmented_level,
+            progress=progress,
+        )
     lap("how far")
     reference = found.tight if found.tight is not None else found.scores
     reference_fit = found.tight_fit if found.tight_fit is not None else fit
@@ -380,7 +419,7 @@ def diagnose(
         reference,
         usable,
         options.alpha,
-        options.bootstrap if close else 0,
+        options.bootstrap if close and not watch.over() else 0,
         seed=options.seed,
         progress=progress,
     )
@@ -404,9 +443,10 @@ def diagnose(
             remains=ledger(_with_sensor_noise(rest or accepted.best.fit, plain))[0],
         )
     beyond = None
-    if accepted.best is None and not bare_misfit.left:
-        beyond = _beyond(accepted, held_segmented_records, settings, checks, cache, say)
+    if accepted.best is None and not bare_misfit.left and not watch.over():
+        beyond = _beyond(accepted, held_segmented_records, settings, checks, cache, watch.say)
         lap("how far")
+    watch.enter(REPORT)
     best_fit = found.model_fit if accepted.best is None else accepted.best.fit
     held_tabulated = tabulated.part(slice(len(plain), None))
     how_far = how_far_rows(accepted, held_tabulated, sensed, shares, which_gap, options.seed)
@@ -435,15 +475,18 @@ def diagnose(
         enough_left=bool(options.good_enough) and _within(rest or best_fit),
     )
     decision = decide(facts)
+    if watch.why:
+        decision = cut_short(decision, watch, found, skipped, len(usable))
     told = prior_deviations_told(fit if accepted.best is None else accepted.best.fit)
     if told:
         checks = replace(checks, warnings=(*checks.warnings, told))
     which = ranked(found, accepted, decision.belief, null, decision.named, decision.one_of)
     lap("verdict")
     advice: tuple[Advice, ...] = ()
-    if options.advice and decision.verdict not in (Verdict.NO_GAP, Verdict.CALIBRATED):
+    answered = decision.verdict in (Verdict.NO_GAP, Verdict.CALIBRATED)
+    if options.advice and not answered and not watch.over():
         if accepted.rivals:
-            say("next experiment")
+            watch.say("next experiment")
         advice = advise(found, accepted)
     lap("next")
     rows = as_it_is(tabulated, metric)
@@ -481,6 +524,7 @@ def diagnose(
         fit=fit,
         checks=checks,
         seconds=seconds,
+        stopped=f"{watch.stopped_in} ({watch.why})" if watch.why else "",
     )
 
 
@@ -657,19 +701,44 @@ def fit_model(
     *,
     segment: float | None = None,
     settings: FitSettings | None = None,
-    progress: Progress | None = None,
+    progress: Tell | None = None,
     resume: Path | None = None,
+    budget: float | None = None,
+    stop: Callable[[], bool] | None = None,
 ) -> Fit:
     """Fit the model alone to all records: parameters, intervals, what the data said.
 
     The notes of the fit hold the warnings of the data checks, and what of the records is not used.
     ``resume`` is a folder for finished optimizations, from which a cut-off fit goes on.
+    ``progress``, ``budget`` [s] and ``stop`` are those of :func:`diagnose`; a fit that was stopped
+    says so in its notes.
     """
+    watch = Watch(progress, budget, stop)
+    with watching(watch):
+        fit = _fitted(model, records, segment, settings, resume, watch)
+    if watch.why:
+        note = f"stopped ({watch.why}): the fit is the best so far, and not at its end"
+        fit = replace(fit, notes=(note, *fit.notes))
+    return fit
+
+
+def _fitted(
+    model: Model,
+    records: Sequence[Record],
+    segment: float | None,
+    settings: FitSettings | None,
+    resume: Path | None,
+    watch: Watch,
+) -> Fit:
+    watch.enter(watch.stage)
     model.forget()
     model, records, checks = _ready(model, records)
     try_effects(model, (), records[0])
     segmented_records = prepare(model, records, checks, segment)
     cache = None if resume is None else Cache(resume)
-    fit = fit_problem(Problem(model, segmented_records, cache=cache), settings, progress=progress)
+    watch.enter(FIT)
+    problem = Problem(model, segmented_records, cache=cache)
+    fit = fit_problem(problem, settings, progress=watch.say)
+    watch.fitted(fit.chi2 / fit.dof)
     told = prior_deviations_told(fit)
     return replace(fit, notes=(*fit.notes, *([told] if told else []), *checks.warnings))

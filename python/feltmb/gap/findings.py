@@ -474,3 +474,5 @@ class Findings:
     """What the data checks found (:class:`feltmb.gap.DataChecks`)."""
     seconds: Mapping[str, float] = field(default_factory=dict)
     """Time per stage; left out of the files, whose bytes depend on the input alone."""
+    stopped: str = ""
+    """Stage in which it was stopped, and why; empty: it came to its end."""

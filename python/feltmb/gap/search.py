@@ -12,6 +12,7 @@ from feltmb.data import Array
 from feltmb.fit.model import Batch, Candidate, Effect, Jobs, Model
 from feltmb.fit.observe import machine_candidates
 from feltmb.fit.solve import Fit, FitSettings, polish
+from feltmb.fit.watch import current
 from feltmb.gap.refine import (
     CandidateSet,
     freed,
@@ -63,6 +64,8 @@ class Search:
     failed: tuple[tuple[str, str], ...]
     held: Fit | None = None
     """The model held within the tolerance that the best set goes beyond, if it does."""
+    skipped: tuple[str, ...] = ()
+    """Effects in sets that were to be refitted when the search was stopped."""
 
     @property
     def bare(self) -> Fit:
@@ -123,7 +126,7 @@ def in_refined_steps(
     Steps that are fine enough for the model may be too coarse for an effect, dry friction say:
     what they do wrong would look like one more cause.
     """
-    while found.best is not None:
+    while found.best is not None and not current().stopping():
         coarse = found.best.fit.problem.model
         model = coarse.refined(_jobs(found.best.fit, settings))
         if model is coarse:
@@ -150,6 +153,7 @@ def _again(found: Search, model: Model, settings: FitSettings, progress: Progres
     hunt.scores, hunt.tight = found.scores, found.tight
     hunt.start = full_evidence(hunt.model_fit, hunt.total)
     hunt.failed.update(found.failed)
+    hunt.skipped.update(dict.fromkeys(found.skipped))
     # Larger sets may only explain what coarse steps did wrong: they have to come from the best one.
     best = found.sets[0]
     for c in found.sets:
@@ -210,6 +214,7 @@ class _Hunt:
         self.candidates = all_candidates(effects)
         self.done: dict[tuple[str, ...], CandidateSet] = {}
         self.failed: dict[str, str] = {}
+        self.skipped: dict[str, None] = {}
         self.tried: set[tuple[tuple[str, str], ...]] = set()
         self.shaped: set[tuple[str, ...]] = set()
 
@@ -222,6 +227,8 @@ class _Hunt:
         fits = [self.model_fit] + ([] if self.tight_fit is None else [self.tight_fit])
         self.least = PROMISE if all(f.explains for f in fits) else -np.inf
         self._screen()
+        if current().stopping():
+            return None
         first = len(self.done)
         if may_restart and (better := self._freed()) is not None:
             return better
@@ -242,6 +249,7 @@ class _Hunt:
             ordered,
             self.start,
             tuple(self.failed.items()),
+            skipped=tuple(self.skipped),
         )
 
     def _tell(self, what: str) -> None:
@@ -253,6 +261,7 @@ class _Hunt:
 
     def _keep(self, fit: Fit) -> CandidateSet:
         """Note a fit, if its set has no better one."""
+        current().fitted(fit.chi2 / fit.dof)
         found = CandidateSet(fit, full_evidence(fit, self.total))
         known = self.done.get(found.key)
         if known is None or found.evidence > known.evidence:
@@ -261,6 +270,9 @@ class _Hunt:
 
     def _attempt(self, base: Fit, chosen: tuple[Candidate, ...], magnitudes: Array) -> None:
         """Refit a set from a fit that is near it."""
+        if current().stopping():
+            self.skipped.update((t.name, None) for t in chosen)
+            return
         self._tell("refine: " + " + ".join(t.name for t in chosen))
         fit = refit(base, chosen, magnitudes, self.quick)
         if len(chosen) == 1:
@@ -343,7 +355,7 @@ class _Hunt:
             if c.evidence - self.start > NEAR * (self._best().evidence - self.start) > 0.0:
                 self._shape(c)
         for _ in range(2 * self.most):
-            if not self.done or self._best().evidence < self.start:
+            if current().stopping() or not self.done or self._best().evidence < self.start:
                 break
             self._shape(self._best())
             best = self._best()
@@ -387,6 +399,8 @@ class _Hunt:
         """Fit the shapes of a set where those of the lists may not be enough."""
         if c.key in self.shaped or not any(movable(t.effect) for t in c.fit.included):
             return
+        if current().stopping():
+            return
         self.shaped.add(c.key)
         tightest = self.settings.levels[-1]
         loose = not c.fit.explains or (c.fit.gap_sd.size and c.fit.level > tightest)
@@ -408,7 +422,7 @@ class _Hunt:
 
     def _finish(self) -> None:
         """Make sure that the best set is not a stuck fit."""
-        if not self.done:
+        if not self.done or current().stopping():
             return
         fit = self._best().fit
         if not fit.explains:

@@ -302,7 +302,7 @@ def test_nothing_is_warned_of_where_nothing_fails():
 
 
 @pytest.mark.slow
-def test_the_page_names_the_friction_with_its_size(tmp_path):
+def test_the_page_names_the_friction_with_its_size():
     """Within 3 %, in a bounded number of simulations; the values are those of the page."""
     spec = importlib.util.spec_from_file_location("docs_pages", ROOT / "tools" / "docs_pages.py")
     tool = importlib.util.module_from_spec(spec)
@@ -318,3 +318,32 @@ def test_the_page_names_the_friction_with_its_size(tmp_path):
     assert report.which.effects[0].size == pytest.approx(scope["truth"]["dry_friction"], rel=0.03)
     assert report.how_far.rows[0].closed > 0.99
     assert scope["model"].simulations < 1500
+
+
+def ring(time, inputs, parameters):
+    """An oscillation of many periods: another frequency is another valley of a plain fit."""
+    w = parameters["rate"] * inputs["u"]
+    return {"y": np.exp(-0.3 * time) * np.sin(w * time) + parameters["offset"]}
+
+
+def test_a_fit_finds_a_frequency_that_is_half_a_period_off_at_the_end():
+    time = np.arange(600) * 5e-3
+
+    def measured(name, u, seed):
+        inputs = {"u": np.full(time.size, u)}
+        clean = ring(time, inputs, {"rate": 28.0, "offset": 0.0})["y"]
+        noise = 1e-2 * np.random.default_rng(seed).standard_normal(time.size)
+        sensors = {"y": Sensor(name="y", sigma=1e-2)}
+        return Record(
+            name=name, time=time, inputs=inputs, outputs={"y": clean + noise}, sensors=sensors
+        )
+
+    parameters = [
+        Parameter(name="rate", value=27.0, sd=1.0),
+        Parameter(name="offset", value=0.0, sd=0.1),
+    ]
+    m = SimulatorModel(ring, parameters=parameters, inputs=["u"], outputs=["y"], workers=1)
+    fit = fit_model(m, [measured("a", 1.0, 1), measured("b", 1.3, 2)])
+    assert fit.explains
+    assert fit.intervals()[0].value == pytest.approx(28.0, abs=0.05)
+    assert m.simulations < 200

@@ -1,0 +1,54 @@
+"""A diagnosis that was stopped: what was not tried, and what may still be said."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from feltmb.fit.model import Effect
+from feltmb.fit.watch import FIT, Watch
+from feltmb.gap.decide import Decision
+from feltmb.gap.findings import NotTested, Verdict
+from feltmb.gap.search import Search
+
+__all__ = ["cut_short", "left_out"]
+
+
+def left_out(found: Search, effects: Sequence[Effect]) -> tuple[NotTested, ...]:
+    """Effects that were scored, but are in no set that was fitted."""
+    fitted = {name for c in found.sets for name in c.names} | {name for name, _ in found.failed}
+    why = "was scored to first order, but not refitted: the search was stopped before"
+    return tuple(NotTested(name=e.name, why=why) for e in effects if e.name not in fitted)
+
+
+def cut_short(
+    decision: Decision, watch: Watch, found: Search, skipped: Sequence[NotTested], effects: int
+) -> Decision:
+    """The decision with what the stop leaves open.
+
+    A fit of the model that did not end proves nothing. A name stands only if nothing was waiting
+    to be tried in its place.
+    """
+    begin = f"Stopped in the {watch.stopped_in} ({watch.why})"
+    if watch.stopped_in == FIT and not found.model_fit.converged:
+        ratio = found.model_fit.chi2 / found.model_fit.dof
+        text = (
+            f"{begin}: the model is not fitted yet, so that nothing can be said of a gap. Best sum "
+            f"of squares so far {ratio:.3g} of its expectation."
+        )
+        return replace(
+            decision, verdict=Verdict.TOO_WEAK, statement=text, named=(), one_of=(), confidence=0.0
+        )
+    if skipped:
+        begin += f"; {len(skipped)} of {effects} effects were not refitted"
+    rivals = [n for n in found.skipped if n not in decision.named]
+    if decision.named and rivals:
+        every = (*decision.named, *(n for n in decision.one_of if n not in rivals), *rivals)
+        text = (
+            f"{begin}. Best so far: {', '.join(decision.named)}, which held-out records confirm; "
+            f"{', '.join(rivals)} had still to be tried."
+        )
+        return replace(
+            decision, verdict=Verdict.ONE_OF, statement=text, named=(), one_of=tuple(every)
+        )
+    return replace(decision, statement=f"{begin}. {decision.statement}")

@@ -1,0 +1,174 @@
+"""Simulators of others behind SimulatorModel: MuJoCo, and an FMU by FMPy; where installed."""
+
+import importlib.util
+import shutil
+import subprocess
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from feltmb.errors import InvalidParameter
+from feltmb.fit import fmu_model
+from feltmb.gap import Candidate, Exposed, Jobs, Parameter, Record, Sensor, diagnose, library
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.mark.slow
+def test_mujoco_friction_is_named_with_its_size(capsys):
+    pytest.importorskip("mujoco")
+    path = ROOT / "examples" / "simulators" / "mujoco_cart.py"
+    spec = importlib.util.spec_from_file_location("mujoco_cart", path)
+    example = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(example)
+    report = example.main()
+    assert report.named == ("friction",)
+    assert report.which.effects[0].size == pytest.approx(example.TRUTH["friction"], rel=0.03)
+    assert "0.43 N in truth" in capsys.readouterr().out
+
+
+DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="cart" guid="{cart}">
+  <CoSimulation modelIdentifier="cart" canHandleVariableCommunicationStepSize="true"/>
+  <ModelVariables>
+    <ScalarVariable name="mass" valueReference="0" causality="parameter" variability="tunable">
+      <Real start="2"/></ScalarVariable>
+    <ScalarVariable name="k" valueReference="1" causality="parameter" variability="tunable">
+      <Real start="40"/></ScalarVariable>
+    <ScalarVariable name="d" valueReference="2" causality="parameter" variability="tunable">
+      <Real start="1"/></ScalarVariable>
+    <ScalarVariable name="dry" valueReference="3" causality="parameter" variability="tunable">
+      <Real start="0"/></ScalarVariable>
+    <ScalarVariable name="force" valueReference="4" causality="input">
+      <Real start="0"/></ScalarVariable>
+    <ScalarVariable name="x" valueReference="5" causality="output"><Real/></ScalarVariable>
+    <ScalarVariable name="v" valueReference="6" causality="local"><Real/></ScalarVariable>
+  </ModelVariables>
+  <ModelStructure><Outputs><Unknown index="6"/></Outputs></ModelStructure>
+</fmiModelDescription>
+"""
+
+SOURCE = r"""
+#include <math.h>
+#include <stdlib.h>
+typedef void* C; typedef unsigned int R; typedef int S; typedef const char* T;
+enum { MASS, K, D, DRY, FORCE, X, V, COUNT };
+C fmi2Instantiate(T n, S t, T g, T r, const void* f, S v, S l) {
+    double* z = calloc(COUNT, sizeof(double));
+    z[MASS] = 2; z[K] = 40; z[D] = 1;
+    return z;
+}
+void fmi2FreeInstance(C c) { free(c); }
+T fmi2GetTypesPlatform(void) { return "default"; }
+T fmi2GetVersion(void) { return "2.0"; }
+S fmi2SetDebugLogging(C c, S on, size_t n, const T* k) { return 0; }
+S fmi2SetupExperiment(C c, S td, double tol, double t0, S sd, double t1) { return 0; }
+S fmi2EnterInitializationMode(C c) { return 0; }
+S fmi2ExitInitializationMode(C c) { return 0; }
+S fmi2Terminate(C c) { return 0; }
+S fmi2Reset(C c) { ((double*)c)[X] = ((double*)c)[V] = 0; return 0; }
+S fmi2GetReal(C c, const R* r, size_t n, double* v) {
+    for (size_t i = 0; i < n; ++i) v[i] = ((double*)c)[r[i]];
+    return 0;
+}
+S fmi2SetReal(C c, const R* r, size_t n, const double* v) {
+    for (size_t i = 0; i < n; ++i) ((double*)c)[r[i]] = v[i];
+    return 0;
+}
+S fmi2DoStep(C c, double t, double h, S no) {
+    double* z = c; int n = 10; double s = h / n;
+    for (int i = 0; i < n; ++i) {
+        z[V] += s / z[MASS] * (z[FORCE] - z[K] * z[X] - z[D] * z[V]);
+        double left = fabs(z[V]) - s / z[MASS] * z[DRY];
+        z[V] = left > 0 ? copysign(left, z[V]) : 0;
+        z[X] += s * z[V];
+    }
+    return 0;
+}
+#define NONE(name) S name(void) { return 3; }
+NONE(fmi2GetInteger) NONE(fmi2SetInteger) NONE(fmi2GetBoolean) NONE(fmi2SetBoolean)
+NONE(fmi2GetString) NONE(fmi2SetString) NONE(fmi2GetFMUstate) NONE(fmi2SetFMUstate)
+NONE(fmi2FreeFMUstate) NONE(fmi2SerializedFMUstateSize) NONE(fmi2SerializeFMUstate)
+NONE(fmi2DeSerializeFMUstate) NONE(fmi2GetDirectionalDerivative)
+NONE(fmi2SetRealInputDerivatives) NONE(fmi2GetRealOutputDerivatives) NONE(fmi2CancelStep)
+NONE(fmi2GetStatus) NONE(fmi2GetRealStatus) NONE(fmi2GetIntegerStatus)
+NONE(fmi2GetBooleanStatus) NONE(fmi2GetStringStatus)
+"""
+
+
+@pytest.fixture(scope="module")
+def fmu(tmp_path_factory):
+    """A cart with dry friction as an FMU 2.0 for co-simulation, compiled here."""
+    fmpy = pytest.importorskip("fmpy")
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("no C compiler")
+    folder = tmp_path_factory.mktemp("fmu")
+    (folder / "cart.c").write_text(SOURCE)
+    library_file = folder / f"cart{fmpy.sharedLibraryExtension}"
+    subprocess.run(
+        [compiler, "-shared", "-fPIC", "-O2", "-o", library_file, folder / "cart.c", "-lm"],
+        check=True,
+    )
+    path = folder / "cart.fmu"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", DESCRIPTION)
+        archive.write(library_file, f"binaries/{fmpy.platform}/{library_file.name}")
+    return path
+
+
+def cart(path, **fields):
+    fields = {
+        "parameters": [
+            Parameter(name="mass", value=2.0, sd=0.1, unit="kg", lower=0.1),
+            Parameter(name="k", value=40.0, sd=2.0, unit="N/m", lower=1.0),
+            Parameter(name="d", value=1.0, sd=0.3, unit="N s/m", lower=0.0),
+        ],
+        "inputs": {"force": "N"},
+        "outputs": {"x": "m"},
+        "exposed": {"dry": Exposed(scale=0.5, unit="N", component="guide", sign=1)},
+        **fields,
+    }
+    return fmu_model(path, **fields)
+
+
+def test_variables_that_an_fmu_lacks_are_told(fmu):
+    with pytest.raises(InvalidParameter, match="has no variable u; there are d, dry, force, k"):
+        cart(fmu, inputs=["u"])
+    with pytest.raises(InvalidParameter, match="there is no such file"):
+        cart(fmu.with_name("other.fmu"))
+
+
+@pytest.mark.slow
+def test_fmu_friction_is_named_with_its_size(fmu):
+    model = cart(fmu)
+    random = np.random.default_rng(1)
+    time = np.arange(300) * 1e-2
+
+    def measured(name, amplitude, role="fit"):
+        rates, phases = random.uniform(2, 15, 5), random.uniform(0, 6, 5)
+        force = amplitude * np.sin(np.outer(time, rates) + phases).sum(axis=1)
+        sensors = {"x": Sensor(name="x", unit="m", sigma=1e-4)}
+        empty = Record(name=name, time=time, inputs={"force": force}, outputs={"x": 0.0 * time})
+        theta = np.array([[2.06, 40.8, 1.1]])
+        truth = Jobs(
+            theta=theta, segments=np.array([[0, time.size - 1]]), starts=np.zeros((1, 0)),
+            included=(Candidate(model.effects[0]),), magnitudes=np.array([[0.43]]),
+        )  # fmt: skip
+        x = model.simulate(empty, truth).outputs[0, :, 0] + 1e-4 * random.standard_normal(time.size)
+        return Record(
+            name=name,
+            time=time,
+            inputs={"force": force},
+            outputs={"x": x},
+            sensors=sensors,
+            role=role,
+        )
+
+    records = [measured("a", 1.0), measured("b", 2.0), measured("c", 3.0, "held_out")]
+    effects = [*model.effects, *library.for_sensor(model.outputs, "x", records[0])]
+    report = diagnose(model, effects, records)
+    assert report.named == ("dry",)
+    assert report.which.effects[0].size == pytest.approx(0.43, rel=0.03)

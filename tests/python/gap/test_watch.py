@@ -1,0 +1,230 @@
+"""A fit or diagnosis tells what it does, and ends early with what it knows."""
+
+import os
+import signal
+import sys
+
+import numpy as np
+import pytest
+
+from feltmb.cli.common import ProgressLine, duration, interruptible
+from feltmb.fit import Progress
+from feltmb.gap import (
+    Exposed,
+    FunctionModel,
+    Parameter,
+    Record,
+    Sensor,
+    SimulatorModel,
+    diagnose,
+    fit_model,
+)
+
+TIME = np.arange(240) * 1e-2
+STAGES = [
+    "checks of the data",
+    "fit of the model",
+    "search",
+    "proof on held-out records",
+    "report",
+]
+
+
+def wave(time, inputs, parameters):
+    p = parameters
+    bent = inputs["u"] + p["square"] * inputs["u"] ** 2 + p["cube"] * inputs["u"] ** 3
+    return {"y": p["gain"] * bent + p["drift"] * time}
+
+
+def record(name, phase, role="fit"):
+    u = np.sin(3.0 * TIME + phase) + 0.5 * np.sin(7.0 * TIME)
+    truth = {"gain": 1.05, "square": 0.2, "cube": 0.0, "drift": 0.0}
+    noise = 1e-3 * np.random.default_rng(int(10 * phase)).standard_normal(TIME.size)
+    y = wave(TIME, {"u": u}, truth)["y"] + noise
+    sensors = {"y": Sensor(name="y", sigma=1e-3)}
+    return Record(
+        name=name, time=TIME, inputs={"u": u}, outputs={"y": y}, sensors=sensors, role=role
+    )
+
+
+RECORDS = [record("a", 0.0), record("b", 1.0), record("c", 2.0, "held_out")]
+
+
+def model():
+    return SimulatorModel(
+        wave,
+        parameters=[Parameter(name="gain", value=1.0, sd=0.1)],
+        inputs=["u"],
+        outputs=["y"],
+        exposed={n: Exposed(scale=0.1) for n in ("square", "cube", "drift")},
+        workers=1,
+    )
+
+
+def test_progress_tells_stage_simulations_misfit_and_what_is_left():
+    m, told = model(), []
+    report = diagnose(m, m.effects, RECORDS, progress=told.append)
+    assert report.named == ("square",)
+    assert report.stopped == ""
+    assert list(dict.fromkeys(p.stage for p in told)) == STAGES
+    made = [p.simulations for p in told]
+    assert made == sorted(made)
+    assert made[-1] == m.simulations
+    search = [p for p in told if p.stage == "search"]
+    assert all(p.about >= p.simulations > 0 for p in search)
+    assert all(p.left >= 0.0 for p in search)
+    assert search[0].misfit > 100.0
+    assert search[-1].misfit < 2.0
+
+
+def test_stopped_before_the_model_is_fitted_nothing_is_claimed():
+    m = model()
+    report = diagnose(m, m.effects, RECORDS, stop=lambda: m.simulations > 0)
+    assert report.verdict == "TOO WEAK"
+    assert report.statement.startswith(
+        "Stopped in the fit of the model (interrupted): the model is not fitted yet"
+    )
+    assert report.named == report.one_of == ()
+    assert report.stopped == "fit of the model (interrupted)"
+    whole = model()
+    diagnose(whole, whole.effects, RECORDS)
+    assert m.simulations < 0.5 * whole.simulations
+
+
+def test_stopped_in_the_search_the_best_so_far_is_told_with_what_was_not_tried():
+    m, seen = model(), []
+
+    def stop():
+        return sum(p.detail.startswith("refine") for p in seen) > 1
+
+    report = diagnose(m, m.effects, RECORDS, progress=seen.append, stop=stop)
+    assert report.statement.startswith("Stopped in the search (interrupted); ")
+    assert "of 3 effects were not refitted" in report.statement
+    assert report.verdict == "ONE OF"
+    assert report.named == ()
+    assert report.one_of[0] == "square"
+    assert "Best so far: square" in report.statement
+    assert report.how_far.closed > 0.9
+    untried = {n.name for n in report.not_tested}
+    assert untried
+    assert untried <= {"cube", "drift"}
+
+
+def test_a_budget_is_told_and_must_be_positive():
+    m = model()
+    report = diagnose(m, m.effects, RECORDS, budget=1e-9)
+    assert "the budget of 1e-09 s was spent" in report.statement
+    with pytest.raises(ValueError, match=r"budget = 0\.0 s, expected > 0"):
+        diagnose(m, m.effects, RECORDS, budget=0.0)
+
+
+def test_a_fit_that_is_stopped_says_so():
+    m, told = model(), []
+    fit = fit_model(m, RECORDS, progress=told.append, stop=lambda: True)
+    assert not fit.converged
+    assert fit.notes[0].startswith("stopped (interrupted): the fit is the best so far")
+    assert fit_model(model(), RECORDS).notes[0].startswith("model simulator: a run")
+    assert [p.stage for p in told][-1] == "fit of the model"
+
+
+def test_what_was_cut_short_is_not_kept_for_the_next_run(tmp_path):
+    cut = fit_model(model(), RECORDS, resume=tmp_path, stop=lambda: True)
+    again = fit_model(model(), RECORDS, resume=tmp_path)
+    assert again.cost < cut.cost
+    assert again.cost == pytest.approx(fit_model(model(), RECORDS).cost)
+
+
+def test_other_models_are_counted():
+    m = FunctionModel(
+        outputs={"y": lambda r, p: p.gain * r.inputs["u"]},
+        parameters=[Parameter(name="gain", value=1.0, sd=0.1)],
+    )
+    told = []
+    fit_model(m, RECORDS, progress=told.append)
+    assert told[-1].stage == "fit of the model"
+    seen = []
+    fit_model(m, RECORDS, progress=seen.append, stop=lambda: True)
+    assert told[-1].simulations >= seen[-1].simulations
+
+
+PROGRESS = Progress(
+    stage="search",
+    detail="refine: dry friction",
+    simulations=241,
+    about=830,
+    misfit=1.0712,
+    elapsed=8.2,
+    left=200.0,
+)
+
+
+def test_the_line_of_progress(capsys):
+    line = ProgressLine()
+    line(PROGRESS)
+    line(PROGRESS)  # no terminal: once a stage
+    line.close()
+    wanted = (
+        "feltmb: search, 241 of about 830 simulations, misfit 1.07, 8 s, about 3:20 min left: "
+        "refine: dry friction\n"
+    )
+    assert capsys.readouterr().err == wanted
+    assert duration(5400.0) == "90:00 min"
+    assert duration(7500.0) == "2:05 h"
+
+
+def test_the_first_interrupt_asks_and_the_second_ends(capsys):
+    def second(stop):
+        assert not stop()
+        os.kill(os.getpid(), signal.SIGINT)
+        assert stop()
+        os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt), interruptible() as stop:
+        second(stop)
+    assert "ends with what is known so far" in capsys.readouterr().err
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+MODEL = """
+import numpy as np
+from feltmb.gap import Exposed, Parameter, SimulatorModel
+
+def wave(time, inputs, parameters):
+    return {"y": parameters["gain"] * inputs["u"] + parameters["drift"] * time}
+
+model = SimulatorModel(
+    wave,
+    parameters=[Parameter(name="gain", value=1.0, sd=0.1)],
+    inputs={"u": "N"},
+    outputs={"y": "m"},
+    exposed={"drift": Exposed(scale=0.1, unit="m/s")},
+)
+effects = model.effects
+"""
+
+
+def test_budget_of_the_command_line(tmp_path, capsys, monkeypatch):
+    from feltmb.cli import main
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "m.py").write_text(MODEL)
+    u = np.sin(3.0 * TIME)
+    y = 1.05 * u + 0.03 * TIME + 1e-3 * np.random.default_rng(0).standard_normal(TIME.size)
+    rows = "\n".join(f"{a:.6g},{b:.9g},{c:.9g}" for a, b, c in zip(TIME, u, y, strict=True))
+    (tmp_path / "r.csv").write_text(f"time,u,y\n{rows}\n")
+
+    def run(*words):
+        with pytest.raises(SystemExit) as end:
+            main(list(words))
+        assert not end.value.code
+        return capsys.readouterr()
+
+    said = run("gap", "diagnose", "m.py", "r.csv", "--budget", "1us", "-o", "out")
+    assert "Stopped in the fit of the model (the budget of 1e-06 s was spent)" in said.out.replace(
+        "\n", " "
+    )
+    assert "feltmb: checks of the data" in said.err
+    assert "feltmb: proof on held-out records" in said.err
+    said = run("fit", "m.py", "r.csv", "--budget", "1us")
+    assert "note: stopped" in said.out
+    assert "wave" not in sys.modules
