@@ -38,7 +38,6 @@ __all__: list[str] = [
     "JointKind",
     "LawPath",
     "LayerColumns",
-    "LumpedNetwork",
     "Mechanism",
     "MechanismDescription",
     "ModalString",
@@ -201,7 +200,7 @@ class Envelope:
         """
 
 class ContactLaw:
-    def __init__(self, name: str, **kwargs: typing.Any) -> None:
+    def __init__(self, name: str, **kwargs) -> None:
         """
         A contact law by its name and the fields of contact_laws(), SI.
         """
@@ -1249,36 +1248,6 @@ class StopFlag:
     def is_set(self) -> bool: ...
     def set(self) -> None: ...
 
-class LumpedNetwork:
-    """
-    Network of lumped masses; see bench/blind/lumped.py.
-    """
-    def __init__(self, description: dict) -> None: ...
-    def simulate(
-        self,
-        parameters: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-        inputs: collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float64]],
-        segments: typing.Annotated[numpy.typing.ArrayLike, numpy.int32],
-        starts: typing.Annotated[numpy.typing.ArrayLike, numpy.float64],
-        wanted: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] = [],
-        wanted_states: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] = [],
-        forces: bool = False,
-        unknown: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None,
-    ) -> tuple[
-        numpy.typing.NDArray[numpy.float64],
-        numpy.typing.NDArray[numpy.float64],
-        numpy.typing.NDArray[numpy.float64],
-        numpy.typing.NDArray[numpy.float64],
-        numpy.typing.NDArray[numpy.float64],
-    ]:
-        """
-        (outputs, ends, d_outputs, d_ends, forces) of segments (input, first, steps, row).
-        """
-    @property
-    def parameters(self) -> int: ...
-    @property
-    def states(self) -> int: ...
-
 class ArmSection:
     def __init__(
         self,
@@ -1588,7 +1557,7 @@ def simulate_many(
     stop: StopFlag | None = None,
 ) -> int:
     """
-    Simulates the strokes of an iterator on threads; sink(index, result, failure) gets the outcomes, in order or as soon as each is known, and returns whether to go on. Returns their number.
+    Simulates the strokes of an iterator on threads; sink(index, result, failure) gets the outcomes, in order or as soon as each is known; a returned False ends the rest. Returns their number.
     """
 
 def state_names(mechanism: Mechanism) -> list[str]:
