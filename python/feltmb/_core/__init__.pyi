@@ -200,7 +200,7 @@ class Envelope:
         """
 
 class ContactLaw:
-    def __init__(self, name: str, **kwargs) -> None:
+    def __init__(self, name: str, **kwargs: typing.Any) -> None:
         """
         A contact law by its name and the fields of contact_laws(), SI.
         """
