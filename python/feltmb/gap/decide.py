@@ -68,7 +68,7 @@ class Facts:
     unexplained: bool
     """Whether effects were judged against an unexplained residual as well as noise."""
     apart: bool = False
-    """Whether the model with tabulated numbers is off by more than noise."""
+    """Whether the fit moved the parameters, all together, further than noise would."""
     calibrated: tuple[Calibrated, ...] = ()
     """Parameters that the fit moved."""
     closest: Closest | None = None

@@ -47,10 +47,10 @@ from feltmb.gap.steps import next_steps
 from feltmb.gap.stopped import cut_short, left_out
 from feltmb.gap.tabulated import (
     as_it_is,
-    beyond_noise,
     calibrated_rows,
     fitted_starts,
     found_starts,
+    moved_together,
     tabulated_outcome,
 )
 from feltmb.gap.tolerance import prior_deviations_told, within_tolerance
@@ -468,7 +468,7 @@ def _diagnosed(
         unexplained=rest_noise is not None,
         leftover=leftover,
         beyond=beyond,
-        apart=beyond_noise(tabulated, metric),
+        apart=moved_together(best_fit, options.alpha),
         calibrated=calibrated,
         closest=closest,
         enough=bool(options.good_enough) and _within(first.tight_fit or first.bare),

@@ -20,20 +20,17 @@ from feltmb.gap.findings import AsItIs, Calibrated
 from feltmb.gap.proof import Outcome, one_run, residuals_by_segment
 
 __all__ = [
-    "BEYOND_NOISE",
     "as_it_is",
-    "beyond_noise",
     "calibrated_rows",
     "fitted_starts",
     "found_starts",
+    "moved_together",
     "outcome_at",
     "tabulated_outcome",
 ]
 
 #: Posterior standard deviations from its tabulated value from which a parameter was moved.
 MOVED = 2.0
-#: Standardized excess of the sum of squares from which a gap is more than noise.
-BEYOND_NOISE = 4.0
 #: Rows whose share of the gap is computed; two simulations of the records each.
 SHARED = 16
 
@@ -114,14 +111,35 @@ def as_it_is(outcome: Outcome, which: str) -> tuple[AsItIs, ...]:
     return tuple(rows)
 
 
-def beyond_noise(outcome: Outcome, which: str) -> bool:
-    """Whether the gap of a model is more than the noise of the sensors."""
-    records = outcome.fit.problem.segmented_records
-    gap = outcome.gap(records, which)
-    if not math.isfinite(gap):
-        return True
-    samples = outcome.fit.problem.samples
-    return (gap**2 - 1.0) * math.sqrt(samples / 2.0) > BEYOND_NOISE
+def moved_together(fit: Fit, alpha: float) -> bool:
+    """Whether the fit moved the parameters further than noise would, all of them together.
+
+    A Wald test of the tabulated values with the posterior covariance. What differs from run to run
+    is no number of the machine, and what it adds to a gap is repeatability.
+    """
+    rows = _of_the_machine(fit)
+    interval = np.array([_deviations(i) for _, _, _, i in rows])
+    sd = np.array([i.sd for _, _, _, i in rows])
+    known = np.isfinite(sd) & (sd > 0.0)
+    if not known.any():
+        return False
+    at = np.array([k for k, _, _, _ in rows])[known]
+    correlation = fit.covariance[np.ix_(at, at)] / np.outer(sd[known], sd[known])
+    values, vectors = np.linalg.eigh(correlation)
+    kept = values > 1e-9 * values[-1]
+    along = (vectors.T @ interval[known])[kept]
+    statistic = float(np.sum(along**2 / values[kept]))
+    return bool(stats.chi2.sf(statistic, int(kept.sum())) < alpha)
+
+
+def _of_the_machine(fit: Fit) -> list[tuple[int, int, Parameter, Interval]]:
+    """Free parameters that stand for something in the machine: place among the free ones, index."""
+    parameters = fit.problem.model.parameters
+    return [
+        (k, i, parameters[i], interval)
+        for k, (i, interval) in enumerate(zip(fit.problem.free, fit.intervals(), strict=False))
+        if parameters[i].component != VARIABILITY and not parameters[i].name.startswith(BETWEEN)
+    ]
 
 
 def calibrated_rows(
@@ -136,12 +154,7 @@ def calibrated_rows(
     alpha
         Family-wise rate at which noise alone would have moved one of the parameters.
     """
-    parameters = fit.problem.model.parameters
-    rows = [
-        (i, parameters[i], interval)
-        for i, interval in zip(fit.problem.free, fit.intervals(), strict=False)
-        if parameters[i].component != VARIABILITY and not parameters[i].name.startswith(BETWEEN)
-    ]
+    rows = [row[1:] for row in _of_the_machine(fit)]
     bar = float(stats.norm.isf(0.5 * alpha / max(len(rows), 1)))
     moved = [r for r in rows if abs(_deviations(r[2])) > MOVED]
     moved.sort(key=lambda r: -abs(_deviations(r[2])))
