@@ -28,6 +28,9 @@ from feltmb.gap.checks import DataChecks, check_records
 from feltmb.gap.diagnose import Options, diagnose, fit_model
 from feltmb.gap.findings import (
     Advice,
+    AsItIs,
+    Calibrated,
+    Closest,
     ComponentRow,
     EventRow,
     GapRow,
@@ -49,7 +52,10 @@ from feltmb.gap.withhold import OUTCOMES, Withheld, WithheldCase, withhold
 __all__ = [
     "OUTCOMES",
     "Advice",
+    "AsItIs",
+    "Calibrated",
     "Candidate",
+    "Closest",
     "ComponentRow",
     "Coordinate",
     "Coupling",
