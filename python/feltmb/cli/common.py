@@ -165,6 +165,7 @@ class ProgressLine:
 
     def __init__(self) -> None:
         self._stage = ""
+        self._estimate = ""
         self._next = 0.0
         self._lock = threading.Lock()
 
@@ -173,10 +174,17 @@ class ProgressLine:
         with self._lock:
             if is_terminal():
                 redraw(self.text(p)[: max(console(stderr=True).width - 1, 20)])
-            elif p.stage != self._stage or p.elapsed >= self._next:
+            elif p.stage != self._stage or p.elapsed >= self._next or self._is_estimate(p):
                 self._next = p.elapsed + 30.0
                 say(f"feltmb: {self.text(p)}", err=True)
             self._stage = p.stage
+
+    def _is_estimate(self, p: Progress) -> bool:
+        """Whether it tells what the work will be, which is shown in any case."""
+        new = p.stage == "checks of the data" and p.detail not in ("", self._estimate)
+        if new:
+            self._estimate = p.detail
+        return new
 
     @staticmethod
     def text(p: Progress) -> str:

@@ -33,6 +33,7 @@ from feltmb.fit.model import (
 )
 from feltmb.fit.noise_of_function import Step, choose_step, noise_of_function
 from feltmb.fit.runner import Run, Runner
+from feltmb.fit.watch import current
 
 __all__ = ["Exposed", "SimulatorModel"]
 
@@ -194,8 +195,13 @@ class SimulatorModel(Model):
         out = copy.copy(self)
         out._steps, notes = self._chosen_steps(records[0], again)
         out._ready = True
+        # Not among the notes: a report holds nothing that depends on the machine.
         how = f"{runner.processes} processes" if runner.processes > 1 else "one process"
-        notes.insert(0, f"a run of the simulator takes {seconds:.2g} s; runs are made in {how}")
+        free = sum(1 for p in self.parameters if p.sd > 0.0)
+        step = len(records) * (1 + free)
+        current().say(
+            f"a run takes {seconds:.2g} s, in {how}; a step of the fit {step} runs or more"
+        )
         notes += runner.notices
         return Ready(out, tuple(records), tuple(f"model {self.name}: {n}" for n in notes))
 
