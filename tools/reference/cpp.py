@@ -25,7 +25,8 @@ def page(include: Path) -> str:
         "",
     ]
     root = include / "feltmb"
-    folders = [*FOLDERS, *sorted({p.parent.name for p in root.rglob("*.hpp")} - set(FOLDERS))]
+    found = {p.parent.relative_to(root).as_posix() for p in root.rglob("*.hpp")}
+    folders = [*FOLDERS, *sorted(found - set(FOLDERS))]
     for folder in folders:
         files = sorted((root / folder).glob("*.hpp"))
         if not files:

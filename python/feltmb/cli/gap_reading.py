@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from feltmb.cli.common import Number, positive
+from feltmb.cli.common import ListOption, Number, positive
 from feltmb.errors import InvalidParameter
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ _OPTIONS: tuple[tuple[str, dict[str, Any]], ...] = (
         "--column",
         {
             "metavar": "CHANNEL=COLUMN",
+            "cls": ListOption,
             "multiple": True,
             "help": "Column of the file that shows this channel (or time). Repeatable.",
         },
@@ -31,6 +32,7 @@ _OPTIONS: tuple[tuple[str, dict[str, Any]], ...] = (
         "--unit",
         {
             "metavar": "[CHANNEL=]UNIT",
+            "cls": ListOption,
             "multiple": True,
             "help": "Unit of a channel (or of time), also px; without CHANNEL: of outputs whose "
             "header says none. Repeatable.",
@@ -40,6 +42,7 @@ _OPTIONS: tuple[tuple[str, dict[str, Any]], ...] = (
         "--scale",
         {
             "metavar": "[CHANNEL=]LENGTH",
+            "cls": ListOption,
             "multiple": True,
             "help": "What a pixel, or another unit of the file, is: 0.21mm. Repeatable.",
         },
@@ -48,6 +51,7 @@ _OPTIONS: tuple[tuple[str, dict[str, Any]], ...] = (
         "--origin",
         {
             "metavar": "[CHANNEL=]VALUE",
+            "cls": ListOption,
             "multiple": True,
             "help": "Zero of a channel in the unit of the file; X,Y of all in pixels; start: where "
             "it stands at the beginning. Repeatable.",
@@ -58,6 +62,7 @@ _OPTIONS: tuple[tuple[str, dict[str, Any]], ...] = (
         "--reference",
         {
             "metavar": "[CHANNEL=]KIND",
+            "cls": ListOption,
             "multiple": True,
             "help": "absolute (coordinates of the mechanism) or rest (displacement from rest); "
             "default: told by where a channel starts. Repeatable.",
@@ -71,6 +76,7 @@ _OPTIONS: tuple[tuple[str, dict[str, Any]], ...] = (
         "--time-offset",
         {
             "metavar": "[CHANNEL=]TIME",
+            "cls": ListOption,
             "multiple": True,
             "help": "By how much a channel, or all outputs, are late against the input: 12ms. "
             "Repeatable.",
@@ -125,7 +131,7 @@ def _options(given: dict[str, Any]) -> ReadOptions:
         columns=_pairs("--column", given["column"], bare=False),
         units=_pairs("--unit", given["unit"]),
         scales=_pairs("--scale", given["scale"]),
-        origins=_pairs("--origin", given["origin"]),
+        origins=_pairs("--origin", _points(given["origin"])),
         delays=delays,
         references=references,
         frame_rate=given["frame_rate"],
@@ -133,6 +139,12 @@ def _options(given: dict[str, Any]) -> ReadOptions:
         likelihood=given["likelihood"],
         down=False if given["y_up"] else None,
     )
+
+
+def _points(texts: Sequence[str]) -> list[str]:
+    """Origins; X,Y without a channel, which a list has taken apart, is one point again."""
+    bare = [t for t in texts if "=" not in t]
+    return [t for t in texts if "=" in t] + ([",".join(bare)] if bare else [])
 
 
 def _pairs(option: str, texts: Sequence[str], *, bare: bool = True) -> dict[str, str]:

@@ -16,7 +16,7 @@ def errors(data, root, state_of, modes, damping, rtol, **values):
     )
     start = state_of(action, [0.0], [3.0])
     run = feltmb.simulate(action, STILL, rtol=rtol, start=start, output_rate=20000.0)
-    path = root / "bench" / "reference" / f"ref_N{modes}_xi{damping:g}.csv"
+    path = root / "bench" / "speed" / "reference" / f"ref_N{modes}_xi{damping:g}.csv"
     reference = np.genfromtxt(path, delimiter=",", names=True)
     assert np.allclose(run.time, reference["t"], atol=1e-12)
     return run, (
