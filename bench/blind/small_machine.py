@@ -138,7 +138,7 @@ def load_kinds(outside: Path | None) -> dict[str, Any]:
             faults.append(f"{where}: onset, expected one of {', '.join(onsets)}")
         size = getattr(kind, "size", None)
         if not (isinstance(size, (int, float)) and math.isfinite(size) and size > 0.0):
-            faults.append(f"{where}: magnitude = {size!r}, expected a number > 0")
+            faults.append(f"{where}: size = {size!r}, expected a number > 0")
         if not (hasattr(kind, "force") or hasattr(kind, "observe")):
             faults.append(f"{where}: has neither force nor observe")
         if name in kinds or name in truth.EFFECTS:
