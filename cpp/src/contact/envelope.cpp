@@ -19,9 +19,7 @@ constexpr double kLargest = 0.02;         // m, no felt of a machine is pressed 
 constexpr double kAreaReach = 4.0;        // the tables over e_m go to this times e_M
 constexpr std::size_t kShareRows = 128;   // of the energy share, over e_m
 constexpr std::size_t kShareKnots = 128;  // over x
-constexpr double kSmallest = Envelope::kSmallest;
-
-static_assert(Envelope::kPieces == kKnots);
+constexpr double kSmallest = 1e-12;       // of x, for roots
 
 /// Three nodes are exact for a cubic of s times s.
 const QuadratureRule& cell_rule() {
@@ -352,12 +350,6 @@ CubicPiece Envelope::blended_piece(std::size_t i, const CycleStart& to) const {
     v[3] += w * slope[1];
   }
   return tables::piece_between(v[0], v[1], v[2], v[3], tables::kWidth);
-}
-
-const CubicPiece* Envelope::ratio_pieces(const CycleStart& to, CubicPiece* room) const {
-  if (rows_ == 1) return rho_pieces_.data();
-  for (std::size_t i = 0; i < kKnots; ++i) room[i] = blended_piece(i, to);
-  return room;
 }
 
 CurveValue Envelope::ratio(double x, double e_m) const {

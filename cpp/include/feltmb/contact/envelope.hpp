@@ -98,21 +98,6 @@ class Envelope {
   CycleValue cycle(double e, const CycleStart& to) const;
   CycleStart cycle_to(double e_m) const;
 
-  static constexpr std::size_t kPieces = 256;  ///< of a table
-  static constexpr double kSmallest = 1e-12;   ///< of x, for roots
-
-  /// Exponential F_L, zero up to first_positive() [m]; nullptr if F_L is a table.
-  const ExponentialCurve* curve() const { return exponential_ ? &curve_ : nullptr; }
-  double first_positive() const { return first_positive_; }
-
-  /// Else the kPieces of F_L over sqrt(e / reach()).
-  const CubicPiece* loading_pieces() const { return load_pieces_.data(); }
-
-  /// The kPieces of rho over sqrt(x) of a cycle. Room for as many is filled where rho depends on
-  /// e_m.
-  bool needs_room() const { return rows_ > 1; }
-  const CubicPiece* ratio_pieces(const CycleStart& to, CubicPiece* room) const;
-
   double loading_energy(double e) const;  ///< integral of F_L [J]
 
   /// W(e_m) = integral over 0..e_m of F_L(e) (1 - rho(e / e_m)) [J], and its slope [N].
