@@ -262,7 +262,9 @@ def diagnose(
         records = [records]
     watch = Watch(progress, budget, stop)
     with watching(watch):
-        return _diagnosed(model, effects, records, hold_out, options, watch)
+        report = _diagnosed(model, effects, records, hold_out, options, watch)
+        watch.say("done")
+    return report
 
 
 def _diagnosed(
