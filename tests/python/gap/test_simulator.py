@@ -154,8 +154,10 @@ def test_at_a_limit_the_step_goes_to_the_free_side():
     assert max(seen) <= 2.0 < max(seen) + 0.1
 
 
-@pytest.mark.parametrize("platform", ["linux"])  # a spawned process may not find this module
+@pytest.mark.parametrize("platform", ["linux", "darwin"])
 def test_processes_give_what_one_process_gives(platform, monkeypatch):
+    # A spawned process finds this module where its parent does.
+    monkeypatch.syspath_prepend(ROOT)
     if platform == "linux" and sys.platform != "linux":
         pytest.skip("forks")
     monkeypatch.setattr("feltmb.fit.runner.sys.platform", platform)
