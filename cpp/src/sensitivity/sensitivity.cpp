@@ -72,7 +72,16 @@ class WindowRun {
       throw InvalidParameter(format("start state: got %zu values, expected %zu of this mechanism",
                                     start.y.size(), states));
     }
-    models_.begin(window_.begin, width, start.y, from_rest);
+    const auto parameters = index(models_.parameters());
+    RowMatrix moves = from_rest ? models_.rest_columns().state : RowMatrix(window_.moves);
+    if (moves.size() == 0) moves.setZero(index(states), parameters);
+    if (moves.rows() != index(states) || moves.cols() != parameters) {
+      throw InvalidParameter(format("moves of the start state: got %ld by %ld, expected %zu by %ld",
+                                    static_cast<long>(moves.rows()),
+                                    static_cast<long>(moves.cols()), states,
+                                    static_cast<long>(parameters)));
+    }
+    models_.begin(window_.begin, width, start.y, moves);
     input_.origin += window_.begin;
     Trajectory trajectory(models_.probe());
     simulate_stroke(trajectory, start);
@@ -82,11 +91,8 @@ class WindowRun {
 
     detail::Variational variational(models_, trajectory, options_.tolerance);
     Columns& columns = variational.columns();
-    const auto parameters = index(models_.parameters());
-    if (from_rest) {
-      columns.state.leftCols(parameters) = models_.rest_columns().state;
-      columns.memory.leftCols(parameters) = models_.rest_columns().memory;
-    }
+    columns.state.leftCols(parameters) = moves;
+    if (from_rest) columns.memory.leftCols(parameters) = models_.rest_columns().memory;
     if (width > 0) columns.state.rightCols(index(width)) = window_.directions;
 
     const long before = models_.evaluations();
@@ -449,9 +455,13 @@ std::vector<SensitivityResult> sensitivities(const std::shared_ptr<const Mechani
     return progress(t);
   })
                                    : Progress{};
+  // A motion of the finger and what is monitored count from the rest pose.
+  const bool rest =
+      input.motion || !options.rules.empty() ||
+      std::any_of(windows.begin(), windows.end(), [](const auto& w) { return w.start.y.empty(); });
   // Workers take the next window; each has its own workspaces.
   parallel_for(threads, threads, [&](std::size_t, std::size_t) {
-    ShiftedModels models(mechanism, input, parameters, options);
+    ShiftedModels models(mechanism, input, parameters, options, rest);
     for (std::size_t i = next++; i < windows.size(); i = next++) {
       results[i] = WindowRun(models, mechanism, input, options, windows[i], shared).run();
     }

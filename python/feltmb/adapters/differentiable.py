@@ -38,10 +38,6 @@ class DifferentiableMechanism(Model):
         """The mechanism of parameters and magnitudes under the conditions of a record."""
 
     @abstractmethod
-    def condensed_places(self, variant: Variant) -> list[int]:
-        """Places of the held axial coordinates in the full state."""
-
-    @abstractmethod
     def at_rest(self, variant: Variant, output: str) -> float:
         """Value of an output at rest: where the tracking point is [m]; 0 for a force."""
 

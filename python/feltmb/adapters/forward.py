@@ -26,8 +26,9 @@ from feltmb.fit import Candidate, Sensitivity
 
 __all__ = ["can_differentiate", "forward_sensitivities"]
 
-#: Shift of a parameter or magnitude as a share of its scale.
-SHIFT = 1e-3
+#: Shift of a parameter or magnitude as a share of its scale: curvature and rounding of the rest
+#: pose both lie below 1e-4 of a derivative.
+SHIFT = 1e-4
 #: Local relative error of a column.
 TOLERANCE = 1e-3
 
@@ -77,15 +78,12 @@ def forward_sensitivities(
         columns = _columns(model, record, base, theta, included, magnitudes, by_theta, candidates)
     except FeltmbError:
         return None
-    names = [s.name for s in model.states(included)]
+    states = () if model.single else model.states(included)
+    names, scales = [s.name for s in states], [s.scale for s in states]
     place = np.array([base.place[name] for name in names], dtype=int)
-    held = [] if model.single else model.condensed_places(base)
-    directions = np.concatenate([place, np.array(held, dtype=int)]).astype(int)
     drive = model.drives.of(record)
     clock = record.time - record.time[0]
     profile = drive.profile(float(record.time[0]), float(clock[-1]))
-    matrix = np.zeros((base.rest.size, directions.size))
-    matrix[directions, np.arange(directions.size)] = 1.0
     options = _core.SensitivityOptions()
     simulation = _core.SimulationOptions()
     simulation.rtol = model.rtol
@@ -95,19 +93,39 @@ def forward_sensitivities(
     index = {name: i for i, (name, _, _) in enumerate(_core.observables(base.mechanism))}
     options.outputs = [index[o] for o in model.outputs]
     options.threads = model.workers
+
+    def start_of(v: Variant, start: Array, own: Any) -> Array:
+        """Full state at the begin of a segment."""
+        full = v.rest.copy()
+        full[place] += start
+        if drive.motion:
+            follow(model.action, v, full, own)
+        return full
+
     prepared = []
     for (first, last), start in zip(segments, starts, strict=True):
         begin, end = float(clock[first]), float(clock[last])
         if model.single:
-            begin, state, memory = 0.0, [], []
-        else:
-            full = base.rest.copy()
-            full[place] += start
-            if drive.motion:
-                own = drive.profile(float(record.time[first]), end - begin)
-                follow(model.action, base, full, own)
-            state, memory = list(full), list(base.memory)
-        prepared.append(_core.SensitivityWindow(begin, end, state, memory, matrix))
+            first, begin, start = 0, 0.0, np.zeros(place.size)
+            if not drive.motion:  # the rest pose, which the core finds
+                prepared.append(_core.SensitivityWindow(begin, end))
+                continue
+        own = drive.profile(float(record.time[first]), end - begin)
+        state = start_of(base, start, own)
+        moves = np.zeros((state.size, len(columns)))
+        for c, column in enumerate(columns):
+            moves[:, c] = column.rest(lambda v, start=start, own=own: start_of(v, start, own))
+        directions = np.zeros((state.size, place.size if by_starts else 0))
+        for i in range(directions.shape[1]):
+            if not drive.motion:
+                directions[place[i], i] = 1.0
+                continue
+            h = 1e-3 * scales[i]
+            ahead, behind = (start + side * h * np.eye(place.size)[i] for side in (1.0, -1.0))
+            directions[:, i] = (start_of(base, ahead, own) - start_of(base, behind, own)) / (2 * h)
+        prepared.append(
+            _core.SensitivityWindow(begin, end, list(state), list(base.memory), directions, moves)
+        )
     parameters = [
         _core.SensitivityParameter(
             c.name,
@@ -138,7 +156,6 @@ def forward_sensitivities(
         columns,
         base,
         place,
-        directions,
         (len(by_theta), len(included), len(candidates)),
         by_starts=by_starts,
     )
@@ -221,7 +238,6 @@ def _collect(
     columns: Sequence[_Column],
     base: Variant,
     place: NDArray[np.intp],
-    directions: NDArray[np.intp],
     counts: tuple[int, int, int],
     *,
     by_starts: bool,
@@ -234,11 +250,9 @@ def _collect(
     d_ends = np.zeros((w, nx, n))
     d_starts = np.zeros((w, length, ny, nx if by_starts else 0))
     d_starts_ends = np.zeros((w, nx, nx if by_starts else 0))
-    rest = (
-        np.stack([c.rest(lambda v: v.rest[directions]) for c in columns], axis=1)
-        if n
-        else (np.zeros((directions.size, 0)))
-    )
+    rest = np.zeros((nx, n))
+    for k, column in enumerate(columns):
+        rest[:, k] = column.rest(lambda v: v.rest[place])
     still = np.array([model.at_rest(base, o) for o in model.outputs])
     moving = np.array(
         [[c.rest(lambda v, o=o: model.at_rest(v, o)) for c in columns] for o in model.outputs]
@@ -252,11 +266,10 @@ def _collect(
         outputs[i, :count] = np.asarray(r.values)[span] - still
         by_column = gradient[..., :n]
         if not model.single:
-            by_column = by_column + np.einsum("tod,dc->toc", gradient[..., n:], rest)
             end = np.asarray(r.end_state)
             final = np.asarray(r.run.end_state)
             ends[i] = final[place] - base.rest[place]
-            d_ends[i] = end[place][:, :n] + end[place][:, n:] @ rest - rest[:nx]
+            d_ends[i] = end[place][:, :n] - rest
             if by_starts:
                 d_starts[i, :count] = gradient[..., n : n + nx]
                 d_starts_ends[i] = end[place][:, n : n + nx]

@@ -179,7 +179,6 @@ class MechanismModel(DifferentiableMechanism):
         }
         scales = dict(zip(action.coordinates, base.mechanism.coordinate_scale, strict=True))
         moving = [c for c in action.coordinates if c not in condensed]
-        self._condensed = [c for c in action.coordinates if c in condensed]
         bodies = action.config.bodies.values()
         turning = {b.coordinate for b in bodies if b.joint == "revolute" and b.coordinate}
         self._states = tuple(
@@ -525,10 +524,6 @@ class MechanismModel(DifferentiableMechanism):
         if variant is None:
             raise ModelError(f"mechanism {self.name!r}: no rest pose at these numbers")
         return variant
-
-    def condensed_places(self, variant: Variant) -> list[int]:
-        """Places of the held axial coordinates in the full state."""
-        return [variant.place[name] for name in self._condensed]
 
     def at_rest(self, variant: Variant, output: str) -> float:
         """Value of an output at rest: where the tracking point is [m]; 0 for a force."""
