@@ -1,6 +1,7 @@
 #include "changes.hpp"
 
 #include <algorithm>
+#include <functional>
 
 #include "feltmb/contact/laws/catalog.hpp"
 
@@ -47,6 +48,16 @@ bool all_same(const std::vector<T>& a, const std::vector<T>& b, Same&& each) {
   return std::equal(a.begin(), a.end(), b.begin(), b.end(), each);
 }
 
+/// Adds the places where two lists of one length differ, each once.
+template <class T, class Same>
+void add_differing(const std::vector<T>& a, const std::vector<T>& b, Same&& same_part,
+                   std::vector<std::size_t>& out) {
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    if (same_part(a[i], b[i]) || std::find(out.begin(), out.end(), i) != out.end()) continue;
+    out.push_back(i);
+  }
+}
+
 /// Whether the parts that other parts hang on are the same: else nothing can be compared by place.
 bool same_motions(const Mechanism& a, const Mechanism& b) {
   const auto joined = [](const Contact& x, const Contact& y) {
@@ -61,7 +72,8 @@ bool same_motions(const Mechanism& a, const Mechanism& b) {
   };
   return all_same(a.links, b.links, same_joint) && all_same(a.motions, b.motions, same_motion) &&
          all_same(a.contacts, b.contacts, joined) && all_same(a.straps, b.straps, strapped) &&
-         all_same(a.beams, b.beams, held) && a.finger_point.link == b.finger_point.link &&
+         all_same(a.beams, b.beams, held) && a.springs.size() == b.springs.size() &&
+         a.dashpots.size() == b.dashpots.size() && a.finger_point.link == b.finger_point.link &&
          a.motor_coordinate == b.motor_coordinate;
 }
 
@@ -155,8 +167,9 @@ bool same_input(const FingerInput& a, const FingerInput& b) {
 }  // namespace
 
 bool Changes::only_contacts() const {
-  return !motions && !input && !finger && !members && !strings && !shapes && !points &&
-         gravity == Vec2{} && links.empty() && beams.empty() && straps.empty();
+  return !motions && !input && !finger && !strings && !shapes && !points &&
+         gravity == Vec2{} && links.empty() && beams.empty() && joints.empty() &&
+         springs.empty() && dashpots.empty() && straps.empty();
 }
 
 Changes find_changes(const Mechanism& mechanism, const FingerInput& input,
@@ -177,15 +190,10 @@ Changes find_changes(const Mechanism& mechanism, const FingerInput& input,
     out.points = out.points ||
                  !all_same(mechanism.points, other.points,
                            [](const auto& a, const auto& b) { return same(a.point, b.point); });
-    out.members = out.members || mechanism.joint_friction != other.joint_friction ||
-                  !all_same(mechanism.springs, other.springs, same_spring) ||
-                  !all_same(mechanism.dashpots, other.dashpots, same_dashpot);
-    for (std::size_t i = 0; i < mechanism.straps.size(); ++i) {
-      if (same_strap(mechanism.straps[i], other.straps[i])) continue;
-      if (std::find(out.straps.begin(), out.straps.end(), i) == out.straps.end()) {
-        out.straps.push_back(i);
-      }
-    }
+    add_differing(mechanism.joint_friction, other.joint_friction, std::equal_to<>(), out.joints);
+    add_differing(mechanism.springs, other.springs, same_spring, out.springs);
+    add_differing(mechanism.dashpots, other.dashpots, same_dashpot, out.dashpots);
+    add_differing(mechanism.straps, other.straps, same_strap, out.straps);
   }
   if (out.motions) return out;
   for (const Perturbed& p : nodes) {

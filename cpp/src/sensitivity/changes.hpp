@@ -34,7 +34,6 @@ struct Changes {
   bool motions = false;  ///< links move otherwise: only the whole version tells what that does
   bool input = false;
   bool finger = false;   ///< place or direction of the finger
-  bool members = false;  ///< springs, dashpots and friction of joints
   bool strings = false;  ///< frequencies or damping of string modes
   bool shapes = false;   ///< shapes of string modes, or where a string lies
   bool points = false;   ///< where one looks
@@ -42,7 +41,8 @@ struct Changes {
   std::vector<OfContact> contacts;
   std::vector<OfLink> links;
   std::vector<OfBeam> beams;
-  std::vector<std::size_t> straps;
+  std::vector<std::size_t> joints;  ///< coordinates with another friction
+  std::vector<std::size_t> springs, dashpots, straps;
   std::vector<double> mode_stiffness, mode_damping;  ///< of all strings; empty: no change
 
   /// Whether all of it is in `contacts`: where these are open nothing is changed.

@@ -173,7 +173,16 @@ class WindowRun {
         throw InvalidParameter(format("outputs: there is no output %d", output));
       }
       if (!is_place(*mechanism_, output)) places_only_ = false;
+      // Order of observe_places.
+      const int states = 2 * mechanism_->size();
+      const int beyond = output - states;
+      if (beyond >= 0 && beyond % 4 > 1) positions_only_ = false;
+      positions_.push_back(beyond < 0 ? ShiftedModels::PlaceOf{output, -1, {}}
+                                      : ShiftedModels::PlaceOf{-1, beyond / 4,
+                                                               beyond % 4 == 0 ? Vec2{1.0, 0.0}
+                                                                               : Vec2{0.0, 1.0}});
     }
+    positions_only_ = positions_only_ && places_only_;
     result_.time = Eigen::Map<const Eigen::VectorXd>(times.data(), index(times.size()));
     result_.time.array() += window_.begin;
     result_.values.resize(index(times.size()), index(options_.outputs.size()));
@@ -207,7 +216,11 @@ class WindowRun {
         look(system, time, y);
         for (std::size_t i = 0; i < outputs; ++i) out[i] = scratch_[at(options_.outputs[i])];
       };
-      models_.total(t, y_, memory, columns, outputs, look_all, derivative_);
+      if (positions_only_) {
+        models_.places(y_, columns.state, positions_, derivative_);
+      } else {
+        models_.total(t, y_, memory, columns, outputs, look_all, derivative_);
+      }
       look(models_.probe(), t, y_);
       const std::size_t count = models_.columns();
       double* out = result_.gradient.data() + static_cast<std::size_t>(row_) * outputs * count;
@@ -430,7 +443,9 @@ class WindowRun {
   double last_jump_ = -1.0;
   Eigen::Index row_ = 0;
   std::size_t observed_ = 0;
-  bool places_only_ = true;  ///< no output is wanted that needs the forces
+  bool places_only_ = true;     ///< no output is wanted that needs the forces
+  bool positions_only_ = true;  ///< nor one that is the speed of a point
+  std::vector<ShiftedModels::PlaceOf> positions_;
   std::vector<double> scratch_;
   Eigen::MatrixXd derivative_;
   Eigen::VectorXd jump_, after_, time_derivative_;

@@ -166,7 +166,7 @@ void ShiftedModels::rates(double t, std::span<const double> y, std::span<const d
     one_.setZero();
     for (const auto& of : changes.contacts) add_contact(j, of, t, y, out);
     add_links(changes);
-    if (changes.members || !changes.beams.empty()) add_members(j, y);
+    add_members(j, y);
     if (!changes.straps.empty()) add_straps(j);
     if (input_.prescribed) {
       add_prescription(j, t, out);
@@ -393,25 +393,24 @@ void ShiftedModels::add_members(std::size_t j, std::span<const double> y) {
   const auto q = y.first(n);
   const auto v = y.subspan(n, n);
   const auto at = [](int k) { return static_cast<std::size_t>(k); };
-  if (changes_[j].members) {
-    for (const Node& node : parameters_[j]) {
-      const Mechanism& m = node.system->mechanism();
-      for (std::size_t k = 0; k < n; ++k) {
-        if (m.joint_friction[k] == mechanism_->joint_friction[k]) continue;
-        const double more = evaluate(m.joint_friction[k], v[k]).value -
-                            evaluate(mechanism_->joint_friction[k], v[k]).value;
-        one_[static_cast<Eigen::Index>(k)] -= node.weight * more;
-      }
-      for (const Dashpot& d : m.dashpots) {
-        one_[d.coordinate] -= node.weight * d.against(v[at(d.coordinate)]).value;
-      }
-      for (const TorsionSpring& spring : m.springs) {
-        const double x = q[at(spring.coordinate)] - spring.rest_angle;
-        one_[spring.coordinate] -= node.weight * (spring.stiffness * x + spring.play.at(x).force);
-      }
+  const Changes& changes = changes_[j];
+  for (const Node& node : parameters_[j]) {
+    const Mechanism& m = *node.mechanism;
+    for (const std::size_t k : changes.joints) {
+      one_[static_cast<Eigen::Index>(k)] -=
+          node.weight * evaluate(m.joint_friction[k], v[k]).value;
+    }
+    for (const std::size_t i : changes.dashpots) {
+      const Dashpot& d = m.dashpots[i];
+      one_[d.coordinate] -= node.weight * d.against(v[at(d.coordinate)]).value;
+    }
+    for (const std::size_t i : changes.springs) {
+      const TorsionSpring& spring = m.springs[i];
+      const double x = q[at(spring.coordinate)] - spring.rest_angle;
+      one_[spring.coordinate] -= node.weight * (spring.stiffness * x + spring.play.at(x).force);
     }
   }
-  for (const auto& of : changes_[j].beams) {
+  for (const auto& of : changes.beams) {
     const Eigen::Index count = of.stiffness.rows();
     const Eigen::Map<const Eigen::VectorXd> bend(q.data() + of.first, count);
     const Eigen::Map<const Eigen::VectorXd> rate(v.data() + of.first, count);
@@ -479,6 +478,38 @@ void ShiftedModels::add_modes(std::size_t j, std::span<const double> y, RowMatri
   for (std::size_t i = 0; i < modes(); ++i) {
     out(static_cast<Eigen::Index>(eta + modes() + i), static_cast<Eigen::Index>(j)) -=
         changes.mode_stiffness[i] * y[eta + i] + changes.mode_damping[i] * y[eta + modes() + i];
+  }
+}
+
+void ShiftedModels::places(std::span<const double> y, const RowMatrix& columns,
+                           std::span<const PlaceOf> wanted, Eigen::MatrixXd& out) {
+  const Eigen::Index n = base_->coordinates();
+  probe_->place(y);
+  const Dynamics& dynamics = probe_->dynamics();
+  out.resize(static_cast<Eigen::Index>(wanted.size()), columns.cols());
+  one_.resize(n);
+  Eigen::Index row = 0;
+  for (const PlaceOf& of : wanted) {
+    if (of.state >= 0) {
+      out.row(row++) = columns.row(of.state);
+      continue;
+    }
+    // What a unit rate does to a point is what a unit force at it does to a coordinate.
+    const LinkPoint point = mechanism_->points[static_cast<std::size_t>(of.point)].point;
+    one_.setZero();
+    dynamics.add_wrench(point.link, of.direction, cross(dynamics.position(point), of.direction),
+                        one_);
+    out.row(row) = one_.transpose() * columns.topRows(n);
+    for (std::size_t j = 0; j < parameters_.size(); ++j) {
+      if (!changes_[j].points && !changes_[j].motions) continue;
+      for (const Node& node : parameters_[j]) {
+        node.system->place(y);
+        const auto& own = node.mechanism->points[static_cast<std::size_t>(of.point)].point;
+        out(row, static_cast<Eigen::Index>(j)) +=
+            node.weight * dot(of.direction, node.system->dynamics().position(own));
+      }
+    }
+    ++row;
   }
 }
 

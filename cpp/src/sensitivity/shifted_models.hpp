@@ -74,6 +74,17 @@ class ShiftedModels {
   void total(double t, std::span<const double> y, std::span<const double> memory,
              const Columns& columns, std::size_t width, Function&& function, Eigen::MatrixXd& out);
 
+  /// A state, or a component of a tracking point's position.
+  struct PlaceOf {
+    int state = -1;
+    int point = -1;
+    Vec2 direction;
+  };
+
+  /// Total derivatives of places at a fixed time: one product for all columns.
+  void places(std::span<const double> y, const RowMatrix& columns,
+              std::span<const PlaceOf> wanted, Eigen::MatrixXd& out);
+
   /// Adds d exp(-open / recovery time) of each parameter times what is remembered.
   void add_recovery(std::size_t contact, double remembered, double open, double time,
                     Eigen::MatrixXd& memory_columns) const;
