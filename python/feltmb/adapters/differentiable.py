@@ -26,8 +26,6 @@ class DifferentiableMechanism(Model):
     """Relative tolerance of the integrator [1]."""
     single: bool
     """Whether a record is one segment that starts at rest."""
-    forward: bool
-    """Whether derivatives are integrated along with the motion where possible."""
     workers: int
     """Threads."""
 

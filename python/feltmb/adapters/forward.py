@@ -27,8 +27,8 @@ from feltmb.fit import Candidate, Sensitivity
 __all__ = ["can_differentiate", "forward_sensitivities"]
 
 #: Shift of a parameter or magnitude as a share of its scale: curvature and rounding of the rest
-#: pose both lie below 1e-4 of a derivative.
-SHIFT = 1e-4
+#: pose both lie below 1e-5 of a derivative.
+SHIFT = 1e-5
 #: Local relative error of a column: up to a strike nine in ten are right to 1e-3 of their largest.
 TOLERANCE = 3e-3
 
@@ -172,7 +172,7 @@ def _columns(
     by_theta: Sequence[int],
     candidates: tuple[Candidate, ...],
 ) -> list[_Column]:
-    """One-sided: curvature is below 1e-4 of a derivative, and one version a column is enough."""
+    """One-sided: curvature is below 1e-5 of a derivative, and one version a column is enough."""
 
     def column(
         name: str,
