@@ -25,8 +25,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from feltmb.adapters.aliases import Alias
 from feltmb.adapters.forward import can_differentiate, forward_sensitivities
 from feltmb.adapters.latest import Latest
+from feltmb.adapters.library import Entry
 from feltmb.adapters.model import MechanismModel
 from feltmb.adapters.refined import KINDS, refined
 from feltmb.adapters.shifter import Shifter
@@ -355,13 +357,23 @@ class StrokeModel(MechanismModel):
         wanted: Sequence[int],
         effects: tuple[Candidate, ...],
     ) -> tuple[Array, Array]:
-        """Columns (n, ny, p) by parameters, and by effects at their magnitude or at zero."""
+        """Columns (n, ny, p) by parameters, and by effects at their magnitude or at zero.
+
+        That of an effect that is more of a tolerance is the column of the tolerance: two passes
+        differ by what would look like a trace of the effect.
+        """
         inputs = hash(tuple(v.tobytes() for v in record.inputs.values()))
         point = (record.name, inputs, self._key(record, theta, included, magnitudes))
         known = self._points.get(point, dict)
         names = [(c.name, c.shape) for c in effects]
-        lacking = [i for i in wanted if i not in known]
-        fresh = tuple(c for c, name in zip(effects, names, strict=True) if name not in known)
+        aliases = [self._alias(c) for c in effects]
+        needed = dict.fromkeys([*wanted, *(a.index for a in aliases if a is not None)])
+        lacking = [i for i in needed if i not in known]
+        fresh = tuple(
+            c
+            for c, name, alias in zip(effects, names, aliases, strict=True)
+            if alias is None and name not in known
+        )
         if lacking or fresh:
             live = [
                 k for k, c in enumerate(included) if can_differentiate(c) or magnitudes[k] != 0.0
@@ -378,8 +390,18 @@ class StrokeModel(MechanismModel):
             self.in_parallel(one, rough)
         empty = np.zeros((*base.shape, 0))
         by = [known[i] for i in wanted]
-        of = [known[name] for name in names]
+        of = []
+        for c, name, alias in zip(effects, names, aliases, strict=True):
+            if alias is None:
+                of.append(known[name])
+                continue
+            size = float(magnitudes[included.index(c)]) if c in included else 0.0
+            of.append(alias.ratio(float(theta[alias.index]), size) * known[alias.index])
         return np.stack(by, axis=-1) if by else empty, np.stack(of, axis=-1) if of else empty
+
+    def _alias(self, candidate: Candidate) -> Alias | None:
+        entry = candidate.effect.data
+        return self.alias(entry) if isinstance(entry, Entry) else None
 
     def _integrated(
         self,
