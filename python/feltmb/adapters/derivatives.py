@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from feltmb.adapters.differentiable import DifferentiableMechanism
 from feltmb.adapters.forward import can_differentiate, forward_sensitivities
 from feltmb.data import Array, Record
-from feltmb.fit import Candidate, Jobs, Sensitivity
+from feltmb.fit import Candidate, Jobs, Memory, Sensitivity
 
 __all__ = ["difference_sensitivities", "sensitivities"]
 
@@ -40,10 +40,13 @@ def sensitivities(
     by_theta: Sequence[int],
     by_starts: bool,
     candidates: tuple[Candidate, ...],
+    memory: Memory | None = None,
 ) -> Sensitivity:
     """See :meth:`feltmb.fit.Model.sensitivities`."""
     smooth = tuple(t for t in candidates if can_differentiate(t))
     rough = tuple(t for t in candidates if not can_differentiate(t))
+    if memory is not None and not model.forward:
+        memory = None  # differences start every segment as at rest
     fixed = all(can_differentiate(t) or s != 0.0 for t, s in zip(included, magnitudes, strict=True))
     found = None
     if fixed and model.forward:
@@ -58,6 +61,7 @@ def sensitivities(
             by_theta=by_theta,
             by_starts=by_starts,
             candidates=smooth,
+            memory=memory,
         )
     if found is None:
         return difference_sensitivities(
@@ -85,6 +89,7 @@ def sensitivities(
         rough,
         found.outputs,
         found.ends,
+        memory,
     )
     order = [*smooth, *rough]
     back = [order.index(t) for t in candidates]
@@ -193,6 +198,7 @@ def _candidates(
     candidates: tuple[Candidate, ...],
     outputs: Array,
     ends: Array,
+    memory: Memory | None = None,
 ) -> tuple[Array, Array]:
     """Derivatives of candidates at zero; hidden states run on from segment to segment."""
     d_outputs = np.zeros((*outputs.shape, len(candidates)))
@@ -224,6 +230,7 @@ def _candidates(
                 starts=np.concatenate([starts[w], hidden])[None, :],
                 included=all_candidates,
                 magnitudes=row[None, :],
+                memory=None if memory is None else memory[w : w + 1],
             )
             run = model.simulate(record, jobs)
             length = int(segments[w, 1] - segments[w, 0]) + 1

@@ -19,10 +19,11 @@ from feltmb import _core
 from feltmb.adapters.differentiable import DifferentiableMechanism
 from feltmb.adapters.drives import follow
 from feltmb.adapters.library import Entry
+from feltmb.adapters.remembered import Remembered, start_of
 from feltmb.adapters.variants import Variant
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError
-from feltmb.fit import Candidate, Sensitivity
+from feltmb.fit import Candidate, Memory, Sensitivity
 
 __all__ = ["can_differentiate", "forward_sensitivities"]
 
@@ -66,6 +67,7 @@ def forward_sensitivities(
     by_theta: Sequence[int],
     by_starts: bool,
     candidates: tuple[Candidate, ...],
+    memory: Memory | None = None,
 ) -> Sensitivity | None:
     """See :meth:`feltmb.fit.Model.sensitivities`; None if a segment or a shift failed.
 
@@ -96,18 +98,18 @@ def forward_sensitivities(
     options.outputs = [index[o] for o in model.outputs]
     options.threads = model.workers
     prepared = []
-    for (first, last), start in zip(segments, starts, strict=True):
+    held_at = memory or (None,) * len(segments)
+    for (first, last), start, held_here in zip(segments, starts, held_at, strict=True):
         begin, end = float(clock[first]), float(clock[last])
         if model.single:
-            begin, state, memory = 0.0, [], []
+            begin, state, compressions = 0.0, [], []
         else:
-            full = base.rest.copy()
-            full[place] += start
+            full, compressions = start_of(base, names, start, held_here)
             if drive.motion:
                 own = drive.profile(float(record.time[first]), end - begin)
                 follow(model.action, base, full, own)
-            state, memory = list(full), list(base.memory)
-        prepared.append(_core.SensitivityWindow(begin, end, state, memory, matrix))
+            state = list(full)
+        prepared.append(_core.SensitivityWindow(begin, end, state, compressions, matrix))
     parameters = [
         _core.SensitivityParameter(
             c.name,
@@ -263,6 +265,7 @@ def _collect(
         d_outputs[i, :count] = by_column - moving
     a, b, c = counts
     return Sensitivity(
+        memory=None if model.single else tuple(Remembered.of(base, r.run) for r in results),
         outputs=outputs,
         ends=ends,
         d_theta=d_outputs[..., :a],

@@ -9,6 +9,7 @@ nothing that a camera sees.
 
 from __future__ import annotations
 
+import fnmatch
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -29,6 +30,7 @@ from feltmb.adapters.drives import Drive, Drives, follow, with_noise
 from feltmb.adapters.landmarks import first_turn, landmarks
 from feltmb.adapters.library import Entry, Library
 from feltmb.adapters.references import from_rest
+from feltmb.adapters.remembered import Remembered, start_of
 from feltmb.adapters.reuse import Question, Reuse
 from feltmb.adapters.variants import Variant, Workshop, changed_config
 from feltmb.adapters.writing import write_mechanism
@@ -38,6 +40,7 @@ from feltmb.fit import (
     Candidate,
     Effect,
     Jobs,
+    Memory,
     Parameter,
     Ready,
     Sensitivity,
@@ -48,6 +51,8 @@ from feltmb.mechanism import Action
 
 __all__ = ["MechanismModel"]
 
+#: Tolerances of felt and friction: what changes from stroke to stroke, and has a form.
+VARYING = ("felt.*", "joint_friction.*", "contact_friction.*")
 #: Scale of a departure from the model motion, as a share of 1 mm of felt travel.
 DEPARTURE = 0.05
 #: The same of the rate: departures last for some milliseconds [1/s].
@@ -63,6 +68,7 @@ class _Task:
     first: int
     last: int
     start: Array
+    remembered: Remembered | None = None
 
 
 class MechanismModel(DifferentiableMechanism):
@@ -93,6 +99,9 @@ class MechanismModel(DifferentiableMechanism):
         ``differences``, or ``forward``: exact, at about twice the cost.
     workers
         Threads; default: one a core.
+    allowance
+        Error of the form of laws: standard deviation by which felts and frictions depart from
+        their values in each segment on their own, as a share [1]. For multiple shooting.
 
     Raises
     ------
@@ -119,7 +128,10 @@ class MechanismModel(DifferentiableMechanism):
         until: float | None = None,
         derivatives: Literal["differences", "forward"] = "differences",
         workers: int | None = None,
+        allowance: float = 0.01,
     ):
+        if not 0.0 <= allowance < 1.0:
+            raise InvalidParameter(f"allowance = {allowance!r}, expected in [0, 1)")
         if shooting not in ("multiple", "single"):
             raise InvalidParameter(f"shooting = {shooting!r}, expected single or multiple")
         if rtol is not None and not 0.0 < rtol < 1.0:
@@ -149,6 +161,7 @@ class MechanismModel(DifferentiableMechanism):
                 label=e.part or f"The {e.component}",
                 words=e.words,
                 relative=e.unit == "1",
+                process_sd=allowance if _is_law(e) else 0.0,
             )
             for e in self.tolerances
         )
@@ -163,7 +176,7 @@ class MechanismModel(DifferentiableMechanism):
             )
         if until is not None and library.until is not None:
             self.until = None if math.isinf(until) else replace(library.until, after_turn=until)
-        self.chaotic = not self.single
+        self.chaotic = self.recursive = not self.single
         self.forward = derivatives == "forward"
         self.workers = workers or min(8, os.cpu_count() or 1)
         self.reuse = Reuse()
@@ -182,12 +195,14 @@ class MechanismModel(DifferentiableMechanism):
         self._condensed = [c for c in action.coordinates if c in condensed]
         bodies = action.config.bodies.values()
         turning = {b.coordinate for b in bodies if b.joint == "revolute" and b.coordinate}
+        joints = {b.coordinate for b in bodies if b.coordinate}
         self._states = tuple(
             State(
                 name=name,
                 unit="rad" if name in turning else "m",
                 scale=DEPARTURE * scales[name],
                 start_sd=0.0,
+                vibrates=name not in joints,
             )
             for name in moving
         ) + tuple(
@@ -196,6 +211,7 @@ class MechanismModel(DifferentiableMechanism):
                 unit="rad/s" if name in turning else "m/s",
                 scale=DEPARTURE * DEPARTURE_RATE * scales[name],
                 start_sd=0.0,
+                vibrates=name not in joints,
             )
             for name in moving
         )
@@ -296,6 +312,7 @@ class MechanismModel(DifferentiableMechanism):
             return self._simulate_whole(record, jobs)
         outputs = np.full((jobs.count, jobs.longest, len(self.outputs)), np.nan)
         ends = np.full((jobs.count, jobs.starts.shape[1]), np.nan)
+        memory: list[Remembered | None] = [None] * jobs.count
         names = [s.name for s in self.states(jobs.included)]
         tasks = []
         last_key: bytes | None = None
@@ -309,17 +326,18 @@ class MechanismModel(DifferentiableMechanism):
             if variant is None or not np.all(np.isfinite(jobs.starts[b])):
                 continue
             first, last = (int(i) for i in jobs.segments[b])
-            tasks.append(_Task(b, variant, first, last, jobs.starts[b]))
+            held = None if jobs.memory is None else jobs.memory[b]
+            tasks.append(_Task(b, variant, first, last, jobs.starts[b], held))
         drive = self.drives.of(record)
 
         def work(task: _Task) -> None:
             out = self._run(record, drive, task, names)
             if out is not None:
                 length = task.last - task.first + 1
-                outputs[task.job, :length], ends[task.job] = out
+                outputs[task.job, :length], ends[task.job], memory[task.job] = out
 
         self.in_parallel(work, tasks)
-        return Simulated(outputs=outputs, ends=ends)
+        return Simulated(outputs=outputs, ends=ends, memory=tuple(memory))
 
     def _simulate_whole(self, record: Record, jobs: Jobs) -> Simulated:
         """Jobs of one version share one run from rest."""
@@ -366,6 +384,7 @@ class MechanismModel(DifferentiableMechanism):
         by_theta: Sequence[int] | None = None,
         by_starts: bool = True,
         candidates: tuple[Candidate, ...] = (),
+        memory: Memory | None = None,
     ) -> Sensitivity:
         """Derivatives, kept while the point moves little.
 
@@ -390,8 +409,11 @@ class MechanismModel(DifferentiableMechanism):
                 by_theta=wanted,
                 by_starts=by_starts,
                 candidates=candidates,
+                memory=memory,
             )
 
+        if not self.single and self.forward:
+            return compute()
         question = Question(
             record, segments, theta, starts, included, magnitudes, wanted, by_starts, candidates
         )
@@ -546,21 +568,22 @@ class MechanismModel(DifferentiableMechanism):
 
     def _run(
         self, record: Record, drive: Drive, task: _Task, names: Sequence[str]
-    ) -> tuple[Array, Array] | None:
+    ) -> tuple[Array, Array, Remembered] | None:
         run = self._integrate(record, drive, task, names)
         if run is None:
             return None
-        states, columns, _ = run
-        return columns, states[-1]
+        states, columns, result = run
+        return columns, states[-1], Remembered.of(task.variant, result)
 
     def _integrate(
         self, record: Record, drive: Drive, task: _Task, names: Sequence[str]
     ) -> tuple[Array, Array, Any] | None:
         """States (n, nx) and outputs (n, ny) at the samples of one segment; None if it failed."""
         v = task.variant
-        full = v.rest.copy()
         index = np.array([v.place.get(name, -1) for name in names], dtype=int)
-        full[index[index >= 0]] += task.start[index >= 0]
+        known = index >= 0
+        start = task.start if names else np.zeros(0)
+        full, memory = start_of(v, names, start, task.remembered)
         time = record.time[task.first : task.last + 1] - record.time[task.first]
         count = time.size
         options = _core.SimulationOptions()
@@ -582,7 +605,7 @@ class MechanismModel(DifferentiableMechanism):
                 list(full),
                 [],
                 None,
-                list(v.memory),
+                memory,
                 prescribed=drive.motion,
             )
         except (RuntimeError, ValueError, FeltmbError):
@@ -594,7 +617,6 @@ class MechanismModel(DifferentiableMechanism):
             states = _resample(result.time, states, time)
             data = _resample(result.time, data, time)
         x = np.zeros((count, len(names)))
-        known = index >= 0
         x[:, known] = states[:, index[known]] - v.rest[index[known]]
         return x, self._columns(result, data, v), result
 
@@ -605,6 +627,11 @@ class MechanismModel(DifferentiableMechanism):
             column = data[:, where[name]] if name in where else np.full(data.shape[0], np.nan)
             out[:, o] = column - self.at_rest(v, name)
         return out
+
+
+def _is_law(entry: Entry) -> bool:
+    """Whether a tolerance is the strength of a law of felt or friction."""
+    return entry.unit == "1" and any(fnmatch.fnmatch(entry.name, v) for v in VARYING)
 
 
 def _resample(old: Array, values: Array, new: Array) -> Array:

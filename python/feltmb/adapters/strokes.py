@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from feltmb.adapters.aliases import Alias
 from feltmb.adapters.latest import Latest
 from feltmb.adapters.library import Entry
-from feltmb.adapters.model import MechanismModel
+from feltmb.adapters.model import VARYING, MechanismModel
 from feltmb.adapters.refined import KINDS, refined
 from feltmb.adapters.shifter import Shifter
 from feltmb.data import Array, Record
@@ -58,8 +58,6 @@ EFFECT_STEP = 0.2
 LEAST_VARIABILITY = 0.3
 #: Stretch of input noise between knots [s]: an action averages over more than that.
 KNOTS = 8e-3
-#: What changes from stroke to stroke.
-VARYING = ("felt.*", "joint_friction.*", "contact_friction.*")
 
 
 @dataclass(frozen=True)
