@@ -1,6 +1,6 @@
 """Time of a diagnosis of the action, by stage: five strokes by forty effects and more.
 
-python bench/speed/gap_action.py [--strokes N] [--rtol R] [--derivatives D]
+python bench/speed/gap_action.py [--strokes N] [--rtol R]
     [--effects PATTERNS] [--whole] [--json FILE]
 
 Derivatives are counted in strokes: processor time over that of one stroke, which does not depend on
@@ -40,7 +40,6 @@ def main() -> None:
     parser.add_argument("--strokes", type=int, default=5)
     parser.add_argument("--rtol", type=float, default=3e-6)
     parser.add_argument("--effects", default="", help="default: the core set; all")
-    parser.add_argument("--derivatives", default="differences")
     parser.add_argument("--after-impact", type=float, default=0.006)
     parser.add_argument(
         "--whole",
@@ -54,7 +53,6 @@ def main() -> None:
         action,
         shooting="single",
         rtol=options.rtol,
-        derivatives=options.derivatives,
         effects=[e for e in options.effects.split(",") if e],
     )
     strokes = STROKES[: options.strokes]
@@ -119,7 +117,7 @@ def main() -> None:
     settings = FitSettings(restarts=0, iterations=8)
     fit = timed("model fit", lambda: polish(problem, point, 1.0, settings))
     timed("derivatives by all effects", lambda: problem.linear(fit.point, included))
-    timed("scores (derivatives kept)", lambda: score_fit(fit, included))
+    timed("scores (derivatives at the same point kept)", lambda: score_fit(fit, included))
     total = sum(w for k, (w, _) in times.items())
     cpu = sum(c for k, (_, c) in times.items())
     print(f"{'all':34s} wall {total:8.2f} s   processor {cpu:8.2f} s")

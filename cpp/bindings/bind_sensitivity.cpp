@@ -23,33 +23,26 @@ void bind_sensitivity(py::module_& m) {
            py::arg("weight"), py::arg("origin") = 0.0, py::arg("prescribed") = false,
            py::arg("motor") = false);
   py::class_<SensitivityParameter>(m, "SensitivityParameter")
-      .def(py::init([](std::string name, std::vector<Perturbed> nodes, double scale, int law,
-                       bool inertial, bool modal, std::optional<std::vector<int>> contacts) {
-             SensitivityParameter p;
-             p.name = std::move(name);
-             p.nodes = std::move(nodes);
-             p.scale = scale;
-             p.law = law;
-             p.inertial = inertial;
-             p.modal = modal;
-             p.contacts = std::move(contacts);
-             return p;
+      .def(py::init([](std::string name, std::vector<Perturbed> nodes, double scale) {
+             return SensitivityParameter{std::move(name), std::move(nodes), scale};
            }),
-           py::arg("name"), py::arg("nodes"), py::arg("scale"), py::arg("law") = -1,
-           py::arg("inertial") = false, py::arg("modal") = false, py::arg("contacts") = py::none());
+           py::arg("name"), py::arg("nodes"), py::arg("scale"));
   py::class_<SensitivityWindow>(m, "SensitivityWindow")
       .def(py::init([](double begin, double end, std::vector<double> state,
-                       std::vector<double> memory, Eigen::MatrixXd directions) {
+                       std::vector<double> memory, Eigen::MatrixXd directions,
+                       Eigen::MatrixXd moves) {
              SensitivityWindow w;
              w.begin = begin;
              w.end = end;
              w.start.y = std::move(state);
              w.start.largest_compression = std::move(memory);
              w.directions = std::move(directions);
+             w.moves = std::move(moves);
              return w;
            }),
            py::arg("begin"), py::arg("end"), py::arg("state") = std::vector<double>{},
-           py::arg("memory") = std::vector<double>{}, py::arg("directions") = Eigen::MatrixXd{});
+           py::arg("memory") = std::vector<double>{}, py::arg("directions") = Eigen::MatrixXd{},
+           py::arg("moves") = Eigen::MatrixXd{});
   py::class_<SensitivityOptions>(m, "SensitivityOptions")
       .def(py::init<>())
       .def_readwrite("simulation", &SensitivityOptions::simulation)
@@ -57,6 +50,7 @@ void bind_sensitivity(py::module_& m) {
       .def_readwrite("output_rate", &SensitivityOptions::output_rate)
       .def_readwrite("outputs", &SensitivityOptions::outputs)
       .def_readwrite("threads", &SensitivityOptions::threads)
+      .def_readwrite("whole_models", &SensitivityOptions::whole_models)
       .def(
           "add_rule",
           [](SensitivityOptions& o, std::string name, int point,

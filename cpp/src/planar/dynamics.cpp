@@ -106,39 +106,47 @@ void Dynamics::keep_law_rates(std::size_t contact) {
               law_rate_.begin() + of.first_state);
 }
 
-void Dynamics::apply_contacts() {
-  for (std::size_t i = 0; i < contacts_.size(); ++i) {
-    ContactState& state = contacts_[i];
-    const Contact& contact = m_->contacts[i];
-    if (!state.closed) {
-      state.friction = {0.0, 0.0};
-      if (idle_[i] != 0) {
-        state.law = {};
-        if (loaded_[i] != 0) {
-          law_states_[i] = {};
-          loaded_[i] = 0;
-          keep_law_rates(i);
-        }
-      } else {
-        // The states of the law go on; an open contact gives no rate.
-        state.law =
-            contact.law.evaluate(std::min(0.0, state.compression), 0.0, memory(i), &law_states_[i]);
+/// Law and friction of a contact that was located.
+void Dynamics::load_contact(std::size_t i) {
+  ContactState& state = contacts_[i];
+  const Contact& contact = m_->contacts[i];
+  if (!state.closed) {
+    state.friction = {0.0, 0.0};
+    if (idle_[i] != 0) {
+      state.law = {};
+      if (loaded_[i] != 0) {
+        law_states_[i] = {};
+        loaded_[i] = 0;
         keep_law_rates(i);
       }
-      continue;
-    }
-    if (static_laws_) {
-      const CurveValue v = contact.law.static_force(state.compression);
-      state.law = {};
-      state.law.force = v.force;
-      state.law.d_compression = v.slope;
     } else {
-      if (contact.law.has_memory()) contact.law.keep_cycle(largest_[i], cycles_[i]);
-      state.law = contact.law.evaluate(state.compression, state.rate, memory(i), &law_states_[i]);
-      loaded_[i] = 1;
+      // The states of the law go on; an open contact gives no rate.
+      state.law =
+          contact.law.evaluate(std::min(0.0, state.compression), 0.0, memory(i), &law_states_[i]);
       keep_law_rates(i);
     }
-    state.friction = feltmb::evaluate(contact.friction, state.slip);
+    return;
+  }
+  if (static_laws_) {
+    const CurveValue v = contact.law.static_force(state.compression);
+    state.law = {};
+    state.law.force = v.force;
+    state.law.d_compression = v.slope;
+  } else {
+    if (contact.law.has_memory()) contact.law.keep_cycle(largest_[i], cycles_[i]);
+    state.law = contact.law.evaluate(state.compression, state.rate, memory(i), &law_states_[i]);
+    loaded_[i] = 1;
+    keep_law_rates(i);
+  }
+  state.friction = feltmb::evaluate(contact.friction, state.slip);
+}
+
+void Dynamics::apply_contacts() {
+  for (std::size_t i = 0; i < contacts_.size(); ++i) {
+    load_contact(i);
+    const ContactState& state = contacts_[i];
+    if (!state.closed) continue;
+    const Contact& contact = m_->contacts[i];
     const Vec2 f = state.law.force * (state.normal - state.friction.value * perp(state.normal));
     apply(contact.b.link, state.point, f);
     if (contact.a.link != 0) apply(contact.a.link, state.point, -f);
@@ -146,6 +154,27 @@ void Dynamics::apply_contacts() {
       apply(contact.b.link, state.center,
             (state.law.force * state.string.slope) * state.strike_gradient);
     }
+  }
+}
+
+const ContactState& Dynamics::press(std::size_t i, const Dynamics& at_place,
+                                    const MechanicalState& state, const Drive& drive) {
+  const Contact& contact = m_->contacts[i];
+  for (const int link : {contact.a.link, contact.b.link}) {
+    links_[at(link)] = at_place.links_[at(link)];
+  }
+  std::copy_n(at_place.law_.begin() + contact.first_state, contact.law.n_states(),
+              law_.begin() + contact.first_state);
+  largest_[i] = at_place.largest_[i];
+  locate_contact(i, state, drive, Detail::kAllContacts);
+  load_contact(i);
+  return contacts_[i];
+}
+
+void Dynamics::add_wrench(int link, Vec2 force, double moment, Eigen::VectorXd& out) const {
+  for (const int motion : m_->links[at(link)].path) {
+    const Twist& w = twist_[at(motion)];
+    out[w.coordinate] += dot(w.base, force) + w.rho * moment;
   }
 }
 

@@ -21,6 +21,7 @@ FreeColumns::FreeColumns(const ShiftedModels& models)
       modes_(models.modes()),
       response_(response_of(models.mechanism())) {
   for (std::size_t j = 0; j < models.parameters(); ++j) {
+    if (!models.moves_strings(j)) continue;
     std::vector<Shifted> own;
     bool moves = false;
     for (std::size_t k = 0; k < models.nodes(j); ++k) {

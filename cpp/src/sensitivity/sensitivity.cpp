@@ -72,7 +72,16 @@ class WindowRun {
       throw InvalidParameter(format("start state: got %zu values, expected %zu of this mechanism",
                                     start.y.size(), states));
     }
-    models_.begin(window_.begin, width, start.y, from_rest);
+    const auto parameters = index(models_.parameters());
+    RowMatrix moves = from_rest ? models_.rest_columns().state : RowMatrix(window_.moves);
+    if (moves.size() == 0) moves.setZero(index(states), parameters);
+    if (moves.rows() != index(states) || moves.cols() != parameters) {
+      throw InvalidParameter(format("moves of the start state: got %ld by %ld, expected %zu by %ld",
+                                    static_cast<long>(moves.rows()),
+                                    static_cast<long>(moves.cols()), states,
+                                    static_cast<long>(parameters)));
+    }
+    models_.begin(window_.begin, width, start.y, moves);
     input_.origin += window_.begin;
     Trajectory trajectory(models_.probe());
     simulate_stroke(trajectory, start);
@@ -82,11 +91,8 @@ class WindowRun {
 
     detail::Variational variational(models_, trajectory, options_.tolerance);
     Columns& columns = variational.columns();
-    const auto parameters = index(models_.parameters());
-    if (from_rest) {
-      columns.state.leftCols(parameters) = models_.rest_columns().state;
-      columns.memory.leftCols(parameters) = models_.rest_columns().memory;
-    }
+    columns.state.leftCols(parameters) = moves;
+    if (from_rest) columns.memory.leftCols(parameters) = models_.rest_columns().memory;
     if (width > 0) columns.state.rightCols(index(width)) = window_.directions;
 
     const long before = models_.evaluations();
@@ -167,7 +173,16 @@ class WindowRun {
         throw InvalidParameter(format("outputs: there is no output %d", output));
       }
       if (!is_place(*mechanism_, output)) places_only_ = false;
+      // Order of observe_places.
+      const int states = 2 * mechanism_->size();
+      const int beyond = output - states;
+      if (beyond >= 0 && beyond % 4 > 1) positions_only_ = false;
+      positions_.push_back(beyond < 0 ? ShiftedModels::PlaceOf{output, -1, {}}
+                                      : ShiftedModels::PlaceOf{-1, beyond / 4,
+                                                               beyond % 4 == 0 ? Vec2{1.0, 0.0}
+                                                                               : Vec2{0.0, 1.0}});
     }
+    positions_only_ = positions_only_ && places_only_;
     result_.time = Eigen::Map<const Eigen::VectorXd>(times.data(), index(times.size()));
     result_.time.array() += window_.begin;
     result_.values.resize(index(times.size()), index(options_.outputs.size()));
@@ -201,7 +216,11 @@ class WindowRun {
         look(system, time, y);
         for (std::size_t i = 0; i < outputs; ++i) out[i] = scratch_[at(options_.outputs[i])];
       };
-      models_.total(t, y_, memory, columns, outputs, look_all, derivative_);
+      if (positions_only_) {
+        models_.places(y_, columns.state, positions_, derivative_);
+      } else {
+        models_.total(t, y_, memory, columns, outputs, look_all, derivative_);
+      }
       look(models_.probe(), t, y_);
       const std::size_t count = models_.columns();
       double* out = result_.gradient.data() + static_cast<std::size_t>(row_) * outputs * count;
@@ -424,7 +443,9 @@ class WindowRun {
   double last_jump_ = -1.0;
   Eigen::Index row_ = 0;
   std::size_t observed_ = 0;
-  bool places_only_ = true;  ///< no output is wanted that needs the forces
+  bool places_only_ = true;     ///< no output is wanted that needs the forces
+  bool positions_only_ = true;  ///< nor one that is the speed of a point
+  std::vector<ShiftedModels::PlaceOf> positions_;
   std::vector<double> scratch_;
   Eigen::MatrixXd derivative_;
   Eigen::VectorXd jump_, after_, time_derivative_;
@@ -449,9 +470,13 @@ std::vector<SensitivityResult> sensitivities(const std::shared_ptr<const Mechani
     return progress(t);
   })
                                    : Progress{};
+  // A motion of the finger and what is monitored count from the rest pose.
+  const bool rest =
+      input.motion || !options.rules.empty() ||
+      std::any_of(windows.begin(), windows.end(), [](const auto& w) { return w.start.y.empty(); });
   // Workers take the next window; each has its own workspaces.
   parallel_for(threads, threads, [&](std::size_t, std::size_t) {
-    ShiftedModels models(mechanism, input, parameters, options);
+    ShiftedModels models(mechanism, input, parameters, options, rest);
     for (std::size_t i = next++; i < windows.size(); i = next++) {
       results[i] = WindowRun(models, mechanism, input, options, windows[i], shared).run();
     }

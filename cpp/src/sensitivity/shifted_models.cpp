@@ -13,7 +13,7 @@ namespace feltmb::detail {
 ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
                              const FingerInput& input,
                              const std::vector<SensitivityParameter>& parameters,
-                             const SensitivityOptions& options)
+                             const SensitivityOptions& options, bool rest)
     : mechanism_(mechanism), input_(input), options_(options) {
   const auto make = [](const std::shared_ptr<const Mechanism>& m, const FingerInput& i) {
     return std::make_unique<MechanismSystem>(m, i, false, std::vector<Monitor>{}, false);
@@ -22,81 +22,18 @@ ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
   base_ = make(mechanism, input);
   probe_ = make(mechanism, input);
   const std::size_t states = base_->size();
-  const auto contacts = static_cast<Eigen::Index>(mechanism->contacts.size());
   const std::vector<double> atol = base_->absolute_tolerances(1.0);
   weight_.resize(static_cast<Eigen::Index>(states));
   for (std::size_t i = 0; i < states; ++i) weight_[static_cast<Eigen::Index>(i)] = 1.0 / atol[i];
   scratch_.resize(states);
-  try {
-    rest_ = find_rest(mechanism, {}, input);
-  } catch (const ModelError&) {
-    // Windows from a given state need none, unless the input or an event is counted from it.
-    if (input.motion || input.prescribed || !options.rules.empty()) throw;
-    no_rest_ = std::current_exception();
-  }
-  const auto count = static_cast<Eigen::Index>(parameters.size());
-  rest_columns_.state.setZero(static_cast<Eigen::Index>(states), count);
-  rest_columns_.memory.setZero(contacts, count);
-  std::vector<double> near;
-  if (!no_rest_) near.assign(rest_.state.data(), rest_.state.data() + mechanism->size());
-  // Polished like the shifted ones, so that their differences are of the parameter only.
-  if (!no_rest_) rest_ = find_rest(mechanism, near, input);
-  base_->set_finger_reference(rest_.finger);
-  probe_->set_finger_reference(rest_.finger);
-  parameters_.resize(parameters.size());
   for (const auto& beam : mechanism->beams) {
     for (int k = 0; beam.condense_axial && k < beam.shapes.axial(); ++k) {
       condensed_.push_back(beam.first + k);
     }
   }
-  for (const auto& parameter : parameters) {
-    inertial_.emplace_back();
-    for (std::size_t i = 1; parameter.inertial && !input.prescribed && i < mechanism->links.size();
-         ++i) {
-      InertialShift shift{i, 0.0, {}, 0.0};
-      for (const Perturbed& p : parameter.nodes) {
-        const Link& link = p.mechanism->links[i];
-        const Vec2 c = link.center_of_mass;
-        shift.mass += p.weight * link.mass;
-        shift.first += (p.weight * link.mass) * c;
-        shift.second += p.weight * (link.inertia + link.mass * dot(c, c));
-      }
-      if (shift.mass != 0.0 || dot(shift.first, shift.first) != 0.0 || shift.second != 0.0) {
-        inertial_.back().push_back(shift);
-      }
-    }
-  }
-  for (const auto& parameter : parameters) {
-    modal_.emplace_back();
-    if (!parameter.modal || input.prescribed || mechanism->strings.empty()) continue;
-    auto shift = std::make_unique<ModalShift>();
-    const auto modes = static_cast<std::size_t>(mechanism->total_modes);
-    shift->stiffness.assign(modes, 0.0);
-    shift->damping.assign(modes, 0.0);
-    for (const Perturbed& p : parameter.nodes) {
-      for (std::size_t s = 0; s < mechanism->strings.size(); ++s) {
-        const AttachedString& own = p.mechanism->strings[s];
-        const auto first = static_cast<std::size_t>(own.offset);
-        for (std::size_t i = 0; i < own.string.stiffness().size(); ++i) {
-          shift->stiffness[first + i] += p.weight * own.string.stiffness()[i];
-          shift->damping[first + i] += p.weight * own.string.damping()[i];
-        }
-        const ModalString& base = mechanism->strings[s].string;
-        if (own.string.parameters().length != base.parameters().length ||
-            own.string.shape_scale() != base.shape_scale()) {
-          shift->shapes = true;
-        }
-      }
-    }
-    modal_.back() = std::move(shift);
-  }
-  if (!no_rest_) base_->locate(0.0, {rest_.state.data(), states});
-  for (const auto& parameter : parameters) {
-    floor_.push_back(1e-2 / parameter.scale);
-    law_.push_back(input.prescribed ? -1 : parameter.law);
-    contacts_.push_back(parameter.contacts);
-  }
+  parameters_.resize(parameters.size());
   for (std::size_t j = 0; j < parameters.size(); ++j) {
+    floor_.push_back(1e-2 / parameters[j].scale);
     for (const Perturbed& p : parameters[j].nodes) {
       Node node;
       node.system = make(p.mechanism, p.input);
@@ -106,45 +43,72 @@ ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
         throw InvalidParameter("parameter \"" + parameters[j].name +
                                "\" changes the number of states: it has no derivative");
       }
+      node.mechanism = p.mechanism;
       node.shift = p.shift;
       node.weight = p.weight;
       node.input = p.input;
-      if (no_rest_) {
-        parameters_[j].push_back(std::move(node));
-        continue;
-      }
-      // A contact that is open at rest does not move the rest pose.
-      const int law = parameters[j].law;
-      const bool same =
-          p.mechanism == mechanism ||
-          (law >= 0 && !base_->dynamics().contacts()[static_cast<std::size_t>(law)].closed) ||
-          (parameters[j].contacts && !any_closed(*parameters[j].contacts));
-      const Rest moved = same ? rest_ : find_rest(p.mechanism, near, p.input);
-      node.levels = moved.levels;
-      if (input.prescribed) node.rest.assign(moved.state.begin(), moved.state.end());
-      node.system->set_finger_reference(moved.finger);
-      rest_columns_.state.col(static_cast<Eigen::Index>(j)) += p.weight * moved.state;
-      rest_columns_.memory.col(static_cast<Eigen::Index>(j)) += p.weight * moved.memory;
       parameters_[j].push_back(std::move(node));
     }
+    changes_.push_back(find_changes(*mechanism, input, parameters[j].nodes));
+    if (options.whole_models) {
+      changes_.back() = {};
+      changes_.back().motions = true;
+    }
   }
-  begin(0.0, 0, {}, false);
+  if (rest) find_rests();
+}
+
+void ShiftedModels::find_rests() {
+  const std::size_t states = base_->size();
+  const auto count = static_cast<Eigen::Index>(parameters_.size());
+  rest_columns_.state.setZero(static_cast<Eigen::Index>(states), count);
+  rest_columns_.memory.setZero(static_cast<Eigen::Index>(mechanism_->contacts.size()), count);
+  rest_ = find_rest(mechanism_, {}, input_);
+  const std::vector<double> near(rest_.state.data(), rest_.state.data() + mechanism_->size());
+  // Polished like the shifted ones, so that their differences are of the parameter only.
+  rest_ = find_rest(mechanism_, near, input_);
+  base_->set_finger_reference(rest_.finger);
+  probe_->set_finger_reference(rest_.finger);
+  base_->locate(0.0, {rest_.state.data(), states});
+  for (std::size_t j = 0; j < parameters_.size(); ++j) {
+    // Contacts that are open at rest do not move the rest pose.
+    const Changes& changes = changes_[j];
+    const bool still =
+        changes.only_contacts() && std::none_of(changes.contacts.begin(), changes.contacts.end(),
+                                                [&](const auto& of) { return closed(of.contact); });
+    for (Node& node : parameters_[j]) {
+      const bool same = still || node.mechanism == mechanism_;
+      const Rest moved = same ? rest_ : find_rest(node.mechanism, near, node.input);
+      node.levels = moved.levels;
+      node.system->set_finger_reference(moved.finger);
+      rest_columns_.state.col(static_cast<Eigen::Index>(j)) += node.weight * moved.state;
+      rest_columns_.memory.col(static_cast<Eigen::Index>(j)) += node.weight * moved.memory;
+    }
+  }
 }
 
 void ShiftedModels::begin(double begin, std::size_t directions, std::span<const double> start,
-                          bool from_rest) {
+                          const RowMatrix& moves) {
   directions_ = directions;
   const auto set = [&](MechanismSystem& system, double origin, std::span<const double> place) {
     system.set_origin(origin + begin);
-    if (!place.empty()) system.set_prescribed_reference(0.0, place);
+    system.set_prescribed_reference(0.0, place);
   };
   set(*base_, input_.origin, start);
   set(*probe_, input_.origin, start);
-  for (auto& nodes : parameters_) {
-    for (auto& node : nodes) {
-      const bool own = from_rest && !node.rest.empty();
-      set(*node.system, node.input.origin, own ? std::span<const double>(node.rest) : start);
+  std::vector<double> own(start.begin(), start.end());
+  for (std::size_t j = 0; j < parameters_.size(); ++j) {
+    for (auto& node : parameters_[j]) {
+      for (std::size_t i = 0; input_.prescribed && i < own.size(); ++i) {
+        own[i] = start[i] +
+                 node.shift * moves(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j));
+      }
+      set(*node.system, node.input.origin, own);
     }
+  }
+  reference_.assign(parameters_.size(), 0.0);
+  for (std::size_t j = 0; input_.prescribed && j < parameters_.size(); ++j) {
+    if (!changes_[j].input) reference_[j] = wanted(j, 0.0);
   }
 }
 
@@ -176,7 +140,6 @@ ShiftedModels::Rest ShiftedModels::find_rest(const std::shared_ptr<const Mechani
 }
 
 SimulationState ShiftedModels::rest() const {
-  if (no_rest_) std::rethrow_exception(no_rest_);
   SimulationState out;
   out.y.assign(rest_.state.begin(), rest_.state.end());
   out.largest_compression.assign(rest_.memory.begin(), rest_.memory.end());
@@ -192,60 +155,59 @@ void ShiftedModels::rates(double t, std::span<const double> y, std::span<const d
                           const Eigen::MatrixXd& memory_columns, RowMatrix& out) {
   loads_.setZero(base_->coordinates(), static_cast<Eigen::Index>(columns()));
   out.setZero(out.rows(), static_cast<Eigen::Index>(columns()));
-  const auto n = out.rows();
-  const bool strings = n == static_cast<Eigen::Index>(y.size());
-  three_.resize(static_cast<Eigen::Index>(y.size()));
-  const std::span<double> rate{three_.data(), y.size()};
-  bool has_base = false;
-  const bool touched = std::any_of(
-      mechanism_->strings.begin(), mechanism_->strings.end(), [&](const AttachedString& s) {
-        return base_->dynamics().contacts()[static_cast<std::size_t>(s.contact)].closed;
-      });
+  has_base_ = false;
+  one_.resize(base_->coordinates());
   for (std::size_t j = 0; j < parameters_.size(); ++j) {
-    const auto column = static_cast<Eigen::Index>(j);
-    if (law_[j] >= 0) {
-      law_rates(j, out);
+    const Changes& changes = changes_[j];
+    if (!told_by_parts(changes, t)) {
+      whole_rates(j, t, y, memory, out);
       continue;
     }
-    if (!inertial_[j].empty()) {
-      inertial_loads(j);
-      continue;
+    one_.setZero();
+    for (const auto& of : changes.contacts) add_contact(j, of, t, y, out);
+    add_links(changes);
+    add_members(j, y);
+    if (!changes.straps.empty()) add_straps(j);
+    if (input_.prescribed) {
+      add_prescription(j, t, out);
+    } else if (changes.input || changes.finger) {
+      add_finger(j, t);
     }
-    if (modal_[j] && !(touched && modal_[j]->shapes)) {
-      if (strings) modal_rates(j, y, out);
-      continue;
+    if (changes.strings) add_modes(j, y, out);
+    for (const int k : condensed_) one_[k] = 0.0;
+    loads_.col(static_cast<Eigen::Index>(j)) = one_;
+  }
+  if (!memory.empty()) memory_rates(memory_columns, out);
+}
+
+/// Whether the forces of the parts that changed, each at the state of the base, are all there is.
+bool ShiftedModels::told_by_parts(const Changes& changes, double t) const {
+  if (changes.motions) return false;
+  if (changes.input || changes.finger) {
+    const Drive drive = base_->drive(t);
+    if ((drive.prescribed && changes.finger) || (drive.motion && changes.input)) return false;
+  }
+  if (changes.shapes) {
+    for (const AttachedString& s : mechanism_->strings) {
+      if (closed(static_cast<std::size_t>(s.contact))) return false;
     }
-    if (contacts_[j] && !any_closed(*contacts_[j])) continue;
-    if (input_loads(j, t)) continue;
-    const Node& node = nearest(parameters_[j]);
-    if (!has_base) base_rates(y);
-    has_base = true;
-    remember(*node.system, memory);
-    node.system->rhs(t, y, rate);
-    out.col(column) = (three_.head(n) - two_.head(n)) / node.shift;
-    ++evaluations_;
   }
-  if (memory.empty()) return;
-  if (!input_.prescribed) {
-    memory_rates(memory_columns, out);
-    return;
-  }
-  // The reaction of the prescribed motion takes part.
-  moved_memory_.assign(memory.begin(), memory.end());
-  constexpr double shift = 1e-9;  // m of remembered compression
-  for (std::size_t c = 0; c < memory.size(); ++c) {
-    const auto row = memory_columns.row(static_cast<Eigen::Index>(c));
-    if (row.isZero(0.0)) continue;
-    for (const double sign : {1.0, -1.0}) {
-      moved_memory_[c] = memory[c] + sign * shift;
-      remember(*probe_, moved_memory_);
-      probe_->rhs(t, y, rate);
-      out.noalias() += (sign * 0.5 / shift * three_.head(n)) * row;
-      ++evaluations_;
-    }
-    moved_memory_[c] = memory[c];
-  }
-  remember(*probe_, memory);
+  return std::none_of(changes.contacts.begin(), changes.contacts.end(), [&](const auto& of) {
+    return of.geometry && mechanism_->contacts[of.contact].string >= 0 && closed(of.contact);
+  });
+}
+
+void ShiftedModels::whole_rates(std::size_t j, double t, std::span<const double> y,
+                                std::span<const double> memory, RowMatrix& out) {
+  three_.resize(static_cast<Eigen::Index>(y.size()));
+  const Node& node = nearest(parameters_[j]);
+  if (!has_base_) base_rates(y);
+  has_base_ = true;
+  remember(*node.system, memory);
+  node.system->rhs(t, y, {three_.data(), y.size()});
+  const auto n = out.rows();
+  out.col(static_cast<Eigen::Index>(j)) = (three_.head(n) - two_.head(n)) / node.shift;
+  ++evaluations_;
 }
 
 /// One side is enough where the value in the middle is known: the shift is a millionth of the
@@ -258,12 +220,6 @@ const ShiftedModels::Node& ShiftedModels::nearest(const std::vector<Node>& nodes
     if (shift > 0.0 && (least == 0.0 || shift < least)) best = k;
   }
   return nodes[best];
-}
-
-bool ShiftedModels::any_closed(const std::vector<int>& contacts) const {
-  return std::any_of(contacts.begin(), contacts.end(), [&](int c) {
-    return base_->dynamics().contacts()[static_cast<std::size_t>(c)].closed;
-  });
 }
 
 void ShiftedModels::memory_rates(const Eigen::MatrixXd& memory_columns, RowMatrix& out) {
@@ -295,13 +251,20 @@ void ShiftedModels::memory_rates(const Eigen::MatrixXd& memory_columns, RowMatri
     }
     if (force == 0.0) continue;
     loads_.noalias() += (force * by_force(c)) * row;
-    if (contact.string < 0 || out.rows() < static_cast<Eigen::Index>(base_->size())) continue;
-    const auto phi = dynamics.phi(contact.string);
-    const auto& string = mechanism_->strings[static_cast<std::size_t>(contact.string)];
-    const int first = 2 * n + base_->law_states() + base_->modes() + string.offset;
-    for (std::size_t k = 0; k < phi.size(); ++k) {
-      out.row(first + static_cast<int>(k)) += (force * phi[k]) * row;
-    }
+    for (Eigen::Index j = 0; j < row.cols(); ++j) add_string_force(c, force * row[j], j, out);
+  }
+}
+
+/// A contact force acts on its string, if it has one and that is integrated.
+void ShiftedModels::add_string_force(std::size_t contact, double force, Eigen::Index column,
+                                     RowMatrix& out) {
+  const int index = mechanism_->contacts[contact].string;
+  if (index < 0 || out.rows() < static_cast<Eigen::Index>(base_->size())) return;
+  const auto phi = base_->dynamics().phi(index);
+  const AttachedString& string = mechanism_->strings[static_cast<std::size_t>(index)];
+  const auto first = static_cast<Eigen::Index>(first_mode() + modes()) + string.offset;
+  for (std::size_t k = 0; k < phi.size(); ++k) {
+    out(first + static_cast<Eigen::Index>(k), column) += force * phi[k];
   }
 }
 
@@ -343,109 +306,210 @@ void ShiftedModels::base_rates(std::span<const double> y) {
   }
 }
 
-void ShiftedModels::add_wrench(std::size_t link, Vec2 force, double moment) {
-  const auto links = base_->dynamics().links();
-  for (const int index : mechanism_->links[link].path) {
-    const Motion& motion = mechanism_->motions[static_cast<std::size_t>(index)];
-    const auto own = static_cast<std::size_t>(motion.link);
-    const Link& moved = mechanism_->links[own];
-    Vec2 t{};
-    if (moved.kind != LinkKind::kRevolute) {
-      Rotation frame = links[static_cast<std::size_t>(moved.parent)].rotation;
-      if (moved.angle != 0.0) frame = frame * moved.base;
-      t = frame * motion.translation;
-    }
-    const Vec2 column = t + motion.rho * perp(links[link].origin - links[own].origin);
-    one_[motion.coordinate] += dot(column, force) + motion.rho * moment;
-  }
-}
-
-void ShiftedModels::inertial_loads(std::size_t j) {
-  // M a = Q is linear in mass, first moment and inertia: minus their inertial force and weight.
+void ShiftedModels::add_contact(std::size_t j, const Changes::OfContact& of, double t,
+                                std::span<const double> y, RowMatrix& out) {
+  const std::size_t c = of.contact;
   const Dynamics& dynamics = base_->dynamics();
-  one_.setZero(base_->coordinates());
-  for (const InertialShift& shift : inertial_[j]) {
-    const LinkState& s = dynamics.links()[shift.link];
-    const Vec2 r = s.rotation * shift.first;
-    const Vec2 a = s.acceleration - mechanism_->gravity;
-    const Vec2 force = shift.mass * a + s.alpha * perp(r) - (s.omega * s.omega) * r;
-    add_wrench(shift.link, -1.0 * force, -(cross(r, a) + shift.second * s.alpha));
-  }
-  for (const int k : condensed_) one_[k] = 0.0;
-  loads_.col(static_cast<Eigen::Index>(j)) = one_;
-}
-
-void ShiftedModels::modal_rates(std::size_t j, std::span<const double> y, RowMatrix& out) {
-  const ModalShift& shift = *modal_[j];
-  const std::size_t eta = first_mode();
-  for (std::size_t i = 0; i < modes(); ++i) {
-    out(static_cast<Eigen::Index>(eta + modes() + i), static_cast<Eigen::Index>(j)) =
-        -shift.stiffness[i] * y[eta + i] - shift.damping[i] * y[eta + modes() + i];
-  }
-}
-
-/// Where a parameter changes the input alone and that is a force, its derivative is the force's.
-/// False: it is something else.
-bool ShiftedModels::input_loads(std::size_t j, double t) {
-  for (const Node& node : parameters_[j]) {
-    if (&node.system->mechanism() != mechanism_.get()) return false;
-  }
-  double force = 0.0;
-  for (const Node& node : parameters_[j]) {
-    const Drive drive = node.system->drive(t);
-    if (drive.motion || drive.prescribed) return false;
-    force += node.weight * drive.force;
-  }
-  if (force == 0.0) return true;
-  const Dynamics& dynamics = base_->dynamics();
-  one_.setZero(base_->coordinates());
-  const int driven = base_->drive(t).coordinate;
-  if (driven >= 0) {
-    one_[driven] = force;
-  } else {
-    const LinkPoint point = mechanism_->finger_point;
-    const auto link = static_cast<std::size_t>(point.link);
-    const Vec2 f = force * mechanism_->finger_direction;
-    const Vec2 arm = dynamics.position(point) - dynamics.links()[link].origin;
-    add_wrench(link, f, cross(arm, f));
-  }
-  for (const int k : condensed_) one_[k] = 0.0;
-  loads_.col(static_cast<Eigen::Index>(j)) = one_;
-  return true;
-}
-
-void ShiftedModels::law_rates(std::size_t j, RowMatrix& out) {
-  const Dynamics& dynamics = base_->dynamics();
-  const auto c = static_cast<std::size_t>(law_[j]);
   const Contact& contact = mechanism_->contacts[c];
   const ContactState& s = dynamics.contacts()[c];
-  const auto column = static_cast<Eigen::Index>(j);
-  if (!s.closed && contact.law.n_states() == 0) return;
-  double force = 0.0;
-  std::array<double, kMaxLawStates> rates{};
+  if (!s.closed && contact.law.still_when_open()) return;
   const Node& node = nearest(parameters_[j]);
-  const ContactLaw& law = node.system->mechanism().contacts[c].law;
-  LawStates states;
-  const LawMemory own = dynamics.memory(c);
-  const LawValue v = s.closed ? law.evaluate(s.compression, s.rate, own, &states)
-                              : law.evaluate(std::min(0.0, s.compression), 0.0, own, &states);
-  if (s.closed) force = (v.force - s.law.force) / node.shift;
-  for (std::size_t i = 0; i < contact.law.n_states(); ++i) {
-    rates[i] = (states.rate[i] - dynamics.law_states(c).rate[i]) / node.shift;
-  }
   ++evaluations_;
-  const int n = base_->coordinates();
-  for (std::size_t i = 0; i < contact.law.n_states(); ++i) {
-    out(2 * n + contact.first_state + static_cast<int>(i), column) += rates[i];
+  const double per_shift = 1.0 / node.shift;
+  const auto column = static_cast<Eigen::Index>(j);
+  const auto add_states = [&](const LawStates& moved) {
+    const auto first = static_cast<Eigen::Index>(2 * base_->coordinates() + contact.first_state);
+    for (std::size_t i = 0; i < contact.law.n_states(); ++i) {
+      out(first + static_cast<Eigen::Index>(i), column) +=
+          (moved.rate[i] - dynamics.law_states(c).rate[i]) * per_shift;
+    }
+  };
+  const auto push = [&](Vec2 force, double moment) {
+    base_->dynamics().add_wrench(contact.b.link, force, moment, one_);
+    if (contact.a.link != 0) {
+      base_->dynamics().add_wrench(contact.a.link, -force, -moment, one_);
+    }
+  };
+  if (of.geometry) {
+    Dynamics& other = node.system->dynamics();
+    const ContactState& moved = other.press(c, dynamics, base_->parts(y), node.system->drive(t));
+    add_states(other.law_states(c));
+    if (!s.closed) return;
+    const auto force_of = [](const ContactState& at) {
+      return at.law.force * (at.normal - at.friction.value * perp(at.normal));
+    };
+    const Vec2 before = force_of(s);
+    const Vec2 after = moved.closed ? force_of(moved) : Vec2{};
+    push(per_shift * (after - before),
+         per_shift * (cross(moved.point, after) - cross(s.point, before)));
+    return;
   }
-  if (!s.closed || force == 0.0) return;
-  loads_.col(column) += force * by_force(c);
-  if (contact.string < 0 || out.rows() < static_cast<Eigen::Index>(base_->size())) return;
-  const auto phi = dynamics.phi(contact.string);
-  const auto& string = mechanism_->strings[static_cast<std::size_t>(contact.string)];
-  const int first = 2 * n + base_->law_states() + base_->modes() + string.offset;
-  for (std::size_t k = 0; k < phi.size(); ++k) {
-    out(first + static_cast<int>(k), column) += force * phi[k];
+  const Contact& other = node.system->mechanism().contacts[c];
+  if (of.law) {
+    LawStates states;
+    const LawMemory own = dynamics.memory(c);
+    const LawValue v = s.closed
+                           ? other.law.evaluate(s.compression, s.rate, own, &states)
+                           : other.law.evaluate(std::min(0.0, s.compression), 0.0, own, &states);
+    add_states(states);
+    const double force = s.closed ? (v.force - s.law.force) * per_shift : 0.0;
+    if (force != 0.0) {
+      one_ += force * by_force(c);
+      add_string_force(c, force, column, out);
+    }
+  }
+  if (of.friction && s.closed) {
+    const double more = evaluate(other.friction, s.slip).value - s.friction.value;
+    const Vec2 force = (-s.law.force * more * per_shift) * perp(s.normal);
+    push(force, cross(s.point, force));
+  }
+}
+
+void ShiftedModels::add_links(const Changes& changes) {
+  // M a = Q is linear in mass, first moment and inertia: minus their inertial force and weight.
+  const Dynamics& dynamics = base_->dynamics();
+  for (const auto& of : changes.links) {
+    const LinkState& s = dynamics.links()[static_cast<std::size_t>(of.link)];
+    const Vec2 r = s.rotation * of.first;
+    const Vec2 a = s.acceleration - mechanism_->gravity;
+    const Vec2 force = (-of.mass) * a - s.alpha * perp(r) + (s.omega * s.omega) * r;
+    const double moment = -(cross(r, a) + of.second * s.alpha);
+    dynamics.add_wrench(of.link, force, cross(s.origin, force) + moment, one_);
+  }
+  if (changes.gravity == Vec2{}) return;
+  for (std::size_t i = 1; i < mechanism_->links.size(); ++i) {
+    const Link& link = mechanism_->links[i];
+    if (link.mass == 0.0) continue;
+    const LinkState& s = dynamics.links()[i];
+    const Vec2 force = link.mass * changes.gravity;
+    const Vec2 center = s.origin + s.rotation * link.center_of_mass;
+    dynamics.add_wrench(static_cast<int>(i), force, cross(center, force), one_);
+  }
+}
+
+/// Springs, dashpots, friction of joints, beams.
+void ShiftedModels::add_members(std::size_t j, std::span<const double> y) {
+  const auto n = static_cast<std::size_t>(base_->coordinates());
+  const auto q = y.first(n);
+  const auto v = y.subspan(n, n);
+  const auto at = [](int k) { return static_cast<std::size_t>(k); };
+  const Changes& changes = changes_[j];
+  for (const Node& node : parameters_[j]) {
+    const Mechanism& m = *node.mechanism;
+    for (const std::size_t k : changes.joints) {
+      one_[static_cast<Eigen::Index>(k)] -=
+          node.weight * evaluate(m.joint_friction[k], v[k]).value;
+    }
+    for (const std::size_t i : changes.dashpots) {
+      const Dashpot& d = m.dashpots[i];
+      one_[d.coordinate] -= node.weight * d.against(v[at(d.coordinate)]).value;
+    }
+    for (const std::size_t i : changes.springs) {
+      const TorsionSpring& spring = m.springs[i];
+      const double x = q[at(spring.coordinate)] - spring.rest_angle;
+      one_[spring.coordinate] -= node.weight * (spring.stiffness * x + spring.play.at(x).force);
+    }
+  }
+  for (const auto& of : changes.beams) {
+    const Eigen::Index count = of.stiffness.rows();
+    const Eigen::Map<const Eigen::VectorXd> bend(q.data() + of.first, count);
+    const Eigen::Map<const Eigen::VectorXd> rate(v.data() + of.first, count);
+    one_.segment(of.first, count) -= of.stiffness * bend + of.damping * rate;
+  }
+}
+
+void ShiftedModels::add_straps(std::size_t j) {
+  const Dynamics& dynamics = base_->dynamics();
+  for (const std::size_t i : changes_[j].straps) {
+    for (const Node& node : parameters_[j]) {
+      const Strap& strap = node.system->mechanism().straps[i];
+      const Vec2 a = dynamics.position(strap.a);
+      const Vec2 b = dynamics.position(strap.b);
+      const Vec2 pull = node.weight * strap.pull(b - a);
+      dynamics.add_wrench(strap.a.link, pull, cross(a, pull), one_);
+      dynamics.add_wrench(strap.b.link, -pull, -cross(b, pull), one_);
+    }
+  }
+}
+
+/// A force, of the finger or of a motor, or where the finger is.
+void ShiftedModels::add_finger(std::size_t j, double t) {
+  for (const Node& node : parameters_[j]) {
+    const Drive drive = node.system->drive(t);
+    if (drive.motion) return;
+    if (drive.coordinate >= 0) {
+      one_[drive.coordinate] += node.weight * drive.force;
+      continue;
+    }
+    const Mechanism& m = node.system->mechanism();
+    const Vec2 force = (node.weight * drive.force) * m.finger_direction;
+    const Vec2 place = base_->dynamics().position(m.finger_point);
+    base_->dynamics().add_wrench(m.finger_point.link, force, cross(place, force), one_);
+  }
+}
+
+/// Change of the acceleration that a prescribed motion wants, see Prescription.
+double ShiftedModels::wanted(std::size_t j, double t) {
+  constexpr double c = Prescription::rate;
+  double sum = 0.0;
+  for (const Node& node : parameters_[j]) {
+    const Drive drive = node.system->drive(t);
+    sum += node.weight * (drive.acceleration + 2.0 * c * drive.speed + c * c * drive.displacement);
+  }
+  return sum;
+}
+
+/// The reaction sees to it that the accelerations change along its row as the motion wants.
+void ShiftedModels::add_prescription(std::size_t j, double t, RowMatrix& out) {
+  const double change = changes_[j].input ? wanted(j, t) : reference_[j];
+  if (change == 0.0) return;
+  const Eigen::VectorXd& row = base_->dynamics().prescription().row;
+  two_ = row;
+  has_base_ = false;
+  base_->dynamics().solve_mass(two_);
+  out.col(static_cast<Eigen::Index>(j)).segment(base_->coordinates(), base_->coordinates()) +=
+      change / row.dot(two_) * two_;
+}
+
+void ShiftedModels::add_modes(std::size_t j, std::span<const double> y, RowMatrix& out) const {
+  if (out.rows() < static_cast<Eigen::Index>(y.size())) return;
+  const Changes& changes = changes_[j];
+  const std::size_t eta = first_mode();
+  for (std::size_t i = 0; i < modes(); ++i) {
+    out(static_cast<Eigen::Index>(eta + modes() + i), static_cast<Eigen::Index>(j)) -=
+        changes.mode_stiffness[i] * y[eta + i] + changes.mode_damping[i] * y[eta + modes() + i];
+  }
+}
+
+void ShiftedModels::places(std::span<const double> y, const RowMatrix& columns,
+                           std::span<const PlaceOf> wanted, Eigen::MatrixXd& out) {
+  const Eigen::Index n = base_->coordinates();
+  probe_->place(y);
+  const Dynamics& dynamics = probe_->dynamics();
+  out.resize(static_cast<Eigen::Index>(wanted.size()), columns.cols());
+  one_.resize(n);
+  Eigen::Index row = 0;
+  for (const PlaceOf& of : wanted) {
+    if (of.state >= 0) {
+      out.row(row++) = columns.row(of.state);
+      continue;
+    }
+    // What a unit rate does to a point is what a unit force at it does to a coordinate.
+    const LinkPoint point = mechanism_->points[static_cast<std::size_t>(of.point)].point;
+    one_.setZero();
+    dynamics.add_wrench(point.link, of.direction, cross(dynamics.position(point), of.direction),
+                        one_);
+    out.row(row) = one_.transpose() * columns.topRows(n);
+    for (std::size_t j = 0; j < parameters_.size(); ++j) {
+      if (!changes_[j].points && !changes_[j].motions) continue;
+      for (const Node& node : parameters_[j]) {
+        node.system->place(y);
+        const auto& own = node.mechanism->points[static_cast<std::size_t>(of.point)].point;
+        out(row, static_cast<Eigen::Index>(j)) +=
+            node.weight * dot(of.direction, node.system->dynamics().position(own));
+      }
+    }
+    ++row;
   }
 }
 

@@ -1,12 +1,11 @@
 /// Workspaces of the model and of its copies with shifted parameters, one set a thread.
 #pragma once
 
-#include <exception>
 #include <memory>
-#include <optional>
 #include <span>
 #include <vector>
 
+#include "changes.hpp"
 #include "feltmb/sensitivity/sensitivity.hpp"
 
 namespace feltmb::detail {
@@ -20,14 +19,16 @@ struct Columns {
 /// The model, and its copies with shifted parameters, as workspaces.
 class ShiftedModels {
  public:
+  /// @param rest  whether the rest pose and its derivatives are wanted
   ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism, const FingerInput& input,
                 const std::vector<SensitivityParameter>& parameters,
-                const SensitivityOptions& options);
+                const SensitivityOptions& options, bool rest);
 
   /// From now on the clock of all starts at `begin` of the input's, with `directions` columns after
-  /// those of the parameters; `start` is the state there, empty if not known yet. From rest each
-  /// model counts a prescribed motion from its own rest pose.
-  void begin(double begin, std::size_t directions, std::span<const double> start, bool from_rest);
+  /// those of the parameters; `start` is the state there and `moves` its derivatives by the
+  /// parameters: each model counts a prescribed motion from its own start.
+  void begin(double begin, std::size_t directions, std::span<const double> start,
+             const RowMatrix& moves);
 
   MechanismSystem& base() { return *base_; }
   MechanismSystem& probe() { return *probe_; }
@@ -48,6 +49,11 @@ class ShiftedModels {
   std::size_t first_mode() const { return base_->size() - 2 * modes(); }
   std::size_t modes() const { return static_cast<std::size_t>(base_->modes()); }
 
+  /// Whether a parameter moves the modes of a string.
+  bool moves_strings(std::size_t parameter) const {
+    return changes_[parameter].motions || changes_[parameter].strings;
+  }
+
   /// Rest pose as a start state, and its derivatives.
   SimulationState rest() const;
   const Columns& rest_columns() const { return rest_columns_; }
@@ -67,6 +73,17 @@ class ShiftedModels {
   template <class Function>
   void total(double t, std::span<const double> y, std::span<const double> memory,
              const Columns& columns, std::size_t width, Function&& function, Eigen::MatrixXd& out);
+
+  /// A state, or a component of a tracking point's position.
+  struct PlaceOf {
+    int state = -1;
+    int point = -1;
+    Vec2 direction;
+  };
+
+  /// Total derivatives of places at a fixed time: one product for all columns.
+  void places(std::span<const double> y, const RowMatrix& columns,
+              std::span<const PlaceOf> wanted, Eigen::MatrixXd& out);
 
   /// Adds d exp(-open / recovery time) of each parameter times what is remembered.
   void add_recovery(std::size_t contact, double remembered, double open, double time,
@@ -91,12 +108,12 @@ class ShiftedModels {
 
  private:
   struct Node {
+    std::shared_ptr<const Mechanism> mechanism;
     std::unique_ptr<MechanismSystem> system;
     FingerInput input;
     double shift = 0.0;
     double weight = 0.0;
     std::vector<double> levels;
-    std::vector<double> rest;  ///< its own rest pose, for a prescribed motion
   };
   struct Rest {
     Eigen::VectorXd state;
@@ -104,6 +121,7 @@ class ShiftedModels {
     double finger = 0.0;
     std::vector<double> levels;
   };
+  void find_rests();
   Rest find_rest(const std::shared_ptr<const Mechanism>& mechanism, std::span<const double> near,
                  const FingerInput& input);
   static void remember(MechanismSystem& system, std::span<const double> memory) {
@@ -116,45 +134,37 @@ class ShiftedModels {
   const SensitivityOptions& options_;
   std::unique_ptr<MechanismSystem> base_, probe_;
   static const Node& nearest(const std::vector<Node>& nodes);
-  void law_rates(std::size_t j, RowMatrix& out);
+  bool told_by_parts(const Changes& changes, double t) const;
+  void add_contact(std::size_t j, const Changes::OfContact& of, double t, std::span<const double> y,
+                   RowMatrix& out);
+  void add_string_force(std::size_t contact, double force, Eigen::Index column, RowMatrix& out);
+  void add_links(const Changes& changes);
+  void add_members(std::size_t j, std::span<const double> y);
+  void add_straps(std::size_t j);
+  void add_finger(std::size_t j, double t);
+  void add_prescription(std::size_t j, double t, RowMatrix& out);
+  double wanted(std::size_t j, double t);
+  void add_modes(std::size_t j, std::span<const double> y, RowMatrix& out) const;
+  void whole_rates(std::size_t j, double t, std::span<const double> y,
+                   std::span<const double> memory, RowMatrix& out);
   void memory_rates(const Eigen::MatrixXd& memory_columns, RowMatrix& out);
   const Eigen::VectorXd& by_force(std::size_t contact);  ///< dQ/dF of a closed contact
-  bool any_closed(const std::vector<int>& contacts) const;
-  void inertial_loads(std::size_t j);
-  void modal_rates(std::size_t j, std::span<const double> y, RowMatrix& out);
-  bool input_loads(std::size_t j, double t);
+  bool closed(std::size_t contact) const { return base_->dynamics().contacts()[contact].closed; }
   void base_rates(std::span<const double> y);
 
-  /// Adds the generalized force of a force at the origin of a link and a moment to `one_`.
-  void add_wrench(std::size_t link, Vec2 force, double moment);
-
-  /// Change of a link's mass, first moment and inertia about its origin, a unit of a parameter.
-  struct InertialShift {
-    std::size_t link;
-    double mass;
-    Vec2 first;
-    double second;
-  };
-  std::vector<std::vector<InertialShift>> inertial_;  ///< by parameter; empty: anything
-  /// Change of the strings' modes a unit of a parameter, where its force alone moves them.
-  struct ModalShift {
-    std::vector<double> stiffness, damping;
-    bool shapes = false;  ///< the shapes change too: no use while a string is touched
-  };
-  std::vector<std::unique_ptr<ModalShift>> modal_;  ///< by parameter; none: anything
-  std::vector<int> condensed_;                      ///< coordinates without an equation
+  std::vector<int> condensed_;  ///< coordinates without an equation
   std::vector<std::vector<Node>> parameters_;
-  std::vector<std::optional<std::vector<int>>> contacts_;
-  std::vector<int> law_;  ///< contact whose law alone a parameter changes, -1: anything
-  RowMatrix loads_;       ///< generalized forces of the columns, of the stage at hand
+  std::vector<Changes> changes_;  ///< by parameter
+  RowMatrix loads_;               ///< generalized forces of the columns, of the stage at hand
   std::size_t directions_ = 0;
   Rest rest_;
-  std::exception_ptr no_rest_;  ///< why the mechanism has no rest pose
   Columns rest_columns_;
   Eigen::VectorXd weight_;
   std::vector<double> floor_;
   std::vector<double> scratch_, shifted_, moved_memory_;
   Eigen::VectorXd one_, two_, three_;
+  bool has_base_ = false;          ///< two_ holds the rates of the base
+  std::vector<double> reference_;  ///< of a prescribed motion: see wanted(), without the input
   long evaluations_ = 0;
 };
 

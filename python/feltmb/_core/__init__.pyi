@@ -1137,10 +1137,6 @@ class SensitivityParameter:
         name: str,
         nodes: collections.abc.Sequence[Perturbed],
         scale: typing.SupportsFloat | typing.SupportsIndex,
-        law: typing.SupportsInt | typing.SupportsIndex = -1,
-        inertial: bool = False,
-        modal: bool = False,
-        contacts: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] | None = None,
     ) -> None: ...
 
 class SensitivityWindow:
@@ -1151,6 +1147,7 @@ class SensitivityWindow:
         state: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] = [],
         memory: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] = [],
         directions: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
+        moves: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
     ) -> None: ...
 
 class SensitivityOptions:
@@ -1183,6 +1180,10 @@ class SensitivityOptions:
     def tolerance(self) -> float: ...
     @tolerance.setter
     def tolerance(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def whole_models(self) -> bool: ...
+    @whole_models.setter
+    def whole_models(self, arg0: bool) -> None: ...
 
 class SensitivityEvent:
     @property

@@ -1,10 +1,7 @@
-"""Derivatives of a mechanism's segments: forward sensitivities, or differences where they fail.
+"""Derivatives of a mechanism's segments: integrated along with the motion, all in one pass.
 
-Differences are one-sided, all jobs in one threaded batch. Steps are chosen against the noise of an
-adaptive integrator, which is about 0.1 um: a tenth of a tolerance, a fifth of the scale of a
-state, the step of an effect. What this costs in curvature is a few percent of a derivative, which a
-Gauss-Newton step and a score forgive. Forward sensitivities are exact but cost about twice as much
-(docs/gap-action.md); ``model.forward`` chooses.
+Only an effect that brings states of its own, while its magnitude is zero, is a one-sided
+difference: a candidate by itself, an included one with all else by :mod:`feltmb.fit`.
 """
 
 from __future__ import annotations
@@ -20,12 +17,7 @@ from feltmb.adapters.forward import can_differentiate, forward_sensitivities
 from feltmb.data import Array, Record
 from feltmb.fit import Candidate, Jobs, Memory, Sensitivity
 
-__all__ = ["difference_sensitivities", "sensitivities"]
-
-#: Step of a parameter as a share of its scale.
-THETA_STEP = 0.1
-#: Step of a state as a share of its scale.
-START_STEP = 0.2
+__all__ = ["sensitivities"]
 
 
 def sensitivities(
@@ -41,41 +33,27 @@ def sensitivities(
     by_starts: bool,
     candidates: tuple[Candidate, ...],
     memory: Memory | None = None,
-) -> Sensitivity:
-    """See :meth:`feltmb.fit.Model.sensitivities`."""
+) -> Sensitivity | None:
+    """See :meth:`feltmb.fit.Model.sensitivities`; None where no pass can tell."""
+    if not all(can_differentiate(t) or s for t, s in zip(included, magnitudes, strict=True)):
+        return None
     smooth = tuple(t for t in candidates if can_differentiate(t))
     rough = tuple(t for t in candidates if not can_differentiate(t))
-    if memory is not None and not model.forward:
-        memory = None  # differences start every segment as at rest
-    fixed = all(can_differentiate(t) or s != 0.0 for t, s in zip(included, magnitudes, strict=True))
-    found = None
-    if fixed and model.forward:
-        found = forward_sensitivities(
-            model,
-            record,
-            theta,
-            segments,
-            starts,
-            included,
-            magnitudes,
-            by_theta=by_theta,
-            by_starts=by_starts,
-            candidates=smooth,
-            memory=memory,
-        )
+    found = forward_sensitivities(
+        model,
+        record,
+        theta,
+        segments,
+        starts,
+        included,
+        magnitudes,
+        by_theta=by_theta,
+        by_starts=by_starts,
+        candidates=smooth,
+        memory=memory,
+    )
     if found is None:
-        return difference_sensitivities(
-            model,
-            record,
-            theta,
-            segments,
-            starts,
-            included,
-            magnitudes,
-            by_theta=by_theta,
-            by_starts=by_starts,
-            candidates=candidates,
-        )
+        return None
     if not rough:
         return found
     d_rough, d_rough_ends = _candidates(
@@ -99,91 +77,6 @@ def sensitivities(
         d_candidates_ends=np.concatenate([found.d_candidates_ends, d_rough_ends], axis=2)[
             ..., back
         ],
-    )
-
-
-def difference_sensitivities(
-    model: DifferentiableMechanism,
-    record: Record,
-    theta: Array,
-    segments: NDArray[np.intp],
-    starts: Array,
-    included: tuple[Candidate, ...],
-    magnitudes: Array,
-    *,
-    by_theta: Sequence[int],
-    by_starts: bool,
-    candidates: tuple[Candidate, ...],
-) -> Sensitivity:
-    """See :meth:`feltmb.fit.Model.sensitivities`."""
-    count = len(segments)
-    states = model.states(included)
-    nx, ny, k = len(states), len(model.outputs), len(included)
-    theta, magnitudes = np.asarray(theta, dtype=float), np.asarray(magnitudes, dtype=float)
-    rows: list[tuple[Array, Array, Array]] = [(theta, magnitudes, np.zeros(nx))]
-    steps: list[float] = []
-
-    def side(value: float, step: float, low: float, high: float) -> float:
-        return step if value + step <= high or value - step < low else -step
-
-    for i in by_theta:
-        p = model.parameters[i]
-        step = side(theta[i], THETA_STEP * p.size, p.lower, p.upper)
-        moved = theta.copy()
-        moved[i] += step
-        rows.append((moved, magnitudes, np.zeros(nx)))
-        steps.append(step)
-    for i, candidate in enumerate(included):
-        low, high = candidate.effect.bounds
-        step = side(magnitudes[i], candidate.effect.step * candidate.effect.scale, low, high)
-        moved = magnitudes.copy()
-        moved[i] += step
-        rows.append((theta, moved, np.zeros(nx)))
-        steps.append(step)
-    if by_starts:
-        for i, state in enumerate(states):
-            moved = np.zeros(nx)
-            moved[i] = START_STEP * state.scale
-            rows.append((theta, magnitudes, moved))
-            steps.append(moved[i])
-    versions = len(rows)
-    jobs = Jobs(
-        theta=np.repeat(np.array([r[0] for r in rows]), count, axis=0),
-        segments=np.tile(segments, (versions, 1)),
-        starts=np.tile(starts, (versions, 1)) + np.repeat([r[2] for r in rows], count, axis=0),
-        included=included,
-        magnitudes=np.repeat(np.array([r[1] for r in rows]).reshape(versions, k), count, axis=0),
-    )
-    run = model.simulate(record, jobs)
-    outputs = run.outputs.reshape(versions, count, -1, ny)
-    ends = run.ends.reshape(versions, count, nx)
-    scale = np.array(steps).reshape(-1, 1, 1)
-    d_outputs = np.moveaxis((outputs[1:] - outputs[0]) / scale[..., None], 0, -1)
-    d_ends = np.moveaxis((ends[1:] - ends[0]) / scale, 0, -1)
-    d_candidates, d_candidates_ends = _candidates(
-        model,
-        record,
-        theta,
-        segments,
-        starts,
-        included,
-        magnitudes,
-        candidates,
-        outputs[0],
-        ends[0],
-    )
-    a, b = len(by_theta), len(by_theta) + k
-    return Sensitivity(
-        outputs=outputs[0],
-        ends=ends[0],
-        d_theta=d_outputs[..., :a],
-        d_theta_ends=d_ends[..., :a],
-        d_magnitudes=d_outputs[..., a:b],
-        d_magnitudes_ends=d_ends[..., a:b],
-        d_starts=d_outputs[..., b:],
-        d_starts_ends=d_ends[..., b:],
-        d_candidates=d_candidates,
-        d_candidates_ends=d_candidates_ends,
     )
 
 

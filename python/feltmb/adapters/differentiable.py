@@ -26,8 +26,6 @@ class DifferentiableMechanism(Model):
     """Relative tolerance of the integrator [1]."""
     single: bool
     """Whether a record is one segment that starts at rest."""
-    forward: bool
-    """Whether derivatives are integrated along with the motion where possible."""
     workers: int
     """Threads."""
 
@@ -36,10 +34,6 @@ class DifferentiableMechanism(Model):
         self, record: Record, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
     ) -> Variant:
         """The mechanism of parameters and magnitudes under the conditions of a record."""
-
-    @abstractmethod
-    def condensed_places(self, variant: Variant) -> list[int]:
-        """Places of the held axial coordinates in the full state."""
 
     @abstractmethod
     def at_rest(self, variant: Variant, output: str) -> float:

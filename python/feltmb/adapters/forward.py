@@ -19,7 +19,7 @@ from feltmb import _core
 from feltmb.adapters.differentiable import DifferentiableMechanism
 from feltmb.adapters.drives import follow
 from feltmb.adapters.library import Entry
-from feltmb.adapters.remembered import Remembered, start_of
+from feltmb.adapters.remembered import Remembered, start_state
 from feltmb.adapters.variants import Variant
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError
@@ -27,10 +27,11 @@ from feltmb.fit import Candidate, Memory, Sensitivity
 
 __all__ = ["can_differentiate", "forward_sensitivities"]
 
-#: Shift of a parameter or magnitude as a share of its scale.
-SHIFT = 1e-3
-#: Local relative error of a column.
-TOLERANCE = 1e-3
+#: Shift of a parameter or magnitude as a share of its scale: curvature and rounding of the rest
+#: pose both lie below 1e-5 of a derivative.
+SHIFT = 1e-5
+#: Local relative error of a column: up to a strike nine in ten are right to 1e-3 of their largest.
+TOLERANCE = 3e-3
 
 
 @dataclass(frozen=True)
@@ -79,15 +80,12 @@ def forward_sensitivities(
         columns = _columns(model, record, base, theta, included, magnitudes, by_theta, candidates)
     except FeltmbError:
         return None
-    names = [s.name for s in model.states(included)]
+    states = () if model.single else model.states(included)
+    names, scales = [s.name for s in states], [s.scale for s in states]
     place = np.array([base.place[name] for name in names], dtype=int)
-    held = [] if model.single else model.condensed_places(base)
-    directions = np.concatenate([place, np.array(held, dtype=int)]).astype(int)
     drive = model.drives.of(record)
     clock = record.time - record.time[0]
     profile = drive.profile(float(record.time[0]), float(clock[-1]))
-    matrix = np.zeros((base.rest.size, directions.size))
-    matrix[directions, np.arange(directions.size)] = 1.0
     options = _core.SensitivityOptions()
     simulation = _core.SimulationOptions()
     simulation.rtol = model.rtol
@@ -97,19 +95,44 @@ def forward_sensitivities(
     index = {name: i for i, (name, _, _) in enumerate(_core.observables(base.mechanism))}
     options.outputs = [index[o] for o in model.outputs]
     options.threads = model.workers
+
+    def start_of(
+        v: Variant, start: Array, own: Any, held: Remembered | None
+    ) -> tuple[Array, list[float]]:
+        """Full state and remembered compressions at the begin of a segment."""
+        full, compressions = start_state(v, names, start, held)
+        if drive.motion:
+            follow(model.action, v, full, own)
+        return full, compressions
+
     prepared = []
     held_at = memory or (None,) * len(segments)
-    for (first, last), start, held_here in zip(segments, starts, held_at, strict=True):
+    for (first, last), start, held in zip(segments, starts, held_at, strict=True):
         begin, end = float(clock[first]), float(clock[last])
         if model.single:
-            begin, state, compressions = 0.0, [], []
-        else:
-            full, compressions = start_of(base, names, start, held_here)
-            if drive.motion:
-                own = drive.profile(float(record.time[first]), end - begin)
-                follow(model.action, base, full, own)
-            state = list(full)
-        prepared.append(_core.SensitivityWindow(begin, end, state, compressions, matrix))
+            first, begin, start = 0, 0.0, np.zeros(place.size)
+            if not drive.motion:  # the rest pose, which the core finds
+                prepared.append(_core.SensitivityWindow(begin, end))
+                continue
+        own = drive.profile(float(record.time[first]), end - begin)
+        state, compressions = start_of(base, start, own, held)
+        moves = np.zeros((state.size, len(columns)))
+        for c, column in enumerate(columns):
+            moves[:, c] = column.rest(
+                lambda v, start=start, own=own, held=held: start_of(v, start, own, held)[0]
+            )
+        directions = np.zeros((state.size, place.size if by_starts else 0))
+        for i in range(directions.shape[1]):
+            if not drive.motion:
+                directions[place[i], i] = 1.0
+                continue
+            h = 1e-3 * scales[i]
+            ahead, behind = (start + side * h * np.eye(place.size)[i] for side in (1.0, -1.0))
+            fore, aft = (start_of(base, side, own, held)[0] for side in (ahead, behind))
+            directions[:, i] = (fore - aft) / (2 * h)
+        prepared.append(
+            _core.SensitivityWindow(begin, end, list(state), compressions, directions, moves)
+        )
     parameters = [
         _core.SensitivityParameter(
             c.name,
@@ -140,7 +163,7 @@ def forward_sensitivities(
         columns,
         base,
         place,
-        directions,
+        model.single and not drive.motion,
         (len(by_theta), len(included), len(candidates)),
         by_starts=by_starts,
     )
@@ -156,64 +179,39 @@ def _columns(
     by_theta: Sequence[int],
     candidates: tuple[Candidate, ...],
 ) -> list[_Column]:
+    """One-sided: curvature is below 1e-5 of a derivative, and one version a column is enough."""
+
+    def column(
+        name: str,
+        moved: Array,
+        more: tuple[Candidate, ...],
+        sizes: Array,
+        shift: float,
+        scale: float,
+    ) -> _Column:
+        version = model.version(record, moved, more, sizes)
+        return _Column(name, ((version, shift, 1.0 / shift), (base, 0.0, -1.0 / shift)), scale)
+
+    def side(value: float, h: float, upper: float) -> float:
+        return h if value + h <= upper else -h
+
     out = []
     for i in by_theta:
         p = model.parameters[i]
-        h = SHIFT * p.size
-        nodes = []
-        for side in (1.0, -1.0):
-            moved = theta.copy()
-            moved[i] += side * h
-            nodes.append(
-                (model.version(record, moved, included, magnitudes), side * h, side * 0.5 / h)
-            )
-        out.append(_Column(p.name, tuple(nodes), p.size))
-    for k, candidate in enumerate(included):
-        h = SHIFT * candidate.effect.scale
-        low, high = candidate.effect.bounds
-        sides = [s for s in (1.0, -1.0) if low <= magnitudes[k] + s * h <= high]
-        out.append(_shifted_size(model, record, base, theta, included, magnitudes, k, h, sides))
-    for candidate in candidates:
-        h = SHIFT * candidate.effect.scale
-        low, high = candidate.effect.bounds
-        sides = [s for s in (1.0, -1.0) if low <= s * h <= high]
-        more = (*included, candidate)
-        out.append(
-            _shifted_size(
-                model,
-                record,
-                base,
-                theta,
-                more,
-                np.append(magnitudes, 0.0),
-                len(included),
-                h,
-                sides,
-            )
-        )
+        shift = side(theta[i], SHIFT * p.size, p.upper)
+        moved = theta.copy()
+        moved[i] += shift
+        out.append(column(p.name, moved, included, magnitudes, shift, p.size))
+    for k, candidate in enumerate((*included, *candidates)):
+        known = k < len(included)
+        more = included if known else (*included, candidate)
+        sizes = magnitudes.copy() if known else np.append(magnitudes, 0.0)
+        place = k if known else -1
+        scale = candidate.effect.scale
+        shift = side(float(sizes[place]), SHIFT * scale, candidate.effect.bounds[1])
+        sizes[place] += shift
+        out.append(column(candidate.name, theta, more, sizes, shift, scale))
     return out
-
-
-def _shifted_size(
-    model: DifferentiableMechanism,
-    record: Record,
-    base: Variant,
-    theta: Array,
-    included: tuple[Candidate, ...],
-    magnitudes: Array,
-    k: int,
-    h: float,
-    sides: list[float],
-) -> _Column:
-    nodes = []
-    for side in sides:
-        moved = magnitudes.copy()
-        moved[k] += side * h
-        weight = side / (h * len(sides))
-        nodes.append((model.version(record, theta, included, moved), side * h, weight))
-    if len(sides) == 1:
-        nodes.append((base, 0.0, -sides[0] / h))
-    return _Column(included[k].name, tuple(nodes), included[k].effect.scale)
 
 
 def _collect(
@@ -223,7 +221,7 @@ def _collect(
     columns: Sequence[_Column],
     base: Variant,
     place: NDArray[np.intp],
-    directions: NDArray[np.intp],
+    from_rest: bool,
     counts: tuple[int, int, int],
     *,
     by_starts: bool,
@@ -236,15 +234,17 @@ def _collect(
     d_ends = np.zeros((w, nx, n))
     d_starts = np.zeros((w, length, ny, nx if by_starts else 0))
     d_starts_ends = np.zeros((w, nx, nx if by_starts else 0))
-    rest = (
-        np.stack([c.rest(lambda v: v.rest[directions]) for c in columns], axis=1)
-        if n
-        else (np.zeros((directions.size, 0)))
-    )
     still = np.array([model.at_rest(base, o) for o in model.outputs])
-    moving = np.array(
-        [[c.rest(lambda v, o=o: model.at_rest(v, o)) for c in columns] for o in model.outputs]
-    ).reshape(ny, n)
+    rest, moving = np.zeros((nx, n)), np.zeros((ny, n))
+    if from_rest:
+        moving = (
+            np.asarray(results[0].gradient)[0]
+            * (np.array(model.outputs) != "finger.force")[:, None]
+        )
+    else:
+        for k, column in enumerate(columns):
+            rest[:, k] = column.rest(lambda v: v.rest[place])
+            moving[:, k] = column.rest(lambda v: [model.at_rest(v, o) for o in model.outputs])
     for i, (first, last) in enumerate(segments):
         r = results[0] if model.single else results[i]
         skip = int(first) if model.single else 0
@@ -254,11 +254,10 @@ def _collect(
         outputs[i, :count] = np.asarray(r.values)[span] - still
         by_column = gradient[..., :n]
         if not model.single:
-            by_column = by_column + np.einsum("tod,dc->toc", gradient[..., n:], rest)
             end = np.asarray(r.end_state)
             final = np.asarray(r.run.end_state)
             ends[i] = final[place] - base.rest[place]
-            d_ends[i] = end[place][:, :n] + end[place][:, n:] @ rest - rest[:nx]
+            d_ends[i] = end[place][:, :n] - rest
             if by_starts:
                 d_starts[i, :count] = gradient[..., n : n + nx]
                 d_starts_ends[i] = end[place][:, n : n + nx]

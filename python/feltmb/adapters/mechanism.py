@@ -46,7 +46,7 @@ def mechanism_model(
     if not isinstance(library, Library):
         library = load_library(action, library)
     whole = options.get("shooting", "single") == "single"
-    kind = StrokeModel if whole and options.get("derivatives") != "forward" else MechanismModel
+    kind = StrokeModel if whole else MechanismModel
     model = kind(action, library, library.outputs(channels), **options)
     chosen = [e for e in library.select(effects) if _can_show(model, e)]
     ready = []

@@ -30,8 +30,7 @@ from feltmb.adapters.drives import Drive, Drives, follow, with_noise
 from feltmb.adapters.landmarks import first_turn, landmarks
 from feltmb.adapters.library import Entry, Library
 from feltmb.adapters.references import from_rest
-from feltmb.adapters.remembered import Remembered, start_of
-from feltmb.adapters.reuse import Question, Reuse
+from feltmb.adapters.remembered import Remembered, start_state
 from feltmb.adapters.variants import Variant, Workshop, changed_config
 from feltmb.adapters.writing import write_mechanism
 from feltmb.data import Array, Record
@@ -95,8 +94,6 @@ class MechanismModel(DifferentiableMechanism):
     until
         How long after the first turn of the library's ``until.output`` (the impact) samples count
         with single shooting [s]; infinite: to their end. Default: that of the library.
-    derivatives
-        ``differences``, or ``forward``: exact, at about twice the cost.
     workers
         Threads; default: one a core.
     allowance
@@ -126,7 +123,6 @@ class MechanismModel(DifferentiableMechanism):
         segment: float | None = None,
         shooting: Literal["single", "multiple"] = "single",
         until: float | None = None,
-        derivatives: Literal["differences", "forward"] = "differences",
         workers: int | None = None,
         allowance: float = 0.01,
     ):
@@ -138,10 +134,6 @@ class MechanismModel(DifferentiableMechanism):
             raise InvalidParameter(f"rtol = {rtol!r}, expected in (0, 1)")
         if until is not None and not until >= 0.0:
             raise InvalidParameter(f"until = {until!r} s, expected >= 0")
-        if derivatives not in ("differences", "forward"):
-            raise InvalidParameter(
-                f"derivatives = {derivatives!r}, expected differences or forward"
-            )
         self.action = action
         self.library = library
         self.name = action.name
@@ -177,9 +169,7 @@ class MechanismModel(DifferentiableMechanism):
         if until is not None and library.until is not None:
             self.until = None if math.isinf(until) else replace(library.until, after_turn=until)
         self.chaotic = self.recursive = not self.single
-        self.forward = derivatives == "forward"
         self.workers = workers or min(8, os.cpu_count() or 1)
-        self.reuse = Reuse()
         self.drives = Drives()
         self._aliases: dict[str, Alias | None] = {}
         self._workshop = Workshop(action)
@@ -192,7 +182,6 @@ class MechanismModel(DifferentiableMechanism):
         }
         scales = dict(zip(action.coordinates, base.mechanism.coordinate_scale, strict=True))
         moving = [c for c in action.coordinates if c not in condensed]
-        self._condensed = [c for c in action.coordinates if c in condensed]
         bodies = action.config.bodies.values()
         turning = {b.coordinate for b in bodies if b.joint == "revolute" and b.coordinate}
         joints = {b.coordinate for b in bodies if b.coordinate}
@@ -245,10 +234,6 @@ class MechanismModel(DifferentiableMechanism):
         for candidate in included:
             extra += list(candidate.effect.hidden)
         return (*self._states, *extra)
-
-    def forget(self) -> None:
-        """See :class:`~feltmb.fit.Model`: the derivatives that are kept."""
-        self.reuse.clear()
 
     def ready(self, records: Sequence[Record]) -> Ready:
         """With single shooting the records up to shortly after the impact.
@@ -386,38 +371,38 @@ class MechanismModel(DifferentiableMechanism):
         candidates: tuple[Candidate, ...] = (),
         memory: Memory | None = None,
     ) -> Sensitivity:
-        """Derivatives, kept while the point moves little.
-
-        See :mod:`feltmb.adapters.forward`, :mod:`feltmb.adapters.derivatives` and
-        :mod:`feltmb.adapters.reuse`.
-        """
+        """Exact derivatives; see :mod:`feltmb.adapters.derivatives`."""
         theta, starts = np.asarray(theta, dtype=float), np.asarray(starts, dtype=float)
-        magnitudes = (
+        given = (
             np.zeros(len(included)) if magnitudes is None else np.asarray(magnitudes, dtype=float)
         )
         wanted = tuple(range(len(self.parameters)) if by_theta is None else by_theta)
-
-        def compute() -> Sensitivity:
-            return sensitivities(
-                self,
-                record,
-                theta,
-                segments,
-                starts,
-                included,
-                magnitudes,
-                by_theta=wanted,
-                by_starts=by_starts,
-                candidates=candidates,
-                memory=memory,
-            )
-
-        if not self.single and self.forward:
-            return compute()
-        question = Question(
-            record, segments, theta, starts, included, magnitudes, wanted, by_starts, candidates
+        found = sensitivities(
+            self,
+            record,
+            theta,
+            segments,
+            starts,
+            included,
+            given,
+            by_theta=wanted,
+            by_starts=by_starts,
+            candidates=candidates,
+            memory=memory,
         )
-        return self.reuse.ask(self, question, compute)
+        if found is not None:
+            return found
+        return super().sensitivities(
+            record,
+            theta,
+            segments,
+            starts,
+            included,
+            given,
+            by_theta=wanted,
+            by_starts=by_starts,
+            candidates=candidates,
+        )
 
     def guess(self, record: Record, segments: NDArray[np.intp]) -> Array:
         """Start states on the model's own way through the record."""
@@ -548,10 +533,6 @@ class MechanismModel(DifferentiableMechanism):
             raise ModelError(f"mechanism {self.name!r}: no rest pose at these numbers")
         return variant
 
-    def condensed_places(self, variant: Variant) -> list[int]:
-        """Places of the held axial coordinates in the full state."""
-        return [variant.place[name] for name in self._condensed]
-
     def at_rest(self, variant: Variant, output: str) -> float:
         """Value of an output at rest: where the tracking point is [m]; 0 for a force."""
         point, _, axis = output.rpartition(".")
@@ -583,7 +564,7 @@ class MechanismModel(DifferentiableMechanism):
         index = np.array([v.place.get(name, -1) for name in names], dtype=int)
         known = index >= 0
         start = task.start if names else np.zeros(0)
-        full, memory = start_of(v, names, start, task.remembered)
+        full, memory = start_state(v, names, start, task.remembered)
         time = record.time[task.first : task.last + 1] - record.time[task.first]
         count = time.size
         options = _core.SimulationOptions()

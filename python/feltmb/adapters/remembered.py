@@ -15,7 +15,7 @@ import numpy as np
 from feltmb.adapters.variants import Variant
 from feltmb.data import Array
 
-__all__ = ["Remembered"]
+__all__ = ["Remembered", "start_state"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class Remembered:
             full[len(variant.place) :] += self.modes
 
 
-def start_of(
+def start_state(
     variant: Variant, names: Sequence[str], departures: Array, held: Remembered | None
 ) -> tuple[Array, list[float]]:
     """Full state and remembered compressions at the start of a segment.

@@ -26,7 +26,6 @@ SETTINGS = {
     "until": "with single shooting: how long after the impact samples count in s, or end: all of "
     "them (default: that of the library, 0.01)",
     "segment": "with multiple shooting: length of shooting segments in s",
-    "derivatives": "differences (default) or forward",
     "variation": "with single shooting: change of felt and friction from stroke to stroke as a "
     "share (default 0.01), none: no variation",
 }
@@ -70,9 +69,8 @@ def resolve(
     if paths:
         action = action.with_values(dict(parse_setting(f"{k}={v}") for k, v in paths.items()))
     options: dict[str, Any] = {}
-    for key in ("shooting", "derivatives"):
-        if key in settings:
-            options[key] = settings[key]
+    if "shooting" in settings:
+        options["shooting"] = settings["shooting"]
     for key in ("rtol", "segment"):
         if key not in settings:
             continue
@@ -120,8 +118,8 @@ def _until(settings: Mapping[str, str]) -> float:
 def _variation(settings: Mapping[str, str]) -> float | None:
     """Variation from stroke to stroke; None: none."""
     text = settings["variation"]
-    if not _single(settings) or settings.get("derivatives") == "forward":
-        raise InvalidParameter("variation: works with shooting=single and derivatives=differences")
+    if not _single(settings):
+        raise InvalidParameter("variation: works with shooting=single")
     if text == "none":
         return None
     try:

@@ -1,10 +1,9 @@
-"""Whole strokes as a model: single shooting with kept derivatives and run-to-run variability.
+"""Whole strokes as a model: single shooting with exact derivatives and run-to-run variability.
 
 Every record is simulated in one go from rest, so that a point of the fit costs one run a record.
-Derivatives are one-sided differences, a column each, and a column is kept as long as the motion has
-not left the one it was taken at by more than ``TRAVEL``: a chord method whose radius is what a
-camera sees, wider for a column that hardly stands out of the noise, because its error stands out
-even less. Values are always simulated anew.
+Derivatives are integrated along with the motion, all columns in one pass (see
+:mod:`feltmb.adapters.forward`); those at a few last points are kept. An effect that brings states
+of its own is a one-sided difference where its magnitude is zero.
 
 What differs from stroke to stroke without being a cause is the *run-to-run variability*: the noise
 of the measured input, small changes of felt and friction, and what a refined model would move. Its
@@ -19,40 +18,30 @@ from __future__ import annotations
 import copy
 import fnmatch
 import math
-from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.adapters.aliases import Alias
+from feltmb.adapters.forward import can_differentiate, forward_sensitivities
 from feltmb.adapters.latest import Latest
-from feltmb.adapters.library import Entry
 from feltmb.adapters.model import VARYING, MechanismModel
 from feltmb.adapters.refined import KINDS, refined
 from feltmb.adapters.shifter import Shifter
+from feltmb.adapters.variants import Variant
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError
 from feltmb.fit import VARIABILITY, Candidate, Jobs, Parameter, Ready, Sensitivity, Simulated
 
 __all__ = ["RunVariability", "StrokeModel"]
 
-#: Motion away from where a column was taken up to which it is kept [m], for a column with the
-#: noncentrality ``CLEAR`` over its scale; in inverse proportion for others, from ``LEAST``
-#: to ``MOST`` times as far. Columns that are kept too long stop a fit far from its minimum.
-TRAVEL, CLEAR, LEAST, MOST = 2e-5, 20.0, 0.5, 10.0
-#: The same with effects in the fit, and from score to score.
-TRAVEL_LATER, TRAVEL_SCORES = 5e-5, 1.5e-3
-#: Columns of one number that are kept: fits with and without an effect come back.
-KEPT = 8
+#: Points whose columns are kept: a score asks for more columns where a fit has ended.
+POINTS = 8
 #: Simulated motions that are kept.
 RUNS = 64
-#: Step of a parameter as a share of its scale: over a tenth of it an integrator at 1e-5
-#: would be detectable.
-STEP = 0.25
-#: The same of the magnitude of the effect, at least.
+#: Step of the magnitude of an effect with states of its own, at least, as a share of its scale.
 EFFECT_STEP = 0.2
 #: Directions of the variability whose noncentrality is below this are left out.
 LEAST_VARIABILITY = 0.3
@@ -77,25 +66,6 @@ class RunVariability:
         )
 
 
-@dataclass(frozen=True)
-class _Column:
-    """A derivative (n, ny) and the motion at which it was taken."""
-
-    motion: Array
-    value: Array
-    patience: float
-    """Multiple of the travel up to which it is kept."""
-
-
-@dataclass(frozen=True)
-class _Scored:
-    """Columns of a record that were all taken at one motion."""
-
-    motion: Array
-    parameters: dict[int, Array]
-    candidates: dict[tuple[str, Any], Array]
-
-
 class StrokeModel(MechanismModel):
     """A mechanism whose records are simulated in one go from rest; see :class:`MechanismModel`.
 
@@ -111,17 +81,13 @@ class StrokeModel(MechanismModel):
         self.variabilities: dict[str, RunVariability] = {}
         self._runs: Latest[tuple[object, ...], Array | None] = Latest(RUNS)
         self._shifter = Shifter(self.action.config)
-        self._scored_at: dict[str, _Scored] = {}
-        self._columns_kept: dict[tuple[object, ...], deque[_Column]] = {}
-        self._displacements = [o != "finger.force" for o in self.outputs]
-        self.computed = 0
-        """Columns taken by differences so far."""
+        self._points: Latest[tuple[object, ...], dict[object, Array]] = Latest(POINTS)
+        self.passes = 0
+        """Integrations of columns so far."""
 
     def forget(self) -> None:
         """See :class:`~feltmb.fit.Model`: the columns that are kept."""
-        super().forget()
-        self._columns_kept.clear()
-        self._scored_at.clear()
+        self._points = Latest(POINTS)
 
     # --- run-to-run variability -----------------------------------------------------------
 
@@ -185,7 +151,7 @@ class StrokeModel(MechanismModel):
                 if e.unit == "1" and any(fnmatch.fnmatch(name, v) for v in VARYING)
             ]
             theta = np.zeros(self.mechanical)
-            found = self._theta_columns(record, base, theta, (), np.zeros(0), which, TRAVEL)
+            found, _ = self._slopes(record, base, theta, (), np.zeros(0), which, ())
             columns += [variation * found[..., i] for i in range(len(which))]
         for name, sigma in record.input_sigma.items():
             if sigma > 0.0 and name in record.inputs:
@@ -315,7 +281,7 @@ class StrokeModel(MechanismModel):
         by_starts: bool = True,
         candidates: tuple[Candidate, ...] = (),
     ) -> Sensitivity:
-        """Derivatives, each column kept while the motion stays near the one it was taken at."""
+        """Exact derivatives of all columns, in one pass."""
         del starts, by_starts
         theta = np.asarray(theta, dtype=float)
         magnitudes = (
@@ -331,19 +297,15 @@ class StrokeModel(MechanismModel):
             n = (len(wanted), len(included), len(candidates))
             bad = np.full((w, length, ny), np.nan)
             blank = [np.zeros((w, length, ny, k)) for k in n]
-            ends = [np.zeros((w, 0, k)) for k in n]
         else:
             shift = self._variability_shift(record, theta)
             bad = _cut(base if shift is None else base + shift, segments, length)
-            later = TRAVEL_LATER if included else TRAVEL
-            of = self._effect_columns(record, base, own, included, magnitudes, included, later)
-            if candidates:
-                by, at = self._scored(record, base, own, included, magnitudes, wanted, candidates)
-            else:
-                by = self._by_parameters(record, base, own, included, magnitudes, wanted, later)
-                at = np.zeros((*base.shape, 0))
-            blank = [_cut(c, segments, length) for c in (by, of, at)]
-            ends = [np.zeros((w, 0, c.shape[3])) for c in blank]
+            inner = [i for i in wanted if i < self.mechanical]
+            effects = (*included, *candidates)
+            found, of = self._slopes(record, base, own, included, magnitudes, inner, effects)
+            by = self._with_own_variability(record, found, wanted)
+            blank = [_cut(c, segments, length) for c in (by, *np.split(of, [len(included)], -1))]
+        ends = [np.zeros((w, 0, c.shape[3])) for c in blank]
         return Sensitivity(
             outputs=bad,
             ends=none,
@@ -359,75 +321,20 @@ class StrokeModel(MechanismModel):
 
     # --- columns ----------------------------------------------------------------------------------
 
-    def _scored(
-        self,
-        record: Record,
-        base: Array,
-        theta: Array,
-        included: tuple[Candidate, ...],
-        magnitudes: Array,
-        wanted: Sequence[int],
-        candidates: tuple[Candidate, ...],
-    ) -> tuple[Array, Array]:
-        """Columns by parameters and by candidates, all taken at one motion.
+    def version(
+        self, record: Record, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
+    ) -> Variant:
+        """See :class:`~feltmb.adapters.differentiable.DifferentiableMechanism`."""
+        chosen = self._chosen(theta[: self.mechanical], included, magnitudes)
+        config = self._shifter.config(chosen, record.conditions)
+        return self._base() if config is self.action.config else self._workshop.assemble(config)
 
-        A score compares what a candidate does with what the parameters can do: columns of two
-        motions would differ by what looks like a cause.
-        """
-        scored = self._scored_at.get(record.name)
-        if scored is None or self._away(record, scored.motion, base) > TRAVEL_SCORES:
-            scored = _Scored(base, {}, {})
-            self._scored_at[record.name] = scored
-        travel = 0.0 if not scored.parameters else TRAVEL_SCORES
-        missing = [i for i in wanted if i not in scored.parameters]
-        found = self._by_parameters(record, base, theta, included, magnitudes, missing, travel)
-        scored.parameters.update({i: found[..., k] for k, i in enumerate(missing)})
-        fresh = [c for c in candidates if (c.name, c.shape) not in scored.candidates]
-        own = tuple(c for c in fresh if self._alias(c) is None)
-        columns = self._effect_columns(record, base, theta, included, magnitudes, own, 0.0)
-        scored.candidates.update({(c.name, c.shape): columns[..., k] for k, c in enumerate(own)})
-        for c in fresh:
-            alias = self._alias(c)
-            if alias is not None and alias.index in scored.parameters:
-                column = scored.parameters[alias.index]
-                ratio = alias.ratio(float(theta[alias.index]), 0.0)
-                scored.candidates[c.name, c.shape] = ratio * column
-            elif alias is not None:
-                lone = self._effect_columns(record, base, theta, included, magnitudes, (c,), 0.0)
-                scored.candidates[c.name, c.shape] = lone[..., 0]
-        by = [scored.parameters[i] for i in wanted]
-        at = [scored.candidates[c.name, c.shape] for c in candidates]
-        empty = np.zeros((*base.shape, 0))
-        return (
-            np.stack(by, axis=-1) if by else empty,
-            np.stack(at, axis=-1) if at else empty,
-        )
-
-    def _away(self, record: Record, motion: Array, base: Array) -> float:
-        """Largest distance between two motions as long as something is measured [m]."""
-        if motion.shape != base.shape:
-            return math.inf
-        seen = np.flatnonzero(np.any([np.isfinite(v) for v in record.outputs.values()], axis=0))
-        away = np.abs(motion - base)[: seen[-1] + 1 if seen.size else None, self._displacements]
-        return float(np.max(away)) if away.size else 0.0
-
-    def _by_parameters(
-        self,
-        record: Record,
-        base: Array,
-        theta: Array,
-        included: tuple[Candidate, ...],
-        magnitudes: Array,
-        wanted: Sequence[int],
-        travel: float,
+    def _with_own_variability(
+        self, record: Record, mechanical: Array, wanted: Sequence[int]
     ) -> Array:
         """Columns (n, ny, p) by parameters of the mechanism and of the variability."""
-        out = np.zeros((*base.shape, len(wanted)))
-        inner = [c for c, i in enumerate(wanted) if i < self.mechanical]
-        which = [wanted[c] for c in inner]
-        out[..., inner] = self._theta_columns(
-            record, base, theta, included, magnitudes, which, travel
-        )
+        out = np.zeros((*mechanical.shape[:2], len(wanted)))
+        out[..., [c for c, i in enumerate(wanted) if i < self.mechanical]] = mechanical
         place = self._variability_place(record)
         if place is not None:
             columns = self._variability_columns(record)
@@ -436,110 +343,90 @@ class StrokeModel(MechanismModel):
                     out[..., c] = columns[..., i - place.start]
         return out
 
-    def _theta_columns(
+    def _slopes(
         self,
         record: Record,
         base: Array,
         theta: Array,
         included: tuple[Candidate, ...],
         magnitudes: Array,
-        which: Sequence[int],
-        travel: float,
-    ) -> Array:
-        out = np.zeros((*base.shape, len(which)))
+        wanted: Sequence[int],
+        effects: tuple[Candidate, ...],
+    ) -> tuple[Array, Array]:
+        """Columns (n, ny, p) by parameters, and by effects at their magnitude or at zero."""
+        inputs = hash(tuple(v.tobytes() for v in record.inputs.values()))
+        point = (record.name, inputs, self._key(record, theta, included, magnitudes))
+        known = self._points.get(point, dict)
+        names = [(c.name, c.shape) for c in effects]
+        lacking = [i for i in wanted if i not in known]
+        fresh = tuple(c for c, name in zip(effects, names, strict=True) if name not in known)
+        if lacking or fresh:
+            live = [
+                k for k, c in enumerate(included) if can_differentiate(c) or magnitudes[k] != 0.0
+            ]
+            inside = tuple(included[k] for k in live)
+            sizes = magnitudes[live]
+            beside = tuple(c for c in fresh if c not in included and can_differentiate(c))
+            known |= self._integrated(record, base, theta, inside, sizes, lacking, beside)
+            rough = [c for c in fresh if (c.name, c.shape) not in known]
 
-        def one(c: int) -> None:
-            i = which[c]
-            p = self.parameters[i]
+            def one(c: Candidate) -> None:
+                known[c.name, c.shape] = self._difference(record, base, theta, inside, sizes, c)
 
-            def take() -> Array:
-                h = STEP * p.size
-                step = h if theta[i] + h <= p.upper or theta[i] - h < p.lower else -h
-                moved = theta.copy()
-                moved[i] += step
-                motion = self._motion(record, moved, included, magnitudes)
-                return np.full_like(base, np.nan) if motion is None else (motion - base) / step
+            self.in_parallel(one, rough)
+        empty = np.zeros((*base.shape, 0))
+        by = [known[i] for i in wanted]
+        of = [known[name] for name in names]
+        return np.stack(by, axis=-1) if by else empty, np.stack(of, axis=-1) if of else empty
 
-            key = (record.name, "parameter", i)
-            out[..., c] = self._kept(key, record, base, travel, p.size, take)
-
-        self.in_parallel(one, range(len(which)))
-        return out
-
-    def _effect_columns(
+    def _integrated(
         self,
         record: Record,
         base: Array,
         theta: Array,
         included: tuple[Candidate, ...],
         magnitudes: Array,
-        wanted: tuple[Candidate, ...],
-        travel: float,
-    ) -> Array:
-        """Columns by magnitudes of effects: at their magnitude, at zero if they are new.
+        wanted: Sequence[int],
+        candidates: tuple[Candidate, ...],
+    ) -> dict[object, Array]:
+        """Columns of one pass by parameters and effects."""
+        names = [*wanted, *((c.name, c.shape) for c in (*included, *candidates))]
+        if not names:
+            return {}
+        self.passes += 1
+        s = forward_sensitivities(
+            self,
+            record,
+            theta,
+            np.array([[0, record.samples - 1]], dtype=np.intp),
+            np.zeros((1, 0)),
+            included,
+            magnitudes,
+            by_theta=wanted,
+            by_starts=False,
+            candidates=candidates,
+        )
+        if s is None:
+            return {name: np.full_like(base, np.nan) for name in names}
+        found = np.concatenate([s.d_theta[0], s.d_magnitudes[0], s.d_candidates[0]], axis=-1)
+        return {name: found[..., k] for k, name in enumerate(names)}
 
-        That of an effect that is more of a tolerance is the column of the tolerance.
-        """
-        out = np.zeros((*base.shape, len(wanted)))
-        aliases = [self._alias(t) for t in wanted]
-        which = sorted({a.index for a in aliases if a is not None})
-        found = self._theta_columns(record, base, theta, included, magnitudes, which, travel)
-        for c, (candidate, alias) in enumerate(zip(wanted, aliases, strict=True)):
-            if alias is not None:
-                magnitude = (
-                    float(magnitudes[included.index(candidate)]) if candidate in included else 0.0
-                )
-                ratio = alias.ratio(float(theta[alias.index]), magnitude)
-                out[..., c] = ratio * found[..., which.index(alias.index)]
-
-        def one(c: int) -> None:
-            candidate = wanted[c]
-            step = max(candidate.effect.step, EFFECT_STEP) * candidate.effect.scale
-            known = candidate in included
-            at = float(magnitudes[included.index(candidate)]) if known else 0.0
-            low, high = candidate.effect.bounds
-            if at + step > high and at - step >= low:
-                step = -step
-
-            def take() -> Array:
-                more = included if known else (*included, candidate)
-                moved = magnitudes.copy() if known else np.append(magnitudes, step)
-                if known:
-                    moved[included.index(candidate)] += step
-                motion = self._motion(record, theta, more, moved)
-                return np.full_like(base, np.nan) if motion is None else (motion - base) / step
-
-            key = (record.name, "effect", candidate.name, candidate.shape)
-            out[..., c] = self._kept(key, record, base, travel, candidate.effect.scale, take)
-
-        self.in_parallel(one, [c for c, a in enumerate(aliases) if a is None])
-        return out
-
-    def _alias(self, candidate: Candidate) -> Alias | None:
-        entry = candidate.effect.data
-        return self.alias(entry) if isinstance(entry, Entry) else None
-
-    def _kept(
+    def _difference(
         self,
-        key: tuple[object, ...],
         record: Record,
         base: Array,
-        travel: float,
-        magnitude: float,
-        take: Callable[[], Array],
+        theta: Array,
+        included: tuple[Candidate, ...],
+        magnitudes: Array,
+        candidate: Candidate,
     ) -> Array:
-        known = self._columns_kept.setdefault(key, deque(maxlen=KEPT))
-        away = [self._away(record, c.motion, base) / c.patience for c in known]
-        if away and min(away) <= travel:
-            return known[int(np.argmin(away))].value
-        value = take()
-        self.computed += 1
-        if not np.all(np.isfinite(value)):
-            return value  # a run that failed is not remembered
-        seen = float(np.linalg.norm(value / self._noise_of(record)))
-        patience = min(max(LEAST, CLEAR / max(magnitude * seen, 1e-3)), MOST)
-        known.append(_Column(base, value, patience))
-        return value
+        """Column of an effect at zero that brings states of its own."""
+        step = max(candidate.effect.step, EFFECT_STEP) * candidate.effect.scale
+        if step > candidate.effect.bounds[1]:
+            step = -step
+        more = (*included, candidate)
+        motion = self._motion(record, theta, more, np.append(magnitudes, step))
+        return np.full_like(base, np.nan) if motion is None else (motion - base) / step
 
 
 def _cut(whole: Array, segments: NDArray[np.intp], length: int) -> Array:

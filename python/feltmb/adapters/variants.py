@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,21 +21,67 @@ __all__ = ["Variant", "Workshop", "changed_config"]
 
 Array = NDArray[np.float64]
 
+#: Described parts that are kept: versions of a mechanism share most of theirs.
+PARTS = 5000
 
-@dataclass(frozen=True, eq=False)
+
 class Variant:
-    """One mechanism, its rest and where its states are."""
+    """One mechanism, its rest and where its states are; the rest is found when it is asked for.
 
-    mechanism: _core.Mechanism
-    rest: Array
-    """Full state [q, v, law states, eta, d eta/dt] at rest."""
-    memory: Array
-    """Compressions that the contacts remember at rest [m]."""
-    place: Mapping[str, int]
-    """State name -> index in the full state."""
-    points: Mapping[str, tuple[float, float]]
-    """Where the tracking points are at rest [m]."""
-    finger_reference: float
+    Parameters
+    ----------
+    mechanism
+        Assembled for the core.
+    finger
+        Whether it has a finger.
+
+    Raises
+    ------
+    ModelError
+        By whatever needs the rest: there is none.
+    """
+
+    def __init__(self, mechanism: _core.Mechanism, *, finger: bool):
+        self.mechanism = mechanism
+        self._finger = finger
+
+    @cached_property
+    def _found(self) -> Mapping[str, Any]:
+        return _core.find_equilibrium(self.mechanism)
+
+    @cached_property
+    def rest(self) -> Array:
+        """Full state [q, v, law states, eta, d eta/dt] at rest."""
+        q = np.asarray(self._found["q"])
+        modes = np.zeros(self.mechanism.total_modes)
+        found = (self._found["law"], self._found["eta"])
+        return np.concatenate([q, np.zeros(q.size), *found, modes])
+
+    @cached_property
+    def memory(self) -> Array:
+        """Compressions that the contacts remember at rest [m]."""
+        return np.asarray(self._found["largest_compression"])
+
+    @cached_property
+    def place(self) -> Mapping[str, int]:
+        """State name -> index in the full state."""
+        return _name_states(self.mechanism)
+
+    @cached_property
+    def points(self) -> Mapping[str, tuple[float, float]]:
+        """Where the tracking points are at rest [m]."""
+        points = {}
+        for index, name in enumerate(self.mechanism.point_names):
+            x, y = _core.point_position(self.mechanism, index, self._found["q"])
+            points[name] = (float(x), float(y))
+        return points
+
+    @cached_property
+    def finger_reference(self) -> float:
+        """Place of the finger along its direction at rest [m]; 0 without a finger."""
+        if not self._finger:
+            return 0.0
+        return float(_core.finger_place(self.mechanism, self._found["q"]))
 
 
 def changed_config(
@@ -76,6 +123,7 @@ class Workshop:
     def __init__(self, action: Action, keep: int = 600):
         self.action = action
         self._made: Latest[bytes, Variant | None] = Latest(keep)
+        self._known: dict[int, tuple[Any, Any]] = {}
 
     def variant(
         self,
@@ -101,23 +149,20 @@ class Workshop:
         InvalidParameter, ModelError
             These numbers make no mechanism, or it finds no rest.
         """
-        mechanism = _core.assemble(describe(config))
-        rest = _core.find_equilibrium(mechanism)
-        q = np.asarray(rest["q"])
-        modes = mechanism.total_modes
-        state = np.concatenate([q, np.zeros(q.size), rest["law"], rest["eta"], np.zeros(modes)])
-        points = {}
-        for index, name in enumerate(mechanism.point_names):
-            x, y = _core.point_position(mechanism, index, q)
-            points[name] = (float(x), float(y))
-        reference = 0.0
-        if config.finger is not None:
-            reference = float(_core.finger_place(mechanism, q))
+        variant = self.assemble(config)
+        _ = variant.rest
+        return variant
+
+    def assemble(self, config: MechanismFile) -> Variant:
+        """Assemble a configuration; its rest is found when it is asked for.
+
+        Raises
+        ------
+        InvalidParameter
+            These numbers make no mechanism.
+        """
+        if len(self._known) > PARTS:
+            self._known = {}
         return Variant(
-            mechanism=mechanism,
-            rest=state,
-            memory=np.asarray(rest["largest_compression"]),
-            place=_name_states(mechanism),
-            points=points,
-            finger_reference=reference,
+            _core.assemble(describe(config, self._known)), finger=config.finger is not None
         )

@@ -5,7 +5,6 @@ import pytest
 
 import feltmb
 from feltmb.adapters import load_library, mechanism_model
-from feltmb.adapters.derivatives import difference_sensitivities, sensitivities
 from feltmb.adapters.variants import changed_config
 from feltmb.data import Record
 from feltmb.fit import Candidate, Jobs
@@ -115,35 +114,3 @@ def test_every_effect_says_what_it_is():
             assert "{" not in e.name + e.component + e.mechanism + e.remedy
         assert len(library.select()) >= 40
         assert len({e.name for e in library.effects}) == len(library.effects)
-
-
-@pytest.mark.slow
-def test_forward_derivatives_are_those_of_differences():
-    """Up to the impact, where the motion is smooth: by tolerances and effects, both shootings."""
-    for shooting in ("single", "multiple"):
-        model, effects = mechanism_model(
-            feltmb.load_action("steinway45"), rtol=1e-8, shooting=shooting, derivatives="forward"
-        )
-        record = record_of(model, "forte", 0.085)
-        theta = np.zeros(len(model.parameters))
-        segments = np.array([[0, 100], [100, record.samples - 1]])
-        starts = model.guess(record, segments)
-        wanted = {"coulomb_friction.butt", "felt_thickness.04", "load_cell_mass", "damper_spoon"}
-        included = tuple(Candidate(e, e.shapes[0]) for e in effects if e.name in wanted)
-        given = {"by_theta": range(len(theta)), "by_starts": True, "candidates": included}
-        none = np.zeros(0)
-        forward = sensitivities(model, record, theta, segments, starts, (), none, **given)
-        differ = difference_sensitivities(model, record, theta, segments, starts, (), none, **given)
-        assert np.nanmax(np.abs(forward.outputs - differ.outputs)) < 1e-7
-        magnitudes = np.array([p.size for p in model.parameters])
-        scales = np.array([t.effect.scale for t in included])
-        for a, b, unit in (
-            (forward.d_theta, differ.d_theta, magnitudes),
-            (forward.d_candidates, differ.d_candidates, scales),
-        ):
-            if a.size:
-                a, b = np.nan_to_num(a), np.nan_to_num(b)  # beyond the end of a segment
-                # Departures of 1 mm and more: 1 um is the noise and curvature of the differences.
-                error = np.max(np.abs(a - b) * unit, axis=(0, 1, 2))
-                room = 2e-6 + 0.03 * np.max(np.abs(b) * unit, axis=(0, 1, 2))
-                assert np.all(error < room)

@@ -16,6 +16,8 @@ struct ExponentialCurve {
   double a = 0.0;  ///< [N/m]
   double b = 0.0;  ///< [1/m], >= 0
   double c = 0.0;  ///< [N/m], may be negative
+
+  bool operator==(const ExponentialCurve&) const = default;
 };
 
 struct CurveValue {

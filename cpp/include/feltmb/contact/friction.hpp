@@ -24,6 +24,8 @@ struct Friction {
   double quadratic = 0.0;         ///< D, unit of A per squared unit of v, >= 0
   double stribeck = 0.0;          ///< S, unit of A, >= 0
   double stribeck_speed = 0.1;    ///< v_s, unit of v, > 0
+
+  bool operator==(const Friction&) const = default;
 };
 
 struct FrictionValue {

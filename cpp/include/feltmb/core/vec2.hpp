@@ -9,6 +9,7 @@ struct Vec2 {
   double x = 0.0;
   double y = 0.0;
 
+  bool operator==(const Vec2&) const = default;
   constexpr Vec2& operator+=(Vec2 b) {
     x += b.x;
     y += b.y;

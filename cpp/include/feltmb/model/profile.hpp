@@ -34,6 +34,8 @@ class Profile {
   const std::vector<double>& breakpoints() const { return breakpoints_; }  ///< slope jumps [s]
   const std::vector<double>& knots() const { return knots_; }  ///< to stop at without restart [s]
 
+  bool operator==(const Profile&) const = default;
+
  private:
   std::size_t interval(double t) const;
   double base(double t) const;

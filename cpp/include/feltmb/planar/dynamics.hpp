@@ -193,6 +193,15 @@ class Dynamics {
     return link.velocity + link.omega * perp(link.rotation * p.local);
   }
 
+  /// Adds to `out` the generalized forces of a force on a link and of its moment about the origin
+  /// of the ground frame; links as they were last evaluated, lumps as last differentiated.
+  void add_wrench(int link, Vec2 force, double moment, Eigen::VectorXd& out) const;
+
+  /// One contact of this mechanism with the links, states and memory of another workspace: what it
+  /// would do there. The joints of both mechanisms are the same.
+  const ContactState& press(std::size_t contact, const Dynamics& at, const MechanicalState& state,
+                            const Drive& drive);
+
   /// The prescribed motion at the last evaluation.
   const Prescription& prescription() const { return prescription_; }
 
@@ -247,6 +256,7 @@ class Dynamics {
     w.virial += dot(point, force);
   }
   void keep_law_rates(std::size_t contact);
+  void load_contact(std::size_t i);
   void apply_contacts();
   void resist_joints();
   void apply_straps();

@@ -154,6 +154,16 @@ struct Strap {
   std::array<double, 3> coefficients{};
   double slack = 0.0;  ///< elongation up to which the clamped cubic is zero [m]
   std::vector<int> coordinates;
+
+  /// Force on end a where end b lies `d` from it [N].
+  Vec2 pull(Vec2 d) const {
+    const double taut = free_length + std::max(0.0, slack);
+    if (dot(d, d) <= taut * taut) return {};
+    const double distance = norm(d);
+    const double e = distance - free_length;
+    const auto [k1, k2, k3] = coefficients;
+    return (e * (k1 + e * (k2 + e * k3)) / distance) * d;
+  }
 };
 
 struct AttachedString {

@@ -12,7 +12,6 @@
 
 #include <Eigen/Dense>
 #include <memory>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -29,16 +28,13 @@ struct Perturbed {
   double weight = 0.0;  ///< derivative ~ sum of weight x value [1 / unit of the parameter]
 };
 
-/// One column of the gradient: what to evaluate for a derivative by a parameter.
+/// One column of the gradient: what to evaluate for a derivative by a parameter. What it changes is
+/// found by comparison; the forces of these parts alone are evaluated, at the state of the base.
+/// Only where links move otherwise a whole right-hand side is.
 struct SensitivityParameter {
   std::string name;
   std::vector<Perturbed> nodes;  ///< weights sum to zero, weight x shift to one
   double scale = 1.0;            ///< size of the parameter, > 0, its unit: for the error control
-  int law = -1;           ///< index of the contact whose law is all that it changes, -1: anything
-  bool inertial = false;  ///< changes masses, centers of mass and inertias of links only
-  /// Indices of the only contacts whose geometry or friction it changes; none: anything.
-  std::optional<std::vector<int>> contacts = {};
-  bool modal = false;  ///< changes frequencies, damping and shapes of string modes only
 };
 
 /// One stretch of a stroke.
@@ -49,6 +45,8 @@ struct SensitivityWindow {
   /// Directions of the start state, one a column after the parameters; rows as in
   /// MechanismSystem, or none.
   Eigen::MatrixXd directions;
+  /// Derivatives of a given start state by the parameters (n_states, n_parameters), or none: zero.
+  Eigen::MatrixXd moves;
 };
 
 struct SensitivityOptions {
@@ -57,6 +55,7 @@ struct SensitivityOptions {
   double output_rate = 1000.0;   ///< samples a second [Hz]
   std::vector<int> outputs;      ///< indices in list_observables
   std::size_t threads = 1;       ///< over windows; 0: all cores
+  bool whole_models = false;     ///< a whole right-hand side a parameter, for tests
   /// Height above its place at rest at which a monitored point is an event.
   struct Rule {
     std::string name;

@@ -176,6 +176,23 @@ std::map<std::string, FieldValue> values_of(const LawParameters& law) {
   return out;
 }
 
+bool same_law(const LawParameters& a, const LawParameters& b) {
+  return std::visit(
+      [&b]<class L>(const L& one) {
+        const L* other = std::get_if<L>(&b);
+        if (other == nullptr) return false;
+        if constexpr (requires { one.chosen(); }) {
+          if (one.chosen() != other->chosen()) return false;
+        }
+        return std::apply(
+            [&](const auto&... field) {
+              return ((one.*field.member == other->*field.member) && ...);
+            },
+            L::fields());
+      },
+      a);
+}
+
 LawName chosen_name(const LawParameters& law) {
   return std::visit(
       []<class L>(const L& own) {

@@ -96,56 +96,7 @@ def shifted(action: Action, stroke: Stroke, parameter: Parameter) -> Any:
         nodes = [model(action.mechanism, s, w, origin=-s) for s, w in sides]
     else:
         nodes = [model(*node) for node in _nodes(action, parameter)]
-    return _core.SensitivityParameter(
-        parameter.path,
-        nodes,
-        parameter.size,
-        _law_of(action, parameter.path),
-        _is_inertial(action, parameter.path),
-        parameter.path in _MODAL,
-        _touched_contacts(action, parameter.path),
-    )
-
-
-def _touched_contacts(action: Action, path: str) -> list[int] | None:
-    """Positions of the only contacts that a path changes; None: more than contacts."""
-    table, name, *rest = path.split(".")
-    numbers: list[int] = action.mechanism.contact_numbers
-    if table == "points":  # where one looks
-        return []
-    if table == "contacts":
-        return [numbers.index(int(name))]
-    if table == "surfaces":
-        users = (int(n) for n, c in action.config.contacts.items() if name in c.surfaces)
-        return [numbers.index(n) for n in users if n in numbers]
-    if table == "bodies" and action.config.bodies[name].kind == "beam" and rest[0] in _MASSES:
-        return []  # those of a beam follow from its density
-    return None
-
-
-_MASSES = ("mass", "inertia", "center_of_mass")
-
-#: Parameters that change the frequencies, damping and shapes of the string's modes, nothing else.
-_MODAL = frozenset(
-    f"string.{name}" for name in ("tension", "young_modulus", "damping_ratio", "linear_density")
-)
-
-
-def _is_inertial(action: Action, path: str) -> bool:
-    """Whether a parameter changes the mass, center of mass or inertia of a rigid body only."""
-    table, name, *rest = path.split(".")
-    if table != "bodies" or rest[0] not in _MASSES:
-        return False
-    return action.config.bodies[name].kind == "rigid"
-
-
-def _law_of(action: Action, path: str) -> int:
-    """Position of the contact whose law is all that a parameter changes, else -1."""
-    table, *rest = path.split(".")
-    numbers: list[int] = action.mechanism.contact_numbers
-    if table == "contacts" and rest[1] != "friction":
-        return numbers.index(int(rest[0]))
-    return -1
+    return _core.SensitivityParameter(parameter.path, nodes, parameter.size)
 
 
 def drives(stroke: Stroke) -> tuple[bool, bool]:

@@ -50,6 +50,9 @@ std::map<std::string, FieldValue> values_of(const LawParameters& law);
 
 LawName chosen_name(const LawParameters& law);
 
+/// Whether two laws are of one name with equal fields; envelopes are equal if they are the same.
+bool same_law(const LawParameters& a, const LawParameters& b);
+
 /// Throws InvalidParameter naming every field out of its range and what else is wrong.
 void check_fields(const LawParameters& law);
 
