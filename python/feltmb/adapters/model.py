@@ -31,6 +31,7 @@ from feltmb.adapters.landmarks import first_turn, landmarks
 from feltmb.adapters.library import Entry, Library
 from feltmb.adapters.references import from_rest
 from feltmb.adapters.remembered import Remembered, start_state
+from feltmb.adapters.shifter import Shifter
 from feltmb.adapters.variants import Variant, Workshop, changed_config
 from feltmb.adapters.writing import write_mechanism
 from feltmb.data import Array, Record
@@ -172,7 +173,8 @@ class MechanismModel(DifferentiableMechanism):
         self.workers = workers or min(8, os.cpu_count() or 1)
         self.drives = Drives()
         self._aliases: dict[str, Alias | None] = {}
-        self._workshop = Workshop(action)
+        self._workshop = Workshop()
+        self._shifter = Shifter(action.config)
         base = self._base()
         condensed = {
             f"{name}.u{k + 1}"
@@ -208,7 +210,7 @@ class MechanismModel(DifferentiableMechanism):
         self._check_outputs(base)
 
     def _base(self) -> Variant:
-        variant = self._workshop.variant(b"", [], {})
+        variant = self._workshop.variant(b"", lambda: self.action.config)
         if variant is None:
             raise InvalidParameter(f"mechanism {self.action.name!r} has no rest pose")
         return variant
@@ -402,6 +404,7 @@ class MechanismModel(DifferentiableMechanism):
             by_theta=wanted,
             by_starts=by_starts,
             candidates=candidates,
+            memory=memory,
         )
 
     def guess(self, record: Record, segments: NDArray[np.intp]) -> Array:
@@ -513,9 +516,8 @@ class MechanismModel(DifferentiableMechanism):
     ) -> Variant | None:
         if not any(theta) and not any(magnitudes):
             return self._base()
-        return self._workshop.variant(
-            key, self._chosen(theta, included, magnitudes), record.conditions
-        )
+        chosen = self._chosen(theta, included, magnitudes)
+        return self._workshop.variant(key, lambda: self._shifter.config(chosen, record.conditions))
 
     def version(
         self, record: Record, theta: Array, included: tuple[Candidate, ...], magnitudes: Array

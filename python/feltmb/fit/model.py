@@ -556,6 +556,7 @@ class Model(ABC):
         by_theta: Sequence[int] | None = None,
         by_starts: bool = True,
         candidates: tuple[Candidate, ...] = (),
+        memory: Memory | None = None,
     ) -> Sensitivity:
         """Outputs and derivatives of segments.
 
@@ -576,6 +577,8 @@ class Model(ABC):
             Further included effects, all at magnitude zero, whose derivatives at zero are wanted
             too (one-sided if they have a sign). Their hidden states start at their prior mean at
             the first segment and run through the segments in turn.
+        memory
+            What the machine remembers at the starts beside its states; see :class:`Jobs`.
         """
         magnitudes = np.zeros(len(included)) if magnitudes is None else magnitudes
         check_segments(self, record, segments, starts, included, magnitudes, theta)
@@ -595,6 +598,7 @@ class Model(ABC):
             by_theta=range(len(self.parameters)) if by_theta is None else by_theta,
             by_starts=by_starts,
             candidates=candidates,
+            memory=memory,
         )
 
 
@@ -653,6 +657,7 @@ def difference_sensitivities(
     by_theta: Sequence[int],
     by_starts: bool,
     candidates: tuple[Candidate, ...],
+    memory: Memory | None = None,
 ) -> Sensitivity:
     """Central differences by parameters, magnitudes and start states.
 
@@ -708,6 +713,7 @@ def difference_sensitivities(
         magnitudes=np.repeat(
             np.array(rows_magnitudes).reshape(versions, len(included)), count, axis=0
         ),
+        memory=None if memory is None else versions * memory,
     )
     run = model.simulate(record, jobs)
     longest = run.outputs.shape[1]
@@ -754,6 +760,7 @@ def difference_sensitivities(
         d_starts_ends=derive(ends, columns[b:]),
         d_candidates=d_candidates,
         d_candidates_ends=d_candidates_ends,
+        memory=None if run.memory is None else run.memory[:count],
     )
 
 

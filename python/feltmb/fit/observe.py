@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +61,9 @@ def _observed(
             ends[rows] = run.ends
         memory = None
         if all(run.memory is not None for _, run in parts):
-            held = {int(b): item for rows, run in parts for b, item in zip(rows, run.memory or ())}
+            held: dict[int, Any] = {}
+            for rows, run in parts:
+                held |= dict(zip(rows.tolist(), run.memory or (), strict=True))
             memory = tuple(held[b] for b in range(jobs.count))
     for k, candidate in enumerate(jobs.included):
         if candidate.effect.observe is None:

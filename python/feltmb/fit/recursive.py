@@ -20,7 +20,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from feltmb.data import Array
 from feltmb.fit.linearize import Linear, Place, linearize, predict_ends
@@ -218,8 +217,15 @@ class _Record:
         starts = self._smoothed(len(segments))
         memory = None if starts_memory[-1] is None else tuple(starts_memory)
         count = self.shared
-        rest = _triangle(np.hstack([self.known.shared[:, count:], self.known.shared[:, :count],
-                                    self.known.right[:, None]]))
+        rest = _triangle(
+            np.hstack(
+                [
+                    self.known.shared[:, count:],
+                    self.known.shared[:, :count],
+                    self.known.right[:, None],
+                ]
+            )
+        )
         nn = self.g.size - count
         rows = rest[nn:, nn:]
         known = _Known(np.zeros((len(rows), 0)), rows[:, :-1], rows[:, -1])
@@ -245,7 +251,9 @@ class _Record:
             self.problem.input_knots,
         )
 
-    def _look(self, piece: SegmentedRecord, x: Array, g: Array) -> tuple[Array, Array, Memory | None]:
+    def _look(
+        self, piece: SegmentedRecord, x: Array, g: Array
+    ) -> tuple[Array, Array, Memory | None]:
         """Whitened residual, end state and memory of a piece."""
         theta, magnitudes, nuisances = self._numbers(g)
         return predict_ends(
@@ -369,9 +377,7 @@ class _Record:
             )
         )
         rest = r[own : own + extra + ng]
-        self.known = _Known(
-            rest[:, own : own + extra], rest[:, own + extra : -1], rest[:, -1]
-        )
+        self.known = _Known(rest[:, own : own + extra], rest[:, own + extra : -1], rest[:, -1])
         self.x, self.g = (end if not last else at.x), at.g
         self.memory = memory
 
@@ -404,7 +410,7 @@ def _without_noise(linear: Linear, residual: Array) -> float:
 
 def _triangle(rows: Array) -> Array:
     """Upper triangle of a QR factorization, as many rows as columns."""
-    r: NDArray[np.float64] = np.linalg.qr(rows, mode="r")
+    r: Array = np.asarray(np.linalg.qr(rows, mode="r"))
     if r.shape[0] < r.shape[1]:
         r = np.vstack([r, np.zeros((r.shape[1] - r.shape[0], r.shape[1]))])
     return r

@@ -624,11 +624,10 @@ def _followed(
     progress: Progress | None,
     label: str,
 ) -> Fit:
-    """Fit from states and parameters that are estimated along the records; see
-    :mod:`feltmb.fit.recursive`.
+    """Fit from states and parameters that are estimated along the records.
 
-    Continuity is tight from the beginning: what unknown forces do in a segment is the process noise
-    of its laws. States that vibrate lose their phase.
+    See :mod:`feltmb.fit.recursive`. Continuity is tight from the beginning: what unknown forces do
+    in a segment is the process noise of its laws. States that vibrate lose their phase.
     """
     start = point or problem.start()
     fixed, gap_sd = _tied(problem, start)

@@ -62,7 +62,9 @@ def make_record(model, theta, seed, samples, step, drive=1.0):
     force = drive * np.sin(13.0 * time + seed)
     clean = Record(name=f"r{seed}", time=time, inputs={"f": force}, outputs={"q": 0.0 * time})
     jobs = Jobs(
-        theta=np.asarray(theta)[None], segments=np.array([[0, samples - 1]]), starts=np.zeros((1, 2))
+        theta=np.asarray(theta)[None],
+        segments=np.array([[0, samples - 1]]),
+        starts=np.zeros((1, 2)),
     )
     q = model.simulate(clean, jobs).outputs[0, :, 0]
     return Record(
@@ -91,9 +93,7 @@ def test_of_a_linear_model_it_is_the_minimum(process_sd):
     other = _minimize(problem, problem.start(), gap_sd, FitSettings(decrement=1e-9), 20)
     assert found.cost == pytest.approx(other[1], rel=1e-7)
     np.testing.assert_allclose(point.theta, other[0].theta, atol=1e-6)
-    np.testing.assert_allclose(
-        point.places[0].starts, other[0].places[0].starts, atol=1e-4 * NOISE
-    )
+    np.testing.assert_allclose(point.places[0].starts, other[0].places[0].starts, atol=1e-4 * NOISE)
 
 
 def test_parameters_that_are_held_stay_and_the_states_follow():
