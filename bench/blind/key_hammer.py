@@ -19,6 +19,7 @@ from feltmb.fit import (
     Candidate,
     Effect,
     Jobs,
+    Memory,
     Model,
     Parameter,
     Port,
@@ -395,8 +396,10 @@ class KeyHammer(Model):
         by_theta: Sequence[int] | None = None,
         by_starts: bool = True,
         candidates: tuple[Candidate, ...] = (),
+        memory: Memory | None = None,
     ) -> Sensitivity:
         """Exact derivatives of the discrete scheme, in one pass; see the base class."""
+        del memory  # its states are all it has
         magnitudes = (
             np.zeros(len(included)) if magnitudes is None else np.asarray(magnitudes, dtype=float)
         )
@@ -410,7 +413,7 @@ class KeyHammer(Model):
             for k, _ in of_candidates
         ]
         states = [*places] if by_starts else []
-        states += [m for memory in memories for m in memory if m not in states]
+        states += [m for own in memories for m in own if m not in states]
         full = np.zeros((len(segments), len(self._states)))
         full[:, places] = starts
         rows = self._rows(record, theta[None, :], included, magnitudes[None, :])
@@ -434,18 +437,18 @@ class KeyHammer(Model):
         first = n_t + n_k + n_c
         d_cand = dy[..., n_t + n_k : first].copy()
         d_cand_ends = d_ends[..., n_t + n_k : first].copy()
-        for c, memory in enumerate(memories):
-            if not memory:
+        for c, own in enumerate(memories):
+            if not own:
                 continue
             # Its memory runs on from segment to segment: carry d(memory)/d(magnitude) along.
-            carried = np.zeros(len(memory))
-            columns = [first + states.index(m) for m in memory]
+            carried = np.zeros(len(own))
+            columns = [first + states.index(m) for m in own]
             for w in range(len(segments)):
                 if w > 0 and segments[w, 0] != segments[w - 1, 1]:
                     carried[:] = 0.0
                 d_cand[w, ..., c] += dy[w][..., columns] @ carried
                 d_cand_ends[w, :, c] += d_ends[w][:, columns] @ carried
-                carried = d_cand_ends[w, memory, c]
+                carried = d_cand_ends[w, own, c]
         return Sensitivity(
             outputs=y,
             ends=ends[:, places],

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from feltmb.adapters.differentiable import DifferentiableMechanism
 from feltmb.adapters.forward import can_differentiate, forward_sensitivities
 from feltmb.data import Array, Record
-from feltmb.fit import Candidate, Jobs, Sensitivity
+from feltmb.fit import Candidate, Jobs, Memory, Sensitivity
 
 __all__ = ["sensitivities"]
 
@@ -32,6 +32,7 @@ def sensitivities(
     by_theta: Sequence[int],
     by_starts: bool,
     candidates: tuple[Candidate, ...],
+    memory: Memory | None = None,
 ) -> Sensitivity | None:
     """See :meth:`feltmb.fit.Model.sensitivities`; None where no pass can tell."""
     if not all(can_differentiate(t) or s for t, s in zip(included, magnitudes, strict=True)):
@@ -49,6 +50,7 @@ def sensitivities(
         by_theta=by_theta,
         by_starts=by_starts,
         candidates=smooth,
+        memory=memory,
     )
     if found is None:
         return None
@@ -65,6 +67,7 @@ def sensitivities(
         rough,
         found.outputs,
         found.ends,
+        memory,
     )
     order = [*smooth, *rough]
     back = [order.index(t) for t in candidates]
@@ -88,6 +91,7 @@ def _candidates(
     candidates: tuple[Candidate, ...],
     outputs: Array,
     ends: Array,
+    memory: Memory | None = None,
 ) -> tuple[Array, Array]:
     """Derivatives of candidates at zero; hidden states run on from segment to segment."""
     d_outputs = np.zeros((*outputs.shape, len(candidates)))
@@ -119,6 +123,7 @@ def _candidates(
                 starts=np.concatenate([starts[w], hidden])[None, :],
                 included=all_candidates,
                 magnitudes=row[None, :],
+                memory=None if memory is None else memory[w : w + 1],
             )
             run = model.simulate(record, jobs)
             length = int(segments[w, 1] - segments[w, 0]) + 1

@@ -19,10 +19,11 @@ from feltmb import _core
 from feltmb.adapters.differentiable import DifferentiableMechanism
 from feltmb.adapters.drives import follow
 from feltmb.adapters.library import Entry
+from feltmb.adapters.remembered import Remembered, start_state
 from feltmb.adapters.variants import Variant
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError
-from feltmb.fit import Candidate, Sensitivity
+from feltmb.fit import Candidate, Memory, Sensitivity
 
 __all__ = ["can_differentiate", "forward_sensitivities"]
 
@@ -67,6 +68,7 @@ def forward_sensitivities(
     by_theta: Sequence[int],
     by_starts: bool,
     candidates: tuple[Candidate, ...],
+    memory: Memory | None = None,
 ) -> Sensitivity | None:
     """See :meth:`feltmb.fit.Model.sensitivities`; None if a segment or a shift failed.
 
@@ -94,16 +96,18 @@ def forward_sensitivities(
     options.outputs = [index[o] for o in model.outputs]
     options.threads = model.workers
 
-    def start_of(v: Variant, start: Array, own: Any) -> Array:
-        """Full state at the begin of a segment."""
-        full = v.rest.copy()
-        full[place] += start
+    def start_of(
+        v: Variant, start: Array, own: Any, held: Remembered | None
+    ) -> tuple[Array, list[float]]:
+        """Full state and remembered compressions at the begin of a segment."""
+        full, compressions = start_state(v, names, start, held)
         if drive.motion:
             follow(model.action, v, full, own)
-        return full
+        return full, compressions
 
     prepared = []
-    for (first, last), start in zip(segments, starts, strict=True):
+    held_at = memory or (None,) * len(segments)
+    for (first, last), start, held in zip(segments, starts, held_at, strict=True):
         begin, end = float(clock[first]), float(clock[last])
         if model.single:
             first, begin, start = 0, 0.0, np.zeros(place.size)
@@ -111,10 +115,12 @@ def forward_sensitivities(
                 prepared.append(_core.SensitivityWindow(begin, end))
                 continue
         own = drive.profile(float(record.time[first]), end - begin)
-        state = start_of(base, start, own)
+        state, compressions = start_of(base, start, own, held)
         moves = np.zeros((state.size, len(columns)))
         for c, column in enumerate(columns):
-            moves[:, c] = column.rest(lambda v, start=start, own=own: start_of(v, start, own))
+            moves[:, c] = column.rest(
+                lambda v, start=start, own=own, held=held: start_of(v, start, own, held)[0]
+            )
         directions = np.zeros((state.size, place.size if by_starts else 0))
         for i in range(directions.shape[1]):
             if not drive.motion:
@@ -122,9 +128,10 @@ def forward_sensitivities(
                 continue
             h = 1e-3 * scales[i]
             ahead, behind = (start + side * h * np.eye(place.size)[i] for side in (1.0, -1.0))
-            directions[:, i] = (start_of(base, ahead, own) - start_of(base, behind, own)) / (2 * h)
+            fore, aft = (start_of(base, side, own, held)[0] for side in (ahead, behind))
+            directions[:, i] = (fore - aft) / (2 * h)
         prepared.append(
-            _core.SensitivityWindow(begin, end, list(state), list(base.memory), directions, moves)
+            _core.SensitivityWindow(begin, end, list(state), compressions, directions, moves)
         )
     parameters = [
         _core.SensitivityParameter(
@@ -257,6 +264,7 @@ def _collect(
         d_outputs[i, :count] = by_column - moving
     a, b, c = counts
     return Sensitivity(
+        memory=None if model.single else tuple(Remembered.of(base, r.run) for r in results),
         outputs=outputs,
         ends=ends,
         d_theta=d_outputs[..., :a],

@@ -30,6 +30,7 @@ from feltmb.fit import (
     Candidate,
     Effect,
     Jobs,
+    Memory,
     Model,
     Parameter,
     Sensitivity,
@@ -145,7 +146,7 @@ class ImpactModel(Model):
         self._impact_times: dict[str, float] = {}
         self._actions: dict[str, Action] = {}
         self._lock = threading.Lock()
-        self._workshop = Workshop(action)
+        self._workshop = Workshop()
         self._strike_contact = action.config.summary.strike_contact
         self._strike_index = action.mechanism.contact_numbers.index(self._strike_contact)
 
@@ -186,8 +187,10 @@ class ImpactModel(Model):
         by_theta: Sequence[int] | None = None,
         by_starts: bool = True,
         candidates: tuple[Candidate, ...] = (),
+        memory: Memory | None = None,
     ) -> Sensitivity:
         """Differences, kept while the point moves little."""
+        del memory  # from rest
         theta = np.asarray(theta, dtype=float)
         given = (
             np.zeros(len(included)) if magnitudes is None else np.asarray(magnitudes, dtype=float)

@@ -9,6 +9,7 @@ nothing that a camera sees.
 
 from __future__ import annotations
 
+import fnmatch
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -29,6 +30,8 @@ from feltmb.adapters.drives import Drive, Drives, follow, with_noise
 from feltmb.adapters.landmarks import first_turn, landmarks
 from feltmb.adapters.library import Entry, Library
 from feltmb.adapters.references import from_rest
+from feltmb.adapters.remembered import Remembered, start_state
+from feltmb.adapters.shifter import Shifter
 from feltmb.adapters.variants import Variant, Workshop, changed_config
 from feltmb.adapters.writing import write_mechanism
 from feltmb.data import Array, Record
@@ -37,6 +40,7 @@ from feltmb.fit import (
     Candidate,
     Effect,
     Jobs,
+    Memory,
     Parameter,
     Ready,
     Sensitivity,
@@ -47,6 +51,8 @@ from feltmb.mechanism import Action
 
 __all__ = ["MechanismModel"]
 
+#: Tolerances of felt and friction: what changes from stroke to stroke, and has a form.
+VARYING = ("felt.*", "joint_friction.*", "contact_friction.*")
 #: Scale of a departure from the model motion, as a share of 1 mm of felt travel.
 DEPARTURE = 0.05
 #: The same of the rate: departures last for some milliseconds [1/s].
@@ -62,6 +68,7 @@ class _Task:
     first: int
     last: int
     start: Array
+    remembered: Remembered | None = None
 
 
 class MechanismModel(DifferentiableMechanism):
@@ -90,6 +97,9 @@ class MechanismModel(DifferentiableMechanism):
         with single shooting [s]; infinite: to their end. Default: that of the library.
     workers
         Threads; default: one a core.
+    allowance
+        Error of the form of laws: standard deviation by which felts and frictions depart from
+        their values in each segment on their own, as a share [1]. For multiple shooting.
 
     Raises
     ------
@@ -115,7 +125,10 @@ class MechanismModel(DifferentiableMechanism):
         shooting: Literal["single", "multiple"] = "single",
         until: float | None = None,
         workers: int | None = None,
+        allowance: float = 0.01,
     ):
+        if not 0.0 <= allowance < 1.0:
+            raise InvalidParameter(f"allowance = {allowance!r}, expected in [0, 1)")
         if shooting not in ("multiple", "single"):
             raise InvalidParameter(f"shooting = {shooting!r}, expected single or multiple")
         if rtol is not None and not 0.0 < rtol < 1.0:
@@ -141,6 +154,7 @@ class MechanismModel(DifferentiableMechanism):
                 label=e.part or f"The {e.component}",
                 words=e.words,
                 relative=e.unit == "1",
+                process_sd=allowance if _is_law(e) else 0.0,
             )
             for e in self.tolerances
         )
@@ -155,11 +169,12 @@ class MechanismModel(DifferentiableMechanism):
             )
         if until is not None and library.until is not None:
             self.until = None if math.isinf(until) else replace(library.until, after_turn=until)
-        self.chaotic = not self.single
+        self.chaotic = self.recursive = not self.single
         self.workers = workers or min(8, os.cpu_count() or 1)
         self.drives = Drives()
         self._aliases: dict[str, Alias | None] = {}
-        self._workshop = Workshop(action)
+        self._workshop = Workshop()
+        self._shifter = Shifter(action.config)
         base = self._base()
         condensed = {
             f"{name}.u{k + 1}"
@@ -171,12 +186,14 @@ class MechanismModel(DifferentiableMechanism):
         moving = [c for c in action.coordinates if c not in condensed]
         bodies = action.config.bodies.values()
         turning = {b.coordinate for b in bodies if b.joint == "revolute" and b.coordinate}
+        joints = {b.coordinate for b in bodies if b.coordinate}
         self._states = tuple(
             State(
                 name=name,
                 unit="rad" if name in turning else "m",
                 scale=DEPARTURE * scales[name],
                 start_sd=0.0,
+                vibrates=name not in joints,
             )
             for name in moving
         ) + tuple(
@@ -185,6 +202,7 @@ class MechanismModel(DifferentiableMechanism):
                 unit="rad/s" if name in turning else "m/s",
                 scale=DEPARTURE * DEPARTURE_RATE * scales[name],
                 start_sd=0.0,
+                vibrates=name not in joints,
             )
             for name in moving
         )
@@ -192,7 +210,7 @@ class MechanismModel(DifferentiableMechanism):
         self._check_outputs(base)
 
     def _base(self) -> Variant:
-        variant = self._workshop.variant(b"", [], {})
+        variant = self._workshop.variant(b"", lambda: self.action.config)
         if variant is None:
             raise InvalidParameter(f"mechanism {self.action.name!r} has no rest pose")
         return variant
@@ -281,6 +299,7 @@ class MechanismModel(DifferentiableMechanism):
             return self._simulate_whole(record, jobs)
         outputs = np.full((jobs.count, jobs.longest, len(self.outputs)), np.nan)
         ends = np.full((jobs.count, jobs.starts.shape[1]), np.nan)
+        memory: list[Remembered | None] = [None] * jobs.count
         names = [s.name for s in self.states(jobs.included)]
         tasks = []
         last_key: bytes | None = None
@@ -294,17 +313,18 @@ class MechanismModel(DifferentiableMechanism):
             if variant is None or not np.all(np.isfinite(jobs.starts[b])):
                 continue
             first, last = (int(i) for i in jobs.segments[b])
-            tasks.append(_Task(b, variant, first, last, jobs.starts[b]))
+            held = None if jobs.memory is None else jobs.memory[b]
+            tasks.append(_Task(b, variant, first, last, jobs.starts[b], held))
         drive = self.drives.of(record)
 
         def work(task: _Task) -> None:
             out = self._run(record, drive, task, names)
             if out is not None:
                 length = task.last - task.first + 1
-                outputs[task.job, :length], ends[task.job] = out
+                outputs[task.job, :length], ends[task.job], memory[task.job] = out
 
         self.in_parallel(work, tasks)
-        return Simulated(outputs=outputs, ends=ends)
+        return Simulated(outputs=outputs, ends=ends, memory=tuple(memory))
 
     def _simulate_whole(self, record: Record, jobs: Jobs) -> Simulated:
         """Jobs of one version share one run from rest."""
@@ -351,6 +371,7 @@ class MechanismModel(DifferentiableMechanism):
         by_theta: Sequence[int] | None = None,
         by_starts: bool = True,
         candidates: tuple[Candidate, ...] = (),
+        memory: Memory | None = None,
     ) -> Sensitivity:
         """Exact derivatives; see :mod:`feltmb.adapters.derivatives`."""
         theta, starts = np.asarray(theta, dtype=float), np.asarray(starts, dtype=float)
@@ -369,6 +390,7 @@ class MechanismModel(DifferentiableMechanism):
             by_theta=wanted,
             by_starts=by_starts,
             candidates=candidates,
+            memory=memory,
         )
         if found is not None:
             return found
@@ -382,6 +404,7 @@ class MechanismModel(DifferentiableMechanism):
             by_theta=wanted,
             by_starts=by_starts,
             candidates=candidates,
+            memory=memory,
         )
 
     def guess(self, record: Record, segments: NDArray[np.intp]) -> Array:
@@ -493,9 +516,8 @@ class MechanismModel(DifferentiableMechanism):
     ) -> Variant | None:
         if not any(theta) and not any(magnitudes):
             return self._base()
-        return self._workshop.variant(
-            key, self._chosen(theta, included, magnitudes), record.conditions
-        )
+        chosen = self._chosen(theta, included, magnitudes)
+        return self._workshop.variant(key, lambda: self._shifter.config(chosen, record.conditions))
 
     def version(
         self, record: Record, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
@@ -529,21 +551,22 @@ class MechanismModel(DifferentiableMechanism):
 
     def _run(
         self, record: Record, drive: Drive, task: _Task, names: Sequence[str]
-    ) -> tuple[Array, Array] | None:
+    ) -> tuple[Array, Array, Remembered] | None:
         run = self._integrate(record, drive, task, names)
         if run is None:
             return None
-        states, columns, _ = run
-        return columns, states[-1]
+        states, columns, result = run
+        return columns, states[-1], Remembered.of(task.variant, result)
 
     def _integrate(
         self, record: Record, drive: Drive, task: _Task, names: Sequence[str]
     ) -> tuple[Array, Array, Any] | None:
         """States (n, nx) and outputs (n, ny) at the samples of one segment; None if it failed."""
         v = task.variant
-        full = v.rest.copy()
         index = np.array([v.place.get(name, -1) for name in names], dtype=int)
-        full[index[index >= 0]] += task.start[index >= 0]
+        known = index >= 0
+        start = task.start if names else np.zeros(0)
+        full, memory = start_state(v, names, start, task.remembered)
         time = record.time[task.first : task.last + 1] - record.time[task.first]
         count = time.size
         options = _core.SimulationOptions()
@@ -565,7 +588,7 @@ class MechanismModel(DifferentiableMechanism):
                 list(full),
                 [],
                 None,
-                list(v.memory),
+                memory,
                 prescribed=drive.motion,
             )
         except (RuntimeError, ValueError, FeltmbError):
@@ -577,7 +600,6 @@ class MechanismModel(DifferentiableMechanism):
             states = _resample(result.time, states, time)
             data = _resample(result.time, data, time)
         x = np.zeros((count, len(names)))
-        known = index >= 0
         x[:, known] = states[:, index[known]] - v.rest[index[known]]
         return x, self._columns(result, data, v), result
 
@@ -588,6 +610,11 @@ class MechanismModel(DifferentiableMechanism):
             column = data[:, where[name]] if name in where else np.full(data.shape[0], np.nan)
             out[:, o] = column - self.at_rest(v, name)
         return out
+
+
+def _is_law(entry: Entry) -> bool:
+    """Whether a tolerance is the strength of a law of felt or friction."""
+    return entry.unit == "1" and any(fnmatch.fnmatch(entry.name, v) for v in VARYING)
 
 
 def _resample(old: Array, values: Array, new: Array) -> Array:

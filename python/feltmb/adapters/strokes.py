@@ -29,13 +29,21 @@ from feltmb.adapters.aliases import Alias
 from feltmb.adapters.forward import can_differentiate, forward_sensitivities
 from feltmb.adapters.latest import Latest
 from feltmb.adapters.library import Entry
-from feltmb.adapters.model import MechanismModel
+from feltmb.adapters.model import VARYING, MechanismModel
 from feltmb.adapters.refined import KINDS, refined
-from feltmb.adapters.shifter import Shifter
 from feltmb.adapters.variants import Variant
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError
-from feltmb.fit import VARIABILITY, Candidate, Jobs, Parameter, Ready, Sensitivity, Simulated
+from feltmb.fit import (
+    VARIABILITY,
+    Candidate,
+    Jobs,
+    Memory,
+    Parameter,
+    Ready,
+    Sensitivity,
+    Simulated,
+)
 
 __all__ = ["RunVariability", "StrokeModel"]
 
@@ -49,8 +57,6 @@ EFFECT_STEP = 0.2
 LEAST_VARIABILITY = 0.3
 #: Stretch of input noise between knots [s]: an action averages over more than that.
 KNOTS = 8e-3
-#: What changes from stroke to stroke.
-VARYING = ("felt.*", "joint_friction.*", "contact_friction.*")
 
 
 @dataclass(frozen=True)
@@ -84,7 +90,6 @@ class StrokeModel(MechanismModel):
         self.mechanical = len(self.parameters)
         self.variabilities: dict[str, RunVariability] = {}
         self._runs: Latest[tuple[object, ...], Array | None] = Latest(RUNS)
-        self._shifter = Shifter(self.action.config)
         self._points: Latest[tuple[object, ...], dict[object, Array]] = Latest(POINTS)
         self.passes = 0
         """Integrations of columns so far."""
@@ -284,8 +289,10 @@ class StrokeModel(MechanismModel):
         by_theta: Sequence[int] | None = None,
         by_starts: bool = True,
         candidates: tuple[Candidate, ...] = (),
+        memory: Memory | None = None,
     ) -> Sensitivity:
         """Exact derivatives of all columns, in one pass."""
+        del memory  # from rest
         del starts, by_starts
         theta = np.asarray(theta, dtype=float)
         magnitudes = (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -15,7 +15,7 @@ from feltmb.adapters.insertions import Insertion, insert
 from feltmb.adapters.latest import Latest
 from feltmb.adapters.library import Entry
 from feltmb.errors import FeltmbError
-from feltmb.mechanism import Action, MechanismFile, describe
+from feltmb.mechanism import MechanismFile, describe
 
 __all__ = ["Variant", "Workshop", "changed_config"]
 
@@ -120,22 +120,16 @@ def _name_states(mechanism: _core.Mechanism) -> dict[str, int]:
 class Workshop:
     """Builds variants and keeps the last ones; safe to use from several threads."""
 
-    def __init__(self, action: Action, keep: int = 600):
-        self.action = action
+    def __init__(self, keep: int = 600):
         self._made: Latest[bytes, Variant | None] = Latest(keep)
         self._known: dict[int, tuple[Any, Any]] = {}
 
-    def variant(
-        self,
-        key: bytes,
-        entries: Sequence[tuple[Entry, float, float | None]],
-        conditions: Mapping[str, float | str],
-    ) -> Variant | None:
-        """Variant of a key; None if these numbers make no mechanism or no rest."""
+    def variant(self, key: bytes, config: Callable[[], MechanismFile]) -> Variant | None:
+        """Variant of a key; None if its configuration makes no mechanism or has no rest."""
 
         def make() -> Variant | None:
             try:
-                return self.build(changed_config(self.action.config, entries, conditions))
+                return self.build(config())
             except FeltmbError:
                 return None
 

@@ -17,6 +17,7 @@ from feltmb.fit.model import (
     Effect,
     Integers,
     Jobs,
+    Memory,
     Model,
     Parameter,
     Ready,
@@ -102,6 +103,7 @@ class Including(Model):
         self.segment = model.segment
         self.difference_step = model.difference_step
         self.chaotic = model.chaotic
+        self.recursive = model.recursive
         self.from_rest = model.from_rest
         self.together = model.together
         self.input_modes = model.input_modes
@@ -186,6 +188,7 @@ class Including(Model):
         by_theta: Sequence[int] | None = None,
         by_starts: bool = True,
         candidates: tuple[Candidate, ...] = (),
+        memory: Memory | None = None,
     ) -> Sensitivity:
         """Those of the model; the derivatives by the included magnitudes move to the parameters."""
         given = np.zeros(len(included)) if magnitudes is None else magnitudes
@@ -203,6 +206,7 @@ class Including(Model):
             by_theta=base,
             by_starts=by_starts,
             candidates=candidates,
+            **({} if memory is None else {"memory": memory}),
         )
         order = [base.index(i) if i < count else len(base) + i - count for i in wanted]
         by_outputs = np.concatenate([s.d_theta, s.d_magnitudes[..., :own]], axis=-1)

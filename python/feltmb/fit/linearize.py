@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.fit.model import Candidate, Jobs, Model, Sensitivity
+from feltmb.fit.model import Candidate, Jobs, Memory, Model, Sensitivity, Simulated
 from feltmb.fit.observe import machine_candidates, observe_all, observe_jobs, observed_sensitivities
 from feltmb.fit.segmented_records import SegmentedRecord
 
-__all__ = ["Linear", "Place", "linearize", "predict"]
+__all__ = ["Linear", "Place", "linearize", "predict", "predict_ends"]
 
 #: Beyond this a number has left every scale, and its square would overflow soon.
 RUNAWAY = 1e100
@@ -20,10 +20,21 @@ RUNAWAY = 1e100
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where one segmented record stands: start states (W, nx) and its nuisances (nn,)."""
+    """Where one segmented record stands: start states (W, nx) and its nuisances (nn,).
+
+    ``memory``: what the machine remembers at the starts beside its states, a segment each.
+    """
 
     starts: Array
     nuisances: Array
+    memory: Memory | None = None
+
+    def after(self, ends: Memory | None) -> Memory | None:
+        """What is remembered at the starts, after segments that ended with ``ends``."""
+        if ends is None:
+            return self.memory
+        first = None if self.memory is None else self.memory[0]
+        return (first, *ends[:-1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +70,8 @@ class Linear:
     """(W, nx, mi)"""
     good: Array
     """Whether the segment could be simulated, (W,)"""
+    memory: Memory | None = None
+    """What the machine remembers at the ends of the segments."""
 
 
 def _plain(model: Model, segmented: SegmentedRecord, included: tuple[Candidate, ...]) -> bool:
@@ -109,19 +122,42 @@ def predict(
     place: Place,
 ) -> tuple[Array, Array, Array]:
     """Outputs (W, L, ny), whitened residual (W, m) and gap (W - 1, nx) of a segmented record."""
-    w = segmented.count
+    outputs, residual, run = _predicted(model, segmented, theta, included, magnitudes, place)
+    return outputs, residual, run.ends[:-1] - place.starts[1:]
+
+
+def predict_ends(
+    model: Model,
+    segmented: SegmentedRecord,
+    theta: Array,
+    included: tuple[Candidate, ...],
+    magnitudes: Array,
+    place: Place,
+) -> tuple[Array, Array, Memory | None]:
+    """Whitened residual (m,), end state (nx,) and memory of a record of one segment."""
+    _, residual, run = _predicted(model, segmented, theta, included, magnitudes, place)
+    return residual[0], run.ends[0], run.memory
+
+
+def _predicted(
+    model: Model,
+    segmented: SegmentedRecord,
+    theta: Array,
+    included: tuple[Candidate, ...],
+    magnitudes: Array,
+    place: Place,
+) -> tuple[Array, Array, Simulated]:
     run = observe_jobs(
         model,
         segmented.record,
-        Jobs.at_point(theta, segmented.segments, place.starts, included, magnitudes),
+        Jobs.at_point(theta, segmented.segments, place.starts, included, magnitudes, place.memory),
     )
     outputs, _ = _with_nuisances(
         segmented, run.outputs[:, : segmented.measured.shape[1]], place.nuisances
     )
     with np.errstate(over="ignore", invalid="ignore"):
         residual = segmented.whiten(segmented.measured - outputs)
-    gap = run.ends[:-1] - place.starts[1:]
-    return outputs, residual.reshape(w, -1), gap
+    return outputs, residual.reshape(segmented.count, -1), run
 
 
 def linearize(
@@ -144,6 +180,9 @@ def linearize(
     ask = model.sensitivities if _plain(model, segmented, (*included, *candidates)) else None
     if ask is None:
         ask = partial(observed_sensitivities, model)
+    # Laws depart from their form in records that are held out, too.
+    noisy = [i for i, p in enumerate(model.parameters) if p.process_sd > 0.0]
+    also = [i for i in noisy if i not in free] if place.starts.shape[1] else []
     with np.errstate(invalid="ignore", over="ignore"):  # segments that failed are no numbers
         s = ask(
             segmented.record,
@@ -152,9 +191,10 @@ def linearize(
             place.starts,
             included,
             magnitudes,
-            by_theta=free,
+            by_theta=[*free, *also],
             by_starts=place.starts.shape[1] > 0,
             candidates=candidates,
+            **({} if place.memory is None else {"memory": place.memory}),
         )
     if known is not None:
         by_input, ends_by_input = np.zeros((*s.outputs.shape, 0)), known.ends_by_input
@@ -162,6 +202,12 @@ def linearize(
         by_input, ends_by_input = _input_noise(
             model, segmented, theta, included, magnitudes, place, s, input_knots
         )
+        by_input, ends_by_input = _with_process_noise(
+            model, [*free, *also], s, by_input, ends_by_input
+        )
+    if also:
+        own = slice(0, len(free))
+        s = replace(s, d_theta=s.d_theta[..., own], d_theta_ends=s.d_theta_ends[..., own])
     outputs, nuisance = _with_nuisances(segmented, s.outputs, place.nuisances)
     nn = nuisance.shape[3]
     columns = np.concatenate(
@@ -188,6 +234,21 @@ def linearize(
         ends_by_global=_tame(ends_by_global),
         ends_by_input=_tame(ends_by_input),
         good=good,
+        memory=s.memory,
+    )
+
+
+def _with_process_noise(
+    model: Model, asked: list[int], s: Sensitivity, by_input: Array, ends_by_input: Array
+) -> tuple[Array, Array]:
+    """Further unit normal numbers: what laws depart from their form in a segment."""
+    if not s.ends.shape[1]:  # one segment, in which nothing can depart
+        return by_input, ends_by_input
+    sd = np.array([model.parameters[i].process_sd for i in asked])
+    some = np.flatnonzero(sd)
+    return (
+        np.concatenate([by_input, s.d_theta[..., some] * sd[some]], axis=3),
+        np.concatenate([ends_by_input, s.d_theta_ends[..., some] * sd[some]], axis=2),
     )
 
 
@@ -228,7 +289,9 @@ def _input_noise(
         phase[first:last] = np.arange(last - first) / (last - first) * (knots - 1)
         stretch[first:last] = (record.time[last] - record.time[first]) / (knots - 1)
     phase[-1], stretch[-1] = knots - 1, stretch[-2]
-    jobs = Jobs.at_point(theta, segmented.segments, place.starts, included, magnitudes)
+    jobs = Jobs.at_point(
+        theta, segmented.segments, place.starts, included, magnitudes, place.memory
+    )
     batches = []
     for name in noisy:
         tau = record.input_correlation_time.get(name, 0.0)

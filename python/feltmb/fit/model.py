@@ -43,6 +43,8 @@ __all__ = [
 VARIABILITY = "run-to-run variability"
 
 EffectKind = Literal["force", "kinematic", "state", "parameter", "sensor", "input", "drift"]
+#: What a model remembers beside its states, an item a segment; nobody but the model looks into it.
+Memory = tuple[Any, ...]
 Integers = NDArray[np.intp]
 
 
@@ -67,6 +69,9 @@ class Parameter:
     """What a report says of a value below and above the tabulated one."""
     relative: bool = False
     """Whether it is the share by which something departs from its tabulated value."""
+    process_sd: float = 0.0
+    """Standard deviation of what it departs from its value in each segment on its own [unit]: an
+    allowance for the form of the law that it belongs to; 0: the law is exact."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.value) and self.lower <= self.value <= self.upper):
@@ -76,6 +81,10 @@ class Parameter:
             )
         if not self.sd >= 0.0:
             raise InvalidParameter(f"parameter {self.name}: sd = {self.sd!r}, expected >= 0")
+        if not 0.0 <= self.process_sd < math.inf:
+            raise InvalidParameter(
+                f"parameter {self.name}: process_sd = {self.process_sd!r}, expected finite, >= 0"
+            )
 
     @property
     def size(self) -> float:
@@ -102,6 +111,9 @@ class State:
     """Prior standard deviation there [unit]; inf: unknown; 0: fixed."""
     hidden: bool = False
     """Memory that an effect brings: no influence on the outputs at magnitude 0."""
+    vibrates: bool = False
+    """Whether it vibrates many times in a segment, so that its phase at the end cannot be
+    predicted."""
 
 
 @checked
@@ -232,6 +244,8 @@ class Jobs:
     """Magnitudes of the included effects [their units], (B, k)."""
     forces: Array | None = None
     """Unknown forces, (B, ports, m): linear between m knots from i0 to i1; None: no force."""
+    memory: Memory | None = None
+    """What the machine remembers at the start of each job beside its states; None: as at rest."""
 
     @classmethod
     def at_point(
@@ -241,6 +255,7 @@ class Jobs:
         starts: Array,
         included: tuple[Candidate, ...],
         magnitudes: Array,
+        memory: Memory | None = None,
     ) -> Jobs:
         """All segments at the same parameters, (p,), and magnitudes, (k,)."""
         count = len(segments)
@@ -250,6 +265,7 @@ class Jobs:
             starts=starts,
             included=included,
             magnitudes=np.tile(magnitudes, (count, 1)),
+            memory=memory,
         )
 
     def __post_init__(self) -> None:
@@ -324,6 +340,8 @@ class Simulated:
     """(B, L, ny) at the samples i0, i0+1, ..., i1 of each job; beyond i1: anything."""
     ends: Array
     """States at sample i1, (B, nx)."""
+    memory: Memory | None = None
+    """What the machine remembers there; None: a model whose states are all it has."""
 
 
 @checked
@@ -355,6 +373,8 @@ class Sensitivity:
     """(W, L, ny, c) by the magnitudes of the included effects, at zero"""
     d_candidates_ends: Array
     """(W, nx, c)"""
+    memory: Memory | None = None
+    """What the machine remembers at the ends; see :class:`Simulated`."""
 
 
 @checked
@@ -399,6 +419,9 @@ class Model(ABC):
     states. Larger where the simulation is noisy."""
     chaotic: bool = False
     """Whether it has impacts after which a small error of the state grows strongly."""
+    recursive: bool = False
+    """Whether a fit starts from states and parameters that are estimated along the records, piece
+    by piece; else continuity defects go from loose to tight."""
     from_rest: bool = False
     """Whether it can only simulate a record from its first sample on: records are then split by
     leaving out values instead of cutting them into blocks."""
@@ -533,6 +556,7 @@ class Model(ABC):
         by_theta: Sequence[int] | None = None,
         by_starts: bool = True,
         candidates: tuple[Candidate, ...] = (),
+        memory: Memory | None = None,
     ) -> Sensitivity:
         """Outputs and derivatives of segments.
 
@@ -553,6 +577,8 @@ class Model(ABC):
             Further included effects, all at magnitude zero, whose derivatives at zero are wanted
             too (one-sided if they have a sign). Their hidden states start at their prior mean at
             the first segment and run through the segments in turn.
+        memory
+            What the machine remembers at the starts beside its states; see :class:`Jobs`.
         """
         magnitudes = np.zeros(len(included)) if magnitudes is None else magnitudes
         check_segments(self, record, segments, starts, included, magnitudes, theta)
@@ -572,6 +598,7 @@ class Model(ABC):
             by_theta=range(len(self.parameters)) if by_theta is None else by_theta,
             by_starts=by_starts,
             candidates=candidates,
+            memory=memory,
         )
 
 
@@ -630,6 +657,7 @@ def difference_sensitivities(
     by_theta: Sequence[int],
     by_starts: bool,
     candidates: tuple[Candidate, ...],
+    memory: Memory | None = None,
 ) -> Sensitivity:
     """Central differences by parameters, magnitudes and start states.
 
@@ -685,6 +713,7 @@ def difference_sensitivities(
         magnitudes=np.repeat(
             np.array(rows_magnitudes).reshape(versions, len(included)), count, axis=0
         ),
+        memory=None if memory is None else versions * memory,
     )
     run = model.simulate(record, jobs)
     longest = run.outputs.shape[1]
@@ -731,6 +760,7 @@ def difference_sensitivities(
         d_starts_ends=derive(ends, columns[b:]),
         d_candidates=d_candidates,
         d_candidates_ends=d_candidates_ends,
+        memory=None if run.memory is None else run.memory[:count],
     )
 
 

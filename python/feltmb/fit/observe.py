@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import InvalidParameter
 from feltmb.fit.calling import calling
-from feltmb.fit.model import Batch, Candidate, Jobs, Model, Sensitivity, Simulated
+from feltmb.fit.model import Batch, Candidate, Jobs, Memory, Model, Sensitivity, Simulated
 from feltmb.fit.shift import shifted
 
 __all__ = ["machine_candidates", "observe_all", "observe_jobs", "observed_sensitivities"]
@@ -49,19 +50,26 @@ def _observed(
     model: Model, record: Record, jobs: Jobs, parts: list[tuple[NDArray[np.intp], Simulated]]
 ) -> Simulated:
     """What the sensors show of jobs that were simulated in parts: which rows, and their run."""
+    memory: Memory | None
     if len(parts) == 1:
-        outputs, ends = parts[0][1].outputs, parts[0][1].ends
+        outputs, ends, memory = parts[0][1].outputs, parts[0][1].ends, parts[0][1].memory
     else:
         outputs = np.full((jobs.count, jobs.longest, len(model.outputs)), np.nan)
         ends = np.full((jobs.count, jobs.starts.shape[1]), np.nan)
         for rows, run in parts:
             outputs[rows, : run.outputs.shape[1]] = run.outputs
             ends[rows] = run.ends
+        memory = None
+        if all(run.memory is not None for _, run in parts):
+            held: dict[int, Any] = {}
+            for rows, run in parts:
+                held |= dict(zip(rows.tolist(), run.memory or (), strict=True))
+            memory = tuple(held[b] for b in range(jobs.count))
     for k, candidate in enumerate(jobs.included):
         if candidate.effect.observe is None:
             continue
         outputs = _seen(candidate, record, outputs, jobs.segments, jobs.magnitudes[:, k])
-    return Simulated(outputs=_sensed(model, record, jobs, outputs), ends=ends)
+    return Simulated(outputs=_sensed(model, record, jobs, outputs), ends=ends, memory=memory)
 
 
 def _seen(
@@ -124,6 +132,7 @@ def _excited(record: Record, jobs: Jobs) -> list[tuple[NDArray[np.intp], Batch]]
             starts=plain.starts[rows],
             magnitudes=plain.magnitudes[rows] if plain.included else plain.magnitudes,
             forces=None if plain.forces is None else plain.forces[rows],
+            memory=None if plain.memory is None else tuple(plain.memory[b] for b in rows),
         )
         parts.append((rows, (changed, part)))
     return parts
@@ -211,6 +220,7 @@ def observed_sensitivities(
     by_theta: Sequence[int],
     by_starts: bool,
     candidates: tuple[Candidate, ...],
+    memory: Memory | None = None,
 ) -> Sensitivity:
     """Derivatives of what the sensors show.
 
@@ -234,8 +244,9 @@ def observed_sensitivities(
         by_theta=by_theta,
         by_starts=by_starts,
         candidates=machine,
+        **({} if memory is None else {"memory": memory}),
     )
-    jobs = Jobs(theta=np.tile(theta, (count, 1)), segments=segments, starts=starts)
+    jobs = Jobs(theta=np.tile(theta, (count, 1)), segments=segments, starts=starts, memory=memory)
     observing = [
         (t, float(magnitudes[k])) for k, t in enumerate(included) if t.effect.observe is not None
     ]
@@ -246,7 +257,7 @@ def observed_sensitivities(
         outputs: Array, extra: tuple[Candidate, float] | None = None, rows: slice = ALL
     ) -> Array:
         """Outputs of the segments of these rows as the record would hold them."""
-        part = replace(jobs, theta=jobs.theta[rows], segments=segments[rows], starts=starts[rows])
+        part = Jobs(theta=jobs.theta[rows], segments=segments[rows], starts=starts[rows])
         for candidate, size in [*observing, *([extra] if extra else [])]:
             outputs = _seen(candidate, record, outputs, part.segments, np.full(part.count, size))
         return _sensed(model, record, part, outputs, None if rows == ALL else follows[rows])
@@ -354,6 +365,7 @@ def observed_sensitivities(
         d_starts_ends=s.d_starts_ends,
         d_candidates=d_candidates,
         d_candidates_ends=d_candidates_ends,
+        memory=s.memory,
     )
 
 

@@ -329,8 +329,13 @@ class Problem:
             held |= beyond
         return delta
 
-    def step(self, point: Point, normal: Normal, lam: float) -> tuple[Point, float]:
-        """Levenberg step within the limits of parameters and magnitudes, and its predicted gain."""
+    def step(
+        self, point: Point, normal: Normal, lam: float, linears: Sequence[Linear] | None = None
+    ) -> tuple[Point, float]:
+        """Levenberg step within the limits of parameters and magnitudes, and its predicted gain.
+
+        What is remembered at the starts of segments is that of the ends in ``linears``.
+        """
         free = self.free
         count = len(free) + len(self.included)
         delta = self.newton(point, normal, lam)
@@ -344,12 +349,16 @@ class Problem:
         for k, candidate in enumerate(self.included):
             magnitudes[k] = np.clip(magnitudes[k], *candidate.effect.bounds)
         places = []
-        for place, chain, own in zip(point.places, normal.chains, normal.columns, strict=True):
+        held = [None] * len(point.places) if linears is None else [x.memory for x in linears]
+        for place, chain, own, ends in zip(
+            point.places, normal.chains, normal.columns, held, strict=True
+        ):
             moved = delta[own]
             starts = place.starts
             if starts.shape[1]:
                 starts = starts + chain.back(moved)
-            places.append(Place(starts, place.nuisances + moved[normal.shared :]))
+            nuisances = place.nuisances + moved[normal.shared :]
+            places.append(Place(starts, nuisances, place.after(ends)))
         return Point(theta, magnitudes, tuple(places)), gain
 
     def with_candidates(self, included: tuple[Candidate, ...]) -> Problem:
@@ -384,7 +393,7 @@ class Problem:
             starts = np.hstack(blocks)
             if fresh:
                 starts = _run_hidden(model, segmented, point.theta, new, starts, base)
-            return Place(starts, place.nuisances)
+            return Place(starts, place.nuisances, place.memory)
 
         places = each(self.model, of, list(zip(self.segmented_records, point.places, strict=True)))
         return Point(point.theta, np.asarray(magnitudes, dtype=np.float64), tuple(places))

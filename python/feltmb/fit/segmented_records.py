@@ -70,6 +70,27 @@ class SegmentedRecord:
             weight=self.weight[own],
         )
 
+    def piece(self, w: int, first: int, last: int) -> SegmentedRecord:
+        """A piece of a segment, from one sample of the record to another, as its only segment.
+
+        Where the segment goes on, the last sample belongs to what follows.
+        """
+        begin, end = (int(i) for i in self.segments[w])
+        own = (slice(w, w + 1), slice(first - begin, last - begin + 1))
+        valid, weight = self.valid[own].copy(), self.weight[own].copy()
+        if last < end:
+            valid[:, -1], weight[:, -1] = False, 0.0
+        before = self.before[own] - (first - begin)
+        return replace(
+            self,
+            segments=np.array([[first, last]]),
+            measured=np.where(valid, self.measured[own], np.nan),
+            valid=valid,
+            before=np.maximum(before, -1),
+            decay=np.where(before >= 0, self.decay[own], 0.0),
+            weight=weight,
+        )
+
     def until(self, share: float) -> SegmentedRecord:
         """Without what was measured after a share of the samples of its record [1]."""
         last = share * (self.record.samples - 1)

@@ -23,6 +23,7 @@ from feltmb.fit.model import (
     Effect,
     Integers,
     Jobs,
+    Memory,
     Model,
     Parameter,
     Ready,
@@ -334,8 +335,10 @@ class SimulatorModel(Model):
         by_theta: Sequence[int] | None = None,
         by_starts: bool = True,
         candidates: tuple[Candidate, ...] = (),
+        memory: Memory | None = None,
     ) -> Sensitivity:
         """Differences with the steps that suit the noise of the function."""
+        del memory  # a function has none
         del by_starts
         given = np.zeros(len(included)) if magnitudes is None else magnitudes
         check_segments(self, record, segments, starts, included, given, theta)

@@ -14,6 +14,7 @@ from feltmb.fit.linearize import InputColumns, Linear, Place
 from feltmb.fit.model import Candidate, Jobs, Model
 from feltmb.fit.observe import machine_candidates, observe_jobs
 from feltmb.fit.problem import Normal, Point, Problem
+from feltmb.fit.recursive import assimilate
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.together import each
 from feltmb.fit.watch import current
@@ -24,6 +25,7 @@ __all__ = [
     "Interval",
     "at_level",
     "chained",
+    "estimate_states",
     "finish",
     "fit_problem",
     "polish",
@@ -40,6 +42,9 @@ HORIZONS, LED, NEAR = (0.5, 0.65, 0.8, 0.9), 5, 4.0
 BEYOND_PRIOR, TEMPERATURES = 3.3, (30.0, 10.0, 5.0, 2.5)
 #: Log evidence within which two fits are one.
 SAME = 0.5
+#: Continuity defect where the process noise says what a segment may depart, as a share of the scale
+#: of a state, and of a state that vibrates as a share of its spread along the records.
+TIGHT, PHASE = 0.03, 0.1
 #: Note of a fit that came down with the noise.
 ANNEALED = "fitted from much noise to little"
 
@@ -260,7 +265,7 @@ def _minimize(
         for _ in range(8):
             used = [d if np.any(d) else None for d in damping]
             normal = problem.normal(point, linears, gap_sd, used)
-            attempt, gain = problem.step(point, normal, lam)
+            attempt, gain = problem.step(point, normal, lam, linears)
             # The gain of the states is within the chains: what is left of the residual.
             left = sum(float(np.sum(c.grams[:, -1, -1])) for c in normal.chains)
             predicted = cost - left + gain - _priors(problem, point)
@@ -400,6 +405,7 @@ def chained(problem: Problem, point: Point) -> Point:
     def of(model: Model, at: tuple[SegmentedRecord, Place]) -> Place:
         segmented, place = at
         starts = place.starts.copy()
+        held = None if place.memory is None else list(place.memory)
         for w in range(segmented.count - 1):
             one = slice(w, w + 1)
             jobs = Jobs.at_point(
@@ -408,11 +414,14 @@ def chained(problem: Problem, point: Point) -> Point:
                 starts[one],
                 problem.included,
                 point.magnitudes,
+                None if held is None else (held[w],),
             )
-            ends = observe_jobs(model, segmented.record, jobs).ends[0]
-            if np.all(np.isfinite(ends)):
-                starts[w + 1] = ends
-        return Place(starts, place.nuisances)
+            run = observe_jobs(model, segmented.record, jobs)
+            if np.all(np.isfinite(run.ends[0])):
+                starts[w + 1] = run.ends[0]
+            if held is not None and run.memory is not None:
+                held[w + 1] = run.memory[0]
+        return Place(starts, place.nuisances, None if held is None else tuple(held))
 
     places = each(
         problem.model, of, list(zip(problem.segmented_records, point.places, strict=True))
@@ -573,13 +582,61 @@ def _rescue(fit: Fit, settings: FitSettings) -> Fit:
                             starts[v] = ends[v - 1]
                         elif v + 1 < len(starts):
                             starts[v] = 0.5 * (starts[v - 1] + starts[v + 1])
-            places.append(Place(starts, place.nuisances))
+            places.append(Place(starts, place.nuisances, place.memory))
         again = polish(
             fit.problem, replace(fit.point, places=tuple(places), memo={}), fit.level, settings
         )
         if again.cost < fit.cost - 1.0:
             fit = replace(again, levels=fit.levels, notes=(*fit.notes, "segments restarted"))
     return fit
+
+
+def estimate_states(problem: Problem, point: Point, level: float) -> Point:
+    """Start states of records at given parameters, to start a fit at a level from."""
+    if not problem.model.states():
+        return point
+    if problem.model.recursive:
+        fixed, gap_sd = _tied(problem, point)
+        return assimilate(fixed, point, gap_sd, held=True)
+    quick, loose = FitSettings(iterations=8, decrement=0.3), 1.0
+    while loose > 1.001 * level:
+        point = at_level(problem, point, loose, None, quick, 8).point
+        loose /= 10.0
+    return point
+
+
+def _tied(problem: Problem, point: Point) -> tuple[Problem, Array]:
+    """A problem with the states' scales of its process noise, and its continuity defects."""
+    states = problem.model.states(machine_candidates(problem.included))
+    gap_sd = TIGHT * np.array([s.scale for s in states])
+    spread = np.std(np.vstack([p.starts for p in point.places]), axis=0)
+    vibrating = np.array([s.vibrates for s in states])
+    gap_sd[vibrating] = np.maximum(gap_sd, PHASE * spread)[vibrating]
+    if problem.state_scale is not None:  # that of another fit to the same records
+        gap_sd[: len(problem.state_scale)] = TIGHT * problem.state_scale
+    return replace(problem, state_scale=gap_sd / TIGHT), gap_sd
+
+
+def _followed(
+    problem: Problem,
+    settings: FitSettings,
+    point: Point | None,
+    progress: Progress | None,
+    label: str,
+) -> Fit:
+    """Fit from states and parameters that are estimated along the records.
+
+    See :mod:`feltmb.fit.recursive`. Continuity is tight from the beginning: what unknown forces do
+    in a segment is the process noise of its laws. States that vibrate lose their phase.
+    """
+    start = point or problem.start()
+    fixed, gap_sd = _tied(problem, start)
+    if point is None:
+        for i, held in enumerate((problem.frozen, True)):
+            if progress is not None:
+                progress(label, i, 3)
+            start = assimilate(fixed, start, gap_sd, held=held)
+    return polish(fixed, start, TIGHT, settings)
 
 
 def fit_problem(
@@ -598,6 +655,8 @@ def fit_problem(
     their priors, until the best fit is reached a second time.
     """
     settings = settings or FitSettings()
+    if problem.model.recursive:
+        return _followed(problem, settings, point, progress, label)
     first = point or problem.start()
     fit, loose, loosest = _descend(problem, first, settings, progress, label)
     fit = _rescue(fit, settings)

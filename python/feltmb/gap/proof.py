@@ -21,7 +21,7 @@ from feltmb.fit.linearize import Place, predict
 from feltmb.fit.observe import machine_candidates
 from feltmb.fit.problem import Point, Problem, solve_scaled
 from feltmb.fit.segmented_records import SegmentedRecord, segment_record
-from feltmb.fit.solve import Fit, FitSettings, at_level, polish
+from feltmb.fit.solve import Fit, FitSettings, estimate_states, polish
 
 __all__ = ["HeldOut", "Outcome", "Paired", "compare", "evaluate", "one_run", "residuals_by_segment"]
 
@@ -214,18 +214,11 @@ def _converge(problem: Problem, model: Fit) -> Point:
         bare = problem.with_candidates(())
         bare_point = Point(point.theta, np.zeros(0), point.places)
         nx = len(problem.model.states())
-        cut = tuple(Place(p.starts[:, :nx], p.nuisances) for p in point.places)
+        cut = tuple(Place(p.starts[:, :nx], p.nuisances, p.memory) for p in point.places)
         point = bare.carry(
             Point(bare_point.theta, np.zeros(0), cut), problem.included, model.point.magnitudes
         )
-    if not problem.model.states():
-        return point
-    quick = FitSettings(iterations=8, decrement=0.3)
-    level = 1.0
-    while level > model.level * 1.001:
-        point = at_level(problem, point, level, None, quick, 8).point
-        level /= 10.0
-    return point
+    return estimate_states(problem, point, model.level)
 
 
 def residuals_by_segment(fit: Fit) -> list[Array]:

@@ -14,7 +14,7 @@ from feltmb.fit.model import VARIABILITY, Model, Parameter
 from feltmb.fit.problem import Problem
 from feltmb.fit.resolution import BETWEEN
 from feltmb.fit.segmented_records import SegmentedRecord
-from feltmb.fit.solve import Fit, FitSettings, Interval, at_level, polish
+from feltmb.fit.solve import Fit, FitSettings, Interval, estimate_states, polish
 from feltmb.gap.digits import digits
 from feltmb.gap.findings import AsItIs, Calibrated
 from feltmb.gap.proof import Outcome, one_run, residuals_by_segment
@@ -61,11 +61,7 @@ def outcome_at(
     problem = Problem(model, tuple(segmented_records), frozen=True)
     point = problem.start(theta=theta)
     tightest = settings.levels[-1]
-    if model.states():
-        quick, level = FitSettings(iterations=8, decrement=0.3), 1.0
-        while level > 1.001 * tightest:
-            point = at_level(problem, point, level, None, quick, 8).point
-            level /= 10.0
+    point = estimate_states(problem, point, tightest)
     fit = polish(problem, point, tightest, replace(settings, chain=True))
     return Outcome(fit, np.zeros(0), settings, segmented_level)
 
