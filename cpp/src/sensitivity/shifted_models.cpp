@@ -197,10 +197,10 @@ void ShiftedModels::rates(double t, std::span<const double> y, std::span<const d
   three_.resize(static_cast<Eigen::Index>(y.size()));
   const std::span<double> rate{three_.data(), y.size()};
   bool has_base = false;
-  const bool touched = std::any_of(
-      mechanism_->strings.begin(), mechanism_->strings.end(), [&](const AttachedString& s) {
-        return base_->dynamics().contacts()[static_cast<std::size_t>(s.contact)].closed;
-      });
+  const auto& touching = mechanism_->string_contacts;
+  const bool touched = std::any_of(touching.begin(), touching.end(), [&](const StringContact& c) {
+    return base_->dynamics().contacts()[static_cast<std::size_t>(c.contact)].closed;
+  });
   for (std::size_t j = 0; j < parameters_.size(); ++j) {
     const auto column = static_cast<Eigen::Index>(j);
     if (law_[j] >= 0) {
@@ -295,14 +295,22 @@ void ShiftedModels::memory_rates(const Eigen::MatrixXd& memory_columns, RowMatri
     }
     if (force == 0.0) continue;
     loads_.noalias() += (force * by_force(c)) * row;
-    if (contact.string < 0 || out.rows() < static_cast<Eigen::Index>(base_->size())) continue;
-    const auto phi = dynamics.phi(contact.string);
-    const auto& string = mechanism_->strings[static_cast<std::size_t>(contact.string)];
-    const int first = 2 * n + base_->law_states() + base_->modes() + string.offset;
+    if (contact.string_contact < 0 || out.rows() < static_cast<Eigen::Index>(base_->size())) {
+      continue;
+    }
+    const auto phi = dynamics.phi(contact.string_contact);
+    const int first = first_modal_rate(contact);
     for (std::size_t k = 0; k < phi.size(); ++k) {
       out.row(first + static_cast<int>(k)) += (force * phi[k]) * row;
     }
   }
+}
+
+/// Row of the rate of the first mode of the string that a contact touches.
+int ShiftedModels::first_modal_rate(const Contact& contact) const {
+  const auto& touch = mechanism_->string_contacts[static_cast<std::size_t>(contact.string_contact)];
+  return 2 * base_->coordinates() + base_->law_states() + base_->modes() +
+         mechanism_->string_of(touch).offset;
 }
 
 const Eigen::VectorXd& ShiftedModels::by_force(std::size_t contact) {
@@ -331,14 +339,18 @@ void ShiftedModels::base_rates(std::span<const double> y) {
   }
   for (std::size_t s = 0; s < mechanism_->strings.size(); ++s) {
     const AttachedString& own = mechanism_->strings[s];
-    const double force = dynamics.string_force(static_cast<int>(s));
-    const auto phi = dynamics.phi(static_cast<int>(s));
+    const double force = dynamics.string_force(own.first_contact);
+    const auto phi = dynamics.phi(own.first_contact);
     const std::size_t eta = first_mode() + static_cast<std::size_t>(own.offset);
     for (std::size_t i = 0; i < phi.size(); ++i) {
       const double speed = y[eta + modes() + i];
       two_[static_cast<Eigen::Index>(eta + i)] = speed;
       two_[static_cast<Eigen::Index>(eta + modes() + i)] =
           phi[i] * force - own.string.damping()[i] * speed - own.string.stiffness()[i] * y[eta + i];
+    }
+    for (int c = own.first_contact + 1; c < own.first_contact + own.contacts; ++c) {
+      modal::add_load(phi.size(), dynamics.phi(c).data(), dynamics.string_force(c),
+                      two_.data() + eta + modes());
     }
   }
 }
@@ -440,10 +452,9 @@ void ShiftedModels::law_rates(std::size_t j, RowMatrix& out) {
   }
   if (!s.closed || force == 0.0) return;
   loads_.col(column) += force * by_force(c);
-  if (contact.string < 0 || out.rows() < static_cast<Eigen::Index>(base_->size())) return;
-  const auto phi = dynamics.phi(contact.string);
-  const auto& string = mechanism_->strings[static_cast<std::size_t>(contact.string)];
-  const int first = 2 * n + base_->law_states() + base_->modes() + string.offset;
+  if (contact.string_contact < 0 || out.rows() < static_cast<Eigen::Index>(base_->size())) return;
+  const auto phi = dynamics.phi(contact.string_contact);
+  const int first = first_modal_rate(contact);
   for (std::size_t k = 0; k < phi.size(); ++k) {
     out(first + static_cast<int>(k), column) += force * phi[k];
   }

@@ -118,6 +118,7 @@ class ShiftedModels {
   static const Node& nearest(const std::vector<Node>& nodes);
   void law_rates(std::size_t j, RowMatrix& out);
   void memory_rates(const Eigen::MatrixXd& memory_columns, RowMatrix& out);
+  int first_modal_rate(const Contact& contact) const;
   const Eigen::VectorXd& by_force(std::size_t contact);  ///< dQ/dF of a closed contact
   bool any_closed(const std::vector<int>& contacts) const;
   void inertial_loads(std::size_t j);
