@@ -116,6 +116,7 @@ void bind_description(py::module_& m) {
   string.def(py::init<>())
       .def_readwrite("name", &StringDescription::name)
       .def_readwrite("surface", &StringDescription::surface)
+      .def_readwrite("other_surfaces", &StringDescription::other_surfaces)
       .def_readwrite("rigid", &StringDescription::rigid)
       .def_readwrite("parameters", &StringDescription::parameters)
       .def_readwrite("anchor", &StringDescription::anchor)

@@ -182,6 +182,13 @@ TEST_CASE("each fault has a message that says where, what was got and what is ex
   d.strings.push_back({});
   d.strings[0].surface = "nose";
   check_fault(d, "surface \"nose\" must be a line of the ground");
+
+  d = good();
+  d.strings.push_back({});
+  d.strings[0].surface = "stop";
+  d.strings[0].other_surfaces = {"nose", "nowhere"};
+  check_fault(d, "surface \"nose\" must be a line of the ground");
+  check_fault(d, "surface \"nowhere\" must be a line of the ground");
 }
 
 TEST_CASE("a loop of parents is told from a missing parent") {

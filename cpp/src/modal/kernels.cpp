@@ -70,7 +70,32 @@ GramSums gram_sums(std::size_t n, const double* __restrict phi, const double* __
     b[j] += dphi[i] * p;
     c[j] += dphi[i] * dphi[i] * factor[i];
   }
-  return {total(a), total(b), total(c)};
+  return {total(a), total(b), total(b), total(c)};
+}
+
+GramSums cross_sums(std::size_t n, const double* __restrict phi, const double* __restrict dphi,
+                    const double* __restrict other_phi, const double* __restrict other_dphi,
+                    const double* __restrict factor) {
+  double a[kLanes] = {}, b[kLanes] = {}, c[kLanes] = {}, d[kLanes] = {};
+  const auto add = [&](std::size_t lane, std::size_t i) {
+    const double p = other_phi[i] * factor[i];
+    const double q = other_dphi[i] * factor[i];
+    a[lane] += phi[i] * p;
+    b[lane] += phi[i] * q;
+    c[lane] += dphi[i] * p;
+    d[lane] += dphi[i] * q;
+  };
+  std::size_t i = 0;
+  for (; i + kLanes <= n; i += kLanes) {
+    for (std::size_t j = 0; j < kLanes; ++j) add(j, i + j);
+  }
+  for (std::size_t j = 0; i < n; ++i, ++j) add(j, i);
+  return {total(a), total(b), total(c), total(d)};
+}
+
+void add_load(std::size_t n, const double* __restrict phi, double force,
+              double* __restrict acceleration) {
+  for (std::size_t i = 0; i < n; ++i) acceleration[i] += phi[i] * force;
 }
 
 void reduce_residual(std::size_t n, double g, const double* __restrict stiffness,

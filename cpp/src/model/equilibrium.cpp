@@ -17,7 +17,8 @@ class Rest {
         law_(static_cast<std::size_t>(m_.total_law_states), 0.0),
         eta_(static_cast<std::size_t>(m_.total_modes), 0.0),
         eta_rate_(eta_),
-        compliance_(m_.contacts.size(), 0.0) {
+        compliance_(Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(m_.string_contacts.size()),
+                                          static_cast<Eigen::Index>(m_.string_contacts.size()))) {
     dynamics_.use_static_laws();
     drive_.force = finger_force;
   }
@@ -56,11 +57,41 @@ class Rest {
   Eigen::MatrixXd hessian() {
     dynamics_.differentiate();
     Eigen::MatrixXd h = -dynamics_.stiffness();
-    for (const auto& g : dynamics_.gradients()) {
+    const auto gradients = dynamics_.gradients();
+    std::vector<const ContactGradient*> on_string;
+    for (const auto& g : gradients) {
       const auto contact = static_cast<std::size_t>(g.contact);
-      double slope = dynamics_.contacts()[contact].law.d_compression;
-      slope /= 1.0 + slope * compliance_[contact];
+      if (m_.contacts[contact].string_contact >= 0) {
+        on_string.push_back(&g);
+        h -= g.by_compression * g.compression.transpose();
+        continue;
+      }
+      const double slope = dynamics_.contacts()[contact].law.d_compression;
       h -= (slope * g.by_force + g.by_compression) * g.compression.transpose();
+    }
+    if (on_string.empty()) return 0.5 * (h + h.transpose());
+    // Felts on strings are in series with them: dF = S (de - C dF).
+    const auto count = static_cast<Eigen::Index>(on_string.size());
+    Eigen::MatrixXd series = Eigen::MatrixXd::Identity(count, count);
+    Eigen::MatrixXd slopes = Eigen::MatrixXd::Zero(count, count);
+    const auto touch = [&](Eigen::Index i) {
+      return m_.contacts[static_cast<std::size_t>(on_string[static_cast<std::size_t>(i)]->contact)]
+          .string_contact;
+    };
+    for (Eigen::Index i = 0; i < count; ++i) {
+      const auto contact =
+          static_cast<std::size_t>(on_string[static_cast<std::size_t>(i)]->contact);
+      slopes(i, i) = dynamics_.contacts()[contact].law.d_compression;
+      for (Eigen::Index j = 0; j < count; ++j) {
+        series(i, j) += slopes(i, i) * compliance_(touch(i), touch(j));
+      }
+    }
+    slopes = series.partialPivLu().solve(slopes).eval();
+    for (Eigen::Index i = 0; i < count; ++i) {
+      for (Eigen::Index j = 0; j < count; ++j) {
+        h -= (slopes(i, j) * on_string[static_cast<std::size_t>(i)]->by_force) *
+             on_string[static_cast<std::size_t>(j)]->compression.transpose();
+      }
     }
     return 0.5 * (h + h.transpose());
   }
@@ -95,27 +126,45 @@ class Rest {
                                            static_cast<std::size_t>(s.string.modes()));
   }
 
-  /// Static deflection of each string at a pose: it and the felt before it are springs in series,
-  /// F(e) with e + C F(e) = the overlap with the string at rest. Solved for each pose on its own,
+  /// Static deflection of each string at a pose: it and the felts before it are springs in series,
+  /// F(e) with e + C F(e) = the overlaps with the string at rest. Solved for each pose on its own,
   /// so that no force of a step that is not taken moves a string out of the way.
   void deflect_strings(std::span<const double> position) {
     if (m_.strings.empty()) return;
     std::fill(eta_.begin(), eta_.end(), 0.0);
-    dynamics_.locate({position, zero_, law_, eta_, eta_rate_}, drive_);
-    for (std::size_t s = 0; s < m_.strings.size(); ++s) {
-      const AttachedString& a = m_.strings[s];
-      const auto contact = static_cast<std::size_t>(a.contact);
-      const ContactState& state = dynamics_.contacts()[contact];
-      compliance_[contact] = 0.0;
-      if (!state.closed) continue;
-      const auto phi = dynamics_.phi(static_cast<int>(s));
+    compliance_.setZero();
+    // A felt that is open may be met by a string that another presses.
+    const bool alone = m_.string_contacts.size() == m_.strings.size();
+    dynamics_.locate({position, zero_, law_, eta_, eta_rate_}, drive_,
+                     alone ? Detail::kClosedContacts : Detail::kAllContacts);
+    for (const AttachedString& a : m_.strings) {
+      std::vector<int> touching;
+      bool any_closed = false;
+      for (int c = a.first_contact; c < a.first_contact + a.contacts; ++c) {
+        const auto contact = m_.string_contacts[static_cast<std::size_t>(c)].contact;
+        if (m_.contacts[static_cast<std::size_t>(contact)].enabled) touching.push_back(c);
+        any_closed = any_closed || state_of(c).closed;
+      }
+      if (!any_closed) continue;
       const auto stiffness = a.string.stiffness();
-      double compliance = 0.0;
-      for (std::size_t j = 0; j < phi.size(); ++j) compliance += phi[j] * phi[j] / stiffness[j];
-      compliance_[contact] = compliance;
-      const double force = force_in_series(m_.contacts[contact].law, compliance, state.compression);
+      for (const int c : touching) {
+        for (const int d : touching) {
+          const auto phi = dynamics_.phi(c);
+          const auto other = dynamics_.phi(d);
+          double compliance = 0.0;
+          for (std::size_t j = 0; j < phi.size(); ++j) {
+            compliance += phi[j] * other[j] / stiffness[j];
+          }
+          compliance_(c, d) = compliance;
+        }
+      }
+      const Eigen::VectorXd force = forces_in_series(touching);
       const auto eta = modes(a);
-      for (std::size_t j = 0; j < phi.size(); ++j) eta[j] = phi[j] * force / stiffness[j];
+      for (std::size_t i = 0; i < touching.size(); ++i) {
+        const auto phi = dynamics_.phi(touching[i]);
+        const double own = force[static_cast<Eigen::Index>(i)];
+        for (std::size_t j = 0; j < phi.size(); ++j) eta[j] += phi[j] * own / stiffness[j];
+      }
     }
   }
 
@@ -128,10 +177,76 @@ class Rest {
   std::vector<double> law_;
   std::vector<double> eta_;
   std::vector<double> eta_rate_;
-  std::vector<double> compliance_;  ///< of the string at a closed contact [m/N], else 0
+  Eigen::MatrixXd compliance_;  ///< of strings between closed contacts with them [m/N], else 0
   Drive drive_;
 
  private:
+  const ContactState& state_of(int string_contact) const {
+    const StringContact& c = m_.string_contacts[static_cast<std::size_t>(string_contact)];
+    return dynamics_.contacts()[static_cast<std::size_t>(c.contact)];
+  }
+
+  const ContactLaw& law_of(int string_contact) const {
+    const StringContact& c = m_.string_contacts[static_cast<std::size_t>(string_contact)];
+    return m_.contacts[static_cast<std::size_t>(c.contact)].law;
+  }
+
+  /// Static forces of felts on one string.
+  Eigen::VectorXd forces_in_series(const std::vector<int>& touching) const {
+    const auto count = static_cast<Eigen::Index>(touching.size());
+    const auto own = [&](Eigen::Index i) { return touching[static_cast<std::size_t>(i)]; };
+    Eigen::VectorXd overlap(count);
+    Eigen::MatrixXd compliance(count, count);
+    for (Eigen::Index i = 0; i < count; ++i) {
+      overlap[i] = state_of(own(i)).compression;
+      for (Eigen::Index j = 0; j < count; ++j) compliance(i, j) = compliance_(own(i), own(j));
+    }
+    Eigen::VectorXd force = Eigen::VectorXd::Zero(count);
+    const auto alone = [&](Eigen::Index i) {
+      const double others = compliance.row(i).dot(force) - compliance(i, i) * force[i];
+      const double room = overlap[i] - others;
+      return room > 0.0 ? force_in_series(law_of(own(i)), compliance(i, i), room) : 0.0;
+    };
+    if (count == 1) {
+      force[0] = alone(0);
+      return force;
+    }
+    // One contact takes the string away from another, or presses it against it: the energy of all
+    // is convex in the forces. Newton's method on e = overlap - C F(e), and each contact after the
+    // other, which always goes down, where that does not help.
+    const auto miss = [&](const Eigen::VectorXd& f, Eigen::VectorXd& slope) -> Eigen::VectorXd {
+      const Eigen::VectorXd e = overlap - compliance * f;
+      Eigen::VectorXd out(count);
+      for (Eigen::Index i = 0; i < count; ++i) {
+        const CurveValue v = e[i] > 0.0 ? law_of(own(i)).static_force(e[i]) : CurveValue{0.0, 0.0};
+        out[i] = v.force - f[i];
+        slope[i] = v.slope;
+      }
+      return out;
+    };
+    Eigen::VectorXd slope(count);
+    Eigen::VectorXd next_slope(count);
+    Eigen::VectorXd left = miss(force, slope);
+    constexpr int most = 1000;
+    for (int k = 0; k < most; ++k) {
+      const Eigen::MatrixXd matrix =
+          Eigen::MatrixXd::Identity(count, count) + slope.asDiagonal() * compliance;
+      const Eigen::VectorXd next = force + matrix.partialPivLu().solve(left);
+      const Eigen::VectorXd next_left = miss(next, next_slope);
+      if (next_left.norm() < left.norm()) {
+        force = next;
+        left = next_left;
+        slope = next_slope;
+        continue;
+      }
+      const Eigen::VectorXd before = force;
+      for (Eigen::Index i = 0; i < count; ++i) force[i] = alone(i);
+      left = miss(force, slope);
+      if ((force - before).norm() <= 1e-15 * force.norm()) break;
+    }
+    return force;
+  }
+
   /// Static force of a felt on a string of some compliance [m/N] that overlap [m].
   static double force_in_series(const ContactLaw& law, double compliance, double overlap) {
     // Force and overlap grow with the compression: halved until the numbers end.
@@ -196,6 +311,9 @@ void refuse_nonsense(Rest& rest, const Eigen::VectorXd& q) {
                  beam.name.c_str(), beam.length, bent) +
           hint);
     }
+  }
+  if (const std::string beyond = dynamics.beyond_string(); !beyond.empty()) {
+    throw ModelError("mechanism \"" + m.name + "\": in the rest pose " + beyond);
   }
   double stored = 0.0;
   double largest = 0.0;

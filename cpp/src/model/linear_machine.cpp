@@ -49,8 +49,8 @@ bool is_linear(const Mechanism& m) {
       return false;
     }
   }
-  return std::none_of(m.strings.begin(), m.strings.end(),
-                      [](const AttachedString& s) { return s.moving_strike_point; });
+  return std::none_of(m.string_contacts.begin(), m.string_contacts.end(),
+                      [](const StringContact& c) { return c.moving; });
 }
 
 }  // namespace
@@ -97,12 +97,13 @@ std::optional<LinearMachine> LinearMachine::of(const Mechanism& m) {
       const std::size_t k = coordinate[at(point.link)];
       contact.gradient[k] += sign * dot(normal, along[at(point.link)]) / out.root_mass[k];
     }
-    if (c.string >= 0) {
-      const AttachedString& s = m.strings[at(c.string)];
+    if (c.string_contact >= 0) {
+      const StringContact& touch = m.string_contacts[at(c.string_contact)];
+      const AttachedString& s = m.string_of(touch);
       std::vector<double> slope(at(s.string.modes()));
       const std::span<double> phi{contact.gradient.data() + n + at(s.offset), slope.size()};
-      s.string.shapes(s.strike_position, phi, slope);
-      for (double& p : phi) p = -p;
+      s.string.shapes(touch.position, phi, slope);
+      for (double& p : phi) p *= -touch.side;
     }
     out.forces.push_back(std::make_unique<LawForce>(c.law));
     contact.force = out.forces.back().get();

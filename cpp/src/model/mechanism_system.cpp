@@ -52,8 +52,8 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Fin
                           s.string.damping().end());
   }
   modal_rate_factor_.resize(at(modes_));
-  phi_.resize(at(modes_));
-  dphi_.resize(at(modes_));
+  phi_.resize(at(m.total_shapes));
+  dphi_.resize(at(m.total_shapes));
   if (ledger) {
     quadrature_names_ = {"work_in", "work_throughput"};
     for (const auto& c : m.contacts) {
@@ -72,8 +72,9 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Fin
   } else {
     monitors_.clear();
   }
-  couplings_.resize(m.strings.size());
+  couplings_.resize(m.string_contacts.size());
   for (auto& c : couplings_) {
+    c.to.resize(couplings_.size());
     for (auto* vector : {&c.force_column, &c.displacement_column, &c.gradient, &c.rate_gradient,
                          &c.strike, &c.slope_force, &c.compression_column, &c.rate_column,
                          &c.slope_column, &c.by_force, &c.by_strike}) {
@@ -91,7 +92,7 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Fin
   rhs_state_.resize(size());
   rhs_largest_.resize(m.contacts.size());
   residual_.assign(2 * at(n_) * DenseLu::padded(at(n_)), 0.0);
-  right_.setZero(static_cast<Eigen::Index>(DenseLu::padded(at(n_) + m.strings.size() + 1)));
+  right_.setZero(static_cast<Eigen::Index>(DenseLu::padded(at(n_) + couplings_.size() + 1)));
   kept_slope_.assign(m.contacts.size(), 0.0);
   for (auto* matrix : {&mass_, &stiffness_, &damping_, &base_stiffness_, &base_damping_}) {
     matrix->setZero(n_, n_);
@@ -250,10 +251,16 @@ void MechanismSystem::rhs(double t, std::span<const double> y, std::span<double>
   const auto& strings = mechanism().strings;
   for (std::size_t s = 0; s < strings.size(); ++s) {
     const std::size_t first = at(strings[s].offset);
-    const auto phi = dynamics_.phi(static_cast<int>(s));
+    const int contact = strings[s].first_contact;
+    const auto phi = dynamics_.phi(contact);
     modal::accelerate(phi.size(), modal_stiffness_.data() + first, modal_damping_.data() + first,
                       p.eta.data() + first, p.eta_rate.data() + first, phi.data(),
-                      dynamics_.string_force(static_cast<int>(s)), eta_acceleration + first);
+                      dynamics_.string_force(contact), eta_acceleration + first);
+    for (int other = contact + 1; other < contact + strings[s].contacts; ++other) {
+      const double force = dynamics_.string_force(other);
+      if (force == 0.0) continue;
+      modal::add_load(phi.size(), dynamics_.phi(other).data(), force, eta_acceleration + first);
+    }
   }
 }
 
@@ -317,15 +324,18 @@ void MechanismSystem::keep_slopes() {
     kept_slope_[kept++] = state.law.d_compression;
     const bool stateful = contact.law.n_states() > 0;
     if (stateful) {
-      add_stateful(&g, g.contact, contact.string >= 0 ? coupling_count_ : -1);
+      add_stateful(&g, g.contact, contact.string_contact >= 0 ? coupling_count_ : -1);
     } else {
       add_contact_slopes(base_stiffness_, base_damping_, g, state.law.d_compression,
                          state.law.d_rate);
     }
-    if (contact.string < 0) continue;
+    if (contact.string_contact < 0) continue;
+    const StringContact& touch = m.string_contacts[at(contact.string_contact)];
     StringCoupling& c = couplings_[at(coupling_count_++)];
-    c.string = contact.string;
-    c.offset = m.strings[at(contact.string)].offset;
+    c.string = touch.string;
+    c.offset = m.string_of(touch).offset;
+    c.count = m.string_of(touch).string.modes();
+    c.shape = touch.shape;
     c.force = state.law.force;
     c.by_compression = state.law.d_compression;
     c.by_rate = state.law.d_rate;
@@ -336,10 +346,10 @@ void MechanismSystem::keep_slopes() {
     c.rate_gradient = g.rate;
     c.strike = g.strike;
     c.slope_force = g.by_slope;
-    const auto phi = dynamics_.phi(contact.string);
-    const auto dphi = dynamics_.dphi(contact.string);
-    std::copy(phi.begin(), phi.end(), phi_.begin() + c.offset);
-    std::copy(dphi.begin(), dphi.end(), dphi_.begin() + c.offset);
+    const auto phi = dynamics_.phi(contact.string_contact);
+    const auto dphi = dynamics_.dphi(contact.string_contact);
+    std::copy(phi.begin(), phi.end(), phi_.begin() + c.shape);
+    std::copy(dphi.begin(), dphi.end(), dphi_.begin() + c.shape);
   }
   if (law_states_ == 0) return;
   for (std::size_t i = 0; i < m.contacts.size(); ++i) {
@@ -436,6 +446,26 @@ void MechanismSystem::reduce_law_states(double gamma) {
   }
 }
 
+/// How contacts with one string feel each other through its modes, by the factors of the modes.
+void MechanismSystem::add_string_answers() {
+  for (int i = 0; i < coupling_count_; ++i) {
+    StringCoupling& c = couplings_[at(i)];
+    const auto count = at(c.count);
+    const double* phi = phi_.data() + c.shape;
+    const double* dphi = dphi_.data() + c.shape;
+    const double* factor = modal_rate_factor_.data() + c.offset;
+    c.to[at(i)] = modal::gram_sums(count, phi, dphi, factor);
+    for (int j = 0; j < i; ++j) {
+      StringCoupling& other = couplings_[at(j)];
+      if (other.string != c.string) continue;
+      const modal::GramSums a = modal::cross_sums(count, phi, dphi, phi_.data() + other.shape,
+                                                  dphi_.data() + other.shape, factor);
+      c.to[at(j)] = a;
+      other.to[at(i)] = {a.phi_phi, a.dphi_phi, a.phi_dphi, a.dphi_dphi};
+    }
+  }
+}
+
 bool MechanismSystem::factorize(double gamma) {
   gamma_ = gamma;
   modal::newton_factors(at(active_modes()), gamma, modal_stiffness_.data(), modal_damping_.data(),
@@ -458,38 +488,43 @@ bool MechanismSystem::factorize(double gamma) {
   for (int i = 0; i < coupling_count_; ++i) {
     StringCoupling& c = couplings_[at(i)];
     c.displacement_column = -(c.force_column * c.by_compression + c.compression_column);
-    const std::size_t first = at(c.offset);
-    const std::size_t count = at(mechanism().strings[at(c.string)].string.modes());
-    const modal::GramSums gram = modal::gram_sums(count, phi_.data() + first, dphi_.data() + first,
-                                                  modal_rate_factor_.data() + first);
-    c.a00 = gram.phi_phi;
-    c.a01 = gram.phi_dphi;
-    c.a11 = gram.dphi_dphi;
-    // String at the strike point against the unknown force and the shift of the strike point:
-    // d velocity = g (a00 dF + a01 F dy), d displacement = g d velocity, d slope = g^2 (a01 dF +
-    // a11 F dy), with dy = strike . dq and dq = r_q + g dv.
-    const double g = gamma;
-    const double velocity_f = g * c.a00;
-    const double slope_f = g * g * c.a01;
-    const double velocity_y = g * c.a01 * c.force;
-    const double slope_y = g * g * c.a11 * c.force;
     c.rate_column = -c.by_rate * c.force_column;
     c.slope_column = c.force * c.slope_force + c.strike_speed * c.rate_column;
-    c.by_force = (g * velocity_f) * c.displacement_column + velocity_f * c.rate_column +
-                 slope_f * c.slope_column;
-    c.by_strike = (g * velocity_y) * c.displacement_column + velocity_y * c.rate_column +
-                  slope_y * c.slope_column;
-    newton.topLeftCorner(n_, n_) -= (g * g) * c.by_strike * c.strike.transpose();
-    newton.col(n_ + i).head(n_) = -g * c.by_force;
-    const double own_f =
-        c.by_compression * g * velocity_f + c.by_rate * (velocity_f + c.strike_speed * slope_f);
-    const double own_y =
-        c.by_compression * g * velocity_y + c.by_rate * (velocity_y + c.strike_speed * slope_y);
+    newton.col(n_ + i).setZero();
     newton.row(n_ + i).setZero();
-    newton.row(n_ + i).head(n_) = (-(g * c.by_compression + c.by_rate) * c.gradient -
-                                   (g * c.by_rate) * c.rate_gradient + (g * own_y) * c.strike)
+    newton.row(n_ + i).head(n_) = (-(gamma * c.by_compression + c.by_rate) * c.gradient -
+                                   (gamma * c.by_rate) * c.rate_gradient)
                                       .transpose();
-    newton(n_ + i, n_ + i) = 1.0 + own_f;
+    newton(n_ + i, n_ + i) = 1.0;
+  }
+  add_string_answers();
+  for (int i = 0; i < coupling_count_; ++i) {
+    StringCoupling& c = couplings_[at(i)];
+    for (int j = 0; j < coupling_count_; ++j) {
+      const StringCoupling& other = couplings_[at(j)];
+      if (other.string != c.string) continue;
+      // String at the point of contact against the unknown force and the shift of the point of each
+      // contact with it: d velocity = g (a00 dF + a01 F dy), d displacement = g d velocity, d slope
+      // = g^2 (a10 dF + a11 F dy), with dy = strike . dq and dq = r_q + g dv.
+      const double g = gamma;
+      const modal::GramSums& a = c.to[at(j)];
+      const double velocity_f = g * a.phi_phi;
+      const double slope_f = g * g * a.dphi_phi;
+      const double velocity_y = g * a.phi_dphi * other.force;
+      const double slope_y = g * g * a.dphi_dphi * other.force;
+      c.by_force = (g * velocity_f) * c.displacement_column + velocity_f * c.rate_column +
+                   slope_f * c.slope_column;
+      c.by_strike = (g * velocity_y) * c.displacement_column + velocity_y * c.rate_column +
+                    slope_y * c.slope_column;
+      newton.topLeftCorner(n_, n_) -= (g * g) * c.by_strike * other.strike.transpose();
+      newton.col(n_ + j).head(n_) -= g * c.by_force;
+      const double own_f =
+          c.by_compression * g * velocity_f + c.by_rate * (velocity_f + c.strike_speed * slope_f);
+      const double own_y =
+          c.by_compression * g * velocity_y + c.by_rate * (velocity_y + c.strike_speed * slope_y);
+      newton.row(n_ + i).head(n_) += ((g * own_y) * other.strike).transpose();
+      newton(n_ + i, n_ + j) += own_f;
+    }
   }
   if (constraint_ > 0) {
     // Unknown reaction dR: M dv - gamma (... + J^T dR) = M r_v, and the motion's own equation
@@ -527,13 +562,18 @@ void MechanismSystem::solve(std::span<double> b) {
   for (int i = 0; i < coupling_count_; ++i) {
     const StringCoupling& c = couplings_[at(i)];
     const std::size_t first = at(c.offset);
-    const std::size_t count = at(mechanism().strings[at(c.string)].string.modes());
-    auto [velocity, displacement, slope] = modal::residual_sums(
-        count, g, phi_.data() + first, dphi_.data() + first, r_eta + first, r_rate + first);
-    const double shift = c.strike.dot(r_q) * c.force;
-    velocity += g * c.a01 * shift;
-    displacement += g * g * c.a01 * shift;
-    slope += g * g * c.a11 * shift;
+    auto [velocity, displacement, slope] =
+        modal::residual_sums(at(c.count), g, phi_.data() + c.shape, dphi_.data() + c.shape,
+                             r_eta + first, r_rate + first);
+    for (int j = 0; j < coupling_count_; ++j) {
+      const StringCoupling& other = couplings_[at(j)];
+      if (other.string != c.string) continue;
+      const modal::GramSums& a = c.to[at(j)];
+      const double shift = other.strike.dot(r_q) * other.force;
+      velocity += g * a.phi_dphi * shift;
+      displacement += g * g * a.phi_dphi * shift;
+      slope += g * g * a.dphi_dphi * shift;
+    }
     right_.head(n_) += g * (displacement * c.displacement_column -
                             (c.by_rate * (velocity + c.strike_speed * slope)) * c.force_column +
                             (slope * c.force) * c.slope_force);
@@ -579,10 +619,9 @@ void MechanismSystem::solve(std::span<double> b) {
   for (int i = 0; i < coupling_count_; ++i) {
     const StringCoupling& c = couplings_[at(i)];
     const std::size_t first = at(c.offset);
-    const std::size_t count = at(mechanism().strings[at(c.string)].string.modes());
     const double dforce = right_[n_ + i];
     const double shift = c.strike.dot(r_q) * c.force;  // r_q now holds dq
-    modal::add_force(count, g, dforce, shift, phi_.data() + first, dphi_.data() + first,
+    modal::add_force(at(c.count), g, dforce, shift, phi_.data() + c.shape, dphi_.data() + c.shape,
                      modal_rate_factor_.data() + first, r_rate + first);
   }
   modal::advance(modes, g, r_rate, r_eta);
@@ -605,9 +644,9 @@ void MechanismSystem::solve(std::span<double> b) {
     if (c.coupling >= 0) {
       const StringCoupling& string = couplings_[at(c.coupling)];
       const std::size_t first = at(string.offset);
-      const std::size_t count = at(mechanism().strings[at(string.string)].string.modes());
-      const auto [velocity, displacement, slope] = modal::residual_sums(
-          count, 0.0, phi_.data() + first, dphi_.data() + first, r_eta + first, r_rate + first);
+      const auto [velocity, displacement, slope] =
+          modal::residual_sums(at(string.count), 0.0, phi_.data() + string.shape,
+                               dphi_.data() + string.shape, r_eta + first, r_rate + first);
       compression -= displacement;
       rate -= velocity + string.strike_speed * slope;
     }
@@ -634,8 +673,9 @@ bool MechanismSystem::events_nearby(double t, std::span<double> g) {
 
 bool MechanismSystem::surely_open(double t, int contact) const {
   if (!(t == rhs_time_)) return false;
-  const int string = mechanism().contacts[at(contact)].string;
-  const double reach = apart_ && string >= 0 ? free_->reach(at(string)) : 0.0;
+  const int touch = mechanism().contacts[at(contact)].string_contact;
+  const double reach =
+      apart_ && touch >= 0 ? free_->reach(at(mechanism().string_contacts[at(touch)].string)) : 0.0;
   return dynamics_.contacts()[at(contact)].compression + reach < -margin_;
 }
 
@@ -665,8 +705,8 @@ void MechanismSystem::join_strings(double t, std::span<double> y) {
 
 bool MechanismSystem::strings_clear(double t, double gap) const {
   if (!(t == rhs_time_)) return false;
-  for (const auto& s : mechanism().strings) {
-    const ContactState& c = dynamics_.contacts()[at(s.contact)];
+  for (const auto& touch : mechanism().string_contacts) {
+    const ContactState& c = dynamics_.contacts()[at(touch.contact)];
     if (c.closed || !(c.compression < -gap)) return false;
   }
   return true;
@@ -674,10 +714,9 @@ bool MechanismSystem::strings_clear(double t, double gap) const {
 
 /// At the compressions against strings at rest that were located last.
 bool MechanismSystem::within_reach() const {
-  const auto& strings = mechanism().strings;
-  for (std::size_t s = 0; s < strings.size(); ++s) {
-    const ContactState& c = dynamics_.contacts()[at(strings[s].contact)];
-    if (!(c.compression + free_->reach(s) < -margin_)) return true;
+  for (const auto& touch : mechanism().string_contacts) {
+    const ContactState& c = dynamics_.contacts()[at(touch.contact)];
+    if (!(c.compression + free_->reach(at(touch.string)) < -margin_)) return true;
   }
   return false;
 }
@@ -687,10 +726,9 @@ double MechanismSystem::string_approach(double t, std::span<const double> y) {
   if (t == rhs_time_ && !within_reach()) return never;
   locate(t, y);
   double largest = never;
-  for (const auto& s : mechanism().strings) {
-    const Contact& contact = mechanism().contacts[at(s.contact)];
-    if (!contact.enabled) continue;
-    largest = std::max(largest, dynamics_.contacts()[at(s.contact)].compression);
+  for (const auto& touch : mechanism().string_contacts) {
+    if (!mechanism().contacts[at(touch.contact)].enabled) continue;
+    largest = std::max(largest, dynamics_.contacts()[at(touch.contact)].compression);
   }
   return largest;
 }
@@ -810,7 +848,20 @@ int MechanismSystem::stiffest_contact(std::size_t state) const {
   }
   const std::size_t mode = (state - 2 * n - at(law_states_)) % std::max<std::size_t>(1, at(modes_));
   for (const auto& s : m.strings) {
-    if (mode < at(s.offset + s.string.modes())) return s.contact;
+    if (!(mode < at(s.offset + s.string.modes()))) continue;
+    const auto touching = m.contacts_of(s);
+    int stiffest = touching[0].contact;
+    double most = 0.0;
+    std::size_t kept = 0;
+    for (const ContactGradient& g : dynamics_.gradients()) {
+      const double slope = kept_slope_[kept++];
+      const bool own = std::any_of(touching.begin(), touching.end(),
+                                   [&](const StringContact& c) { return c.contact == g.contact; });
+      if (!own || slope <= most) continue;
+      most = slope;
+      stiffest = g.contact;
+    }
+    return stiffest;
   }
   return -1;
 }

@@ -122,7 +122,7 @@ void observe(MechanismSystem& system, double t, std::span<const double> y, std::
     const MechanicalState parts = system.parts(y);
     const auto eta = parts.eta.subspan(at(a.offset), count);
     const auto rate = parts.eta_rate.subspan(at(a.offset), count);
-    out[i++] = dynamics.contacts()[at(a.contact)].string.displacement;
+    out[i++] = dynamics.contacts()[at(m.contacts_of(a)[0].contact)].string.displacement;
     out[i++] = a.string.bridge_force(eta);
     string_energy += a.string.kinetic_energy(rate) + a.string.elastic_energy(eta);
   }

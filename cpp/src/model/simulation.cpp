@@ -306,6 +306,11 @@ class Run {
       const double now = reversal.contact >= 0 ? reversal.time
                          : struck              ? strike
                                                : integrator->time();
+      if (std::string beyond = system_.dynamics().beyond_string(); !beyond.empty()) {
+        sample_until(*integrator, now);
+        fail_at(now, beyond);
+        break;
+      }
       for (auto& watch : watches_) watch.look(system_, *integrator, now, scratch_);
       sample_until(*integrator, now);
       if (!broken_.empty()) {

@@ -41,20 +41,26 @@ void MechanismSystem::solve_many(RowBlock& b, const RowBlock* loads) {
   }
   for (int i = 0; i < coupling_count_; ++i) {
     const StringCoupling& c = couplings_[at(i)];
-    const int count = mechanism().strings[at(c.string)].string.modes();
     Row velocity = Row::Zero(columns);
     Row displacement = Row::Zero(columns);
     Row slope = Row::Zero(columns);
-    for (int j = c.offset; j < c.offset + count; ++j) {
-      velocity += phi_[at(j)] * b.row(rate + j);
-      displacement += phi_[at(j)] * b.row(eta + j);
-      slope += dphi_[at(j)] * (b.row(eta + j) + g * b.row(rate + j));
+    for (int j = 0; j < c.count; ++j) {
+      const int mode = c.offset + j;
+      const double phi = phi_[at(c.shape + j)];
+      velocity += phi * b.row(rate + mode);
+      displacement += phi * b.row(eta + mode);
+      slope += dphi_[at(c.shape + j)] * (b.row(eta + mode) + g * b.row(rate + mode));
     }
     displacement += g * velocity;
-    const Row shift = c.force * (c.strike.transpose() * r_q);
-    velocity += (g * c.a01) * shift;
-    displacement += (g * g * c.a01) * shift;
-    slope += (g * g * c.a11) * shift;
+    for (int j = 0; j < coupling_count_; ++j) {
+      const StringCoupling& other = couplings_[at(j)];
+      if (other.string != c.string) continue;
+      const modal::GramSums& a = c.to[at(j)];
+      const Row shift = other.force * (other.strike.transpose() * r_q);
+      velocity += (g * a.phi_dphi) * shift;
+      displacement += (g * g * a.phi_dphi) * shift;
+      slope += (g * g * a.dphi_dphi) * shift;
+    }
     const Row speed = velocity + c.strike_speed * slope;
     right.topRows(n_) += g * (c.displacement_column * displacement) -
                          (g * c.by_rate) * (c.force_column * speed) +
@@ -80,12 +86,12 @@ void MechanismSystem::solve_many(RowBlock& b, const RowBlock* loads) {
   r_v = right.topRows(n_);
   for (int i = 0; i < coupling_count_; ++i) {
     const StringCoupling& c = couplings_[at(i)];
-    const int count = mechanism().strings[at(c.string)].string.modes();
     const Row dforce = g * right.row(n_ + i);
     const Row shift = (g * c.force) * (c.strike.transpose() * r_q);  // r_q now holds dq
-    for (int j = c.offset; j < c.offset + count; ++j) {
-      const double factor = modal_rate_factor_[at(j)];
-      b.row(rate + j) += (factor * phi_[at(j)]) * dforce + (factor * dphi_[at(j)]) * shift;
+    for (int j = 0; j < c.count; ++j) {
+      const double factor = modal_rate_factor_[at(c.offset + j)];
+      b.row(rate + c.offset + j) +=
+          (factor * phi_[at(c.shape + j)]) * dforce + (factor * dphi_[at(c.shape + j)]) * shift;
     }
   }
   b.middleRows(eta, modes) += g * b.middleRows(rate, modes);
@@ -98,11 +104,12 @@ void MechanismSystem::solve_many(RowBlock& b, const RowBlock* loads) {
     speed += c.gradient->compression.transpose() * r_v;
     if (c.coupling >= 0) {
       const StringCoupling& string = couplings_[at(c.coupling)];
-      const int count = mechanism().strings[at(string.string)].string.modes();
-      for (int j = string.offset; j < string.offset + count; ++j) {
-        compression -= phi_[at(j)] * b.row(eta + j);
-        speed -=
-            phi_[at(j)] * b.row(rate + j) + (string.strike_speed * dphi_[at(j)]) * b.row(eta + j);
+      for (int j = 0; j < string.count; ++j) {
+        const int mode = string.offset + j;
+        const double phi = phi_[at(string.shape + j)];
+        compression -= phi * b.row(eta + mode);
+        speed -= phi * b.row(rate + mode) +
+                 (string.strike_speed * dphi_[at(string.shape + j)]) * b.row(eta + mode);
       }
     }
     const Contact& contact = mechanism().contacts[at(c.contact)];

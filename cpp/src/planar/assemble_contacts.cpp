@@ -215,55 +215,111 @@ void Assembler::add_motor() {
 void Assembler::add_strings() {
   for (const auto& s : d_.strings) {
     const std::string where = "string \"" + s.name + "\"";
-    int found = -1;
-    for (const auto& c : d_.contacts) {
-      if (c.surface_a != s.surface && c.surface_b != s.surface) continue;
-      if (found >= 0) {
-        fault(where + ": surface \"" + s.surface + "\" is struck by two contacts");
+    const auto* first = string_line(s.surface, where);
+    if (first != nullptr && std::abs(dot(perp(first->normal), s.direction)) < 0.5) {
+      fault(where + ": direction is not along the surface \"" + s.surface + "\"");
+    }
+    if (!(s.anchor >= 0.0 && s.anchor <= s.parameters.length)) {
+      fault(where +
+            format(": anchor = %.6g m, must lie in [0, %.6g]", s.anchor, s.parameters.length));
+    }
+    std::vector<StringContact> touching;
+    std::vector<std::string> lines{s.surface};
+    for (const auto& name : s.other_surfaces) {
+      const auto* line = string_line(name, where);
+      if (std::find(lines.begin(), lines.end(), name) != lines.end()) {
+        fault(where + ": surface \"" + name + "\" is given twice");
+      } else if (first != nullptr && line != nullptr) {
+        check_along_string(s, *first, *line, where);
       }
-      found = m_->contact_index(c.number);
+      lines.push_back(name);
     }
-    const auto it = surfaces_.find(s.surface);
-    if (it == surfaces_.end() || it->second->kind != SurfaceKind::kLine ||
-        it->second->body != "ground") {
-      fault(where + ": surface \"" + s.surface + "\" must be a line of the ground");
-      continue;
-    }
-    if (found < 0) {
-      fault(where + ": no contact uses its surface \"" + s.surface + "\"");
-      continue;
-    }
+    if (first == nullptr) continue;
+    for (const auto& name : lines) add_string_contacts(touching, s, *first, name, where);
     try {
-      AttachedString a{s.name,
-                       ModalString(s.parameters),
-                       s.anchor,
-                       1.0,
-                       s.moving_strike_point,
-                       s.strike_position,
-                       found,
-                       m_->total_modes};
-      const Vec2 along = perp(it->second->normal);
-      if (std::abs(dot(along, s.direction)) < 0.5) {
-        fault(where + ": direction is not along the surface \"" + s.surface + "\"");
-      }
-      a.sense = dot(along, s.direction) < 0.0 ? -1.0 : 1.0;
-      if (!(s.anchor >= 0.0 && s.anchor <= s.parameters.length)) {
-        fault(where +
-              format(": anchor = %.6g m, must lie in [0, %.6g]", s.anchor, s.parameters.length));
-      }
-      if (!s.moving_strike_point &&
-          !(s.strike_position > 0.0 && s.strike_position < s.parameters.length)) {
-        fault(where + format(": strike_position = %.6g m, must lie inside (0, %.6g)",
-                             s.strike_position, s.parameters.length));
-      }
+      AttachedString a{s.name, ModalString(s.parameters), m_->total_modes,
+                       static_cast<int>(m_->string_contacts.size()),
+                       static_cast<int>(touching.size())};
       if (s.rigid) continue;
-      m_->contacts[static_cast<std::size_t>(found)].string = static_cast<int>(m_->strings.size());
+      for (StringContact& c : touching) {
+        m_->contacts[at(c.contact)].string_contact = static_cast<int>(m_->string_contacts.size());
+        c.string = static_cast<int>(m_->strings.size());
+        c.shape = m_->total_shapes;
+        m_->total_shapes += a.string.modes();
+        m_->string_contacts.push_back(c);
+      }
       m_->total_modes += a.string.modes();
       m_->strings.push_back(std::move(a));
     } catch (const InvalidParameter& error) {
       fault(error.what());
     }
   }
+}
+
+/// The line of the ground of this name, or nothing and a fault.
+const SurfaceDescription* Assembler::string_line(const std::string& name,
+                                                 const std::string& where) {
+  const auto it = surfaces_.find(name);
+  if (it == surfaces_.end() || it->second->kind != SurfaceKind::kLine ||
+      it->second->body != "ground") {
+    fault(where + ": surface \"" + name + "\" must be a line of the ground");
+    return nullptr;
+  }
+  return it->second;
+}
+
+/// A line beside that of what strikes the string must lie on one of the string's two faces.
+void Assembler::check_along_string(const StringDescription& s, const SurfaceDescription& first,
+                                   const SurfaceDescription& line, const std::string& where) {
+  constexpr double parallel = 1e-3;  // rad; printed normals carry four digits
+  if (std::abs(cross(first.normal, line.normal)) > parallel) {
+    fault(where + ": surface \"" + line.name + "\" is not parallel to \"" + first.name + "\"");
+    return;
+  }
+  const double off = dot(first.normal, line.point - first.point);
+  if (!(std::abs(off) <= 2.0 * s.parameters.diameter)) {
+    fault(where + format(": surface \"%s\" runs %.4g m beside \"%s\", expected on the same string: "
+                         "within two diameters, %.4g m",
+                         line.name.c_str(), std::abs(off), first.name.c_str(),
+                         2.0 * s.parameters.diameter));
+  }
+}
+
+void Assembler::add_string_contacts(std::vector<StringContact>& touching,
+                                    const StringDescription& s, const SurfaceDescription& first,
+                                    const std::string& name, const std::string& where) {
+  const auto it = surfaces_.find(name);
+  if (it == surfaces_.end()) return;  // its own fault is already listed
+  const SurfaceDescription& line = *it->second;
+  const auto along = [&](Vec2 normal) {
+    return (dot(perp(normal), s.direction) < 0.0 ? -1.0 : 1.0) * perp(normal);
+  };
+  StringContact c;
+  c.side = dot(first.normal, line.normal) < 0.0 ? -1.0 : 1.0;
+  c.sense = dot(perp(line.normal), s.direction) < 0.0 ? -1.0 : 1.0;
+  c.anchor =
+      &line == &first ? s.anchor : s.anchor + dot(along(first.normal), line.point - first.point);
+  c.moving = s.moving_strike_point;
+  c.position = &line == &first ? s.strike_position : c.anchor;
+  if (!c.moving && !(c.position > 0.0 && c.position < s.parameters.length)) {
+    fault(
+        where +
+        (&line == &first
+             ? format(": strike_position = %.6g m, must lie inside (0, %.6g)", c.position,
+                      s.parameters.length)
+             : format(": the point of surface \"%s\" is %.6g m from the end y = 0, must lie inside "
+                      "(0, %.6g) where points of contact are held",
+                      name.c_str(), c.position, s.parameters.length)));
+  }
+  bool found = false;
+  for (const auto& contact : d_.contacts) {
+    if (contact.surface_a != name && contact.surface_b != name) continue;
+    found = true;
+    c.contact = m_->contact_index(contact.number);
+    // One that could not be made has its own fault.
+    if (c.contact >= 0) touching.push_back(c);
+  }
+  if (!found) fault(where + ": no contact uses its surface \"" + name + "\"");
 }
 
 }  // namespace feltmb

@@ -48,6 +48,12 @@ class Assembler {
   void add_surfaces();
   static const char* kind_name(SurfaceKind kind);
   const SurfaceDescription* find_surface(const std::string& name, const std::string& where);
+  const SurfaceDescription* string_line(const std::string& name, const std::string& where);
+  void check_along_string(const StringDescription& s, const SurfaceDescription& first,
+                          const SurfaceDescription& line, const std::string& where);
+  void add_string_contacts(std::vector<StringContact>& touching, const StringDescription& s,
+                           const SurfaceDescription& first, const std::string& name,
+                           const std::string& where);
   void add_contacts();
   void set_geometry(Contact& contact, const SurfaceDescription& sa, const SurfaceDescription& sb,
                     const std::string& where);

@@ -109,7 +109,7 @@ void Dynamics::differentiate_stiff() {
   differentiate_members();
   for (std::size_t i = 0; i < contacts_.size(); ++i) {
     if (!contacts_[i].closed) continue;
-    if (m_->contacts[i].string >= 0) {
+    if (m_->contacts[i].string_contact >= 0) {
       differentiate_contact(i);
     } else {
       differentiate_stiff_contact(i);
@@ -202,7 +202,7 @@ void Dynamics::differentiate_contact(std::size_t i) {
   const Vec2 velocity_b = b.velocity + b.omega * perp(s.point - b.origin);
   const Vec2 center_velocity = b.velocity + b.omega * perp(s.center - b.origin);
   const Vec2 base = a.origin + a.rotation * contact.a.local;
-  const bool with_string = contact.string >= 0;
+  const bool with_string = contact.string_contact >= 0;
 
   for (const int j : contact.coordinates) {
     const int motion_a = motion_of(j, contact.a.link);

@@ -59,9 +59,9 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   for (const Contact& contact : m_->contacts) {
     idle_.push_back(contact.law.still_when_open() || !contact.enabled ? 1 : 0);
   }
-  phi_.assign(at(m_->total_modes), 0.0);
-  dphi_.assign(at(m_->total_modes), 0.0);
-  shaped_at_.assign(m_->strings.size(), std::numeric_limits<double>::quiet_NaN());
+  phi_.assign(at(m_->total_shapes), 0.0);
+  dphi_.assign(at(m_->total_shapes), 0.0);
+  shaped_at_.assign(m_->string_contacts.size(), std::numeric_limits<double>::quiet_NaN());
   strap_pull_.assign(m_->straps.size(), 0.0);
   strap_slope_.assign(m_->straps.size(), 0.0);
   q_.assign(n, 0.0);
@@ -150,7 +150,7 @@ void Dynamics::apply_contacts() {
     const Vec2 f = state.law.force * (state.normal - state.friction.value * perp(state.normal));
     apply(contact.b.link, state.point, f);
     if (contact.a.link != 0) apply(contact.a.link, state.point, -f);
-    if (contact.string >= 0) {
+    if (contact.string_contact >= 0) {
       apply(contact.b.link, state.center,
             (state.law.force * state.string.slope) * state.strike_gradient);
     }
@@ -176,6 +176,24 @@ void Dynamics::add_wrench(int link, Vec2 force, double moment, Eigen::VectorXd& 
     const Twist& w = twist_[at(motion)];
     out[w.coordinate] += dot(w.base, force) + w.rho * moment;
   }
+}
+
+std::string Dynamics::beyond_string() const {
+  for (const StringContact& touch : m_->string_contacts) {
+    const ContactState& state = contacts_[at(touch.contact)];
+    const AttachedString& s = m_->string_of(touch);
+    const double length = s.string.parameters().length;
+    const double y = state.strike_position;
+    if (!state.closed || (y >= 0.0 && y <= length)) continue;
+    const Contact& contact = m_->contacts[at(touch.contact)];
+    return format(
+        "%s%s%s touches string \"%s\" at y = %.6g m, expected between its ends, 0 to %.6g m; look "
+        "at "
+        "anchor, length and direction of the string",
+        contact.name.c_str(), contact.label.empty() ? "" : " ", contact.label.c_str(),
+        s.name.c_str(), y, length);
+  }
+  return "";
 }
 
 void Dynamics::apply_straps() {
@@ -458,19 +476,19 @@ void Dynamics::solve_mass(Eigen::VectorXd& b) const {
   }
 }
 
-double Dynamics::string_force(int string) const {
-  const ContactState& state = contacts_[at(m_->strings[at(string)].contact)];
+double Dynamics::string_force(int string_contact) const {
+  const ContactState& state = contacts_[at(m_->string_contacts[at(string_contact)].contact)];
   return state.closed ? state.law.force : 0.0;
 }
 
-std::span<const double> Dynamics::phi(int string) const {
-  const auto& s = m_->strings[at(string)];
-  return {phi_.data() + s.offset, at(s.string.modes())};
+std::span<const double> Dynamics::phi(int string_contact) const {
+  const StringContact& c = m_->string_contacts[at(string_contact)];
+  return {phi_.data() + c.shape, at(m_->string_of(c).string.modes())};
 }
 
-std::span<const double> Dynamics::dphi(int string) const {
-  const auto& s = m_->strings[at(string)];
-  return {dphi_.data() + s.offset, at(s.string.modes())};
+std::span<const double> Dynamics::dphi(int string_contact) const {
+  const StringContact& c = m_->string_contacts[at(string_contact)];
+  return {dphi_.data() + c.shape, at(m_->string_of(c).string.modes())};
 }
 
 double Dynamics::kinetic_energy(std::span<const double> v) const {

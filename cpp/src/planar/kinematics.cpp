@@ -88,7 +88,7 @@ void Dynamics::locate_contact(std::size_t i, const MechanicalState& at_state, co
   const Vec2 center = b.origin + b.rotation * contact.b.local;
   const Vec2 base = grounded ? contact.a.local : a.origin + a.rotation * contact.a.local;
   const Vec2 d = center - base;
-  if (detail == Detail::kClosedContacts && contact.string < 0 && !contact.finger) {
+  if (detail == Detail::kClosedContacts && contact.string_contact < 0 && !contact.finger) {
     // Most contacts are open, and then nothing but the gap is wanted.
     double gap = -1.0;
     if (contact.kind == PairKind::kLineCircle) {
@@ -151,8 +151,8 @@ void Dynamics::locate_contact(std::size_t i, const MechanicalState& at_state, co
 
   const bool active = contact.finger ? drive.motion : contact.enabled;
   double extra_rate = 0.0;
-  if (contact.string >= 0) {
-    const AttachedString& attached = m_->strings[at(contact.string)];
+  if (contact.string_contact >= 0) {
+    const AttachedString& attached = m_->string_of(m_->string_contacts[at(contact.string_contact)]);
     if (strings_apart_) {
       state.compression = compression;
       state.closed = false;
@@ -189,19 +189,23 @@ void Dynamics::locate_contact(std::size_t i, const MechanicalState& at_state, co
 
 void Dynamics::locate_string(const Contact& contact, ContactState& state, Vec2 d,
                              const MechanicalState& at_state) {
-  const AttachedString& attached = m_->strings[at(contact.string)];
+  const StringContact& touch = m_->string_contacts[at(contact.string_contact)];
+  const AttachedString& attached = m_->string_of(touch);
   const LinkState& b = links_[at(contact.b.link)];
-  const Vec2 along = attached.sense * perp(state.normal);
+  const Vec2 along = touch.sense * perp(state.normal);
   const std::size_t offset = at(attached.offset);
   const std::size_t modes = at(attached.string.modes());
-  state.strike_gradient = attached.moving_strike_point ? along : Vec2{};
-  state.strike_position =
-      attached.moving_strike_point ? attached.anchor + dot(along, d) : attached.strike_position;
-  const std::span<double> phi{phi_.data() + offset, modes};
-  const std::span<double> dphi{dphi_.data() + offset, modes};
-  double& shaped = shaped_at_[at(contact.string)];
+  state.strike_gradient = touch.moving ? along : Vec2{};
+  state.strike_position = touch.moving ? touch.anchor + dot(along, d) : touch.position;
+  const std::span<double> phi{phi_.data() + touch.shape, modes};
+  const std::span<double> dphi{dphi_.data() + touch.shape, modes};
+  double& shaped = shaped_at_[at(contact.string_contact)];
   if (state.strike_position != shaped) {
     attached.string.shapes(state.strike_position, phi, dphi);
+    if (touch.side < 0.0) {
+      for (double& p : phi) p = -p;
+      for (double& p : dphi) p = -p;
+    }
     shaped = state.strike_position;
   }
   state.string = attached.string.point(phi, dphi, at_state.eta.subspan(offset, modes),

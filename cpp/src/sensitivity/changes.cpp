@@ -61,7 +61,7 @@ void add_differing(const std::vector<T>& a, const std::vector<T>& b, Same&& same
 /// Whether the parts that other parts hang on are the same: else nothing can be compared by place.
 bool same_motions(const Mechanism& a, const Mechanism& b) {
   const auto joined = [](const Contact& x, const Contact& y) {
-    return x.a.link == y.a.link && x.b.link == y.b.link && x.string == y.string &&
+    return x.a.link == y.a.link && x.b.link == y.b.link && x.string_contact == y.string_contact &&
            x.finger == y.finger;
   };
   const auto strapped = [](const Strap& x, const Strap& y) {
@@ -103,10 +103,14 @@ void compare_strings(const Mechanism& a, const Mechanism& b, Changes& out) {
                   !std::ranges::equal(one.string.stiffness(), other.string.stiffness()) ||
                   !std::ranges::equal(one.string.damping(), other.string.damping());
     out.shapes = out.shapes || one.string.parameters().length != other.string.parameters().length ||
-                 one.string.shape_scale() != other.string.shape_scale() ||
-                 one.anchor != other.anchor || one.sense != other.sense ||
-                 one.moving_strike_point != other.moving_strike_point ||
-                 one.strike_position != other.strike_position;
+                 one.string.shape_scale() != other.string.shape_scale();
+  }
+  for (std::size_t i = 0; i < a.string_contacts.size(); ++i) {
+    const StringContact& one = a.string_contacts[i];
+    const StringContact& other = b.string_contacts[i];
+    out.shapes = out.shapes || one.anchor != other.anchor || one.sense != other.sense ||
+                 one.side != other.side || one.moving != other.moving ||
+                 one.position != other.position;
   }
 }
 
@@ -167,9 +171,9 @@ bool same_input(const FingerInput& a, const FingerInput& b) {
 }  // namespace
 
 bool Changes::only_contacts() const {
-  return !motions && !input && !finger && !strings && !shapes && !points &&
-         gravity == Vec2{} && links.empty() && beams.empty() && joints.empty() &&
-         springs.empty() && dashpots.empty() && straps.empty();
+  return !motions && !input && !finger && !strings && !shapes && !points && gravity == Vec2{} &&
+         links.empty() && beams.empty() && joints.empty() && springs.empty() && dashpots.empty() &&
+         straps.empty();
 }
 
 Changes find_changes(const Mechanism& mechanism, const FingerInput& input,

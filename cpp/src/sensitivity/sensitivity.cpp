@@ -177,10 +177,10 @@ class WindowRun {
       const int states = 2 * mechanism_->size();
       const int beyond = output - states;
       if (beyond >= 0 && beyond % 4 > 1) positions_only_ = false;
-      positions_.push_back(beyond < 0 ? ShiftedModels::PlaceOf{output, -1, {}}
-                                      : ShiftedModels::PlaceOf{-1, beyond / 4,
-                                                               beyond % 4 == 0 ? Vec2{1.0, 0.0}
-                                                                               : Vec2{0.0, 1.0}});
+      positions_.push_back(
+          beyond < 0 ? ShiftedModels::PlaceOf{output, -1, {}}
+                     : ShiftedModels::PlaceOf{-1, beyond / 4,
+                                              beyond % 4 == 0 ? Vec2{1.0, 0.0} : Vec2{0.0, 1.0}});
     }
     positions_only_ = positions_only_ && places_only_;
     result_.time = Eigen::Map<const Eigen::VectorXd>(times.data(), index(times.size()));

@@ -188,12 +188,13 @@ bool ShiftedModels::told_by_parts(const Changes& changes, double t) const {
     if ((drive.prescribed && changes.finger) || (drive.motion && changes.input)) return false;
   }
   if (changes.shapes) {
-    for (const AttachedString& s : mechanism_->strings) {
-      if (closed(static_cast<std::size_t>(s.contact))) return false;
+    for (const StringContact& c : mechanism_->string_contacts) {
+      if (closed(static_cast<std::size_t>(c.contact))) return false;
     }
   }
   return std::none_of(changes.contacts.begin(), changes.contacts.end(), [&](const auto& of) {
-    return of.geometry && mechanism_->contacts[of.contact].string >= 0 && closed(of.contact);
+    return of.geometry && mechanism_->contacts[of.contact].string_contact >= 0 &&
+           closed(of.contact);
   });
 }
 
@@ -258,10 +259,11 @@ void ShiftedModels::memory_rates(const Eigen::MatrixXd& memory_columns, RowMatri
 /// A contact force acts on its string, if it has one and that is integrated.
 void ShiftedModels::add_string_force(std::size_t contact, double force, Eigen::Index column,
                                      RowMatrix& out) {
-  const int index = mechanism_->contacts[contact].string;
+  const int index = mechanism_->contacts[contact].string_contact;
   if (index < 0 || out.rows() < static_cast<Eigen::Index>(base_->size())) return;
   const auto phi = base_->dynamics().phi(index);
-  const AttachedString& string = mechanism_->strings[static_cast<std::size_t>(index)];
+  const AttachedString& string =
+      mechanism_->string_of(mechanism_->string_contacts[static_cast<std::size_t>(index)]);
   const auto first = static_cast<Eigen::Index>(first_mode() + modes()) + string.offset;
   for (std::size_t k = 0; k < phi.size(); ++k) {
     out(first + static_cast<Eigen::Index>(k), column) += force * phi[k];
@@ -294,14 +296,18 @@ void ShiftedModels::base_rates(std::span<const double> y) {
   }
   for (std::size_t s = 0; s < mechanism_->strings.size(); ++s) {
     const AttachedString& own = mechanism_->strings[s];
-    const double force = dynamics.string_force(static_cast<int>(s));
-    const auto phi = dynamics.phi(static_cast<int>(s));
+    const double force = dynamics.string_force(own.first_contact);
+    const auto phi = dynamics.phi(own.first_contact);
     const std::size_t eta = first_mode() + static_cast<std::size_t>(own.offset);
     for (std::size_t i = 0; i < phi.size(); ++i) {
       const double speed = y[eta + modes() + i];
       two_[static_cast<Eigen::Index>(eta + i)] = speed;
       two_[static_cast<Eigen::Index>(eta + modes() + i)] =
           phi[i] * force - own.string.damping()[i] * speed - own.string.stiffness()[i] * y[eta + i];
+    }
+    for (int c = own.first_contact + 1; c < own.first_contact + own.contacts; ++c) {
+      modal::add_load(phi.size(), dynamics.phi(c).data(), dynamics.string_force(c),
+                      two_.data() + eta + modes());
     }
   }
 }
@@ -397,8 +403,7 @@ void ShiftedModels::add_members(std::size_t j, std::span<const double> y) {
   for (const Node& node : parameters_[j]) {
     const Mechanism& m = *node.mechanism;
     for (const std::size_t k : changes.joints) {
-      one_[static_cast<Eigen::Index>(k)] -=
-          node.weight * evaluate(m.joint_friction[k], v[k]).value;
+      one_[static_cast<Eigen::Index>(k)] -= node.weight * evaluate(m.joint_friction[k], v[k]).value;
     }
     for (const std::size_t i : changes.dashpots) {
       const Dashpot& d = m.dashpots[i];

@@ -65,8 +65,8 @@ bool Variational::touched(double t) {
   static_cast<void>(node);
   MechanismSystem& probe = models_.probe();
   probe.locate(t, y_);
-  for (const auto& s : models_.mechanism().strings) {
-    if (probe.dynamics().contacts()[static_cast<std::size_t>(s.contact)].closed) return true;
+  for (const auto& c : models_.mechanism().string_contacts) {
+    if (probe.dynamics().contacts()[static_cast<std::size_t>(c.contact)].closed) return true;
   }
   return false;
 }

@@ -758,6 +758,7 @@ class StrapDescription:
 class StringDescription:
     moving_strike_point: bool
     name: str
+    other_surfaces: list[str]
     parameters: StringParameters
     rigid: bool
     surface: str

@@ -231,13 +231,17 @@ class _Builder:
         return name
 
 
+def _point_of_string(surface: str, struck: str) -> str:
+    return "string:strike point" if surface == struck else f"string:{surface}"
+
+
 def graph(action: Action) -> LinearGraph:
     """Linear graph of a mechanism: its topology, without what is switched off.
 
     Every body gives an edge from the datum to its center of mass, every joint, contact, spring and
     strap an edge between points, every point of a body an arm to its center of mass. The ground's
     points have arms from the datum. A modal string joins the ground and the point of the string
-    that the hammer meets.
+    that the hammer meets, and those of its other surfaces.
     """
     config = action.config
     b = _Builder()
@@ -278,18 +282,21 @@ def graph(action: Action) -> LinearGraph:
             head = b.point(strap.body_b, f"strap {name}", "strap")
             b.edges.append(Edge(f"strap {name}", "strap", tail, head, name.replace("_", " ")))
     string = config.string if config.string is not None and config.string.kind == "modal" else None
+    lines = [] if string is None else [string.surface, *string.other_surfaces]
     if string is not None:
         anchor = b.point(config.surfaces[string.surface].body, string.surface, "string")
-        under = "string:strike point"
-        b.nodes[under] = Node(under, "string", "string")
-        b.edges.append(Edge("string", "string", anchor, under, "string"))
+        for line in lines:
+            under = _point_of_string(line, string.surface)
+            b.nodes[under] = Node(under, "string", "string")
+            name = "string" if line == string.surface else f"string {line}"
+            b.edges.append(Edge(name, "string", anchor, under, "string"))
     for key, contact in config.contacts.items():
         if not contact.enabled:
             continue
         ends = []
         for surface in contact.surfaces:
-            if string is not None and surface == string.surface:
-                ends.append("string:strike point")
+            if string is not None and surface in lines:
+                ends.append(_point_of_string(surface, lines[0]))
             else:
                 ends.append(b.point(config.surfaces[surface].body, surface, "contact"))
         text = contact.label or f"contact {int(key)}"

@@ -110,6 +110,8 @@ class Action:
                 del tables[table]  # as before there were any: results keep their hash
         if tables["string"] and tables["string"]["count"] == 1:
             del tables["string"]["count"]  # likewise
+        if tables["string"] and not tables["string"]["other_surfaces"]:
+            del tables["string"]["other_surfaces"]
         for key, contact in self.config.contacts.items():
             for table in _LATER_LAWS:
                 if getattr(contact, table) == type(contact).model_fields[table].default:

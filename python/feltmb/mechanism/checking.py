@@ -93,7 +93,11 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
                 need(node.get("coordinate"), coordinates, where, "coordinate")
     for name in _table(raw, "start_pose"):
         need(name, coordinates, "start_pose", "coordinate")
-    need(_table(raw, "string").get("surface"), surfaces, "string.surface", "surface")
+    string = _table(raw, "string")
+    need(string.get("surface"), surfaces, "string.surface", "surface")
+    listed = string.get("other_surfaces")
+    for name in listed if isinstance(listed, list) else []:
+        need(name, surfaces, "string.other_surfaces", "surface")
     need(_table(raw, "finger").get("body"), bodies, "finger.body", "body")
     motor = _table(raw, "motor")
     need(motor.get("coordinate"), coordinates, "motor.coordinate", "coordinate")
@@ -226,8 +230,10 @@ def _pair_radii(config: MechanismFile, contact: Contact) -> tuple[float | None, 
         0.0 if s.kind == "line" else (-1.0 if s.kind == "concave" else 1.0) / (s.radius or math.inf)
         for s in pair
     )
-    on_string = config.string is not None and config.string.surface in contact.surfaces
-    wire = 0.5 * config.string.diameter if config.string is not None and on_string else None
+    string = config.string
+    lines = [] if string is None else [string.surface, *string.other_surfaces]
+    on_string = any(line in contact.surfaces for line in lines)
+    wire = 0.5 * string.diameter if string is not None and on_string else None
     return (1.0 / curvature if curvature > 0.0 else None), wire
 
 

@@ -181,10 +181,13 @@ class String(Schema):
     ``count`` strings share the contact force equally and move alike: the striker sees ``count``
     times the impedance of one, at the same frequencies and forms of vibration. The law of the
     contact, the largest string force, the force on the bridge and the energy are of all of them.
+    Every contact with ``surface`` or one of ``other_surfaces`` touches the string, each at its own
+    place.
     """
 
     kind: Literal["modal", "rigid_stop"] = "modal"
     surface: str
+    other_surfaces: list[str] = []
     modes: Annotated[int, Field(ge=1, le=5000)] = 40
     count: Annotated[int, Count(), Field(ge=1, le=1000)] = 1
     diameter: Annotated[float, SI("m"), Field(gt=0)]

@@ -91,6 +91,7 @@ def _core_string(s: String) -> _core.StringDescription:
     d = _core.StringDescription()
     d.name = "string"
     d.surface = s.surface
+    d.other_surfaces = s.other_surfaces
     d.rigid = s.kind == "rigid_stop"
     d.parameters = _core.StringParameters(
         diameter=s.diameter,

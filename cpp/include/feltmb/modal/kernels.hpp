@@ -20,11 +20,19 @@ void accelerate(std::size_t n, const double* stiffness, const double* damping, c
 void newton_factors(std::size_t n, double g, const double* stiffness, const double* damping,
                     double* factor);
 
-/// Sums of phi^2 f, phi dphi f, dphi^2 f.
+/// Sums over products of the shapes at one point and at another, weighted: phi phi f, phi dphi f,
+/// dphi phi f, dphi dphi f.
 struct GramSums {
-  double phi_phi, phi_dphi, dphi_dphi;
+  double phi_phi = 0.0, phi_dphi = 0.0, dphi_phi = 0.0, dphi_dphi = 0.0;
 };
+/// At one point with itself.
 GramSums gram_sums(std::size_t n, const double* phi, const double* dphi, const double* factor);
+/// At a point with another.
+GramSums cross_sums(std::size_t n, const double* phi, const double* dphi, const double* other_phi,
+                    const double* other_dphi, const double* factor);
+
+/// acceleration += phi force.
+void add_load(std::size_t n, const double* phi, double force, double* acceleration);
 
 /// rate = (rate - g stiffness eta) factor.
 void reduce_residual(std::size_t n, double g, const double* stiffness, const double* factor,

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "feltmb/modal/kernels.hpp"
 #include "feltmb/model/free_strings.hpp"
 #include "feltmb/model/profile.hpp"
 #include "feltmb/numeric/dense_lu.hpp"
@@ -41,7 +42,8 @@ struct Monitor {
 /// q' = v; M v' = Q(q, v, eta, deta/dt, t); eta'' + 2 xi w eta' + w^2 eta = phi F.
 /// Newton matrix: with dq = r_q + gamma dv the first block goes; the modes are diagonal but for the
 /// contact force, one unknown a closed string contact, so they are eliminated: what is factorised
-/// is (n + closed string contacts) square. States of a law are local to its contact and go into
+/// is (n + closed string contacts) square. Contacts with one string answer each other through sums
+/// over its modes. States of a law are local to its contact and go into
 /// effective slopes of its force.
 class MechanismSystem : public OdeSystem {
  public:
@@ -183,7 +185,9 @@ class MechanismSystem : public OdeSystem {
   // Linearisation kept between Newton iterations.
   struct StringCoupling {
     int string = -1;
-    int offset = 0;
+    int offset = 0;  ///< of the modes
+    int count = 0;   ///< of the modes
+    int shape = 0;   ///< of its values of the mode shapes
     double force = 0.0;
     double by_compression = 0.0;  ///< dF/de
     double by_rate = 0.0;         ///< dF/d(de/dt)
@@ -196,7 +200,8 @@ class MechanismSystem : public OdeSystem {
     Eigen::VectorXd strike;               ///< dy/dq
     Eigen::VectorXd slope_force;          ///< dQ/d(F x slope of the string)
     Eigen::VectorXd rate_column, slope_column, by_force, by_strike;  ///< scratch of factorize
-    double a00 = 0.0, a01 = 0.0, a11 = 0.0;
+    /// By coupling: sums over the modes of shapes here times shapes there, zero on another string.
+    std::vector<modal::GramSums> to;
   };
   /// A contact whose law has states: its slopes depend on gamma through them.
   struct StatefulContact {
@@ -222,6 +227,7 @@ class MechanismSystem : public OdeSystem {
     std::vector<double> change;      ///< ds of each contact
   };
   void gather_single();
+  void add_string_answers();
   void read_events(std::span<double> g) const;
   void evaluate_apart(double t, std::span<const double> y);
   bool within_reach() const;
@@ -242,7 +248,7 @@ class MechanismSystem : public OdeSystem {
   std::vector<StringCoupling> couplings_;
   int coupling_count_ = 0;
   int constraint_ = 0;  ///< 1 with a prescribed motion: its reaction is one more unknown
-  std::vector<double> phi_, dphi_;
+  std::vector<double> phi_, dphi_;              ///< of each string contact
   Eigen::VectorXd slope_column_, rate_column_;  ///< scratch of add_contact_slopes
   std::vector<double> kept_slope_;  ///< dF/de of dynamics_.gradients() at the last linearization
   double gamma_ = 0.0;

@@ -121,16 +121,20 @@ struct StrapDescription {
   std::array<double, 3> coefficients{0.0, 0.0, 0.0};  ///< k1 [N/m], k2 [N/m^2], k3 [N/m^3]
 };
 
-/// A string behind a line surface of the ground.
+/// A string behind line surfaces of the ground: every contact with one of them touches it.
 struct StringDescription {
   std::string name = "string";
-  std::string surface;  ///< the line along which the string runs
+  std::string surface;  ///< the line along which the string runs, met by what strikes it
   bool rigid = false;   ///< true: a rigid stop, no modes
   StringParameters parameters;
-  double anchor = 0.0;        ///< distance of the line's point from the string's end y = 0 [m]
+  double anchor = 0.0;        ///< distance of the first line's point from the end y = 0 [m]
   Vec2 direction{0.0, -1.0};  ///< sense of increasing y in the ground frame
-  bool moving_strike_point = true;  ///< strike point follows the striker along the string
-  double strike_position = 0.0;     ///< y of a strike point that does not move [m]
+  /// Points of contact follow the bodies along the string. Else that of `surface` is held at
+  /// `strike_position`, those of the others at the points of their lines.
+  bool moving_strike_point = true;
+  double strike_position = 0.0;  ///< y of a strike point that does not move [m]
+  /// More lines along the same string, such as a damper's; each may face either way.
+  std::vector<std::string> other_surfaces;
 };
 
 /// A named point of a body whose motion is an output.

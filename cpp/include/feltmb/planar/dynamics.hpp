@@ -62,7 +62,7 @@ struct ContactState {
   Vec2 center;                   ///< center of the circle of b
   bool turning_normal = false;   ///< normal follows the line between two centers
   double curvature = 0.0;        ///< 1 / distance of the centers, for circle pairs [1/m]
-  StringPoint string;            ///< string at the strike point, if it is a string contact
+  StringPoint string;            ///< string at the point of contact, as it yields to the contact
   double strike_position = 0.0;  ///< y along the string [m]
   double strike_speed = 0.0;     ///< dy/dt [m/s]
   Vec2 strike_gradient;          ///< d y / d (center of b), zero if the point is held
@@ -174,14 +174,20 @@ class Dynamics {
   }
 
   std::span<const ContactState> contacts() const { return contacts_; }
+
+  /// What is wrong where a closed contact lies beyond the ends of its string; empty if none does.
+  std::string beyond_string() const;
+
   std::span<const LinkState> links() const { return links_; }
 
-  /// Force of a string contact on its string [N] by string index; zero if open.
-  double string_force(int string) const;
+  /// Force of a contact on its string [N], by index in Mechanism::string_contacts; zero if open.
+  double string_force(int string_contact) const;
 
-  /// Mode shapes of a string at its strike point, of the last evaluation.
-  std::span<const double> phi(int string) const;
-  std::span<const double> dphi(int string) const;
+  /// Mode shapes of a string at a point of contact, of the last evaluation, and their slopes: with
+  /// the sign of its side, so that shapes times modal coordinates are the way that the string
+  /// yields to this contact.
+  std::span<const double> phi(int string_contact) const;
+  std::span<const double> dphi(int string_contact) const;
 
   /// Position and velocity of a link point at the last located state.
   Vec2 position(LinkPoint p) const {
@@ -305,7 +311,7 @@ class Dynamics {
   std::vector<Twist> twist_;  ///< by motion
   std::vector<double> phi_;
   std::vector<double> dphi_;
-  std::vector<double> shaped_at_;  ///< strike position of phi_ by string, NaN before the first
+  std::vector<double> shaped_at_;  ///< position of phi_ by string contact, NaN before the first
   std::vector<double> strap_pull_;
   std::vector<double> strap_slope_;
   Prescription prescription_;

@@ -120,7 +120,7 @@ struct Contact {
   ContactLaw law;
   Friction friction;
   bool enabled = true;
-  int string = -1;               ///< index of the string behind line a, -1 if none
+  int string_contact = -1;       ///< index in Mechanism::string_contacts, -1 if no string
   bool finger = false;           ///< line a moves with the prescribed finger motion
   std::vector<int> coordinates;  ///< union of the paths of a and b, ascending
   int first_state = 0;           ///< of the law, in the concatenated law states
@@ -169,12 +169,21 @@ struct Strap {
 struct AttachedString {
   std::string name;
   ModalString string;
-  double anchor = 0.0;
-  double sense = 1.0;  ///< y grows along sense * (normal turned by +90 degrees)
-  bool moving_strike_point = true;
-  double strike_position = 0.0;
-  int contact = -1;
-  int offset = 0;  ///< first mode in the concatenated modal coordinates
+  int offset = 0;         ///< first mode in the concatenated modal coordinates
+  int first_contact = 0;  ///< in Mechanism::string_contacts: what strikes it; others follow
+  int contacts = 0;       ///< how many touch it
+};
+
+/// Where and from which side a contact touches a string.
+struct StringContact {
+  int string = -1;        ///< index in Mechanism::strings
+  int contact = -1;       ///< index in Mechanism::contacts
+  double anchor = 0.0;    ///< distance of its line's point from the string's end y = 0 [m]
+  double sense = 1.0;     ///< y grows along sense * (normal turned by +90 degrees)
+  double side = 1.0;      ///< -1: it presses against the positive sense of the displacement
+  bool moving = true;     ///< the point follows the body along the string
+  double position = 0.0;  ///< y of a point that does not move [m]
+  int shape = 0;          ///< first of its mode shapes in the concatenated ones
 };
 
 struct TrackingPoint {
@@ -199,6 +208,7 @@ class Mechanism {
   std::vector<Dashpot> dashpots;
   std::vector<Strap> straps;
   std::vector<AttachedString> strings;
+  std::vector<StringContact> string_contacts;  ///< those of one string together
   std::vector<TrackingPoint> points;
   std::vector<std::pair<std::string, Placement>> bodies;  ///< every described body
   std::vector<double> start_pose;                         ///< by coordinate
@@ -209,9 +219,19 @@ class Mechanism {
   int motor_coordinate = -1;  ///< index of the coordinate a motor drives, -1 without a motor
   int motor_contact = -1;     ///< index of the contact that is the motor's finger, -1 if none
   int total_modes = 0;
+  int total_shapes = 0;  ///< modes counted once for each contact with their string
   int total_law_states = 0;
 
   int size() const { return static_cast<int>(coordinates.size()); }
+
+  std::span<const StringContact> contacts_of(const AttachedString& s) const {
+    return std::span<const StringContact>(string_contacts)
+        .subspan(static_cast<std::size_t>(s.first_contact), static_cast<std::size_t>(s.contacts));
+  }
+  /// The string that a contact touches; it must touch one.
+  const AttachedString& string_of(const StringContact& c) const {
+    return strings[static_cast<std::size_t>(c.string)];
+  }
 
   /// Index of a named coordinate, contact ("contact01") or tracking point; -1 if there is none.
   int coordinate_index(const std::string& coordinate) const;
