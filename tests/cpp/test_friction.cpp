@@ -73,7 +73,7 @@ TEST_CASE(
       f.stribeck = stribeck ? 0.1 : 0.0;
       // The slope falls by orders of magnitude within a few threshold speeds.
       const bool bends = evaluate(f, 0.0).slope > 10.0 * evaluate(f, 5e-3).slope;
-      CHECK(turns_over(f) == bends);
+      CHECK(f.turns_over() == bends);
     }
   }
 }

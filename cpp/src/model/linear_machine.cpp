@@ -27,10 +27,6 @@ class LawForce : public modal::ScalarForce {
   const ContactLaw& law_;
 };
 
-bool is_frictionless(const Friction& f) {
-  return f.amplitude == 0.0 && f.viscous == 0.0 && f.quadratic == 0.0 && f.stribeck == 0.0;
-}
-
 bool is_linear(const Mechanism& m) {
   if (!m.beams.empty() || !m.springs.empty() || !m.straps.empty() || !m.dashpots.empty() ||
       m.finger_contact >= 0 || m.motor_contact >= 0 || m.motor_coordinate >= 0) {
@@ -40,11 +36,11 @@ bool is_linear(const Mechanism& m) {
     if (m.links[i].kind != LinkKind::kPrismatic || m.links[i].parent != 0) return false;
   }
   for (const Friction& f : m.joint_friction) {
-    if (!is_frictionless(f)) return false;
+    if (f.acts()) return false;
   }
   for (const Contact& c : m.contacts) {
     if (!c.enabled) continue;
-    if (c.kind != PairKind::kLineCircle || !is_frictionless(c.friction) || c.law.n_states() > 0 ||
+    if (c.kind != PairKind::kLineCircle || c.friction.acts() || c.law.n_states() > 0 ||
         c.law.has_memory()) {
       return false;
     }

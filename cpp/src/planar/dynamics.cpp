@@ -9,10 +9,6 @@ namespace {
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
-bool frictionless(const Friction& f) {
-  return f.amplitude == 0.0 && f.viscous == 0.0 && f.quadratic == 0.0 && f.stribeck == 0.0;
-}
-
 }  // namespace
 
 Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
@@ -53,7 +49,7 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   loaded_.assign(m_->contacts.size(), char{0});
   cycles_.resize(m_->contacts.size());
   for (int k = 0; k < n_; ++k) {
-    if (!frictionless(m_->joint_friction[at(k)])) turning_.push_back(k);
+    if (m_->joint_friction[at(k)].acts()) turning_.push_back(k);
   }
   resistance_.resize(turning_.size());
   for (const Contact& contact : m_->contacts) {

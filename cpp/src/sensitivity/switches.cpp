@@ -91,7 +91,7 @@ class Finder {
     const Friction& friction = mechanism_.joint_friction[k];
     const double speed = y[mechanism_.coordinates.size() + k];
     out.zone[mechanism_.contacts.size() + k] =
-        turns_over(friction) ? zone(speed, friction.threshold_speed) : 0;
+        friction.turns_over() ? zone(speed, friction.threshold_speed) : 0;
   }
 
   void look_at_contact(std::size_t c, Look& out) const {
@@ -101,7 +101,7 @@ class Finder {
     out.rate[c] = s.rate;
     out.piece[c] = 0;
     const Friction& friction = mechanism_.contacts[c].friction;
-    const bool slides = active_[c] && s.compression > 0.0 && turns_over(friction);
+    const bool slides = active_[c] && s.compression > 0.0 && friction.turns_over();
     out.zone[c] = slides ? zone(s.slip, friction.threshold_speed) : 0;
     if (!active_[c]) return;
     const int piece = mechanism_.contacts[c].law.piece(s.compression, s.rate, dynamics.memory(c));

@@ -23,7 +23,7 @@ from feltmb.mechanism.schema import (
     Spring,
     Surface,
 )
-from feltmb.mechanism.to_core import core_friction, core_law, describe
+from feltmb.mechanism.to_core import core_law, describe
 from feltmb.mechanism.values import apply_values, expand_path, parse_setting, plain_data
 
 __all__ = [
@@ -40,7 +40,6 @@ __all__ = [
     "Spring",
     "Surface",
     "apply_values",
-    "core_friction",
     "core_law",
     "describe",
     "expand_path",
