@@ -302,7 +302,9 @@ def _classes(names: Sequence[str], matrix: Array) -> tuple[tuple[str, ...], ...]
 
 
 @checked
-def noncentrality(model: Model, effect: Effect, size: float, records: Sequence[Record]) -> float:
+def noncentrality(
+    model: Model, effect: Effect, magnitude: float, records: Sequence[Record]
+) -> float:
     """Expected root of T of an effect of a given magnitude in records of these inputs and sensors.
 
     The best shape counts.
@@ -311,4 +313,4 @@ def noncentrality(model: Model, effect: Effect, size: float, records: Sequence[R
         raise InvalidParameter("noncentrality: no planned records; give inputs over time")
     plans = [planned(model, r, r.sensors) for r in records]
     scores = planned_scores(model, [effect], plans)
-    return float(np.max(np.where(scores.testable, scores.strength, 0.0)) * size / effect.scale)
+    return float(np.max(np.where(scores.testable, scores.strength, 0.0)) * magnitude / effect.scale)

@@ -50,7 +50,7 @@ def ledger(fit: Fit, level: float = 0.05) -> tuple[tuple[LedgerCell, ...], dict[
                 rms = float(np.sqrt(np.mean(values**2))) * segmented.noise[c].sigma
                 rows.append((segmented, w, channel, c, n, rms, chi2, dof, p, _lag1(values)))
     ps = np.array([r[8] for r in rows])
-    flags = _benjamini_yekutieli(ps, level)
+    flags = _shows(ps, level)
     cells = []
     onset: dict[str, float] = {}
     for (segmented, w, channel, c, n, rms, chi2, dof, p, lag), flag in zip(
@@ -140,17 +140,13 @@ def _lag1(values: Array, bins: int = 12) -> float:
     return float(means[1:] @ means[:-1] / power) if power > 0.0 else 0.0
 
 
-def _benjamini_yekutieli(p: Array, level: float) -> Array:
-    n = p.size
-    if n == 0:
+def _shows(p: Array, level: float) -> Array:
+    """Which probabilities show an effect: Benjamini-Yekutieli control of false discoveries."""
+    from scipy import stats
+
+    if p.size == 0:
         return np.zeros(0, dtype=bool)
-    order = np.argsort(p, kind="stable")
-    harmonic = np.sum(1.0 / np.arange(1, n + 1))
-    passed = p[order] <= level * np.arange(1, n + 1) / (n * harmonic)
-    flags = np.zeros(n, dtype=bool)
-    if passed.any():
-        flags[order[: int(np.flatnonzero(passed)[-1]) + 1]] = True
-    return flags
+    return np.asarray(stats.false_discovery_control(p, method="by") <= level)
 
 
 def _simulated(fit: Fit) -> list[Array]:
@@ -238,7 +234,7 @@ def event_ledger(fit: Fit, level: float = 0.01) -> tuple[EventRow, ...]:
     if not rows:
         return ()
     ps = 2.0 * 2.0 * stats.norm.sf(np.array([r[-1] for r in rows]))
-    flags = _benjamini_yekutieli(np.minimum(ps, 1.0), level)
+    flags = _shows(np.minimum(ps, 1.0), level)
     return tuple(
         EventRow(
             record=r[0],
