@@ -91,6 +91,7 @@ py::list number_fields() {
   const S standard{};
   each_field(standard, [&]<class F, class T>(const F& field, const T& value) {
     if constexpr (std::is_same_v<T, double> || std::is_same_v<T, int>) {
+      if (*field.unit == '\0') return;  // a choice or a name
       py::dict row;
       row["name"] = field.name;
       row["kind"] = std::is_same_v<T, int> ? "count" : "number";

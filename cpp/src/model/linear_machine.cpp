@@ -5,8 +5,8 @@
 #include <cmath>
 
 #include "feltmb/core/error.hpp"
+#include "feltmb/model/channels.hpp"
 #include "feltmb/model/equilibrium.hpp"
-#include "feltmb/model/observables.hpp"
 
 namespace feltmb {
 namespace {
@@ -114,7 +114,7 @@ RunResult simulate_linear(const std::shared_ptr<const Mechanism>& mechanism, Lin
   const auto begin = Clock::now();
   const std::size_t n = at(mechanism->size());
   const std::size_t modes = at(mechanism->total_modes);
-  MechanismSystem system(mechanism, {Profile(), false}, false, {}, false);
+  MechanismSystem system(mechanism, {}, false, {}, false);
   std::vector<double> y(2 * (n + modes), 0.0);
   if (start.y.empty()) {
     const Equilibrium rest = find_equilibrium(mechanism);
@@ -126,11 +126,10 @@ RunResult simulate_linear(const std::shared_ptr<const Mechanism>& mechanism, Lin
   }
   RunResult out;
   out.method = Method::kModal;
-  for (const auto& info : list_observables(*mechanism)) {
-    if (!options.outputs) break;
-    out.names.push_back(info.name);
-    out.units.push_back(info.unit);
-    out.long_names.push_back(info.long_name);
+  Channels channels;
+  if (options.outputs) {
+    channels = Channels(*mechanism);
+    out.name_outputs(channels);
   }
   const double interval = std::min(1.0 / options.output_rate, options.duration);
   const auto samples = static_cast<long>(std::floor(options.duration / interval * (1.0 + 1e-12)));
@@ -182,7 +181,8 @@ RunResult simulate_linear(const std::shared_ptr<const Mechanism>& mechanism, Lin
     if (!options.outputs || t < options.outputs_from) return;
     out.time[row] = t;
     if (options.states) std::copy(y.begin(), y.end(), out.states.row(row).data());
-    observe(system, t, y, {out.data.row(row).data(), static_cast<std::size_t>(out.data.cols())});
+    channels.observe(system, t, y,
+                     {out.data.row(row).data(), static_cast<std::size_t>(out.data.cols())});
     for (Eigen::Index i = 0; i < out.data.cols(); ++i) {
       if (std::isfinite(out.data(row, i))) continue;
       throw Error(format("failed at t = %.9g s: %s is not a finite number", t,

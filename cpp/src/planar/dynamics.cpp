@@ -286,7 +286,7 @@ void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail
   for (const std::size_t i : moving_) applied_[i] = {};
   apply_contacts();
   apply_straps();
-  if (!drive.motion && !drive.prescribed && drive.coordinate < 0 && drive.force != 0.0) {
+  if (drive.kind == InputKind::kForce && drive.force != 0.0) {
     apply(m_->finger_point.link, position(m_->finger_point), drive.force * m_->finger_direction);
   }
 
@@ -329,13 +329,13 @@ void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail
       mass_(j, k) = mass_(k, j);
     }
   }
-  if (drive.coordinate >= 0 && !drive.prescribed) force_[drive.coordinate] += drive.force;
+  if (drive.kind == InputKind::kTorque) force_[drive.coordinate] += drive.force;
   if (!condensed_.empty()) hold_condensed();
   factor_mass();
   acceleration_ = force_;
   solve_mass(acceleration_);
-  prescription_.active = drive.prescribed;
-  if (drive.prescribed) prescribe(drive);
+  prescription_.active = is_prescribed(drive.kind);
+  if (prescription_.active) prescribe(drive);
 }
 
 void Dynamics::condense_axial() {

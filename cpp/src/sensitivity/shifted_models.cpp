@@ -10,12 +10,11 @@
 
 namespace feltmb::detail {
 
-ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
-                             const FingerInput& input,
+ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism, const Input& input,
                              const std::vector<SensitivityParameter>& parameters,
                              const SensitivityOptions& options)
     : mechanism_(mechanism), input_(input), options_(options) {
-  const auto make = [](const std::shared_ptr<const Mechanism>& m, const FingerInput& i) {
+  const auto make = [](const std::shared_ptr<const Mechanism>& m, const Input& i) {
     return std::make_unique<MechanismSystem>(m, i, false, std::vector<Monitor>{}, false);
   };
   // cppcheck-suppress useInitializationList  // both are made alike
@@ -30,8 +29,8 @@ ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
   try {
     rest_ = find_rest(mechanism, {}, input);
   } catch (const ModelError&) {
-    // Windows from a given state need none, unless the input or an event is counted from it.
-    if (input.motion || input.prescribed || !options.rules.empty()) throw;
+    // Segments from a given state need none, unless the input or an event is counted from it.
+    if (is_motion(input.kind) || !options.rules.empty()) throw;
     no_rest_ = std::current_exception();
   }
   const auto count = static_cast<Eigen::Index>(parameters.size());
@@ -51,8 +50,8 @@ ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
   }
   for (const auto& parameter : parameters) {
     inertial_.emplace_back();
-    for (std::size_t i = 1; parameter.inertial && !input.prescribed && i < mechanism->links.size();
-         ++i) {
+    for (std::size_t i = 1;
+         parameter.inertial && !is_prescribed(input.kind) && i < mechanism->links.size(); ++i) {
       InertialShift shift{i, 0.0, {}, 0.0};
       for (const Perturbed& p : parameter.nodes) {
         const Link& link = p.mechanism->links[i];
@@ -68,7 +67,7 @@ ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
   }
   for (const auto& parameter : parameters) {
     modal_.emplace_back();
-    if (!parameter.modal || input.prescribed || mechanism->strings.empty()) continue;
+    if (!parameter.modal || is_prescribed(input.kind) || mechanism->strings.empty()) continue;
     auto shift = std::make_unique<ModalShift>();
     const auto modes = static_cast<std::size_t>(mechanism->total_modes);
     shift->stiffness.assign(modes, 0.0);
@@ -93,7 +92,7 @@ ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
   if (!no_rest_) base_->locate(0.0, {rest_.state.data(), states});
   for (const auto& parameter : parameters) {
     floor_.push_back(1e-2 / parameter.scale);
-    law_.push_back(input.prescribed ? -1 : parameter.law);
+    law_.push_back(is_prescribed(input.kind) ? -1 : parameter.law);
     contacts_.push_back(parameter.contacts);
   }
   for (std::size_t j = 0; j < parameters.size(); ++j) {
@@ -121,7 +120,7 @@ ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
           (parameters[j].contacts && !any_closed(*parameters[j].contacts));
       const Rest moved = same ? rest_ : find_rest(p.mechanism, near, p.input);
       node.levels = moved.levels;
-      if (input.prescribed) node.rest.assign(moved.state.begin(), moved.state.end());
+      if (is_prescribed(input.kind)) node.rest.assign(moved.state.begin(), moved.state.end());
       node.system->set_finger_reference(moved.finger);
       rest_columns_.state.col(static_cast<Eigen::Index>(j)) += p.weight * moved.state;
       rest_columns_.memory.col(static_cast<Eigen::Index>(j)) += p.weight * moved.memory;
@@ -149,8 +148,7 @@ void ShiftedModels::begin(double begin, std::size_t directions, std::span<const 
 }
 
 ShiftedModels::Rest ShiftedModels::find_rest(const std::shared_ptr<const Mechanism>& mechanism,
-                                             std::span<const double> near,
-                                             const FingerInput& input) {
+                                             std::span<const double> near, const Input& input) {
   const Equilibrium found = find_equilibrium(mechanism, 0.0, near);
   Rest rest;
   MechanismSystem system(mechanism, input, false, {}, false);
@@ -226,7 +224,7 @@ void ShiftedModels::rates(double t, std::span<const double> y, std::span<const d
     ++evaluations_;
   }
   if (memory.empty()) return;
-  if (!input_.prescribed) {
+  if (!is_prescribed(input_.kind)) {
     memory_rates(memory_columns, out);
     return;
   }
@@ -393,7 +391,7 @@ bool ShiftedModels::input_loads(std::size_t j, double t) {
   double force = 0.0;
   for (const Node& node : parameters_[j]) {
     const Drive drive = node.system->drive(t);
-    if (drive.motion || drive.prescribed) return false;
+    if (is_motion(drive.kind)) return false;
     force += node.weight * drive.force;
   }
   if (force == 0.0) return true;

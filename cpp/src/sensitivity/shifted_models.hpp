@@ -20,7 +20,7 @@ struct Columns {
 /// The model, and its copies with shifted parameters, as workspaces.
 class ShiftedModels {
  public:
-  ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism, const FingerInput& input,
+  ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism, const Input& input,
                 const std::vector<SensitivityParameter>& parameters,
                 const SensitivityOptions& options);
 
@@ -92,7 +92,7 @@ class ShiftedModels {
  private:
   struct Node {
     std::unique_ptr<MechanismSystem> system;
-    FingerInput input;
+    Input input;
     double shift = 0.0;
     double weight = 0.0;
     std::vector<double> levels;
@@ -105,14 +105,14 @@ class ShiftedModels {
     std::vector<double> levels;
   };
   Rest find_rest(const std::shared_ptr<const Mechanism>& mechanism, std::span<const double> near,
-                 const FingerInput& input);
+                 const Input& input);
   static void remember(MechanismSystem& system, std::span<const double> memory) {
     if (memory.empty()) return;
     std::copy(memory.begin(), memory.end(), system.dynamics().largest_compression().begin());
   }
 
   std::shared_ptr<const Mechanism> mechanism_;
-  FingerInput input_;
+  Input input_;
   const SensitivityOptions& options_;
   std::unique_ptr<MechanismSystem> base_, probe_;
   static const Node& nearest(const std::vector<Node>& nodes);

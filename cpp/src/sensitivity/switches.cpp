@@ -24,14 +24,14 @@ int zone(double speed, double threshold) {
 class Finder {
  public:
   Finder(Trajectory& trajectory, ShiftedModels& models, const SensitivityOptions& options,
-         const FingerInput& input)
+         const Input& input)
       : trajectory_(trajectory),
         models_(models),
         options_(options),
         probe_(models.probe()),
         mechanism_(probe_.mechanism()) {
     for (const Contact& c : mechanism_.contacts) {
-      active_.push_back(c.finger ? input.motion : c.enabled);
+      active_.push_back(c.finger ? input.kind == InputKind::kMotion : c.enabled);
     }
     y_.resize(probe_.size());
     for (Look* look : {&before_, &after_, &trial_}) {
@@ -218,7 +218,7 @@ class Finder {
 }  // namespace
 
 std::vector<Switch> find_switches(Trajectory& trajectory, ShiftedModels& models,
-                                  const SensitivityOptions& options, const FingerInput& input) {
+                                  const SensitivityOptions& options, const Input& input) {
   std::vector<Switch> out;
   Finder(trajectory, models, options, input).scan(out);
   const double end = trajectory.time(trajectory.size() - 1);

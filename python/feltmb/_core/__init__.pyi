@@ -34,6 +34,7 @@ __all__: list[str] = [
     "Friction",
     "HubBeam",
     "HubBeamDescription",
+    "Input",
     "Interpolation",
     "JointKind",
     "LawPath",
@@ -50,7 +51,7 @@ __all__: list[str] = [
     "SensitivityOptions",
     "SensitivityParameter",
     "SensitivityResult",
-    "SensitivityWindow",
+    "SensitivitySegment",
     "ShapeSet",
     "SimulationOptions",
     "SphereOnLayer",
@@ -1184,6 +1185,21 @@ class Profile:
     @property
     def smooth(self) -> bool: ...
 
+class Input:
+    def __init__(
+        self,
+        profile: Profile,
+        kind: str = "force",
+        origin: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+    ) -> None:
+        """
+        What drives a mechanism: a force, the motion of a finger with its pad, a key_motion, a torque or a motor_motion, from a time [s] on the clock of the profile.
+        """
+    @property
+    def origin(self) -> float: ...
+    @property
+    def profile(self) -> Profile: ...
+
 class SimulationOptions:
     diagnose: bool
     events: bool
@@ -1337,13 +1353,9 @@ class Perturbed:
     def __init__(
         self,
         mechanism: Mechanism,
-        profile: Profile,
-        motion: bool,
+        input: Input,
         shift: typing.SupportsFloat | typing.SupportsIndex,
         weight: typing.SupportsFloat | typing.SupportsIndex,
-        origin: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-        prescribed: bool = False,
-        motor: bool = False,
     ) -> None: ...
 
 class SensitivityParameter:
@@ -1358,7 +1370,7 @@ class SensitivityParameter:
         contacts: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] | None = None,
     ) -> None: ...
 
-class SensitivityWindow:
+class SensitivitySegment:
     def __init__(
         self,
         begin: typing.SupportsFloat | typing.SupportsIndex,
@@ -1445,14 +1457,11 @@ class BatchStroke:
     def __init__(
         self,
         mechanism: Mechanism,
-        profile: Profile,
-        motion: bool,
+        input: Input,
         options: SimulationOptions,
         start: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
         monitors: collections.abc.Sequence[Monitor],
         memory: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
-        prescribed: bool = False,
-        motor: bool = False,
     ) -> None: ...
 
 class StopFlag:
@@ -1694,12 +1703,9 @@ def jacobian_blocks(
 def jacobian_check(
     mechanism: Mechanism,
     y: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
-    profile: Profile,
-    motion: bool,
+    input: Input,
     time: typing.SupportsFloat | typing.SupportsIndex,
     gamma: typing.SupportsFloat | typing.SupportsIndex,
-    prescribed: bool = False,
-    motor: bool = False,
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
     """
     Inverse of I - gamma J as the structured solver applies it.
@@ -1732,11 +1738,8 @@ def pressure_envelope(material: FeltMaterial) -> Envelope:
 def rhs(
     mechanism: Mechanism,
     y: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
-    profile: Profile,
-    motion: bool,
+    input: Input,
     time: typing.SupportsFloat | typing.SupportsIndex,
-    prescribed: bool = False,
-    motor: bool = False,
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]:
     """
     y' of the full state [q, v, eta, deta/dt].
@@ -1744,25 +1747,19 @@ def rhs(
 
 def sensitivities(
     mechanism: Mechanism,
-    profile: Profile,
-    motion: bool,
+    input: Input,
     parameters: collections.abc.Sequence[SensitivityParameter],
-    windows: collections.abc.Sequence[SensitivityWindow],
+    segments: collections.abc.Sequence[SensitivitySegment],
     options: SensitivityOptions,
-    prescribed: bool = False,
-    motor: bool = False,
 ) -> list[SensitivityResult]: ...
 def simulate(
     mechanism: Mechanism,
-    profile: Profile,
-    motion: bool,
+    input: Input,
     options: SimulationOptions,
     start: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
     monitors: collections.abc.Sequence[Monitor],
     progress: typing.Any = None,
     start_memory: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] = [],
-    prescribed: bool = False,
-    motor: bool = False,
 ) -> RunResult: ...
 def simulate_many(
     strokes: collections.abc.Iterator,

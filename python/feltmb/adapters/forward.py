@@ -83,7 +83,7 @@ def forward_sensitivities(
     directions = np.concatenate([place, np.array(held, dtype=int)]).astype(int)
     drive = model.drives.of(record)
     clock = record.time - record.time[0]
-    profile = drive.profile(float(record.time[0]), float(clock[-1]))
+    drive_in = _core.Input(drive.profile(float(record.time[0]), float(clock[-1])), drive.kind)
     matrix = np.zeros((base.rest.size, directions.size))
     matrix[directions, np.arange(directions.size)] = 1.0
     options = _core.SensitivityOptions()
@@ -107,14 +107,11 @@ def forward_sensitivities(
                 own = drive.profile(float(record.time[first]), end - begin)
                 follow(model.action, base, full, own)
             state, memory = list(full), list(base.memory)
-        prepared.append(_core.SensitivityWindow(begin, end, state, memory, matrix))
+        prepared.append(_core.SensitivitySegment(begin, end, state, memory, matrix))
     parameters = [
         _core.SensitivityParameter(
             c.name,
-            [
-                _core.Perturbed(v.mechanism, profile, False, s, w, 0.0, drive.motion, False)
-                for v, s, w in c.nodes
-            ],
+            [_core.Perturbed(v.mechanism, drive_in, s, w) for v, s, w in c.nodes],
             c.scale,
         )
         for c in columns
@@ -124,9 +121,7 @@ def forward_sensitivities(
         last = int(np.argmax(segments[:, 1]))
         prepared = [prepared[last]]
     try:
-        results = _core.sensitivities(
-            base.mechanism, profile, False, parameters, prepared, options, drive.motion, False
-        )
+        results = _core.sensitivities(base.mechanism, drive_in, parameters, prepared, options)
     except (FeltmbError, RuntimeError, ValueError):
         return None
     if any(r.run.status != "done" for r in results):

@@ -19,9 +19,11 @@ from feltmb.mechanism.schema import (
     LawChoice,
     MechanismFile,
     NamedEvent,
+    Reading,
     Source,
     Spring,
     Surface,
+    View,
 )
 from feltmb.mechanism.to_core import core_law, describe
 from feltmb.mechanism.values import apply_values, expand_path, parse_setting, plain_data
@@ -36,9 +38,11 @@ __all__ = [
     "LawChoice",
     "MechanismFile",
     "NamedEvent",
+    "Reading",
     "Source",
     "Spring",
     "Surface",
+    "View",
     "apply_values",
     "core_law",
     "describe",

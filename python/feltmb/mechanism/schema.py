@@ -33,12 +33,16 @@ __all__ = [
     "NamedEvent",
     "Pad",
     "Point",
+    "Reading",
     "Source",
     "Spring",
     "Strap",
+    "Striker",
     "String",
-    "SummaryRoles",
+    "SummaryRow",
     "Surface",
+    "View",
+    "ViewCurve",
 ]
 
 
@@ -183,7 +187,6 @@ class String(_FromCore):
 
     kind: Literal["modal", "rigid_stop"] = "modal"
     surface: str
-    modes: Annotated[int, Field(ge=1, le=5000)] = 40
     anchor: Annotated[float, SI("m"), Field(ge=0)] = 0.0
     direction: Annotated[tuple[float, float], SIVector("1")] = (0.0, -1.0)
     strike_point: Annotated[Literal["moving"] | float, BeforeValidator(_strike_point)] = "moving"
@@ -252,13 +255,68 @@ class NamedEvent(Schema):
     within: Annotated[float, SI("s"), Field(gt=0)] | None = None
 
 
-class SummaryRoles(Schema):
-    """Which contacts and points the summary of a run reads."""
+class SummaryRow(Schema):
+    """A number of ``run.summary``: read off an output, or a time.
+
+    Of an output: its value ``at`` an event, or the ``largest``, ``smallest``, ``mean`` or ``range``
+    of its samples between the events ``after`` and ``before``, or of all. A time: of the event
+    ``at``, or ``between`` two events. A run without the events that it needs has no such number.
+    """
+
+    text: str = ""
+    output: str | None = None
+    take: Literal["largest", "smallest", "mean", "range"] | None = None
+    at: str | None = None
+    after: str | None = None
+    before: str | None = None
+    between: tuple[str, str] | None = None
+
+
+class ViewCurve(Schema):
+    """An output in a view, ``factor`` times larger than it is."""
+
+    output: str
+    label: str = ""
+    factor: float = 1.0
+
+
+class View(Schema):
+    """A panel of plots and of the viewer; ``change``: from the start of the run."""
+
+    title: str = ""
+    change: bool = False
+    curves: list[str | ViewCurve]
+
+    @property
+    def rows(self) -> list[ViewCurve]:
+        """The curves, those named alone with no more than their output."""
+        return [ViewCurve(output=c) if isinstance(c, str) else c for c in self.curves]
+
+
+class Striker(Schema):
+    """The point that strikes, and the direction in which it does."""
+
+    point: str
+    direction: Annotated[tuple[float, float], SIVector("1"), AfterValidator(_way)]
+    label: str = ""
+
+    @property
+    def axis(self) -> str:
+        """The coordinate along which it moves most, ``x`` or ``y``."""
+        x, y = self.direction
+        return "x" if abs(x) >= abs(y) else "y"
+
+
+class Reading(Schema):
+    """What is read off a run: the parts that contacts and points play, numbers, views."""
 
     strike_contact: int | None = None
     let_off_contact: int | None = None
     check_contacts: list[int] = []
     key_point: str | None = None
+    striker: Striker | None = None
+    rows: dict[str, SummaryRow] = {}
+    views: dict[str, View] = {}
 
 
 class Source(Schema):
@@ -289,4 +347,4 @@ class MechanismFile(Schema):
     points: dict[str, Point] = {}
     start_pose: dict[str, float] = {}
     events: dict[str, NamedEvent] = {}
-    summary: SummaryRoles = SummaryRoles()
+    reading: Reading = Reading()

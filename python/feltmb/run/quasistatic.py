@@ -534,10 +534,10 @@ def simulated_press(
     from feltmb.run.simulate import simulate
     from feltmb.run.stroke import motion_stroke
 
-    strike = action.config.summary.strike_contact
+    strike = action.config.reading.strike_contact
     if strike is None or action.config.finger is None:
         raise InvalidParameter(
-            f"slow press: mechanism {action.name!r} needs [finger] and summary.strike_contact"
+            f"slow press: mechanism {action.name!r} needs [finger] and reading.strike_contact"
         )
     for name, given, unit in (("speed", speed, "m/s"), ("travel", travel, "m")):
         if not (math.isfinite(given) and given > 0):
@@ -613,7 +613,7 @@ def static_let_off(
     most_force
         The press ends at this force, the hammer then being blocked on the string [N].
     """
-    strike = action.config.summary.strike_contact
+    strike = action.config.reading.strike_contact
     if strike is None:
         raise InvalidParameter(f"let-off: mechanism {action.name!r} names no strike contact")
     press = SlowPress(action, speed=speed, friction=friction)
