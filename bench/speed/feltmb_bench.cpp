@@ -193,7 +193,7 @@ CaseResult sized_evaluation(const std::string& name, int bodies, int contacts, i
     contact.surface_a = "floor";
     contact.surface_b = foot.name;
     contact.law = ExponentialPair{{5.52e3, 1.58e3, -0.60e3}, {0.19e3, 5.04e3, 3.04e3}};
-    contact.friction = {0.3, 0.7, 0.5, 1e-3};
+    contact.friction = feltmb::coulomb(0.3, 0.7, 0.5, 1e-3);
     d.contacts.push_back(contact);
   }
   const auto mechanism = assemble(d);

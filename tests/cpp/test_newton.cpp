@@ -130,7 +130,7 @@ TEST_CASE("without its slow parts the Jacobian is right to the square of the ste
     } else {
       contact.law = ExponentialPair{loading, unloading};
     }
-    contact.friction = {0.3, 0.7, 0.5, 1e-3};
+    contact.friction = feltmb::coulomb(0.3, 0.7, 0.5, 1e-3);
     d.contacts.push_back(contact);
   }
   MechanismSystem system(assemble(d), {Profile()}, false, {}, false);

@@ -13,12 +13,10 @@ from feltmb.fit.model import Jobs
 from feltmb.fit.observe import observe_jobs
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit
+from feltmb.gap.criteria import ONSET_SHARE
 from feltmb.gap.findings import EventRow, LedgerCell
 
 __all__ = ["event_ledger", "first_act", "ledger", "onset_of", "split_gap"]
-
-#: Difference of an output at which an effect shows, as a share of its noise and of the largest.
-SHOWS = 0.1
 
 
 def ledger(fit: Fit, level: float = 0.05) -> tuple[tuple[LedgerCell, ...], dict[str, float]]:
@@ -101,7 +99,7 @@ def first_act(fit: Fit) -> dict[str, float]:
     """First moment of each record at which the effects of a fit show [s].
 
     The fit is simulated with its effects and without, at the same parameters and from the same
-    start; they show where an output differs by ``SHOWS`` of its noise and of the largest
+    start; they show where an output differs by ``ONSET_SHARE`` of its noise and of the largest
     difference. A sum of squares needs many samples before it shows, the model knows when its
     effect begins. Records that the effects leave alone are left out.
     """
@@ -123,7 +121,7 @@ def first_act(fit: Fit) -> dict[str, float]:
         sigma = np.array([n.sigma for n in segmented.noise])
         seen = np.nan_to_num(np.abs(runs[0] - runs[1]) / sigma)[:, segmented.valid.any(axis=(0, 1))]
         most = np.max(seen, axis=1, initial=0.0)
-        shows = np.flatnonzero(most > SHOWS * max(1.0, float(np.max(most))))
+        shows = np.flatnonzero(most > ONSET_SHARE * max(1.0, float(np.max(most))))
         if shows.size:
             found[record.name] = float(record.time[shows[0]])
     return found

@@ -30,6 +30,7 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.shift import shifted
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap.checks import DataChecks, check_against, with_sigma
+from feltmb.gap.criteria import CLEAR_SIGNAL
 from feltmb.gap.diagnose import Options, diagnose, prepare
 from feltmb.gap.findings import QUIET, Findings, Verdict
 
@@ -37,8 +38,6 @@ __all__ = ["OUTCOMES", "Withheld", "WithheldCase", "outcome_of", "withhold"]
 
 #: What may become of a case, the best first.
 OUTCOMES = ("right", "rest", "class", "unknown", "silent", "wrong", "failed")
-#: From this signal-to-noise ratio on an effect is detectable.
-CLEAR = 5.0
 
 Progress = Callable[[int, int, "WithheldCase"], None]
 
@@ -87,7 +86,9 @@ class Withheld:
         clear
             Only cases whose effect has a signal-to-noise ratio of at least 5.
         """
-        chosen = [c for c in self.cases if c.effect and (not clear or c.signal_to_noise >= CLEAR)]
+        chosen = [
+            c for c in self.cases if c.effect and (not clear or c.signal_to_noise >= CLEAR_SIGNAL)
+        ]
         return _share([c.outcome == outcome for c in chosen])
 
     @property

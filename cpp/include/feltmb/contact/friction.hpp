@@ -195,6 +195,16 @@ using Friction = FrictionSum<  //
     DragFriction,              //
     StribeckFriction>;
 
+/// Friction of the Coulomb term alone.
+constexpr Friction coulomb(double amplitude, double b1, double b2, double threshold_speed) {
+  Friction f{};
+  f.amplitude = amplitude;
+  f.b1 = b1;
+  f.b2 = b2;
+  f.threshold_speed = threshold_speed;
+  return f;
+}
+
 /// Force and its exact slope at sliding speed v [m/s or rad/s]. Never throws.
 inline FrictionValue evaluate(const Friction& friction, double v) { return friction.at(v); }
 
