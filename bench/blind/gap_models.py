@@ -432,7 +432,7 @@ def main() -> None:
             "one_of": list(report.one_of),
             "right": set(report.named) <= set(case.named)
             and set(case.named) <= {*report.named, *report.one_of},
-            "size": None if first is None else [first.low, first.size, first.high],
+            "size": None if first is None else [first.low, first.magnitude, first.high],
             "true_size": case.size,
             "closed": report.how_far.closed,
             "component": report.where.components[0].component if report.where.components else "",
@@ -441,7 +441,9 @@ def main() -> None:
             "cpu_seconds": spent,
         }
         rows.append(row)
-        size = "" if first is None else f", {first.size:.4g} [{first.low:.4g}, {first.high:.4g}]"
+        size = (
+            "" if first is None else f", {first.magnitude:.4g} [{first.low:.4g}, {first.high:.4g}]"
+        )
         either = f" and one of {', '.join(report.one_of)}" if report.one_of else ""
         print(
             f"{name}: {case.truth}\n    {report.verdict} {', '.join(report.named)}{either}{size}, "

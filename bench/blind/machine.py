@@ -145,7 +145,7 @@ def summarize(report: Any) -> dict[str, Any]:
                 "effect": r.effect,
                 "component": r.component,
                 "kind": r.kind,
-                "size": float(r.size),
+                "size": float(r.magnitude),
                 "low": float(r.low),
                 "high": float(r.high),
                 "refitted": bool(r.refitted),

@@ -67,16 +67,14 @@ std::uint64_t checksum(const double* values, std::size_t count) {
   return hash;
 }
 
-feltmb::FingerInput ramp(double force, double start, double rise) {
-  return {
-      feltmb::Profile({start, start + rise}, {0.0, force}, feltmb::Profile::Interpolation::kLinear),
-      false};
+feltmb::Input ramp(double force, double start, double rise) {
+  return {feltmb::Profile({start, start + rise}, {0.0, force},
+                          feltmb::Profile::Interpolation::kLinear)};
 }
 
-feltmb::FingerInput pulse(double force, double start, double half) {
+feltmb::Input pulse(double force, double start, double half) {
   return {feltmb::Profile({start, start + half, start + 2 * half}, {0.0, force, 0.0},
-                          feltmb::Profile::Interpolation::kLinear),
-          false};
+                          feltmb::Profile::Interpolation::kLinear)};
 }
 
 void take_counts(CaseResult& out, const RunResult& run) {
@@ -106,7 +104,7 @@ feltmb::MechanismDescription action(Members members) {
   return description;
 }
 
-CaseResult stroke(const std::string& name, Members members, const feltmb::FingerInput& input,
+CaseResult stroke(const std::string& name, Members members, const feltmb::Input& input,
                   double duration, bool outputs, int repeat,
                   feltmb::Method method = feltmb::Method::kAuto) {
   const auto mechanism = feltmb::assemble(action(members));
@@ -143,7 +141,7 @@ CaseResult stroke(const std::string& name, Members members, const feltmb::Finger
 
 /// A stroke of 0.4 s, timed without a reference.
 CaseResult timed_stroke(const std::string& name, const feltmb::MechanismDescription& description,
-                        const feltmb::FingerInput& input, feltmb::Method method, int repeat) {
+                        const feltmb::Input& input, feltmb::Method method, int repeat) {
   const auto mechanism = feltmb::assemble(description);
   feltmb::SimulationOptions options;
   options.ledger = options.outputs = options.diagnose = false;
@@ -195,11 +193,11 @@ CaseResult sized_evaluation(const std::string& name, int bodies, int contacts, i
     contact.surface_a = "floor";
     contact.surface_b = foot.name;
     contact.law = ExponentialPair{{5.52e3, 1.58e3, -0.60e3}, {0.19e3, 5.04e3, 3.04e3}};
-    contact.friction = {0.3, 0.7, 0.5, 1e-3};
+    contact.friction = feltmb::coulomb(0.3, 0.7, 0.5, 1e-3);
     d.contacts.push_back(contact);
   }
   const auto mechanism = assemble(d);
-  MechanismSystem system(mechanism, {Profile(), false}, false, {}, false);
+  MechanismSystem system(mechanism, {Profile()}, false, {}, false);
   std::vector<double> y(system.size(), 0.0), rate(system.size());
   for (int b = 0; b < bodies; ++b) {
     y[static_cast<std::size_t>(b)] = 1e-3 * b;
@@ -226,7 +224,7 @@ CaseResult sized_evaluation(const std::string& name, int bodies, int contacts, i
 /// Time of one evaluation at states along the forte stroke.
 CaseResult evaluation(bool flexible, const std::string& what, int repeat) {
   const auto mechanism = feltmb::assemble(feltmb::bench::steinway45(flexible));
-  const feltmb::FingerInput input = ramp(25.0, 0.05, 0.0905);
+  const feltmb::Input input = ramp(25.0, 0.05, 0.0905);
   feltmb::SimulationOptions options;
   options.output_rate = 1000.0;
   options.ledger = false;
@@ -285,7 +283,7 @@ CaseResult law_evaluation(const std::string& name, const feltmb::LawParameters& 
 }
 
 /// One stroke under several contact laws, taken in turn so that the load of the machine is shared.
-std::vector<CaseResult> law_strokes(const std::string& name, const feltmb::FingerInput& input,
+std::vector<CaseResult> law_strokes(const std::string& name, const feltmb::Input& input,
                                     double duration, int repeat, const std::string& filter) {
   using feltmb::ExponentialPair;
   const auto felts = feltmb::bench::felts();
@@ -505,7 +503,7 @@ CaseResult problem_h(int modes, double damping, double rtol, const std::string& 
   RunResult run;
   for (int i = 0; i < repeat; ++i) {
     const auto begin = Clock::now();
-    run = feltmb::simulate(mechanism, {feltmb::Profile(), false}, options, start);
+    run = feltmb::simulate(mechanism, {feltmb::Profile()}, options, start);
     out.milliseconds.push_back(
         std::chrono::duration<double, std::milli>(Clock::now() - begin).count());
   }
@@ -612,7 +610,7 @@ int main(int argc, char** argv) {
   std::vector<std::pair<std::string, std::function<CaseResult()>>> cases;
   for (const bool flexible : {false, true}) {
     const std::string kind = flexible ? "flexible_" : "rigid_";
-    const auto add = [&](const std::string& name, const feltmb::FingerInput& input, double end,
+    const auto add = [&](const std::string& name, const feltmb::Input& input, double end,
                          bool outputs) {
       cases.emplace_back(kind + name, [=] {
         return stroke(kind + name, flexible ? Members::kFlexible : Members::kRigid, input, end,

@@ -26,11 +26,11 @@ constexpr double kRate = 4000.0;  // samples a second [Hz]
 struct Case {
   std::string name;
   std::shared_ptr<const Mechanism> mechanism;
-  std::vector<FingerInput> inputs;
+  std::vector<Input> inputs;
 };
 
-FingerInput ramp(double force, double start, double rise) {
-  return {Profile({start, start + rise}, {0.0, force}, Profile::Interpolation::kLinear), false};
+Input ramp(double force, double start, double rise) {
+  return {Profile({start, start + rise}, {0.0, force}, Profile::Interpolation::kLinear)};
 }
 
 /// The quantities that are compared of one run.

@@ -13,22 +13,20 @@ namespace feltmb::python {
 
 void bind_batch(py::module_& m) {
   py::class_<BatchStroke>(m, "BatchStroke")
-      .def(py::init([](const std::shared_ptr<Mechanism>& mechanism, const Profile& profile,
-                       bool motion, const SimulationOptions& options,
-                       const std::vector<double>& start, const std::vector<Monitor>& monitors,
-                       const std::vector<double>& memory, bool prescribed, bool motor) {
+      .def(py::init([](const std::shared_ptr<Mechanism>& mechanism, const Input& input,
+                       const SimulationOptions& options, const std::vector<double>& start,
+                       const std::vector<Monitor>& monitors, const std::vector<double>& memory) {
              BatchStroke s;
              s.mechanism = mechanism;
-             s.input = FingerInput{profile, motion, prescribed, motor};
+             s.input = input;
              s.options = options;
              s.start.y = start;
              s.start.largest_compression = memory;
              s.monitors = monitors;
              return s;
            }),
-           py::arg("mechanism"), py::arg("profile"), py::arg("motion"), py::arg("options"),
-           py::arg("start"), py::arg("monitors"), py::arg("memory"), py::arg("prescribed") = false,
-           py::arg("motor") = false);
+           py::arg("mechanism"), py::arg("input"), py::arg("options"), py::arg("start"),
+           py::arg("monitors"), py::arg("memory"));
   using Flag = std::atomic<bool>;
   py::class_<Flag, std::shared_ptr<Flag>>(m, "StopFlag", "Ends a batch at once, from any thread.")
       .def(py::init([] { return std::make_shared<Flag>(false); }))

@@ -9,6 +9,7 @@
 #include "feltmb/contact/law.hpp"
 #include "feltmb/contact/laws/catalog.hpp"
 #include "feltmb/contact/path.hpp"
+#include "fields.hpp"
 
 namespace py = pybind11;
 
@@ -59,19 +60,13 @@ py::object from_value(const FieldValue& value) {
       value);
 }
 
-/// A limit of a range, None where there is none.
-py::object limit(double value) { return std::isfinite(value) ? py::cast(value) : py::none(); }
-
 py::dict as_dict(const FieldInfo& field) {
   py::dict out;
   out["name"] = field.name;
   out["kind"] = field.kind;
   out["unit"] = field.unit;
   out["meaning"] = field.meaning;
-  out["low"] = limit(field.range.low);
-  out["high"] = limit(field.range.high);
-  out["low_open"] = field.range.low_open;
-  out["high_open"] = field.range.high_open;
+  add_range(out, field.range);
   out["required"] = field.required;
   out["default"] = field.required ? py::none() : from_value(field.standard);
   out["in_contact"] = field.place == Place::kContact;
@@ -96,30 +91,26 @@ py::list list_laws() {
 }  // namespace
 
 void bind_contact(py::module_& m) {
-  py::class_<Friction>(m, "Friction")
-      .def(py::init([](double amplitude, double b1, double b2, double threshold_speed,
-                       double viscous, double quadratic, double stribeck, double stribeck_speed) {
-             return Friction{amplitude, b1,        b2,       threshold_speed,
-                             viscous,   quadratic, stribeck, stribeck_speed};
-           }),
-           py::kw_only(), py::arg("amplitude") = 0.0, py::arg("b1") = 0.0, py::arg("b2") = 0.0,
-           py::arg("threshold_speed") = 1e-3, py::arg("viscous") = 0.0, py::arg("quadratic") = 0.0,
-           py::arg("stribeck") = 0.0, py::arg("stribeck_speed") = 0.1)
-      .def_readonly("amplitude", &Friction::amplitude)
-      .def_readonly("b1", &Friction::b1)
-      .def_readonly("b2", &Friction::b2)
-      .def_readonly("threshold_speed", &Friction::threshold_speed)
-      .def_readonly("viscous", &Friction::viscous)
-      .def_readonly("quadratic", &Friction::quadratic)
-      .def_readonly("stribeck", &Friction::stribeck)
-      .def_readonly("stribeck_speed", &Friction::stribeck_speed)
+  bind_fields<Friction>(m, "Friction")
+      .def_property_readonly("acts", &Friction::acts, "Whether a term is there.")
+      .def_property_readonly("turns_over", &Friction::turns_over,
+                             "Whether a term that acts turns over near the threshold speed.")
+      .def("dry", &Friction::dry, "The terms that hold a joint back at speeds near zero, alone.")
+      .def("sharpened", &Friction::sharpened, py::arg("threshold_speed"),
+           "The limit of a threshold speed of zero, turned over at a speed of choice.")
+      .def_property_readonly(
+          "dry_speeds",
+          [](const Friction& f) {
+            const SpeedRange range = f.dry_speeds();
+            return py::make_tuple(range.low, range.high);
+          },
+          "Speeds between which the dry terms rise and die away; infinite: they do not.")
       .def(
           "coefficient",
           [](const Friction& f, py::array_t<double> v) {
             return py::vectorize([&f](double x) { return evaluate(f, x).value; })(v);
           },
-          py::arg("speed"),
-          "mu(v) of thesis eq. A.1 with the added terms, at sliding speed [m/s or rad/s].");
+          py::arg("speed"), "Sum of all terms at sliding speed [m/s or rad/s].");
 
   py::class_<ExponentialCurve>(m, "ExponentialCurve")
       .def(py::init([](double a, double b, double c) { return ExponentialCurve{a, b, c}; }),

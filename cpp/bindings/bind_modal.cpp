@@ -4,6 +4,7 @@
 #include "bindings.hpp"
 #include "feltmb/core/error.hpp"
 #include "feltmb/modal/string.hpp"
+#include "fields.hpp"
 
 namespace py = pybind11;
 
@@ -17,23 +18,7 @@ py::array_t<double> copy(std::span<const double> values) {
 }  // namespace
 
 void bind_modal(py::module_& m) {
-  py::class_<StringParameters>(m, "StringParameters")
-      .def(py::init([](double diameter, double tension, double length, double linear_density,
-                       double young_modulus, double damping_ratio, int modes, int count) {
-             return StringParameters{diameter,      tension,       length, linear_density,
-                                     young_modulus, damping_ratio, modes,  count};
-           }),
-           py::kw_only(), py::arg("diameter"), py::arg("tension"), py::arg("length"),
-           py::arg("linear_density"), py::arg("young_modulus"), py::arg("damping_ratio"),
-           py::arg("modes"), py::arg("count") = 1)
-      .def_readonly("diameter", &StringParameters::diameter)
-      .def_readonly("tension", &StringParameters::tension)
-      .def_readonly("length", &StringParameters::length)
-      .def_readonly("linear_density", &StringParameters::linear_density)
-      .def_readonly("young_modulus", &StringParameters::young_modulus)
-      .def_readonly("damping_ratio", &StringParameters::damping_ratio)
-      .def_readonly("modes", &StringParameters::modes)
-      .def_readonly("count", &StringParameters::count);
+  bind_fields<StringParameters>(m, "StringParameters");
   py::class_<ModalString>(m, "ModalString")
       .def(py::init<const StringParameters&>(), py::arg("parameters"))
       .def_property_readonly("parameters", &ModalString::parameters)

@@ -5,7 +5,6 @@
 
 #include "bindings.hpp"
 #include "feltmb/model/equilibrium.hpp"
-#include "feltmb/model/observables.hpp"
 #include "feltmb/model/simulation.hpp"
 
 namespace py = pybind11;
@@ -57,6 +56,16 @@ void bind_model(py::module_& m) {
           },
           py::arg("time"))
       .def_property_readonly("smooth", &Profile::smooth);
+
+  py::class_<Input>(m, "Input")
+      .def(py::init([](const Profile& profile, const std::string& kind, double origin) {
+             return Input{profile, input_kind(kind), origin};
+           }),
+           py::arg("profile"), py::arg("kind") = "force", py::arg("origin") = 0.0,
+           "What drives a mechanism: a force, the motion of a finger with its pad, a key_motion, a "
+           "torque or a motor_motion, from a time [s] on the clock of the profile.")
+      .def_readonly("profile", &Input::profile)
+      .def_readonly("origin", &Input::origin);
 
   py::class_<SimulationOptions>(m, "SimulationOptions")
       .def(py::init<>())
@@ -218,10 +227,10 @@ void bind_model(py::module_& m) {
 
   m.def(
       "simulate",
-      [](const std::shared_ptr<Mechanism>& mechanism, const Profile& profile, bool motion,
+      [](const std::shared_ptr<Mechanism>& mechanism, const Input& input,
          const SimulationOptions& options, const std::vector<double>& start,
          const std::vector<Monitor>& monitors, const py::object& progress,
-         const std::vector<double>& start_memory, bool prescribed, bool motor) {
+         const std::vector<double>& start_memory) {
         Progress report;
         if (!progress.is_none()) {
           // Runs with the GIL released; takes it back for the call and for pending signals.
@@ -247,20 +256,16 @@ void bind_model(py::module_& m) {
         state.y = start;
         state.largest_compression = start_memory;
         const WithoutInterpreter release;
-        return simulate(mechanism, FingerInput{profile, motion, prescribed, motor}, options, state,
-                        monitors, report);
+        return simulate(mechanism, input, options, state, monitors, report);
       },
-      py::arg("mechanism"), py::arg("profile"), py::arg("motion"), py::arg("options"),
-      py::arg("start"), py::arg("monitors"), py::arg("progress") = py::none(),
-      py::arg("start_memory") = std::vector<double>{}, py::arg("prescribed") = false,
-      py::arg("motor") = false);
+      py::arg("mechanism"), py::arg("input"), py::arg("options"), py::arg("start"),
+      py::arg("monitors"), py::arg("progress") = py::none(),
+      py::arg("start_memory") = std::vector<double>{});
 
   m.def(
       "jacobian_check",
       [](const std::shared_ptr<Mechanism>& mechanism, const std::vector<double>& y,
-         const Profile& profile, bool motion, double time, double gamma, bool prescribed,
-         bool motor) {
-        const FingerInput input{profile, motion, prescribed, motor};
+         const Input& input, double time, double gamma) {
         MechanismSystem system(mechanism, input, false, {}, false);
         if (y.size() != system.size()) {
           throw std::invalid_argument("jacobian_check: wrong length of the state");
@@ -277,23 +282,20 @@ void bind_model(py::module_& m) {
         }
         return inverse;
       },
-      py::arg("mechanism"), py::arg("y"), py::arg("profile"), py::arg("motion"), py::arg("time"),
-      py::arg("gamma"), py::arg("prescribed") = false, py::arg("motor") = false,
+      py::arg("mechanism"), py::arg("y"), py::arg("input"), py::arg("time"), py::arg("gamma"),
       "Inverse of I - gamma J as the structured solver applies it.");
 
   m.def(
       "rhs",
       [](const std::shared_ptr<Mechanism>& mechanism, const std::vector<double>& y,
-         const Profile& profile, bool motion, double time, bool prescribed, bool motor) {
-        const FingerInput input{profile, motion, prescribed, motor};
+         const Input& input, double time) {
         MechanismSystem system(mechanism, input, false, {}, false);
         if (y.size() != system.size()) throw std::invalid_argument("rhs: wrong length of y");
         Eigen::VectorXd rate(static_cast<Eigen::Index>(y.size()));
         system.rhs(time, y, {rate.data(), y.size()});
         return rate;
       },
-      py::arg("mechanism"), py::arg("y"), py::arg("profile"), py::arg("motion"), py::arg("time"),
-      py::arg("prescribed") = false, py::arg("motor") = false,
+      py::arg("mechanism"), py::arg("y"), py::arg("input"), py::arg("time"),
       "y' of the full state [q, v, eta, deta/dt].");
 }
 

@@ -6,20 +6,12 @@
 #include "feltmb/core/error.hpp"
 #include "feltmb/planar/dynamics.hpp"
 #include "feltmb/planar/mechanism.hpp"
+#include "fields.hpp"
 
 namespace py = pybind11;
 
 namespace feltmb::python {
 namespace {
-
-std::pair<double, double> pair(Vec2 v) { return {v.x, v.y}; }
-
-template <class Class, class Owner>
-void vec2(Class& c, const char* name, Vec2 Owner::* member) {
-  c.def_property(
-      name, [member](const Owner& o) { return pair(o.*member); },
-      [member](Owner& o, std::pair<double, double> v) { o.*member = {v.first, v.second}; });
-}
 
 void bind_description(py::module_& m) {
   py::enum_<JointKind>(m, "JointKind")
@@ -36,129 +28,18 @@ void bind_description(py::module_& m) {
       .value("polynomial", ShapeSet::kPolynomial)
       .value("clamped_free", ShapeSet::kClampedFree)
       .value("craig_bampton", ShapeSet::kCraigBampton);
-  py::class_<BeamDescription>(m, "BeamDescription")
-      .def(py::init<>())
-      .def_readwrite("length", &BeamDescription::length)
-      .def_readwrite("linear_density", &BeamDescription::linear_density)
-      .def_readwrite("axial_stiffness", &BeamDescription::axial_stiffness)
-      .def_readwrite("bending_stiffness", &BeamDescription::bending_stiffness)
-      .def_readwrite("shapes", &BeamDescription::shapes)
-      .def_readwrite("axial_shapes", &BeamDescription::axial_shapes)
-      .def_readwrite("lateral_shapes", &BeamDescription::lateral_shapes)
-      .def_readwrite("damping_time", &BeamDescription::damping_time)
-      .def_readwrite("condense_axial", &BeamDescription::condense_axial);
-
-  py::class_<BodyDescription> body(m, "BodyDescription");
-  body.def(py::init<>())
-      .def_readwrite("name", &BodyDescription::name)
-      .def_readwrite("parent", &BodyDescription::parent)
-      .def_readwrite("joint", &BodyDescription::joint)
-      .def_readwrite("angle", &BodyDescription::angle)
-      .def_readwrite("coordinate", &BodyDescription::coordinate)
-      .def_readwrite("friction", &BodyDescription::friction)
-      .def_readwrite("mass", &BodyDescription::mass)
-      .def_readwrite("inertia", &BodyDescription::inertia)
-      .def_readwrite("beam", &BodyDescription::beam);
-  vec2(body, "position", &BodyDescription::position);
-  vec2(body, "axis", &BodyDescription::axis);
-  vec2(body, "center_of_mass", &BodyDescription::center_of_mass);
-
-  py::class_<SurfaceDescription> surface(m, "SurfaceDescription");
-  surface.def(py::init<>())
-      .def_readwrite("name", &SurfaceDescription::name)
-      .def_readwrite("body", &SurfaceDescription::body)
-      .def_readwrite("kind", &SurfaceDescription::kind)
-      .def_readwrite("radius", &SurfaceDescription::radius)
-      .def_readwrite("arc", &SurfaceDescription::arc);
-  vec2(surface, "point", &SurfaceDescription::point);
-  vec2(surface, "normal", &SurfaceDescription::normal);
-
-  py::class_<ContactDescription>(m, "ContactDescription")
-      .def(py::init<>())
-      .def_readwrite("number", &ContactDescription::number)
-      .def_readwrite("label", &ContactDescription::label)
-      .def_readwrite("surface_a", &ContactDescription::surface_a)
-      .def_readwrite("surface_b", &ContactDescription::surface_b)
-      .def_property(
-          "law", [](const ContactDescription& c) { return ContactLaw(c.law); },
-          [](ContactDescription& c, const ContactLaw& law) { c.law = law.parameters(); })
-      .def_readwrite("friction", &ContactDescription::friction)
-      .def_readwrite("enabled", &ContactDescription::enabled);
-
-  py::class_<TorsionSpringDescription>(m, "TorsionSpringDescription")
-      .def(py::init<>())
-      .def_readwrite("name", &TorsionSpringDescription::name)
-      .def_readwrite("coordinate", &TorsionSpringDescription::coordinate)
-      .def_readwrite("stiffness", &TorsionSpringDescription::stiffness)
-      .def_readwrite("rest_angle", &TorsionSpringDescription::rest_angle)
-      .def_readwrite("damping", &TorsionSpringDescription::damping)
-      .def_readwrite("clearance", &TorsionSpringDescription::clearance)
-      .def_readwrite("seating", &TorsionSpringDescription::seating);
-
-  py::class_<DashpotDescription>(m, "DashpotDescription")
-      .def(py::init<>())
-      .def_readwrite("name", &DashpotDescription::name)
-      .def_readwrite("coordinate", &DashpotDescription::coordinate)
-      .def_readwrite("coefficient", &DashpotDescription::coefficient)
-      .def_readwrite("side", &DashpotDescription::side);
-
-  py::class_<StrapDescription> strap(m, "StrapDescription");
-  strap.def(py::init<>())
-      .def_readwrite("name", &StrapDescription::name)
-      .def_readwrite("body_a", &StrapDescription::body_a)
-      .def_readwrite("body_b", &StrapDescription::body_b)
-      .def_readwrite("free_length", &StrapDescription::free_length)
-      .def_readwrite("coefficients", &StrapDescription::coefficients);
-  vec2(strap, "point_a", &StrapDescription::point_a);
-  vec2(strap, "point_b", &StrapDescription::point_b);
-
-  py::class_<StringDescription> string(m, "StringDescription");
-  string.def(py::init<>())
-      .def_readwrite("name", &StringDescription::name)
-      .def_readwrite("surface", &StringDescription::surface)
-      .def_readwrite("other_surfaces", &StringDescription::other_surfaces)
-      .def_readwrite("rigid", &StringDescription::rigid)
-      .def_readwrite("parameters", &StringDescription::parameters)
-      .def_readwrite("anchor", &StringDescription::anchor)
-      .def_readwrite("moving_strike_point", &StringDescription::moving_strike_point)
-      .def_readwrite("strike_position", &StringDescription::strike_position);
-  vec2(string, "direction", &StringDescription::direction);
-
-  py::class_<TrackingPointDescription> point(m, "TrackingPointDescription");
-  point.def(py::init<>())
-      .def_readwrite("name", &TrackingPointDescription::name)
-      .def_readwrite("body", &TrackingPointDescription::body);
-  vec2(point, "point", &TrackingPointDescription::point);
-
-  py::class_<FingerDescription> finger(m, "FingerDescription");
-  finger.def(py::init<>())
-      .def_readwrite("body", &FingerDescription::body)
-      .def_property(
-          "pad", [](const FingerDescription& f) { return ContactLaw(f.pad); },
-          [](FingerDescription& f, const ContactLaw& law) { f.pad = law.parameters(); });
-  vec2(finger, "point", &FingerDescription::point);
-  vec2(finger, "direction", &FingerDescription::direction);
-
-  py::class_<MotorDescription>(m, "MotorDescription")
-      .def(py::init<>())
-      .def_readwrite("coordinate", &MotorDescription::coordinate)
-      .def_readwrite("contact", &MotorDescription::contact);
-
-  py::class_<MechanismDescription> mechanism(m, "MechanismDescription");
-  mechanism.def(py::init<>())
-      .def_readwrite("name", &MechanismDescription::name)
-      .def_readwrite("bodies", &MechanismDescription::bodies)
-      .def_readwrite("surfaces", &MechanismDescription::surfaces)
-      .def_readwrite("contacts", &MechanismDescription::contacts)
-      .def_readwrite("springs", &MechanismDescription::springs)
-      .def_readwrite("dashpots", &MechanismDescription::dashpots)
-      .def_readwrite("straps", &MechanismDescription::straps)
-      .def_readwrite("strings", &MechanismDescription::strings)
-      .def_readwrite("points", &MechanismDescription::points)
-      .def_readwrite("finger", &MechanismDescription::finger)
-      .def_readwrite("motor", &MechanismDescription::motor)
-      .def_readwrite("start_pose", &MechanismDescription::start_pose);
-  vec2(mechanism, "gravity", &MechanismDescription::gravity);
+  bind_fields<BeamDescription>(m, "BeamDescription");
+  bind_fields<BodyDescription>(m, "BodyDescription");
+  bind_fields<SurfaceDescription>(m, "SurfaceDescription");
+  bind_fields<ContactDescription>(m, "ContactDescription");
+  bind_fields<TorsionSpringDescription>(m, "TorsionSpringDescription");
+  bind_fields<DashpotDescription>(m, "DashpotDescription");
+  bind_fields<StrapDescription>(m, "StrapDescription");
+  bind_fields<StringDescription>(m, "StringDescription");
+  bind_fields<TrackingPointDescription>(m, "TrackingPointDescription");
+  bind_fields<FingerDescription>(m, "FingerDescription");
+  bind_fields<MotorDescription>(m, "MotorDescription");
+  bind_fields<MechanismDescription>(m, "MechanismDescription");
 }
 
 }  // namespace
@@ -327,7 +208,8 @@ void bind_planar(py::module_& m) {
         const std::vector<double> law(static_cast<std::size_t>(mechanism->total_law_states), 0.0);
         dynamics.locate({{q.data(), static_cast<std::size_t>(q.size())}, rest, law, zero, zero},
                         {});
-        return pair(dynamics.position(mechanism->points[static_cast<std::size_t>(point)].point));
+        return to_python(
+            dynamics.position(mechanism->points[static_cast<std::size_t>(point)].point));
       },
       py::arg("mechanism"), py::arg("point"), py::arg("q"),
       "Position [m] of a tracking point in the ground frame.");

@@ -4,7 +4,7 @@
 #include <pybind11/stl.h>
 
 #include "bindings.hpp"
-#include "feltmb/model/observables.hpp"
+#include "feltmb/model/channels.hpp"
 #include "feltmb/sensitivity/sensitivity.hpp"
 
 namespace py = pybind11;
@@ -13,32 +13,27 @@ namespace feltmb::python {
 
 void bind_sensitivity(py::module_& m) {
   py::class_<Perturbed>(m, "Perturbed")
-      .def(py::init([](const std::shared_ptr<Mechanism>& mechanism, const Profile& profile,
-                       bool motion, double shift, double weight, double origin, bool prescribed,
-                       bool motor) {
-             return Perturbed{mechanism, FingerInput{profile, motion, prescribed, motor, origin},
-                              shift, weight};
-           }),
-           py::arg("mechanism"), py::arg("profile"), py::arg("motion"), py::arg("shift"),
-           py::arg("weight"), py::arg("origin") = 0.0, py::arg("prescribed") = false,
-           py::arg("motor") = false);
+      .def(
+          py::init([](const std::shared_ptr<Mechanism>& mechanism, const Input& input, double shift,
+                      double weight) { return Perturbed{mechanism, input, shift, weight}; }),
+          py::arg("mechanism"), py::arg("input"), py::arg("shift"), py::arg("weight"));
   py::class_<SensitivityParameter>(m, "SensitivityParameter")
       .def(py::init([](std::string name, std::vector<Perturbed> nodes, double scale) {
              return SensitivityParameter{std::move(name), std::move(nodes), scale};
            }),
            py::arg("name"), py::arg("nodes"), py::arg("scale"));
-  py::class_<SensitivityWindow>(m, "SensitivityWindow")
+  py::class_<SensitivitySegment>(m, "SensitivitySegment")
       .def(py::init([](double begin, double end, std::vector<double> state,
                        std::vector<double> memory, Eigen::MatrixXd directions,
                        Eigen::MatrixXd moves) {
-             SensitivityWindow w;
-             w.begin = begin;
-             w.end = end;
-             w.start.y = std::move(state);
-             w.start.largest_compression = std::move(memory);
-             w.directions = std::move(directions);
-             w.moves = std::move(moves);
-             return w;
+             SensitivitySegment s;
+             s.begin = begin;
+             s.end = end;
+             s.start.y = std::move(state);
+             s.start.largest_compression = std::move(memory);
+             s.directions = std::move(directions);
+             s.moves = std::move(moves);
+             return s;
            }),
            py::arg("begin"), py::arg("end"), py::arg("state") = std::vector<double>{},
            py::arg("memory") = std::vector<double>{}, py::arg("directions") = Eigen::MatrixXd{},
@@ -102,8 +97,9 @@ void bind_sensitivity(py::module_& m) {
       "observables",
       [](const std::shared_ptr<Mechanism>& mechanism) {
         py::list out;
-        for (const auto& o : list_observables(*mechanism)) {
-          out.append(py::make_tuple(o.name, o.unit, o.long_name));
+        const Channels channels(*mechanism);
+        for (const Channel& o : channels.rows()) {
+          out.append(py::make_tuple(o.name, o.unit, o.text));
         }
         return out;
       },
@@ -119,10 +115,9 @@ void bind_sensitivity(py::module_& m) {
       py::arg("mechanism"), "Names of the full state in its order.");
   m.def(
       "sensitivities",
-      [](const std::shared_ptr<Mechanism>& mechanism, const Profile& profile, bool motion,
+      [](const std::shared_ptr<Mechanism>& mechanism, const Input& input,
          const std::vector<SensitivityParameter>& parameters,
-         const std::vector<SensitivityWindow>& windows, const SensitivityOptions& options,
-         bool prescribed, bool motor) {
+         const std::vector<SensitivitySegment>& segments, const SensitivityOptions& options) {
         const Progress watch = [](double) {
           const WithInterpreter acquire;
           if (PyErr_CheckSignals() != 0) throw py::error_already_set();
@@ -131,12 +126,10 @@ void bind_sensitivity(py::module_& m) {
         SensitivityOptions here = options;
         here.threads = threads_with_interpreter(options.threads);
         const WithoutInterpreter release;
-        return sensitivities(mechanism, FingerInput{profile, motion, prescribed, motor}, parameters,
-                             windows, here, watch);
+        return sensitivities(mechanism, input, parameters, segments, here, watch);
       },
-      py::arg("mechanism"), py::arg("profile"), py::arg("motion"), py::arg("parameters"),
-      py::arg("windows"), py::arg("options"), py::arg("prescribed") = false,
-      py::arg("motor") = false);
+      py::arg("mechanism"), py::arg("input"), py::arg("parameters"), py::arg("segments"),
+      py::arg("options"));
 }
 
 }  // namespace feltmb::python

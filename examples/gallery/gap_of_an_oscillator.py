@@ -91,7 +91,7 @@ def compute() -> Found:
     options = Options(bootstrap=0, max_effects=1)
     report = diagnose(model(), effects, runs, hold_out=["run 3"], options=options)
     named = [e for e in report.which.effects if e.named]
-    size = named[0].size if named else 0.0
+    size = named[0].magnitude if named else 0.0
     found = Found(f"missing: {named[0].effect if named else report.verdict}", size, "N")
     found.data.update(runs=runs, report=report)
     found.check("number of causes named", len(named), 1, 0.0)

@@ -86,7 +86,7 @@ def main():
     report = diagnose(model, effects, records)
     first = report.which.effects[0]
     print(report.statement)
-    print(f"{first.effect}: {first.size:.3g} N, {TRUTH['friction']:g} N in truth")
+    print(f"{first.effect}: {first.magnitude:.3g} N, {TRUTH['friction']:g} N in truth")
     print(f"{model.simulations} simulations")
     return report
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     )
     from feltmb.graphics.viewer import view
     from feltmb.mechanism import Action, load_action, packaged_actions
+    from feltmb.run.options import RunOptions
     from feltmb.run.results import Run, load_run
     from feltmb.run.sensitivity import Gradient, gradient
     from feltmb.run.simulate import Evaluation, evaluate, simulate
@@ -51,6 +52,7 @@ __all__ = [
     "ModelError",
     "Regulation",
     "Run",
+    "RunOptions",
     "Stroke",
     "StudyResult",
     "Touch",
@@ -85,6 +87,7 @@ _LAZY = {
     "mechanism": "Action load_action packaged_actions",
     "errors": "DataError FeltmbError FileExists IntegrationError InvalidParameter ModelError",
     "action.regulate": "Regulation load_targets regulate",
+    "run.options": "RunOptions",
     "run.results": "Run load_run",
     "run.sensitivity": "Gradient gradient",
     "run.simulate": "Evaluation evaluate simulate",

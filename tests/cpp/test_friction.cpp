@@ -6,14 +6,15 @@
 
 #include "feltmb/contact/friction.hpp"
 
+using feltmb::coulomb;
 using feltmb::evaluate;
 using feltmb::Friction;
 
 namespace {
 
-constexpr Friction kFelt{0.332, 0.73, 1.0, 1e-3};
-constexpr Friction kWood{1.085, 1.78, 1.0, 1e-3};
-constexpr Friction kJoint{2.5e-3, 0.0, 0.0, 1e-4};
+constexpr Friction kFelt = coulomb(0.332, 0.73, 1.0, 1e-3);
+constexpr Friction kWood = coulomb(1.085, 1.78, 1.0, 1e-3);
+constexpr Friction kJoint = coulomb(2.5e-3, 0.0, 0.0, 1e-4);
 
 }  // namespace
 
@@ -73,7 +74,7 @@ TEST_CASE(
       f.stribeck = stribeck ? 0.1 : 0.0;
       // The slope falls by orders of magnitude within a few threshold speeds.
       const bool bends = evaluate(f, 0.0).slope > 10.0 * evaluate(f, 5e-3).slope;
-      CHECK(turns_over(f) == bends);
+      CHECK(f.turns_over() == bends);
     }
   }
 }

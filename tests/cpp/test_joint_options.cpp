@@ -38,12 +38,12 @@ TEST_CASE("play: force is the slope of the energy, stiffness the slope of the fo
 }
 
 TEST_CASE("viscous, quadratic and Stribeck friction") {
-  Friction f{2.5e-3, 0.3, 1.0, 1e-4};
+  Friction f = coulomb(2.5e-3, 0.3, 1.0, 1e-4);
   f.viscous = 3e-4;
   f.quadratic = 2e-5;
   f.stribeck = 1e-3;
   f.stribeck_speed = 0.2;
-  Friction base{2.5e-3, 0.3, 1.0, 1e-4};
+  const Friction base = coulomb(2.5e-3, 0.3, 1.0, 1e-4);
   for (const double v : {-12.0, -0.3, -1e-3, 0.0, 2e-5, 1e-4, 0.05, 0.4, 7.0}) {
     const double expected = evaluate(base, v).value + 3e-4 * v + 2e-5 * v * std::fabs(v) +
                             1e-3 * std::exp(-v * v / 0.04) * std::tanh(v / 1e-4);

@@ -105,7 +105,7 @@ Curves simulate_h(const std::shared_ptr<const Mechanism>& m, Method method, doub
   start.y[0] = -gap;
   start.y[1] = speed;
   Curves out;
-  out.run = simulate(m, {Profile(), false}, o, start);
+  out.run = simulate(m, {Profile()}, o, start);
   REQUIRE(out.run.status == RunStatus::kDone);
   for (std::size_t c = 0; c < out.run.names.size(); ++c) {
     const auto column = static_cast<Eigen::Index>(c);
@@ -244,7 +244,7 @@ TEST_CASE("runs are the same to the last bit, on any number of threads") {
         start.y.assign(2 + 2 * static_cast<std::size_t>(m->total_modes), 0.0);
         start.y[0] = 2e-3 / 0.13;
         start.y[1] = -1.0 / 0.13;
-        other = simulate(m, {Profile(), false}, o, start);
+        other = simulate(m, {Profile()}, o, start);
       });
     }
     for (auto& t : threads) t.join();
@@ -258,7 +258,7 @@ TEST_CASE("runs are the same to the last bit, on any number of threads") {
 
 TEST_CASE("the right-hand side and the event functions allocate nothing") {
   const auto m = assemble(hammer_on_string(40, 0.07, true));
-  MechanismSystem system(m, {Profile(), false}, true, {}, true);
+  MechanismSystem system(m, {Profile()}, true, {}, true);
   std::vector<double> y(system.size(), 0.0), rate(y.size());
   y[0] = -1e-3 / 0.13;
   y[1] = -1.0 / 0.13;
@@ -283,5 +283,5 @@ TEST_CASE("methods by name") {
   d.strings[0].rigid = true;
   SimulationOptions o;
   o.method = Method::kModal;
-  CHECK_THROWS_AS(simulate(assemble(d), {Profile(), false}, o), InvalidParameter);
+  CHECK_THROWS_AS(simulate(assemble(d), {Profile()}, o), InvalidParameter);
 }

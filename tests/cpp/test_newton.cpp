@@ -130,10 +130,10 @@ TEST_CASE("without its slow parts the Jacobian is right to the square of the ste
     } else {
       contact.law = ExponentialPair{loading, unloading};
     }
-    contact.friction = {0.3, 0.7, 0.5, 1e-3};
+    contact.friction = feltmb::coulomb(0.3, 0.7, 0.5, 1e-3);
     d.contacts.push_back(contact);
   }
-  MechanismSystem system(assemble(d), {Profile(), false}, false, {}, false);
+  MechanismSystem system(assemble(d), {Profile()}, false, {}, false);
   std::vector<double> y(system.size(), 0.0);
   y[1] = 1e-3;
   y[2] = -0.1;

@@ -257,11 +257,11 @@ TEST_CASE("n strings under a force move as one under its n-th part; the rest is 
 TEST_CASE("parameters of a string out of range are named") {
   auto p = thesis(40);
   p.tension = -1.0;
-  CHECK(message_of(p).find("tension [N] = -1, must be > 0") != std::string::npos);
+  CHECK(message_of(p).find("tension = -1 N, must be > 0") != std::string::npos);
   p = thesis(0);
   CHECK(message_of(p).find("modes") != std::string::npos);
   p = thesis(40, 0);
-  CHECK(message_of(p).find("count = 0, must be >= 1") != std::string::npos);
+  CHECK(message_of(p).find("count = 0, must be in [1, 1000]") != std::string::npos);
   p = thesis(40);
   p.damping_ratio = 1.0;
   CHECK(message_of(p).find("damping_ratio = 1, must be in [0, 1)") != std::string::npos);

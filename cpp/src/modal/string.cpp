@@ -8,26 +8,8 @@
 #include "feltmb/modal/kernels.hpp"
 
 namespace feltmb {
-namespace {
-
-void require(bool ok, const char* field, double value, const char* range) {
-  if (!ok) throw InvalidParameter(format("string: %s = %.6g, must be %s", field, value, range));
-}
-
-}  // namespace
-
 ModalString::ModalString(const StringParameters& p) : parameters_(p) {
-  const auto positive = [](double v) { return std::isfinite(v) && v > 0.0; };
-  require(positive(p.diameter), "diameter [m]", p.diameter, "> 0");
-  require(positive(p.tension), "tension [N]", p.tension, "> 0");
-  require(positive(p.length), "length [m]", p.length, "> 0");
-  require(positive(p.linear_density), "linear_density [kg/m]", p.linear_density, "> 0");
-  require(std::isfinite(p.young_modulus) && p.young_modulus >= 0.0, "young_modulus [Pa]",
-          p.young_modulus, ">= 0");
-  require(p.damping_ratio >= 0.0 && p.damping_ratio < 1.0, "damping_ratio", p.damping_ratio,
-          "in [0, 1)");
-  require(p.modes >= 1, "modes", p.modes, ">= 1");
-  require(p.count >= 1, "count", p.count, ">= 1");
+  check_numbers(p, [](const std::string& text) { throw InvalidParameter("string: " + text); });
 
   const double pi = std::numbers::pi;
   const auto modes = static_cast<std::size_t>(p.modes);
@@ -54,8 +36,12 @@ ModalString::ModalString(const StringParameters& p) : parameters_(p) {
     const double end_cosine = (i % 2 == 0) ? -1.0 : 1.0;
     bridge_[i] = -strings * shape_scale_ * k * end_cosine * (p.tension + bending * k * k);
   }
-  require(omega_.back() <= 1e12, "frequency of the last mode [rad/s]", omega_.back(),
-          "<= 1e12; look at linear_density, tension and modes");
+  if (!(omega_.back() <= 1e12)) {
+    throw InvalidParameter(
+        format("string: frequency of the last mode [rad/s] = %.6g, must be <= 1e12; look at "
+               "linear_density, tension and modes",
+               omega_.back()));
+  }
 }
 
 void ModalString::shapes(double y, std::span<double> phi, std::span<double> dphi) const {

@@ -5,8 +5,8 @@
 #include <cmath>
 
 #include "feltmb/core/error.hpp"
+#include "feltmb/model/channels.hpp"
 #include "feltmb/model/equilibrium.hpp"
-#include "feltmb/model/observables.hpp"
 
 namespace feltmb {
 namespace {
@@ -27,10 +27,6 @@ class LawForce : public modal::ScalarForce {
   const ContactLaw& law_;
 };
 
-bool is_frictionless(const Friction& f) {
-  return f.amplitude == 0.0 && f.viscous == 0.0 && f.quadratic == 0.0 && f.stribeck == 0.0;
-}
-
 bool is_linear(const Mechanism& m) {
   if (!m.beams.empty() || !m.springs.empty() || !m.straps.empty() || !m.dashpots.empty() ||
       m.finger_contact >= 0 || m.motor_contact >= 0 || m.motor_coordinate >= 0) {
@@ -40,11 +36,11 @@ bool is_linear(const Mechanism& m) {
     if (m.links[i].kind != LinkKind::kPrismatic || m.links[i].parent != 0) return false;
   }
   for (const Friction& f : m.joint_friction) {
-    if (!is_frictionless(f)) return false;
+    if (f.acts()) return false;
   }
   for (const Contact& c : m.contacts) {
     if (!c.enabled) continue;
-    if (c.kind != PairKind::kLineCircle || !is_frictionless(c.friction) || c.law.n_states() > 0 ||
+    if (c.kind != PairKind::kLineCircle || c.friction.acts() || c.law.n_states() > 0 ||
         c.law.has_memory()) {
       return false;
     }
@@ -119,7 +115,7 @@ RunResult simulate_linear(const std::shared_ptr<const Mechanism>& mechanism, Lin
   const auto begin = Clock::now();
   const std::size_t n = at(mechanism->size());
   const std::size_t modes = at(mechanism->total_modes);
-  MechanismSystem system(mechanism, {Profile(), false}, false, {}, false);
+  MechanismSystem system(mechanism, {}, false, {}, false);
   std::vector<double> y(2 * (n + modes), 0.0);
   if (start.y.empty()) {
     const Equilibrium rest = find_equilibrium(mechanism);
@@ -131,11 +127,10 @@ RunResult simulate_linear(const std::shared_ptr<const Mechanism>& mechanism, Lin
   }
   RunResult out;
   out.method = Method::kModal;
-  for (const auto& info : list_observables(*mechanism)) {
-    if (!options.outputs) break;
-    out.names.push_back(info.name);
-    out.units.push_back(info.unit);
-    out.long_names.push_back(info.long_name);
+  Channels channels;
+  if (options.outputs) {
+    channels = Channels(*mechanism);
+    out.name_outputs(channels);
   }
   const double interval = std::min(1.0 / options.output_rate, options.duration);
   const auto samples = static_cast<long>(std::floor(options.duration / interval * (1.0 + 1e-12)));
@@ -187,7 +182,8 @@ RunResult simulate_linear(const std::shared_ptr<const Mechanism>& mechanism, Lin
     if (!options.outputs || t < options.outputs_from) return;
     out.time[row] = t;
     if (options.states) std::copy(y.begin(), y.end(), out.states.row(row).data());
-    observe(system, t, y, {out.data.row(row).data(), static_cast<std::size_t>(out.data.cols())});
+    channels.observe(system, t, y,
+                     {out.data.row(row).data(), static_cast<std::size_t>(out.data.cols())});
     for (Eigen::Index i = 0; i < out.data.cols(); ++i) {
       if (std::isfinite(out.data(row, i))) continue;
       throw Error(format("failed at t = %.9g s: %s is not a finite number", t,

@@ -18,21 +18,20 @@ void copy(const Eigen::MatrixXd& from, Eigen::MatrixXd& to) {
 
 }  // namespace
 
-Drive FingerInput::at(double t) const {
+Drive Input::at(double t) const {
   Drive drive;
-  drive.motion = motion;
-  drive.prescribed = prescribed;
-  if (motion || prescribed) {
+  drive.kind = kind;
+  if (is_motion(kind)) {
     drive.displacement = profile.value(origin + t);
     drive.speed = profile.rate(origin + t);
-    if (prescribed) drive.acceleration = profile.acceleration(origin + t);
+    if (is_prescribed(kind)) drive.acceleration = profile.acceleration(origin + t);
   } else {
     drive.force = profile.value(origin + t);
   }
   return drive;
 }
 
-MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, FingerInput input,
+MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Input input,
                                  bool ledger, std::vector<Monitor> monitors, bool events)
     : dynamics_(std::move(mechanism)), input_(std::move(input)), monitors_(std::move(monitors)) {
   const Mechanism& m = dynamics_.mechanism();
@@ -40,7 +39,7 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Fin
   modes_ = m.total_modes;
   law_states_ = m.total_law_states;
   dynamics_.condense_axial();
-  if (input_.motion && m.finger_contact < 0) {
+  if (input_.kind == InputKind::kMotion && m.finger_contact < 0) {
     throw InvalidParameter("finger motion was given but mechanism \"" + m.name +
                            "\" describes no finger");
   }
@@ -66,7 +65,8 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Fin
   }
   if (events) {
     for (std::size_t i = 0; i < m.contacts.size(); ++i) {
-      const bool active = m.contacts[i].finger ? input_.motion : m.contacts[i].enabled;
+      const bool active =
+          m.contacts[i].finger ? input_.kind == InputKind::kMotion : m.contacts[i].enabled;
       if (active) event_contacts_.push_back(static_cast<int>(i));
     }
   } else {
@@ -100,12 +100,12 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Fin
 }
 
 void MechanismSystem::check_input(const Mechanism& m) const {
-  if (input_.motor && m.motor_coordinate < 0) {
+  if (is_of_motor(input_.kind) && m.motor_coordinate < 0) {
     throw InvalidParameter("a motor input was given but mechanism \"" + m.name +
                            "\" describes no motor");
   }
-  if (!input_.prescribed) return;
-  if (!input_.motor && m.finger_contact < 0) {
+  if (!is_prescribed(input_.kind)) return;
+  if (!is_of_motor(input_.kind) && m.finger_contact < 0) {
     throw InvalidParameter("a key motion was given but mechanism \"" + m.name +
                            "\" describes no finger");
   }
@@ -117,13 +117,13 @@ void MechanismSystem::check_input(const Mechanism& m) const {
 }
 
 void MechanismSystem::set_prescribed_reference(double t, std::span<const double> y) {
-  if (!input_.prescribed) return;
+  if (!is_prescribed(input_.kind)) return;
   locate(t, y);
   const Mechanism& m = mechanism();
   double place = 0.0;
   double speed = 0.0;
   double slow = 1e-3;  // m/s at the key
-  if (input_.motor) {
+  if (is_of_motor(input_.kind)) {
     place = y[at(m.motor_coordinate)];
     speed = y[at(n_ + m.motor_coordinate)];
     slow *= m.coordinate_scale[at(m.motor_coordinate)] / kFeltTravel;
@@ -138,7 +138,7 @@ void MechanismSystem::set_prescribed_reference(double t, std::span<const double>
     throw InvalidParameter(
         format("prescribed motion: starts with %.4g %s, the mechanism with %.4g; let both agree, "
                "such as by a record that begins at rest",
-               input_.profile.rate(on_profile), input_.motor ? "rad/s" : "m/s", speed));
+               input_.profile.rate(on_profile), is_of_motor(input_.kind) ? "rad/s" : "m/s", speed));
   }
 }
 
@@ -155,9 +155,9 @@ MechanicalState MechanismSystem::parts(std::span<const double> y) const {
 
 Drive MechanismSystem::drive(double t) const {
   Drive drive = input_.at(t);
-  if (drive.motion) drive.displacement += finger_reference_;
-  if (drive.prescribed) drive.displacement += prescribed_reference_;
-  if (input_.motor) drive.coordinate = mechanism().motor_coordinate;
+  if (drive.kind == InputKind::kMotion) drive.displacement += finger_reference_;
+  if (is_prescribed(drive.kind)) drive.displacement += prescribed_reference_;
+  if (is_of_motor(drive.kind)) drive.coordinate = mechanism().motor_coordinate;
   return drive;
 }
 
@@ -748,12 +748,12 @@ void MechanismSystem::quadratures(double t, std::span<const double> y, std::span
   const MechanicalState p = parts(y);
   const Drive now = drive(t);
   double power = 0.0;
-  if (now.prescribed) {
+  if (is_prescribed(now.kind)) {
     power = dynamics_.prescription().reaction *
             dynamics_.prescription().row.dot(Eigen::Map<const Eigen::VectorXd>(p.v.data(), n_));
-  } else if (now.coordinate >= 0) {
+  } else if (now.kind == InputKind::kTorque) {
     power = now.force * p.v[at(now.coordinate)];
-  } else if (now.motion) {
+  } else if (now.kind == InputKind::kMotion) {
     power = dynamics_.contacts()[at(m.finger_contact)].law.force * now.speed;
   } else if (now.force != 0.0) {
     power = now.force * dot(m.finger_direction, dynamics_.velocity(m.finger_point));

@@ -8,9 +8,9 @@
 #include "feltmb/core/error.hpp"
 #include "feltmb/core/sums.hpp"
 #include "feltmb/model/bdf_order.hpp"
+#include "feltmb/model/channels.hpp"
 #include "feltmb/model/equilibrium.hpp"
 #include "feltmb/model/linear_machine.hpp"
-#include "feltmb/model/observables.hpp"
 #include "feltmb/numeric/bracketing.hpp"
 #include "feltmb/ode/events.hpp"
 
@@ -190,7 +190,7 @@ namespace {
 
 class Run {
  public:
-  Run(const std::shared_ptr<const Mechanism>& mechanism, const FingerInput& input,
+  Run(const std::shared_ptr<const Mechanism>& mechanism, const Input& input,
       const SimulationOptions& options, const SimulationState& start,
       const std::vector<Monitor>& monitors, const Progress& progress)
       : options_(options),
@@ -547,11 +547,8 @@ class Run {
   void prepare_outputs() {
     result_.ledger_names = system_.quadrature_names();
     if (!options_.outputs) return;
-    for (const auto& info : list_observables(system_.mechanism())) {
-      result_.names.push_back(info.name);
-      result_.units.push_back(info.unit);
-      result_.long_names.push_back(info.long_name);
-    }
+    channels_ = Channels(system_.mechanism());
+    result_.name_outputs(channels_);
     const double last = std::floor(options_.duration * options_.output_rate * (1.0 + 1e-12));
     const double skipped = std::ceil(options_.outputs_from * options_.output_rate * (1.0 - 1e-12));
     const double count = std::max(0.0, last - std::max(0.0, skipped));
@@ -590,7 +587,7 @@ class Run {
     const bool taken = options_.outputs && t >= options_.outputs_from;
     if (next_sample_ == 0 && options_.outputs && options_.ledger) {
       result_.start.resize(result_.names.size());
-      observe(system_, t, y, result_.start);
+      channels_.observe(system_, t, y, result_.start);
     }
     if (taken) {
       take_sample(t, y, integrator);
@@ -637,8 +634,9 @@ class Run {
       std::copy(y.begin(), y.end(), to);
       if (system_.strings_apart()) system_.fill_strings(t, {to, whole_size_});
     }
-    observe(system_, t, y,
-            {result_.data.row(row).data(), static_cast<std::size_t>(result_.data.cols())});
+    channels_.observe(
+        system_, t, y,
+        {result_.data.row(row).data(), static_cast<std::size_t>(result_.data.cols())});
     const std::span<const double> seen{result_.data.row(row).data(), result_.names.size()};
     look_for_nan(seen, [&](std::size_t i) { return result_.names[i]; });
     look_for_nan(y.first(system_.size()), [&](std::size_t i) { return system_.state_name(i); });
@@ -837,9 +835,11 @@ class Run {
   /// What of the energy is missing, over all samples.
   void balance() {
     if (!options_.outputs || !options_.ledger || rows_ == 0) return;
-    const Eigen::Index first = static_cast<Eigen::Index>(result_.names.size()) - kStoredParts;
-    const Eigen::Map<const Eigen::RowVectorXd> start(result_.start.data() + first, kStoredParts);
-    const RowMatrix stored = result_.data.rightCols(kStoredParts).rowwise() - start;
+    const Eigen::Index first =
+        static_cast<Eigen::Index>(result_.names.size()) - Channels::kStoredParts;
+    const Eigen::Map<const Eigen::RowVectorXd> start(result_.start.data() + first,
+                                                     Channels::kStoredParts);
+    const RowMatrix stored = result_.data.rightCols(Channels::kStoredParts).rowwise() - start;
     const Eigen::Index losses = result_.ledger.cols() - 2;
     const Eigen::VectorXd residual = result_.ledger.col(0) - stored.rowwise().sum() -
                                      result_.ledger.rightCols(losses).rowwise().sum();
@@ -851,7 +851,7 @@ class Run {
     const auto last = result_.ledger.row(result_.ledger.rows() - 1);
     b.turned_over =
         std::max({last[1], last.tail(losses).cwiseAbs().sum(), stored.cwiseAbs().maxCoeff(),
-                  result_.data.rightCols(kStoredParts).col(0).maxCoeff(), start[0]});
+                  result_.data.rightCols(Channels::kStoredParts).col(0).maxCoeff(), start[0]});
     // What the quadratures leave over is nothing.
     const double least =
         options_.rtol * kLedgerTolerance * static_cast<double>(result_.ledger.cols());
@@ -890,6 +890,7 @@ class Run {
   Clock::time_point begin_;
   std::vector<double> y_;
   std::vector<double> scratch_;
+  Channels channels_;
   std::vector<double> ledger_scratch_;
   std::vector<Stop> stops_;
   std::vector<PeakWatch> watches_;
@@ -914,7 +915,15 @@ class Run {
 
 }  // namespace
 
-RunResult simulate(const std::shared_ptr<const Mechanism>& mechanism, const FingerInput& input,
+void RunResult::name_outputs(const Channels& channels) {
+  for (const Channel& channel : channels.rows()) {
+    names.push_back(channel.name);
+    units.push_back(channel.unit);
+    long_names.push_back(channel.text);
+  }
+}
+
+RunResult simulate(const std::shared_ptr<const Mechanism>& mechanism, const Input& input,
                    const SimulationOptions& options, const SimulationState& start,
                    const std::vector<Monitor>& monitors, const Progress& progress) {
   check(options);

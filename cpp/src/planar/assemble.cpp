@@ -59,20 +59,9 @@ void Assembler::add_springs() {
   for (const auto& s : d_.springs) {
     const std::string where = "spring \"" + s.name + "\"";
     const int index = find_coordinate(s.coordinate, where);
-    const bool angle = index < 0 || m_->coordinate_is_angle[at(index)];
-    if (!(std::isfinite(s.stiffness) && s.stiffness >= 0.0)) {
-      fault(where +
-            format(": stiffness = %.6g %s, must be >= 0", s.stiffness, angle ? "N m/rad" : "N/m"));
-    }
-    if (!std::isfinite(s.rest_angle)) fault(where + ": rest_angle is not a finite number");
-    if (!(std::isfinite(s.damping) && s.damping >= 0.0)) {
-      fault(where +
-            format(": damping = %.6g %s, must be >= 0", s.damping, angle ? "N m s/rad" : "N s/m"));
-    }
-    if (!(std::isfinite(s.clearance) && s.clearance >= 0.0)) {
-      fault(where + format(": clearance = %.6g, must be >= 0", s.clearance));
-    } else if (s.clearance > 0.0 && !(std::isfinite(s.seating) && s.seating > 0.0)) {
-      fault(where + format(": seating = %.6g, must be > 0 with a clearance", s.seating));
+    check(s, where + ": ");
+    if (s.clearance > 0.0 && s.seating == 0.0) {
+      fault(where + ": seating = 0, must be > 0 with a clearance");
     }
     if (index < 0) continue;
     m_->springs.push_back({s.name, index, s.stiffness, s.rest_angle, {s.clearance, s.seating}});
@@ -84,9 +73,7 @@ void Assembler::add_dashpots() {
   for (const auto& s : d_.dashpots) {
     const std::string where = "dashpot \"" + s.name + "\"";
     const int index = find_coordinate(s.coordinate, where);
-    if (!(std::isfinite(s.coefficient) && s.coefficient >= 0.0)) {
-      fault(where + format(": coefficient = %.6g, must be >= 0", s.coefficient));
-    }
+    check(s, where + ": ");
     if (index >= 0) m_->dashpots.push_back({index, s.coefficient, s.side});
   }
 }
@@ -96,9 +83,7 @@ void Assembler::add_straps() {
     const std::string where = "strap \"" + s.name + "\"";
     const auto* a = find_body(s.body_a, where);
     const auto* b = find_body(s.body_b, where);
-    if (!(std::isfinite(s.free_length) && s.free_length > 0.0)) {
-      fault(where + format(": free_length = %.6g m, must be > 0", s.free_length));
-    }
+    check(s, where + ": ");
     const bool finite_cubic = std::isfinite(s.coefficients[0]) &&
                               std::isfinite(s.coefficients[1]) && std::isfinite(s.coefficients[2]);
     if (!(finite_cubic && s.coefficients[2] >= 0.0 &&

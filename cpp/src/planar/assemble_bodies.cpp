@@ -76,19 +76,14 @@ void Assembler::add_bodies() {
   for (const auto& b : d_.bodies) {
     const std::string where = "body \"" + b.name + "\"";
     if (!names.insert(b.name).second) fault(where + ": the name is given twice");
-    if (!(std::isfinite(b.mass) && b.mass >= 0.0)) {
-      fault(where + format(": mass = %.6g kg, must be >= 0", b.mass));
-    }
-    if (!(std::isfinite(b.inertia) && b.inertia >= 0.0)) {
-      fault(where + format(": inertia = %.6g kg m^2, must be >= 0", b.inertia));
-    }
-    if (!finite(b.position) || !finite(b.center_of_mass) || !std::isfinite(b.angle)) {
-      fault(where + ": position, angle or center of mass is not a finite number");
+    check(b, where + ": ");
+    if (!finite(b.position) || !finite(b.center_of_mass)) {
+      fault(where + ": position or center of mass is not a finite number");
     }
     if (b.joint == JointKind::kPrismatic && std::abs(norm(b.axis) - 1.0) > 1e-6) {
       fault(where + format(": axis has length %.6g, must be 1", norm(b.axis)));
     }
-    check_friction(b.friction, where);
+    check(b.friction, where + ": friction ");
   }
   std::vector<const BodyDescription*> waiting;
   for (const auto& b : d_.bodies) waiting.push_back(&b);
@@ -183,17 +178,7 @@ int Assembler::add_coordinate(const std::string& name, bool angle, const std::st
 void Assembler::add_beam(const BodyDescription& b, const Placement& base) {
   const BeamDescription& d = *b.beam;
   const std::string where = "body \"" + b.name + "\"";
-  const auto positive = [&](double value, const char* field) {
-    if (!(std::isfinite(value) && value > 0.0)) {
-      fault(where + format(": %s = %.6g, must be > 0", field, value));
-    }
-  };
-  positive(d.linear_density, "linear_density [kg/m]");
-  positive(d.axial_stiffness, "axial_stiffness [N]");
-  positive(d.bending_stiffness, "bending_stiffness [N m^2]");
-  if (!(std::isfinite(d.damping_time) && d.damping_time >= 0.0)) {
-    fault(where + format(": damping_time = %.6g s, must be >= 0", d.damping_time));
-  }
+  check(d, where + ": ");
   if (b.mass != 0.0) fault(where + ": a flexible beam has its mass from its density, not mass");
   try {
     FlexibleBeam beam{b.name,

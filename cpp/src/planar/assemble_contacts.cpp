@@ -6,27 +6,6 @@
 
 namespace feltmb {
 
-void Assembler::check_friction(const Friction& f, const std::string& where) {
-  if (!(std::isfinite(f.amplitude) && f.amplitude >= 0.0)) {
-    fault(where + format(": friction amplitude A = %.6g, must be >= 0", f.amplitude));
-  }
-  if (!(std::isfinite(f.b1) && f.b1 >= 0.0 && std::isfinite(f.b2) && f.b2 >= 0.0)) {
-    fault(where + format(": friction B1 = %.6g, B2 = %.6g, must be >= 0", f.b1, f.b2));
-  }
-  if (!(std::isfinite(f.threshold_speed) && f.threshold_speed > 0.0)) {
-    fault(where + format(": friction threshold_speed = %.6g, must be > 0", f.threshold_speed));
-  }
-  if (!(std::isfinite(f.viscous) && f.viscous >= 0.0 && std::isfinite(f.quadratic) &&
-        f.quadratic >= 0.0 && std::isfinite(f.stribeck) && f.stribeck >= 0.0)) {
-    fault(where + format(": friction viscous = %.6g, quadratic = %.6g, stribeck = %.6g, must be "
-                         ">= 0",
-                         f.viscous, f.quadratic, f.stribeck));
-  }
-  if (!(std::isfinite(f.stribeck_speed) && f.stribeck_speed > 0.0)) {
-    fault(where + format(": friction stribeck_speed = %.6g, must be > 0", f.stribeck_speed));
-  }
-}
-
 void Assembler::add_surfaces() {
   for (const auto& s : d_.surfaces) {
     const std::string where = "surface \"" + s.name + "\"";
@@ -86,7 +65,7 @@ void Assembler::add_contacts() {
     if (!numbers.insert(c.number).second) fault(where + ": the number is given twice");
     const auto* sa = find_surface(c.surface_a, where);
     const auto* sb = find_surface(c.surface_b, where);
-    check_friction(c.friction, where);
+    check(c.friction, where + ": friction ");
     Contact contact;
     contact.number = c.number;
     contact.name = format("contact%02d", c.number);

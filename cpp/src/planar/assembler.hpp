@@ -44,7 +44,11 @@ class Assembler {
   static void integrate_mass(FlexibleBeam& beam, const BeamDescription& d);
   static void integrate_stiffness(FlexibleBeam& beam, const BeamDescription& d);
   static void merge(Link& link, double mass, Vec2 center, double inertia);
-  void check_friction(const Friction& f, const std::string& where);
+  /// Faults of the numbers that are out of their range.
+  template <class S>
+  void check(const S& numbers, const std::string& where) {
+    check_numbers(numbers, [&](const std::string& text) { fault(where + text); });
+  }
   void add_surfaces();
   static const char* kind_name(SurfaceKind kind);
   const SurfaceDescription* find_surface(const std::string& name, const std::string& where);

@@ -9,10 +9,6 @@ namespace {
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
-bool frictionless(const Friction& f) {
-  return f.amplitude == 0.0 && f.viscous == 0.0 && f.quadratic == 0.0 && f.stribeck == 0.0;
-}
-
 }  // namespace
 
 Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
@@ -53,7 +49,7 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   loaded_.assign(m_->contacts.size(), char{0});
   cycles_.resize(m_->contacts.size());
   for (int k = 0; k < n_; ++k) {
-    if (!frictionless(m_->joint_friction[at(k)])) turning_.push_back(k);
+    if (m_->joint_friction[at(k)].acts()) turning_.push_back(k);
   }
   resistance_.resize(turning_.size());
   for (const Contact& contact : m_->contacts) {
@@ -337,7 +333,7 @@ void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail
   for (const std::size_t i : moving_) applied_[i] = {};
   apply_contacts();
   apply_straps();
-  if (!drive.motion && !drive.prescribed && drive.coordinate < 0 && drive.force != 0.0) {
+  if (drive.kind == InputKind::kForce && drive.force != 0.0) {
     apply(m_->finger_point.link, position(m_->finger_point), drive.force * m_->finger_direction);
   }
 
@@ -380,13 +376,13 @@ void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail
       mass_(j, k) = mass_(k, j);
     }
   }
-  if (drive.coordinate >= 0 && !drive.prescribed) force_[drive.coordinate] += drive.force;
+  if (drive.kind == InputKind::kTorque) force_[drive.coordinate] += drive.force;
   if (!condensed_.empty()) hold_condensed();
   factor_mass();
   acceleration_ = force_;
   solve_mass(acceleration_);
-  prescription_.active = drive.prescribed;
-  if (drive.prescribed) prescribe(drive);
+  prescription_.active = is_prescribed(drive.kind);
+  if (prescription_.active) prescribe(drive);
 }
 
 void Dynamics::condense_axial() {

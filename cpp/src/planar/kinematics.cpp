@@ -149,7 +149,7 @@ void Dynamics::locate_contact(std::size_t i, const MechanicalState& at_state, co
     }
   }
 
-  const bool active = contact.finger ? drive.motion : contact.enabled;
+  const bool active = contact.finger ? drive.kind == InputKind::kMotion : contact.enabled;
   double extra_rate = 0.0;
   if (contact.string_contact >= 0) {
     const AttachedString& attached = m_->string_of(m_->string_contacts[at(contact.string_contact)]);
@@ -220,7 +220,7 @@ void Dynamics::locate_only(const MechanicalState& state, const Drive& drive,
   std::copy(state.v.begin(), state.v.end(), v_.begin());
   std::copy(state.law.begin(), state.law.end(), law_.begin());
   for (const std::size_t i : contacts) {
-    if (m_->contacts[i].finger && !drive.motion) continue;
+    if (m_->contacts[i].finger && drive.kind != InputKind::kMotion) continue;
     for (const int link : carriers_[i]) move_link(at(link));
     locate_contact(i, state, drive, Detail::kAllContacts);
   }
@@ -230,7 +230,7 @@ void Dynamics::locate(const MechanicalState& state, const Drive& drive, Detail d
   move_links(state.q, state.v);
   std::copy(state.law.begin(), state.law.end(), law_.begin());
   for (std::size_t i = 0; i < contacts_.size(); ++i) {
-    if (m_->contacts[i].finger && !drive.motion) {
+    if (m_->contacts[i].finger && drive.kind != InputKind::kMotion) {
       contacts_[i].closed = false;
       continue;
     }

@@ -1,6 +1,22 @@
 #include "feltmb/planar/dynamics.hpp"
 
 namespace feltmb {
+
+InputKind input_kind(const std::string& name) {
+  constexpr std::pair<const char*, InputKind> kinds[] = {
+      {"force", InputKind::kForce},
+      {"motion", InputKind::kMotion},
+      {"key_motion", InputKind::kKeyMotion},
+      {"torque", InputKind::kTorque},
+      {"motor_motion", InputKind::kMotorMotion},
+  };
+  std::string known;
+  for (const auto& [own, kind] : kinds) {
+    if (name == own) return kind;
+    known += (known.empty() ? "" : ", ") + std::string(own);
+  }
+  throw InvalidParameter("input \"" + name + "\" is unknown; known are " + known);
+}
 namespace {
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }

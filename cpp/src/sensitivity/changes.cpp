@@ -163,9 +163,8 @@ void sum_modes(const std::vector<Perturbed>& nodes, Changes& out) {
   }
 }
 
-bool same_input(const FingerInput& a, const FingerInput& b) {
-  return a.profile == b.profile && a.motion == b.motion && a.prescribed == b.prescribed &&
-         a.motor == b.motor && a.origin == b.origin;
+bool same_input(const Input& a, const Input& b) {
+  return a.profile == b.profile && a.kind == b.kind && a.origin == b.origin;
 }
 
 }  // namespace
@@ -176,7 +175,7 @@ bool Changes::only_contacts() const {
          straps.empty();
 }
 
-Changes find_changes(const Mechanism& mechanism, const FingerInput& input,
+Changes find_changes(const Mechanism& mechanism, const Input& input,
                      const std::vector<Perturbed>& nodes) {
   Changes out;
   for (const Perturbed& p : nodes) {

@@ -50,7 +50,7 @@ struct Changes {
 };
 
 /// Compares; `nodes` have the states of the mechanism.
-Changes find_changes(const Mechanism& mechanism, const FingerInput& input,
+Changes find_changes(const Mechanism& mechanism, const Input& input,
                      const std::vector<Perturbed>& nodes);
 
 }  // namespace feltmb::detail

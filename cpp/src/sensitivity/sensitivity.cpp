@@ -10,7 +10,7 @@
 #include <thread>
 
 #include "feltmb/core/error.hpp"
-#include "feltmb/model/observables.hpp"
+#include "feltmb/model/channels.hpp"
 #include "feltmb/numeric/parallel.hpp"
 #include "feltmb/sensitivity/trajectory.hpp"
 #include "shifted_models.hpp"
@@ -29,51 +29,51 @@ using detail::SwitchKind;
 Eigen::Index index(std::size_t i) { return static_cast<Eigen::Index>(i); }
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
-void check(const std::vector<SensitivityWindow>& windows, const SensitivityOptions& options) {
+void check(const std::vector<SensitivitySegment>& segments, const SensitivityOptions& options) {
   if (!(options.tolerance > 0.0 && options.tolerance <= 0.1)) {
     throw InvalidParameter(format("tolerance = %.6g, must be in (0, 0.1]", options.tolerance));
   }
   if (!(std::isfinite(options.output_rate) && options.output_rate > 0.0)) {
     throw InvalidParameter(format("output_rate = %.6g Hz, must be > 0", options.output_rate));
   }
-  for (std::size_t i = 0; i < windows.size(); ++i) {
-    const SensitivityWindow& w = windows[i];
+  for (std::size_t i = 0; i < segments.size(); ++i) {
+    const SensitivitySegment& w = segments[i];
     if (!(std::isfinite(w.begin) && std::isfinite(w.end) && w.end > w.begin)) {
-      throw InvalidParameter(
-          format("window %zu: from %.6g s to %.6g s, must end after it begins", i, w.begin, w.end));
+      throw InvalidParameter(format("segment %zu: from %.6g s to %.6g s, must end after it begins",
+                                    i, w.begin, w.end));
     }
   }
 }
 
-/// One window: the stroke, then its derivatives.
-class WindowRun {
+/// One segment: the stroke, then its derivatives.
+class SegmentRun {
  public:
-  WindowRun(ShiftedModels& models, const std::shared_ptr<const Mechanism>& mechanism,
-            const FingerInput& input, const SensitivityOptions& options,
-            const SensitivityWindow& window, const Progress& progress)
+  SegmentRun(ShiftedModels& models, const std::shared_ptr<const Mechanism>& mechanism,
+             const Input& input, const SensitivityOptions& options,
+             const SensitivitySegment& segment, const Progress& progress)
       : models_(models),
         mechanism_(mechanism),
         input_(input),
         options_(options),
-        window_(window),
+        segment_(segment),
         progress_(progress) {}
 
   SensitivityResult run() {
     const auto begin = Clock::now();
     const std::size_t states = models_.base().size();
-    const auto width = static_cast<std::size_t>(window_.directions.cols());
-    if (width > 0 && window_.directions.rows() != index(states)) {
+    const auto width = static_cast<std::size_t>(segment_.directions.cols());
+    if (width > 0 && segment_.directions.rows() != index(states)) {
       throw InvalidParameter(format("directions of the start state: got %ld rows, expected %zu",
-                                    static_cast<long>(window_.directions.rows()), states));
+                                    static_cast<long>(segment_.directions.rows()), states));
     }
-    const bool from_rest = window_.start.y.empty();
-    const SimulationState start = from_rest ? models_.rest() : window_.start;
+    const bool from_rest = segment_.start.y.empty();
+    const SimulationState start = from_rest ? models_.rest() : segment_.start;
     if (start.y.size() != states) {
       throw InvalidParameter(format("start state: got %zu values, expected %zu of this mechanism",
                                     start.y.size(), states));
     }
     const auto parameters = index(models_.parameters());
-    RowMatrix moves = from_rest ? models_.rest_columns().state : RowMatrix(window_.moves);
+    RowMatrix moves = from_rest ? models_.rest_columns().state : RowMatrix(segment_.moves);
     if (moves.size() == 0) moves.setZero(index(states), parameters);
     if (moves.rows() != index(states) || moves.cols() != parameters) {
       throw InvalidParameter(format("moves of the start state: got %ld by %ld, expected %zu by %ld",
@@ -81,8 +81,8 @@ class WindowRun {
                                     static_cast<long>(moves.cols()), states,
                                     static_cast<long>(parameters)));
     }
-    models_.begin(window_.begin, width, start.y, moves);
-    input_.origin += window_.begin;
+    models_.begin(segment_.begin, width, start.y, moves);
+    input_.origin += segment_.begin;
     Trajectory trajectory(models_.probe());
     simulate_stroke(trajectory, start);
     const auto middle = Clock::now();
@@ -93,7 +93,7 @@ class WindowRun {
     Columns& columns = variational.columns();
     columns.state.leftCols(parameters) = moves;
     if (from_rest) columns.memory.leftCols(parameters) = models_.rest_columns().memory;
-    if (width > 0) columns.state.rightCols(index(width)) = window_.directions;
+    if (width > 0) columns.state.rightCols(index(width)) = segment_.directions;
 
     const long before = models_.evaluations();
     prepare_samples();
@@ -127,7 +127,7 @@ class WindowRun {
  private:
   void simulate_stroke(Trajectory& trajectory, const SimulationState& start) {
     SimulationOptions o = options_.simulation;
-    o.duration = window_.end - window_.begin;
+    o.duration = segment_.end - segment_.begin;
     o.ledger = o.states = o.diagnose = false;
     o.outputs = false;
     o.finger_reference = models_.base().finger_reference();
@@ -143,7 +143,7 @@ class WindowRun {
   }
 
   void prepare_samples() {
-    const double duration = window_.end - window_.begin;
+    const double duration = segment_.end - segment_.begin;
     const auto count =
         static_cast<std::size_t>(std::floor(duration * options_.output_rate * (1.0 + 1e-12)));
     std::vector<double> times;
@@ -166,14 +166,13 @@ class WindowRun {
     std::sort(marks_.begin(), marks_.end());
     std::sort(peak_marks_.begin(), peak_marks_.end());
     peak_looks_.resize(result_.run.peaks.size());
-    const auto infos = list_observables(*mechanism_);
-    observed_ = infos.size();
+    channels_ = Channels(*mechanism_);
     for (const int output : options_.outputs) {
-      if (output < 0 || at(output) >= observed_) {
+      if (output < 0 || at(output) >= channels_.size()) {
         throw InvalidParameter(format("outputs: there is no output %d", output));
       }
-      if (!is_place(*mechanism_, output)) places_only_ = false;
-      // Order of observe_places.
+      places_only_ = places_only_ && channels_.rows()[at(output)].place;
+      // Order of Channels.
       const int states = 2 * mechanism_->size();
       const int beyond = output - states;
       if (beyond >= 0 && beyond % 4 > 1) positions_only_ = false;
@@ -184,7 +183,7 @@ class WindowRun {
     }
     positions_only_ = positions_only_ && places_only_;
     result_.time = Eigen::Map<const Eigen::VectorXd>(times.data(), index(times.size()));
-    result_.time.array() += window_.begin;
+    result_.time.array() += segment_.begin;
     result_.values.resize(index(times.size()), index(options_.outputs.size()));
     result_.gradient.resize(times.size() * options_.outputs.size() * models_.columns());
   }
@@ -200,15 +199,15 @@ class WindowRun {
       const std::size_t p = peak_marks_[next_peak_++].second;
       look_at_peak(t, memory, columns, p);
     }
-    if (row_ >= result_.time.size() || result_.time[row_] - window_.begin != local_time(t)) return;
+    if (row_ >= result_.time.size() || result_.time[row_] - segment_.begin != local_time(t)) return;
     const std::size_t outputs = options_.outputs.size();
     if (outputs > 0) {
-      scratch_.resize(observed_);
+      scratch_.resize(channels_.size());
       const auto look = [&](MechanismSystem& system, double time, std::span<const double> y) {
         if (places_only_) {
-          observe_places(system, y, scratch_);
+          channels_.observe_places(system, y, scratch_);
         } else {
-          observe(system, time, y, scratch_);
+          channels_.observe(system, time, y, scratch_);
         }
       };
       const auto look_all = [&](MechanismSystem& system, double time, std::span<const double> y,
@@ -233,7 +232,7 @@ class WindowRun {
   }
 
   /// As it went through result_.time: adding and subtracting the begin rounds.
-  double local_time(double t) const { return (t + window_.begin) - window_.begin; }
+  double local_time(double t) const { return (t + segment_.begin) - segment_.begin; }
 
   void look_at_peak(double t, std::span<const double> memory, const Columns& columns,
                     std::size_t p) {
@@ -424,15 +423,15 @@ class WindowRun {
       out.approach.row(c) = moved(3 * c + 1);
     }
     for (Eigen::Index k = 0; k < n; ++k) out.rate.row(k) = moved(3 * contacts + k);
-    out.event.time += window_.begin;
+    out.event.time += segment_.begin;
     result_.events.push_back(std::move(out));
   }
 
   ShiftedModels& models_;
   std::shared_ptr<const Mechanism> mechanism_;
-  FingerInput input_;
+  Input input_;
   const SensitivityOptions& options_;
-  const SensitivityWindow& window_;
+  const SensitivitySegment& segment_;
   Progress progress_;
   SensitivityResult result_;
   std::vector<double> y_;
@@ -442,7 +441,7 @@ class WindowRun {
   std::size_t next_peak_ = 0;
   double last_jump_ = -1.0;
   Eigen::Index row_ = 0;
-  std::size_t observed_ = 0;
+  Channels channels_;
   bool places_only_ = true;     ///< no output is wanted that needs the forces
   bool positions_only_ = true;  ///< nor one that is the speed of a point
   std::vector<ShiftedModels::PlaceOf> positions_;
@@ -454,15 +453,15 @@ class WindowRun {
 }  // namespace
 
 std::vector<SensitivityResult> sensitivities(const std::shared_ptr<const Mechanism>& mechanism,
-                                             const FingerInput& input,
+                                             const Input& input,
                                              const std::vector<SensitivityParameter>& parameters,
-                                             const std::vector<SensitivityWindow>& windows,
+                                             const std::vector<SensitivitySegment>& segments,
                                              const SensitivityOptions& options,
                                              const Progress& progress) {
-  check(windows, options);
-  std::vector<SensitivityResult> results(windows.size());
+  check(segments, options);
+  std::vector<SensitivityResult> results(segments.size());
   const std::size_t threads =
-      std::min(resolve_threads(options.threads), std::max<std::size_t>(1, windows.size()));
+      std::min(resolve_threads(options.threads), std::max<std::size_t>(1, segments.size()));
   std::atomic<std::size_t> next{0};
   std::mutex guard;
   const Progress shared = progress ? Progress([&](double t) {
@@ -471,14 +470,14 @@ std::vector<SensitivityResult> sensitivities(const std::shared_ptr<const Mechani
   })
                                    : Progress{};
   // A motion of the finger and what is monitored count from the rest pose.
-  const bool rest =
-      input.motion || !options.rules.empty() ||
-      std::any_of(windows.begin(), windows.end(), [](const auto& w) { return w.start.y.empty(); });
-  // Workers take the next window; each has its own workspaces.
+  const bool rest = input.kind == InputKind::kMotion || !options.rules.empty() ||
+                    std::any_of(segments.begin(), segments.end(),
+                                [](const auto& s) { return s.start.y.empty(); });
+  // Workers take the next segment; each has its own workspaces.
   parallel_for(threads, threads, [&](std::size_t, std::size_t) {
     ShiftedModels models(mechanism, input, parameters, options, rest);
-    for (std::size_t i = next++; i < windows.size(); i = next++) {
-      results[i] = WindowRun(models, mechanism, input, options, windows[i], shared).run();
+    for (std::size_t i = next++; i < segments.size(); i = next++) {
+      results[i] = SegmentRun(models, mechanism, input, options, segments[i], shared).run();
     }
   });
   return results;

@@ -10,12 +10,11 @@
 
 namespace feltmb::detail {
 
-ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
-                             const FingerInput& input,
+ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism, const Input& input,
                              const std::vector<SensitivityParameter>& parameters,
                              const SensitivityOptions& options, bool rest)
     : mechanism_(mechanism), input_(input), options_(options) {
-  const auto make = [](const std::shared_ptr<const Mechanism>& m, const FingerInput& i) {
+  const auto make = [](const std::shared_ptr<const Mechanism>& m, const Input& i) {
     return std::make_unique<MechanismSystem>(m, i, false, std::vector<Monitor>{}, false);
   };
   // cppcheck-suppress useInitializationList  // both are made alike
@@ -99,7 +98,7 @@ void ShiftedModels::begin(double begin, std::size_t directions, std::span<const 
   std::vector<double> own(start.begin(), start.end());
   for (std::size_t j = 0; j < parameters_.size(); ++j) {
     for (auto& node : parameters_[j]) {
-      for (std::size_t i = 0; input_.prescribed && i < own.size(); ++i) {
+      for (std::size_t i = 0; is_prescribed(input_.kind) && i < own.size(); ++i) {
         own[i] = start[i] +
                  node.shift * moves(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j));
       }
@@ -107,14 +106,13 @@ void ShiftedModels::begin(double begin, std::size_t directions, std::span<const 
     }
   }
   reference_.assign(parameters_.size(), 0.0);
-  for (std::size_t j = 0; input_.prescribed && j < parameters_.size(); ++j) {
+  for (std::size_t j = 0; is_prescribed(input_.kind) && j < parameters_.size(); ++j) {
     if (!changes_[j].input) reference_[j] = wanted(j, 0.0);
   }
 }
 
 ShiftedModels::Rest ShiftedModels::find_rest(const std::shared_ptr<const Mechanism>& mechanism,
-                                             std::span<const double> near,
-                                             const FingerInput& input) {
+                                             std::span<const double> near, const Input& input) {
   const Equilibrium found = find_equilibrium(mechanism, 0.0, near);
   Rest rest;
   MechanismSystem system(mechanism, input, false, {}, false);
@@ -168,7 +166,7 @@ void ShiftedModels::rates(double t, std::span<const double> y, std::span<const d
     add_links(changes);
     add_members(j, y);
     if (!changes.straps.empty()) add_straps(j);
-    if (input_.prescribed) {
+    if (is_prescribed(input_.kind)) {
       add_prescription(j, t, out);
     } else if (changes.input || changes.finger) {
       add_finger(j, t);
@@ -185,7 +183,9 @@ bool ShiftedModels::told_by_parts(const Changes& changes, double t) const {
   if (changes.motions) return false;
   if (changes.input || changes.finger) {
     const Drive drive = base_->drive(t);
-    if ((drive.prescribed && changes.finger) || (drive.motion && changes.input)) return false;
+    if ((is_prescribed(drive.kind) && changes.finger) ||
+        (drive.kind == InputKind::kMotion && changes.input))
+      return false;
   }
   if (changes.shapes) {
     for (const StringContact& c : mechanism_->string_contacts) {
@@ -365,7 +365,7 @@ void ShiftedModels::add_contact(std::size_t j, const Changes::OfContact& of, dou
     }
   }
   if (of.friction && s.closed) {
-    const double more = evaluate(other.friction, s.slip).value - s.friction.value;
+    const double more = other.friction.at(s.slip).value - s.friction.value;
     const Vec2 force = (-s.law.force * more * per_shift) * perp(s.normal);
     push(force, cross(s.point, force));
   }
@@ -403,7 +403,7 @@ void ShiftedModels::add_members(std::size_t j, std::span<const double> y) {
   for (const Node& node : parameters_[j]) {
     const Mechanism& m = *node.mechanism;
     for (const std::size_t k : changes.joints) {
-      one_[static_cast<Eigen::Index>(k)] -= node.weight * evaluate(m.joint_friction[k], v[k]).value;
+      one_[static_cast<Eigen::Index>(k)] -= node.weight * m.joint_friction[k].at(v[k]).value;
     }
     for (const std::size_t i : changes.dashpots) {
       const Dashpot& d = m.dashpots[i];
@@ -441,7 +441,7 @@ void ShiftedModels::add_straps(std::size_t j) {
 void ShiftedModels::add_finger(std::size_t j, double t) {
   for (const Node& node : parameters_[j]) {
     const Drive drive = node.system->drive(t);
-    if (drive.motion) return;
+    if (drive.kind == InputKind::kMotion) return;
     if (drive.coordinate >= 0) {
       one_[drive.coordinate] += node.weight * drive.force;
       continue;

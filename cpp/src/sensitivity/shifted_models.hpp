@@ -20,7 +20,7 @@ struct Columns {
 class ShiftedModels {
  public:
   /// @param rest  whether the rest pose and its derivatives are wanted
-  ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism, const FingerInput& input,
+  ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism, const Input& input,
                 const std::vector<SensitivityParameter>& parameters,
                 const SensitivityOptions& options, bool rest);
 
@@ -82,8 +82,8 @@ class ShiftedModels {
   };
 
   /// Total derivatives of places at a fixed time: one product for all columns.
-  void places(std::span<const double> y, const RowMatrix& columns,
-              std::span<const PlaceOf> wanted, Eigen::MatrixXd& out);
+  void places(std::span<const double> y, const RowMatrix& columns, std::span<const PlaceOf> wanted,
+              Eigen::MatrixXd& out);
 
   /// Adds d exp(-open / recovery time) of each parameter times what is remembered.
   void add_recovery(std::size_t contact, double remembered, double open, double time,
@@ -110,7 +110,7 @@ class ShiftedModels {
   struct Node {
     std::shared_ptr<const Mechanism> mechanism;
     std::unique_ptr<MechanismSystem> system;
-    FingerInput input;
+    Input input;
     double shift = 0.0;
     double weight = 0.0;
     std::vector<double> levels;
@@ -123,14 +123,14 @@ class ShiftedModels {
   };
   void find_rests();
   Rest find_rest(const std::shared_ptr<const Mechanism>& mechanism, std::span<const double> near,
-                 const FingerInput& input);
+                 const Input& input);
   static void remember(MechanismSystem& system, std::span<const double> memory) {
     if (memory.empty()) return;
     std::copy(memory.begin(), memory.end(), system.dynamics().largest_compression().begin());
   }
 
   std::shared_ptr<const Mechanism> mechanism_;
-  FingerInput input_;
+  Input input_;
   const SensitivityOptions& options_;
   std::unique_ptr<MechanismSystem> base_, probe_;
   static const Node& nearest(const std::vector<Node>& nodes);

@@ -24,14 +24,14 @@ int zone(double speed, double threshold) {
 class Finder {
  public:
   Finder(Trajectory& trajectory, ShiftedModels& models, const SensitivityOptions& options,
-         const FingerInput& input)
+         const Input& input)
       : trajectory_(trajectory),
         models_(models),
         options_(options),
         probe_(models.probe()),
         mechanism_(probe_.mechanism()) {
     for (const Contact& c : mechanism_.contacts) {
-      active_.push_back(c.finger ? input.motion : c.enabled);
+      active_.push_back(c.finger ? input.kind == InputKind::kMotion : c.enabled);
     }
     y_.resize(probe_.size());
     for (Look* look : {&before_, &after_, &trial_}) {
@@ -91,7 +91,7 @@ class Finder {
     const Friction& friction = mechanism_.joint_friction[k];
     const double speed = y[mechanism_.coordinates.size() + k];
     out.zone[mechanism_.contacts.size() + k] =
-        turns_over(friction) ? zone(speed, friction.threshold_speed) : 0;
+        friction.turns_over() ? zone(speed, friction.threshold_speed) : 0;
   }
 
   void look_at_contact(std::size_t c, Look& out) const {
@@ -101,7 +101,7 @@ class Finder {
     out.rate[c] = s.rate;
     out.piece[c] = 0;
     const Friction& friction = mechanism_.contacts[c].friction;
-    const bool slides = active_[c] && s.compression > 0.0 && turns_over(friction);
+    const bool slides = active_[c] && s.compression > 0.0 && friction.turns_over();
     out.zone[c] = slides ? zone(s.slip, friction.threshold_speed) : 0;
     if (!active_[c]) return;
     const int piece = mechanism_.contacts[c].law.piece(s.compression, s.rate, dynamics.memory(c));
@@ -218,7 +218,7 @@ class Finder {
 }  // namespace
 
 std::vector<Switch> find_switches(Trajectory& trajectory, ShiftedModels& models,
-                                  const SensitivityOptions& options, const FingerInput& input) {
+                                  const SensitivityOptions& options, const Input& input) {
   std::vector<Switch> out;
   Finder(trajectory, models, options, input).scan(out);
   const double end = trajectory.time(trajectory.size() - 1);

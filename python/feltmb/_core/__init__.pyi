@@ -34,6 +34,7 @@ __all__: list[str] = [
     "Friction",
     "HubBeam",
     "HubBeamDescription",
+    "Input",
     "Interpolation",
     "JointKind",
     "LawPath",
@@ -50,7 +51,7 @@ __all__: list[str] = [
     "SensitivityOptions",
     "SensitivityParameter",
     "SensitivityResult",
-    "SensitivityWindow",
+    "SensitivitySegment",
     "ShapeSet",
     "SimulationOptions",
     "SphereOnLayer",
@@ -86,40 +87,81 @@ __all__: list[str] = [
 ]
 
 class Friction:
-    def __init__(
-        self,
-        *,
-        amplitude: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-        b1: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-        b2: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-        threshold_speed: typing.SupportsFloat | typing.SupportsIndex = 0.001,
-        viscous: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-        quadratic: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-        stribeck: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-        stribeck_speed: typing.SupportsFloat | typing.SupportsIndex = 0.1,
-    ) -> None: ...
+    @staticmethod
+    def field_names() -> list[str]:
+        """
+        Names of all fields.
+        """
+    @staticmethod
+    def number_fields() -> list:
+        """
+        Name, kind, unit, meaning, limits and default of the fields that are numbers.
+        """
+    def __init__(self, **kwargs: typing.Any) -> None:
+        """
+        From its fields, SI; what is not given keeps its default.
+        """
     def coefficient(
         self, speed: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]
     ) -> typing.Any:
         """
-        mu(v) of thesis eq. A.1 with the added terms, at sliding speed [m/s or rad/s].
+        Sum of all terms at sliding speed [m/s or rad/s].
+        """
+    def dry(self) -> Friction:
+        """
+        The terms that hold a joint back at speeds near zero, alone.
+        """
+    def sharpened(self, threshold_speed: typing.SupportsFloat | typing.SupportsIndex) -> Friction:
+        """
+        The limit of a threshold speed of zero, turned over at a speed of choice.
+        """
+    @property
+    def acts(self) -> bool:
+        """
+        Whether a term is there.
         """
     @property
     def amplitude(self) -> float: ...
+    @amplitude.setter
+    def amplitude(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def b1(self) -> float: ...
+    @b1.setter
+    def b1(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def b2(self) -> float: ...
+    @b2.setter
+    def b2(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def dry_speeds(self) -> tuple[float, float]:
+        """
+        Speeds between which the dry terms rise and die away; infinite: they do not.
+        """
     @property
     def quadratic(self) -> float: ...
+    @quadratic.setter
+    def quadratic(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def stribeck(self) -> float: ...
+    @stribeck.setter
+    def stribeck(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def stribeck_speed(self) -> float: ...
+    @stribeck_speed.setter
+    def stribeck_speed(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def threshold_speed(self) -> float: ...
+    @threshold_speed.setter
+    def threshold_speed(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def turns_over(self) -> bool:
+        """
+        Whether a term that acts turns over near the threshold speed.
+        """
     @property
     def viscous(self) -> float: ...
+    @viscous.setter
+    def viscous(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
 
 class ExponentialCurve:
     def __init__(
@@ -385,34 +427,52 @@ class LayerColumns:
         """
 
 class StringParameters:
-    def __init__(
-        self,
-        *,
-        diameter: typing.SupportsFloat | typing.SupportsIndex,
-        tension: typing.SupportsFloat | typing.SupportsIndex,
-        length: typing.SupportsFloat | typing.SupportsIndex,
-        linear_density: typing.SupportsFloat | typing.SupportsIndex,
-        young_modulus: typing.SupportsFloat | typing.SupportsIndex,
-        damping_ratio: typing.SupportsFloat | typing.SupportsIndex,
-        modes: typing.SupportsInt | typing.SupportsIndex,
-        count: typing.SupportsInt | typing.SupportsIndex = 1,
-    ) -> None: ...
+    @staticmethod
+    def field_names() -> list[str]:
+        """
+        Names of all fields.
+        """
+    @staticmethod
+    def number_fields() -> list:
+        """
+        Name, kind, unit, meaning, limits and default of the fields that are numbers.
+        """
+    def __init__(self, **kwargs: typing.Any) -> None:
+        """
+        From its fields, SI; what is not given keeps its default.
+        """
     @property
     def count(self) -> int: ...
+    @count.setter
+    def count(self, arg1: typing.SupportsInt | typing.SupportsIndex) -> None: ...
     @property
     def damping_ratio(self) -> float: ...
+    @damping_ratio.setter
+    def damping_ratio(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def diameter(self) -> float: ...
+    @diameter.setter
+    def diameter(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def length(self) -> float: ...
+    @length.setter
+    def length(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def linear_density(self) -> float: ...
+    @linear_density.setter
+    def linear_density(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def modes(self) -> int: ...
+    @modes.setter
+    def modes(self, arg1: typing.SupportsInt | typing.SupportsIndex) -> None: ...
     @property
     def tension(self) -> float: ...
+    @tension.setter
+    def tension(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def young_modulus(self) -> float: ...
+    @young_modulus.setter
+    def young_modulus(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
 
 class ModalString:
     def __init__(self, parameters: StringParameters) -> None: ...
@@ -552,35 +612,48 @@ class ShapeSet:
 class BeamDescription:
     condense_axial: bool
     shapes: ShapeSet
-    def __init__(self) -> None: ...
+    @staticmethod
+    def field_names() -> list[str]:
+        """
+        Names of all fields.
+        """
+    @staticmethod
+    def number_fields() -> list:
+        """
+        Name, kind, unit, meaning, limits and default of the fields that are numbers.
+        """
+    def __init__(self, **kwargs: typing.Any) -> None:
+        """
+        From its fields, SI; what is not given keeps its default.
+        """
     @property
     def axial_shapes(self) -> int: ...
     @axial_shapes.setter
-    def axial_shapes(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def axial_shapes(self, arg1: typing.SupportsInt | typing.SupportsIndex) -> None: ...
     @property
     def axial_stiffness(self) -> float: ...
     @axial_stiffness.setter
-    def axial_stiffness(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    def axial_stiffness(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def bending_stiffness(self) -> float: ...
     @bending_stiffness.setter
-    def bending_stiffness(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    def bending_stiffness(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def damping_time(self) -> float: ...
     @damping_time.setter
-    def damping_time(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    def damping_time(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def lateral_shapes(self) -> int: ...
     @lateral_shapes.setter
-    def lateral_shapes(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def lateral_shapes(self, arg1: typing.SupportsInt | typing.SupportsIndex) -> None: ...
     @property
     def length(self) -> float: ...
     @length.setter
-    def length(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    def length(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def linear_density(self) -> float: ...
     @linear_density.setter
-    def linear_density(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    def linear_density(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
 
 class BodyDescription:
     beam: BeamDescription | None
@@ -589,11 +662,24 @@ class BodyDescription:
     joint: JointKind
     name: str
     parent: str
-    def __init__(self) -> None: ...
+    @staticmethod
+    def field_names() -> list[str]:
+        """
+        Names of all fields.
+        """
+    @staticmethod
+    def number_fields() -> list:
+        """
+        Name, kind, unit, meaning, limits and default of the fields that are numbers.
+        """
+    def __init__(self, **kwargs: typing.Any) -> None:
+        """
+        From its fields, SI; what is not given keeps its default.
+        """
     @property
     def angle(self) -> float: ...
     @angle.setter
-    def angle(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    def angle(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def axis(self) -> tuple[float, float]: ...
     @axis.setter
@@ -615,11 +701,11 @@ class BodyDescription:
     @property
     def inertia(self) -> float: ...
     @inertia.setter
-    def inertia(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    def inertia(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def mass(self) -> float: ...
     @mass.setter
-    def mass(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    def mass(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def position(self) -> tuple[float, float]: ...
     @position.setter
@@ -634,13 +720,26 @@ class SurfaceDescription:
     body: str
     kind: SurfaceKind
     name: str
-    def __init__(self) -> None: ...
+    @staticmethod
+    def field_names() -> list[str]:
+        """
+        Names of all fields.
+        """
+    @staticmethod
+    def number_fields() -> list:
+        """
+        Name, kind, unit, meaning, limits and default of the fields that are numbers.
+        """
+    def __init__(self, **kwargs: typing.Any) -> None:
+        """
+        From its fields, SI; what is not given keeps its default.
+        """
     @property
     def arc(self) -> typing.Annotated[list[float], "FixedSize(2)"]: ...
     @arc.setter
     def arc(
         self,
-        arg0: typing.Annotated[
+        arg1: typing.Annotated[
             collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], "FixedSize(2)"
         ],
     ) -> None: ...
@@ -665,7 +764,7 @@ class SurfaceDescription:
     @property
     def radius(self) -> float: ...
     @radius.setter
-    def radius(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    def radius(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
 
 class ContactDescription:
     enabled: bool
@@ -674,68 +773,120 @@ class ContactDescription:
     law: ContactLaw
     surface_a: str
     surface_b: str
-    def __init__(self) -> None: ...
+    @staticmethod
+    def field_names() -> list[str]:
+        """
+        Names of all fields.
+        """
+    @staticmethod
+    def number_fields() -> list:
+        """
+        Name, kind, unit, meaning, limits and default of the fields that are numbers.
+        """
+    def __init__(self, **kwargs: typing.Any) -> None:
+        """
+        From its fields, SI; what is not given keeps its default.
+        """
     @property
     def number(self) -> int: ...
     @number.setter
-    def number(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def number(self, arg1: typing.SupportsInt | typing.SupportsIndex) -> None: ...
 
 class TorsionSpringDescription:
     coordinate: str
     name: str
-    def __init__(self) -> None: ...
+    @staticmethod
+    def field_names() -> list[str]:
+        """
+        Names of all fields.
+        """
+    @staticmethod
+    def number_fields() -> list:
+        """
+        Name, kind, unit, meaning, limits and default of the fields that are numbers.
+        """
+    def __init__(self, **kwargs: typing.Any) -> None:
+        """
+        From its fields, SI; what is not given keeps its default.
+        """
     @property
     def clearance(self) -> float: ...
     @clearance.setter
-    def clearance(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    def clearance(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def damping(self) -> float: ...
     @damping.setter
-    def damping(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    def damping(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def rest_angle(self) -> float: ...
     @rest_angle.setter
-    def rest_angle(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    def rest_angle(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def seating(self) -> float: ...
     @seating.setter
-    def seating(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    def seating(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def stiffness(self) -> float: ...
     @stiffness.setter
-    def stiffness(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    def stiffness(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
 
 class DashpotDescription:
     coordinate: str
     name: str
-    def __init__(self) -> None: ...
+    @staticmethod
+    def field_names() -> list[str]:
+        """
+        Names of all fields.
+        """
+    @staticmethod
+    def number_fields() -> list:
+        """
+        Name, kind, unit, meaning, limits and default of the fields that are numbers.
+        """
+    def __init__(self, **kwargs: typing.Any) -> None:
+        """
+        From its fields, SI; what is not given keeps its default.
+        """
     @property
     def coefficient(self) -> float: ...
     @coefficient.setter
-    def coefficient(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    def coefficient(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def side(self) -> int: ...
     @side.setter
-    def side(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def side(self, arg1: typing.SupportsInt | typing.SupportsIndex) -> None: ...
 
 class StrapDescription:
     body_a: str
     body_b: str
     name: str
-    def __init__(self) -> None: ...
+    @staticmethod
+    def field_names() -> list[str]:
+        """
+        Names of all fields.
+        """
+    @staticmethod
+    def number_fields() -> list:
+        """
+        Name, kind, unit, meaning, limits and default of the fields that are numbers.
+        """
+    def __init__(self, **kwargs: typing.Any) -> None:
+        """
+        From its fields, SI; what is not given keeps its default.
+        """
     @property
     def coefficients(self) -> typing.Annotated[list[float], "FixedSize(3)"]: ...
     @coefficients.setter
     def coefficients(
         self,
-        arg0: typing.Annotated[
+        arg1: typing.Annotated[
             collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], "FixedSize(3)"
         ],
     ) -> None: ...
     @property
     def free_length(self) -> float: ...
     @free_length.setter
-    def free_length(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    def free_length(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def point_a(self) -> tuple[float, float]: ...
     @point_a.setter
@@ -762,11 +913,24 @@ class StringDescription:
     parameters: StringParameters
     rigid: bool
     surface: str
-    def __init__(self) -> None: ...
+    @staticmethod
+    def field_names() -> list[str]:
+        """
+        Names of all fields.
+        """
+    @staticmethod
+    def number_fields() -> list:
+        """
+        Name, kind, unit, meaning, limits and default of the fields that are numbers.
+        """
+    def __init__(self, **kwargs: typing.Any) -> None:
+        """
+        From its fields, SI; what is not given keeps its default.
+        """
     @property
     def anchor(self) -> float: ...
     @anchor.setter
-    def anchor(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    def anchor(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def direction(self) -> tuple[float, float]: ...
     @direction.setter
@@ -779,12 +943,25 @@ class StringDescription:
     @property
     def strike_position(self) -> float: ...
     @strike_position.setter
-    def strike_position(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    def strike_position(self, arg1: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
 
 class TrackingPointDescription:
     body: str
     name: str
-    def __init__(self) -> None: ...
+    @staticmethod
+    def field_names() -> list[str]:
+        """
+        Names of all fields.
+        """
+    @staticmethod
+    def number_fields() -> list:
+        """
+        Name, kind, unit, meaning, limits and default of the fields that are numbers.
+        """
+    def __init__(self, **kwargs: typing.Any) -> None:
+        """
+        From its fields, SI; what is not given keeps its default.
+        """
     @property
     def point(self) -> tuple[float, float]: ...
     @point.setter
@@ -798,7 +975,20 @@ class TrackingPointDescription:
 class FingerDescription:
     body: str
     pad: ContactLaw
-    def __init__(self) -> None: ...
+    @staticmethod
+    def field_names() -> list[str]:
+        """
+        Names of all fields.
+        """
+    @staticmethod
+    def number_fields() -> list:
+        """
+        Name, kind, unit, meaning, limits and default of the fields that are numbers.
+        """
+    def __init__(self, **kwargs: typing.Any) -> None:
+        """
+        From its fields, SI; what is not given keeps its default.
+        """
     @property
     def direction(self) -> tuple[float, float]: ...
     @direction.setter
@@ -820,29 +1010,55 @@ class FingerDescription:
 
 class MotorDescription:
     coordinate: str
-    def __init__(self) -> None: ...
+    @staticmethod
+    def field_names() -> list[str]:
+        """
+        Names of all fields.
+        """
+    @staticmethod
+    def number_fields() -> list:
+        """
+        Name, kind, unit, meaning, limits and default of the fields that are numbers.
+        """
+    def __init__(self, **kwargs: typing.Any) -> None:
+        """
+        From its fields, SI; what is not given keeps its default.
+        """
     @property
     def contact(self) -> int: ...
     @contact.setter
-    def contact(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def contact(self, arg1: typing.SupportsInt | typing.SupportsIndex) -> None: ...
 
 class MechanismDescription:
     finger: FingerDescription | None
     motor: MotorDescription | None
     name: str
-    def __init__(self) -> None: ...
+    @staticmethod
+    def field_names() -> list[str]:
+        """
+        Names of all fields.
+        """
+    @staticmethod
+    def number_fields() -> list:
+        """
+        Name, kind, unit, meaning, limits and default of the fields that are numbers.
+        """
+    def __init__(self, **kwargs: typing.Any) -> None:
+        """
+        From its fields, SI; what is not given keeps its default.
+        """
     @property
     def bodies(self) -> list[BodyDescription]: ...
     @bodies.setter
-    def bodies(self, arg0: collections.abc.Sequence[BodyDescription]) -> None: ...
+    def bodies(self, arg1: collections.abc.Sequence[BodyDescription]) -> None: ...
     @property
     def contacts(self) -> list[ContactDescription]: ...
     @contacts.setter
-    def contacts(self, arg0: collections.abc.Sequence[ContactDescription]) -> None: ...
+    def contacts(self, arg1: collections.abc.Sequence[ContactDescription]) -> None: ...
     @property
     def dashpots(self) -> list[DashpotDescription]: ...
     @dashpots.setter
-    def dashpots(self, arg0: collections.abc.Sequence[DashpotDescription]) -> None: ...
+    def dashpots(self, arg1: collections.abc.Sequence[DashpotDescription]) -> None: ...
     @property
     def gravity(self) -> tuple[float, float]: ...
     @gravity.setter
@@ -855,30 +1071,30 @@ class MechanismDescription:
     @property
     def points(self) -> list[TrackingPointDescription]: ...
     @points.setter
-    def points(self, arg0: collections.abc.Sequence[TrackingPointDescription]) -> None: ...
+    def points(self, arg1: collections.abc.Sequence[TrackingPointDescription]) -> None: ...
     @property
     def springs(self) -> list[TorsionSpringDescription]: ...
     @springs.setter
-    def springs(self, arg0: collections.abc.Sequence[TorsionSpringDescription]) -> None: ...
+    def springs(self, arg1: collections.abc.Sequence[TorsionSpringDescription]) -> None: ...
     @property
     def start_pose(self) -> list[tuple[str, float]]: ...
     @start_pose.setter
     def start_pose(
         self,
-        arg0: collections.abc.Sequence[tuple[str, typing.SupportsFloat | typing.SupportsIndex]],
+        arg1: collections.abc.Sequence[tuple[str, typing.SupportsFloat | typing.SupportsIndex]],
     ) -> None: ...
     @property
     def straps(self) -> list[StrapDescription]: ...
     @straps.setter
-    def straps(self, arg0: collections.abc.Sequence[StrapDescription]) -> None: ...
+    def straps(self, arg1: collections.abc.Sequence[StrapDescription]) -> None: ...
     @property
     def strings(self) -> list[StringDescription]: ...
     @strings.setter
-    def strings(self, arg0: collections.abc.Sequence[StringDescription]) -> None: ...
+    def strings(self, arg1: collections.abc.Sequence[StringDescription]) -> None: ...
     @property
     def surfaces(self) -> list[SurfaceDescription]: ...
     @surfaces.setter
-    def surfaces(self, arg0: collections.abc.Sequence[SurfaceDescription]) -> None: ...
+    def surfaces(self, arg1: collections.abc.Sequence[SurfaceDescription]) -> None: ...
 
 class Mechanism:
     def beam_centerline(
@@ -969,6 +1185,21 @@ class Profile:
     def breakpoints(self) -> list[float]: ...
     @property
     def smooth(self) -> bool: ...
+
+class Input:
+    def __init__(
+        self,
+        profile: Profile,
+        kind: str = "force",
+        origin: typing.SupportsFloat | typing.SupportsIndex = 0.0,
+    ) -> None:
+        """
+        What drives a mechanism: a force, the motion of a finger with its pad, a key_motion, a torque or a motor_motion, from a time [s] on the clock of the profile.
+        """
+    @property
+    def origin(self) -> float: ...
+    @property
+    def profile(self) -> Profile: ...
 
 class SimulationOptions:
     diagnose: bool
@@ -1123,13 +1354,9 @@ class Perturbed:
     def __init__(
         self,
         mechanism: Mechanism,
-        profile: Profile,
-        motion: bool,
+        input: Input,
         shift: typing.SupportsFloat | typing.SupportsIndex,
         weight: typing.SupportsFloat | typing.SupportsIndex,
-        origin: typing.SupportsFloat | typing.SupportsIndex = 0.0,
-        prescribed: bool = False,
-        motor: bool = False,
     ) -> None: ...
 
 class SensitivityParameter:
@@ -1140,7 +1367,7 @@ class SensitivityParameter:
         scale: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
 
-class SensitivityWindow:
+class SensitivitySegment:
     def __init__(
         self,
         begin: typing.SupportsFloat | typing.SupportsIndex,
@@ -1232,14 +1459,11 @@ class BatchStroke:
     def __init__(
         self,
         mechanism: Mechanism,
-        profile: Profile,
-        motion: bool,
+        input: Input,
         options: SimulationOptions,
         start: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
         monitors: collections.abc.Sequence[Monitor],
         memory: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
-        prescribed: bool = False,
-        motor: bool = False,
     ) -> None: ...
 
 class StopFlag:
@@ -1481,12 +1705,9 @@ def jacobian_blocks(
 def jacobian_check(
     mechanism: Mechanism,
     y: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
-    profile: Profile,
-    motion: bool,
+    input: Input,
     time: typing.SupportsFloat | typing.SupportsIndex,
     gamma: typing.SupportsFloat | typing.SupportsIndex,
-    prescribed: bool = False,
-    motor: bool = False,
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
     """
     Inverse of I - gamma J as the structured solver applies it.
@@ -1506,7 +1727,7 @@ def point_position(
     mechanism: Mechanism,
     point: typing.SupportsInt | typing.SupportsIndex,
     q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
-) -> tuple[float, float]:
+) -> typing.Any:
     """
     Position [m] of a tracking point in the ground frame.
     """
@@ -1519,11 +1740,8 @@ def pressure_envelope(material: FeltMaterial) -> Envelope:
 def rhs(
     mechanism: Mechanism,
     y: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
-    profile: Profile,
-    motion: bool,
+    input: Input,
     time: typing.SupportsFloat | typing.SupportsIndex,
-    prescribed: bool = False,
-    motor: bool = False,
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]:
     """
     y' of the full state [q, v, eta, deta/dt].
@@ -1531,25 +1749,19 @@ def rhs(
 
 def sensitivities(
     mechanism: Mechanism,
-    profile: Profile,
-    motion: bool,
+    input: Input,
     parameters: collections.abc.Sequence[SensitivityParameter],
-    windows: collections.abc.Sequence[SensitivityWindow],
+    segments: collections.abc.Sequence[SensitivitySegment],
     options: SensitivityOptions,
-    prescribed: bool = False,
-    motor: bool = False,
 ) -> list[SensitivityResult]: ...
 def simulate(
     mechanism: Mechanism,
-    profile: Profile,
-    motion: bool,
+    input: Input,
     options: SimulationOptions,
     start: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
     monitors: collections.abc.Sequence[Monitor],
     progress: typing.Any = None,
     start_memory: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex] = [],
-    prescribed: bool = False,
-    motor: bool = False,
 ) -> RunResult: ...
 def simulate_many(
     strokes: collections.abc.Iterator,

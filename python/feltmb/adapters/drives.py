@@ -30,6 +30,11 @@ class Drive:
     value: Array
     motion: bool
 
+    @property
+    def kind(self) -> str:
+        """Kind of input for the core."""
+        return "key_motion" if self.motion else "force"
+
     def profile(self, begin: float, duration: float) -> _core.Profile:
         """Input on the clock of a segment that begins at ``begin`` [s].
 

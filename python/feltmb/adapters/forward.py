@@ -85,7 +85,7 @@ def forward_sensitivities(
     place = np.array([base.place[name] for name in names], dtype=int)
     drive = model.drives.of(record)
     clock = record.time - record.time[0]
-    profile = drive.profile(float(record.time[0]), float(clock[-1]))
+    drive_in = _core.Input(drive.profile(float(record.time[0]), float(clock[-1])), drive.kind)
     options = _core.SensitivityOptions()
     simulation = _core.SimulationOptions()
     simulation.rtol = model.rtol
@@ -112,7 +112,7 @@ def forward_sensitivities(
         if model.single:
             first, begin, start = 0, 0.0, np.zeros(place.size)
             if not drive.motion:  # the rest pose, which the core finds
-                prepared.append(_core.SensitivityWindow(begin, end))
+                prepared.append(_core.SensitivitySegment(begin, end))
                 continue
         own = drive.profile(float(record.time[first]), end - begin)
         state, compressions = start_of(base, start, own, held)
@@ -131,15 +131,12 @@ def forward_sensitivities(
             fore, aft = (start_of(base, side, own, held)[0] for side in (ahead, behind))
             directions[:, i] = (fore - aft) / (2 * h)
         prepared.append(
-            _core.SensitivityWindow(begin, end, list(state), compressions, directions, moves)
+            _core.SensitivitySegment(begin, end, list(state), compressions, directions, moves)
         )
     parameters = [
         _core.SensitivityParameter(
             c.name,
-            [
-                _core.Perturbed(v.mechanism, profile, False, s, w, 0.0, drive.motion, False)
-                for v, s, w in c.nodes
-            ],
+            [_core.Perturbed(v.mechanism, drive_in, s, w) for v, s, w in c.nodes],
             c.scale,
         )
         for c in columns
@@ -149,9 +146,7 @@ def forward_sensitivities(
         last = int(np.argmax(segments[:, 1]))
         prepared = [prepared[last]]
     try:
-        results = _core.sensitivities(
-            base.mechanism, profile, False, parameters, prepared, options, drive.motion, False
-        )
+        results = _core.sensitivities(base.mechanism, drive_in, parameters, prepared, options)
     except (FeltmbError, RuntimeError, ValueError):
         return None
     if any(r.run.status != "done" for r in results):

@@ -97,7 +97,7 @@ class ImpactModel(Model):
     Parameters
     ----------
     action
-        The mechanism; it needs ``summary.strike_contact``.
+        The mechanism; it needs ``reading.strike_contact``.
     tolerances
         Parameters to be estimated.
     outputs
@@ -119,9 +119,9 @@ class ImpactModel(Model):
         *,
         rtol: float = 1e-7,
     ):
-        if action.config.summary.strike_contact is None:
+        if action.config.reading.strike_contact is None:
             raise InvalidParameter(
-                f"mechanism {action.name!r} names no strike contact in [summary]: it has no impacts"
+                f"mechanism {action.name!r} names no strike contact in [reading]: it has no impacts"
             )
         self.action = action
         self.name = action.name
@@ -147,7 +147,7 @@ class ImpactModel(Model):
         self._actions: dict[str, Action] = {}
         self._lock = threading.Lock()
         self._workshop = Workshop()
-        self._strike_contact = action.config.summary.strike_contact
+        self._strike_contact = action.config.reading.strike_contact
         self._strike_index = action.mechanism.contact_numbers.index(self._strike_contact)
 
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
@@ -306,9 +306,7 @@ class ImpactModel(Model):
         options.finger_reference = v.finger_reference
         if events:
             options.peak_contacts = [self._strike_contact]
-        return _core.simulate(
-            v.mechanism, stroke.profile, stroke.kind == "motion", options, state, [], None, memory
-        )
+        return _core.simulate(v.mechanism, stroke.input, options, state, [], None, memory)
 
     def _numbers(self, run: Any) -> dict[str, float]:
         """First closing of the strike contact, its last opening within one impact, and the peak."""

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from feltmb.data import Array
+from feltmb.mechanism import Reading
 
 __all__ = ["first_turn", "landmarks"]
 
@@ -41,7 +42,9 @@ def first_turn(time: Array, values: Array) -> float | None:
     return float(clock[np.argmax(travel[: int(np.argmax(back))])])
 
 
-def landmarks(time: Array, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:
+def landmarks(
+    time: Array, outputs: Mapping[str, Array], reading: Reading
+) -> list[tuple[str, float]]:
     """Names and times [s] of what the channels show, in order of time.
 
     Parameters
@@ -50,9 +53,11 @@ def landmarks(time: Array, outputs: Mapping[str, Array]) -> list[tuple[str, floa
         (n,) [s]
     outputs
         Displacements from rest [m] by output name; NaN is missing.
+    reading
+        Which points are the key and what strikes.
     """
     found: list[tuple[str, float]] = []
-    key = outputs.get("key_front.y")
+    key = outputs.get(f"{reading.key_point}.y")
     if key is not None and np.isfinite(key).sum() > 10:
         start = _crossing(time, -key, START)
         if start is not None:
@@ -61,7 +66,8 @@ def landmarks(time: Array, outputs: Mapping[str, Array]) -> list[tuple[str, floa
         landing = _crossing(time, -key, -0.97 * lowest) if lowest < -10 * START else None
         if landing is not None:
             found.append(("key_landing", landing))
-    hammer = outputs.get("hammer_tip.x")
+    striker = reading.striker
+    hammer = None if striker is None else outputs.get(f"{striker.point}.{striker.axis}")
     if hammer is not None and np.isfinite(hammer).sum() > 10:
         start = _crossing(time, np.abs(hammer), START)
         if start is not None:

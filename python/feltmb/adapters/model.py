@@ -425,7 +425,7 @@ class MechanismModel(DifferentiableMechanism):
 
     def events(self, record: Record, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:
         """Key start, key landing and turn of the hammer, as far as channels show them."""
-        return landmarks(record.time, outputs)
+        return landmarks(record.time, outputs, self.action.config.reading)
 
     def alias(self, entry: Entry) -> Alias | None:
         """The tolerance that an effect of the library is more of, if there is one."""
@@ -582,14 +582,12 @@ class MechanismModel(DifferentiableMechanism):
         try:
             result = _core.simulate(
                 v.mechanism,
-                profile,
-                False,
+                _core.Input(profile, drive.kind),
                 options,
                 list(full),
                 [],
                 None,
                 memory,
-                prescribed=drive.motion,
             )
         except (RuntimeError, ValueError, FeltmbError):
             return None

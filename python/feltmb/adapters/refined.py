@@ -29,7 +29,7 @@ def refined(action: Action, kinds: Sequence[str] = KINDS) -> Action:
                 values[f"bodies.{name}.lateral_shapes"] = body.lateral_shapes + 1
     if "friction" in kinds:
         for name, contact in config.contacts.items():
-            if contact.friction.amplitude > 0.0 or contact.friction.stribeck > 0.0:
+            if contact.friction.core.turns_over:
                 speed = contact.friction.threshold_speed / 3.0
                 values[f"contacts.{name}.friction.threshold_speed"] = speed
     return action.with_values(values) if values else action

@@ -40,7 +40,7 @@ class _Told:
         left = (time.monotonic() - self.start) / done * (total - done)
         rest = f"; about {left:.0f} s left" if done < total else ""
         unit = "" if case.unit == "1" else f" {case.unit}"
-        what = f"{case.effect} {case.size:.3g}{unit}" if case.effect else "nothing withheld"
+        what = f"{case.effect} {case.magnitude:.3g}{unit}" if case.effect else "nothing withheld"
         said = case.verdict or case.error
         text = f"{done} of {total}: {what}: {said} ({case.outcome}){rest}"
         if is_terminal():

@@ -105,8 +105,11 @@ def _missing(report: Report) -> None:
         mark = "* " if r.named else ("? " if r.effect in report.one_of else "  ")
         unit = "" if r.unit == "1" else f" {r.unit}"
         left = [f"{mark}{r.effect}", *(f"  {b}" for b in textwrap.wrap(r.component, room))]
-        shown = digits(r.size, r.sd, 3)
-        right = [f"{r.size:.{max(4, shown)}g}{unit}", f"{r.low:.{shown}g} .. {r.high:.{shown}g}"]
+        shown = digits(r.magnitude, r.sd, 3)
+        right = [
+            f"{r.magnitude:.{max(4, shown)}g}{unit}",
+            f"{r.low:.{shown}g} .. {r.high:.{shown}g}",
+        ]
         right += [""] * (len(left) - len(right))
         if r.named or r.effect in report.one_of:
             left += [f"  {n.name} {n.value:.4g}" for n in r.numbers]

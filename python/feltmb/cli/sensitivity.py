@@ -127,7 +127,7 @@ def command(
         number = next((n for n in ("impact_speed", *result.summary) if n in result.summary), None)
         if number is None:
             raise InvalidParameter(
-                f"stroke {stroke!r} of {mechanism.name!r} has no number to order by: [summary] of "
+                f"stroke {stroke!r} of {mechanism.name!r} has no number to order by: [reading] of "
                 "the mechanism names no strike_contact and no key_point"
             )
     if number not in result.summary:

@@ -394,6 +394,7 @@ SUMMARY_ROWS = {
 
 def summary_table(run: Run, title: str) -> Any:
     """Table of the summary of a run, with its work counts below."""
+    from feltmb.run.reading import reading_of, row_unit
     from feltmb.run.results import let_off_words
 
     table = new_table(f"{title}: {run.provenance['action']}", "", "value", "unit", right=(1,))
@@ -413,6 +414,10 @@ def summary_table(run: Run, title: str) -> Any:
             groups[-1][1].append((text, *pretty(value, unit)))
     for row in chain.from_iterable(rows for _, rows in sorted(groups, key=lambda group: group[0])):
         table.add_row(*row)
+    for name, each in reading_of(run).rows.items():
+        if name in run.summary:
+            text = each.text or name.replace("_", " ")
+            table.add_row(text, *pretty(run.summary[name], row_unit(run, name)))
     stats = run.stats
     if run.energy:
         table.add_row("work put in", *pretty(run.energy["work_in"], "J"))

@@ -6,7 +6,7 @@ The one list of a law's fields, with unit, limits and default, is that of its he
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -15,7 +15,7 @@ from pydantic import BaseModel, BeforeValidator, Field, create_model
 from feltmb import _core
 from feltmb.errors import InvalidParameter
 from feltmb.units import conversion_factor
-from feltmb.units.quantity import META_KEYS, SI, Schema, parse_scalar
+from feltmb.units.quantity import META_KEYS, SI, Count, JointSI, Schema, parse_scalar
 
 __all__ = [
     "CORE_LAWS",
@@ -26,21 +26,26 @@ __all__ = [
     "LawInfo",
     "core_envelope",
     "make_core",
+    "to_core",
     "with_fields",
     "with_laws",
+    "with_numbers",
 ]
 
 Model = TypeVar("Model", bound=BaseModel)
+Struct = TypeVar("Struct")
 
 
 @dataclass(frozen=True)
 class LawField:
-    """A field of a law, from its table in the core."""
+    """A field of a law or of another struct of the core, from its table there."""
 
     name: str
     kind: str
-    """``number``, ``curve``, ``envelope``, ``text``, ``parameters``, ``list`` or ``function``."""
+    """``number``, ``count``, ``curve``, ``envelope``, ``text``, ``parameters``, ``list``,
+    ``function``."""
     unit: str
+    """SI; several, separated by `` | ``: at a revolute joint, a prismatic one, and a contact."""
     meaning: str
     low: float | None
     high: float | None
@@ -48,7 +53,7 @@ class LawField:
     high_open: bool
     required: bool
     default: Any
-    in_contact: bool
+    in_contact: bool = False
     """Whether it stands in the contact itself, not in the table of the law."""
 
 
@@ -171,8 +176,17 @@ def _number(field: LawField) -> Any:
         limits["gt" if field.low_open else "ge"] = field.low
     if field.high is not None:
         limits["lt" if field.high_open else "le"] = field.high
+    if field.kind == "count":
+        return Annotated[int, Count(), Field(**limits)]
     power = field.unit == "N/m^p"
-    unit = BeforeValidator(_power_stiffness) if power else SI(field.unit)
+    several = " | " in field.unit
+    unit = (
+        BeforeValidator(_power_stiffness)
+        if power
+        else JointSI(*field.unit.split(" | "))
+        if several
+        else SI(field.unit)
+    )
     return Annotated[float, unit, Field(**limits)]
 
 
@@ -226,6 +240,34 @@ def with_fields(law: str) -> Callable[[type[Model]], type[Model]]:
     numbers = [f for f in CORE_LAWS[law].fields if f.kind == "number"]
     entries = {key: value for field in numbers for key, value in _in_table(field)}
     return lambda model: _extended(model, entries)
+
+
+def with_numbers(struct: Any, needed: Iterable[str] = ()) -> Callable[[type[Model]], type[Model]]:
+    """Class decorator: adds the numbers of a struct of the core that the schema does not have.
+
+    ``needed``: those that must be given, beside the ones without a default.
+    """
+    fields = [LawField(**number) for number in struct.number_fields()]
+    entries = {
+        f.name: (
+            Annotated[_number(f), Field(description=f.meaning)],
+            ... if f.required or f.name in needed else f.default,
+        )
+        for f in fields
+    }
+
+    def add(model: type[Model]) -> type[Model]:
+        return _extended(model, {k: v for k, v in entries.items() if k not in model.model_fields})
+
+    return add
+
+
+def to_core(struct: type[Struct], table: Any, **more: Any) -> Struct:
+    """Struct of the core from a checked table: the fields that both have, and ``more``."""
+    own: Iterable[str] = type(table).model_fields
+    known: Any = struct
+    shared = {name: getattr(table, name) for name in known.field_names() if name in own}
+    return struct(**{k: v for k, v in shared.items() if v is not None} | more)
 
 
 def with_laws(**more: Any) -> Callable[[type[Model]], type[Model]]:

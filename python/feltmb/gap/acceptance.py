@@ -10,33 +10,25 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from feltmb.fit.solve import Fit, FitSettings
+from feltmb.gap.criteria import (
+    CLOSES,
+    CLOSES_ALL,
+    DEEP_GAP,
+    EXPLAINS_MOST,
+    INFLATED,
+    LEAST_GAIN,
+    PAIRED_P,
+    PAIRED_P_INFLATED,
+    WALD,
+    WIDE_GAP,
+)
 from feltmb.gap.proof import HeldOut, Outcome, Paired, compare, evaluate
 from feltmb.gap.refine import CandidateSet, full_evidence, refit, tighten
 from feltmb.gap.search import Search
 
-__all__ = ["WIDE", "Accepted", "Posterior", "accept", "posterior", "shapley"]
+__all__ = ["Accepted", "Posterior", "accept", "posterior", "shapley"]
 
 Progress = Callable[[str, int, int], None]
-
-#: Gain of log predictive density that held-out records must show: ten to one.
-LEAST_GAIN = math.log(10.0)
-
-
-#: Share of the remaining held-out gap that makes more than small print of an effect where an
-#: unexplained residual was admitted.
-CLOSES = 0.05
-#: The same share from which an effect is no small print in any case, and the gap [sigma] that it
-#: must then close. The error of another effect's form, in which it would stand in for that, is not
-#: mended to a hundredth by an effect that is not there.
-ALL, DEEP = 0.99, 10.0
-#: Share of the squared held-out gap from which an effect stands though an unknown force would still
-#: bring more: it explains more than is left.
-MOST = 0.5
-#: Held-out gap [sigma] from which such a share counts, and it is asked whether parameters of the
-#: model could close it.
-WIDE = 1.33
-#: Standard deviations by which a magnitude must differ from zero, or the score of the effect alone.
-WALD = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +241,7 @@ class _Attempt:
         if self.discrepancy and share >= CLOSES:
             return True
         gaps = self._gaps(self._outcome_without(c, name))
-        return share >= ALL and any(DEEP < g < np.inf for g in gaps)
+        return share >= CLOSES_ALL and any(DEEP_GAP < g < np.inf for g in gaps)
 
     def _carries(self, c: CandidateSet, name: str, paired: Paired) -> bool:
         """Whether an effect explains most of a held-out gap that is one, and surely."""
@@ -258,9 +250,9 @@ class _Attempt:
         shares = [
             (old**2 - new**2) / (old**2 - 1.0)
             for old, new in zip(before, after, strict=True)
-            if WIDE < old < np.inf and np.isfinite(new)
+            if WIDE_GAP < old < np.inf and np.isfinite(new)
         ]
-        return _improves(paired, self.inflation) and max(shares, default=0.0) >= MOST
+        return _improves(paired, self.inflation) and max(shares, default=0.0) >= EXPLAINS_MOST
 
     def standing(
         self, first: CandidateSet, proof: dict[str, Paired], bad: dict[str, str]
@@ -390,7 +382,9 @@ def _certainty(fit: Fit) -> dict[str, float]:
 
 def _improves(paired: Paired, inflation: float) -> bool:
     """Enough gain; and, where the noise model is doubtful, spread over the segments as well."""
-    return paired.gain > LEAST_GAIN and paired.p < (0.4 if inflation < 1.3 else 0.05)
+    return paired.gain > LEAST_GAIN and paired.p < (
+        PAIRED_P if inflation < INFLATED else PAIRED_P_INFLATED
+    )
 
 
 def shapley(

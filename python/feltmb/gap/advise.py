@@ -6,11 +6,9 @@ import numpy as np
 from scipy import stats
 
 from feltmb.data import Array
+from feltmb.gap.criteria import DETECTABLE
 from feltmb.gap.score import Scores
 from feltmb.gap.search import Search
-
-#: Standardized magnitude that is seen in nine of ten records at one false alarm in a hundred.
-SHOWS = 3.7
 
 __all__ = ["confused", "confusion", "confusion_at"]
 
@@ -46,10 +44,10 @@ def confusion(scores: Scores, search: Search) -> Array:
     about their signatures.
     """
     strength = np.maximum(scores.strength, 1e-300)
-    magnitudes = np.maximum(np.abs(scores.one_step()), SHOWS / strength)
+    magnitudes = np.maximum(np.abs(scores.one_step()), DETECTABLE / strength)
     for c in search.sets[:1]:
         for candidate, size in zip(c.fit.included, c.fit.point.magnitudes, strict=True):
             for i, t in enumerate(scores.candidates):
                 if t.name == candidate.name:
-                    magnitudes[i] = max(abs(float(size)) / t.effect.scale, SHOWS / strength[i])
+                    magnitudes[i] = max(abs(float(size)) / t.effect.scale, DETECTABLE / strength[i])
     return confusion_at(scores, magnitudes)

@@ -135,7 +135,7 @@ def ranked(
                 kind=candidate.effect.kind,
                 unit=candidate.effect.unit,
                 shape=shape,
-                size=float(size),
+                magnitude=float(size),
                 sd=float(sd),
                 low=float(max(size - 1.96 * sd, low)),
                 high=float(min(size + 1.96 * sd, high)),

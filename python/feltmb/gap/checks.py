@@ -13,13 +13,10 @@ from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit import Model
 from feltmb.fit.noise import Noise
 from feltmb.gap.color import color_at_rest, still_blocks
+from feltmb.gap.criteria import COARSE, MOST_CLIPPED, MOST_MISSING
 from feltmb.units import conversion_factor
 
 __all__ = ["ChannelCheck", "DataChecks", "check_records"]
-
-#: Share of the variance that may come from the digitizer where the color of the noise is looked
-#: for: the rounding of a slow motion is a sawtooth.
-COARSE = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,9 +110,9 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
                     f"{where}: {check.samples} values: enough for a model of single numbers, not "
                     "for one that moves"
                 )
-            if check.missing > 0.5:
+            if check.missing > MOST_MISSING:
                 warnings.append(f"{where}: {check.missing:.0%} of the values are missing")
-            if check.clipped > 0.02:
+            if check.clipped > MOST_CLIPPED:
                 warnings.append(
                     f"{where}: {check.clipped:.0%} of the values sit at the end of the range; "
                     "is the sensor saturated?"

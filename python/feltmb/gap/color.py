@@ -10,25 +10,18 @@ import numpy as np
 
 from feltmb.data import Array
 from feltmb.fit.noise import Noise
+from feltmb.gap.criteria import AT_REST, COLOR_GAIN, LEAST_BLOCKS, SAME_SPREAD
 
 __all__ = ["color_at_rest", "still_blocks"]
 
 #: Samples of a block, and degrees of the polynomial that is taken for motion: the color must not
 #: depend on it.
 BLOCK, DEGREES = 32, (2, 5)
-#: Residual of a block at rest, in standard deviations of the noise.
-AT_REST = (0.4, 1.4)
-#: Blocks that are needed.
-LEAST = 5
-#: Log likelihood by which another color must beat that of the data sheet.
-SURE = 10.0
 #: Averages [samples] that are tried, and the correlation times [samples] that they must beat: a
 #: machine that moves a little looks like noise that forgets itself, but is not blind at the
 #: frequencies where an average is.
 AVERAGES = (2, 3, 4, 5, 6)
 TIMES = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
-#: Ratio within which the standard deviation of the blocks must be that of the sensor.
-ALIKE = 1.3
 
 
 def still_blocks(values: Array, sigma: float) -> Array:
@@ -67,7 +60,7 @@ def color_at_rest(blocks: Sequence[Array], interval: float, sheet: Noise) -> Noi
         What the data sheet says.
     """
     table = np.concatenate(blocks) if blocks else np.zeros((0, BLOCK))
-    if len(table) < LEAST:
+    if len(table) < LEAST_BLOCKS:
         return sheet
     averages = [replace(sheet, correlation_time=0.5 * n * interval, averaged=n) for n in AVERAGES]
     others = [sheet, *(replace(sheet, correlation_time=t * interval) for t in TIMES)]
@@ -78,7 +71,7 @@ def color_at_rest(blocks: Sequence[Array], interval: float, sheet: Noise) -> Noi
         best = max(averages, key=lambda n: found[n][0])
         most = max(_likelihood(seen, _covariance(n, interval), degree)[0] for n in others)
         value, sd = found[best]
-        if value > most + SURE and sheet.sigma / ALIKE < sd < sheet.sigma * ALIKE:
+        if value > most + COLOR_GAIN and sheet.sigma / SAME_SPREAD < sd < sheet.sigma * SAME_SPREAD:
             won.append(best)
     return won[0] if len(won) == len(DEGREES) and len(set(won)) == 1 else sheet
 

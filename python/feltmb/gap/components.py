@@ -24,16 +24,13 @@ from feltmb.fit.model import Jobs, Port
 from feltmb.fit.observe import observe_jobs
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit
+from feltmb.gap.criteria import SECOND_SIGNATURE, SIGNATURE
 from feltmb.gap.findings import ComponentRow
 
 __all__ = ["component_table"]
 
 KNOTS = 5
 TRACES = 3
-#: Share of a recovered force from which it is said what it looks like.
-LIKE = 0.15
-#: Share of the largest share from which another form is told beside it.
-NEARLY = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,9 +266,9 @@ def _likeness(seen: Array) -> str:
         if size > 1e-12 * float((law * weight) @ (law * weight)) and power > 0.0:
             shares.append((float(shape @ trace) ** 2 / (size * power), name))
     shares.sort(reverse=True)
-    if not shares or shares[0][0] < LIKE:
+    if not shares or shares[0][0] < SIGNATURE:
         return "no simple form"
-    near = [s for s in shares if s[0] > NEARLY * shares[0][0]][:2]
+    near = [s for s in shares if s[0] > SECOND_SIGNATURE * shares[0][0]][:2]
     return "most like " + " or ".join(f"{name} ({share:.0%} of it)" for share, name in near)
 
 

@@ -8,40 +8,42 @@ from dataclasses import dataclass, replace
 from feltmb.fit.solve import Fit
 from feltmb.gap.acceptance import Accepted, Posterior
 from feltmb.gap.checks import DataChecks
+from feltmb.gap.criteria import (
+    HINT,
+    LARGE_MOVE,
+    LEAST_CLOSED,
+    NO_GAP_RATIO,
+    OTHER_EVIDENCE,
+    REFUTED,
+    REST_EXCESS,
+    SURE,
+    TRUST_DATA,
+    TRUST_NAMED,
+    TRUST_ONE_OF,
+    TRUST_REST,
+    TRUST_UNKNOWN,
+    TRUST_WEAK,
+)
 from feltmb.gap.findings import Calibrated, Closest, HowFar, Verdict, Where
-from feltmb.gap.misfit import OTHER, Misfit, misfit
+from feltmb.gap.misfit import Misfit, misfit
 from feltmb.gap.search import Search
 from feltmb.gap.tolerance import prior_deviations_told
 
 __all__ = ["Decision", "Facts", "decide"]
 
-#: Standardized excess of the sum of squares for what is left after effects were named.
-REST = 3.0
-#: Share of the gap from which a parameter that moved is told in the statement beside others.
-LARGE = 0.1
-#: Posterior that a name needs.
-SURE = 0.9
-#: Family-wise p of the largest score at which the model is refuted, whatever held-out records
-#: say of the effect that has it.
-REFUTED = 1e-4
 #: Share of the cases in which the first of the ranking was right, of what its evidence promised, by
 #: verdict: evidence weighs the causes of the library against each other and cannot see what is not
 #: in it. From 306 blind cases of the development half of seed 20261124 (docs/gap-validation.md).
 TRUST = {
-    Verdict.NAMED: 0.97,
-    Verdict.DATA_PROBLEM: 0.98,
-    Verdict.NAMED_UNKNOWN_REST: 0.72,
-    Verdict.ONE_OF: 0.5,
-    Verdict.TOO_WEAK: 0.6,
-    Verdict.UNKNOWN: 0.36,
+    Verdict.NAMED: TRUST_NAMED,
+    Verdict.DATA_PROBLEM: TRUST_DATA,
+    Verdict.NAMED_UNKNOWN_REST: TRUST_REST,
+    Verdict.ONE_OF: TRUST_ONE_OF,
+    Verdict.TOO_WEAK: TRUST_WEAK,
+    Verdict.UNKNOWN: TRUST_UNKNOWN,
     Verdict.NO_GAP: 1.0,
     Verdict.CALIBRATED: 1.0,
 }
-#: Share of the held-out gap that a name must close where an unexplained residual was admitted.
-LEAST_CLOSED = 0.2
-#: Gap in units of noise below which the share of it that is closed says nothing, and factor by
-#: which a gap must grow to count as wider.
-NEAR = 1.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +120,7 @@ def decide(facts: Facts) -> Decision:
             "what the others do not. Give some of them to the fit, and hold out others.",
         )
     if not gap:
-        weak = hint or (p < 5.0 * facts.alpha and search.best is not None)
+        weak = hint or (p < HINT * facts.alpha and search.best is not None)
         if weak and not facts.enough:
             reason = _refusals(accepted) or f"family-wise p = {p:.2g}"
             return _silent(
@@ -173,7 +175,7 @@ def _calibrated(facts: Facts) -> Decision:
             "the gap that the tabulated numbers leave."
         )
     else:
-        large = [r for r in moved if r.share >= LARGE][:3] or moved[:1]
+        large = [r for r in moved if r.share >= LARGE_MOVE][:3] or moved[:1]
         text = "; ".join(_moved(r) for r in large)
         text = f"{text[0].lower()}{text[1:]}." if text.startswith("The ") else f"{text}."
         more = len(moved) - len(large)
@@ -249,7 +251,7 @@ def _name(facts: Facts) -> Decision:
         best.fit,
         facts.rest,
         estimated=facts.checks.estimated,
-        bar=REST,
+        bar=REST_EXCESS,
         explained=best.evidence - facts.search.tight_evidence,
     )
     left = after.left or facts.unexplained or facts.leftover > 1.0
@@ -283,7 +285,7 @@ def _name(facts: Facts) -> Decision:
 
 def _widens(far: HowFar) -> bool:
     """Whether the held-out gap grows, beyond chance and by more than a trifle."""
-    return far.high < 0.0 and far.after > NEAR * far.before
+    return far.high < 0.0 and far.after > NO_GAP_RATIO * far.before
 
 
 def _band(far: HowFar) -> str:
@@ -297,7 +299,7 @@ def _closing(facts: Facts, names: tuple[str, ...]) -> str:
     if not math.isfinite(gap):
         return "The model cannot simulate the held-out records to their end."
     gains = [paired.gain for name, paired in facts.accepted.proof.items() if name in names]
-    if gap < NEAR and gains:
+    if gap < NO_GAP_RATIO and gains:
         by = "by it" if len(gains) == 1 else "or more by each"
         least = f"{min(gains):.2g} units of log evidence {by}"
         return f"Held-out records, whose gap is hardly above their noise, gain {least}."
@@ -328,7 +330,7 @@ def _signs(facts: Facts) -> str:
     first = facts.first
     text = f"sum of squares {_ratio(first):.3g} of its expectation"
     other = facts.misfit.other
-    if other > OTHER and not first.bare.gap_sd.size:
+    if other > OTHER_EVIDENCE and not first.bare.gap_sd.size:
         text += f", but what is left is smoother than noise, by {other:.0f} units of log evidence"
     if facts.p > REFUTED:
         return text

@@ -19,13 +19,13 @@ from feltmb.fit.problem import Point, Problem
 from feltmb.fit.segmented_records import SegmentedRecord, segment_record
 from feltmb.fit.solve import Fit, FitSettings, finish, fit_problem
 from feltmb.fit.watch import FIT, PROOF, REPORT, SEARCH, Tell, Watch, current, watching
-from feltmb.gap.acceptance import WIDE, Accepted, accept, posterior, shapley
+from feltmb.gap.acceptance import Accepted, accept, posterior, shapley
 from feltmb.gap.assemble import closest_set, how_far_rows, ranked, with_effects
 from feltmb.gap.calibrate import calibrate
 from feltmb.gap.checks import DataChecks, check_against, check_records, with_sigma
-from feltmb.gap.color import SURE
 from feltmb.gap.components import component_table
-from feltmb.gap.decide import REST, Facts, decide
+from feltmb.gap.criteria import COLOR_GAIN, EXCESS, REST_EXCESS, WIDE_GAP
+from feltmb.gap.decide import Facts, decide
 from feltmb.gap.discrepancy import (
     color_of_discrepancy,
     converged,
@@ -35,7 +35,7 @@ from feltmb.gap.discrepancy import (
 )
 from feltmb.gap.experiments import advise
 from feltmb.gap.findings import Advice, NotTested, Verdict, Where
-from feltmb.gap.misfit import EXCESS, form_of, misfit
+from feltmb.gap.misfit import form_of, misfit
 from feltmb.gap.proof import HeldOut, residuals_by_segment
 from feltmb.gap.refine import CandidateSet, full_evidence, refit_at, tighten
 from feltmb.gap.report import Report
@@ -209,7 +209,7 @@ def _explained(
         return None
     explained = best.evidence - first.tight_evidence
     tight = tighten(fit, settings)
-    if misfit(fit, tight, estimated=checks.estimated, bar=REST, explained=explained).left:
+    if misfit(fit, tight, estimated=checks.estimated, bar=REST_EXCESS, explained=explained).left:
         return None
     others = tuple(c for c in first.sets if c.key != best.key)
     whole = replace(first, sets=(best, *others))
@@ -634,7 +634,7 @@ def _recolored(
     if first.best is not None:
         plain = max(plain, first.best.fit.log_evidence)
     gain = again.log_evidence + _log_weights(colored) - plain - _log_weights(segmented_records)
-    return color if gain > SURE else None
+    return color if gain > COLOR_GAIN else None
 
 
 def _log_weights(segmented_records: Sequence[SegmentedRecord]) -> float:
@@ -672,7 +672,7 @@ def _beyond(
     """
     model = accepted.before.fit.problem.model
     which = "segmented" if model.chaotic else "open_loop"
-    if not accepted.before.gap(segmented_records, which) > WIDE:
+    if not accepted.before.gap(segmented_records, which) > WIDE_GAP:
         return None
     say("held-out records alone")
     problem = Problem(model, segmented_records, cache=cache)

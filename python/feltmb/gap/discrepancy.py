@@ -11,6 +11,7 @@ from feltmb.fit.linearize import predict
 from feltmb.fit.model import Model
 from feltmb.fit.segmented_records import Noise, SegmentedRecord, segment_record
 from feltmb.fit.solve import Fit, FitSettings, polish
+from feltmb.gap.criteria import AS_TOLD, COLORED, MISFIT_RATIO, STILL_SHRINKS
 from feltmb.gap.search import Search
 
 __all__ = [
@@ -21,14 +22,6 @@ __all__ = [
     "with_color",
     "with_noise",
 ]
-
-#: Ratio of the sum of squares to its expectation beyond which there is an unexplained residual.
-MISFIT = 1.33**2
-
-
-#: Size of the rest, in that of white noise of which a sensor tells, up to which it may be that
-#: noise, and the correlation of neighbors from which its color is asked.
-AS_TOLD, COLORED = 1.15, 0.2
 
 
 @dataclass(frozen=True)
@@ -70,9 +63,9 @@ def discrepancy_of(
         total = np.concatenate([v[np.isfinite(v)] for v in values])
         given = float(np.sqrt(np.mean([s.noise[c].sigma ** 2 for s in sensed])))
         sigma = float(np.sqrt(np.mean(total**2)))
-        more = more or sigma**2 > MISFIT * given**2
+        more = more or sigma**2 > MISFIT_RATIO * given**2
         memory = None
-        if sigma**2 > MISFIT * given**2:
+        if sigma**2 > MISFIT_RATIO * given**2:
             memory = _memory(values) * sensed[0].record.interval
         out[name] = Discrepancy(max(sigma, given), memory)
     return out if more else None
@@ -132,7 +125,7 @@ def converged(old: dict[str, Discrepancy], new: dict[str, Discrepancy]) -> bool:
     One that grows has stopped as well: with more noise allowed, a smaller set is found, which
     leaves more, and so on to a model that explains nothing.
     """
-    return all(new[n].sigma > 0.85 * old[n].sigma for n in old)
+    return all(new[n].sigma > STILL_SHRINKS * old[n].sigma for n in old)
 
 
 def with_noise(

@@ -99,12 +99,12 @@ def bars(
             f"<title>{escape(r.mechanism or r.effect)}</title></rect>"
         )
         unit = "" if r.unit == "1" else f" {r.unit}"
-        size = f"{r.size:.{digits(r.size, r.sd, 4)}g}"
+        value = f"{r.magnitude:.{digits(r.magnitude, r.sd, 4)}g}"
         parts.append(
             _text(
                 left + w + 8,
                 y + 13,
-                f"{note}{r.posterior:.0%}; {size} ± {1.96 * r.sd:.2g}{unit}",
+                f"{note}{r.posterior:.0%}; {value} ± {1.96 * r.sd:.2g}{unit}",
                 color=SOFT,
             )
         )

@@ -23,6 +23,7 @@ from feltmb.fit.segmented_records import Noise, SegmentedRecord, segment_record
 from feltmb.fit.solve import Fit
 from feltmb.gap.acceptance import Accepted
 from feltmb.gap.advise import confused
+from feltmb.gap.criteria import CLEAR_DIFFERENCE, POOR_EXPERIMENT
 from feltmb.gap.findings import Advice
 from feltmb.gap.planning import planned
 from feltmb.gap.search import Search
@@ -31,10 +32,6 @@ __all__ = ["advise"]
 
 #: Rivals that advice is given for.
 MOST_RIVALS = 3
-#: Confusion above which an experiment is not worth the name.
-POOR = 0.2
-#: Confusion below which noise is not what hides a difference.
-CLEAR = 0.005
 #: Other ways to play a record: name, factor of the inputs, factor of the time.
 WAYS = (
     ("the same again", 1.0, 1.0),
@@ -75,7 +72,7 @@ def _advice(fit: Fit, a: Candidate, b: Candidate, size: float) -> Advice:
     base = fit.problem.normal(fit.point, fit.problem.linear(fit.point, (a, b)), fit.gap_sd)
     shared = _eliminated(base)
     now = _confusion(shared, a, b, size)
-    if now < CLEAR:
+    if now < CLEAR_DIFFERENCE:
         text = (
             f"by the noise of these records alone {a.name} could be told from {b.name}: what hides "
             "the difference is another form of one of them, or something that neither is"
@@ -98,7 +95,7 @@ def _advice(fit: Fit, a: Candidate, b: Candidate, size: float) -> Advice:
         f"{chosen.text}: the chance to take {a.name} for {b.name} falls from {now:.0%} to "
         f"{chosen.then:.0%}"
     )
-    if chosen.then > POOR:
+    if chosen.then > POOR_EXPERIMENT:
         text += "; no experiment that was tried does better"
     return Advice(
         text=text, separates=(a.name, b.name), confusion_now=now, confusion_then=chosen.then

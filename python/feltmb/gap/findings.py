@@ -236,7 +236,7 @@ class Ranked:
     kind: str
     unit: str
     shape: Any
-    size: float
+    magnitude: float
     """Refitted if ``refitted``, else one step from the model fit [unit]."""
     sd: float
     low: float

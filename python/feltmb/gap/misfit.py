@@ -6,17 +6,10 @@ import math
 from dataclasses import dataclass
 
 from feltmb.fit.solve import Fit
+from feltmb.gap.criteria import EXCESS, FORM, MISFIT_RATIO, OTHER_EVIDENCE
 from feltmb.gap.smooth import smooth_discrepancy
 
-__all__ = ["EXCESS", "FORM", "OTHER", "Misfit", "form_of", "misfit"]
-
-#: Standardized excess of the sum of squares that is a gap whatever causes it (p = 3e-5).
-EXCESS = 4.0
-#: Log evidence for unknown forces or signals that is a gap whatever causes it.
-OTHER = 6.0
-#: Amplitude of what is left, as a share of what the named effects explain, up to which it is
-#: their form.
-FORM = 0.003
+__all__ = ["Misfit", "form_of", "misfit"]
 
 
 def form_of(explained: float) -> float:
@@ -42,14 +35,14 @@ def misfit(
     """What a fit leaves, and whether that is more than noise.
 
     ``explained`` is the gain of log evidence of the effects in the fit. What is left must be more
-    than ``FORM`` of that motion: no law is right to the last digit, nor is an integrator.
+    than ``criteria.FORM`` of that motion: no law is right to the last digit, nor is an integrator.
 
     The unknown are forces at every segment's joint, or, where a fit has no continuity defects, a
     smooth signal in every output. Where the noise itself was estimated from the records, an excess
     within a third of it is not held against the model.
     """
     reference = tight if tight is not None else fit
-    if estimated and reference.chi2 / reference.dof < 1.33**2:
+    if estimated and reference.chi2 / reference.dof < MISFIT_RATIO:
         return Misfit(False, 0.0, 0.0)
     beyond = reference.chi2 - reference.dof
     excess = beyond / math.sqrt(2.0 * reference.dof)
@@ -60,4 +53,4 @@ def misfit(
         other = smooth_discrepancy(reference)
     form = form_of(explained)
     far = excess > bar and 0.5 * beyond > form
-    return Misfit(bool(far or other > OTHER + form), float(excess), float(other))
+    return Misfit(bool(far or other > OTHER_EVIDENCE + form), float(excess), float(other))

@@ -16,8 +16,9 @@ from feltmb.fit.observe import observe_jobs
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, finish
-from feltmb.gap.advise import SHOWS, confusion_at
+from feltmb.gap.advise import confusion_at
 from feltmb.gap.checks import faults_against, with_sigma
+from feltmb.gap.criteria import DETECTABLE
 from feltmb.gap.score import Scores, all_candidates, score_fit
 from feltmb.gap.smoke_test import try_effects
 
@@ -150,7 +151,7 @@ def _best_shapes(scores: Scores) -> list[int]:
 
 
 def _matrix(scores: Scores, index: list[int]) -> Array:
-    magnitudes = np.maximum(1.0, SHOWS / np.maximum(scores.strength, 1e-300))
+    magnitudes = np.maximum(1.0, DETECTABLE / np.maximum(scores.strength, 1e-300))
     chance = confusion_at(scores, np.where(scores.testable, magnitudes, 0.0))
     return np.asarray(chance[np.ix_(index, index)])
 
@@ -220,7 +221,7 @@ def plan(
                 component=candidate.effect.component,
                 unit=candidate.effect.unit,
                 scale=candidate.effect.scale,
-                smallest=float(SHOWS * candidate.effect.scale / now.strength[i])
+                smallest=float(DETECTABLE * candidate.effect.scale / now.strength[i])
                 if seen
                 else np.inf,
                 surviving=float(np.sqrt(now.gram[i, i] / now.raw[i])) if seen else 0.0,
@@ -302,7 +303,9 @@ def _classes(names: Sequence[str], matrix: Array) -> tuple[tuple[str, ...], ...]
 
 
 @checked
-def noncentrality(model: Model, effect: Effect, size: float, records: Sequence[Record]) -> float:
+def noncentrality(
+    model: Model, effect: Effect, magnitude: float, records: Sequence[Record]
+) -> float:
     """Expected root of T of an effect of a given magnitude in records of these inputs and sensors.
 
     The best shape counts.
@@ -311,4 +314,4 @@ def noncentrality(model: Model, effect: Effect, size: float, records: Sequence[R
         raise InvalidParameter("noncentrality: no planned records; give inputs over time")
     plans = [planned(model, r, r.sensors) for r in records]
     scores = planned_scores(model, [effect], plans)
-    return float(np.max(np.where(scores.testable, scores.strength, 0.0)) * size / effect.scale)
+    return float(np.max(np.where(scores.testable, scores.strength, 0.0)) * magnitude / effect.scale)

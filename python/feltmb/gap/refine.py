@@ -11,14 +11,11 @@ from feltmb.data import Array
 from feltmb.fit.model import Candidate
 from feltmb.fit.problem import Point, Problem
 from feltmb.fit.solve import Fit, FitSettings, at_level, chained, polish
+from feltmb.gap.criteria import DOUBT, LOOSE
 from feltmb.gap.score import prior_of
 
 __all__ = ["CandidateSet", "freed", "from_priors", "full_evidence", "refit", "refit_at", "tighten"]
 
-#: Gaps, as a share of the spread of the states, that let parameters come back from their priors.
-LOOSE = 0.1
-#: Log evidence that tight gaps may cost before their fit is tried from another start.
-DOUBT = 3.0
 #: Note of a model that an effect led out of a wrong valley.
 REFITTED = "fitted again from the fit with an effect"
 

@@ -23,9 +23,9 @@ from feltmb.data import Array
 from feltmb.fit.model import Candidate, Effect
 from feltmb.fit.problem import solve_scaled
 from feltmb.fit.solve import Fit
+from feltmb.gap.criteria import FITTED_SHAPE, LEAST_SURVIVING
 
 __all__ = [
-    "FITTED_SHAPE",
     "ScoredSet",
     "Scores",
     "all_candidates",
@@ -34,11 +34,6 @@ __all__ = [
     "score_fit",
     "screen_sets",
 ]
-
-#: Log evidence that a fitted number of a shape costs: known to a twentieth of its range.
-FITTED_SHAPE = 3.0
-#: Share of a candidate's signature that must survive the projection to be tested at all.
-LEAST_SURVIVING = 1e-7
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,15 @@ from feltmb.fit.model import Batch, Candidate, Effect, Jobs, Model
 from feltmb.fit.observe import machine_candidates
 from feltmb.fit.solve import Fit, FitSettings, polish
 from feltmb.fit.watch import current
+from feltmb.gap.criteria import (
+    FAINT_SCORE,
+    NEAR_BEST,
+    NEAR_SHAPE,
+    PROMISE,
+    SHORT,
+    SMALL_GAIN,
+    SWAP_CORRELATION,
+)
 from feltmb.gap.refine import (
     CandidateSet,
     freed,
@@ -29,21 +38,8 @@ __all__ = ["Search", "in_refined_steps", "search"]
 
 Progress = Callable[[str, int, int], None]
 
-#: Share of the evidence gained so far below which a further effect ends the search: it would not be
-#: told from an error in the form of a larger one.
-SMALL = 0.02
-#: Log evidence by which a fit may fall short of what a larger set predicts before it is made again.
-SHORT = 1.0
-#: Share of the best set's gain of evidence from which the shape of a single effect is fitted.
-NEAR = 0.5
-#: Correlation of traces from which an effect is tried in the place of another, and how many are.
-ALIKE, SWAPS = 0.7, 3
-#: Linear log evidence below which a set is not refitted where the model explains the records.
-PROMISE = -3.0
-#: Score below which an effect alone is not refitted.
-FAINT = 4.0
-#: Log evidence below the best set from which a single effect is not fitted again in refined steps.
-NEAR_BEST = 50.0
+#: Effects that are tried in the place of another.
+SWAPS = 3
 #: Note of a model that does best with the tightest gaps, though the descent left them.
 CLOSED = "gaps closed again"
 
@@ -301,7 +297,7 @@ class _Hunt:
             names: list[str] = []
             for i in np.argsort(-single, kind="stable"):
                 t = at.candidates[i]
-                if t.name in names or single[i] <= FAINT or promised[t.name] < self.least:
+                if t.name in names or single[i] <= FAINT_SCORE or promised[t.name] < self.least:
                     continue
                 names.append(t.name)
                 if (t.name,) not in self.done:
@@ -352,7 +348,7 @@ class _Hunt:
             (c for c in self.done.values() if len(c.names) == 1), key=lambda c: -c.evidence
         )
         for c in alone[:2]:
-            if c.evidence - self.start > NEAR * (self._best().evidence - self.start) > 0.0:
+            if c.evidence - self.start > NEAR_SHAPE * (self._best().evidence - self.start) > 0.0:
                 self._shape(c)
         for _ in range(2 * self.most):
             if current().stopping() or not self.done or self._best().evidence < self.start:
@@ -364,7 +360,7 @@ class _Hunt:
             if left and len(best.fit.included) < self.most:
                 self._extend(best.fit, score_fit(best.fit, left), 3)
                 best = self._best()
-            if best.evidence <= before + max(1e-9, SMALL * (before - self.start)):
+            if best.evidence <= before + max(1e-9, SMALL_GAIN * (before - self.start)):
                 self._vary(best)
                 if self._best().evidence <= best.evidence:
                     break
@@ -455,7 +451,7 @@ def _alike(scores: Scores, candidate: Candidate) -> list[tuple[Candidate, float]
     found: dict[str, int] = {}
     for j in np.argsort(-rho, kind="stable"):
         t = scores.candidates[j]
-        if rho[j] < ALIKE or len(found) == SWAPS:
+        if rho[j] < SWAP_CORRELATION or len(found) == SWAPS:
             break
         if t.name != candidate.name and scores.testable[j]:
             found.setdefault(t.name, int(j))

@@ -14,7 +14,8 @@ import numpy as np
 
 from feltmb.fit.model import Candidate, Effect
 from feltmb.fit.solve import Fit
-from feltmb.gap.score import FITTED_SHAPE, score_fit
+from feltmb.gap.criteria import FITTED_SHAPE, WORTH_SHAPE
+from feltmb.gap.score import score_fit
 
 __all__ = ["between", "movable", "moved_shape", "off_grid", "shape_number"]
 
@@ -24,8 +25,6 @@ BEYOND = 5.0
 STEPS, FINER = 3, 6
 #: Relative accuracy of a shape.
 CLOSE = 0.002
-#: Log evidence that another shape must promise beyond what it costs.
-WORTH = 2.0
 #: Log evidence of what cannot be simulated.
 WORST = 1e30
 
@@ -62,7 +61,7 @@ def off_grid(fit: Fit) -> bool:
     scores = score_fit(fit, tuple(included))
     gram = np.where(scores.testable, np.diag(scores.gram), np.inf)
     # A mixture may need a negative share of either, so that signs do not count.
-    return bool(np.max(scores.b**2 / gram) > 2.0 * (FITTED_SHAPE + WORTH))
+    return bool(np.max(scores.b**2 / gram) > 2.0 * (FITTED_SHAPE + WORTH_SHAPE))
 
 
 def _adds(effect: Effect) -> bool:

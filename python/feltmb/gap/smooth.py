@@ -23,6 +23,7 @@ import numpy as np
 from feltmb.data import Array
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit
+from feltmb.gap.criteria import SLOW_COLOR
 
 __all__ = ["smooth_discrepancy"]
 
@@ -32,9 +33,6 @@ LENGTHS = (0.01, 0.03, 0.1, 0.3)
 MOST, IN_ALL = 40, 900
 #: Share of a signal below which what the fit leaves of it is rounding.
 ROUNDING = 1e-9
-#: Frequency times correlation time of the noise up to which cosines are asked: above it a data
-#: sheet's one number does not say what the noise is [1].
-SLOW = 0.3
 
 
 @functools.lru_cache(maxsize=8)
@@ -122,7 +120,7 @@ def _cosines(segmented: SegmentedRecord, most: int) -> tuple[Array, Array]:
         tau = segmented.noise[c].correlation_time
         for k in range(min(most, samples // 4)):
             rate = np.pi * k / duration
-            if rate * tau > SLOW:
+            if rate * tau > SLOW_COLOR:
                 break
             column = np.zeros((1, length, ny))
             column[0, : time.size, c] = np.cos(rate * time) * segmented.noise[c].sigma

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from feltmb.fit.solve import Interval
+from feltmb.gap.criteria import FAR_FROM_PRIOR
 from feltmb.gap.findings import (
     Advice,
     AsItIs,
@@ -16,9 +17,6 @@ from feltmb.gap.findings import (
 )
 
 __all__ = ["next_steps"]
-
-#: Prior standard deviations from which a part is to be measured by itself.
-FAR = 2.0
 
 
 def next_steps(
@@ -48,7 +46,9 @@ def next_steps(
         if row.text.startswith("The ")
         else f"Measure it by itself: {row.text}."
         for row in calibrated
-        if row.sure and row.prior_deviations is not None and abs(row.prior_deviations) > FAR
+        if row.sure
+        and row.prior_deviations is not None
+        and abs(row.prior_deviations) > FAR_FROM_PRIOR
     ][:3]
     texts += [f"{r.effect}: {r.remedy}" for r in named if r.remedy]
     if verdict in (Verdict.UNKNOWN, Verdict.NAMED_UNKNOWN_REST):

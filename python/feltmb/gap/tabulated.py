@@ -15,6 +15,7 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.resolution import BETWEEN
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit, FitSettings, Interval, estimate_states, polish
+from feltmb.gap.criteria import MOVED
 from feltmb.gap.digits import digits
 from feltmb.gap.findings import AsItIs, Calibrated
 from feltmb.gap.proof import Outcome, one_run, residuals_by_segment
@@ -29,8 +30,6 @@ __all__ = [
     "tabulated_outcome",
 ]
 
-#: Posterior standard deviations from its tabulated value from which a parameter was moved.
-MOVED = 2.0
 #: Rows whose share of the gap is computed; two simulations of the records each.
 SHARED = 16
 

@@ -11,13 +11,11 @@ import numpy as np
 
 from feltmb.fit.model import VARIABILITY, Model, Parameter
 from feltmb.fit.solve import Fit, FitSettings, polish
+from feltmb.gap.criteria import TOLERATED
 from feltmb.gap.search import Search
 
-__all__ = ["TOLERATED", "beyond_prior", "prior_deviations_told", "within_tolerance"]
+__all__ = ["beyond_prior", "prior_deviations_told", "within_tolerance"]
 
-#: Standard deviations from its prior that a parameter may take up: of fifty parameters one goes
-#: beyond in one machine of 300.
-TOLERATED = 4.0
 #: Note of a model whose parameters were held within their tolerance.
 HELD = "parameters held within their tolerance"
 

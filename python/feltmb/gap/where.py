@@ -13,12 +13,10 @@ from feltmb.fit.model import Jobs
 from feltmb.fit.observe import observe_jobs
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit
+from feltmb.gap.criteria import ONSET_SHARE
 from feltmb.gap.findings import EventRow, LedgerCell
 
 __all__ = ["event_ledger", "first_act", "ledger", "onset_of", "split_gap"]
-
-#: Difference of an output at which an effect shows, as a share of its noise and of the largest.
-SHOWS = 0.1
 
 
 def ledger(fit: Fit, level: float = 0.05) -> tuple[tuple[LedgerCell, ...], dict[str, float]]:
@@ -50,7 +48,7 @@ def ledger(fit: Fit, level: float = 0.05) -> tuple[tuple[LedgerCell, ...], dict[
                 rms = float(np.sqrt(np.mean(values**2))) * segmented.noise[c].sigma
                 rows.append((segmented, w, channel, c, n, rms, chi2, dof, p, _lag1(values)))
     ps = np.array([r[8] for r in rows])
-    flags = _benjamini_yekutieli(ps, level)
+    flags = _shows(ps, level)
     cells = []
     onset: dict[str, float] = {}
     for (segmented, w, channel, c, n, rms, chi2, dof, p, lag), flag in zip(
@@ -101,7 +99,7 @@ def first_act(fit: Fit) -> dict[str, float]:
     """First moment of each record at which the effects of a fit show [s].
 
     The fit is simulated with its effects and without, at the same parameters and from the same
-    start; they show where an output differs by ``SHOWS`` of its noise and of the largest
+    start; they show where an output differs by ``ONSET_SHARE`` of its noise and of the largest
     difference. A sum of squares needs many samples before it shows, the model knows when its
     effect begins. Records that the effects leave alone are left out.
     """
@@ -123,7 +121,7 @@ def first_act(fit: Fit) -> dict[str, float]:
         sigma = np.array([n.sigma for n in segmented.noise])
         seen = np.nan_to_num(np.abs(runs[0] - runs[1]) / sigma)[:, segmented.valid.any(axis=(0, 1))]
         most = np.max(seen, axis=1, initial=0.0)
-        shows = np.flatnonzero(most > SHOWS * max(1.0, float(np.max(most))))
+        shows = np.flatnonzero(most > ONSET_SHARE * max(1.0, float(np.max(most))))
         if shows.size:
             found[record.name] = float(record.time[shows[0]])
     return found
@@ -140,17 +138,13 @@ def _lag1(values: Array, bins: int = 12) -> float:
     return float(means[1:] @ means[:-1] / power) if power > 0.0 else 0.0
 
 
-def _benjamini_yekutieli(p: Array, level: float) -> Array:
-    n = p.size
-    if n == 0:
+def _shows(p: Array, level: float) -> Array:
+    """Which probabilities show an effect: Benjamini-Yekutieli control of false discoveries."""
+    from scipy import stats
+
+    if p.size == 0:
         return np.zeros(0, dtype=bool)
-    order = np.argsort(p, kind="stable")
-    harmonic = np.sum(1.0 / np.arange(1, n + 1))
-    passed = p[order] <= level * np.arange(1, n + 1) / (n * harmonic)
-    flags = np.zeros(n, dtype=bool)
-    if passed.any():
-        flags[order[: int(np.flatnonzero(passed)[-1]) + 1]] = True
-    return flags
+    return np.asarray(stats.false_discovery_control(p, method="by") <= level)
 
 
 def _simulated(fit: Fit) -> list[Array]:
@@ -238,7 +232,7 @@ def event_ledger(fit: Fit, level: float = 0.01) -> tuple[EventRow, ...]:
     if not rows:
         return ()
     ps = 2.0 * 2.0 * stats.norm.sf(np.array([r[-1] for r in rows]))
-    flags = _benjamini_yekutieli(np.minimum(ps, 1.0), level)
+    flags = _shows(np.minimum(ps, 1.0), level)
     return tuple(
         EventRow(
             record=r[0],

@@ -30,6 +30,7 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.shift import shifted
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap.checks import DataChecks, check_against, with_sigma
+from feltmb.gap.criteria import CLEAR_SIGNAL
 from feltmb.gap.diagnose import Options, diagnose, prepare
 from feltmb.gap.findings import QUIET, Findings, Verdict
 
@@ -37,8 +38,6 @@ __all__ = ["OUTCOMES", "Withheld", "WithheldCase", "outcome_of", "withhold"]
 
 #: What may become of a case, the best first.
 OUTCOMES = ("right", "rest", "class", "unknown", "silent", "wrong", "failed")
-#: From this signal-to-noise ratio on an effect is detectable.
-CLEAR = 5.0
 
 Progress = Callable[[int, int, "WithheldCase"], None]
 
@@ -51,7 +50,7 @@ class WithheldCase:
     number: int
     effect: str
     """Name of the effect; empty: nothing was withheld."""
-    size: float
+    magnitude: float
     """[unit]"""
     unit: str
     signal_to_noise: float
@@ -87,7 +86,9 @@ class Withheld:
         clear
             Only cases whose effect has a signal-to-noise ratio of at least 5.
         """
-        chosen = [c for c in self.cases if c.effect and (not clear or c.signal_to_noise >= CLEAR)]
+        chosen = [
+            c for c in self.cases if c.effect and (not clear or c.signal_to_noise >= CLEAR_SIGNAL)
+        ]
         return _share([c.outcome == outcome for c in chosen])
 
     @property
@@ -250,11 +251,11 @@ def _run(
 ) -> WithheldCase:
     rng = np.random.default_rng([seed, number])
     begin = time.perf_counter()
-    size, ratio, error = 0.0, 0.0, ""
+    magnitude, ratio, error = 0.0, 0.0, ""
     report: Findings | None = None
     try:
-        candidate, size = (None, 0.0) if effect is None else _drawn(effect, rng)
-        shown, ratio = machine.records_with(candidate, size, rng)
+        candidate, magnitude = (None, 0.0) if effect is None else _drawn(effect, rng)
+        shown, ratio = machine.records_with(candidate, magnitude, rng)
         report = diagnose(machine.model, effects, shown, hold_out, options)
     except FeltmbError as fault:
         error = str(fault)
@@ -263,7 +264,7 @@ def _run(
     return WithheldCase(
         number=number,
         effect=name,
-        size=size,
+        magnitude=magnitude,
         unit="" if effect is None else effect.unit,
         signal_to_noise=ratio,
         outcome="failed" if report is None else outcome_of(name, report),
@@ -281,10 +282,10 @@ def _drawn(effect: Effect, rng: np.random.Generator) -> tuple[Candidate, float]:
     """A shape of an effect, and a magnitude from its prior: normal, within its limits."""
     shape = effect.shapes[int(rng.integers(len(effect.shapes)))]
     low, high = effect.bounds
-    size = float(effect.scale * rng.standard_normal())
-    if not low <= size <= high:  # half of a normal law
-        size = -size
-    return Candidate(effect, shape), float(np.clip(size, low, high))
+    magnitude = float(effect.scale * rng.standard_normal())
+    if not low <= magnitude <= high:  # half of a normal law
+        magnitude = -magnitude
+    return Candidate(effect, shape), float(np.clip(magnitude, low, high))
 
 
 def _within(p: Parameter, z: float) -> float:
@@ -339,7 +340,7 @@ class _Machine:
         return cls(ready.model, tuple(told), tuple(starts), tuple(free), checks)
 
     def records_with(
-        self, candidate: Candidate | None, size: float, rng: np.random.Generator
+        self, candidate: Candidate | None, magnitude: float, rng: np.random.Generator
     ) -> tuple[list[Record], float]:
         """Records of a machine with an effect, and its signal-to-noise ratio in them."""
         theta = np.array([_within(p, rng.standard_normal()) for p in self.model.parameters])
@@ -350,7 +351,7 @@ class _Machine:
             outputs = (
                 clean
                 if candidate is None
-                else self.outputs_of(record, theta, first, candidate, size)
+                else self.outputs_of(record, theta, first, candidate, magnitude)
             )
             noise = self.noise.noise(record.name)
             made = {}
@@ -382,10 +383,15 @@ class _Machine:
         return shown, math.sqrt(square)
 
     def outputs_of(
-        self, record: Record, theta: Array, start: Array, candidate: Candidate | None, size: float
+        self,
+        record: Record,
+        theta: Array,
+        start: Array,
+        candidate: Candidate | None,
+        magnitude: float,
     ) -> Mapping[str, Array]:
         included = () if candidate is None else (candidate,)
-        magnitudes = np.array([size] if included else [])
+        magnitudes = np.array([magnitude] if included else [])
         hidden = [s.start for s in self.model.states(included)[start.size :]]
         whole = np.array([[0, record.samples - 1]])
         states = np.concatenate([start, hidden])[None, :]
@@ -487,10 +493,10 @@ def _digest(
             included = [Candidate(e, e.shapes[0]) for e in effects] if k == 0 else []
             for candidate in (None, *included):
                 low, high = (0.0, 0.0) if candidate is None else candidate.effect.bounds
-                size = (
+                magnitude = (
                     0.0 if candidate is None else float(np.clip(candidate.effect.scale, low, high))
                 )
-                given = machine.outputs_of(record, theta, start, candidate, size)
+                given = machine.outputs_of(record, theta, start, candidate, magnitude)
                 yield from (np.nan_to_num(given[name]).tobytes() for name in model.outputs)
 
     for word in words():

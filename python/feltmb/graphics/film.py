@@ -22,6 +22,7 @@ from feltmb.graphics.plot.poses import (
 )
 from feltmb.graphics.plot.readings import busy_window, loaded_contacts
 from feltmb.graphics.plot.shapes import scene, view_box
+from feltmb.run.reading import striker_speed
 
 if TYPE_CHECKING:
     from feltmb.mechanism import Action
@@ -93,7 +94,7 @@ class Film:
         if self.finger is not None and action.config.finger is not None:
             peaks.append(float(np.max(np.abs(self.finger))))
         self.largest = max(peaks, default=0.0)
-        self.speed = -run["hammer_tip.vx"] if "hammer_tip.vx" in run else None
+        self.speed = striker_speed(run)
         self.string = self._string_shapes()
 
     def sample(self, name: str) -> Array:

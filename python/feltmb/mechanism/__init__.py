@@ -19,11 +19,13 @@ from feltmb.mechanism.schema import (
     LawChoice,
     MechanismFile,
     NamedEvent,
+    Reading,
     Source,
     Spring,
     Surface,
+    View,
 )
-from feltmb.mechanism.to_core import core_friction, core_law, describe
+from feltmb.mechanism.to_core import core_law, describe
 from feltmb.mechanism.values import apply_values, expand_path, parse_setting, plain_data
 
 __all__ = [
@@ -36,11 +38,12 @@ __all__ = [
     "LawChoice",
     "MechanismFile",
     "NamedEvent",
+    "Reading",
     "Source",
     "Spring",
     "Surface",
+    "View",
     "apply_values",
-    "core_friction",
     "core_law",
     "describe",
     "expand_path",

@@ -105,6 +105,11 @@ class Action:
     def hash(self) -> str:
         """SHA-256 of all parameters in SI units, without names for people, notes, sources."""
         tables = self.config.model_dump(mode="json", exclude={"name", "about", "source"})
+        reading = tables.pop("reading")  # of it only what changes the numbers of a run
+        roles = ("strike_contact", "let_off_contact", "check_contacts", "key_point")
+        tables["summary"] = {name: reading[name] for name in roles}
+        if reading["rows"]:
+            tables["rows"] = reading["rows"]
         for table in ("motor", "dashpots"):
             if not tables[table]:
                 del tables[table]  # as before there were any: results keep their hash

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 from pydantic import ValidationError
@@ -123,44 +124,78 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
             faults.append(f"{where}: a point event needs travel")
         if name in _events_behind(name, _table(raw, "events")):
             faults.append(f"{where}: waits for itself through 'after', 'before' or 'unless'")
-    summary = _table(raw, "summary")
+    reading = _table(raw, "reading")
     for key in ("strike_contact", "let_off_contact"):
-        if isinstance(summary.get(key), int) and summary[key] not in numbers:
-            faults.append(f"summary.{key}: there is no contact {summary[key]}")
-    listed = summary.get("check_contacts")
+        if isinstance(reading.get(key), int) and reading[key] not in numbers:
+            faults.append(f"reading.{key}: there is no contact {reading[key]}")
+    listed = reading.get("check_contacts")
     for number in listed if isinstance(listed, list) else []:
         if isinstance(number, int) and number not in numbers:
-            faults.append(f"summary.check_contacts: there is no contact {number}")
-    need(summary.get("key_point"), points, "summary.key_point", "point")
+            faults.append(f"reading.check_contacts: there is no contact {number}")
+    need(reading.get("key_point"), points, "reading.key_point", "point")
+    need(_table(reading, "striker").get("point"), points, "reading.striker.point", "point")
+    for name, node in _table(reading, "rows").items():
+        if not isinstance(node, Mapping):
+            continue
+        where = f"reading.rows.{name}"
+        for key in ("at", "after", "before"):
+            need(node.get(key), events, f"{where}.{key}", "event")
+        pair = node.get("between")
+        for event in pair if isinstance(pair, list) else []:
+            need(event, events, f"{where}.between", "event")
+        kinds = ("take" in node, "at" in node, "between" in node)
+        if (
+            sum(kinds) != 1
+            or (kinds[2] and "output" in node)
+            or (kinds[0] and "output" not in node)
+        ):
+            faults.append(
+                f"{where}: expected output with take or at = EVENT, or a time: at = EVENT alone "
+                "or between = [EVENT, EVENT]"
+            )
+        if name in _OWN_ROWS or name.removesuffix("_time") in events:
+            faults.append(f"{where}: the summary has a number of this name; choose another")
     return faults
 
 
-_OWN_OUTPUTS = (
-    *("time", "end_state", "end_memory", "finger.force", "finger.displacement", "motor.torque"),
-    *("string.strike", "string.bridge_force", "string.eta"),
-    *(f"energy.{part}" for part in ("kinetic", "gravity", "elastic", "contact", "string")),
+#: Numbers of a summary that follow from the parts that contacts and points play.
+_OWN_ROWS = (
+    *("impact_time", "impact_speed", "rebound_speed", "string_contact_duration", "let_off_gap"),
+    *("max_string_force", "max_string_force_time", "check_gap", "check_gap_swing", "key_travel"),
 )
 
 
-def _output_faults(raw: Mapping[str, Any]) -> list[str]:
-    """Names of outputs that no file can hold, or that two of them would share."""
-    bodies = [b for b in _table(raw, "bodies").values() if isinstance(b, Mapping)]
-    names = {str(b["coordinate"]) for b in bodies if isinstance(b.get("coordinate"), str)}
-    outputs = [*_OWN_OUTPUTS, *names, *(f"{name}.rate" for name in names)]
-    for table, parts in (
-        ("points", ("x", "y", "vx", "vy")),
-        ("straps", ("force",)),
-    ):
-        outputs += [f"{name}.{part}" for name in _table(raw, table) for part in parts]
-    for key in _table(raw, "contacts"):
-        parts = ("force", "compression", "rate", "friction")
-        outputs += [f"contact{key}.{part}" for part in parts]
+def _reading_faults(config: MechanismFile, outputs: Collection[str]) -> list[str]:
+    """Outputs that ``[reading]`` names and the mechanism does not have."""
+    reading = config.reading
+    named = [(f"reading.rows.{name}.output", row.output) for name, row in reading.rows.items()]
+    named += [
+        (f"reading.views.{name}.curves", curve.output)
+        for name, view in reading.views.items()
+        for curve in view.rows
+    ]
+    faults = []
+    for where, output in named:
+        if output is None or output in outputs:
+            continue
+        near = difflib.get_close_matches(output, outputs, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        faults.append(f"{where}: there is no output {output!r}{hint}")
+    return faults
+
+
+#: Names beside those of the outputs in the file of a run.
+_IN_FILES = ("time", "end_state", "end_memory", "string.eta")
+
+
+def _output_faults(outputs: Sequence[str]) -> list[str]:
+    """Names of outputs that no file can hold, or that two of them share."""
     faults = [
         f"output {name!r}: the name of a coordinate, point or strap must hold no '/'"
         for name in outputs
         if "/" in name or "\0" in name
     ]
-    twice = {name for name, count in Counter(outputs).items() if count > 1}
+    twice = {name for name, count in Counter([*_IN_FILES, *outputs]).items() if count > 1}
     return faults + [
         f"output {name!r} would be given twice; rename the coordinate, point or strap"
         for name in sorted(twice)
@@ -325,7 +360,6 @@ def _parse(raw: Mapping[str, Any]) -> tuple[list[str], MechanismFile | None]:
         faults += [_as_written(line, raw_laws) for line in fault_lines(error, MechanismFile)]
     faults += _reference_faults(raw)
     faults += _law_faults(raw)
-    faults += _output_faults(raw)
     for path in _paths_of_none(raw):
         if not any(f.startswith(f"{path}:") for f in faults):
             faults.append(f"{path}: got None, expected a value; leave the key out for its default")
@@ -349,6 +383,9 @@ def _assemble(config: MechanismFile) -> tuple[list[str], Any]:
         if faults:  # contacts are left out of the description
             found = [f for f in found if "no contact uses its surface" not in f]
         return faults + found, None
+    if not faults:
+        outputs = [name for name, _, _ in _core.observables(mechanism)]
+        faults = _output_faults(outputs) + _reading_faults(config, outputs)
     return faults, mechanism
 
 

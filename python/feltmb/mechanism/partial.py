@@ -15,7 +15,7 @@ __all__ = ["mended"]
 
 #: Tables whose entries can be left out; what refers to them is left out in turn.
 _LOOSE = ("surfaces", "contacts", "springs", "straps", "points", "events")
-_SINGLE = ("string", "finger", "summary", "start_pose", "source", "about", "gravity")
+_SINGLE = ("string", "finger", "reading", "start_pose", "source", "about", "gravity")
 _ROUNDS = 20
 
 

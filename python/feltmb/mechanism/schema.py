@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
+from feltmb import _core
 from feltmb.contact.layer import LayerParameters
-from feltmb.contact.tables import LAWS, Curve, with_fields, with_laws
+from feltmb.contact.tables import LAWS, Curve, to_core, with_fields, with_laws, with_numbers
 from feltmb.units.quantity import (
     SI,
-    Count,
-    JointSI,
     Schema,
     SIVector,
     parse_scalar,
@@ -34,12 +33,16 @@ __all__ = [
     "NamedEvent",
     "Pad",
     "Point",
+    "Reading",
     "Source",
     "Spring",
     "Strap",
+    "Striker",
     "String",
-    "SummaryRoles",
+    "SummaryRow",
     "Surface",
+    "View",
+    "ViewCurve",
 ]
 
 
@@ -50,21 +53,23 @@ def _drop_meta(node: object) -> object:
     return {k: v for k, v in node.items() if k not in ("source", "status", "note", "printed")}
 
 
-class FrictionParameters(Schema):
-    """Coulomb friction of thesis eq. A.1, with viscous, quadratic and Stribeck terms."""
+class _FromCore(Schema):
+    """A table with numbers of a struct of the core, see :func:`with_numbers`."""
 
-    amplitude: Annotated[float, Field(ge=0), JointSI("N m", "N", "1")] = 0.0
-    b1: Annotated[float, SI("1"), Field(ge=0)] = 0.0
-    b2: Annotated[float, SI("1"), Field(ge=0)] = 0.0
-    threshold_speed: Annotated[float, Field(gt=0), JointSI("rad/s", "m/s")] = 1e-3
-    viscous: Annotated[float, Field(ge=0), JointSI("N m s/rad", "N s/m", "s/m")] = 0.0
-    quadratic: Annotated[
-        float,
-        Field(ge=0),
-        JointSI("N m s^2/rad^2", "N s^2/m^2", "s^2/m^2"),
-    ] = 0.0
-    stribeck: Annotated[float, Field(ge=0), JointSI("N m", "N", "1")] = 0.0
-    stribeck_speed: Annotated[float, Field(gt=0), JointSI("rad/s", "m/s")] = 0.1
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """The numbers of the struct."""
+
+
+@with_numbers(_core.Friction)
+class FrictionParameters(_FromCore):
+    """Friction of a joint or a contact: the terms of ``contact/friction.hpp``."""
+
+    @property
+    def core(self) -> _core.Friction:
+        """The friction as the core knows it."""
+        return to_core(_core.Friction, self)
 
 
 Friction = Annotated[FrictionParameters, BeforeValidator(_drop_meta)]
@@ -132,25 +137,21 @@ class Contact(LawChoice):
     friction: Friction = FrictionParameters()
 
 
-class Spring(Schema):
+@with_numbers(_core.TorsionSpringDescription, needed=("stiffness", "rest_angle"))
+class Spring(_FromCore):
     """Spring on the coordinate of a joint, with damping and play if wanted."""
 
     label: str = ""
     coordinate: str
-    stiffness: Annotated[float, Field(ge=0), JointSI("N m/rad", "N/m")]
-    rest_angle: Annotated[float, JointSI("rad", "m")]
-    damping: Annotated[float, Field(ge=0), JointSI("N m s/rad", "N s/m")] = 0.0
-    clearance: Annotated[float, Field(ge=0), JointSI("rad", "m")] = 0.0
-    seating: Annotated[float, Field(ge=0), JointSI("N m", "N")] = 0.0
     enabled: bool = True
 
 
-class Dashpot(Schema):
+@with_numbers(_core.DashpotDescription, needed=("coefficient",))
+class Dashpot(_FromCore):
     """Dashpot on a joint's coordinate, on one side of its motion only if so wanted."""
 
     label: str = ""
     coordinate: str
-    coefficient: Annotated[float, Field(ge=0), JointSI("N m s/rad", "N s/m")]
     side: Literal["both", "positive", "negative"] = "both"
     enabled: bool = True
 
@@ -174,7 +175,8 @@ def _strike_point(node: object) -> object:
     return node if node == "moving" else parse_scalar(node, "m")
 
 
-class String(Schema):
+@with_numbers(_core.StringParameters)
+class String(_FromCore):
     """Stiff string of thesis Table 4.1, or several equal ones (unisons) that are struck together.
 
     ``diameter``, ``tension``, ``linear_density`` and ``young_modulus`` are those of one string.
@@ -188,14 +190,6 @@ class String(Schema):
     kind: Literal["modal", "rigid_stop"] = "modal"
     surface: str
     other_surfaces: list[str] = []
-    modes: Annotated[int, Field(ge=1, le=5000)] = 40
-    count: Annotated[int, Count(), Field(ge=1, le=1000)] = 1
-    diameter: Annotated[float, SI("m"), Field(gt=0)]
-    tension: Annotated[float, SI("N"), Field(gt=0)]
-    length: Annotated[float, SI("m"), Field(gt=0)]
-    linear_density: Annotated[float, SI("kg/m"), Field(gt=0)]
-    young_modulus: Annotated[float, SI("Pa"), Field(ge=0)]
-    damping_ratio: Annotated[float, SI("1"), Field(ge=0, lt=1)] = 0.0
     anchor: Annotated[float, SI("m"), Field(ge=0)] = 0.0
     direction: Annotated[tuple[float, float], SIVector("1")] = (0.0, -1.0)
     strike_point: Annotated[Literal["moving"] | float, BeforeValidator(_strike_point)] = "moving"
@@ -264,13 +258,68 @@ class NamedEvent(Schema):
     within: Annotated[float, SI("s"), Field(gt=0)] | None = None
 
 
-class SummaryRoles(Schema):
-    """Which contacts and points the summary of a run reads."""
+class SummaryRow(Schema):
+    """A number of ``run.summary``: read off an output, or a time.
+
+    Of an output: its value ``at`` an event, or the ``largest``, ``smallest``, ``mean`` or ``range``
+    of its samples between the events ``after`` and ``before``, or of all. A time: of the event
+    ``at``, or ``between`` two events. A run without the events that it needs has no such number.
+    """
+
+    text: str = ""
+    output: str | None = None
+    take: Literal["largest", "smallest", "mean", "range"] | None = None
+    at: str | None = None
+    after: str | None = None
+    before: str | None = None
+    between: tuple[str, str] | None = None
+
+
+class ViewCurve(Schema):
+    """An output in a view, ``factor`` times larger than it is."""
+
+    output: str
+    label: str = ""
+    factor: float = 1.0
+
+
+class View(Schema):
+    """A panel of plots and of the viewer; ``change``: from the start of the run."""
+
+    title: str = ""
+    change: bool = False
+    curves: list[str | ViewCurve]
+
+    @property
+    def rows(self) -> list[ViewCurve]:
+        """The curves, those named alone with no more than their output."""
+        return [ViewCurve(output=c) if isinstance(c, str) else c for c in self.curves]
+
+
+class Striker(Schema):
+    """The point that strikes, and the direction in which it does."""
+
+    point: str
+    direction: Annotated[tuple[float, float], SIVector("1"), AfterValidator(_way)]
+    label: str = ""
+
+    @property
+    def axis(self) -> str:
+        """The coordinate along which it moves most, ``x`` or ``y``."""
+        x, y = self.direction
+        return "x" if abs(x) >= abs(y) else "y"
+
+
+class Reading(Schema):
+    """What is read off a run: the parts that contacts and points play, numbers, views."""
 
     strike_contact: int | None = None
     let_off_contact: int | None = None
     check_contacts: list[int] = []
     key_point: str | None = None
+    striker: Striker | None = None
+    rows: dict[str, SummaryRow] = {}
+    views: dict[str, View] = {}
 
 
 class Source(Schema):
@@ -301,4 +350,4 @@ class MechanismFile(Schema):
     points: dict[str, Point] = {}
     start_pose: dict[str, float] = {}
     events: dict[str, NamedEvent] = {}
-    summary: SummaryRoles = SummaryRoles()
+    reading: Reading = Reading()

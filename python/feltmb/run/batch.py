@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
 from feltmb.errors import FeltmbError, IntegrationError, InvalidParameter, ModelError
 from feltmb.mechanism import Action
-from feltmb.run.options import OPTIONS, check_options
+from feltmb.run.options import OPTIONS, RunOptions, check_options
 from feltmb.run.simulate import prepare, to_run
 from feltmb.run.stroke import Stroke
 
@@ -30,7 +31,8 @@ def simulate_many(
     jobs: int | None = None,
     ordered: bool = True,
     stop: _core.StopFlag | None = None,
-    **options: Any,
+    options: RunOptions | None = None,
+    **given: Any,
 ) -> int:
     """Simulate many strokes on threads.
 
@@ -53,9 +55,9 @@ def simulate_many(
         then holds nothing up.
     stop
         ``feltmb._core.StopFlag``; once it is set, by any thread, the batch ends at once.
-    options
-        Of :func:`feltmb.simulate`, for all strokes; the ledger is off unless asked for.
-        ``summary_only=True`` is the quickest. ``start`` and ``progress`` are not for a batch.
+    options, given
+        Of all strokes: :class:`feltmb.run.RunOptions`, and fields of it that replace its own; the
+        ledger is off unless asked for. ``summary_only=True`` is the quickest.
 
     Returns
     -------
@@ -70,8 +72,8 @@ def simulate_many(
     count = 0 if jobs is None else int(jobs)
     if jobs is not None and count < 1:
         raise InvalidParameter(f"jobs = {jobs}, must be >= 1")
-    _refuse(options)
-    given = {"ledger": False, **options}
+    _refuse(given)
+    chosen = replace(options or RunOptions(ledger=False), **given)
     under_way: dict[int, tuple[Any, ...]] = {}
     faults: dict[int, FeltmbError] = {}  # of strokes that could not begin, by position
     handed = 0
@@ -84,9 +86,8 @@ def simulate_many(
             try:
                 if own:
                     _refuse(own[0])
-                settings, arguments = prepare(
-                    action, stroke, **{**given, **(own[0] if own else {})}
-                )
+                each = replace(chosen, **own[0]) if own else chosen
+                settings, arguments = prepare(action, stroke, each)
             except FeltmbError as fault:
                 if ordered:
                     faults[position] = fault
@@ -95,10 +96,8 @@ def simulate_many(
                 continue
             under_way[begun] = (position, action, stroke, settings)
             begun += 1
-            mechanism, profile, motion, start, monitors, memory, *drives = arguments
-            yield _core.BatchStroke(
-                mechanism, profile, motion, settings, start, monitors, memory, *drives
-            )
+            mechanism, drive, start, monitors, memory = arguments
+            yield _core.BatchStroke(mechanism, drive, settings, start, monitors, memory)
 
     def give(position: int, outcome: Run | FeltmbError) -> None:
         nonlocal handed, going

@@ -1,31 +1,100 @@
-"""Options of a simulation: known names, and values that make sense, checked in one place."""
+"""Options of a simulation, shared by ``simulate``, ``simulate_many``, sweeps and studies."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from typing import Any
 
+from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.units.quantity import shortened
 
-__all__ = ["OPTIONS", "check_options"]
+__all__ = ["OPTIONS", "RunOptions", "check_options", "options_given"]
 
-#: Options of ``feltmb.simulate`` that a sweep and a study take.
-OPTIONS = (
-    "duration",
-    "rtol",
-    "output_rate",
-    "ledger",
-    "events",
-    "max_wall",
-    "max_step",
-    "max_order",
-    "ledger_limit",
-    "method",
-)
+
+@checked
+@dataclass(frozen=True)
+class RunOptions:
+    """Options of a simulation.
+
+    ``feltmb.simulate(action, stroke, rtol=1e-8)`` is short for
+    ``feltmb.simulate(action, stroke, options=RunOptions(rtol=1e-8))``. Batches, sweeps and studies
+    take the same, and have the ledger off unless it is asked for.
+
+    Attributes
+    ----------
+    duration : float or None
+        [s], > 0; default: the stroke's own.
+    rtol : float
+        Relative tolerance of the integrator, 1e-13 to 1e-2. Absolute tolerances follow from it,
+        state by state: rtol times 0.2 mm and 0.2 m/s at the contacts.
+    method : str
+        ``"cvode"``: all states by CVODES (BDF), the modes of the string among them. ``"modal"``:
+        a string that nothing touches leaves the integrator and vibrates exactly, whatever its
+        frequencies and damping; needs a string with modes. ``"auto"``: modal where there is one.
+        Both agree within their errors (``run.stats["method"]`` names the one used).
+    output_rate : float
+        Samples a second. Events and the largest string force are found on the dense output and do
+        not depend on it.
+    ledger : bool
+        Integrate work and dissipation along with the motion (``run.energy``).
+    events : bool
+        Find contact openings and closings (``run.events``, and most of ``run.summary``).
+    summary_only : bool
+        Sample the outputs over the last 10 ms only, which the summary needs: quicker where
+        thousands of strokes are compared by their numbers. A run that stops early then has no
+        samples.
+    error : float or None
+        In place of ``rtol``: the largest error of a contact force over its peak that is asked for,
+        in (0, 0.1], after one strike on a string of 50 ms; the method's tolerance follows from it
+        (``run.provenance["options"]``). It is held for a hammer on a string; a whole action, which
+        bounces, may need more: compare with a tenth of it.
+    max_wall : float or None
+        Stop after this many seconds of wall time.
+    max_step : float or None
+        Largest step [s].
+    max_order : int or None
+        Order limit of the BDF, 1 to 5; default: chosen by the lightly damped modes of strings and
+        members (docs/model.md, "Integrator").
+    ledger_limit : float or None
+        Largest share of the energy turned over that may be missing from the ledger, above 0;
+        default 0.1 (``run.energy["residual_relative"]``). Beyond it the run has failed. Without a
+        ledger nothing is known, and nothing is limited. A large number, 1e9 say, is no limit.
+    """
+
+    duration: float | None = None
+    rtol: float = 1e-6
+    method: str = "auto"
+    output_rate: float = 10_000.0
+    ledger: bool = True
+    events: bool = True
+    summary_only: bool = False
+    error: float | None = None
+    max_wall: float | None = None
+    max_step: float | None = None
+    max_order: int | None = None
+    ledger_limit: float | None = None
+
+    def __post_init__(self) -> None:
+        check_options({name: getattr(self, name) for name in ("max_wall", "max_step", "max_order")})
+
+    def changed(self) -> dict[str, Any]:
+        """Values by name of what differs from the defaults."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {f.name: values[f.name] for f in fields(self) if values[f.name] != f.default}
+
+
+#: Options that a sweep and a study take from a file.
+OPTIONS = tuple(f.name for f in fields(RunOptions) if f.name not in ("summary_only", "error"))
 #: Limits that are either a number above zero or absent, by unit.
 _LIMITS = {"max_wall": "s", "max_step": "s"}
+
+
+def options_given(options: RunOptions | Mapping[str, Any] | None) -> dict[str, Any]:
+    """Options by name, without those at their defaults."""
+    return options.changed() if isinstance(options, RunOptions) else dict(options or {})
 
 
 def check_options(options: Mapping[str, Any], *, known: tuple[str, ...] | None = None) -> None:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from feltmb import _core
 from feltmb.errors import InvalidParameter, ModelError
-from feltmb.mechanism import core_friction, core_law, describe
+from feltmb.mechanism import core_law, describe
 
 if TYPE_CHECKING:
     import numpy as np
@@ -314,10 +314,7 @@ def _mechanism(
     description = describe(action.config)
     finger = action.config.finger
     assert finger is not None
-    point = _core.TrackingPointDescription()
-    point.name = _POINT
-    point.body = finger.body
-    point.point = finger.point
+    point = _core.TrackingPointDescription(name=_POINT, body=finger.body, point=finger.point)
     description.points = [*description.points, point]
     x, y = description.gravity
     description.gravity = (x / _LIGHTNESS, y / _LIGHTNESS)
@@ -360,35 +357,29 @@ def _friction(
 
     ``speed``: typical of the sliding; ``blur``: the law turns over at this many times its speed.
     """
-    sharp = {"b1": 0.0, "b2": 0.0, "threshold_speed": speed * _SHARP * blur}
-    resting = {"viscous": 0.0, "quadratic": 0.0, "stribeck": 0.0}
-    change = {
-        "law": lambda: {"threshold_speed": given.threshold_speed * blur},
-        # The limit of a threshold speed of zero: the excess of eq. A.1 lies below it, that of
-        # Stribeck has a speed of its own.
-        "saturated": lambda: sharp,
-        "breakaway": lambda: {**sharp, **resting, "amplitude": _breakaway(given, where)},
-        "none": lambda: {**sharp, **resting, "amplitude": 0.0},
-    }[mode]()
-    return core_friction(given.model_copy(update=change))
+    friction = given.core
+    if mode == "law":
+        friction.threshold_speed *= blur
+        return friction
+    sharp = speed * _SHARP * blur
+    if mode == "saturated":
+        return friction.sharpened(sharp)
+    amplitude = _breakaway(friction, where) if mode == "breakaway" else 0.0
+    return _core.Friction(amplitude=amplitude, threshold_speed=sharp)
 
 
-def _breakaway(given: FrictionParameters, where: str) -> float:
-    """Largest dry friction, of eq. A.1 and Stribeck's excess: what holds until it slides."""
+def _breakaway(given: _core.Friction, where: str) -> float:
+    """Largest force of the dry terms: what holds until it slides."""
     import numpy as np
 
-    if given.amplitude > 0.0 and given.b1 > 0.0 and given.b2 == 0.0:
+    least, most = given.dry_speeds
+    if math.isinf(most):
         raise InvalidParameter(
             f"slow press: {where} has b1 = {given.b1:g} and b2 = 0, so that it grows with the "
             f"speed without end and has no breakaway value; give b2 > 0, or use viscous"
         )
-    dry = core_friction(given.model_copy(update={"viscous": 0.0, "quadratic": 0.0}))
-    # Beyond these the terms have died away; the bump of eq. A.1 is at B2^(-1/4) thresholds.
-    most = max(5.0 * given.threshold_speed, 3.0 * given.stribeck_speed)
-    if given.b2 > 0.0:
-        most = max(most, 3.0 * given.threshold_speed * given.b2**-0.25)
-    least = 1e-3 * min(given.threshold_speed, given.stribeck_speed)
-    return float(max(given.amplitude, np.max(dry.coefficient(np.geomspace(least, most, 20001)))))
+    speeds = np.geomspace(least, most, 20001)
+    return float(max(given.amplitude, np.max(given.dry().coefficient(speeds))))
 
 
 def slow_press(
@@ -543,10 +534,10 @@ def simulated_press(
     from feltmb.run.simulate import simulate
     from feltmb.run.stroke import motion_stroke
 
-    strike = action.config.summary.strike_contact
+    strike = action.config.reading.strike_contact
     if strike is None or action.config.finger is None:
         raise InvalidParameter(
-            f"slow press: mechanism {action.name!r} needs [finger] and summary.strike_contact"
+            f"slow press: mechanism {action.name!r} needs [finger] and reading.strike_contact"
         )
     for name, given, unit in (("speed", speed, "m/s"), ("travel", travel, "m")):
         if not (math.isfinite(given) and given > 0):
@@ -622,7 +613,7 @@ def static_let_off(
     most_force
         The press ends at this force, the hammer then being blocked on the string [N].
     """
-    strike = action.config.summary.strike_contact
+    strike = action.config.reading.strike_contact
     if strike is None:
         raise InvalidParameter(f"let-off: mechanism {action.name!r} names no strike contact")
     press = SlowPress(action, speed=speed, friction=friction)

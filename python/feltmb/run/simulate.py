@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -15,9 +15,9 @@ from feltmb.arguments import checked
 from feltmb.errors import IntegrationError, InvalidParameter
 from feltmb.mechanism import Action, load_action
 from feltmb.run.events import Change, name_events
-from feltmb.run.options import check_options
+from feltmb.run.options import RunOptions
 from feltmb.run.results import Provenance, Run
-from feltmb.run.stroke import MOTORS, PRESCRIBED, Stroke, load_stroke
+from feltmb.run.stroke import MOTORS, Stroke, load_stroke
 from feltmb.run.warnings import run_warnings
 
 if TYPE_CHECKING:
@@ -110,20 +110,12 @@ def simulate(
     action: Action | str,
     stroke: Stroke | str,
     duration: float | None = None,
-    rtol: float = 1e-6,
+    rtol: float | None = None,
     *,
-    method: str = "auto",
-    output_rate: float = 10_000.0,
-    ledger: bool = True,
-    events: bool = True,
-    summary_only: bool = False,
-    error: float | None = None,
+    options: RunOptions | None = None,
     start: Run | None = None,
-    max_wall: float | None = None,
-    max_step: float | None = None,
-    max_order: int | None = None,
-    ledger_limit: float | None = None,
     progress: Callable[[float], object] | None = None,
+    **given: Any,
 ) -> Run:
     """Simulate a stroke.
 
@@ -131,49 +123,18 @@ def simulate(
     ----------
     action, stroke
         Objects, or names for :func:`load_action` and :func:`load_stroke`.
-    duration
-        [s], > 0; default: the stroke's own.
-    rtol
-        Relative tolerance of the integrator, 1e-13 to 1e-2. Absolute tolerances follow from it,
-        state by state: rtol times 0.2 mm and 0.2 m/s at the contacts.
-    method
-        ``"cvode"``: all states by CVODES (BDF), the modes of the string among them. ``"modal"``:
-        a string that nothing touches leaves the integrator and vibrates exactly, whatever its
-        frequencies and damping; needs a string with modes. ``"auto"``: modal where there is one.
-        Both agree within their errors (``run.stats["method"]`` names the one used).
-    output_rate
-        Samples a second. Events and the largest string force are found on the dense output and do
-        not depend on it.
-    ledger
-        Integrate work and dissipation along with the motion (``run.energy``).
-    events
-        Find contact openings and closings (``run.events``, and most of ``run.summary``).
-    summary_only
-        Sample the outputs over the last 10 ms only, which the summary needs: quicker where
-        thousands of strokes are compared by their numbers. A run that stops early then has no
-        samples.
-    error
-        In place of ``rtol``: the largest error of a contact force over its peak that is asked for,
-        in (0, 0.1], after one strike on a string of 50 ms; the method's tolerance follows from it
-        (``run.provenance["options"]``). It is held for a hammer on a string; a whole action, which
-        bounces, may need more: compare with a tenth of it.
+    duration, rtol
+        As in ``options``, whose values they replace.
+    options
+        See :class:`RunOptions`.
     start
         Go on from the end of another run of the same mechanism, time starting at zero again;
         default: the rest pose.
-    max_wall
-        Stop after this many seconds of wall time.
-    max_step
-        Largest step [s].
-    max_order
-        Order limit of the BDF, 1 to 5; default: chosen by the lightly damped modes of strings and
-        members (docs/model.md, "Integrator").
-    ledger_limit
-        Largest share of the energy turned over that may be missing from the ledger, above 0;
-        default 0.1 (``run.energy["residual_relative"]``). Beyond it the run has failed. Without a
-        ledger nothing is known, and nothing is limited. A large number, 1e9 say, is no limit.
     progress
         Called now and then with the simulated time [s]. A returned False interrupts the run;
         anything else, None too, lets it go on.
+    given
+        Any other field of :class:`RunOptions`, which replaces that of ``options``.
 
     Raises
     ------
@@ -189,28 +150,14 @@ def simulate(
         action = load_action(action)
     if isinstance(stroke, str):
         stroke = load_stroke(stroke)
-    options, arguments = prepare(
-        action,
-        stroke,
-        duration,
-        rtol,
-        output_rate=output_rate,
-        ledger=ledger,
-        events=events,
-        summary_only=summary_only,
-        error=error,
-        start=start,
-        max_wall=max_wall,
-        max_step=max_step,
-        max_order=max_order,
-        ledger_limit=ledger_limit,
-        method=method,
-    )
-    mechanism, profile, motion, y, monitors, memory, *drives = arguments
-    result = _core.simulate(
-        mechanism, profile, motion, options, y, monitors, progress, memory, *drives
-    )
-    run = to_run(action, stroke, options, result)
+    first: dict[str, Any] = {
+        k: v for k, v in (("duration", duration), ("rtol", rtol)) if v is not None
+    }
+    chosen = replace(options or RunOptions(), **first, **given)
+    settings, arguments = prepare(action, stroke, chosen, start)
+    mechanism, drive, y, monitors, memory = arguments
+    result = _core.simulate(mechanism, drive, settings, y, monitors, progress, memory)
+    run = to_run(action, stroke, settings, result)
     if start is not None and start.provenance.get("hash") != action.hash:
         run.stats["warnings"].append(
             f"started from a run of {start.provenance.get('action')!r} with other parameters"
@@ -228,56 +175,37 @@ def simulate(
     return run
 
 
-@checked
 def prepare(
-    action: Action,
-    stroke: Stroke,
-    duration: float | None = None,
-    rtol: float = 1e-6,
-    *,
-    output_rate: float = 10_000.0,
-    ledger: bool = True,
-    events: bool = True,
-    summary_only: bool = False,
-    error: float | None = None,
-    start: Run | None = None,
-    max_wall: float | None = None,
-    max_step: float | None = None,
-    max_order: int | None = None,
-    ledger_limit: float | None = None,
-    method: str = "auto",
+    action: Action, stroke: Stroke, given: RunOptions, start: Run | None = None
 ) -> tuple[_core.SimulationOptions, tuple[Any, ...]]:
-    """Options of the core, and its other arguments; parameters as in :func:`simulate`.
+    """Options of the core, and its other arguments, as in :func:`simulate`.
 
-    The arguments are the mechanism, the profile, whether it is a motion, the start state, monitors,
-    memory, whether the motion is prescribed, whether a motor drives.
+    The arguments are the mechanism, the input, the start state, monitors and the memory of felt.
     """
     check_input(action, stroke)
-    check_options({"max_wall": max_wall, "max_step": max_step, "max_order": max_order})
     options = _core.SimulationOptions()
-    options.duration = float(stroke.duration if duration is None else duration)
+    options.duration = float(stroke.duration if given.duration is None else given.duration)
     options.rtol = (
-        float(rtol) if error is None else _core.tolerance_for(error, action.mechanism, method)
+        float(given.rtol)
+        if given.error is None
+        else _core.tolerance_for(given.error, action.mechanism, given.method)
     )
-    options.output_rate = float(output_rate)
-    options.ledger = ledger
-    options.events = events
-    options.method = method
-    if max_wall is not None:
-        options.max_wall = float(max_wall)
-    if max_step is not None:
-        options.max_step = float(max_step)
-    if max_order is not None:
-        options.max_order = int(max_order)
-    if ledger_limit is not None:
-        options.ledger_limit = float(ledger_limit)
-    roles = action.config.summary
+    options.output_rate = float(given.output_rate)
+    options.ledger = given.ledger
+    options.events = given.events
+    options.method = given.method
+    for name in ("max_wall", "max_step", "ledger_limit"):
+        if getattr(given, name) is not None:
+            setattr(options, name, float(getattr(given, name)))
+    if given.max_order is not None:
+        options.max_order = int(given.max_order)
+    roles = action.config.reading
     if roles.strike_contact is not None:
         options.peak_contacts = [roles.strike_contact]
     if roles.key_point is not None:
         names = action.mechanism.point_names
         options.lowest_points = [names.index(roles.key_point)]
-    if summary_only:
+    if given.summary_only and not any(row.output for row in roles.rows.values()):
         # One sample more, whatever the rounding; a bad rate or duration is refused by the core.
         early = _CHECK_WINDOW + 1.5 / options.output_rate if options.output_rate > 0.0 else 0.0
         options.outputs_from = max(0.0, options.duration - early)
@@ -287,13 +215,10 @@ def prepare(
         options.finger_reference = _core.finger_place(action.mechanism, action.rest_pose)
     return options, (
         action.mechanism,
-        stroke.profile,
-        stroke.kind == "motion",
+        stroke.input,
         list(y),
         _monitors(action, y),
         list(memory),
-        stroke.kind in PRESCRIBED,
-        stroke.kind in MOTORS,
     )
 
 
@@ -535,7 +460,7 @@ def _energy(result: Any) -> dict[str, Any]:
 def _summary(
     action: Action, named: Mapping[str, int], changes: list[Change], result: Any
 ) -> dict[str, float]:
-    roles = action.config.summary
+    roles = action.config.reading
     numbers = action.mechanism.contact_numbers
     out: dict[str, float] = {}
     for name, index in named.items():
@@ -558,7 +483,44 @@ def _summary(
             out["let_off_gap"] = float(-result.event_compression[named["let_off"], column])
         _add_check(action, named, column, result, out)
     _add_key(action, result, out)
+    _add_rows(action, named, changes, result, out)
     return out
+
+
+def _add_rows(
+    action: Action,
+    named: Mapping[str, int],
+    changes: list[Change],
+    result: Any,
+    out: dict[str, float],
+) -> None:
+    """The rows of ``[reading]`` whose events happened."""
+    when = {name: changes[index].time for name, index in named.items()}
+    for name, row in action.config.reading.rows.items():
+        needed = [*(row.between or ()), row.at, row.after, row.before]
+        if any(event is not None and event not in when for event in needed):
+            continue
+        if row.output is None:
+            begin, end = row.between or (None, row.at)
+            out[name] = when[str(end)] - (0.0 if begin is None else when[begin])
+            continue
+        values = result.data[:, result.names.index(row.output)]
+        if row.at is not None:
+            out[name] = float(np.interp(when[row.at], result.time, values))
+            continue
+        within = result.time >= when.get(str(row.after), -np.inf)
+        within &= result.time <= when.get(str(row.before), np.inf)
+        if np.any(within):
+            out[name] = float(_TAKEN[str(row.take)](values[within]))
+
+
+#: Numbers that a row takes of the samples of an output.
+_TAKEN: dict[str, Callable[[npt.NDArray[np.float64]], Any]] = {
+    "largest": np.max,
+    "smallest": np.min,
+    "mean": np.mean,
+    "range": np.ptp,
+}
 
 
 #: A hammer may leave the string and touch it again within this time of one strike [s].
@@ -594,7 +556,7 @@ def _add_check(
     tail = result.time >= result.time[-1] - _CHECK_WINDOW
     held = sum(
         result.data[tail, columns[f"contact{c:02d}.force"]]
-        for c in action.config.summary.check_contacts
+        for c in action.config.reading.check_contacts
     )
     if np.mean(held) <= 0.0:
         return
@@ -606,7 +568,7 @@ def _add_check(
 
 
 def _add_key(action: Action, result: Any, out: dict[str, float]) -> None:
-    if action.config.summary.key_point is None or not result.lowest:
+    if action.config.reading.key_point is None or not result.lowest:
         return
     [(_, start, lowest)] = result.lowest
     out["key_travel"] = start - lowest

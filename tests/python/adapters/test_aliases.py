@@ -17,9 +17,10 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.solve import fit_problem
 from feltmb.gap import Verdict, diagnose
 from feltmb.gap.checks import check_against
+from feltmb.gap.criteria import TOLERATED
 from feltmb.gap.diagnose import prepare
 from feltmb.gap.score import all_candidates, score_fit
-from feltmb.gap.tolerance import TOLERATED, beyond_prior
+from feltmb.gap.tolerance import beyond_prior
 
 ACTION = feltmb.load_action("steinway45")
 LIBRARY = load_library(ACTION)

@@ -8,7 +8,7 @@ import pytest
 
 import feltmb
 from feltmb.cli import main
-from feltmb.gap.advise import SHOWS
+from feltmb.gap.criteria import DETECTABLE
 
 ROOT = Path(__file__).resolve().parents[3]
 EXAMPLES = ROOT / "examples" / "gap"
@@ -62,7 +62,7 @@ def test_a_mechanism_needs_no_files_to_plan(capsys):
     found = json.loads(capsys.readouterr().out)
     rows = {r["effect"]: r for r in found["effects"]}
     # More of a tolerance: nothing but its size tells it.
-    assert rows["let_off_button"]["smallest"] == pytest.approx(SHOWS * 2e-4, rel=0.01)
+    assert rows["let_off_button"]["smallest"] == pytest.approx(DETECTABLE * 2e-4, rel=0.01)
     further = {e["name"] for e in found["experiments"]}
     assert further == {"piano", "staccato", "whippen.y", "key_balance.y", "backcheck.x"}
     assert run("gap", "plan", "steinway45", "--channels", ",") == 2

@@ -90,7 +90,7 @@ def test_withheld_effects_are_named(what, named):
     for name, size in (("dry friction", "dry"), ("cubic stiffness", "cubic")):
         if name in named:
             row = report.which[name]
-            assert abs(row.size - what[size]) < 4.0 * row.sd
+            assert abs(row.magnitude - what[size]) < 4.0 * row.sd
     shares = dict(report.how_far.waterfall)
     total = sum(-shares[n] for n in named)
     assert shares["as tabulated"] + shares["calibration"] - total == pytest.approx(
@@ -188,7 +188,7 @@ def test_an_early_record_of_an_input_is_a_data_problem():
     report = diagnose(models.NOMINAL, effects, late)
     assert report.verdict is Verdict.DATA_PROBLEM
     assert report.named == ("delay of input f",)
-    assert report.which["delay of input f"].size == pytest.approx(-0.004, rel=0.05)
+    assert report.which["delay of input f"].magnitude == pytest.approx(-0.004, rel=0.05)
 
 
 def test_known_sensors_are_applied_to_the_model():

@@ -78,7 +78,7 @@ def test_hysteresis_of_bouc_and_wen_is_found_with_its_width_and_roundness():
     assert report.verdict is Verdict.NAMED
     assert report.named == ("hysteresis slide",)
     found = report.which["hysteresis slide"]
-    assert found.size == pytest.approx(1.0, rel=0.03)
+    assert found.magnitude == pytest.approx(1.0, rel=0.03)
     assert found.shape == pytest.approx((0.004, 2.0), rel=0.15)
     assert report.how_far.closed > 0.97
 

@@ -25,7 +25,7 @@ def test_mujoco_friction_is_named_with_its_size(capsys):
     spec.loader.exec_module(example)
     report = example.main()
     assert report.named == ("friction",)
-    assert report.which.effects[0].size == pytest.approx(example.TRUTH["friction"], rel=0.03)
+    assert report.which.effects[0].magnitude == pytest.approx(example.TRUTH["friction"], rel=0.03)
     assert "0.43 N in truth" in capsys.readouterr().out
 
 
@@ -171,4 +171,4 @@ def test_fmu_friction_is_named_with_its_size(fmu):
     effects = [*model.effects, *library.for_sensor(model.outputs, "x", records[0])]
     report = diagnose(model, effects, records)
     assert report.named == ("dry",)
-    assert report.which.effects[0].size == pytest.approx(0.43, rel=0.03)
+    assert report.which.effects[0].magnitude == pytest.approx(0.43, rel=0.03)

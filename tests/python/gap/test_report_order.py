@@ -176,7 +176,7 @@ def test_what_surely_shrinks_the_gap_is_named_though_something_is_left():
     assert report.verdict is Verdict.NAMED_UNKNOWN_REST
     assert report.named == ("power 3",)
     assert 0.5 < report.how_far.closed < 1.0
-    assert report.which["power 3"].size == pytest.approx(0.3, rel=0.1)
+    assert report.which["power 3"].magnitude == pytest.approx(0.3, rel=0.1)
 
 
 def test_an_unknown_says_what_comes_closest():

@@ -212,7 +212,7 @@ def test_a_clearance_between_two_masses_is_named() -> None:
     report = diagnose(model, effects, records, options=Options(bootstrap=0))
     assert report.named == ("dead zone shaft",), report.statement
     found = report.which.effects[0]
-    assert abs(found.size - 1.0) < 0.05
+    assert abs(found.magnitude - 1.0) < 0.05
     assert isinstance(found.shape, float)
     assert abs(found.shape - gap) < 0.05 * gap
     assert report.how_far.closed > 0.9
@@ -237,4 +237,4 @@ def test_rivals_stay_rivals_in_refined_steps() -> None:
     assert report.named == ("dry friction slide",), report.statement
     assert set(report.one_of) == {cube.name, "twin"}
     friction = report.which["dry friction slide"]
-    assert friction.size == pytest.approx(0.3, rel=0.01)
+    assert friction.magnitude == pytest.approx(0.3, rel=0.01)

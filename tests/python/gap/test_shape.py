@@ -12,7 +12,8 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Coordinate, Verdict, diagnose, library
-from feltmb.gap.score import FITTED_SHAPE, prior_of
+from feltmb.gap.criteria import FITTED_SHAPE
+from feltmb.gap.score import prior_of
 from feltmb.gap.search import search
 from feltmb.gap.shape import movable
 

@@ -268,7 +268,7 @@ def test_a_neutral_value_need_not_be_zero():
     assert m.effects[0].bounds == (0.0, 2.0)
     report = diagnose(m, m.effects, records(0.05))
     assert report.named == ("slope",)
-    assert report.which.effects[0].size == pytest.approx(0.05, rel=0.03)
+    assert report.which.effects[0].magnitude == pytest.approx(0.05, rel=0.03)
 
 
 @pytest.mark.slow
@@ -317,7 +317,9 @@ def test_the_page_names_the_friction_with_its_size():
             exec("\n".join(block.text), scope)
     report = scope["report"]
     assert report.named == ("dry_friction",)
-    assert report.which.effects[0].size == pytest.approx(scope["truth"]["dry_friction"], rel=0.03)
+    assert report.which.effects[0].magnitude == pytest.approx(
+        scope["truth"]["dry_friction"], rel=0.03
+    )
     assert report.how_far.rows[0].closed > 0.99
     assert scope["model"].simulations < 1500
 

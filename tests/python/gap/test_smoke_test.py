@@ -122,7 +122,7 @@ def test_a_sensor_effect_may_change_its_outputs_in_place():
     ):
         effect = Effect(name="lift", component="q", scale=0.1, kind="sensor", observe=law)
         report = diagnose(model(), [effect], records(), options=Options(bootstrap=0))
-        seen.append(report.which.effects[0].size)
+        seen.append(report.which.effects[0].magnitude)
     assert seen[0] == seen[1]
 
 

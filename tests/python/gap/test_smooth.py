@@ -14,7 +14,8 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import Fit, fit_problem
 from feltmb.gap import smooth
-from feltmb.gap.misfit import FORM, OTHER, misfit
+from feltmb.gap.criteria import FORM, OTHER_EVIDENCE
+from feltmb.gap.misfit import misfit
 
 TIME = np.linspace(0.0, 1.0, 201)
 SIGMA = 0.02
@@ -92,22 +93,24 @@ def test_noise_alone_is_no_smooth_rest() -> None:
     found = np.array([smooth.smooth_discrepancy(fitted(s)) for s in range(60)])
     # Half a chi-square of one degree of freedom, the largest of four lengths that see alike.
     assert np.mean(found > 1.92) < 0.12
-    assert found.max() < OTHER
+    assert found.max() < OTHER_EVIDENCE
 
 
 def test_a_smooth_gap_is_seen_that_the_sum_of_squares_cannot_see() -> None:
     fit = fitted(3, extra=0.45)
     gap = misfit(fit, None, estimated=False)
     assert gap.excess < 4.0
-    assert gap.other > OTHER
+    assert gap.other > OTHER_EVIDENCE
     assert gap.left
     calm = fitted(3)
     assert not misfit(calm, None, estimated=False).left
     # Beside what named effects explain it may be their form: a share of the motion, 0.3 % of it.
     assert not misfit(
-        fit, None, estimated=False, explained=1.01 * (gap.other - OTHER) / FORM**2
+        fit, None, estimated=False, explained=1.01 * (gap.other - OTHER_EVIDENCE) / FORM**2
     ).left
-    assert misfit(fit, None, estimated=False, explained=0.99 * (gap.other - OTHER) / FORM**2).left
+    assert misfit(
+        fit, None, estimated=False, explained=0.99 * (gap.other - OTHER_EVIDENCE) / FORM**2
+    ).left
 
 
 def test_segments_and_missing_samples_are_allowed() -> None:
@@ -139,7 +142,9 @@ def test_nothing_free_is_no_fault() -> None:
         segment_record(fixed, s.record, {"y": Noise(SIGMA)}, None)
         for s in fit.problem.segmented_records
     )
-    assert smooth.smooth_discrepancy(fit_problem(Problem(fixed, segmented_records))) > OTHER
+    assert (
+        smooth.smooth_discrepancy(fit_problem(Problem(fixed, segmented_records))) > OTHER_EVIDENCE
+    )
 
 
 @pytest.mark.parametrize(

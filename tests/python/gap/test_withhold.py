@@ -74,7 +74,7 @@ def test_each_effect_in_turn_is_named(tmp_path):
     # By hand: what a spring of this size changes, over the noise, where something is measured.
     case = found.cases[2]
     own = [r.inputs["x"][r.time >= 0.05] for r in records()]
-    expected = abs(case.size) * np.sqrt(sum(float(x @ x) for x in own)) / 0.05
+    expected = abs(case.magnitude) * np.sqrt(sum(float(x @ x) for x in own)) / 0.05
     assert case.signal_to_noise == pytest.approx(expected, rel=1e-9)
 
 
@@ -119,7 +119,7 @@ def test_outcomes(effect, verdict, named, one_of, expected):
 
 def test_shares_have_the_intervals_of_wilson():
     case = WithheldCase(
-        number=0, effect="dry", size=1.0, unit="N", signal_to_noise=9.0, outcome="right",
+        number=0, effect="dry", magnitude=1.0, unit="N", signal_to_noise=9.0, outcome="right",
         verdict="NAMED", named=("dry",), one_of=(), first="dry", confidence=1.0, seconds=0.0,
     )  # fmt: skip
     value, low, high, count = Withheld(cases=(case,) * 10).share("right")

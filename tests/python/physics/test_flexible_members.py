@@ -832,10 +832,10 @@ def test_condensed_accelerations_against_lagrange():
             continue
         expected = bw.evaluate(q, qd, finger)
         mass = expected.mass_matrix[np.ix_(OTHERS, OTHERS)]
-        profile = feltmb.table_stroke([0.0, 1.0], [finger, finger], duration=1.0).profile
+        drive = feltmb.table_stroke([0.0, 1.0], [finger, finger], duration=1.0).input
         # The string at rest, undeflected: the witness has none.
         y = np.concatenate([q, qd, np.zeros(2 * action.mechanism.total_modes)])
-        rates = np.asarray(_core.rhs(action.mechanism, list(y), profile, False, 0.5))
+        rates = np.asarray(_core.rhs(action.mechanism, list(y), drive, 0.5))
         assert np.all(rates[AXIAL] == 0.0)
         assert np.all(rates[12:24][AXIAL] == 0.0)
         room = np.abs(np.linalg.inv(mass)) @ expected.scale()[OTHERS]
@@ -884,7 +884,7 @@ def forte_states(action, count):
     modes = action.mechanism.total_modes
     n = len(action.coordinates)
     y = np.concatenate([rest["q"], np.zeros(n), rest["law"], rest["eta"], np.zeros(modes)])
-    result = _core.simulate(action.mechanism, stroke.profile, False, options, list(y), [], None, [])
+    result = _core.simulate(action.mechanism, stroke.input, options, list(y), [], None, [])
     assert result.status == "done"
     late = np.flatnonzero(result.time > 0.055)
     struck = np.flatnonzero((result.time > 0.0924) & (result.time < 0.0965))
@@ -908,9 +908,7 @@ def differenced_jacobian(action, y, time, steps):
     stroke = feltmb.load_stroke("forte")
 
     def f(state):
-        return np.asarray(
-            _core.rhs(action.mechanism, list(state), stroke.profile, False, time), dtype=float
-        )
+        return np.asarray(_core.rhs(action.mechanism, list(state), stroke.input, time), dtype=float)
 
     here = f(y)
     columns, kinks = [], []
@@ -976,14 +974,14 @@ def test_jacobian_of_the_newton_system(variant):
         ]
     )
     units = steps[None, :] / steps[:, None]
-    profile = feltmb.load_stroke("forte").profile
+    drive = feltmb.load_stroke("forte").input
     smooth = struck = kinked = 0
     worst = 0.0
     for time, y in forte_states(action, 60):
         jacobian, kinks = differenced_jacobian(action, y, time, steps)
         for gamma in (1e-5, 1e-4):
             inverse = np.asarray(
-                _core.jacobian_check(action.mechanism, list(y), profile, False, time, gamma)
+                _core.jacobian_check(action.mechanism, list(y), drive, time, gamma)
             )
             scaled = inverse * units
             if np.max(np.abs(gamma * scaled @ (kinks * units))) > 1e-4:

@@ -30,15 +30,6 @@ def scales(action):
     )
 
 
-def how(stroke):
-    """What a stroke drives, as the core wants it."""
-    return {
-        "motion": stroke.kind == "motion",
-        "prescribed": stroke.kind in ("key_motion", "motor_motion"),
-        "motor": stroke.kind in ("torque", "motor_motion"),
-    }
-
-
 def sampled_states(action, stroke, rate, duration=None):
     options = _core.SimulationOptions()
     options.duration = duration or stroke.duration
@@ -51,24 +42,21 @@ def sampled_states(action, stroke, rate, duration=None):
     start = np.concatenate([rest["q"], np.zeros(n), rest["law"], rest["eta"], np.zeros(modes)])
     return _core.simulate(
         action.mechanism,
-        stroke.profile,
+        stroke.input,
         start=list(start),
         monitors=[],
         options=options,
-        **how(stroke),
     )
 
 
 def exact(action, stroke, t, y, gamma=1e-4):
-    inverse = _core.jacobian_check(
-        action.mechanism, list(y), stroke.profile, time=t, gamma=gamma, **how(stroke)
-    )
+    inverse = _core.jacobian_check(action.mechanism, list(y), stroke.input, time=t, gamma=gamma)
     return (np.eye(len(y)) - np.linalg.inv(inverse)) / gamma
 
 
 def differences(action, stroke, t, y, scale):
     def rate(z):
-        return _core.rhs(action.mechanism, list(z), stroke.profile, time=t, **how(stroke))
+        return _core.rhs(action.mechanism, list(z), stroke.input, time=t)
 
     for step in STEPS:
         jacobian = np.empty((len(y), len(y)))

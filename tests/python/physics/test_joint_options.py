@@ -55,8 +55,8 @@ def test_a_damped_spring_decays_as_its_closed_form():
     assert rest == pytest.approx(-1.0 / 40.0, rel=1e-9)
     options = _core.SimulationOptions()
     options.duration, options.rtol, options.output_rate = 0.5, 1e-10, 2000.0
-    profile = feltmb.table_stroke([0.0, 1.0], [0.0, 0.0]).profile
-    run = _core.simulate(action.mechanism, profile, False, options, [rest + 1e-3, 0.0], [])
+    drive = feltmb.table_stroke([0.0, 1.0], [0.0, 0.0]).input
+    run = _core.simulate(action.mechanism, drive, options, [rest + 1e-3, 0.0], [])
     decay = 0.5 * 0.8 / 0.1
     omega = np.sqrt(40.0 / 0.1 - decay**2)
     t = run.time

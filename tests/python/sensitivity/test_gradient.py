@@ -8,7 +8,7 @@ from scipy.special import ellipj, ellipk
 
 import feltmb
 from feltmb import _core
-from feltmb.run.sensitivity import Window, gradient, state_at, state_names, windows
+from feltmb.run.sensitivity import Segment, gradient, segments, state_at, state_names
 
 STILL = feltmb.ramp_stroke(0.0, duration=0.02)
 MASS, STIFFNESS = 20e-3, 2e4  # kg, N/m: tests/data/mass_spring.toml
@@ -29,8 +29,8 @@ def test_blow_on_a_linear_spring(sledge):
     """Half a period of a mass on a spring; every number of the strike in closed form."""
     speed, gap = 2.0, 1e-3
     paths = ["contacts.01.hunt_crossley.stiffness", "sledge.mass"]
-    (g,) = windows(
-        sledge, STILL, [Window(0.0, 0.02, [-gap, speed])], paths, ["x"], rtol=1e-11, tolerance=1e-7
+    (g,) = segments(
+        sledge, STILL, [Segment(0.0, 0.02, [-gap, speed])], paths, ["x"], rtol=1e-11, tolerance=1e-7
     )
     assert g.columns == (paths[0], "bodies.sledge.mass", "start.x", "start.x.rate")
     assert g.column_units == ("N/m", "kg", "m", "m/s")
@@ -68,10 +68,10 @@ def test_swing_of_a_pendulum(swing, amplitude):
         _, cn, _, _ = ellipj(rate * t, k**2)
         return 2 * np.arcsin(k * cn / dn)
 
-    (g,) = windows(
+    (g,) = segments(
         swing,
         STILL,
-        [Window(0.0, 1.0, [amplitude, 0.0])],
+        [Segment(0.0, 1.0, [amplitude, 0.0])],
         ["gravity.y"],
         ["arm.angle"],
         directions=["arm.angle"],
@@ -220,18 +220,18 @@ def test_laws_with_branches_and_memory(pendulum, law):
     start[0], start[1] = -0.05, 2.0
     stroke = feltmb.ramp_stroke(0.0, duration=0.5)
     contacts = np.zeros(len(felt.mechanism.contact_numbers))
-    window = Window(0.0, 0.5, start, contacts)
+    segment = Segment(0.0, 0.5, start, contacts)
 
     def run(action):
-        return windows(
-            action, stroke, [window], (), ["arm.angle"], directions=None, rtol=1e-12, jobs=1
+        return segments(
+            action, stroke, [segment], (), ["arm.angle"], directions=None, rtol=1e-12, jobs=1
         )[0].values[:, 0]
 
     from feltmb.mechanism.parameters import find_parameters
 
     (parameter,) = find_parameters(felt, path)
-    (g,) = windows(
-        felt, stroke, [window], [path], ["arm.angle"], directions=["arm.angle.rate"],
+    (g,) = segments(
+        felt, stroke, [segment], [path], ["arm.angle"], directions=["arm.angle.rate"],
         rtol=1e-10, tolerance=1e-5,
     )  # fmt: skip
     closings = [e for e in g.events if e["event"] in ("felt_on", "contact01_on")]
@@ -246,12 +246,12 @@ def test_laws_with_branches_and_memory(pendulum, law):
     assert g.of("arm.angle", path) == pytest.approx(by_runs, abs=3e-3 * np.abs(by_runs).max())
 
 
-def test_windows_chain(action):
-    """Derivatives over two windows multiply to those over both (the second way round)."""
+def test_segments_chain(action):
+    """Derivatives over two segments multiply to those over both (the second way round)."""
     first, second = state_at(action, "forte", [0.0, 0.085, 0.094])
     options = {"rtol": 1e-9, "tolerance": 1e-4, "jobs": 1}
-    lead = windows(action, "forte", [first], ["key.mass"], (), directions=None, **options)[0]
-    last = windows(action, "forte", [second], ["key.mass"], (), directions="all", **options)[0]
+    lead = segments(action, "forte", [first], ["key.mass"], (), directions=None, **options)[0]
+    last = segments(action, "forte", [second], ["key.mass"], (), directions="all", **options)[0]
     whole = gradient(action, "forte", ["key.mass"], (), duration=0.094, rtol=1e-9, tolerance=1e-4)
     chained = last.end_gradient[:, 0] + last.end_gradient[:, 1:] @ lead.end_gradient[:, 0]
     assert last.end_state == pytest.approx(whole.end_state, rel=1e-3, abs=1e-3)
@@ -265,7 +265,7 @@ def test_windows_chain(action):
 def test_threads_change_nothing(action):
     cuts = state_at(action, "forte", [0.0, 0.03, 0.06, 0.08])
     one, two = (
-        windows(action, "forte", cuts, ["key.mass"], ["hammer.angle"], jobs=j) for j in (1, 2)
+        segments(action, "forte", cuts, ["key.mass"], ["hammer.angle"], jobs=j) for j in (1, 2)
     )
     for a, b in zip(one, two, strict=True):
         assert a.array.tobytes() == b.array.tobytes()
@@ -289,9 +289,9 @@ def test_bad_input(action):
     with pytest.raises(feltmb.InvalidParameter, match="tolerance"):
         gradient(action, "forte", ["key.mass"], tolerance=0.0)
     with pytest.raises(feltmb.InvalidParameter, match="must end after it begins"):
-        windows(action, "forte", [Window(0.1, 0.1)])
+        segments(action, "forte", [Segment(0.1, 0.1)])
     with pytest.raises(feltmb.InvalidParameter, match="state holds 3 numbers"):
-        windows(action, "forte", [Window(0.0, 0.1, [0.0, 1.0, 2.0])])
+        segments(action, "forte", [Segment(0.0, 0.1, [0.0, 1.0, 2.0])])
     with pytest.raises(feltmb.InvalidParameter, match="cannot be shifted"):
         gradient(action, "forte", ["wire.mass"])
 

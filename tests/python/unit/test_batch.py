@@ -147,5 +147,5 @@ def test_a_run_for_its_summary_has_the_numbers_of_a_whole_one(action, stroke):
     assert quick.time[0] >= quick.time[-1] - 0.0103
     tail = whole.time >= quick.time[0]
     assert quick.values == pytest.approx(whole.values[tail], rel=1e-9, abs=1e-12)
-    y = whole[f"{action.config.summary.key_point}.y"]
+    y = whole[f"{action.config.reading.key_point}.y"]
     assert whole.summary["key_travel"] == y[0] - y.min()

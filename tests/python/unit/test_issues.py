@@ -138,8 +138,8 @@ def test_tables_below_values_of_extends(tmp_path):
 def test_check_contact_that_does_not_exist(action):
     # KeyError: 'contact99.force' after the simulation
     refused(
-        lambda: action.with_values({"summary.check_contacts": [8, 99]}),
-        "summary.check_contacts: there is no contact 99",
+        lambda: action.with_values({"reading.check_contacts": [8, 99]}),
+        "reading.check_contacts: there is no contact 99",
     )
 
 

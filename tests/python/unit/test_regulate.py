@@ -303,7 +303,7 @@ def test_let_off_without_inertia_as_a_measure():
 
 def test_slow_press_needs_a_strike_contact():
     raw = load_action("steinway45").raw
-    raw["summary"] = {}
+    raw["reading"] = {}
     step = {
         "name": "let-off",
         "measure": "simulated_press",

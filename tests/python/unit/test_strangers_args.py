@@ -202,7 +202,7 @@ def jobs():
 
 def withheld_case():
     return gap.WithheldCase(
-        number=0, effect="dry", size=1.0, unit="N", signal_to_noise=9.0, outcome="right",
+        number=0, effect="dry", magnitude=1.0, unit="N", signal_to_noise=9.0, outcome="right",
         verdict="NAMED", named=("dry",), one_of=(), first="dry", confidence=1.0, seconds=0.0,
         error="",
     )  # fmt: skip
@@ -975,7 +975,7 @@ CALLS = {
     "feltmb.gap.noncentrality": lambda: {
         "model": oscillator(),
         "effect": DRY,
-        "size": 0.01,
+        "magnitude": 0.01,
         "records": [record()],
     },
     # contact
@@ -1154,7 +1154,7 @@ CALLS = {
     },
     "feltmb.run.study.study_targets": lambda: {"made": a_study(), "folder": "out"},
     # sensitivity
-    "feltmb.run.sensitivity.Window": lambda: {
+    "feltmb.run.sensitivity.Segment": lambda: {
         "begin": 0.0,
         "end": 0.01,
         "state": [0.0, 0.0],
@@ -1167,10 +1167,10 @@ CALLS = {
         "rtol": 1e-7,
     },
     "feltmb.run.sensitivity.state_names": lambda: {"action": pendulum()},
-    "feltmb.run.sensitivity.windows": lambda: {
+    "feltmb.run.sensitivity.segments": lambda: {
         "action": pendulum(),
         "stroke": stroke(),
-        "windows": [sensitivity.Window(0.0, 0.01)],
+        "segments": [sensitivity.Segment(0.0, 0.01)],
         "parameters": None,
         "outputs": ["arm.angle"],
         "directions": "mechanical",

@@ -5,6 +5,8 @@
 #include <span>
 #include <vector>
 
+#include "feltmb/core/fields.hpp"
+
 namespace feltmb {
 
 /// Parameters of the stiff string of thesis Table 4.1; all but `count` are those of one string.
@@ -17,6 +19,21 @@ struct StringParameters {
   double damping_ratio = 0.0;   ///< xi [-], the same for all modes, 0 <= xi < 1
   int modes = 40;               ///< number of modes N, >= 1
   int count = 1;                ///< equal strings struck together n, >= 1
+
+  static constexpr auto fields() {
+    using S = StringParameters;
+    return std::tuple{
+        number("diameter", &S::diameter, "m", above(0.0), "of the wire"),
+        number("tension", &S::tension, "N", above(0.0), "of one string"),
+        number("length", &S::length, "m", above(0.0), "speaking length"),
+        number("linear_density", &S::linear_density, "kg/m", above(0.0), "of one string"),
+        number("young_modulus", &S::young_modulus, "Pa", at_least(0.0), "of the wire"),
+        number("damping_ratio", &S::damping_ratio, "1", below(at_least(0.0), 1.0), "of all modes"),
+        feltmb::count("modes", &S::modes, up_to(at_least(1.0), 5000.0), "number of modes"),
+        feltmb::count("count", &S::count, up_to(at_least(1.0), 1000.0),
+                      "equal strings struck together"),
+    };
+  }
 };
 
 /// Mode shape sums at one point of the string.

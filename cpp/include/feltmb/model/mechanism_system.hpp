@@ -16,14 +16,11 @@
 
 namespace feltmb {
 
-/// Input of a run: a finger force, the motion of a finger that meets the key through its pad, the
-/// motion of the point under the finger itself, or the same two for a motor.
-struct FingerInput {
-  Profile profile;
-  bool motion = false;      ///< false: profile is force [N]; true: displacement [m], pad in between
-  bool prescribed = false;  ///< the driven point or coordinate itself moves by the profile [m, rad]
-  bool motor = false;       ///< drives the motor's coordinate: torque [N m], or its motion [rad]
-  double origin = 0.0;      ///< time on the clock of the profile at which a run begins [s]
+/// Input of a run.
+struct Input {
+  Profile profile;  ///< in the unit of the kind
+  InputKind kind = InputKind::kForce;
+  double origin = 0.0;  ///< time on the clock of the profile at which a run begins [s]
 
   Drive at(double t) const;
 };
@@ -47,7 +44,7 @@ struct Monitor {
 /// effective slopes of its force.
 class MechanismSystem : public OdeSystem {
  public:
-  MechanismSystem(std::shared_ptr<const Mechanism> mechanism, FingerInput input, bool ledger,
+  MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Input input, bool ledger,
                   std::vector<Monitor> monitors, bool events);
 
   std::size_t size() const override {
@@ -144,7 +141,7 @@ class MechanismSystem : public OdeSystem {
   }
   double finger_reference() const { return finger_reference_; }
 
-  /// See FingerInput::origin.
+  /// See Input::origin.
   void set_origin(double origin) {
     input_.origin = origin;
     fresh_ = false;
@@ -162,7 +159,7 @@ class MechanismSystem : public OdeSystem {
   void check_input(const Mechanism& m) const;
 
   Dynamics dynamics_;
-  FingerInput input_;
+  Input input_;
   double finger_reference_ = 0.0;
   double prescribed_reference_ = 0.0;
   double rhs_time_ = std::numeric_limits<double>::quiet_NaN();  ///< of the last evaluation, if rhs

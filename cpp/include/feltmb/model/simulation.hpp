@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "feltmb/model/channels.hpp"
 #include "feltmb/model/mechanism_system.hpp"
 #include "feltmb/ode/integrator.hpp"
 
@@ -133,6 +134,7 @@ struct RunResult {
   std::vector<std::string> names;  ///< of the outputs
   std::vector<std::string> units;
   std::vector<std::string> long_names;
+  void name_outputs(const Channels& channels);
   RowMatrix data;             ///< (n_times, n_outputs)
   RowMatrix states;           ///< (n_times, n_states)
   std::vector<double> start;  ///< outputs at time zero, taken or not; with a ledger
@@ -163,7 +165,7 @@ using Progress = std::function<bool(double)>;
 
 /// Integrates from `start` (the rest pose if y is empty). The clock starts at 0.
 /// Throws InvalidParameter for bad options; a solver failure is a status, not an exception.
-RunResult simulate(const std::shared_ptr<const Mechanism>& mechanism, const FingerInput& input,
+RunResult simulate(const std::shared_ptr<const Mechanism>& mechanism, const Input& input,
                    const SimulationOptions& options, const SimulationState& start = {},
                    const std::vector<Monitor>& monitors = {}, const Progress& progress = {});
 

@@ -10,17 +10,36 @@
 
 namespace feltmb {
 
+/// What drives a mechanism.
+enum class InputKind {
+  kForce,        ///< a finger presses with a force [N]
+  kMotion,       ///< a finger moves, its pad lies in between [m]
+  kKeyMotion,    ///< the point under the finger keeps to a motion, whatever force that takes [m]
+  kTorque,       ///< a motor turns its coordinate by a torque [N m]
+  kMotorMotion,  ///< its coordinate keeps to a motion, whatever torque that takes [rad]
+};
+
+constexpr bool is_prescribed(InputKind kind) {
+  return kind == InputKind::kKeyMotion || kind == InputKind::kMotorMotion;
+}
+constexpr bool is_of_motor(InputKind kind) {
+  return kind == InputKind::kTorque || kind == InputKind::kMotorMotion;
+}
+constexpr bool is_motion(InputKind kind) {
+  return kind == InputKind::kMotion || is_prescribed(kind);
+}
+
+/// "force", "motion", "key_motion", "torque" or "motor_motion"; throws InvalidParameter.
+InputKind input_kind(const std::string& name);
+
 /// What acts on the mechanism from outside at one instant.
 struct Drive {
-  double force = 0.0;   ///< finger force along the finger direction [N], or motor torque [N m]
-  bool motion = false;  ///< true: the finger pad is driven by `displacement`
-  double displacement = 0.0;  ///< travel of the finger along its direction [m]
-  double speed = 0.0;         ///< its rate [m/s]
-  /// true: no pad; the point under the finger, or the coordinate, keeps to `displacement` [m, rad]
-  /// whatever force that takes.
-  bool prescribed = false;
-  double acceleration = 0.0;  ///< rate of the speed [m/s^2], for `prescribed`
-  int coordinate = -1;        ///< >= 0: a motor acts on this coordinate instead of the finger
+  InputKind kind = InputKind::kForce;
+  double force = 0.0;         ///< along the finger direction [N], or torque [N m]
+  double displacement = 0.0;  ///< of a motion, along the finger direction [m], or angle [rad]
+  double speed = 0.0;         ///< its rate [m/s, rad/s]
+  double acceleration = 0.0;  ///< rate of the speed [m/s^2, rad/s^2], of a prescribed motion
+  int coordinate = -1;        ///< of the motor
 };
 
 /// Prescribed motion g(q) = displacement(t) as one equation for the reaction R along it:

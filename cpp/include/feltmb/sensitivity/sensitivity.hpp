@@ -23,7 +23,7 @@ namespace feltmb {
 /// The model with one parameter shifted, and its weight in the difference formula.
 struct Perturbed {
   std::shared_ptr<const Mechanism> mechanism;
-  FingerInput input;
+  Input input;
   double shift = 0.0;   ///< of the parameter, its unit
   double weight = 0.0;  ///< derivative ~ sum of weight x value [1 / unit of the parameter]
 };
@@ -38,7 +38,7 @@ struct SensitivityParameter {
 };
 
 /// One stretch of a stroke.
-struct SensitivityWindow {
+struct SensitivitySegment {
   double begin = 0.0;     ///< on the clock of the input [s]
   double end = 0.4;       ///< [s], > begin
   SimulationState start;  ///< y empty: the rest pose, which moves with the parameters
@@ -50,11 +50,11 @@ struct SensitivityWindow {
 };
 
 struct SensitivityOptions {
-  SimulationOptions simulation;  ///< of each window; duration, ledger, outputs are set here
+  SimulationOptions simulation;  ///< of each segment; duration, ledger, outputs are set here
   double tolerance = 1e-3;       ///< local relative error of a column, in (0, 0.1]
   double output_rate = 1000.0;   ///< samples a second [Hz]
-  std::vector<int> outputs;      ///< indices in list_observables
-  std::size_t threads = 1;       ///< over windows; 0: all cores
+  std::vector<int> outputs;      ///< indices in Channels
+  std::size_t threads = 1;       ///< over segments; 0: all cores
   bool whole_models = false;     ///< a whole right-hand side a parameter, for tests
   /// Height above its place at rest at which a monitored point is an event.
   struct Rule {
@@ -98,13 +98,13 @@ struct SensitivityResult {
   double wall = 0.0;         ///< of the variational part [s]
 };
 
-/// Integrates each window with its sensitivities. Windows run on `threads`; the results do not
-/// depend on their number. Throws InvalidParameter; a solver failure of a window is its
+/// Integrates each segment with its sensitivities. Segments run on `threads`; the results do not
+/// depend on their number. Throws InvalidParameter; a solver failure of a segment is its
 /// run.status.
 std::vector<SensitivityResult> sensitivities(const std::shared_ptr<const Mechanism>& mechanism,
-                                             const FingerInput& input,
+                                             const Input& input,
                                              const std::vector<SensitivityParameter>& parameters,
-                                             const std::vector<SensitivityWindow>& windows,
+                                             const std::vector<SensitivitySegment>& segments,
                                              const SensitivityOptions& options,
                                              const Progress& progress = {});
 

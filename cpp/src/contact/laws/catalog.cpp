@@ -19,13 +19,6 @@ constexpr const char* kind_of(const std::map<std::string, double>&) { return "pa
 constexpr const char* kind_of(const std::vector<double>&) { return "list"; }
 constexpr const char* kind_of(const LawFunction&) { return "function"; }
 
-/// Calls `use(field, its value)` for each field of a law.
-template <class L, class Use>
-void each_field(L& law, Use&& use) {
-  std::apply([&](const auto&... field) { (use(field, law.*(field.member)), ...); },
-             std::remove_const_t<L>::fields());
-}
-
 /// Whether a value is one that a law can do with: a default that is not is none.
 template <class T>
 bool given(const Range& range, const T& value) {
@@ -101,22 +94,6 @@ void check_curve(LawFaults& faults, const ExponentialCurve& curve, const char* w
 }
 
 }  // namespace
-
-bool Range::holds(double value) const {
-  if (!std::isfinite(value)) return false;
-  return (low_open ? value > low : value >= low) && (high_open ? value < high : value <= high);
-}
-
-std::string Range::text() const {
-  const bool bottom = std::isfinite(low);
-  const bool top = std::isfinite(high);
-  if (bottom && top) {
-    return format("in %c%g, %g%c", low_open ? '(' : '[', low, high, high_open ? ')' : ']');
-  }
-  if (bottom) return format("%s %g", low_open ? ">" : ">=", low);
-  if (top) return format("%s %g", high_open ? "<" : "<=", high);
-  return "finite";
-}
 
 void LawFaults::add(const std::string& text) { text_ += (text_.empty() ? "" : "; ") + text; }
 

@@ -106,7 +106,7 @@ class Bench:
             raise CannotMeasure(
                 f"contact {step.contact} does not close in a press of {1e3 * step.travel:g} mm"
             )
-        strike = action.config.summary.strike_contact
+        strike = action.config.reading.strike_contact
         return 1.0 - gap / self._contact(action, strike)[0]
 
     def _check_distance(self, action: Action, step: Step) -> float:

@@ -64,10 +64,10 @@ class StaticTouch:
 
 def roles_of(action: Action) -> dict[str, int]:
     """Contacts by what they do; from the events and the summary roles of the mechanism file."""
-    events, summary = action.config.events, action.config.summary
+    events, reading = action.config.events, action.config.reading
     found: dict[str, int | None] = {
-        "strike": summary.strike_contact,
-        "let_off": summary.let_off_contact,
+        "strike": reading.strike_contact,
+        "let_off": reading.let_off_contact,
     }
     for role, name in (("damper", "damper_start"), ("toe", "jack_toe"), ("bottom", "key_landing")):
         rule = events.get(name)
@@ -78,7 +78,7 @@ def roles_of(action: Action) -> dict[str, int]:
     if missing:
         raise InvalidParameter(
             f"touch: mechanism {action.name!r} does not say which contact is {', '.join(missing)}; "
-            f"needed are [finger], summary.strike_contact, summary.let_off_contact and the events "
+            f"needed are [finger], reading.strike_contact, reading.let_off_contact and the events "
             f"jack_toe and key_landing"
         )
     return {role: number for role, number in found.items() if number is not None}

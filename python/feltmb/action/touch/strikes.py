@@ -59,7 +59,7 @@ def simulate_strike(action: Action, kind: str, level: float, dip: float) -> Stri
         return Strike(
             kind, level, None, None, None, None, None, "the hammer does not reach the string"
         )
-    point = action.config.summary.key_point
+    point = action.config.reading.key_point
     speed = None
     if point is not None:
         speed = float(np.max(-run[f"{point}.vy"][run.time <= hit]))

@@ -109,7 +109,7 @@ class Touch:
         """
         import pandas as pd
 
-        strike = self.action.config.summary.strike_contact
+        strike = self.action.config.reading.strike_contact
         assert strike is not None
         parts = []
         for name, path in _branches(self.static):

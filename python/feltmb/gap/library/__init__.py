@@ -2,12 +2,16 @@
 
 Every function returns an :class:`~feltmb.fit.Effect` that is exactly the model at magnitude zero.
 Lengths and speeds that give an effect its shape are taken from ranges that the caller knows from
-the records (``travel`` [position unit], ``speed`` [position unit/s]).
+the records (``travel`` [position unit], ``speed`` [position unit/s]). A file of this folder with a
+tuple ``FOR_COORDINATE`` adds its effects to those of every coordinate: docs/howto/add_an_effect.md.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+import importlib
+import pkgutil
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -16,6 +20,7 @@ from feltmb.fit import Effect
 from feltmb.gap.library.balance import for_force_balance
 from feltmb.gap.library.forces import (
     Part,
+    Scales,
     backlash,
     creep,
     drifting_stiffness,
@@ -89,21 +94,17 @@ def for_coordinate(
     c: Part, *, force: float, travel: float, speed: float, time: float = 0.1
 ) -> tuple[Effect, ...]:
     """All force effects of a coordinate, scaled by its typical force, travel and speed."""
-    return (
-        dry_friction(c, scale=0.1 * force, speed=speed),
-        dry_friction_asymmetry(c, scale=0.1 * force, speed=speed),
-        static_friction(c, scale=0.1 * force, speed=speed),
-        viscous_friction(c, scale=0.1 * force / speed),
-        quadratic_friction(c, scale=0.1 * force / speed**2),
-        polynomial_stiffness(c, 1, scale=0.1 * force / travel),
-        polynomial_stiffness(c, 2, scale=0.1 * force / travel**2),
-        polynomial_stiffness(c, 3, scale=0.1 * force / travel**3),
-        backlash(c, stiffness=force / travel, travel=travel),
-        end_stop(c, stiffness=0.3 * force / travel, travel=travel),
-        hysteresis(c, scale=0.1 * force, travel=travel),
-        creep(c, scale=0.1 * force / travel, times=(0.3 * time, 3.0 * time)),
-        offset_force(c, scale=0.1 * force),
-    )
+    scales = Scales(force, travel, speed, time)
+    return tuple(make(c, scales) for make in _makers("FOR_COORDINATE"))
+
+
+@functools.cache
+def _makers(what: str) -> tuple[Callable[[Part, Scales], Effect], ...]:
+    """What the modules of this folder offer: a new effect is a file here."""
+    found: list[Callable[[Part, Scales], Effect]] = []
+    for module in sorted(info.name for info in pkgutil.iter_modules(__path__)):
+        found += getattr(importlib.import_module(f"{__name__}.{module}"), what, ())
+    return tuple(found)
 
 
 def for_input(name: str, record: Record, *, unit: str = "1") -> tuple[Effect, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,18 @@ Part = Coordinate | Coupling
 Rate = Callable[[Any, Named, Named, Named, Any, Any], Mapping[str, Any]]
 
 
-def _force(c: Part, law: Callable[[Any, Any, Any], Any]) -> Rate:
+@dataclass(frozen=True)
+class Scales:
+    """What is typical of a coordinate, in its units."""
+
+    force: float
+    travel: float
+    speed: float
+    time: float
+    """[s]"""
+
+
+def force_law(c: Part, law: Callable[[Any, Any, Any], Any]) -> Rate:
     """Rate of a force law f(position, speed, shape) per unit of magnitude, against the motion."""
 
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, shape: Any) -> Mapping[str, Array]:
@@ -37,7 +49,7 @@ def dry_friction(c: Part, *, scale: float, speed: float) -> Effect:
         shapes=(0.003 * speed, 0.03 * speed),
         shape_names=(f"v_0 [{c.travel_unit}/s]",),
         remedy="Add the friction, or clean and lubricate the guide.",
-        rate=_force(c, lambda q, v, v0: np.tanh(v / v0)),
+        rate=force_law(c, lambda q, v, v0: np.tanh(v / v0)),
     )
 
 
@@ -52,7 +64,7 @@ def dry_friction_asymmetry(c: Part, *, scale: float, speed: float) -> Effect:
         shapes=(0.003 * speed, 0.03 * speed),
         shape_names=(f"v_0 [{c.travel_unit}/s]",),
         remedy="Use two levels of dry friction.",
-        rate=_force(c, lambda q, v, v0: np.abs(np.tanh(v / v0))),
+        rate=force_law(c, lambda q, v, v0: np.abs(np.tanh(v / v0))),
     )
 
 
@@ -68,7 +80,7 @@ def static_friction(c: Part, *, scale: float, speed: float) -> Effect:
         shapes=((0.05 * speed, 0.003 * speed), (0.3 * speed, 0.01 * speed)),
         shape_names=(f"v_s [{c.travel_unit}/s]", f"v_0 [{c.travel_unit}/s]"),
         remedy="Add the Stribeck term, or change the lubricant.",
-        rate=_force(c, lambda q, v, s: np.exp(-((v / s[0]) ** 2)) * np.tanh(v / s[1])),
+        rate=force_law(c, lambda q, v, s: np.exp(-((v / s[0]) ** 2)) * np.tanh(v / s[1])),
     )
 
 
@@ -81,7 +93,7 @@ def viscous_friction(c: Part, *, scale: float) -> Effect:
         scale=scale,
         mechanism="A force in proportion to the speed acts against the motion.",
         remedy="Add the damping.",
-        rate=_force(c, lambda q, v, s: v),
+        rate=force_law(c, lambda q, v, s: v),
     )
 
 
@@ -95,7 +107,7 @@ def quadratic_friction(c: Part, *, scale: float) -> Effect:
         sign=1,
         mechanism="Drag grows with the square of the speed.",
         remedy="Add the drag.",
-        rate=_force(c, lambda q, v, s: v * np.abs(v)),
+        rate=force_law(c, lambda q, v, s: v * np.abs(v)),
     )
 
 
@@ -109,7 +121,7 @@ def polynomial_stiffness(c: Part, power: int, *, scale: float) -> Effect:
         scale=scale,
         mechanism=f"The spring has a part that grows with the power {power} of the displacement.",
         remedy="Use the nonlinear characteristic of the spring.",
-        rate=_force(c, lambda q, v, s: q**power),
+        rate=force_law(c, lambda q, v, s: q**power),
     )
 
 
@@ -125,7 +137,7 @@ def backlash(c: Part, *, stiffness: float, travel: float) -> Effect:
         shapes=tuple(travel * f for f in (0.03, 0.1, 0.3)),
         shape_names=(f"half width [{c.travel_unit}]",),
         remedy="Model the clearance, or close it.",
-        rate=_force(c, lambda q, v, b: -stiffness * np.clip(q, -b, b)),
+        rate=force_law(c, lambda q, v, b: -stiffness * np.clip(q, -b, b)),
     )
 
 
@@ -149,7 +161,7 @@ def end_stop(c: Part, *, stiffness: float, travel: float) -> Effect:
         shapes=tuple((side, travel * f) for side in (1.0, -1.0) for f in (0.3, 0.7)),
         shape_names=("side", f"level [{c.travel_unit}]"),
         remedy="Model the stop.",
-        rate=_force(c, law),
+        rate=force_law(c, law),
     )
 
 
@@ -244,5 +256,23 @@ def offset_force(c: Part, *, scale: float) -> Effect:
         scale=scale,
         mechanism="A constant force acts that the model lacks.",
         remedy="Add the force; look for gravity, preload or an offset of the drive.",
-        rate=_force(c, lambda q, v, s: -np.ones_like(q)),
+        rate=force_law(c, lambda q, v, s: -np.ones_like(q)),
     )
+
+
+#: Effects that a coordinate may have, by its typical force, travel, speed and time.
+FOR_COORDINATE: tuple[Callable[[Part, Scales], Effect], ...] = (
+    lambda c, s: dry_friction(c, scale=0.1 * s.force, speed=s.speed),
+    lambda c, s: dry_friction_asymmetry(c, scale=0.1 * s.force, speed=s.speed),
+    lambda c, s: static_friction(c, scale=0.1 * s.force, speed=s.speed),
+    lambda c, s: viscous_friction(c, scale=0.1 * s.force / s.speed),
+    lambda c, s: quadratic_friction(c, scale=0.1 * s.force / s.speed**2),
+    lambda c, s: polynomial_stiffness(c, 1, scale=0.1 * s.force / s.travel),
+    lambda c, s: polynomial_stiffness(c, 2, scale=0.1 * s.force / s.travel**2),
+    lambda c, s: polynomial_stiffness(c, 3, scale=0.1 * s.force / s.travel**3),
+    lambda c, s: backlash(c, stiffness=s.force / s.travel, travel=s.travel),
+    lambda c, s: end_stop(c, stiffness=0.3 * s.force / s.travel, travel=s.travel),
+    lambda c, s: hysteresis(c, scale=0.1 * s.force, travel=s.travel),
+    lambda c, s: creep(c, scale=0.1 * s.force / s.travel, times=(0.3 * s.time, 3.0 * s.time)),
+    lambda c, s: offset_force(c, scale=0.1 * s.force),
+)

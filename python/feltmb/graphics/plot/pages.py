@@ -16,7 +16,14 @@ from feltmb.graphics.plot.readings import (
     need_samples,
     run_name,
 )
-from feltmb.graphics.plot.series import draw_finger, draw_motion, draw_speed, motion_curves
+from feltmb.graphics.plot.series import (
+    draw_finger,
+    draw_motion,
+    draw_speed,
+    draw_view,
+    motion_curves,
+)
+from feltmb.run.reading import reading_of, striker_speed
 from feltmb.run.results import let_off_words
 from feltmb.style import (
     CYCLE,
@@ -61,13 +68,17 @@ def overview(run: Run) -> Figure:
         panels.append("motion")
     except InvalidParameter:
         pass
-    if "hammer_tip.vx" in run:
+    if striker_speed(run) is not None:
         panels.append("speed")
+    views = {f"view {n}": v for n, v in reading_of(run).views.items() if n != "motion"}
+    views = {n: v for n, v in views.items() if any(row.output in run for row in v.rows)}
+    panels += views
     if numbers:
         panels.append("forces")
     if not panels:
         raise InvalidParameter("plot overview: the run has no finger, tracking points or contacts")
     heights = {"finger": 0.9, "motion": 1.5, "speed": 1.1, "forces": 1.5}
+    heights |= dict.fromkeys(views, 1.2)
     total = sum(heights[p] for p in panels)
     figure = new_figure(8.6, 1.9 * total + 0.9)
     head_title(figure, run, "Stroke")
@@ -87,6 +98,8 @@ def overview(run: Run) -> Figure:
             ax.set_ylabel("displacement, mm", fontsize=NORMAL)
         elif panel == "speed":
             draw_speed(ax, run)
+        elif panel in views:
+            draw_view(ax, run, views[panel])
         else:
             for number, color in zip(numbers[:6], CYCLE, strict=False):
                 ax.plot(
@@ -101,7 +114,7 @@ def overview(run: Run) -> Figure:
         if window == near:
             mark_events(ax, run, near, width=5.2, labels=not labeled)
             labeled = True
-        if panel in ("motion", "forces"):
+        if panel in ("motion", "forces") or panel in views:
             side_legend(ax)
         if ax is not axes[-1] and panel != "finger":
             ax.set_xlabel("")

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from feltmb.errors import InvalidParameter
+from feltmb.run.reading import striker_speed
 from feltmb.style import plain_text
 
 if TYPE_CHECKING:
@@ -27,9 +28,9 @@ __all__ = [
     "named_events",
     "need_output",
     "need_samples",
+    "need_striker",
     "run_action",
     "run_name",
-    "speed_name",
     "string_window",
 ]
 
@@ -161,14 +162,15 @@ def string_window(run: Run) -> tuple[float, float]:
     return max(start, first - 0.08 * span), min(end, last + 0.08 * span)
 
 
-def speed_name(run: Run) -> str:
-    """Name of the output that is the speed of the hammer."""
-    if "hammer_tip.vx" in run:
-        return "hammer_tip.vx"
-    raise InvalidParameter(
-        "plot hammer_speed: the run has no output 'hammer_tip.vx'; give the mechanism a tracking "
-        "point hammer_tip"
-    )
+def need_striker(run: Run) -> Array:
+    """Speed of the point that strikes, in its direction [m/s]."""
+    speed = striker_speed(run)
+    if speed is None:
+        raise InvalidParameter(
+            "plot hammer_speed: the mechanism of the run names no point that strikes; give it "
+            "reading.striker, such as { point = 'hammer_tip', direction = [-1.0, 0.0] }"
+        )
+    return speed
 
 
 def finger_work(run: Run) -> Array | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from typing import TYPE_CHECKING
 
@@ -19,9 +20,10 @@ from feltmb.graphics.plot.readings import (
     named_events,
     need_output,
     need_samples,
-    speed_name,
+    need_striker,
     string_window,
 )
+from feltmb.run.reading import reading_of
 from feltmb.style import (
     BLACK,
     BLUE,
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from feltmb.mechanism import View
     from feltmb.run.results import Run
 
 Array = npt.NDArray[np.float64]
@@ -53,6 +56,7 @@ __all__ = [
     "draw_finger",
     "draw_motion",
     "draw_speed",
+    "draw_view",
     "finger_force",
     "hammer_speed",
     "motion",
@@ -60,23 +64,31 @@ __all__ = [
     "string",
 ]
 
-#: label, output, factor: what the thesis draws together in Figs 4.12 to 4.16.
-_MOTION = (
-    ("key front, dy", "key_front.y", 1.0, BLUE, "-"),
-    ("whippen, dy", "whippen.y", 1.0, GREEN, "-"),
-    ("4 × key lift", "key_balance.y", 4.0, PURPLE, "-"),
-    ("hammer tip, dx", "hammer_tip.x", 1.0, RED, "-"),
-    ("hammer tip, dy", "hammer_tip.y", 1.0, ORANGE, "--"),
-)
+#: Colors of the curves of a view, in order.
+_COLORS = (BLUE, GREEN, PURPLE, RED, ORANGE, *CYCLE)
+
+
+def view_curves(run: Run, view: View) -> list[tuple[str, Array, str, str]]:
+    """Label, values, color and line style; a point's second coordinate is dashed."""
+    curves = []
+    points: list[str] = []
+    for row, color in zip(view.rows, itertools.cycle(_COLORS), strict=False):
+        if row.output not in run:
+            continue
+        values = run[row.output]
+        point = row.output.rpartition(".")[0]
+        style = "--" if point in points else "-"
+        points.append(point)
+        start = values[0] if view.change else 0.0
+        label = plain_text(row.label or row.output)
+        curves.append((label, row.factor * (values - start), color, style))
+    return curves
 
 
 def motion_curves(run: Run) -> list[tuple[str, Array, str, str]]:
     """Label, displacement from the start [m], color and line style."""
-    curves = [
-        (label, factor * (run[name] - run[name][0]), color, style)
-        for label, name, factor, color, style in _MOTION
-        if name in run
-    ]
+    view = reading_of(run).views.get("motion")
+    curves = view_curves(run, view) if view is not None else []
     if curves:
         return curves
     points = [n for n in run.names if re.fullmatch(r".+\.[xy]", n) and run.unit(n) == "m"]
@@ -134,16 +146,40 @@ def motion(run: Run) -> Figure:
     return figure
 
 
+def striker_name(run: Run) -> str:
+    """Name of the point that strikes, as text for matplotlib."""
+    striker = reading_of(run).striker
+    return plain_text("striker" if striker is None else striker.label or striker.point)
+
+
+def draw_view(ax: Axes, run: Run, view: View) -> None:
+    """Draw a view of the mechanism on axes; the unit is that of its first curve."""
+    curves = view_curves(run, view)
+    first = next(row.output for row in view.rows if row.output in run)
+    factor, unit = reader_unit(run.unit(first))
+    for label, values, color, style in curves:
+        ax.plot(
+            1e3 * run.time,
+            factor * values,
+            color=color,
+            linestyle=style,
+            linewidth=1.3,
+            label=label,
+        )
+    style_axes(ax, "time, ms", f"{plain_text(view.title or first)}, {unit}")
+
+
 def draw_speed(ax: Axes, run: Run, *, marks: bool = True) -> None:
-    """Draw the horizontal speed of the hammer's tip toward the string on axes.
+    """Draw the speed of the point that strikes, in its direction, on axes.
 
     It is not the impact speed, which is that of the contact (``run.summary["impact_speed"]``).
     """
-    # x points to the player: the hammer runs toward the string with negative speed.
-    speed = -run[speed_name(run)]
-    ax.plot(1e3 * run.time, speed, color=RED, linewidth=1.3, label="hammer tip")
+    speed = need_striker(run)
+    label = striker_name(run)
+    where = "toward string" if "string.strike" in run else "speed"
+    ax.plot(1e3 * run.time, speed, color=RED, linewidth=1.3, label=label)
     ax.axhline(0.0, color=GRAY, linewidth=0.6)
-    style_axes(ax, "time, ms", "hammer tip\ntoward string, m/s")
+    style_axes(ax, "time, ms", f"{label}\n{where}, m/s")
     if not marks:
         return
     top = float(np.max(speed))
@@ -178,7 +214,7 @@ def draw_speed(ax: Axes, run: Run, *, marks: bool = True) -> None:
 
 
 def hammer_speed(run: Run) -> Figure:
-    """Horizontal speed [m/s] of the hammer tip, positive toward the string; thesis Figs 4.9, 4.10.
+    """Speed [m/s] of the point that strikes, in its direction; thesis Figs 4.9, 4.10.
 
     The impact speed of a run, ``run.summary["impact_speed"]``, is the closing speed of the contact
     along its normal, not this one of a tracking point.
@@ -186,12 +222,12 @@ def hammer_speed(run: Run) -> Figure:
     Raises
     ------
     InvalidParameter
-        The run has no output ``hammer_tip.vx``.
+        The mechanism names no ``reading.striker``.
     """
     need_samples(run)
-    speed_name(run)
+    need_striker(run)
     figure = new_figure(7.5, 4.2)
-    head_title(figure, run, "Speed of the hammer tip")
+    head_title(figure, run, f"Speed of the {striker_name(run)}")
     ax = figure.subplots()
     draw_speed(ax, run)
     set_window(ax, action_window(run))

@@ -32,6 +32,7 @@ from feltmb.graphics.plot.shapes import Shape, scene, station_of
 from feltmb.graphics.viewer.curves import Curves
 from feltmb.graphics.viewer.packing import pack_columns, pack_times
 from feltmb.graphics.viewer.thinning import extremes, knots, thin_outline
+from feltmb.run.reading import reading_of
 from feltmb.style import body_fill, reader_unit
 
 if TYPE_CHECKING:
@@ -327,13 +328,6 @@ def _string(run: Run, action: Action, film: Film, keep: slice) -> dict[str, Any]
     return out
 
 
-#: What is looked at first, if a run has it: title, outputs, whether from the start.
-_PANELS: tuple[tuple[str, tuple[str, ...], bool], ...] = (
-    ("motion from the start", ("key_front.y", "whippen.y", "hammer_tip.x"), True),
-    ("hammer", ("hammer_tip.vx",), False),
-)
-
-
 def default_panels(runs: Sequence[Run | Curves]) -> list[dict[str, Any]]:
     """Panels to begin with: what every run has, then what the first one has."""
     first = runs[0]
@@ -342,13 +336,22 @@ def default_panels(runs: Sequence[Run | Curves]) -> list[dict[str, Any]]:
     if isinstance(first, Curves):
         panels += [{"title": "", "outputs": [n], "change": False} for n in names[:4]]
     else:
+        reading = reading_of(first)
         panels = [
-            {"title": title, "outputs": [n for n in wanted if n in names], "change": change}
-            for title, wanted, change in _PANELS
+            {
+                "title": view.title,
+                "outputs": [r.output for r in view.rows if r.factor == 1.0 and r.output in names],
+                "change": view.change,
+            }
+            for view in reading.views.values()
         ]
-        if not panels[0]["outputs"]:
+        if not any(p["outputs"] for p in panels):
             points = [n for n in names if re.fullmatch(r".+\.[xy]", n)]
-            panels[0]["outputs"] = points[:4]
+            panels.append({"title": "motion from the start", "outputs": points[:4], "change": True})
+        if reading.striker is not None:
+            speed = f"{reading.striker.point}.v{reading.striker.axis}"
+            title = reading.striker.label or reading.striker.point
+            panels.append({"title": title, "outputs": [speed] * (speed in names), "change": False})
         peaks = {n: float(np.max(first[f"contact{n:02d}.force"])) for n in contact_numbers(first)}
         strongest = sorted((n for n, p in peaks.items() if p > 1e-6), key=lambda n: -peaks[n])
         forces = [f"contact{n:02d}.force" for n in strongest[:5]]

@@ -6,7 +6,7 @@ steps of the stroke, with one factorized matrix for all of them (``docs/sensitiv
 
 from __future__ import annotations
 
-from feltmb.run.sensitivity.objects import Gradient, Window, state_names
-from feltmb.run.sensitivity.work import gradient, state_at, windows
+from feltmb.run.sensitivity.objects import Gradient, Segment, state_names
+from feltmb.run.sensitivity.work import gradient, segments, state_at
 
-__all__ = ["Gradient", "Window", "gradient", "state_at", "state_names", "windows"]
+__all__ = ["Gradient", "Segment", "gradient", "segments", "state_at", "state_names"]

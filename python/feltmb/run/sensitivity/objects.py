@@ -1,4 +1,4 @@
-"""What derivatives are taken over and what comes out: windows and gradients."""
+"""What derivatives are taken over and what comes out: segments and gradients."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @checked
 @dataclass(frozen=True)
-class Window:
+class Segment:
     """One stretch of a stroke, from a full state.
 
     Attributes

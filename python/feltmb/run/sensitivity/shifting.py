@@ -9,7 +9,7 @@ from feltmb import _core
 from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Action
 from feltmb.mechanism.parameters import Parameter, all_parameters, find_parameters, mechanism_with
-from feltmb.run.stroke import MOTORS, PRESCRIBED, Stroke
+from feltmb.run.stroke import Stroke
 
 #: Parameters are shifted by this part of their size for df/dp; rounding and curvature both lie
 #: below 1e-8 of the derivative.
@@ -78,12 +78,11 @@ def shifted(action: Action, stroke: Stroke, parameter: Parameter) -> Any:
     def model(mechanism: Any, shift: float, weight: float, **changed: Any) -> Any:
         return _core.Perturbed(
             mechanism,
-            changed.get("profile", stroke.profile),
-            stroke.kind == "motion",
+            _core.Input(
+                changed.get("profile", stroke.profile), stroke.kind, changed.get("origin", 0.0)
+            ),
             shift,
             weight,
-            changed.get("origin", 0.0),
-            *drives(stroke),
         )
 
     h = SHIFT * parameter.size
@@ -97,8 +96,3 @@ def shifted(action: Action, stroke: Stroke, parameter: Parameter) -> Any:
     else:
         nodes = [model(*node) for node in _nodes(action, parameter)]
     return _core.SensitivityParameter(parameter.path, nodes, parameter.size)
-
-
-def drives(stroke: Stroke) -> tuple[bool, bool]:
-    """Whether a motion is prescribed exactly, and whether a motor drives."""
-    return stroke.kind in PRESCRIBED, stroke.kind in MOTORS

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def summary_outputs(action: Action) -> list[str]:
     """Outputs that the summary needs beside those asked for."""
-    point = action.config.summary.key_point
+    point = action.config.reading.key_point
     return [f"{point}.y"] if point is not None else []
 
 
@@ -61,7 +61,7 @@ def summarize(
         event = by_index[i]
         if event is not None:
             put(f"{name}_time", changes[i].time + begin, event.time)
-    strike = action.config.summary.strike_contact
+    strike = action.config.reading.strike_contact
     if strike is not None:
         column = numbers.index(strike)
         on, off = find_strike(changes, strike)
@@ -105,10 +105,10 @@ def add_key_travel(
     summary: dict[str, float],
     out: dict[str, Array],
 ) -> None:
-    """The largest fall of the key point, if the window begins at rest."""
+    """The largest fall of the key point, if the segment begins at rest."""
     import numpy as np
 
-    column = f"{action.config.summary.key_point}.y"
+    column = f"{action.config.reading.key_point}.y"
     if column not in names or result.time[0] != 0.0:
         return
     i = names.index(column)

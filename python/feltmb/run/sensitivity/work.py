@@ -1,4 +1,4 @@
-"""Derivatives of a stroke or of its windows: the calls, the start states, the outputs."""
+"""Derivatives of a stroke or of its segments: the calls, the start states, the outputs."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from feltmb.arguments import checked
 from feltmb.errors import IntegrationError, InvalidParameter
 from feltmb.mechanism import Action, load_action
 from feltmb.mechanism.parameters import Parameter
-from feltmb.run.sensitivity.objects import Gradient, Window, place_of, state_names
-from feltmb.run.sensitivity.shifting import choose_parameters, drives, shifted
+from feltmb.run.sensitivity.objects import Gradient, Segment, place_of, state_names
+from feltmb.run.sensitivity.shifting import choose_parameters, shifted
 from feltmb.run.sensitivity.summary import add_key_travel, add_rules, summarize, summary_outputs
 from feltmb.run.simulate import check_input
 from feltmb.run.stroke import Stroke, load_stroke
@@ -76,10 +76,10 @@ def gradient(
     action = load_action(action) if isinstance(action, str) else action
     stroke = load_stroke(stroke) if isinstance(stroke, str) else stroke
     end = float(stroke.duration if duration is None else duration)
-    return windows(
+    return segments(
         action,
         stroke,
-        [Window(0.0, end)],
+        [Segment(0.0, end)],
         parameters,
         outputs,
         directions=None,
@@ -91,10 +91,10 @@ def gradient(
 
 
 @checked
-def windows(
+def segments(
     action: Action | str,
     stroke: Stroke | str,
-    windows: Sequence[Window],
+    segments: Sequence[Segment],
     parameters: str | Iterable[str] | None = None,
     outputs: Iterable[str] | None = None,
     *,
@@ -107,12 +107,12 @@ def windows(
     """Derivatives of many stretches of one stroke, each from its own full state, in one call.
 
     This is what multiple shooting needs: with ``directions`` the columns after the parameters are
-    derivatives by the start state of each window.
+    derivatives by the start state of each segment.
 
     Parameters
     ----------
-    windows
-        See :class:`Window`. A window without a state starts from the rest pose, which moves with
+    segments
+        See :class:`Segment`. A segment without a state starts from the rest pose, which moves with
         the parameters; a state that is given does not.
     parameters
         As in :func:`gradient`, but default: none.
@@ -120,11 +120,11 @@ def windows(
         ``"mechanical"``: by every coordinate and rate; ``"all"``: by every state; names of states;
         an array (n_states, n_directions); None.
     jobs
-        Threads over windows; default: one a core. The results do not depend on it.
+        Threads over segments; default: one a core. The results do not depend on it.
     """
     action = load_action(action) if isinstance(action, str) else action
     stroke = load_stroke(stroke) if isinstance(stroke, str) else stroke
-    from_rest = len(windows) == 1 and windows[0].state is None and directions is None
+    from_rest = len(segments) == 1 and segments[0].state is None and directions is None
     check_input(action, stroke)
     chosen = choose_parameters(action, parameters, every=from_rest and parameters is None)
     infos = {name: (i, unit) for i, (name, unit, _) in enumerate(_observables(action))}
@@ -134,7 +134,7 @@ def windows(
     options = _core.SensitivityOptions()
     simulation = _core.SimulationOptions()
     simulation.rtol = float(rtol)
-    strike = action.config.summary.strike_contact
+    strike = action.config.reading.strike_contact
     if strike is not None:
         simulation.peak_contacts = [strike]
     options.simulation = simulation
@@ -146,15 +146,13 @@ def windows(
     start_names, matrix = _directions(action, directions)
     columns = tuple(p.path for p in chosen) + tuple(f"start.{n}" for n in start_names)
     units = tuple(p.unit for p in chosen) + tuple(_state_unit(action, n) for n in start_names)
-    prepared = [_window(action, w, matrix) for w in windows]
+    prepared = [_segment(action, w, matrix) for w in segments]
     results = _core.sensitivities(
         action.mechanism,
-        stroke.profile,
-        stroke.kind == "motion",
+        stroke.input,
         [shifted(action, stroke, p) for p in chosen],
         prepared,
         options,
-        *drives(stroke),
     )
     provenance = {
         "feltmb": "gradient",
@@ -166,15 +164,15 @@ def windows(
     }
     return [
         _to_gradient(action, r, w, names, extra, infos, chosen, columns, units, rules, provenance)
-        for r, w in zip(results, windows, strict=True)
+        for r, w in zip(results, segments, strict=True)
     ]
 
 
 @checked
 def state_at(
     action: Action | str, stroke: Stroke | str, times: Sequence[float], *, rtol: float = 1e-7
-) -> list[Window]:
-    """Windows between the given times of a stroke, each with the state that the stroke has there.
+) -> list[Segment]:
+    """Segments between the given times of a stroke, each with the state that the stroke has there.
 
     Parameters
     ----------
@@ -183,7 +181,7 @@ def state_at(
 
     Returns
     -------
-    list of Window
+    list of Segment
         One for each pair of neighbors.
     """
     action = load_action(action) if isinstance(action, str) else action
@@ -194,15 +192,15 @@ def state_at(
     state: Any = None
     memory: Any = None
     if cuts[0] > 0:
-        lead = windows(
-            action, stroke, [Window(0.0, cuts[0])], (), (), directions=None, rtol=rtol, jobs=1
+        lead = segments(
+            action, stroke, [Segment(0.0, cuts[0])], (), (), directions=None, rtol=rtol, jobs=1
         )[0]
         state, memory = lead.end_state, lead.end_memory
     out = []
     for a, b in itertools.pairwise(cuts):
-        out.append(Window(a, b, state, memory))
+        out.append(Segment(a, b, state, memory))
         if b < cuts[-1]:
-            part = windows(action, stroke, [out[-1]], (), (), directions=None, rtol=rtol, jobs=1)
+            part = segments(action, stroke, [out[-1]], (), (), directions=None, rtol=rtol, jobs=1)
             state, memory = part[0].end_state, part[0].end_memory
     return out
 
@@ -256,24 +254,26 @@ def _state_unit(action: Action, name: str) -> str:
     return "m kg^0.5/s" if name.endswith(".rate") else "m kg^0.5"
 
 
-def _window(action: Action, window: Window, matrix: Any) -> Any:
+def _segment(action: Action, segment: Segment, matrix: Any) -> Any:
     import numpy as np
 
     size = len(state_names(action))
     contacts = len(action.mechanism.contact_numbers)
-    if not isinstance(window, Window):
-        raise InvalidParameter(f"windows: got a {type(window).__name__}, expected Window objects")
-    state = [] if window.state is None else np.asarray(window.state, dtype=float).ravel().tolist()
+    if not isinstance(segment, Segment):
+        raise InvalidParameter(
+            f"segments: got a {type(segment).__name__}, expected Segment objects"
+        )
+    state = [] if segment.state is None else np.asarray(segment.state, dtype=float).ravel().tolist()
     memory = (
-        [] if window.memory is None else np.asarray(window.memory, dtype=float).ravel().tolist()
+        [] if segment.memory is None else np.asarray(segment.memory, dtype=float).ravel().tolist()
     )
     for what, values, wanted in (("state", state, size), ("memory", memory, contacts)):
         if values and (len(values) != wanted or not all(map(math.isfinite, values))):
             raise InvalidParameter(
-                f"window from {window.begin:g} s: {what} holds {len(values)} numbers, expected "
+                f"segment from {segment.begin:g} s: {what} holds {len(values)} numbers, expected "
                 f"{wanted}, all finite"
             )
-    return _core.SensitivityWindow(float(window.begin), float(window.end), state, memory, matrix)
+    return _core.SensitivitySegment(float(segment.begin), float(segment.end), state, memory, matrix)
 
 
 def _observables(action: Action) -> list[tuple[str, str, str]]:
@@ -307,7 +307,7 @@ def _choose_outputs(
 def _to_gradient(
     action: Action,
     result: Any,
-    window: Window,
+    segment: Segment,
     names: list[str],
     extra: list[str],
     infos: Mapping[str, tuple[int, str]],
@@ -321,7 +321,7 @@ def _to_gradient(
 
     run = result.run
     if run.status != "done":
-        where = f"window from {window.begin:g} s to {window.end:g} s: "
+        where = f"segment from {segment.begin:g} s to {segment.end:g} s: "
         raise IntegrationError(
             where + run.message,
             partial=None,  # only derivatives were wanted

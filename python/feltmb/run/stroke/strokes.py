@@ -118,6 +118,11 @@ class Stroke:
         )
 
     @property
+    def input(self) -> _core.Input:
+        """What drives the mechanism, for the core."""
+        return _core.Input(self.profile, self.kind)
+
+    @property
     def unit(self) -> str:
         """Unit of the values: N, m, N m or rad."""
         return UNITS[self.kind]

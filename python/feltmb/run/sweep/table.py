@@ -15,7 +15,7 @@ from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter, shown
 from feltmb.files import check_suffix, make_folder, write_text
 from feltmb.mechanism import Action, load_action, plain_data
-from feltmb.run.options import OPTIONS, check_options
+from feltmb.run.options import OPTIONS, RunOptions, check_options, options_given
 from feltmb.run.stroke import Stroke, load_stroke
 from feltmb.run.sweep.axes import Axis, apply_point, axis_values, grid_points
 from feltmb.run.sweep.member import Member, Outcome, one_line
@@ -77,7 +77,7 @@ def sweep(
     values: Mapping[str, Any] | Sequence[Mapping[str, Any]],
     *,
     mode: Literal["grid", "list"] = "grid",
-    options: Mapping[str, Any] | None = None,
+    options: RunOptions | Mapping[str, Any] | None = None,
     executor: Executor | None = None,
     jobs: int | None = None,
     folder: str | Path | None = None,
@@ -132,7 +132,7 @@ def sweep(
     if not loaded:
         raise InvalidParameter("sweep: no stroke")
     try:
-        values, given = plain_data(values), plain_data(dict(options or {}))
+        values, given = plain_data(values), plain_data(options_given(options))
     except InvalidParameter as error:
         raise InvalidParameter(f"sweep: {error}") from None
     _check_sizes(values, "values")

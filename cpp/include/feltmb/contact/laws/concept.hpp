@@ -42,6 +42,7 @@
 
 #include "feltmb/contact/curve.hpp"
 #include "feltmb/contact/envelope.hpp"
+#include "feltmb/core/fields.hpp"
 
 namespace feltmb {
 
@@ -95,70 +96,6 @@ struct LawName {
 
 /// Smooth pieces that laws have in common; 0 is no force and no rate of a state.
 enum LawPiece { kOff = 0, kLoading = 1, kUnloading = 2, kNoUnloadingForce = 3, kNoForce = 4 };
-
-/// Permitted values of a number; all are finite.
-struct Range {
-  double low = -std::numeric_limits<double>::infinity();
-  double high = std::numeric_limits<double>::infinity();
-  bool low_open = false;   ///< `low` itself is not permitted
-  bool high_open = false;  ///< nor is `high`
-
-  bool holds(double value) const;
-  std::string text() const;  ///< such as "> 0" or "in (0, 2]"
-};
-
-constexpr Range any_number() { return {}; }
-constexpr Range above(double low) {
-  Range range;
-  range.low = low;
-  range.low_open = true;
-  return range;
-}
-constexpr Range at_least(double low) {
-  Range range;
-  range.low = low;
-  return range;
-}
-constexpr Range up_to(Range range, double high) {
-  range.high = high;
-  return range;
-}
-constexpr Range below(Range range, double high) {
-  range.high = high;
-  range.high_open = true;
-  return range;
-}
-
-/// Where a parameter stands in a mechanism file.
-enum class Place {
-  kTable,    ///< in the table of the law
-  kContact,  ///< in the contact itself, shared by the laws that have it
-};
-
-/// A parameter of a law L: double, ExponentialCurve, Envelope and so on (FieldValue of
-/// catalog.hpp). A law must be given what has no default: curves, and numbers whose default is out
-/// of their range.
-template <class L, class T>
-struct Field {
-  const char* name;
-  T L::* member;
-  const char* unit;  ///< SI; "1" of a pure number, "N/m^p" where it depends on the exponent
-  Range range;
-  const char* meaning;
-  Place place = Place::kTable;
-};
-
-template <class L>
-constexpr Field<L, double> number(const char* name, double L::* member, const char* unit,
-                                  Range range, const char* meaning, Place place = Place::kTable) {
-  return {name, member, unit, range, meaning, place};
-}
-
-template <class L, class T>
-constexpr Field<L, T> entry(const char* name, T L::* member, const char* meaning,
-                            Place place = Place::kTable) {
-  return {name, member, "", {}, meaning, place};
-}
 
 /// Collects what is wrong with a law, to tell all of it in one message.
 class LawFaults {

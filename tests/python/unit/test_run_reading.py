@@ -1,0 +1,101 @@
+"""``[reading]`` of a mechanism: rows of the summary, and names that are wrong."""
+
+import copy
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import feltmb
+from feltmb import InvalidParameter
+from feltmb.mechanism import Action
+from feltmb.run.reading import reading_of
+
+DATA = Path(__file__).resolve().parents[2] / "data"
+RAW = tomllib.loads((DATA / "pendulum.toml").read_text())
+RAW["points"] = {"head": {"body": "arm", "point": [0.0, -0.15]}}
+RAW["events"] = {
+    "met": {"contact": 1, "change": "closes"},
+    "left": {"contact": 1, "change": "opens", "after": "met"},
+}
+STROKE = feltmb.table_stroke([0.0, 0.02, 0.04], [0.0, 2.0, 0.0], duration=0.3)
+
+
+def with_reading(**reading):
+    return Action({**copy.deepcopy(RAW), "reading": reading})
+
+
+ROWS = {
+    "lasts": {"between": ["met", "left"]},
+    "met_at": {"at": "met"},
+    "there": {"output": "head.x", "at": "met"},
+    "most": {"output": "contact01.force", "take": "largest"},
+    "within": {"output": "head.x", "take": "range", "after": "met", "before": "left"},
+    "mean": {"output": "contact01.force", "take": "mean"},
+}
+
+
+def test_rows_are_read_off_outputs_and_events():
+    run = feltmb.simulate(with_reading(rows=ROWS), STROKE, output_rate=20000.0)
+    met, left = run.event_time("met"), run.event_time("left")
+    s = run.summary
+    assert s["lasts"] == left - met > 0.0
+    assert s["met_at"] == met
+    force, x = run["contact01.force"], run["head.x"]
+    assert s["most"] == force.max()
+    assert s["mean"] == pytest.approx(force.mean(), rel=1e-14)
+    inside = (run.time >= met) & (run.time <= left)
+    assert s["within"] == pytest.approx(x[inside].max() - x[inside].min(), rel=1e-12)
+    at = run.time.searchsorted(met)
+    assert min(x[at - 1 : at + 1]) <= s["there"] <= max(x[at - 1 : at + 1])
+
+
+def test_a_run_for_its_summary_has_the_rows_too():
+    action = with_reading(rows=ROWS)
+    whole = feltmb.simulate(action, STROKE)
+    quick = feltmb.simulate(action, STROKE, summary_only=True)
+    assert quick.summary == whole.summary
+
+
+def test_a_run_without_the_events_has_no_such_number():
+    run = feltmb.simulate(with_reading(rows=ROWS), feltmb.ramp_stroke(0.0, duration=0.001))
+    assert "lasts" not in run.summary
+    assert "there" not in run.summary
+    assert "mean" in run.summary
+
+
+def test_the_reading_is_found_in_a_saved_run(tmp_path):
+    run = feltmb.simulate(with_reading(rows=ROWS), STROKE)
+    run.save(tmp_path / "run.nc")
+    kept = feltmb.load_run(tmp_path / "run.nc")
+    assert set(reading_of(kept).rows) == set(ROWS)
+    assert kept.summary == run.summary
+
+
+def test_rows_are_part_of_the_hash_and_views_are_not():
+    plain = with_reading()
+    assert with_reading(views={"head": {"curves": ["head.x"]}}).hash == plain.hash
+    assert with_reading(rows={"met_at": {"at": "met"}}).hash != plain.hash
+
+
+@pytest.mark.parametrize(
+    ("reading", "said"),
+    [
+        ({"strike_contact": 7}, r"reading.strike_contact: there is no contact 7"),
+        (
+            {"striker": {"point": "tip", "direction": [1.0, 0.0]}},
+            r"striker.point: point 'tip' is m",
+        ),
+        ({"rows": {"a": {"at": "hit"}}}, r"rows.a.at: event 'hit' is missing"),
+        ({"rows": {"a": {"output": "head.z", "at": "met"}}}, r"no output 'head.z'; did you mean"),
+        ({"rows": {"a": {"output": "head.x"}}}, r"rows.a: expected output with take or at"),
+        ({"rows": {"a": {"between": ["met", "gone"]}}}, r"rows.a.between: event 'gone' is missing"),
+        ({"rows": {"met_time": {"at": "met"}}}, r"the summary has a number of this name"),
+        ({"rows": {"a": {"take": "most", "output": "head.x"}}}, r"rows.a.take: got 'most'"),
+        ({"views": {"v": {"curves": ["head.x", "hed.y"]}}}, r"views.v.curves: there is no output"),
+        ({"view": {}}, r"reading.view: unknown key"),
+    ],
+)
+def test_a_wrong_name_is_one_fault(reading, said):
+    with pytest.raises(InvalidParameter, match=said):
+        with_reading(**reading)
