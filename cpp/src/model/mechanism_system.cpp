@@ -679,9 +679,7 @@ bool MechanismSystem::surely_open(double t, int contact) const {
   return dynamics_.contacts()[at(contact)].compression + reach < -margin_;
 }
 
-void MechanismSystem::allow_free_strings(double interval) {
-  free_ = std::make_unique<FreeStrings>(mechanism(), interval);
-}
+void MechanismSystem::allow_free_strings() { free_ = std::make_unique<FreeStrings>(mechanism()); }
 
 void MechanismSystem::part_strings(double t, std::span<const double> y) {
   const MechanicalState p = parts(y);
@@ -744,6 +742,9 @@ void MechanismSystem::read_events(std::span<double> g) const {
 
 void MechanismSystem::quadratures(double t, std::span<const double> y, std::span<double> h) {
   evaluate_apart(t, y);
+  // The contacts are where a right-hand side would leave them, but at another state than the last.
+  rhs_time_ = t;
+  fresh_ = false;
   const Mechanism& m = mechanism();
   const MechanicalState p = parts(y);
   const Drive now = drive(t);
