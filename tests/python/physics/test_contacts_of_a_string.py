@@ -8,10 +8,12 @@ import dataclasses
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
 import feltmb
+from feltmb.cli.show import command as show
 from feltmb.run.sensitivity import gradient
 
 LENGTH, TENSION, DENSITY, YOUNG, DIAMETER, XI, MODES = (
@@ -268,6 +270,17 @@ def test_gradient_with_a_damper_on_the_string_against_differences(rigid):
             own = exact.of(name, exact.columns[PATHS.index(path)])
             top = np.max(np.abs(by_runs[:, i]))
             assert np.max(np.abs(own - by_runs[:, i])) < 3e-3 * top, (path, name)
+
+
+def test_show_names_what_touches_the_string():
+    text = CliRunner(env={"COLUMNS": "200"}).invoke(show, ["steinway45_damped"]).output
+    assert "touched by contacts 06 hammer - string, 10 damper - string" in text
+
+
+def test_an_empty_list_is_no_part_of_the_hash(damped):
+    base = feltmb.load_action("steinway45")
+    assert base.with_values({"string.other_surfaces": []}).hash == base.hash
+    assert feltmb.load_action("steinway45_damped").hash != base.hash
 
 
 @pytest.mark.parametrize(
