@@ -704,6 +704,7 @@ void MechanismSystem::join_strings(double t, std::span<double> y) {
 bool MechanismSystem::strings_clear(double t, double gap) const {
   if (!(t == rhs_time_)) return false;
   for (const auto& touch : mechanism().string_contacts) {
+    if (!mechanism().contacts[at(touch.contact)].enabled) continue;
     const ContactState& c = dynamics_.contacts()[at(touch.contact)];
     if (c.closed || !(c.compression < -gap)) return false;
   }
@@ -713,6 +714,7 @@ bool MechanismSystem::strings_clear(double t, double gap) const {
 /// At the compressions against strings at rest that were located last.
 bool MechanismSystem::within_reach() const {
   for (const auto& touch : mechanism().string_contacts) {
+    if (!mechanism().contacts[at(touch.contact)].enabled) continue;
     const ContactState& c = dynamics_.contacts()[at(touch.contact)];
     if (!(c.compression + free_->reach(at(touch.string)) < -margin_)) return true;
   }

@@ -138,6 +138,15 @@ def test_methods_agree_and_the_ledger_closes(damped, case, method):
         np.testing.assert_allclose(run[name], reference[name], atol=1e-4 * top, err_msg=name)
 
 
+def test_a_damper_that_is_off_lets_the_string_go(damped):
+    """It hangs through the string: its place says nothing."""
+    off = {"contacts.03.enabled": False}
+    start, run = thrown(damped.with_values(off), 1.0, x=-3e-4, ledger=True)
+    assert start[1] > 1e-3  # beyond the line
+    assert run.stats["strikes"] >= 1
+    assert run["contact03.force"].max() == 0.0
+
+
 def test_held_points_take_the_quick_way_and_agree(damped):
     """Linear but for its contacts: modes and scalar forces alone."""
     values = {"string.strike_point": ANCHOR, "springs.damper_spring.enabled": False,
@@ -277,7 +286,7 @@ def test_show_names_what_touches_the_string():
     assert "touched by contacts 06 hammer - string, 10 damper - string" in text
 
 
-def test_an_empty_list_is_no_part_of_the_hash(damped):
+def test_an_empty_list_is_no_part_of_the_hash():
     base = feltmb.load_action("steinway45")
     assert base.with_values({"string.other_surfaces": []}).hash == base.hash
     assert feltmb.load_action("steinway45_damped").hash != base.hash
