@@ -11,24 +11,17 @@ namespace {
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
-modal::ModalResponse all_modes(const Mechanism& m, double interval) {
-  std::vector<double> stiffness, damping;
-  for (const auto& s : m.strings) {
-    stiffness.insert(stiffness.end(), s.string.stiffness().begin(), s.string.stiffness().end());
-    damping.insert(damping.end(), s.string.damping().begin(), s.string.damping().end());
-  }
-  return {std::move(stiffness), std::move(damping), interval};
-}
-
 }  // namespace
 
-FreeStrings::FreeStrings(const Mechanism& mechanism, double interval)
-    : mechanism_(mechanism),
-      response_(all_modes(mechanism, interval)),
-      sample_(response_.weights(response_.over(interval))),
-      interval_(interval) {
-  const std::size_t modes = response_.modes();
-  for (auto* v : {&start_eta_, &start_rate_, &eta_, &rate_}) v->assign(modes, 0.0);
+FreeStrings::FreeStrings(const Mechanism& mechanism) : mechanism_(mechanism) {
+  for (const auto& s : mechanism.strings) {
+    const double ratio = s.string.parameters().damping_ratio;
+    for (const double omega : s.string.angular_frequency()) {
+      decay_.push_back(ratio * omega);
+      turn_.push_back(omega * std::sqrt((1.0 - ratio) * (1.0 + ratio)));
+    }
+  }
+  for (auto* v : {&start_eta_, &start_rate_, &eta_, &rate_}) v->assign(decay_.size(), 0.0);
   reach_.assign(mechanism.strings.size(), 0.0);
   start_energy_.assign(mechanism.strings.size(), 0.0);
 }
@@ -39,33 +32,37 @@ void FreeStrings::start(double t, std::span<const double> eta, std::span<const d
   std::copy(rate.begin(), rate.end(), start_rate_.begin());
   eta_ = start_eta_;
   rate_ = start_rate_;
+  const auto at_rest = [](double x) { return x == 0.0; };
+  still_ = std::all_of(eta.begin(), eta.end(), at_rest) &&
+           std::all_of(rate.begin(), rate.end(), at_rest);
   for (std::size_t s = 0; s < mechanism_.strings.size(); ++s) {
     const AttachedString& a = mechanism_.strings[s];
     const std::size_t count = at(a.string.modes());
     const std::size_t first = at(a.offset);
     const std::vector<double> shape(count, a.string.shape_scale());
-    reach_[s] = modal::reach(count, shape.data(), response_.stiffness().data() + first,
-                             eta_.data() + first, rate_.data() + first);
+    reach_[s] = modal::reach(count, shape.data(), a.string.stiffness().data(), eta_.data() + first,
+                             rate_.data() + first);
     start_energy_[s] = energy(s);
   }
 }
 
 void FreeStrings::move(double t) {
   if (t == time_) return;
-  const FlushToZero flush;
-  const std::size_t n = response_.modes();
-  const auto by = [&](const modal::StepWeights& w) {
-    modal::rotate(n, w.xx.data(), w.xv.data(), w.vx.data(), w.vv.data(), eta_.data(), rate_.data());
-  };
-  // Sample times are rounded; a difference of one part in 10^11 turns no mode.
-  if (std::fabs(t - time_ - interval_) < 1e-11 * interval_) {
-    by(sample_);
-  } else {
-    eta_ = start_eta_;
-    rate_ = start_rate_;
-    if (t > start_) by(response_.weights(response_.over(t - start_)));
-  }
   time_ = t;
+  if (still_) return;
+  // From the start each time: where the strings are does not depend on when they were looked at.
+  const FlushToZero flush;
+  const double h = std::max(0.0, t - start_);
+  for (std::size_t i = 0; i < decay_.size(); ++i) {
+    const double scale = std::exp(-decay_[i] * h);
+    const double c = scale * std::cos(turn_[i] * h);
+    const double s = scale * std::sin(turn_[i] * h) / turn_[i];  // impulse response
+    const double x = start_eta_[i];
+    const double v = start_rate_[i];
+    const double square = turn_[i] * turn_[i] + decay_[i] * decay_[i];
+    eta_[i] = (c + decay_[i] * s) * x + s * v;
+    rate_[i] = (c - decay_[i] * s) * v - square * s * x;
+  }
 }
 
 double FreeStrings::energy(std::size_t string) const {

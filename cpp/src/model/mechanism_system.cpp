@@ -679,9 +679,7 @@ bool MechanismSystem::surely_open(double t, int contact) const {
   return dynamics_.contacts()[at(contact)].compression + reach < -margin_;
 }
 
-void MechanismSystem::allow_free_strings(double interval) {
-  free_ = std::make_unique<FreeStrings>(mechanism(), interval);
-}
+void MechanismSystem::allow_free_strings() { free_ = std::make_unique<FreeStrings>(mechanism()); }
 
 void MechanismSystem::part_strings(double t, std::span<const double> y) {
   const MechanicalState p = parts(y);
@@ -706,6 +704,7 @@ void MechanismSystem::join_strings(double t, std::span<double> y) {
 bool MechanismSystem::strings_clear(double t, double gap) const {
   if (!(t == rhs_time_)) return false;
   for (const auto& touch : mechanism().string_contacts) {
+    if (!mechanism().contacts[at(touch.contact)].enabled) continue;
     const ContactState& c = dynamics_.contacts()[at(touch.contact)];
     if (c.closed || !(c.compression < -gap)) return false;
   }
@@ -715,6 +714,7 @@ bool MechanismSystem::strings_clear(double t, double gap) const {
 /// At the compressions against strings at rest that were located last.
 bool MechanismSystem::within_reach() const {
   for (const auto& touch : mechanism().string_contacts) {
+    if (!mechanism().contacts[at(touch.contact)].enabled) continue;
     const ContactState& c = dynamics_.contacts()[at(touch.contact)];
     if (!(c.compression + free_->reach(at(touch.string)) < -margin_)) return true;
   }
@@ -744,6 +744,9 @@ void MechanismSystem::read_events(std::span<double> g) const {
 
 void MechanismSystem::quadratures(double t, std::span<const double> y, std::span<double> h) {
   evaluate_apart(t, y);
+  // The contacts are where a right-hand side would leave them, but at another state than the last.
+  rhs_time_ = t;
+  fresh_ = false;
   const Mechanism& m = mechanism();
   const MechanicalState p = parts(y);
   const Drive now = drive(t);

@@ -254,7 +254,7 @@ class Run {
 
   RunResult run() {
     result_.method = modal_ ? Method::kModal : Method::kCvode;
-    if (modal_) system_.allow_free_strings(1.0 / options_.output_rate);
+    if (modal_) system_.allow_free_strings();
     IntegratorOptions o;
     o.quadrature_atol.assign(system_.n_quadratures(), options_.rtol * kLedgerTolerance);
     o.max_step = options_.max_step;

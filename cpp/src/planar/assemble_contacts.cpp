@@ -208,9 +208,9 @@ void Assembler::add_strings() {
       const auto* line = string_line(name, where);
       if (std::find(lines.begin(), lines.end(), name) != lines.end()) {
         fault(where + ": surface \"" + name + "\" is given twice");
-      } else if (first != nullptr && line != nullptr) {
-        check_along_string(s, *first, *line, where);
+        continue;
       }
+      if (first != nullptr && line != nullptr) check_along_string(s, *first, *line, where);
       lines.push_back(name);
     }
     if (first == nullptr) continue;

@@ -184,3 +184,11 @@ def _tables(mechanism: object) -> None:
             f"{string.length:g} m, {1e3 * string.linear_density:g} g/m, "
             f"damping ratio {string.damping_ratio:g}",
         )
+        if string.other_surfaces:
+            lines = {string.surface, *string.other_surfaces}
+            touching = [
+                f"{key} {contact.label}".strip()
+                for key, contact in config.contacts.items()
+                if contact.enabled and lines.intersection(contact.surfaces)
+            ]
+            screen.print(f"  touched by contacts {', '.join(touching) or 'none'}")

@@ -8,10 +8,12 @@ import dataclasses
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
 import feltmb
+from feltmb.cli.show import command as show
 from feltmb.run.sensitivity import gradient
 
 LENGTH, TENSION, DENSITY, YOUNG, DIAMETER, XI, MODES = (
@@ -134,6 +136,15 @@ def test_methods_agree_and_the_ledger_closes(damped, case, method):
     for name in ("contact01.force", "contact03.force"):
         top = np.max(reference[name])
         np.testing.assert_allclose(run[name], reference[name], atol=1e-4 * top, err_msg=name)
+
+
+def test_a_damper_that_is_off_lets_the_string_go(damped):
+    """It hangs through the string: its place says nothing."""
+    off = {"contacts.03.enabled": False}
+    start, run = thrown(damped.with_values(off), 1.0, x=-3e-4, ledger=True)
+    assert start[1] > 1e-3  # beyond the line
+    assert run.stats["strikes"] >= 1
+    assert run["contact03.force"].max() == 0.0
 
 
 def test_held_points_take_the_quick_way_and_agree(damped):
@@ -268,6 +279,17 @@ def test_gradient_with_a_damper_on_the_string_against_differences(rigid):
             own = exact.of(name, exact.columns[PATHS.index(path)])
             top = np.max(np.abs(by_runs[:, i]))
             assert np.max(np.abs(own - by_runs[:, i])) < 3e-3 * top, (path, name)
+
+
+def test_show_names_what_touches_the_string():
+    text = CliRunner(env={"COLUMNS": "200"}).invoke(show, ["steinway45_damped"]).output
+    assert "touched by contacts 06 hammer - string, 10 damper - string" in text
+
+
+def test_an_empty_list_is_no_part_of_the_hash():
+    base = feltmb.load_action("steinway45")
+    assert base.with_values({"string.other_surfaces": []}).hash == base.hash
+    assert feltmb.load_action("steinway45_damped").hash != base.hash
 
 
 @pytest.mark.parametrize(

@@ -32,6 +32,15 @@ def test_ledger_closes_with_a_string_outside(runs):
     assert heat[0] > 0
 
 
+def test_a_string_is_left_after_a_strike_whether_a_ledger_is_kept_or_not():
+    """The hammer comes a second time: between the two the string is on its own."""
+    kept, none = (feltmb.simulate("steinway45", "staccato", ledger=k) for k in (True, False))
+    assert kept.stats["strikes"] == none.stats["strikes"] == 2
+    assert kept.stats["steps"] == pytest.approx(none.stats["steps"], rel=0.01)
+    assert kept.energy["residual_relative"] < 5e-4
+    assert not kept.stats["warnings"]
+
+
 def test_auto_takes_modal_where_there_is_a_string():
     run = feltmb.simulate("steinway45", "forte", 0.01)
     assert run.stats["method"] == "modal"

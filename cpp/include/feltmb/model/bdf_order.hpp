@@ -34,7 +34,7 @@ int order_of_strings(const Mechanism& mechanism);
 /// @param step  h omega [rad], > 0, below the border of stability
 double growth_per_radian(int order, double step);
 
-/// Largest order, at most `order`, under which no mode grows by more than a tenth in `duration`
+/// Largest order, at most `order`, under which no mode grows by more than a factor e in `duration`
 /// [s].
 /// @param rtol  relative error that the error test leaves to one state in one step [-]
 int order_without_growth(int order, const std::vector<FreeMode>& modes, double rtol,

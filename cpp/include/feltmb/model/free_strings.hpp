@@ -4,7 +4,6 @@
 #include <span>
 #include <vector>
 
-#include "feltmb/modal/response.hpp"
 #include "feltmb/planar/mechanism.hpp"
 
 namespace feltmb {
@@ -12,8 +11,7 @@ namespace feltmb {
 /// Free vibration of all strings of a mechanism from a start: a rotation of each mode.
 class FreeStrings {
  public:
-  /// `interval` [s]: the spacing of samples, whose rotation is kept.
-  FreeStrings(const Mechanism& mechanism, double interval);
+  explicit FreeStrings(const Mechanism& mechanism);
 
   /// From now on the strings are free; eta [m kg^1/2] and rates at t [s].
   void start(double t, std::span<const double> eta, std::span<const double> rate);
@@ -34,9 +32,8 @@ class FreeStrings {
   double energy(std::size_t string) const;
 
   const Mechanism& mechanism_;
-  modal::ModalResponse response_;
-  modal::StepWeights sample_;  ///< one interval
-  double interval_;
+  std::vector<double> decay_, turn_;  ///< xi w, w sqrt(1 - xi^2) of all modes [1/s, rad/s]
+  bool still_ = true;                 ///< at rest since the start
   double start_ = 0.0;
   double time_ = 0.0;
   std::vector<double> start_eta_, start_rate_, eta_, rate_;

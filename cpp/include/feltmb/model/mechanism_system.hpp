@@ -52,8 +52,7 @@ class MechanismSystem : public OdeSystem {
   }
 
   /// Prepares for times at which the strings are left out of the state and advanced exactly.
-  /// `interval` [s]: spacing of samples.
-  void allow_free_strings(double interval);
+  void allow_free_strings();
 
   /// Leaves the free strings out of the state from t on: y = [q, v, s]. Their contacts are open
   /// until join_strings.
@@ -162,9 +161,10 @@ class MechanismSystem : public OdeSystem {
   Input input_;
   double finger_reference_ = 0.0;
   double prescribed_reference_ = 0.0;
-  double rhs_time_ = std::numeric_limits<double>::quiet_NaN();  ///< of the last evaluation, if rhs
-  bool fresh_ = false;                                          ///< nothing was located since
-  std::vector<double> rhs_state_;                               ///< and its state and memory
+  /// Of the last evaluation, if that was a right-hand side or its quadratures.
+  double rhs_time_ = std::numeric_limits<double>::quiet_NaN();
+  bool fresh_ = false;             ///< nothing was located since
+  std::vector<double> rhs_state_;  ///< and its state and memory
   std::vector<double> rhs_largest_;
   double margin_ = 1e-6;  ///< [m], rtol of coordinates of order one with arms below a meter
   int n_ = 0;
