@@ -44,6 +44,7 @@ from feltmb.fit import (
     Simulated,
     State,
 )
+from feltmb.fit.watch import simulated
 from feltmb.mechanism import Action
 
 __all__ = ["MechanismModel"]
@@ -237,15 +238,14 @@ class MechanismModel(DifferentiableMechanism):
     def ready(self, records: Sequence[Record]) -> Ready:
         """With single shooting the records up to shortly after the impact.
 
-        The noise of a measured motion is estimated where nothing is said of it.
+        The noise of the input is estimated where nothing is said of it.
         """
         cut: list[Record] = []
         notes: list[str] = []
         for record in records:
             record, said = self.referred(record)
             notes += said
-            if record.input_mode == "motion" and "displacement" in record.inputs:
-                record = with_noise(record, notes)
+            record = with_noise(record, notes)
             if not self.single or self.until is None:
                 cut.append(record)
                 continue
@@ -573,6 +573,7 @@ class MechanismModel(DifferentiableMechanism):
         profile = drive.profile(float(record.time[task.first]), float(time[-1]))
         if drive.motion:
             follow(self.action, v, full, profile)
+        simulated((count - 1) / max(record.samples - 1, 1))
         try:
             result = _core.simulate(
                 v.mechanism,

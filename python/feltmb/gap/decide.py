@@ -11,6 +11,7 @@ from feltmb.gap.checks import DataChecks
 from feltmb.gap.findings import Calibrated, Closest, HowFar, Verdict, Where
 from feltmb.gap.misfit import OTHER, Misfit, misfit
 from feltmb.gap.search import Search
+from feltmb.gap.tabulated import of_the_machine
 from feltmb.gap.tolerance import prior_deviations_told
 
 __all__ = ["Decision", "Facts", "decide"]
@@ -161,8 +162,9 @@ def _calibrated(facts: Facts) -> Decision:
         by_chance = ""
         if facts.calibrated:
             by_chance = (
-                f" {len(facts.calibrated)} of {len(fit.problem.free)} parameters moved by more than"
-                " two standard deviations of their estimates, no further than noise moves some."
+                f" {len(facts.calibrated)} of {len(of_the_machine(fit))} parameters moved by more"
+                " than two standard deviations of their estimates, no further than noise moves "
+                "some."
             )
         text = f"The model explains the records as it is tabulated: what is left is {what}."
         return _silent(facts, Verdict.NO_GAP, text + by_chance + but)
@@ -174,23 +176,13 @@ def _calibrated(facts: Facts) -> Decision:
         )
     else:
         large = [r for r in moved if r.share >= LARGE][:3] or moved[:1]
-        text = "; ".join(_moved(r) for r in large)
-        text = f"{text[0].lower()}{text[1:]}." if text.startswith("The ") else f"{text}."
+        text = "; ".join(r.text + r.notes for r in large)
+        text = f"{text}."
         more = len(moved) - len(large)
         if more:
             text += f" {more} more parameter{'s' if more > 1 else ''} moved, by less of the gap."
     text += f" Nothing is missing: what is left is {what}."
     return _silent(facts, Verdict.CALIBRATED, text + but)
-
-
-def _moved(row: Calibrated) -> str:
-    """What happened to a parameter, with its tolerance and its share of the gap."""
-    notes = []
-    if row.prior_deviations is not None:
-        notes.append(f"{abs(row.prior_deviations):.1f} times its tolerance")
-    if math.isfinite(row.share):
-        notes.append(f"{row.share:.0%} of the gap")
-    return row.text + (f" ({', '.join(notes)})" if notes else "")
 
 
 def _closest(closest: Closest | None) -> str:

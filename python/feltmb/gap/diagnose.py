@@ -36,7 +36,7 @@ from feltmb.gap.discrepancy import (
 from feltmb.gap.experiments import advise
 from feltmb.gap.findings import Advice, NotTested, Verdict, Where
 from feltmb.gap.misfit import EXCESS, form_of, misfit
-from feltmb.gap.proof import HeldOut, residuals_by_segment
+from feltmb.gap.proof import HeldOut, Outcome, residuals_by_segment
 from feltmb.gap.refine import CandidateSet, full_evidence, refit_at, tighten
 from feltmb.gap.report import Report
 from feltmb.gap.score import all_candidates, family_threshold, score_fit
@@ -453,7 +453,12 @@ def _diagnosed(
     held_tabulated = tabulated.part(slice(len(plain), None))
     how_far = how_far_rows(accepted, held_tabulated, sensed, shares, which_gap, options.seed)
     metric = "segmented" if model.chaotic else "open_loop"
-    calibrated = calibrated_rows(best_fit, held_tabulated, accepted.after, which_gap, options.alpha)
+    end = rest or (found.tight_fit if accepted.best is None else None) or best_fit
+    there = replace(end, problem=replace(end.problem, segmented_records=plain))
+    fitted = Outcome(there, np.zeros(0), settings, options.segmented_level)
+    calibrated = calibrated_rows(
+        best_fit, [tabulated], [fitted, accepted.after], which_gap, options.alpha
+    )
     closest = closest_set(found, accepted, sensed, which_gap, options.seed)
     facts = Facts(
         checks=checks,
