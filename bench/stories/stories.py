@@ -254,12 +254,13 @@ def diagnose(paths: list[Path], *options: str, timeout: float = 900.0) -> Outcom
     except subprocess.TimeoutExpired:
         text, errors, code = "", f"not done after {timeout:g} s", 124
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    lines = (text or errors).strip().splitlines()
+    # A fault is told below the lines of the progress.
+    lines = (text or errors[errors.rfind("feltmb: ") + 8 :]).strip().splitlines()
     if paths:
         (paths[0].parent / "said.txt").write_text(text + "\n--- stderr\n" + errors)
     return Outcome(
         first=tuple(lines[:LINES]),
-        verdict=lines[0].partition(":")[0] if text else "",
+        verdict=lines[0].partition(":")[0] if lines else "",
         code=code,
         wall=time.perf_counter() - start,
         processor=after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,

@@ -14,7 +14,7 @@ from feltmb.fit.model import VARIABILITY, Model, Parameter
 from feltmb.fit.problem import Problem
 from feltmb.fit.resolution import BETWEEN
 from feltmb.fit.segmented_records import SegmentedRecord
-from feltmb.fit.solve import Fit, FitSettings, Interval, at_level, polish
+from feltmb.fit.solve import Fit, FitSettings, Interval, at_level, chained, polish
 from feltmb.gap.digits import digits
 from feltmb.gap.findings import AsItIs, Calibrated
 from feltmb.gap.proof import Outcome, one_run, residuals_by_segment
@@ -32,6 +32,8 @@ __all__ = [
 
 #: Posterior standard deviations from its tabulated value from which a parameter was moved.
 MOVED = 2.0
+#: Standard deviation of a start, of the scale of its state, from which it has to be looked for.
+KNOWN_START = 0.3
 #: Rows whose share of the gap is computed; two simulations of the records each.
 SHARED = 16
 
@@ -62,12 +64,18 @@ def outcome_at(
     problem = Problem(model, tuple(segmented_records), frozen=True)
     point = problem.start(theta=theta)
     tightest = settings.levels[-1]
+    quick = settings.coarser(0.3, iterations=8)
     if model.states():
-        quick, level = FitSettings(iterations=8, decrement=0.3), 1.0
-        while level > 1.001 * tightest:
-            point = at_level(problem, point, level, None, quick, 8).point
-            level /= 10.0
-    fit = polish(problem, point, tightest, replace(settings, chain=True))
+        priors = [problem.start_prior(s)[1] for s in problem.segmented_records]
+        most = KNOWN_START * np.array([s.scale for s in model.states()])
+        if all(np.all(sd <= most) for sd in priors):
+            point = chained(problem, point)  # one run from there is the gap: little is to be found
+        else:
+            level = 1.0
+            while level > 1.001 * tightest:
+                point = at_level(problem, point, level, None, quick, 8).point
+                level /= 10.0
+    fit = polish(problem, point, tightest, replace(quick, chain=True))
     return Outcome(fit, np.zeros(0), settings, segmented_level)
 
 
@@ -277,18 +285,19 @@ def _moved_to(outcome: Outcome, theta: Array, metric: str) -> Outcome:
     return other
 
 
-def fitted_starts(fit: Fit, settings: FitSettings) -> dict[str, Array]:
-    """Start states of the records of a fit with which one run follows each of them."""
+def fitted_starts(fit: Fit, tight: Fit | None, settings: FitSettings) -> dict[str, Array]:
+    """Start state of the records of a fit with which one run follows each of them.
+
+    ``tight``: the same fitted with the tightest gaps, whose start states are near.
+    """
     if not fit.gap_sd.size:
         return found_starts(fit)
+    near = fit if tight is None else tight
+    point = replace(fit.point, places=near.point.places, memo={})
     frozen = replace(fit.problem, frozen=True)
-    tight = polish(
-        frozen,
-        replace(fit.point, memo={}),
-        settings.levels[-1],
-        replace(settings, chain=True),
-    )
-    return found_starts(tight if np.isfinite(tight.cost) else fit)
+    quick = replace(settings.coarser(0.3, iterations=8), chain=tight is None)
+    found = polish(frozen, point, settings.levels[-1], quick)
+    return found_starts(found if np.isfinite(found.cost) else fit)
 
 
 def found_starts(*fits: Fit) -> dict[str, Array]:

@@ -158,7 +158,7 @@ def test_a_gap_is_not_believed_to_be_nothing():
 
 
 def test_a_limit_and_a_useless_model_are_told(capsys):
-    data = records(lambda u: -u)
+    data = records(lambda u: -0.5 * u)
     report = diagnose(line(lower=0.5), [power(3)], data, options=QUICK)
     print_report(report)
     shown = " ".join(capsys.readouterr().out.split())
