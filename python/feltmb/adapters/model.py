@@ -9,6 +9,7 @@ nothing that a camera sees.
 
 from __future__ import annotations
 
+import copy
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -53,6 +54,9 @@ __all__ = ["MechanismModel"]
 DEPARTURE = 0.05
 #: The same of the rate: departures last for some milliseconds [1/s].
 DEPARTURE_RATE = 50.0
+#: Relative tolerances of the integrator, as a share of the motion, below which the noise of a
+#: sensor is compared with the error of a simulation.
+SHARP = 100.0
 
 
 @dataclass(frozen=True)
@@ -260,7 +264,32 @@ class MechanismModel(DifferentiableMechanism):
                 )
                 record = record.cut(0, kept)
             cut.append(record)
-        return Ready(self, tuple(cut), tuple(notes))
+        floors = self._errors(cut) if self.single else {}
+        return Ready(self, tuple(_at_least(r, floors) for r in cut), tuple(notes), floors)
+
+    def _errors(self, records: Sequence[Record]) -> dict[str, float]:
+        """Error of the simulation by channel, where a sensor is said to be better [its unit]."""
+        fine = copy.copy(self)
+        fine.rtol = 0.1 * self.rtol
+        out: dict[str, float] = {}
+        for record in records:
+            sharp = [
+                (i, o)
+                for i, o in enumerate(self.outputs)
+                if o in record.outputs
+                and (record.sensors[o].sigma or 0.0)
+                < SHARP * self.rtol * float(np.nanmax(np.abs(record.outputs[o])))
+            ]
+            if not sharp:
+                continue
+            runs = [m.whole(record, self._base()) for m in (self, fine)]
+            if runs[0] is None or runs[1] is None:
+                continue
+            for i, name in sharp:
+                error = float(np.sqrt(np.mean((runs[0][:, i] - runs[1][:, i]) ** 2)))
+                if error > (record.sensors[name].sigma or 0.0):
+                    out[name] = max(out.get(name, 0.0), error)
+        return out
 
     def referred(self, record: Record) -> tuple[Record, tuple[str, ...]]:
         """Channels of tracking points as displacements from rest: absolute ones are told apart.
@@ -614,3 +643,12 @@ def _resample(old: Array, values: Array, new: Array) -> Array:
     slope = np.gradient(values, old, axis=0)
     out: Array = CubicHermiteSpline(old, values, slope, axis=0)(new)
     return out
+
+
+def _at_least(record: Record, floors: Mapping[str, float]) -> Record:
+    """A record whose sensors are no better than these floors."""
+    sensors = {
+        name: replace(s, sigma=max(s.sigma or 0.0, floors[name])) if name in floors else s
+        for name, s in record.sensors.items()
+    }
+    return replace(record, sensors=sensors) if floors else record

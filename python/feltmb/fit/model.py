@@ -366,6 +366,8 @@ class Ready:
     records: tuple[Record, ...]
     notes: tuple[str, ...] = ()
     """What was left out, in words, for the report."""
+    floors: Mapping[str, float] = field(default_factory=dict)
+    """Error of the simulation by channel [unit], where the noise of a sensor is below it."""
 
 
 @checked

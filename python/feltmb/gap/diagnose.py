@@ -120,7 +120,17 @@ def _ready(model: Model, records: Sequence[Record]) -> tuple[Model, tuple[Record
     """
     checks = check_against(model, records)
     ready = model.ready([with_sigma(r, checks.noise(r.name)) for r in records])
-    return ready.model, ready.records, replace(checks, warnings=(*checks.warnings, *ready.notes))
+    channels, notes = [], list(ready.notes)
+    for c in checks.channels:
+        floor = ready.floors.get(c.channel, 0.0)
+        if floor > c.sigma:
+            notes.append(
+                f"{c.record}: noise of {c.channel} is {c.sigma:.2g} {c.unit}, less than the error "
+                f"of a simulation, {floor:.2g} {c.unit}: the latter is taken"
+            )
+        channels.append(replace(c, sigma=max(c.sigma, floor)))
+    checks = replace(checks, channels=tuple(channels), warnings=(*checks.warnings, *notes))
+    return ready.model, ready.records, checks
 
 
 def prepare(

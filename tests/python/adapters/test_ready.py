@@ -15,6 +15,7 @@ from feltmb.data.smoothing import smooth_record
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Jobs, including
 from feltmb.gap import fit_model
+from feltmb.gap.diagnose import _ready as ready_with_checks
 from feltmb.gap.split import split_records
 
 ACTION = feltmb.load_action("steinway45")
@@ -253,6 +254,20 @@ def test_the_noise_of_a_force_is_estimated_where_nothing_is_said(forte):
     exact = model.ready([replace(forte, input_sigma={})])
     assert exact.records[0].input_sigma.get("force", 0.0) < 1e-4
     assert not any("noise of force" in note for note in exact.notes)
+
+
+def test_noise_below_the_error_of_a_simulation_is_raised_to_it_and_told(forte):
+    """A fit to a run without noise did not end."""
+    model, _ = resolve("steinway45", FEW)
+    bare = {n: replace(s, sigma=1e-10) for n, s in forte.sensors.items()}
+    ready, (record,), checks = ready_with_checks(model, [replace(forte, sensors=bare)])
+    for c in checks.channels:
+        assert 1e-9 < c.sigma < 5e-6
+        assert record.sensors[c.channel].sigma == pytest.approx(c.sigma)
+    assert any("less than the error of a simulation" in w for w in checks.warnings)
+    _, _, plain = ready_with_checks(model, [forte])
+    assert [c.sigma for c in plain.channels] == [2e-5, 2e-5]
+    assert ready.outputs == model.outputs
 
 
 def test_runs_of_a_mechanism_are_counted(forte):

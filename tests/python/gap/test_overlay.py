@@ -179,7 +179,7 @@ def test_what_cannot_be_compared_is_refused(tmp_path, capsys):
     assert "need a MODEL before the data" in capsys.readouterr().err
 
 
-def straight(factor, sd=0.1, **more):
+def straight(factor, sd=0.1):
     """A line through records that are a factor too large."""
     model = gap.LinearModel(
         name="line",
@@ -207,7 +207,7 @@ def test_a_wrong_unit_ends_a_diagnosis_before_any_fit():
     told = []
     for factor, says in ((10.0, "mm that are called cm"), (0.1, "cm that are called mm")):
         with pytest.raises(DataError, match=rf"DATA PROBLEM: the unit of y: .*{says}.*--unit"):
-            gap.diagnose(*straight(factor)[:1], [], straight(factor)[1], progress=told.append)
+            gap.diagnose(straight(factor)[0], [], straight(factor)[1], progress=told.append)
     assert {p.stage for p in told} == {"checks of the data"}
 
 
