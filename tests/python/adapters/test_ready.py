@@ -275,3 +275,16 @@ def test_runs_of_a_mechanism_are_counted(forte):
     told = []
     fit_model(model, [forte.cut(0, 60)], progress=told.append, stop=lambda: True)
     assert told[-1].simulations > 0
+
+
+def test_what_was_made_part_of_a_model_is_written_with_it(tmp_path):
+    """`--include EFFECT --write FILE` was refused."""
+    model, effects = resolve("steinway45", {**FEW, "effects": "capstan_height"})
+    whole = including(model, effects, [2e-4])
+    path = tmp_path / "found.toml"
+    whole.check_writing(path)
+    theta = np.append(np.zeros(len(model.parameters)), 3e-4)
+    whole.write(path, theta, (), np.zeros(0), provenance="a test")
+    point = feltmb.load_action(path).config.surfaces["Kp2"].point[1]
+    assert point - ACTION.config.surfaces["Kp2"].point[1] == pytest.approx(3e-4)
+    assert "a test" in path.read_text()

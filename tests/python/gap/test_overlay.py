@@ -217,3 +217,19 @@ def test_a_factor_that_a_parameter_may_be_is_no_wrong_unit():
         model, records = straight(factor, sd)
         report = gap.diagnose(model, [], records, options=quick)
         assert report.calibrated[0].value == pytest.approx(factor, rel=0.01)
+
+
+def test_check_writes_a_page(tmp_path, capsys):
+    write_record(record(), tmp_path / "run.csv")
+    page = tmp_path / "gap.html"
+    data = ["steinway45", str(tmp_path / "run.csv")]
+    assert command("gap", "check", *data, "--html", str(page)) == 0
+    text = page.read_text()
+    assert text.count('class="feltmb-view"') == 1
+    assert "model, nothing fitted" in text
+    assert "http" not in text.replace("http-equiv", "").replace("http://www.w3.org", "")
+    assert command("gap", "check", *data, "--html", str(page)) == 2
+    assert "--force" in capsys.readouterr().err
+    assert command("gap", "check", *data, "--html", str(tmp_path / "gap.txt")) == 2
+    assert command("gap", "check", data[1], "--html", str(tmp_path / "b.html")) == 2
+    assert "need a MODEL" in capsys.readouterr().err
