@@ -110,6 +110,13 @@ STORIES: dict[str, Story] = {
         words=("hammer head", "lighter"),
         size=("mass.head", -0.1),
     ),
+    # Heavier in mass alone, as one would set it; the tolerance scales inertia as well.
+    "heavy": Story(
+        settings={"bodies.head.mass": "9 g"},
+        verdicts=(CALIBRATED,),
+        words=("hammer head", "heavier"),
+        size=("mass.head", 0.154),
+    ),
     "felt": Story(
         settings={
             "contacts.03.loading.a": "21600 N/m",

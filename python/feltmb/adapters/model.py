@@ -45,6 +45,7 @@ from feltmb.fit import (
     Simulated,
     State,
 )
+from feltmb.fit.noise import Noise
 from feltmb.fit.watch import simulated
 from feltmb.mechanism import Action
 
@@ -267,11 +268,14 @@ class MechanismModel(DifferentiableMechanism):
         floors = self._errors(cut) if self.single else {}
         return Ready(self, tuple(_at_least(r, floors) for r in cut), tuple(notes), floors)
 
-    def _errors(self, records: Sequence[Record]) -> dict[str, float]:
-        """Error of the simulation by channel, where a sensor is said to be better [its unit]."""
+    def _errors(self, records: Sequence[Record]) -> dict[str, Noise]:
+        """Error of the simulation by channel, where a sensor is said to be better.
+
+        It is what a tenth of the tolerance changes, and as smooth as that.
+        """
         fine = copy.copy(self)
         fine.rtol = 0.1 * self.rtol
-        out: dict[str, float] = {}
+        out: dict[str, Noise] = {}
         for record in records:
             sharp = [
                 (i, o)
@@ -286,9 +290,13 @@ class MechanismModel(DifferentiableMechanism):
             if runs[0] is None or runs[1] is None:
                 continue
             for i, name in sharp:
-                error = float(np.sqrt(np.mean((runs[0][:, i] - runs[1][:, i]) ** 2)))
-                if error > (record.sensors[name].sigma or 0.0):
-                    out[name] = max(out.get(name, 0.0), error)
+                off = runs[0][:, i] - runs[1][:, i]
+                error = float(np.sqrt(np.mean(off**2)))
+                known = out[name].sigma if name in out else record.sensors[name].sigma or 0.0
+                if error > known:
+                    kept = float(np.clip(off[1:] @ off[:-1] / (off @ off), 0.0, 1.0 - 1e-4))
+                    memory = -record.interval / math.log(kept) if kept > 0.0 else 0.0
+                    out[name] = Noise(error, memory)
         return out
 
     def referred(self, record: Record) -> tuple[Record, tuple[str, ...]]:
@@ -645,10 +653,10 @@ def _resample(old: Array, values: Array, new: Array) -> Array:
     return out
 
 
-def _at_least(record: Record, floors: Mapping[str, float]) -> Record:
+def _at_least(record: Record, floors: Mapping[str, Noise]) -> Record:
     """A record whose sensors are no better than these floors."""
     sensors = {
-        name: replace(s, sigma=max(s.sigma or 0.0, floors[name])) if name in floors else s
+        name: replace(s, sigma=max(s.sigma or 0.0, floors[name].sigma)) if name in floors else s
         for name, s in record.sensors.items()
     }
     return replace(record, sensors=sensors) if floors else record
