@@ -122,11 +122,12 @@ def decide(facts: Facts) -> Decision:
         weak = hint or (p < 5.0 * facts.alpha and search.best is not None)
         if weak and not facts.enough:
             reason = _refusals(accepted) or f"family-wise p = {p:.2g}"
+            moved = _moved(facts)
             return _silent(
                 facts,
                 Verdict.TOO_WEAK,
-                "There may be something, but these records cannot prove it "
-                f"({reason}). The model is not refuted.",
+                f"{moved}{' ' if moved else ''}There may be something{' more' if moved else ''}, "
+                f"but these records cannot prove it ({reason}). The model is not refuted.",
             )
         return _calibrated(facts)
     if best is None and not facts.first.model_fit.converged and not hint:
@@ -168,21 +169,28 @@ def _calibrated(facts: Facts) -> Decision:
             )
         text = f"The model explains the records as it is tabulated: what is left is {what}."
         return _silent(facts, Verdict.NO_GAP, text + by_chance + but)
-    moved = sure or list(facts.calibrated)
-    if not moved:
-        text = (
-            "No single parameter, but all of them together: each within its tolerance, they close "
-            "the gap that the tabulated numbers leave."
-        )
-    else:
-        large = [r for r in moved if r.share >= LARGE][:3] or moved[:1]
-        text = "; ".join(r.text + r.notes for r in large)
-        text = f"{text}."
-        more = len(moved) - len(large)
-        if more:
-            text += f" {more} more parameter{'s' if more > 1 else ''} moved, by less of the gap."
+    text = _moved(facts) or (
+        "No single parameter, but all of them together: each within its tolerance, they close the "
+        "gap that the tabulated numbers leave."
+    )
     text += f" Nothing is missing: what is left is {what}."
     return _silent(facts, Verdict.CALIBRATED, text + but)
+
+
+def _moved(facts: Facts) -> str:
+    """What calibration moved, in sentences; empty: nothing further than noise does."""
+    sure = [r for r in facts.calibrated if r.sure]
+    if not facts.apart and not sure:
+        return ""
+    moved = sure or list(facts.calibrated)
+    if not moved:
+        return ""
+    large = [r for r in moved if r.share >= LARGE][:3] or moved[:1]
+    text = "; ".join(r.text + r.notes for r in large) + "."
+    more = len(moved) - len(large)
+    if more:
+        text += f" {more} more parameter{'s' if more > 1 else ''} moved, by less of the gap."
+    return text
 
 
 def _closest(closest: Closest | None) -> str:
@@ -308,9 +316,10 @@ def _unsure(facts: Facts, hinted: tuple[str, ...], why: str) -> Decision:
             text = f"There is a gap ({_signs(facts)}), but no effect is sure."
         out = _silent(facts, Verdict.UNKNOWN, text + _closest(closest) + _place(facts))
         return replace(out, closest=closest)
+    moved = _moved(facts)
     text = (
-        "There may be something, but these records cannot prove it: "
-        f"nearest {_list(hinted)} ({why}). The model is not refuted."
+        f"{moved}{' ' if moved else ''}There may be something{' more' if moved else ''}, but these "
+        f"records cannot prove it: nearest {_list(hinted)} ({why}). The model is not refuted."
     )
     return _silent(facts, Verdict.TOO_WEAK, text)
 

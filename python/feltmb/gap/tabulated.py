@@ -76,7 +76,7 @@ def outcome_at(
                 point = at_level(problem, point, level, None, quick, 8).point
                 level /= 10.0
     fit = polish(problem, point, tightest, replace(quick, chain=True))
-    return Outcome(fit, np.zeros(0), settings, segmented_level)
+    return Outcome(fit, np.zeros(0), settings.coarser(0.3), segmented_level)
 
 
 def as_it_is(outcome: Outcome, which: str) -> tuple[AsItIs, ...]:
