@@ -45,7 +45,6 @@ from feltmb.fit import (
     Simulated,
     State,
 )
-from feltmb.fit.noise import Noise
 from feltmb.fit.watch import simulated
 from feltmb.mechanism import Action
 
@@ -268,14 +267,15 @@ class MechanismModel(DifferentiableMechanism):
         floors = self._errors(cut) if self.single else {}
         return Ready(self, tuple(_at_least(r, floors) for r in cut), tuple(notes), floors)
 
-    def _errors(self, records: Sequence[Record]) -> dict[str, Noise]:
-        """Error of the simulation by channel, where a sensor is said to be better.
+    def _errors(self, records: Sequence[Record]) -> dict[str, float]:
+        """Error of the simulation by channel, where a sensor is said to be better [its unit].
 
-        It is what a tenth of the tolerance changes, and as smooth as that.
+        It is what a tenth of the tolerance changes. It is smooth, so that it counts as the white
+        noise that is as large in slow signals: else every sample would be news.
         """
         fine = copy.copy(self)
         fine.rtol = 0.1 * self.rtol
-        out: dict[str, Noise] = {}
+        out: dict[str, float] = {}
         for record in records:
             sharp = [
                 (i, o)
@@ -291,12 +291,13 @@ class MechanismModel(DifferentiableMechanism):
                 continue
             for i, name in sharp:
                 off = runs[0][:, i] - runs[1][:, i]
-                error = float(np.sqrt(np.mean(off**2)))
-                known = out[name].sigma if name in out else record.sensors[name].sigma or 0.0
-                if error > known:
-                    kept = float(np.clip(off[1:] @ off[:-1] / (off @ off), 0.0, 1.0 - 1e-4))
-                    memory = -record.interval / math.log(kept) if kept > 0.0 else 0.0
-                    out[name] = Noise(error, memory)
+                kept = float(off[1:] @ off[:-1]) / max(float(off @ off), 1e-300)
+                kept = min(max(kept, 0.0), 1.0 - 1.0 / off.size)
+                # Variance of a long mean of an AR(1) process over that of white noise.
+                smooth = math.sqrt((1.0 + kept) / (1.0 - kept))
+                error = smooth * float(np.sqrt(np.mean(off**2)))
+                if error > (record.sensors[name].sigma or 0.0):
+                    out[name] = max(out.get(name, 0.0), error)
         return out
 
     def referred(self, record: Record) -> tuple[Record, tuple[str, ...]]:
@@ -653,10 +654,10 @@ def _resample(old: Array, values: Array, new: Array) -> Array:
     return out
 
 
-def _at_least(record: Record, floors: Mapping[str, Noise]) -> Record:
+def _at_least(record: Record, floors: Mapping[str, float]) -> Record:
     """A record whose sensors are no better than these floors."""
     sensors = {
-        name: replace(s, sigma=max(s.sigma or 0.0, floors[name].sigma)) if name in floors else s
+        name: replace(s, sigma=max(s.sigma or 0.0, floors[name])) if name in floors else s
         for name, s in record.sensors.items()
     }
     return replace(record, sensors=sensors) if floors else record

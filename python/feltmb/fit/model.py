@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from feltmb.arguments import checked
 from feltmb.data import Array, InputMode, Record
 from feltmb.errors import InvalidParameter
-from feltmb.fit.noise import Noise
 
 __all__ = [
     "VARIABILITY",
@@ -367,8 +366,8 @@ class Ready:
     records: tuple[Record, ...]
     notes: tuple[str, ...] = ()
     """What was left out, in words, for the report."""
-    floors: Mapping[str, Noise] = field(default_factory=dict)
-    """Error of the simulation by channel, where the noise of a sensor is below it."""
+    floors: Mapping[str, float] = field(default_factory=dict)
+    """Error of the simulation by channel, where the noise of a sensor is below it [unit]."""
 
 
 @checked

@@ -122,13 +122,14 @@ def _ready(model: Model, records: Sequence[Record]) -> tuple[Model, tuple[Record
     ready = model.ready([with_sigma(r, checks.noise(r.name)) for r in records])
     channels, notes = [], list(ready.notes)
     for c in checks.channels:
-        floor = ready.floors.get(c.channel)
-        if floor is not None and floor.sigma > c.sigma:
+        floor = ready.floors.get(c.channel, 0.0)
+        if floor > c.sigma:
             notes.append(
                 f"{c.record}: noise of {c.channel} is {c.sigma:.2g} {c.unit}, less than the error "
-                f"of a simulation, {floor.sigma:.2g} {c.unit}: the latter is taken"
+                f"of a simulation, which is as bad as white noise of {floor:.2g} {c.unit}: the "
+                "latter is taken"
             )
-            c = replace(c, sigma=floor.sigma, correlation_time=floor.correlation_time)
+            c = replace(c, sigma=floor)
         channels.append(c)
     checks = replace(checks, channels=tuple(channels), warnings=(*checks.warnings, *notes))
     return ready.model, ready.records, checks
