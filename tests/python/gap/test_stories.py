@@ -1,6 +1,8 @@
 """First-time stories on the whole action, by the command line, with nothing prepared."""
 
 import json
+import subprocess
+import sys
 
 import pytest
 
@@ -41,3 +43,17 @@ def test_a_wrong_unit_is_told_before_any_fit(tmp_path):
     assert outcome.missing(STORIES["unit"]) == []
     assert outcome.code == 2
     assert "mm that are called cm" in " ".join(outcome.first)
+
+
+@pytest.mark.slow
+def test_a_run_without_noise_shows_no_gap(tmp_path):
+    """Its noise is below the error of the simulation: the fit did not end."""
+    paths = []
+    for stroke, duration in (("piano", "0.5"), ("forte", "0.2")):
+        paths.append(tmp_path / f"{stroke}.csv")
+        options = ["--duration", duration, "-o", str(paths[-1])]
+        command = [sys.executable, "-m", "feltmb", "stroke", "steinway45", stroke, *options]
+        subprocess.run(command, check=True)
+    outcome = diagnose(paths)
+    assert outcome.verdict == "NO GAP"
+    assert "less than the error of a simulation" in (tmp_path / "said.txt").read_text()
