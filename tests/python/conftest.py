@@ -2,8 +2,11 @@
 
 import dataclasses
 import functools
+import os
 import sys
 from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does
 
 import numpy as np
 import pytest

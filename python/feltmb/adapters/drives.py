@@ -18,8 +18,8 @@ __all__ = ["Drive", "Drives", "follow", "with_noise"]
 
 #: Smoothed motions that are kept: a diagnosis asks for each of them thousands of times.
 SMOOTHED = 256
-#: Estimated noise of a motion from which it is told [m].
-AUDIBLE = 2e-7
+#: Estimated noise of an input from which it is told: of a motion [m], of a force [N].
+AUDIBLE = {"displacement": 2e-7, "force": 1e-4}
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,7 @@ class Drives:
         DataError
             The input that its mode needs is missing.
         """
-        motion = record.input_mode == "motion"
-        wanted = "displacement" if motion else "force"
+        motion, wanted = record.input_mode == "motion", _input_of(record)
         if wanted not in record.inputs:
             raise DataError(
                 f"record {record.name}: input {wanted!r} is missing "
@@ -109,15 +108,26 @@ def follow(action: Action, v: Variant, full: Array, profile: _core.Profile) -> N
 
 
 def with_noise(record: Record, notes: list[str]) -> Record:
-    """A motion whose noise is told; estimated, and noted, where it was not."""
-    if "displacement" in record.input_sigma:
+    """A record whose input says how noisy it is; estimated, and noted, where it did not.
+
+    The noise of a motion is smoothed away. That of a force moves the machine in the model, and not
+    in truth: it belongs to what differs from run to run without a cause.
+    """
+    name = _input_of(record)
+    if name not in record.inputs or name in record.input_sigma:
         return record
-    sigma = noise_of_record(record.inputs["displacement"])
+    sigma = noise_of_record(record.inputs[name])
     if not sigma > 0.0:
         return record
-    if sigma > AUDIBLE:
+    if sigma > AUDIBLE[name]:
+        unit, what = ("m", "taken out") if name == "displacement" else ("N", "allowed for")
         notes.append(
-            f"{record.name}: nothing is said of the noise of displacement; {sigma:.2g} m are "
-            "estimated and taken out (sigma in the TOML tells better)"
+            f"{record.name}: nothing is said of the noise of {name}; {sigma:.2g} {unit} are "
+            f"estimated and {what} (sigma in the TOML tells better)"
         )
-    return replace(record, input_sigma={**record.input_sigma, "displacement": sigma})
+    return replace(record, input_sigma={**record.input_sigma, name: sigma})
+
+
+def _input_of(record: Record) -> str:
+    """Name of the input that the mode of a record needs."""
+    return "displacement" if record.input_mode == "motion" else "force"

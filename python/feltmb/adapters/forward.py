@@ -24,6 +24,7 @@ from feltmb.adapters.variants import Variant
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError
 from feltmb.fit import Candidate, Memory, Sensitivity
+from feltmb.fit.watch import simulated
 
 __all__ = ["can_differentiate", "forward_sensitivities"]
 
@@ -145,6 +146,8 @@ def forward_sensitivities(
         # One run serves all segments.
         last = int(np.argmax(segments[:, 1]))
         prepared = [prepared[last]]
+    span = segments[:, 1].max() if model.single else np.sum(segments[:, 1] - segments[:, 0])
+    simulated(float(span) / max(record.samples - 1, 1))
     try:
         results = _core.sensitivities(base.mechanism, drive_in, parameters, prepared, options)
     except (FeltmbError, RuntimeError, ValueError):

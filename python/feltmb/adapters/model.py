@@ -9,6 +9,7 @@ nothing that a camera sees.
 
 from __future__ import annotations
 
+import copy
 import fnmatch
 import math
 import os
@@ -47,6 +48,7 @@ from feltmb.fit import (
     Simulated,
     State,
 )
+from feltmb.fit.watch import simulated
 from feltmb.mechanism import Action
 
 __all__ = ["MechanismModel"]
@@ -57,6 +59,9 @@ VARYING = ("felt.*", "joint_friction.*", "contact_friction.*")
 DEPARTURE = 0.05
 #: The same of the rate: departures last for some milliseconds [1/s].
 DEPARTURE_RATE = 50.0
+#: Relative tolerances of the integrator, as a share of the motion, below which the noise of a
+#: sensor is compared with the error of a simulation.
+SHARP = 100.0
 
 
 @dataclass(frozen=True)
@@ -240,15 +245,14 @@ class MechanismModel(DifferentiableMechanism):
     def ready(self, records: Sequence[Record]) -> Ready:
         """With single shooting the records up to shortly after the impact.
 
-        The noise of a measured motion is estimated where nothing is said of it.
+        The noise of the input is estimated where nothing is said of it.
         """
         cut: list[Record] = []
         notes: list[str] = []
         for record in records:
             record, said = self.referred(record)
             notes += said
-            if record.input_mode == "motion" and "displacement" in record.inputs:
-                record = with_noise(record, notes)
+            record = with_noise(record, notes)
             if not self.single or self.until is None:
                 cut.append(record)
                 continue
@@ -263,7 +267,41 @@ class MechanismModel(DifferentiableMechanism):
                 )
                 record = record.cut(0, kept)
             cut.append(record)
-        return Ready(self, tuple(cut), tuple(notes))
+        floors = self._errors(cut) if self.single else {}
+        return Ready(self, tuple(_at_least(r, floors) for r in cut), tuple(notes), floors)
+
+    def _errors(self, records: Sequence[Record]) -> dict[str, float]:
+        """Error of the simulation by channel, where a sensor is said to be better [its unit].
+
+        It is what a tenth of the tolerance changes. It is smooth, so that it counts as the white
+        noise that is as large in slow signals: else every sample would be news.
+        """
+        fine = copy.copy(self)
+        fine.rtol = 0.1 * self.rtol
+        out: dict[str, float] = {}
+        for record in records:
+            sharp = [
+                (i, o)
+                for i, o in enumerate(self.outputs)
+                if o in record.outputs
+                and (record.sensors[o].sigma or 0.0)
+                < SHARP * self.rtol * float(np.nanmax(np.abs(record.outputs[o])))
+            ]
+            if not sharp:
+                continue
+            runs = [m.whole(record, self._base()) for m in (self, fine)]
+            if runs[0] is None or runs[1] is None:
+                continue
+            for i, name in sharp:
+                off = runs[0][:, i] - runs[1][:, i]
+                kept = float(off[1:] @ off[:-1]) / max(float(off @ off), 1e-300)
+                kept = min(max(kept, 0.0), 1.0 - 1.0 / off.size)
+                # Variance of a long mean of an AR(1) process over that of white noise.
+                smooth = math.sqrt((1.0 + kept) / (1.0 - kept))
+                error = smooth * float(np.sqrt(np.mean(off**2)))
+                if error > (record.sensors[name].sigma or 0.0):
+                    out[name] = max(out.get(name, 0.0), error)
+        return out
 
     def referred(self, record: Record) -> tuple[Record, tuple[str, ...]]:
         """Channels of tracking points as displacements from rest: absolute ones are told apart.
@@ -579,6 +617,7 @@ class MechanismModel(DifferentiableMechanism):
         profile = drive.profile(float(record.time[task.first]), float(time[-1]))
         if drive.motion:
             follow(self.action, v, full, profile)
+        simulated((count - 1) / max(record.samples - 1, 1))
         try:
             result = _core.simulate(
                 v.mechanism,
@@ -621,3 +660,12 @@ def _resample(old: Array, values: Array, new: Array) -> Array:
     slope = np.gradient(values, old, axis=0)
     out: Array = CubicHermiteSpline(old, values, slope, axis=0)(new)
     return out
+
+
+def _at_least(record: Record, floors: Mapping[str, float]) -> Record:
+    """A record whose sensors are no better than these floors."""
+    sensors = {
+        name: replace(s, sigma=max(s.sigma or 0.0, floors[name])) if name in floors else s
+        for name, s in record.sensors.items()
+    }
+    return replace(record, sensors=sensors) if floors else record

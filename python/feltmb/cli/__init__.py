@@ -95,10 +95,22 @@ def cli() -> None:
     """
 
 
+def _small_matrices() -> None:
+    """Leave the threads of the BLAS alone: fits solve many systems of a hundred unknowns.
+
+    For these its threads wait for each other longer than they compute: a diagnosis took three times
+    the processor time. Simulations have threads of their own. Too late once NumPy is loaded.
+    """
+    if "numpy" not in sys.modules:
+        for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+            os.environ.setdefault(name, "1")
+
+
 def main(
     arguments: list[str] | None = None, command: click.Command = cli, name: str = "feltmb"
 ) -> None:
     """Run the command line, or another command; shows no traceback for a fault of the input."""
+    _small_matrices()
     from feltmb.cli.common import complain, say
     from feltmb.errors import FeltmbError, FileExists, ModelError
 

@@ -548,7 +548,8 @@ def json_option(function: F) -> F:
 budget_option = click.option(
     "--budget",
     type=positive("s"),
-    help="Time after which the best answer by then is reported, with what was not tried: 5min [s].",
+    help="Time after which the best answer by then is reported, with what was not tried: 5min [s]. "
+    "The proof of it comes on top.",
 )
 modulus_option = click.option(
     "--e-modulus",

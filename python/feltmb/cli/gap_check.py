@@ -20,6 +20,7 @@ from feltmb.cli.common import (
     print_json,
     save_figure,
     say,
+    say_written,
 )
 from feltmb.cli.completing import actions
 from feltmb.cli.gap_reading import reading_options
@@ -45,6 +46,13 @@ _DATA = (".csv", ".txt", ".tsv", ".dat", ".mat", ".nc")
     type=click.Path(path_type=Path),
     help="Draw records, model and difference: .png, .pdf or .svg.",
 )
+@click.option(
+    "--html",
+    "html_page",
+    metavar="PAGE",
+    type=click.Path(path_type=Path),
+    help="Write a page on which records and model move together, as in feltmb view.",
+)
 @reading_options
 @model_set_option
 @json_option
@@ -52,6 +60,7 @@ _DATA = (".csv", ".txt", ".tsv", ".dat", ".mat", ".nc")
 def command(
     model_and_data: tuple[str, ...],
     picture: Path | None,
+    html_page: Path | None,
     reading: ReadOptions,
     settings: tuple[str, ...],
     as_json: bool,
@@ -66,10 +75,14 @@ def command(
     from feltmb.gap.report import plain
 
     name, data = _split(model_and_data)
-    check_targets(pictures=(picture,), force=force)
+    check_targets(html_page, pictures=(picture,), force=force)
+    if html_page is not None and html_page.suffix.lower() not in (".html", ".htm"):
+        raise InvalidParameter(f"--html {html_page}: expected a name that ends in .html")
     if name is None:
-        if picture is not None or settings:
-            raise InvalidParameter("gap check: --out and --set need a MODEL before the data")
+        if picture is not None or html_page is not None or settings:
+            raise InvalidParameter(
+                "gap check: --out, --html and --set need a MODEL before the data"
+            )
         from feltmb.data.files import read_each
 
         records = [r for group in read_each(data, options=reading) for r in group]
@@ -99,6 +112,11 @@ def command(
         _print_warnings((*found.notes, *found.checks.warnings))
     if picture is not None:
         save_figure(found.plot(), picture, force=force)
+    if html_page is not None:
+        from feltmb.cli.gap_curves import overlay_page
+        from feltmb.files import write_text
+
+        say_written(write_text(html_page, overlay_page(found), force=force))
 
 
 def _split(given: Sequence[str]) -> tuple[str | None, list[Path]]:
@@ -192,4 +210,4 @@ def _looks(row: GapBeforeRow) -> str:
 
 def _print_warnings(warnings: Sequence[str]) -> None:
     for warning in dict.fromkeys(warnings):
-        say(f"warning: {warning}")
+        say(f"Warning: {warning}")

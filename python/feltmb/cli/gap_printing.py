@@ -66,25 +66,18 @@ def _calibration(report: Report) -> None:
     if "calibration" in fell:
         far = report.how_far
         say(
-            f"held-out gap {far.tabulated:.4g} as tabulated, {far.before:.4g} with fitted "
-            f"parameters (in {far.waterfall_unit})"
+            f"Held-out gap {far.tabulated:.4g} as tabulated, {far.before:.4g} with fitted "
+            f"parameters (in {far.waterfall_unit})."
         )
     if not report.calibrated:
-        say("no parameter moved by more than two standard deviations of its estimate")
+        say("No parameter moved by more than two standard deviations of its estimate.")
     for row in report.calibrated[:MOST_MOVED]:
-        notes = []
-        if row.prior_deviations is not None:
-            notes.append(f"{abs(row.prior_deviations):.1f} times its tolerance")
-        if math.isfinite(row.share):
-            notes.append(f"{row.share:.0%} of the gap")
-        if not row.sure:
-            notes.append("may be chance")
-        say(f"- {row.text}" + (f" ({', '.join(notes)})" if notes else ""))
+        say(f"- {row.text}{row.notes}")
     if len(report.calibrated) > MOST_MOVED:
         say(f"- and {len(report.calibrated) - MOST_MOVED} more, see report.json")
     at_limit = [i.name for i in report.fit.intervals() if i.at_limit]
     if at_limit:
-        say(f"at a limit that it may not pass: {', '.join(at_limit)}")
+        say(f"At a limit that it may not pass: {', '.join(at_limit)}")
 
 
 def _missing(report: Report) -> None:
@@ -92,10 +85,10 @@ def _missing(report: Report) -> None:
 
     _head("3 What is missing")
     if not report.which.effects:
-        say("no effect was tested")
+        say("No effect was tested.")
         return
     if not report.named and not report.one_of:
-        say("nothing is named; what was tested, in the order of belief:")
+        say("Nothing is named; what was tested, in the order of belief:")
     out = console()
     table = new_table(
         "", "effect", "magnitude, 95 %", "T", "belief", right=(1, 2, 3), whole=(0, 1, 2, 3)
@@ -122,9 +115,9 @@ def _missing(report: Report) -> None:
         )
     out.print(table)
     for n in report.refused:
-        say(f"refused by held-out records: {n.name} ({n.why})")
+        say(f"Refused by held-out records: {n.name} ({n.why})")
     if report.not_tested:
-        say("not tested: " + ", ".join(n.name for n in report.not_tested))
+        say("Not tested: " + ", ".join(n.name for n in report.not_tested))
 
 
 def _remains(report: Report) -> None:
@@ -153,22 +146,22 @@ def _remains(report: Report) -> None:
     far = report.how_far
     if report.model.included:
         say(
-            f"what is named closes {far.closed:.0%} of the calibrated gap "
-            f"({far.low:.0%} to {far.high:.0%})"
+            f"What is named closes {far.closed:.0%} of the calibrated gap "
+            f"({far.low:.0%} to {far.high:.0%})."
         )
     named = bool(report.model.included)
     cells = [c for c in (report.where.remains if named else report.where.ledger) if c.significant]
     if not cells:
-        say("no channel differs from that by more than noise at any time")
+        say("No channel differs from that by more than noise at any time.")
         return
     worst = max(cells, key=lambda c: c.z)
     say(
-        f"largest in {worst.channel} of {worst.record}, {worst.start:.4g} to {worst.end:.4g} s: "
+        f"Largest in {worst.channel} of {worst.record}, {worst.start:.4g} to {worst.end:.4g} s: "
         f"{_in_unit(worst.rms, _unit(report, worst.channel))}"
     )
     if not named:
         for c in [c for c in report.where.components if c.significant][:3]:
-            say(f"an unknown force at {c.component} would explain {c.explained:.0%} of it")
+            say(f"An unknown force at {c.component} would explain {c.explained:.0%} of it.")
 
 
 def _unit(report: Report, channel: str) -> str:
@@ -180,6 +173,6 @@ def _next(report: Report) -> None:
     for advice in report.next:
         say(f"- {advice.text}")
     if not report.next:
-        say("nothing: the model explains these records")
+        say("Nothing: the model explains these records.")
     for warning in report.checks.warnings:
-        say(f"warning: {warning}")
+        say(f"Warning: {warning}")

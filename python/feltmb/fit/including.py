@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -132,6 +133,31 @@ class Including(Model):
     def accepts(self, effect: Effect) -> bool:
         """What the model accepts, but for what it includes."""
         return effect.name not in [t.name for t in self._own] and self._base.accepts(effect)
+
+    def check_writing(self, path: Path) -> None:
+        """As the model can."""
+        self._base.check_writing(path)
+
+    def write(
+        self,
+        path: Path,
+        theta: Array,
+        included: Sequence[Candidate],
+        magnitudes: Array,
+        *,
+        provenance: str = "",
+        force: bool = False,
+    ) -> Path:
+        """As the model writes, with what was made part of it among its effects."""
+        count = len(self._base.parameters)
+        return self._base.write(
+            path,
+            theta[:count],
+            (*self._own, *included),
+            np.concatenate([theta[count:], magnitudes]),
+            provenance=provenance,
+            force=force,
+        )
 
     def guess(self, record: Record, segments: Integers) -> Array:
         """As the model guesses; hidden states at their prior mean."""

@@ -386,6 +386,8 @@ class Ready:
     records: tuple[Record, ...]
     notes: tuple[str, ...] = ()
     """What was left out, in words, for the report."""
+    floors: Mapping[str, float] = field(default_factory=dict)
+    """Error of the simulation by channel, where the noise of a sensor is below it [unit]."""
 
 
 @checked

@@ -452,7 +452,10 @@ def _run_hidden(
 
 
 def solve_scaled(matrix: Array, right: Array) -> Array:
-    """Solve symmetric equations after scaling their diagonal to 1; drop what has no support."""
+    """Solve symmetric equations after scaling their diagonal to 1; drop what has no support.
+
+    ``right``: (n,), or (n, k) for several at once.
+    """
     if right.size == 0:
         return right
     size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
@@ -460,9 +463,11 @@ def solve_scaled(matrix: Array, right: Array) -> Array:
     out = np.zeros_like(right)
     if not seen.any():
         return out
+    own = size[seen] if right.ndim == 1 else size[seen][:, None]
     scaled = matrix[np.ix_(seen, seen)] / np.outer(size[seen], size[seen])
     values, vectors = np.linalg.eigh(scaled)
     keep = values > 1e-11 * values[-1]
-    part = vectors[:, keep] @ ((vectors[:, keep].T @ (right[seen] / size[seen])) / values[keep])
-    out[seen] = part / size[seen]
+    weight = values[keep] if right.ndim == 1 else values[keep][:, None]
+    part = vectors[:, keep] @ ((vectors[:, keep].T @ (right[seen] / own)) / weight)
+    out[seen] = part / own
     return out

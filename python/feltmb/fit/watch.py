@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
+from threading import Lock
 
 from feltmb.arguments import checked
 
@@ -63,12 +64,14 @@ class Progress:
 Tell = Callable[[Progress], None]
 
 _seen = 0.0
+_counting = Lock()
 
 
 def simulated(runs: float) -> None:
     """Note that records were simulated; called by models, in any thread."""
     global _seen
-    _seen += runs
+    with _counting:
+        _seen += runs
 
 
 class Watch:

@@ -214,7 +214,6 @@ class _Attempt:
     ) -> str:
         """Why an effect of a set does not stand; empty: it does."""
         alone = self.alone.get(name, 0.0)
-        unknown = self.unexplained(c) / self.inflation
         gain = f"held-out gain {paired.gain:.1f} units of log evidence"
         if certain < WALD and alone < WALD**2:
             # What it brought was another way down for the other parameters. An effect that
@@ -223,6 +222,7 @@ class _Attempt:
                 f"its magnitude is {certain:.1f} of its standard deviations, and its score alone "
                 f"{alone:.1f}"
             )
+        unknown = self.unexplained(c) / self.inflation
         if paired.gain < unknown and not self._carries(c, name, paired):
             return f"{gain}, less than the {unknown:.1f} that an unknown force would still explain"
         small = paired.gain < self.least_share * most

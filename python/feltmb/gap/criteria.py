@@ -47,6 +47,19 @@ def _pair(
     return value
 
 
+# ---------------------------------------------------------------- units
+
+ANY_FACTOR = _number(
+    "ANY_FACTOR", 0.5, "share of the value",
+    "prior standard deviation from which a parameter may be any factor: units are not judged",
+    _JUDGED, "gap/test_overlay.py",
+)  # fmt: skip
+ALIKE = _number(
+    "ALIKE", 0.9, "correlation",
+    "of record and model, from which a factor is that of a unit and nothing else", _JUDGED,
+    "gap/test_overlay.py",
+)  # fmt: skip
+
 # ---------------------------------------------------------------- is there a gap
 
 MISFIT_RATIO = _number(

@@ -27,6 +27,7 @@ from feltmb.gap.criteria import (
 from feltmb.gap.findings import Calibrated, Closest, HowFar, Verdict, Where
 from feltmb.gap.misfit import Misfit, misfit
 from feltmb.gap.search import Search
+from feltmb.gap.tabulated import of_the_machine
 from feltmb.gap.tolerance import prior_deviations_told
 
 __all__ = ["Decision", "Facts", "decide"]
@@ -123,11 +124,12 @@ def decide(facts: Facts) -> Decision:
         weak = hint or (p < HINT * facts.alpha and search.best is not None)
         if weak and not facts.enough:
             reason = _refusals(accepted) or f"family-wise p = {p:.2g}"
+            moved = _moved(facts)
             return _silent(
                 facts,
                 Verdict.TOO_WEAK,
-                "There may be something, but these records cannot prove it "
-                f"({reason}). The model is not refuted.",
+                f"{moved}{' ' if moved else ''}There may be something{' more' if moved else ''}, "
+                f"but these records cannot prove it ({reason}). The model is not refuted.",
             )
         return _calibrated(facts)
     if best is None and not facts.first.model_fit.converged and not hint:
@@ -163,36 +165,34 @@ def _calibrated(facts: Facts) -> Decision:
         by_chance = ""
         if facts.calibrated:
             by_chance = (
-                f" {len(facts.calibrated)} of {len(fit.problem.free)} parameters moved by more than"
-                " two standard deviations of their estimates, no further than noise moves some."
+                f" {len(facts.calibrated)} of {len(of_the_machine(fit))} parameters moved by more"
+                " than two standard deviations of their estimates, no further than noise moves "
+                "some."
             )
         text = f"The model explains the records as it is tabulated: what is left is {what}."
         return _silent(facts, Verdict.NO_GAP, text + by_chance + but)
-    moved = sure or list(facts.calibrated)
-    if not moved:
-        text = (
-            "No single parameter, but all of them together: each within its tolerance, they close "
-            "the gap that the tabulated numbers leave."
-        )
-    else:
-        large = [r for r in moved if r.share >= LARGE_MOVE][:3] or moved[:1]
-        text = "; ".join(_moved(r) for r in large)
-        text = f"{text[0].lower()}{text[1:]}." if text.startswith("The ") else f"{text}."
-        more = len(moved) - len(large)
-        if more:
-            text += f" {more} more parameter{'s' if more > 1 else ''} moved, by less of the gap."
+    text = _moved(facts) or (
+        "No single parameter, but all of them together: each within its tolerance, they close the "
+        "gap that the tabulated numbers leave."
+    )
     text += f" Nothing is missing: what is left is {what}."
     return _silent(facts, Verdict.CALIBRATED, text + but)
 
 
-def _moved(row: Calibrated) -> str:
-    """What happened to a parameter, with its tolerance and its share of the gap."""
-    notes = []
-    if row.prior_deviations is not None:
-        notes.append(f"{abs(row.prior_deviations):.1f} times its tolerance")
-    if math.isfinite(row.share):
-        notes.append(f"{row.share:.0%} of the gap")
-    return row.text + (f" ({', '.join(notes)})" if notes else "")
+def _moved(facts: Facts) -> str:
+    """What calibration moved, in sentences; empty: nothing further than noise does."""
+    sure = [r for r in facts.calibrated if r.sure]
+    if not facts.apart and not sure:
+        return ""
+    moved = sure or list(facts.calibrated)
+    if not moved:
+        return ""
+    large = [r for r in moved if r.share >= LARGE_MOVE][:3] or moved[:1]
+    text = "; ".join(r.text + r.notes for r in large) + "."
+    more = len(moved) - len(large)
+    if more:
+        text += f" {more} more parameter{'s' if more > 1 else ''} moved, by less of the gap."
+    return text
 
 
 def _closest(closest: Closest | None) -> str:
@@ -318,9 +318,10 @@ def _unsure(facts: Facts, hinted: tuple[str, ...], why: str) -> Decision:
             text = f"There is a gap ({_signs(facts)}), but no effect is sure."
         out = _silent(facts, Verdict.UNKNOWN, text + _closest(closest) + _place(facts))
         return replace(out, closest=closest)
+    moved = _moved(facts)
     text = (
-        "There may be something, but these records cannot prove it: "
-        f"nearest {_list(hinted)} ({why}). The model is not refuted."
+        f"{moved}{' ' if moved else ''}There may be something{' more' if moved else ''}, but these "
+        f"records cannot prove it: nearest {_list(hinted)} ({why}). The model is not refuted."
     )
     return _silent(facts, Verdict.TOO_WEAK, text)
 

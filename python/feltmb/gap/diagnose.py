@@ -36,7 +36,8 @@ from feltmb.gap.discrepancy import (
 from feltmb.gap.experiments import advise
 from feltmb.gap.findings import Advice, NotTested, Verdict, Where
 from feltmb.gap.misfit import form_of, misfit
-from feltmb.gap.proof import HeldOut, residuals_by_segment
+from feltmb.gap.overlay import wrong_units
+from feltmb.gap.proof import HeldOut, Outcome, residuals_by_segment
 from feltmb.gap.refine import CandidateSet, full_evidence, refit_at, tighten
 from feltmb.gap.report import Report
 from feltmb.gap.score import all_candidates, family_threshold, score_fit
@@ -119,7 +120,19 @@ def _ready(model: Model, records: Sequence[Record]) -> tuple[Model, tuple[Record
     """
     checks = check_against(model, records)
     ready = model.ready([with_sigma(r, checks.noise(r.name)) for r in records])
-    return ready.model, ready.records, replace(checks, warnings=(*checks.warnings, *ready.notes))
+    channels, notes = [], list(ready.notes)
+    for c in checks.channels:
+        floor = ready.floors.get(c.channel, 0.0)
+        if floor > c.sigma:
+            notes.append(
+                f"{c.record}: noise of {c.channel} is {c.sigma:.2g} {c.unit}, less than the error "
+                f"of a simulation, which is as bad as white noise of {floor:.2g} {c.unit}: the "
+                "latter is taken"
+            )
+            c = replace(c, sigma=floor)
+        channels.append(c)
+    checks = replace(checks, channels=tuple(channels), warnings=(*checks.warnings, *notes))
+    return ready.model, ready.records, checks
 
 
 def prepare(
@@ -306,6 +319,8 @@ def _diagnosed(
     tabulated = tabulated_outcome(
         model, (*segmented_records, *sensed), settings, options.segmented_level
     )
+    metric = "segmented" if model.chaotic else "open_loop"
+    _check_units(model, tabulated, metric)
     lap("gap as it is")
     first = _investigate(model, segmented_records, usable, options, settings, cache, progress)
     model = first.model_fit.problem.model
@@ -452,8 +467,12 @@ def _diagnosed(
     best_fit = found.model_fit if accepted.best is None else accepted.best.fit
     held_tabulated = tabulated.part(slice(len(plain), None))
     how_far = how_far_rows(accepted, held_tabulated, sensed, shares, which_gap, options.seed)
-    metric = "segmented" if model.chaotic else "open_loop"
-    calibrated = calibrated_rows(best_fit, held_tabulated, accepted.after, which_gap, options.alpha)
+    end = rest or (found.tight_fit if accepted.best is None else None) or best_fit
+    there = replace(end, problem=replace(end.problem, segmented_records=plain))
+    fitted = Outcome(there, np.zeros(0), settings, options.segmented_level)
+    calibrated = calibrated_rows(
+        best_fit, [tabulated], [fitted, accepted.after], which_gap, options.alpha
+    )
     closest = closest_set(found, accepted, sensed, which_gap, options.seed)
     facts = Facts(
         checks=checks,
@@ -502,8 +521,10 @@ def _diagnosed(
         best_fit.intervals(),
     )
     provenance = _provenance(best_fit, records)
-    starts = found_starts(accepted.after.tight) | fitted_starts(best_fit, settings)
-    before_starts = found_starts(accepted.before.tight) | fitted_starts(found.model_fit, settings)
+    starts = found_starts(accepted.after.tight) | fitted_starts(best_fit, rest, settings)
+    before_starts = found_starts(accepted.before.tight) | fitted_starts(
+        found.model_fit, found.tight_fit, settings
+    )
     plain_fit = tabulated.fit
     return Report(
         verdict=decision.verdict,
@@ -528,6 +549,21 @@ def _diagnosed(
         seconds=seconds,
         stopped=f"{watch.stopped_in} ({watch.why})" if watch.why else "",
     )
+
+
+def _check_units(model: Model, tabulated: Outcome, metric: str) -> None:
+    """Refuse records in another unit than they say: no fit would come to anything."""
+    records = tabulated.fit.problem.segmented_records
+    runs = [
+        (s.record, rest, {n: x.sigma for n, x in zip(model.outputs, s.noise, strict=True)})
+        for s, rest in zip(records, getattr(tabulated, metric), strict=True)
+    ]
+    wrong = wrong_units(model, runs)
+    if wrong:
+        raise DataError(
+            f"DATA PROBLEM: the unit of {wrong}. Say the true unit: --unit CHANNEL=UNIT, or unit "
+            "in the TOML beside the file; feltmb gap check shows model and record"
+        )
 
 
 def _inherit(checks: DataChecks, whole: DataChecks, records: Sequence[Record]) -> DataChecks:

@@ -182,9 +182,7 @@ def _eliminated(normal: Normal) -> Array:
     if matrix.shape[0] == normal.shared:
         return np.array(matrix)
     coupling = matrix[rest, own]
-    absorbed = np.column_stack(
-        [solve_scaled(matrix[rest, rest], coupling[:, i]) for i in range(normal.shared)]
-    )
+    absorbed = solve_scaled(matrix[rest, rest], coupling)
     return np.asarray(matrix[own, own] - coupling.T @ absorbed)
 
 
@@ -192,7 +190,7 @@ def _confusion(matrix: Array, a: Candidate, b: Candidate, size: float) -> float:
     """Chance to take a for b at a magnitude of a [its unit]; both are last of the globals."""
     at = matrix.shape[0] - 2
     s, e = slice(0, at), slice(at, None)
-    absorbed = np.column_stack([solve_scaled(matrix[s, s], matrix[s, at + i]) for i in range(2)])
+    absorbed = solve_scaled(matrix[s, s], matrix[s, e])
     scale = np.array([a.effect.scale, b.effect.scale])
     gram = (matrix[e, e] - matrix[s, e].T @ absorbed) * np.outer(scale, scale)
     return float(confused(gram, np.array([size / scale[0], 0.0]))[0, 1])

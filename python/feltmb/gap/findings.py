@@ -111,12 +111,25 @@ class Calibrated:
     at_limit: bool
     """Whether it sits at a limit that it may not pass."""
     share: float
-    """Share of the squared held-out gap of the tabulated model that it explains [1]; NaN: not
+    """Share of the squared gap of the tabulated model that it explains, all records [1]; NaN: not
     computed, or there is no gap above the noise."""
     sure: bool
     """Whether it moved further than noise alone moves one of all parameters (``alpha``)."""
     text: str = ""
-    """All that in a sentence."""
+    """How far it moved, in a sentence."""
+
+    @property
+    def notes(self) -> str:
+        """Its tolerance and its share of the gap, in brackets."""
+        notes = []
+        if self.prior_deviations is not None:
+            far = abs(self.prior_deviations)
+            notes.append("within its tolerance" if far <= 1.0 else f"{far:.1f} times its tolerance")
+        if math.isfinite(self.share):
+            notes.append(f"{self.share:.0%} of the gap")
+        if not self.sure:
+            notes.append("may be chance")
+        return f" ({', '.join(notes)})" if notes else ""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,13 +14,13 @@ from feltmb.errors import DataError
 from feltmb.fit.model import Jobs, Model
 from feltmb.fit.observe import observe_jobs
 from feltmb.gap.checks import DataChecks, check_against, with_sigma
-from feltmb.gap.criteria import TOLD_SHARE
+from feltmb.gap.criteria import ALIKE, ANY_FACTOR, TOLD_SHARE
 from feltmb.style import BLUE, GRAY, ORANGE, new_figure, plain_text, reader_unit, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["GapBefore", "GapBeforeRow", "check"]
+__all__ = ["GapBefore", "GapBeforeRow", "check", "wrong_units"]
 
 #: Longest shift that is looked for, as a share of the record.
 LONGEST_SHIFT = 0.25
@@ -213,25 +213,62 @@ def _delay(time: Array, measured: Array, model: Array) -> float:
 
 #: Factors that wrong units leave, and what they look like.
 _UNITS = (
-    (1e3, "m for mm"),
-    (1e-3, "mm for m"),
-    (10.0, "cm for mm"),
-    (0.1, "mm for cm"),
-    (25.4, "mm for inches"),
-    (1.0 / 25.4, "inches for mm"),
-    (9.80665, "N for kgf"),
-    (1.0 / 9.80665, "kgf for N"),
+    (1e3, "mm that are called m"),
+    (1e-3, "m that are called mm"),
+    (10.0, "mm that are called cm"),
+    (0.1, "cm that are called mm"),
+    (25.4, "mm that are called inches"),
+    (1.0 / 25.4, "inches that are called mm"),
+    (9.80665, "N that are called kgf"),
+    (1.0 / 9.80665, "kgf that are called N"),
     (-1.0, "the other direction"),
 )
+
+
+def _unit_of(row: GapBeforeRow) -> str:
+    """Which wrong unit a factor looks like; empty: none."""
+    return next((text for f, text in _UNITS if abs(row.factor / f - 1.0) < 0.1), "")
+
+
+def wrong_units(model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, float]]]) -> str:
+    """What is wrong with units, in one sentence; empty if nothing is.
+
+    Only where every parameter is known to within a factor, and all records of a channel agree.
+
+    Parameters
+    ----------
+    runs
+        Record, residual of the model (n, ny) and noise by channel.
+    """
+    if any(p.sd == np.inf or p.sd > ANY_FACTOR * abs(p.value) > 0.0 for p in model.parameters):
+        return ""
+    found: dict[tuple[str, float], list[str]] = {}
+    for i, name in enumerate(model.outputs):
+        rows = [
+            _row(r, name, r.outputs[name] - rest[:, i], noise[name])
+            for r, rest, noise in runs
+            if name in r.outputs
+        ]
+        rows = [r for r in rows if r.samples > 2 and r.correlation == r.correlation]
+        texts = {_unit_of(r) for r in rows}
+        if len(texts) == 1 and "" not in texts and min(abs(r.correlation) for r in rows) > ALIKE:
+            factor = float(np.median([r.factor for r in rows]))
+            found.setdefault((texts.pop(), round(factor, 0 if factor > 2.0 else 3)), []).append(
+                name
+            )
+    told = [
+        f"{', '.join(names)}: {factor:.3g} times the model in all records ({text}?)"
+        for (text, factor), names in found.items()
+    ]
+    return "; ".join(told)
 
 
 def _hints(rows: Sequence[GapBeforeRow]) -> list[str]:
     """What shifts and factors look like."""
     notes = []
     for r in rows:
-        for factor, text in _UNITS:
-            if abs(r.factor / factor - 1.0) < 0.1:
-                notes.append(f"{r.record}: {r.channel} is {r.factor:.4g} times the model: {text}?")
+        if text := _unit_of(r):
+            notes.append(f"{r.record}: {r.channel} is {r.factor:.4g} times the model: {text}?")
     late = [r for r in rows if np.isfinite(r.delay)]
     by_record: dict[str, list[GapBeforeRow]] = {}
     for r in late:

@@ -70,19 +70,24 @@ class Outcome:
         self, segmented_records: Sequence[SegmentedRecord], which: str, only: int | None = None
     ) -> float:
         """Whitened root mean square over all channels, of all records or one [sigma]."""
+        total, count = self.squares(segmented_records, which, only)
+        return float(np.sqrt(total / max(count, 1)))
+
+    def squares(
+        self, segmented_records: Sequence[SegmentedRecord], which: str, only: int | None = None
+    ) -> tuple[float, int]:
+        """Whitened sum of squares, infinite where a simulation fails, and the number of samples."""
         total, count = 0.0, 0
         pairs = list(zip(segmented_records, getattr(self, which), strict=True))
         for segmented, residual in pairs if only is None else [pairs[only]]:
+            measured = np.isfinite(segmented.record.output_array(self.fit.problem.model.outputs))
+            good = np.isfinite(residual)
+            if np.any(measured & ~good):
+                return float("inf"), count
             for c, noise in enumerate(segmented.noise):
-                good = np.isfinite(residual[:, c])
-                measured = np.isfinite(
-                    segmented.record.output_array(self.fit.problem.model.outputs)
-                )
-                if np.any(measured[:, c] & ~good):
-                    return float("inf")
-                total += float(np.sum((residual[good, c] / noise.sigma) ** 2))
-                count += int(good.sum())
-        return float(np.sqrt(total / max(count, 1)))
+                total += float(np.sum((residual[good[:, c], c] / noise.sigma) ** 2))
+            count += int(good.sum())
+        return total, count
 
 
 @dataclass(frozen=True, eq=False)

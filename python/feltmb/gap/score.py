@@ -127,9 +127,7 @@ def score_fit(fit: Fit, candidates: tuple[Candidate, ...]) -> Scores:
     scale = np.array([t.effect.scale for t in candidates])
     h_ss = normal.matrix[np.ix_(s, s)]
     h_se = normal.matrix[np.ix_(s, e)]
-    absorb = np.zeros((s.size, k))
-    for i in range(k):
-        absorb[:, i] = solve_scaled(h_ss, h_se[:, i])
+    absorb = solve_scaled(h_ss, h_se)
     delta = solve_scaled(h_ss, normal.right[s])
     gram = normal.matrix[np.ix_(e, e)] - h_se.T @ absorb
     b = normal.right[e] - h_se.T @ delta

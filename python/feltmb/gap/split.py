@@ -18,7 +18,7 @@ def split_records(
 ) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
     """Records to fit and records to hold out.
 
-    Named ones; else those whose role says so; else, of four or more records, every third; else
+    Named ones; else those whose role says so; else, of three or more records, every third; else
     every record is cut into five blocks of which the second and fourth are held out. ``masked``:
     instead of being cut, records keep their clock, and lose the outputs of the other blocks.
     """
@@ -36,7 +36,7 @@ def split_records(
     else:
         held = [r for r in records if r.role == "held_out"]
         kept = [r for r in records if r.role != "held_out"]
-        if not held and len(kept) >= 4:
+        if not held and len(kept) >= 3:
             held = kept[2::3]
             kept = [r for r in kept if r not in held]
     if held and kept:

@@ -43,8 +43,6 @@ def next_steps(
     ]
     texts += [
         f"Measure it by itself: {row.text[0].lower()}{row.text[1:]}."
-        if row.text.startswith("The ")
-        else f"Measure it by itself: {row.text}."
         for row in calibrated
         if row.sure
         and row.prior_deviations is not None

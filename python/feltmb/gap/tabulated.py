@@ -14,7 +14,7 @@ from feltmb.fit.model import VARIABILITY, Model, Parameter
 from feltmb.fit.problem import Problem
 from feltmb.fit.resolution import BETWEEN
 from feltmb.fit.segmented_records import SegmentedRecord
-from feltmb.fit.solve import Fit, FitSettings, Interval, estimate_states, polish
+from feltmb.fit.solve import Fit, FitSettings, Interval, chained, estimate_states, polish
 from feltmb.gap.criteria import MOVED
 from feltmb.gap.digits import digits
 from feltmb.gap.findings import AsItIs, Calibrated
@@ -26,10 +26,13 @@ __all__ = [
     "fitted_starts",
     "found_starts",
     "moved_together",
+    "of_the_machine",
     "outcome_at",
     "tabulated_outcome",
 ]
 
+#: Standard deviation of a start, of the scale of its state, from which it has to be looked for.
+KNOWN_START = 0.3
 #: Rows whose share of the gap is computed; two simulations of the records each.
 SHARED = 16
 
@@ -60,9 +63,16 @@ def outcome_at(
     problem = Problem(model, tuple(segmented_records), frozen=True)
     point = problem.start(theta=theta)
     tightest = settings.levels[-1]
-    point = estimate_states(problem, point, tightest)
-    fit = polish(problem, point, tightest, replace(settings, chain=True))
-    return Outcome(fit, np.zeros(0), settings, segmented_level)
+    quick = settings.coarser(0.3, iterations=8)
+    if model.states():
+        priors = [problem.start_prior(s)[1] for s in problem.segmented_records]
+        most = KNOWN_START * np.array([s.scale for s in model.states()])
+        if all(np.all(sd <= most) for sd in priors):
+            point = chained(problem, point)  # one run from there is the gap: little is to be found
+        else:
+            point = estimate_states(problem, point, tightest)
+    fit = polish(problem, point, tightest, replace(quick, chain=True))
+    return Outcome(fit, np.zeros(0), settings.coarser(0.3), segmented_level)
 
 
 def as_it_is(outcome: Outcome, which: str) -> tuple[AsItIs, ...]:
@@ -112,7 +122,7 @@ def moved_together(fit: Fit, alpha: float) -> bool:
     A Wald test of the tabulated values with the posterior covariance. What differs from run to run
     is no number of the machine, and what it adds to a gap is repeatability.
     """
-    rows = _of_the_machine(fit)
+    rows = of_the_machine(fit)
     interval = np.array([_deviations(i) for _, _, _, i in rows])
     sd = np.array([i.sd for _, _, _, i in rows])
     known = np.isfinite(sd) & (sd > 0.0)
@@ -127,7 +137,7 @@ def moved_together(fit: Fit, alpha: float) -> bool:
     return bool(stats.chi2.sf(statistic, int(kept.sum())) < alpha)
 
 
-def _of_the_machine(fit: Fit) -> list[tuple[int, int, Parameter, Interval]]:
+def of_the_machine(fit: Fit) -> list[tuple[int, int, Parameter, Interval]]:
     """Free parameters that stand for something in the machine: place among the free ones, index."""
     parameters = fit.problem.model.parameters
     return [
@@ -138,18 +148,19 @@ def _of_the_machine(fit: Fit) -> list[tuple[int, int, Parameter, Interval]]:
 
 
 def calibrated_rows(
-    fit: Fit, before: Outcome, after: Outcome, which: str, alpha: float
+    fit: Fit, before: Sequence[Outcome], after: Sequence[Outcome], which: str, alpha: float
 ) -> tuple[Calibrated, ...]:
     """Parameters that a fit moved by more than two posterior deviations, largest share first.
 
     Parameters
     ----------
     before, after
-        The model with tabulated and with fitted numbers, on the records whose gap is shared out.
+        The model with tabulated and with fitted numbers, on the records whose gap is shared out:
+        all of them, since the held-out ones may hardly show a part.
     alpha
         Family-wise rate at which noise alone would have moved one of the parameters.
     """
-    rows = [row[1:] for row in _of_the_machine(fit)]
+    rows = [row[1:] for row in of_the_machine(fit)]
     bar = float(stats.norm.isf(0.5 * alpha / max(len(rows), 1)))
     moved = [r for r in rows if abs(_deviations(r[2])) > MOVED]
     moved.sort(key=lambda r: -abs(_deviations(r[2])))
@@ -189,7 +200,7 @@ def _row(p: Parameter, interval: Interval, share: float, *, sure: bool) -> Calib
 
 def _text(p: Parameter, row: Calibrated) -> str:
     """What happened to a parameter, as a person says it."""
-    subject = p.label or (f"{p.name} ({p.component})" if p.component else p.name)
+    subject = p.label or f"Parameter {p.name}" + (f" ({p.component})" if p.component else "")
     unit = "" if p.unit == "1" else f" {p.unit}"
     if row.prior_deviations is None:
         shown = digits(row.value, row.sd, 3)
@@ -223,54 +234,66 @@ def _amount(change: float, wide: float, unit: str) -> str:
 
 
 def _shares(
-    which: Sequence[int], fit: Fit, before: Outcome, after: Outcome, metric: str
+    which: Sequence[int],
+    fit: Fit,
+    before: Sequence[Outcome],
+    after: Sequence[Outcome],
+    metric: str,
 ) -> dict[int, float]:
     """Share of the squared gap that each parameter explains.
 
     The mean of what it brings as the first of all to be moved, and as the last: parameters that
     stand in for each other share what they explain together.
     """
-    records = before.fit.problem.segmented_records
-    first, last = before.gap(records, metric), after.gap(records, metric)
+    if not which:
+        return {}
+    first, last = _together(before, metric), _together(after, metric)
     if not (math.isfinite(first) and first > 1.0):
         return {}
-    old = before.fit.point.theta
+    old = before[0].fit.point.theta
     out = {}
     for i in which:
-        alone, without = old.copy(), after.fit.point.theta.copy()
+        alone, without = old.copy(), fit.point.theta.copy()
         alone[i] = fit.point.theta[i]
         without[i] = old[i]
-        a = _gap_with(before, alone, metric)
-        b = _gap_with(after, without, metric)
-        gains = [first**2 - a**2] if math.isfinite(a) else []
-        gains += [b**2 - last**2] if math.isfinite(b) else []
+        a = _together([_moved_to(o, alone, metric) for o in before], metric)
+        b = _together([_moved_to(o, without, metric) for o in after], metric)
+        gains = [first - a] if math.isfinite(a) else []
+        gains += [b - last] if math.isfinite(b) else []
         if gains:
-            out[i] = float(np.clip(np.mean(gains) / (first**2 - 1.0), 0.0, 1.0))
+            out[i] = float(np.clip(np.mean(gains) / (first - 1.0), 0.0, 1.0))
     return out
 
 
-def _gap_with(outcome: Outcome, theta: Array, metric: str) -> float:
-    """Gap with other parameters from the same start states."""
+def _together(outcomes: Sequence[Outcome], metric: str) -> float:
+    """Squared gap on the records of several outcomes [sigma^2]."""
+    parts = [o.squares(o.fit.problem.segmented_records, metric) for o in outcomes]
+    return sum(p[0] for p in parts) / max(sum(p[1] for p in parts), 1)
+
+
+def _moved_to(outcome: Outcome, theta: Array, metric: str) -> Outcome:
+    """The same with other parameters from the same start states."""
     fit = outcome.tight
     moved = replace(fit, point=replace(fit.point, theta=theta, memo={}))
     seen = one_run(moved) if metric == "open_loop" else residuals_by_segment(moved)
     other = Outcome(moved, outcome.density, outcome.settings, outcome.segmented_level)
     vars(other)[metric] = tuple(seen)  # instead of states that are estimated again
-    return other.gap(fit.problem.segmented_records, metric)
+    return other
 
 
-def fitted_starts(fit: Fit, settings: FitSettings) -> dict[str, Array]:
-    """Start states of the records of a fit with which one run follows each of them."""
+def fitted_starts(fit: Fit, tight: Fit | None, settings: FitSettings) -> dict[str, Array]:
+    """Start state of the records of a fit with which one run follows each of them.
+
+    ``tight``: the same fitted with the tightest gaps, whose start states are near.
+    """
     if not fit.gap_sd.size:
         return found_starts(fit)
+    near = fit if tight is None else tight
+    point = replace(fit.point, places=near.point.places, memo={})
     frozen = replace(fit.problem, frozen=True)
-    tight = polish(
-        frozen,
-        replace(fit.point, memo={}),
-        settings.levels[-1],
-        replace(settings, chain=True),
-    )
-    return found_starts(tight if np.isfinite(tight.cost) else fit)
+    quick = replace(settings.coarser(0.3, iterations=8), chain=tight is None)
+    found = polish(frozen, point, settings.levels[-1], quick)
+    return found_starts(found if np.isfinite(found.cost) else fit)
 
 
 def found_starts(*fits: Fit) -> dict[str, Array]:

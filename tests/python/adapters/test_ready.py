@@ -14,6 +14,8 @@ from feltmb.data import Record, Sensor
 from feltmb.data.smoothing import smooth_record
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Jobs, including
+from feltmb.gap import fit_model
+from feltmb.gap.diagnose import _ready as ready_with_checks
 from feltmb.gap.split import split_records
 
 ACTION = feltmb.load_action("steinway45")
@@ -126,6 +128,16 @@ def test_a_single_record_is_held_out_in_blocks_without_being_cut(forte):
     assert np.array_equal(part, whole)
 
 
+def test_of_three_records_one_is_held_out_whole(forte):
+    """Blocks of each would leave the let-off to one side: short, and always at the end."""
+    named = [replace(forte, name=n) for n in "abc"]
+    for count, kept in ((3, ["a", "b"]), (2, ["a[fit]", "b[fit]"])):
+        fit, held = split_records(named[:count], None, masked=True)
+        assert [r.name for r in fit] == kept
+    assert [r.name for r in split_records(named, None)[1]] == ["c"]
+    assert len(held) == 2
+
+
 @pytest.mark.parametrize("rate", [500.0, 1000.0, 4000.0])
 def test_smoothing_takes_noise_and_leaves_the_stroke(rate):
     """Eleven samples at 1 kHz took a staccato stroke with them: 0.2 mm of it."""
@@ -225,3 +237,54 @@ def test_faults_in_python():
     with pytest.raises(InvalidParameter, match=r"until = -1\.0 s"):
         mechanism_model(ACTION, until=-1.0)
     assert mechanism_model(ACTION, until=math.inf)[0].until is None
+
+
+def test_the_noise_of_a_force_is_estimated_where_nothing_is_said(forte):
+    model, _ = resolve("steinway45", FEW)
+    random = np.random.default_rng(2)
+    force = forte.inputs["force"] + 5e-3 * random.standard_normal(forte.samples)
+    noisy = replace(forte, inputs={"force": force}, input_sigma={})
+    ready = model.ready([noisy])
+    assert ready.records[0].input_sigma["force"] == pytest.approx(5e-3, rel=0.25)
+    assert any("noise of force" in note for note in ready.notes)
+    # It is allowed for: the machine never felt it.
+    assert ready.model.variabilities["forte"].columns.shape[2] > 0
+    told = model.ready([replace(noisy, input_sigma={"force": 0.02})])
+    assert told.records[0].input_sigma["force"] == 0.02
+    exact = model.ready([replace(forte, input_sigma={})])
+    assert exact.records[0].input_sigma.get("force", 0.0) < 1e-4
+    assert not any("noise of force" in note for note in exact.notes)
+
+
+def test_noise_below_the_error_of_a_simulation_is_raised_to_it_and_told(forte):
+    """A fit to a run without noise did not end."""
+    model, _ = resolve("steinway45", FEW)
+    bare = {n: replace(s, sigma=1e-10) for n, s in forte.sensors.items()}
+    ready, (record,), checks = ready_with_checks(model, [replace(forte, sensors=bare)])
+    for c in checks.channels:
+        assert 1e-9 < c.sigma < 2e-5
+        assert record.sensors[c.channel].sigma == pytest.approx(c.sigma)
+    assert any("less than the error of a simulation" in w for w in checks.warnings)
+    _, _, plain = ready_with_checks(model, [forte])
+    assert [c.sigma for c in plain.channels] == [2e-5, 2e-5]
+    assert ready.outputs == model.outputs
+
+
+def test_runs_of_a_mechanism_are_counted(forte):
+    model, _ = resolve("steinway45", FEW)
+    told = []
+    fit_model(model, [forte.cut(0, 60)], progress=told.append, stop=lambda: True)
+    assert told[-1].simulations > 0
+
+
+def test_what_was_made_part_of_a_model_is_written_with_it(tmp_path):
+    """`--include EFFECT --write FILE` was refused."""
+    model, effects = resolve("steinway45", {**FEW, "effects": "capstan_height"})
+    whole = including(model, effects, [2e-4])
+    path = tmp_path / "found.toml"
+    whole.check_writing(path)
+    theta = np.append(np.zeros(len(model.parameters)), 3e-4)
+    whole.write(path, theta, (), np.zeros(0), provenance="a test")
+    point = feltmb.load_action(path).config.surfaces["Kp2"].point[1]
+    assert point - ACTION.config.surfaces["Kp2"].point[1] == pytest.approx(3e-4)
+    assert "a test" in path.read_text()

@@ -142,7 +142,7 @@ def test_a_wrong_scale_and_a_late_clock_are_seen():
     scaled = gap.check(action(), record(scale=1e-3, sigma=1e-8))
     for row in scaled.rows:
         assert row.factor == pytest.approx(1e-3, rel=0.01)
-    assert any("mm for m?" in n for n in scaled.notes)
+    assert any("m that are called mm?" in n for n in scaled.notes)
     late = gap.check(action(), record(late=8))  # samples of 0.5 ms
     for row in late.rows:
         assert row.delay == pytest.approx(4e-3, abs=3e-4)
@@ -177,3 +177,59 @@ def test_what_cannot_be_compared_is_refused(tmp_path, capsys):
     path = write_record(models.records(1)[0], tmp_path / "one.csv")
     assert command("gap", "check", str(path), "-o", str(tmp_path / "a.png")) == 2
     assert "need a MODEL before the data" in capsys.readouterr().err
+
+
+def straight(factor, sd=0.1):
+    """A line through records that are a factor too large."""
+    model = gap.LinearModel(
+        name="line",
+        output="y",
+        columns={"slope": lambda r: r.inputs["u"]},
+        parameters=[gap.Parameter(name="slope", value=1.0, sd=sd)],
+    )
+    generator = np.random.default_rng(4)
+    time = np.arange(200) * 1e-3
+    records = []
+    for i in range(2):
+        u = np.sin((20.0 + 9.0 * i) * time)
+        y = factor * u + 1e-3 * generator.standard_normal(time.size)
+        sensor = Sensor(name="y", unit="m", sigma=1e-3)
+        role = "held_out" if i else "fit"
+        records.append(
+            Record(name=f"r{i}", time=time, inputs={"u": u}, outputs={"y": y},
+                   sensors={"y": sensor}, role=role)
+        )  # fmt: skip
+    return model, records
+
+
+def test_a_wrong_unit_ends_a_diagnosis_before_any_fit():
+    """It was fitted for four minutes before, and told as parameters at their limits."""
+    told = []
+    for factor, says in ((10.0, "mm that are called cm"), (0.1, "cm that are called mm")):
+        with pytest.raises(DataError, match=rf"DATA PROBLEM: the unit of y: .*{says}.*--unit"):
+            gap.diagnose(straight(factor)[0], [], straight(factor)[1], progress=told.append)
+    assert {p.stage for p in told} == {"checks of the data"}
+
+
+def test_a_factor_that_a_parameter_may_be_is_no_wrong_unit():
+    quick = gap.Options(bootstrap=0, restarts=0, advice=False)
+    for factor, sd in ((10.0, 5.0), (1.3, 0.1)):
+        model, records = straight(factor, sd)
+        report = gap.diagnose(model, [], records, options=quick)
+        assert report.calibrated[0].value == pytest.approx(factor, rel=0.01)
+
+
+def test_check_writes_a_page(tmp_path, capsys):
+    write_record(record(), tmp_path / "run.csv")
+    page = tmp_path / "gap.html"
+    data = ["steinway45", str(tmp_path / "run.csv")]
+    assert command("gap", "check", *data, "--html", str(page)) == 0
+    text = page.read_text()
+    assert text.count('class="feltmb-view"') == 1
+    assert "model, nothing fitted" in text
+    assert "http" not in text.replace("http-equiv", "").replace("http://www.w3.org", "")
+    assert command("gap", "check", *data, "--html", str(page)) == 2
+    assert "--force" in capsys.readouterr().err
+    assert command("gap", "check", *data, "--html", str(tmp_path / "gap.txt")) == 2
+    assert command("gap", "check", data[1], "--html", str(tmp_path / "b.html")) == 2
+    assert "need a MODEL" in capsys.readouterr().err

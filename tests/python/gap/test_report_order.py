@@ -5,6 +5,7 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -31,6 +32,7 @@ from feltmb.gap import (
     diagnose,
     library,
 )
+from feltmb.gap.decide import decide
 from feltmb.gap.library.products import product
 from feltmb.gap.page import page
 from feltmb.gap.report import report_json
@@ -158,12 +160,12 @@ def test_a_gap_is_not_believed_to_be_nothing():
 
 
 def test_a_limit_and_a_useless_model_are_told(capsys):
-    data = records(lambda u: -u)
+    data = records(lambda u: -0.5 * u)
     report = diagnose(line(lower=0.5), [power(3)], data, options=QUICK)
     print_report(report)
     shown = " ".join(capsys.readouterr().out.split())
     assert "further from the records than a constant is" in shown
-    assert "at a limit that it may not pass: slope" in shown
+    assert "At a limit that it may not pass: slope" in shown
     assert report.as_it_is[0].worse_than_constant
     assert any("sits at its limit" in a.text for a in report.next)
     assert "further from the records than a constant is" in page(report)
@@ -393,3 +395,29 @@ def test_a_lighter_head_is_the_first_answer(tmp_path):
     run = feltmb.simulate(found, feltmb.load_stroke("forte"), ledger=False)
     truth = feltmb.simulate(light, feltmb.load_stroke("forte"), ledger=False)
     assert run.summary["impact_time"] == pytest.approx(truth.summary["impact_time"], abs=1e-4)
+
+
+def test_a_weak_hint_does_not_hide_what_calibration_moved():
+    """A hammer head 15 % too heavy, five tolerances, was told as: TOO WEAK, p = 0.007."""
+    row = diagnose(line(), [power(3)], records(lambda u: 0.5 * u), options=QUICK).calibrated[0]
+    belief = SimpleNamespace(none=0.3, other=0.1)
+    belief.trusted = lambda trust: belief
+    facts = SimpleNamespace(
+        search=SimpleNamespace(best=None),
+        accepted=SimpleNamespace(best=None, rejected=()),
+        p=0.005,
+        alpha=0.01,
+        enough=False,
+        beyond=None,
+        misfit=SimpleNamespace(left=False),
+        belief=belief,
+        apart=True,
+        calibrated=(row,),
+    )
+    told = decide(facts)
+    assert told.verdict is Verdict.TOO_WEAK
+    assert told.statement.startswith("Parameter slope (lever) is")
+    assert "times its tolerance" in told.statement
+    assert "There may be something more, but these records cannot prove it" in told.statement
+    facts.calibrated, facts.apart = (), False
+    assert decide(facts).statement.startswith("There may be something, but")

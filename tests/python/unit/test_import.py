@@ -1,5 +1,6 @@
 """What is imported when: heavy libraries wait until they are used. Times are measured in bench/."""
 
+import os
 import subprocess
 import sys
 
@@ -70,3 +71,21 @@ def test_all_names_are_there():
         assert getattr(feltmb, name) is not None
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         _ = feltmb.nothing
+
+
+def test_the_command_line_leaves_threads_of_the_blas_alone():
+    """They wait for each other longer than they compute; who sets a number keeps it."""
+    code = (
+        "import os, sys, feltmb.cli\n"
+        "try:\n    feltmb.cli.main(['--version'])\nexcept SystemExit:\n    pass\n"
+        "print(os.environ['OPENBLAS_NUM_THREADS'], os.environ['OMP_NUM_THREADS'])"
+    )
+    environment = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
+    out = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**environment, "OMP_NUM_THREADS": "3"},
+    )
+    assert out.stdout.split()[-2:] == ["1", "3"]

@@ -1,0 +1,304 @@
+"""Twelve first-time stories: data as somebody would bring it, diagnosed by the command line.
+
+Each story changes one thing of steinway45, or of how it was measured. Strokes are runs of
+``feltmb stroke``; a few columns of their CSV get the noise of a camera and of a load cell and a
+header of the user's own. Then ``feltmb gap diagnose`` is run with nothing prepared.
+
+    python bench/stories/stories.py -o /tmp/stories              all, one after another
+    python bench/stories/stories.py -o /tmp/stories head felt    some
+
+Printed are verdict, wall and processor time and the first ten lines of the terminal.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import os
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Table = dict[str, Array]
+
+__all__ = ["STORIES", "Outcome", "Story", "diagnose", "make"]
+
+RATE = 2000.0
+"""Samples a second."""
+CAMERA, CELL = 2e-5, 5e-3
+"""Noise of a tracked point [m] and of the load cell [N]."""
+STROKES = {"piano": 0.30, "forte": 0.16, "staccato": 0.25}
+"""Strokes and how long they are recorded [s]."""
+CHANNELS = ("key_front.y", "whippen.y", "hammer_tip.x", "hammer_tip.y", "backcheck.x")
+LINES = 10
+"""Lines of the terminal that a person reads first."""
+
+
+def _same(table: Table) -> Table:
+    return table
+
+
+def _tilted(angle: float) -> Callable[[Table], Table]:
+    """A camera turned about its axis by an angle [rad], which sees displacements."""
+
+    def seen(table: Table) -> Table:
+        out = dict(table)
+        c, s = np.cos(angle), np.sin(angle)
+        for point in {n.rpartition(".")[0] for n in table if n[-2:] in (".x", ".y")}:
+            x, y = (table.get(f"{point}.{a}", table[f"{point}.raw_{a}"]) for a in "xy")
+            x, y = x - x[0], y - y[0]
+            if f"{point}.x" in table:
+                out[f"{point}.x"] = c * x - s * y
+            if f"{point}.y" in table:
+                out[f"{point}.y"] = s * x + c * y
+        return out
+
+    return seen
+
+
+def _scaled(factor: float) -> Callable[[Table], Table]:
+    def seen(table: Table) -> Table:
+        return {n: factor * v if n.endswith((".x", ".y")) else v for n, v in table.items()}
+
+    return seen
+
+
+def _late(delay: float) -> Callable[[Table], Table]:
+    """A load cell that shows the force later by this [s]."""
+
+    def seen(table: Table) -> Table:
+        t = table["time"]
+        return {**table, "force": np.interp(t - delay, t, table["force"])}
+
+    return seen
+
+
+@dataclass(frozen=True, kw_only=True)
+class Story:
+    """What was changed, how it was measured and what a person needs to be told."""
+
+    settings: Mapping[str, str] = field(default_factory=dict)
+    """Of ``feltmb stroke``: what the machine has and the model has not."""
+    machine: str = "steinway45"
+    seen: Callable[[Table], Table] = _same
+    """What the sensors make of it."""
+    absolute: bool = False
+    """Whether channels are coordinates, not displacements from rest."""
+    unit: str = "mm"
+    """In the header; the numbers are mm."""
+    verdicts: tuple[str, ...]
+    """Any of these is right."""
+    words: tuple[str, ...]
+    """All of them are wanted in the first lines; ``a|b``: either."""
+    size: tuple[str, float] | None = None
+    """Effect or parameter and its true size [its unit]."""
+
+
+CALIBRATED = "NO STRUCTURAL GAP, CALIBRATED"
+STORIES: dict[str, Story] = {
+    "head": Story(
+        settings={"bodies.head.mass": "7.02 g", "bodies.head.inertia": "2.79 kg mm^2"},
+        verdicts=(CALIBRATED,),
+        words=("hammer head", "lighter"),
+        size=("mass.head", -0.1),
+    ),
+    # Heavier in mass alone, as one would set it; the tolerance scales inertia as well.
+    "heavy": Story(
+        settings={"bodies.head.mass": "9 g"},
+        verdicts=(CALIBRATED,),
+        words=("hammer head", "heavier"),
+        size=("mass.head", 0.154),
+    ),
+    "felt": Story(
+        settings={
+            "contacts.03.loading.a": "21600 N/m",
+            "contacts.03.loading.c": "-17920 N/m",
+            "contacts.03.unloading.a": "336 N/m",
+            "contacts.03.unloading.c": "2192 N/m",
+        },
+        verdicts=(CALIBRATED, "NAMED"),
+        words=("key capstan - whippen|contact 03|felt_stiffness.03", "softer|felt_stiffness.03"),
+        size=("felt.03", -0.2),
+    ),
+    "let_off": Story(
+        # The hammer is 1 mm farther from the string when it lets off.
+        settings={"surfaces.Gp10.point.y": "76.88"},
+        verdicts=(CALIBRATED, "NAMED"),
+        words=("let-off button|let_off_button", "mm|let_off_button"),
+        size=("let_off_button", -0.12e-3),
+    ),
+    "string": Story(
+        settings={"string.count": "2"},
+        verdicts=(CALIBRATED, "NAMED", "ONE OF"),
+        words=("string",),
+        size=("string_impedance", -1.0 / 3.0),
+    ),
+    "friction": Story(
+        settings={"bodies.whippen.friction.amplitude": "2.4e-3 N m"},
+        verdicts=(CALIBRATED, "NAMED", "ONE OF"),
+        words=("friction", "whippen"),
+        size=("coulomb_friction.whippen", 2.4e-3 - 7.94e-4),
+    ),
+    "tilt": Story(
+        seen=_tilted(0.035),
+        verdicts=("NAMED",),
+        words=("camera_tilt|tilt",),
+        size=("camera_tilt", 0.035),
+    ),
+    "scale": Story(
+        seen=_scaled(1.06),
+        verdicts=("NAMED",),
+        words=("camera_scale|scale",),
+        size=("camera_scale", 0.06),
+    ),
+    "unit": Story(unit="cm", verdicts=("DATA PROBLEM",), words=("unit",)),
+    "absolute": Story(absolute=True, verdicts=("NO GAP",), words=()),
+    "late": Story(
+        seen=_late(2e-3),
+        verdicts=("NAMED",),
+        words=("input_delay|force sensor",),
+        size=("input_delay", 2e-3),
+    ),
+    "nothing": Story(verdicts=("NO GAP",), words=()),
+    "other": Story(machine="steinway45_printed", verdicts=("UNKNOWN", "DATA PROBLEM"), words=()),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What a diagnosis said and took."""
+
+    first: tuple[str, ...]
+    """First lines of the terminal, 80 columns."""
+    verdict: str
+    code: int
+    wall: float
+    """[s]"""
+    processor: float
+    """[s]"""
+
+    def missing(self, story: Story) -> list[str]:
+        """What the first lines do not say."""
+        text = " ".join(self.first).lower()
+        lacks = [w for w in story.words if not any(a.lower() in text for a in w.split("|"))]
+        return lacks + ([] if self.verdict in story.verdicts else [" or ".join(story.verdicts)])
+
+
+def _command(*arguments: str) -> list[str]:
+    return [sys.executable, "-m", "feltmb", *arguments]
+
+
+def _run_of(story: Story, stroke: str, folder: Path) -> Table:
+    """Columns of a run [SI]."""
+    out = folder / "runs" / f"{stroke}.csv"
+    out.parent.mkdir(parents=True, exist_ok=True)
+    options = ["--duration", str(STROKES[stroke]), "--output-rate", str(RATE), "-o", str(out)]
+    for path, value in story.settings.items():
+        options += ["--set", f"{path}={value}"]
+    subprocess.run(
+        _command("stroke", story.machine, stroke, *options, "--force"),
+        check=True,
+        stdout=subprocess.DEVNULL,
+    )
+    with out.open(newline="", encoding="utf-8") as file:
+        rows = csv.reader(file)
+        names = [n.partition(" [")[0] for n in next(rows)]
+        data = np.array([[float(v) for v in row] for row in rows])
+    columns = dict(zip(names, data.T, strict=True))
+    table = {"time": columns["time"], "force": columns["finger.force"]}
+    table |= {c: columns[c] for c in CHANNELS}
+    points = {c.rpartition(".")[0] for c in CHANNELS}
+    return table | {f"{p}.raw_{a}": columns[f"{p}.{a}"] for p in points for a in "xy"}
+
+
+def make(story: Story, folder: Path, strokes: tuple[str, ...] = tuple(STROKES)) -> list[Path]:
+    """Measured files of a story."""
+    paths = []
+    for k, stroke in enumerate(strokes):
+        random = np.random.default_rng(100 + k)
+        table = _run_of(story, stroke, folder)
+        if not story.absolute:
+            table = {n: v - v[0] if n.endswith((".x", ".y")) else v for n, v in table.items()}
+            table |= {n: table[n] - table[n][0] for n in table if ".raw_" in n}
+        table = story.seen(table)
+        table["force"] = table["force"] + CELL * random.standard_normal(table["time"].size)
+        header = ["Time [ms]", "Force [N]", *(f"{c} [{story.unit}]" for c in CHANNELS)]
+        columns = [1e3 * table["time"], table["force"]]
+        for name in CHANNELS:
+            noise = CAMERA * random.standard_normal(table["time"].size)
+            columns.append(1e3 * (table[name] + noise))
+        path = folder / f"{stroke}.csv"
+        with path.open("w", newline="", encoding="utf-8") as file:
+            rows = csv.writer(file, delimiter=";")
+            rows.writerow(header)
+            rows.writerows([f"{v:.4f}" for v in row] for row in zip(*columns, strict=True))
+        paths.append(path)
+    return paths
+
+
+def diagnose(paths: list[Path], *options: str, timeout: float = 900.0) -> Outcome:
+    """Run ``feltmb gap diagnose steinway45`` as somebody would."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    start = time.perf_counter()
+    files = [str(p) for p in paths]
+    try:
+        done = subprocess.run(
+            _command("gap", "diagnose", "steinway45", *files, *options),
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+            env={**os.environ, "COLUMNS": "80"},
+        )
+        text, errors, code = done.stdout, done.stderr, done.returncode
+    except subprocess.TimeoutExpired:
+        text, errors, code = "", f"not done after {timeout:g} s", 124
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    # A fault is told below the lines of the progress.
+    lines = (text or errors[errors.rfind("feltmb: ") + 8 :]).strip().splitlines()
+    if paths:
+        (paths[0].parent / "said.txt").write_text(text + "\n--- stderr\n" + errors)
+    return Outcome(
+        first=tuple(lines[:LINES]),
+        verdict=lines[0].partition(":")[0] if lines else "",
+        code=code,
+        wall=time.perf_counter() - start,
+        processor=after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
+    )
+
+
+def main() -> None:
+    """Make and diagnose stories."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("names", nargs="*", metavar="STORY", help=", ".join(STORIES))
+    parser.add_argument("-o", "--out", type=Path, required=True)
+    parser.add_argument("--make-only", action="store_true")
+    arguments = parser.parse_args()
+    for name in arguments.names or STORIES:
+        story = STORIES[name]
+        paths = make(story, arguments.out / name)
+        if arguments.make_only:
+            continue
+        outcome = diagnose(paths)
+        lacks = outcome.missing(story)
+        told = "right" if not lacks else "LACKS " + "; ".join(lacks)
+        print(
+            f"== {name}: {told}; {outcome.wall:.0f} s, {outcome.processor:.0f} s of processor",
+            *outcome.first,
+            "",
+            sep="\n",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
