@@ -909,7 +909,6 @@ class StrapDescription:
 class StringDescription:
     moving_strike_point: bool
     name: str
-    other_surfaces: list[str]
     parameters: StringParameters
     rigid: bool
     surface: str
@@ -940,6 +939,10 @@ class StringDescription:
             typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex
         ],
     ) -> None: ...
+    @property
+    def other_surfaces(self) -> list[str]: ...
+    @other_surfaces.setter
+    def other_surfaces(self, arg1: collections.abc.Sequence[str]) -> None: ...
     @property
     def strike_position(self) -> float: ...
     @strike_position.setter
@@ -1380,6 +1383,7 @@ class SensitivitySegment:
 
 class SensitivityOptions:
     simulation: SimulationOptions
+    whole_models: bool
     def __init__(self) -> None: ...
     def add_rule(
         self,
@@ -1408,10 +1412,6 @@ class SensitivityOptions:
     def tolerance(self) -> float: ...
     @tolerance.setter
     def tolerance(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
-    @property
-    def whole_models(self) -> bool: ...
-    @whole_models.setter
-    def whole_models(self, arg0: bool) -> None: ...
 
 class SensitivityEvent:
     @property
