@@ -41,7 +41,8 @@ def vec(value: tuple[float, ...]) -> str:
 
 
 def friction(f: object) -> str:
-    return f"{{{number(f.amplitude)}, {number(f.b1)}, {number(f.b2)}, {number(f.threshold_speed)}}}"
+    coulomb = (f.amplitude, f.b1, f.b2, f.threshold_speed)
+    return "{{" + ", ".join(number(v) for v in coulomb) + "}, {}, {}}"
 
 
 def body(name: str, b: object) -> str:
@@ -121,7 +122,7 @@ def make(config: MechanismFile, digest: str) -> str:
         f"                       {{{number(s.diameter)}, {number(s.tension)}, {number(s.length)},\n"
         f"                        {number(s.linear_density)}, {number(s.young_modulus)},\n"
         f"                        {number(s.damping_ratio)}, {s.modes}, {s.count}}},\n"
-        f"                       {number(s.anchor)}, {vec(s.direction)}, true, 0.0}});"
+        f"                       {number(s.anchor)}, {vec(s.direction)}, true, 0.0, {{}}}});"
     )
     f = config.finger
     out.append(

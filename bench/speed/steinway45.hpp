@@ -17,31 +17,31 @@ inline MechanismDescription steinway45(bool flexible) {
   d.gravity = {0.0, -9.81};
   d.bodies.push_back({"balance_slider", "ground", JointKind::kPrismatic,
                       {0.0, 0.0}, {0.0, 1.0}, 0.0,
-                      "key.lift", {0.0664, 0.0, 0.0, 1e-05}, 0.0,
+                      "key.lift", {{0.0664, 0.0, 0.0, 1e-05}, {}, {}}, 0.0,
                       {0.0, 0.0}, 0.0, {}});
   d.bodies.push_back({"key", "balance_slider", JointKind::kRevolute,
                       {0.0, 0.0}, {0.0, 1.0}, 0.0,
-                      "key.angle", {0.0079, 0.0, 0.0, 0.0001}, 0.1176,
+                      "key.angle", {{0.0079, 0.0, 0.0, 0.0001}, {}, {}}, 0.1176,
                       {-0.0463, 0.0131}, 0.001741, {}});
   d.bodies.push_back({"whippen", "ground", JointKind::kRevolute,
                       {-0.178, 0.0489}, {0.0, 1.0}, 0.0,
-                      "whippen.angle", {0.000794, 0.0, 0.0, 0.0001}, 0.009506,
+                      "whippen.angle", {{0.000794, 0.0, 0.0, 0.0001}, {}, {}}, 0.009506,
                       {0.0293, 0.0070999999999999995}, 2.094e-05, {}});
   d.bodies.push_back({"jack", "whippen", JointKind::kRevolute,
                       {0.0338, 0.0145}, {0.0, 1.0}, 0.0,
-                      "jack.angle", {0.000397, 0.0, 0.0, 0.0001}, 0.002883,
+                      "jack.angle", {{0.000397, 0.0, 0.0, 0.0001}, {}, {}}, 0.002883,
                       {0.0012, 0.0256}, 1.8919999999999998e-06, {}});
   d.bodies.push_back({"butt", "ground", JointKind::kRevolute,
                       {-0.17300000000000001, 0.131}, {0.0, 1.0}, 0.0,
-                      "hammer.angle", {0.0025, 0.0, 0.0, 0.0001}, 0.00758,
+                      "hammer.angle", {{0.0025, 0.0, 0.0, 0.0001}, {}, {}}, 0.00758,
                       {0.0127, 0.0134}, 2.7e-06, {}});
   d.bodies.push_back({"damper", "ground", JointKind::kRevolute,
                       {-0.196, 0.129}, {0.0, 1.0}, 0.0,
-                      "damper.angle", {0.0049, 0.0, 0.0, 0.0001}, 0.01318,
+                      "damper.angle", {{0.0049, 0.0, 0.0, 0.0001}, {}, {}}, 0.01318,
                       {-0.004900000000000001, 0.039799999999999995}, 5.668e-05, {}});
   d.bodies.push_back({"wire", "whippen", JointKind::kWeld,
                       {0.0531, 0.0037}, {0.0, 1.0}, 1.3177235852557188,
-                      "", {0.0, 0.0, 0.0, 0.001}, 0.0033020519399999996,
+                      "", {{0.0, 0.0, 0.0, 0.001}, {}, {}}, 0.0033020519399999996,
                       {0.033049999999999996, 0.0}, 1.2022798630639497e-06, {}});
   if (flexible) {
     auto& beam = d.bodies.back();
@@ -57,11 +57,11 @@ inline MechanismDescription steinway45(bool flexible) {
   }
   d.bodies.push_back({"backcheck", "wire", JointKind::kWeld,
                       {0.06609999999999999, 0.0}, {0.0, 1.0}, 3.141592653589793,
-                      "", {0.0, 0.0, 0.0, 0.001}, 0.001921,
+                      "", {{0.0, 0.0, 0.0, 0.001}, {}, {}}, 0.001921,
                       {-0.014, -0.0014}, 1.76e-07, {}});
   d.bodies.push_back({"shank", "butt", JointKind::kWeld,
                       {0.0031000000000000003, 0.032}, {0.0, 1.0}, 1.5707963267948966,
-                      "", {0.0, 0.0, 0.0, 0.001}, 0.0016635004673999998,
+                      "", {{0.0, 0.0, 0.0, 0.001}, {}, {}}, 0.0016635004673999998,
                       {0.0465, 0.0}, 1.19896796187855e-06, {}});
   if (flexible) {
     auto& beam = d.bodies.back();
@@ -77,7 +77,7 @@ inline MechanismDescription steinway45(bool flexible) {
   }
   d.bodies.push_back({"head", "shank", JointKind::kWeld,
                       {0.093, 0.0}, {0.0, 1.0}, 0.0,
-                      "", {0.0, 0.0, 0.0, 0.001}, 0.0078,
+                      "", {{0.0, 0.0, 0.0, 0.001}, {}, {}}, 0.0078,
                       {0.0, 0.0369}, 3.1e-06, {}});
   d.surfaces.push_back({"Gp2", "ground", SurfaceKind::kCircle,
                         {-0.139, -0.388}, {0.0, 1.0}, 0.382,
@@ -173,82 +173,82 @@ inline MechanismDescription steinway45(bool flexible) {
                         ExponentialPair{{5520.0, 1580.0, -600.0}, {190.0, 5040.0, 3040.0},
                                         100.0,
                                         ExponentialPair::Form::kGuarded},
-                        {0.0, 0.0, 0.0, 0.001}, true});
+                        {{0.0, 0.0, 0.0, 0.001}, {}, {}}, true});
   d.contacts.push_back({2, "", "Gp3", "Kp4",
                         ExponentialPair{{2630.0, 1360.0, 800.0}, {7.8, 360.0, 210.0},
                                         100.0,
                                         ExponentialPair::Form::kGuarded},
-                        {0.0, 0.0, 0.0, 0.001}, true});
+                        {{0.0, 0.0, 0.0, 0.001}, {}, {}}, true});
   d.contacts.push_back({3, "", "Kp2", "Wp2",
                         ExponentialPair{{27000.0, 1150.0, -22400.0}, {420.0, 5250.0, 2740.0},
                                         100.0,
                                         ExponentialPair::Form::kGuarded},
-                        {0.332, 0.73, 1.0, 0.001}, true});
+                        {{0.332, 0.73, 1.0, 0.001}, {}, {}}, true});
   d.contacts.push_back({4, "", "Hbp4", "Jp2",
                         ExponentialPair{{17000.0, 15600.0, -4870.0}, {180.0, 43200.0, 15300.0},
                                         100.0,
                                         ExponentialPair::Form::kGuarded},
-                        {0.332, 0.73, 1.0, 0.001}, true});
+                        {{0.332, 0.73, 1.0, 0.001}, {}, {}}, true});
   d.contacts.push_back({5, "", "Jp3", "Gp10",
                         ExponentialPair{{2620.0, 2960.0, -1150.0}, {30.0, 7990.0, 2480.0},
                                         100.0,
                                         ExponentialPair::Form::kGuarded},
-                        {0.434, 1.78, 1.0, 0.001}, true});
+                        {{0.434, 1.78, 1.0, 0.001}, {}, {}}, true});
   d.contacts.push_back({6, "", "Hp2", "Gp6",
                         ExponentialPair{{23500.0, 1740.0, -24100.0}, {2000.0, 4520.0, -820.0},
                                         100.0,
                                         ExponentialPair::Form::kGuarded},
-                        {0.434, 1.78, 1.0, 0.001}, true});
+                        {{0.434, 1.78, 1.0, 0.001}, {}, {}}, true});
   d.contacts.push_back({7, "", "Gp8", "Hsp3",
                         ExponentialPair{{140.0, 730.0, 180.0}, {2.8, 1610.0, 260.0},
                                         100.0,
                                         ExponentialPair::Form::kGuarded},
-                        {0.0, 0.0, 0.0, 0.001}, true});
+                        {{0.0, 0.0, 0.0, 0.001}, {}, {}}, true});
   d.contacts.push_back({8, "", "Bcp2", "Hbp6",
                         ExponentialPair{{2420.0, 1590.0, -1160.0}, {120.0, 3620.0, 1360.0},
                                         100.0,
                                         ExponentialPair::Form::kGuarded},
-                        {1.085, 1.78, 1.0, 0.001}, true});
+                        {{1.085, 1.78, 1.0, 0.001}, {}, {}}, true});
   d.contacts.push_back({9, "", "Wp3", "Dp2",
                         ExponentialPair{{70800.0, 100.0, -70300.0}, {5490.0, 940.0, -6380.0},
                                         100.0,
                                         ExponentialPair::Form::kGuarded},
-                        {0.332, 0.73, 1.0, 0.001}, true});
+                        {{0.332, 0.73, 1.0, 0.001}, {}, {}}, true});
   d.contacts.push_back({10, "", "Dp3", "Gp9",
                         ExponentialPair{{280.0, 1000.0, 220.0}, {9.5, 2300.0, 330.0},
                                         100.0,
                                         ExponentialPair::Form::kGuarded},
-                        {0.0, 0.0, 0.0, 0.001}, true});
+                        {{0.0, 0.0, 0.0, 0.001}, {}, {}}, true});
   d.contacts.push_back({11, "", "Jp4", "Hbp5",
                         ExponentialPair{{440.0, 1630.0, 500.0}, {10.0, 3550.0, 800.0},
                                         100.0,
                                         ExponentialPair::Form::kGuarded},
-                        {0.434, 1.78, 1.0, 0.001}, true});
+                        {{0.434, 1.78, 1.0, 0.001}, {}, {}}, true});
   d.contacts.push_back({12, "", "Gp11", "Jp5",
                         ExponentialPair{{470.0, 1230.0, -90.0}, {30.0, 2770.0, 240.0},
                                         100.0,
                                         ExponentialPair::Form::kGuarded},
-                        {0.0, 0.0, 0.0, 0.001}, true});
+                        {{0.0, 0.0, 0.0, 0.001}, {}, {}}, true});
   d.contacts.push_back({13, "", "Bcp2", "Hbp8",
                         ExponentialPair{{2620.0, 1840.0, -2370.0}, {120.0, 4130.0, 1120.0},
                                         100.0,
                                         ExponentialPair::Form::kGuarded},
-                        {1.085, 1.78, 1.0, 0.001}, true});
+                        {{1.085, 1.78, 1.0, 0.001}, {}, {}}, true});
   d.contacts.push_back({14, "", "Bcp2", "Hbp7",
                         ExponentialPair{{2620.0, 1840.0, -2370.0}, {120.0, 4130.0, 1120.0},
                                         100.0,
                                         ExponentialPair::Form::kGuarded},
-                        {1.085, 1.78, 1.0, 0.001}, true});
+                        {{1.085, 1.78, 1.0, 0.001}, {}, {}}, true});
   d.contacts.push_back({15, "", "Gp12", "Kp1",
                         ExponentialPair{{27000.0, 2640.0, -22710.0}, {3070.0, 6230.0, -2960.0},
                                         100.0,
                                         ExponentialPair::Form::kGuarded},
-                        {0.0, 0.0, 0.0, 0.001}, true});
+                        {{0.0, 0.0, 0.0, 0.001}, {}, {}}, true});
   d.contacts.push_back({16, "", "Gp13", "Dp4",
                         ExponentialPair{{280.0, 1000.0, 220.0}, {9.5, 2300.0, 330.0},
                                         100.0,
                                         ExponentialPair::Form::kGuarded},
-                        {0.0, 0.0, 0.0, 0.001}, false});
+                        {{0.0, 0.0, 0.0, 0.001}, {}, {}}, false});
   d.springs.push_back({"jack_spring", "jack.angle", 0.0069, 0.4});
   d.springs.push_back({"butt_spring", "hammer.angle", 0.00098, -2.8});
   d.springs.push_back({"damper_spring", "damper.angle", 0.0574, 0.7});
@@ -259,7 +259,7 @@ inline MechanismDescription steinway45(bool flexible) {
                        {0.00099, 654.0, 0.6315,
                         0.00598, 200000000000.0,
                         0.07, 40, 3},
-                       0.0, {0.0, -1.0}, true, 0.0});
+                       0.0, {0.0, -1.0}, true, 0.0, {}});
   d.finger = FingerDescription{"key", {0.225, 0.0251}, {0.0, -1.0},
                                HuntCrossley{110000.0, 1.5, 1.0}};
   d.start_pose = {{"hammer.angle", -0.4}, {"jack.angle", 0.25}};
