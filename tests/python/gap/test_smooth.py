@@ -74,7 +74,7 @@ def test_it_is_the_ratio_of_two_likelihoods(tau: float) -> None:
     best = 0.0
     for share in smooth.LENGTHS:
         k = np.arange(smooth.MOST)
-        rate = np.pi * k[np.pi * k * tau <= smooth.SLOW]
+        rate = np.pi * k[np.pi * k * tau <= smooth.SLOW_COLOR]
         basis = np.cos(rate * TIME[:, None]) / (1.0 + (rate * share) ** 2 / 3.0) * SIGMA
         kernel = basis @ basis.T
         signal = np.block([[kernel, zero], [zero, kernel]])
