@@ -59,7 +59,7 @@ void Assembler::add_springs() {
   for (const auto& s : d_.springs) {
     const std::string where = "spring \"" + s.name + "\"";
     const int index = find_coordinate(s.coordinate, where);
-    check(s, where + ": ");
+    check(s, where + ": ", site_of(index));
     if (s.clearance > 0.0 && s.seating == 0.0) {
       fault(where + ": seating = 0, must be > 0 with a clearance");
     }
@@ -73,7 +73,7 @@ void Assembler::add_dashpots() {
   for (const auto& s : d_.dashpots) {
     const std::string where = "dashpot \"" + s.name + "\"";
     const int index = find_coordinate(s.coordinate, where);
-    check(s, where + ": ");
+    check(s, where + ": ", site_of(index));
     if (index >= 0) m_->dashpots.push_back({index, s.coefficient, s.side});
   }
 }

@@ -83,7 +83,8 @@ void Assembler::add_bodies() {
     if (b.joint == JointKind::kPrismatic && std::abs(norm(b.axis) - 1.0) > 1e-6) {
       fault(where + format(": axis has length %.6g, must be 1", norm(b.axis)));
     }
-    check(b.friction, where + ": friction ");
+    check(b.friction, where + ": friction ",
+          b.joint == JointKind::kPrismatic ? Site::kPrismatic : Site::kRevolute);
   }
   std::vector<const BodyDescription*> waiting;
   for (const auto& b : d_.bodies) waiting.push_back(&b);

@@ -65,7 +65,7 @@ void Assembler::add_contacts() {
     if (!numbers.insert(c.number).second) fault(where + ": the number is given twice");
     const auto* sa = find_surface(c.surface_a, where);
     const auto* sb = find_surface(c.surface_b, where);
-    check(c.friction, where + ": friction ");
+    check(c.friction, where + ": friction ", Site::kContact);
     Contact contact;
     contact.number = c.number;
     contact.name = format("contact%02d", c.number);

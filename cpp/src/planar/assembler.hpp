@@ -46,8 +46,13 @@ class Assembler {
   static void merge(Link& link, double mass, Vec2 center, double inertia);
   /// Faults of the numbers that are out of their range.
   template <class S>
-  void check(const S& numbers, const std::string& where) {
-    check_numbers(numbers, [&](const std::string& text) { fault(where + text); });
+  void check(const S& numbers, const std::string& where, Site site = Site::kAny) {
+    check_numbers(numbers, [&](const std::string& text) { fault(where + text); }, site);
+  }
+  Site site_of(int coordinate) const {
+    return coordinate < 0 || m_->coordinate_is_angle[static_cast<std::size_t>(coordinate)]
+               ? Site::kRevolute
+               : Site::kPrismatic;
   }
   void add_surfaces();
   static const char* kind_name(SurfaceKind kind);

@@ -336,9 +336,9 @@ def whole_models(monkeypatch):
     """A switch: one right-hand side with the shifted model for every parameter."""
     core, state = _core.sensitivities, {"on": False}
 
-    def call(mechanism, profile, motion, parameters, windows, options, *more):
+    def call(mechanism, drive, parameters, segments, options, *more):
         options.whole_models = state["on"]
-        return core(mechanism, profile, motion, parameters, windows, options, *more)
+        return core(mechanism, drive, parameters, segments, options, *more)
 
     monkeypatch.setattr(_core, "sensitivities", call)
     return state

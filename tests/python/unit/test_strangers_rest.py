@@ -310,10 +310,3 @@ def test_every_picture_of_the_docs_is_drawn_by_a_command(monkeypatch):
     assert kept == set(drawn) | benched
     shown = "".join(p.read_text() for p in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")))
     assert all(f"img/{name}" in shown for name in kept)
-
-
-def test_a_second_contact_of_a_string_is_refused():
-    # A damper on the struck string; docs/mechanism_files.md says that it cannot be.
-    damper = {"contacts.10.surfaces": ["Dp3", "Gp6"]}
-    with pytest.raises(InvalidParameter, match='surface "Gp6" is struck by two contacts'):
-        load_action("steinway45").with_values(damper)

@@ -553,10 +553,10 @@ def test_thousands_of_points_are_checked_in_one_pass():
     # each name was counted in all of them: 2.7 s for 4000 points, and 60 times that for these
     from feltmb.mechanism.checking import _output_faults
 
-    points = {f"p{i}": {"body": "b0", "point": [0.0, 0.0]} for i in range(30_000)}
-    assert _output_faults({"points": points}) == []
-    twice = {**points, "b0": {}, "x/y": {}}
-    assert len(_output_faults({"points": twice, "bodies": {"b": {"coordinate": "p1.x"}}})) == 5
+    outputs = [f"p{i}.{axis}" for i in range(30_000) for axis in ("x", "y", "vx", "vy")]
+    assert _output_faults(outputs) == []
+    told = _output_faults([*outputs, "p1.x", "time", "x/y.x", "x/y.y", "x/y.vx"])
+    assert len(told) == 5
 
 
 # ---------------------------------------------------------------- sweeps that go on

@@ -20,8 +20,12 @@ struct Range {
   std::string text() const;  ///< such as "> 0" or "in (0, 2]"
 };
 
-/// "name = value unit, must be range".
-std::string number_fault(const char* name, double value, const char* unit, const Range& range);
+/// Where a number acts that has another unit at each.
+enum class Site { kAny, kRevolute, kPrismatic, kContact };
+
+/// "name = value unit, must be range"; of several units that of the site.
+std::string number_fault(const char* name, double value, const char* unit, const Range& range,
+                         Site site = Site::kAny);
 
 constexpr Range any_number() { return {}; }
 constexpr Range above(double low) {
@@ -91,11 +95,11 @@ void each_field(S& object, Use&& use) {
 
 /// Calls `fault(text)` for each number that is out of its range.
 template <class S, class Fault>
-void check_numbers(const S& object, Fault&& fault) {
+void check_numbers(const S& object, Fault&& fault, Site site = Site::kAny) {
   each_field(object, [&]<class F, class T>(const F& field, const T& value) {
     if constexpr (std::is_same_v<T, double> || std::is_same_v<T, int>) {
       if (!field.range.holds(value))
-        fault(number_fault(field.name, value, field.unit, field.range));
+        fault(number_fault(field.name, value, field.unit, field.range, site));
     }
   });
 }
