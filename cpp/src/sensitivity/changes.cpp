@@ -1,7 +1,6 @@
 #include "changes.hpp"
 
 #include <algorithm>
-#include <functional>
 
 #include "feltmb/contact/laws/catalog.hpp"
 
@@ -83,7 +82,7 @@ void compare_contacts(const Mechanism& a, const Mechanism& b, Changes& out) {
     const Contact& other = b.contacts[i];
     Changes::OfContact of{i};
     of.law = !same_law(one.law.parameters(), other.law.parameters());
-    of.friction = one.friction != other.friction;
+    of.friction = !same_fields(one.friction, other.friction);
     of.geometry = !same_geometry(one, other);
     if (!of.law && !of.friction && !of.geometry) continue;
     auto known = std::find_if(out.contacts.begin(), out.contacts.end(),
@@ -193,7 +192,8 @@ Changes find_changes(const Mechanism& mechanism, const Input& input,
     out.points = out.points ||
                  !all_same(mechanism.points, other.points,
                            [](const auto& a, const auto& b) { return same(a.point, b.point); });
-    add_differing(mechanism.joint_friction, other.joint_friction, std::equal_to<>(), out.joints);
+    add_differing(mechanism.joint_friction, other.joint_friction, same_fields<Friction>,
+                  out.joints);
     add_differing(mechanism.springs, other.springs, same_spring, out.springs);
     add_differing(mechanism.dashpots, other.dashpots, same_dashpot, out.dashpots);
     add_differing(mechanism.straps, other.straps, same_strap, out.straps);

@@ -57,7 +57,6 @@ struct CoulombFriction {
                "v_t, at which tanh turns over"),
     };
   }
-  bool operator==(const CoulombFriction&) const = default;
   bool acts() const { return amplitude != 0.0; }
   FrictionValue at(double v, double v_t) const {
     const double x = v / v_t;
@@ -98,7 +97,6 @@ struct DragFriction {
                "D of D |v| v"),
     };
   }
-  bool operator==(const DragFriction&) const = default;
   bool acts() const { return viscous != 0.0 || quadratic != 0.0; }
   FrictionValue at(double v, double) const {
     return {(viscous + quadratic * std::fabs(v)) * v, viscous + 2.0 * quadratic * std::fabs(v)};
@@ -121,7 +119,6 @@ struct StribeckFriction {
                "v_s, beyond which it dies away"),
     };
   }
-  bool operator==(const StribeckFriction&) const = default;
   bool acts() const { return stribeck != 0.0; }
   FrictionValue at(double v, double v_t) const {
     const double y = v / stribeck_speed;
@@ -137,7 +134,6 @@ struct StribeckFriction {
 template <class... Terms>
 struct FrictionSum : Terms... {
   static constexpr auto fields() { return std::tuple_cat(Terms::fields()...); }
-  bool operator==(const FrictionSum&) const = default;
   bool acts() const { return (Terms::acts() || ...); }
 
   /// Whether a term that acts turns over within a few threshold speeds.

@@ -93,6 +93,14 @@ void each_field(S& object, Use&& use) {
              std::remove_const_t<S>::fields());
 }
 
+/// Whether all fields of two objects are equal.
+template <class S>
+bool same_fields(const S& a, const S& b) {
+  return std::apply(
+      [&](const auto&... field) { return ((a.*(field.member) == b.*(field.member)) && ...); },
+      S::fields());
+}
+
 /// Calls `fault(text)` for each number that is out of its range.
 template <class S, class Fault>
 void check_numbers(const S& object, Fault&& fault, Site site = Site::kAny) {
