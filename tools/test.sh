@@ -6,13 +6,11 @@ set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/setup.sh"
 
 pytest_options=()
-all_tests=true
 for argument in "$@"; do
   if [ "$argument" = --slow ]; then
     pytest_options+=(-m 'slow or not slow')
   else
     pytest_options+=("$argument")
-    all_tests=false
   fi
 done
 
@@ -98,24 +96,8 @@ if [ "$failures" -gt 0 ]; then
 fi
 printf '  %s\n\n' 'Python tests   follow'
 
-# Two processes for all tests: fits and diagnoses here, the rest beside them. (Those that interrupt
-# themselves are here: a process in the background does not see an interrupt.)
-python_tests() {
-  local here=(tests/python/adapters tests/python/blind tests/python/gap) log status=0
-  if [ "$all_tests" = false ]; then
-    pytest "${pytest_options[@]}"
-    return
-  fi
-  log=$(mktemp)
-  pytest -p no:cacheprovider "${pytest_options[@]}" tests/python "${here[@]/#/--ignore=}" >"$log" 2>&1 &
-  pytest "${pytest_options[@]}" "${here[@]}" || status=$?
-  wait $! || status=$?
-  cat "$log"
-  rm -f "$log"
-  return "$status"
-}
-
+# Tests that share a fixture stay in one process until a process runs out of work.
 status=0
-python_tests || status=$?
+pytest --numprocesses "$(nproc)" --dist worksteal "${pytest_options[@]}" || status=$?
 [ "$failures" -eq 0 ] || exit 1
 exit "$status"

@@ -75,6 +75,8 @@ def strengths(names: Sequence[str] | None = None) -> tuple[list[str], dict[str, 
     tied = TIGHT * scale
     tied[vibrating] = np.maximum(tied, PHASE * spread)[vibrating]
     pairs = [(segmented, linear) for segmented, linear, _ in parts]
+    if library.until is None:
+        raise ValueError("the library has no [until], so a single segment has no end")
     short = [_until(p, library.until.after_turn) for p in pairs]
     still = [_without_process(model, p) for p in pairs]
     found = {
@@ -144,7 +146,8 @@ def _noncentrality(model: Any, parts: list[Part], gap_sd: Array, effects: Sequen
     own = gram[:n, :n] + np.eye(n)
     cross = gram[:n, n:]
     left = np.diag(gram)[n:] - np.einsum("ij,ij->j", cross, np.linalg.solve(own, cross))
-    return np.sqrt(np.maximum(left, 0.0))
+    result: Array = np.sqrt(np.maximum(left, 0.0))
+    return result
 
 
 def table(names: Sequence[str], found: dict[str, Array]) -> str:

@@ -97,7 +97,7 @@ TEST_CASE("each fault has a message that says where, what was got and what is ex
 
   d = good();
   d.bodies[0].friction.threshold_speed = 0.0;
-  check_fault(d, "friction threshold_speed = 0, must be > 0");
+  check_fault(d, "body \"lever\": friction threshold_speed = 0 rad/s, must be > 0");
 
   d = good();
   d.bodies.push_back(body("lever"));
