@@ -294,15 +294,11 @@ def _with_actuator(
 
 
 def _inputs(action: Action, stroke: Stroke, options: dict[str, Any], start: Path | None) -> str:
-    """SHA-256 of all that a run follows from."""
-    import hashlib
-    import json
+    """Digest of all that a run follows from."""
+    from feltmb.files import digest_of, package_digest
 
-    from feltmb import __version__
-
-    first = None if start is None else hashlib.sha256(start.read_bytes()).hexdigest()
-    told = [__version__, action.hash, stroke.as_dict(), options, first]
-    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
+    first = None if start is None else start.read_bytes()
+    return digest_of(package_digest(), action.hash, stroke.as_dict(), options, first)
 
 
 def _finished(targets: list[Path | None], keys: list[str]) -> dict[int, Run]:

@@ -23,17 +23,21 @@ from feltmb.files.access import (
     write_file,
     write_text,
 )
-from feltmb.files.digest import package_digest
+from feltmb.files.digest import digest_of, package_digest
+from feltmb.files.store import Kept, Store
 
 __all__ = [
     "LARGEST_JSON",
     "LARGEST_TABLE",
     "MOST_EXTENDS",
     "NPZ_FAULTS",
+    "Kept",
+    "Store",
     "beside",
     "check_folder",
     "check_suffix",
     "check_writable",
+    "digest_of",
     "is_file",
     "make_folder",
     "named_file",

@@ -43,6 +43,7 @@ __all__ = [
 LARGEST_TOML = 10_000_000  # bytes
 LARGEST_TABLE = 200_000_000  # bytes of a CSV file
 LARGEST_JSON = 100_000_000  # bytes
+LARGEST_FILE = 4_000_000_000  # bytes of a NetCDF file
 LARGEST_ARRAYS = 1_000_000_000  # bytes of the arrays in one .npz file
 MOST_EXTENDS = 20  # files that extend one another
 DEEPEST_KEY = 50  # parts of a dotted key

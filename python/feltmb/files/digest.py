@@ -1,15 +1,49 @@
-"""Digest of feltmb as it is installed."""
+"""Digests of what a result depends on: its inputs, and feltmb as it is installed."""
 
 from __future__ import annotations
 
 import hashlib
 import sys
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 from feltmb.errors import DataError
 
-__all__ = ["package_digest"]
+__all__ = ["digest_of", "package_digest"]
+
+
+def digest_of(*parts: object) -> str:
+    """SHA-256 of texts, numbers, arrays, and lists and mappings of them.
+
+    Arrays count by their shape and bytes, mappings by their sorted keys, all else as ``repr`` shows
+    it.
+    """
+    digest = hashlib.sha256()
+    for word in _words(parts):
+        digest.update(word)
+        digest.update(b"|")
+    return digest.hexdigest()
+
+
+def _words(part: Any) -> Iterator[bytes]:
+    if isinstance(part, bytes):
+        yield f"bytes {len(part)}".encode()
+        yield part
+    elif hasattr(part, "tobytes") and hasattr(part, "shape"):
+        yield f"array {part.dtype} {part.shape}".encode()
+        yield part.tobytes()
+    elif isinstance(part, Mapping):
+        yield f"mapping {len(part)}".encode()
+        for key in sorted(part, key=str):
+            yield from _words((key, part[key]))
+    elif type(part) in (list, tuple):
+        yield f"sequence {len(part)}".encode()
+        for each in part:
+            yield from _words(each)
+    else:
+        yield repr(part).encode()
 
 
 @lru_cache(maxsize=1)

@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from feltmb.files import open_input, plain_text
+from feltmb.files.access import LARGEST_FILE, open_input, plain_text
 
 if TYPE_CHECKING:
     import numpy as np
@@ -30,7 +30,6 @@ __all__ = ["HDF5_FAULTS", "Hdf5Dataset", "Hdf5File", "open_hdf5"]
 HDF5_FAULTS = (OSError, ValueError, LookupError, TypeError, AttributeError, RuntimeError,
                NotImplementedError, MemoryError)  # fmt: skip
 
-LARGEST_FILE = 4_000_000_000  # bytes
 MOST_NAMES = 100_000  # at the top level of a file, and attributes of one entry
 MOST_TEXTS = 1_000_000  # in the global heaps of a file
 MOST_CHUNKS = 1_000_000  # of one dataset

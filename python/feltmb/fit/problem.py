@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.data import Array
-from feltmb.fit.cache import Cache
+from feltmb.files import Store
 from feltmb.fit.filter import Chain, reduce_chain
 from feltmb.fit.linearize import InputColumns, Linear, Place, linearize, predict
 from feltmb.fit.model import Candidate, Model
@@ -60,7 +60,7 @@ class Problem:
     frozen: bool = False
     """Whether parameters and magnitudes are held (held-out records)."""
     input_knots: int = 6
-    cache: Cache | None = None
+    store: Store | None = None
     """Where finished optimizations are kept, if anywhere."""
 
     @property

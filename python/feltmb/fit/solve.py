@@ -8,8 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.files import package_digest
-from feltmb.fit.cache import Cache
+from feltmb.files import digest_of, package_digest
 from feltmb.fit.linearize import InputColumns, Linear, Place
 from feltmb.fit.model import Candidate, Jobs, Model
 from feltmb.fit.observe import machine_candidates, observe_jobs
@@ -196,12 +195,12 @@ def _optimize(
     settings: FitSettings,
     iterations: int,
 ) -> tuple[Point, float, list[Linear], bool]:
-    """Minimize from a point, or take the result from the cache of the problem."""
-    if problem.cache is None:
+    """Minimize from a point, or take the result from the store of the problem."""
+    if problem.store is None:
         return _minimize(problem, point, gap_sd, settings, iterations)
     linears = problem.linear(point)
     cost, parts = problem.cost_at(point, gap_sd, linears)
-    key = Cache.key(
+    key = digest_of(
         package_digest(),  # another code may find another minimum
         cost,
         *parts,
@@ -217,8 +216,9 @@ def _optimize(
         [(p.name, p.value, p.sd, p.lower, p.upper) for p in problem.model.parameters],
         *problem.room(point),
     )
-    known = problem.cache.get(key)
-    if known is not None:
+    kept = problem.store.get(key)
+    if kept is not None:
+        known = kept.arrays
         places = tuple(
             Place(known[f"starts{i}"], known[f"nuisances{i}"])
             for i in range(len(problem.segmented_records))
@@ -239,7 +239,7 @@ def _optimize(
         arrays |= {f"starts{i}": place.starts, f"nuisances{i}": place.nuisances}
     for i, linear in enumerate(linears):
         arrays |= {f"by_input{i}": linear.by_input, f"ends_by_input{i}": linear.ends_by_input}
-    problem.cache.put(key, arrays)
+    problem.store.put(key, {}, arrays)
     return found, cost, linears, converged
 
 

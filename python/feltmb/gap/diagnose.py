@@ -13,7 +13,7 @@ import numpy as np
 from feltmb.arguments import checked
 from feltmb.data import Record
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.fit.cache import Cache
+from feltmb.files import Store
 from feltmb.fit.model import Effect, Model
 from feltmb.fit.problem import Point, Problem
 from feltmb.fit.segmented_records import SegmentedRecord, segment_record
@@ -163,7 +163,7 @@ def _investigate(
     effects: Sequence[Effect],
     options: Options,
     settings: FitSettings,
-    cache: Cache | None,
+    store: Store | None,
     progress: Progress | None,
     near: Point | None = None,
 ) -> Search:
@@ -172,7 +172,7 @@ def _investigate(
     ``near``: where the model was fitted with less noise. From there it is soon fitted again; it
     begins at its priors only if that does not explain the records.
     """
-    problem, label = Problem(model, segmented_records, cache=cache), "the model alone"
+    problem, label = Problem(model, segmented_records, store=store), "the model alone"
     watch = current()
     watch.misfit = None  # other noise, another scale
     watch.enter(FIT)
@@ -311,7 +311,7 @@ def _diagnosed(
     lap("data checks")
 
     settings = options.fit or FitSettings(restarts=options.restarts, seed=options.seed)
-    cache = None if options.resume is None else Cache(options.resume)
+    store = None if options.resume is None else Store(options.resume)
     usable, not_tested = _usable(model, effects)
     try_effects(model, usable, fit_records[0])
     sensed = held_segmented_records
@@ -322,18 +322,18 @@ def _diagnosed(
     metric = "segmented" if model.chaotic else "open_loop"
     _check_units(model, tabulated, metric)
     lap("gap as it is")
-    first = _investigate(model, segmented_records, usable, options, settings, cache, progress)
+    first = _investigate(model, segmented_records, usable, options, settings, store, progress)
     model = first.model_fit.problem.model
     color = None
     if not (checks.estimated or watch.stopping()):
-        color = _recolored(first, segmented_records, settings, cache)
+        color = _recolored(first, segmented_records, settings, store)
     if color is not None:
         checks = _with_color(checks, color)
         segmented_records = tuple(with_color(model, s, color) for s in segmented_records)
         sensed = held_segmented_records = tuple(
             with_color(model, s, color) for s in held_segmented_records
         )
-        first = _investigate(model, segmented_records, usable, options, settings, cache, progress)
+        first = _investigate(model, segmented_records, usable, options, settings, store, progress)
         model = first.model_fit.problem.model
     found, rest_noise = first, None
     plain = segmented_records
@@ -349,7 +349,7 @@ def _diagnosed(
         held_segmented_records = tuple(with_noise(model, s, new) for s in sensed)
         near = found.model_fit.point
         found = _investigate(
-            model, segmented_records, usable, options, settings, cache, progress, near
+            model, segmented_records, usable, options, settings, store, progress, near
         )
         if watch.stopping():  # the search before is whole
             found, rest_noise, segmented_records, held_segmented_records = before
@@ -461,7 +461,7 @@ def _diagnosed(
         )
     beyond = None
     if accepted.best is None and not bare_misfit.left and not watch.over():
-        beyond = _beyond(accepted, held_segmented_records, settings, checks, cache, watch.say)
+        beyond = _beyond(accepted, held_segmented_records, settings, checks, store, watch.say)
         lap("how far")
     watch.enter(REPORT)
     best_fit = found.model_fit if accepted.best is None else accepted.best.fit
@@ -648,7 +648,7 @@ def _recolored(
     first: Search,
     segmented_records: tuple[SegmentedRecord, ...],
     settings: FitSettings,
-    cache: Cache | None,
+    store: Store | None,
 ) -> dict[str, float] | None:
     """Correlation times [s] of noise with which the model explains the records; None: of no use.
 
@@ -662,7 +662,7 @@ def _recolored(
         return None
     model = fit.problem.model
     colored = tuple(with_color(model, s, color) for s in segmented_records)
-    again = fit_problem(Problem(model, colored, cache=cache), settings)
+    again = fit_problem(Problem(model, colored, store=store), settings)
     tight = tighten(again, settings)
     if misfit(again, tight, estimated=False).left:
         return None
@@ -698,7 +698,7 @@ def _beyond(
     segmented_records: tuple[SegmentedRecord, ...],
     settings: FitSettings,
     checks: DataChecks,
-    cache: Cache | None,
+    store: Store | None,
     say: Callable[[str], None],
 ) -> float | None:
     """Sum of squares, of its expectation, that the model leaves of the held-out records alone.
@@ -711,7 +711,7 @@ def _beyond(
     if not accepted.before.gap(segmented_records, which) > WIDE_GAP:
         return None
     say("held-out records alone")
-    problem = Problem(model, segmented_records, cache=cache)
+    problem = Problem(model, segmented_records, store=store)
     here = replace(accepted.before.fit.point, memo={})
     fit = fit_problem(problem, settings, point=here)
     if not fit.explains:
@@ -773,9 +773,9 @@ def _fitted(
     model, records, checks = _ready(model, records)
     try_effects(model, (), records[0])
     segmented_records = prepare(model, records, checks, segment)
-    cache = None if resume is None else Cache(resume)
+    store = None if resume is None else Store(resume)
     watch.enter(FIT)
-    problem = Problem(model, segmented_records, cache=cache)
+    problem = Problem(model, segmented_records, store=store)
     fit = fit_problem(problem, settings, progress=watch.say)
     watch.fitted(fit.chi2 / fit.dof)
     told = prior_deviations_told(fit)

@@ -163,7 +163,7 @@ def _of_one(
     fit: Fit, segmented: SegmentedRecord, included: tuple[Candidate, Candidate]
 ) -> Array | None:
     """Normal equations of one planned run over parameters and the two effects."""
-    problem = replace(fit.problem, segmented_records=(segmented,), included=(), cache=None)
+    problem = replace(fit.problem, segmented_records=(segmented,), included=(), store=None)
     point: Point = problem.start(theta=fit.point.theta)
     gap_sd = fit.level * problem.scale(point)
     normal = problem.normal(point, problem.linear(point, included), gap_sd)

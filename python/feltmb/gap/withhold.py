@@ -8,11 +8,9 @@ the answer is an upper bound: a real machine differs from its model in more than
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +21,7 @@ from feltmb._core import __version__
 from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import DataError, FeltmbError, InvalidParameter
-from feltmb.files import make_folder, write_text
+from feltmb.files import Store, digest_of, make_folder, package_digest
 from feltmb.fit.model import Candidate, Effect, Jobs, Model, Parameter
 from feltmb.fit.observe import observe_jobs
 from feltmb.fit.problem import Problem
@@ -225,15 +223,15 @@ def withhold(
     store = None
     if folder is not None:
         digest = _digest(machine, effects, records, seed, turns, hold_out, options)
-        store = _Store(Path(folder), digest)
+        store = Store(make_folder(folder), digest)
     done = []
     for number in range(total):
-        case = None if store is None else store.read(number)
+        case = None if store is None else _case_of(store, number)
         if case is None:
             effect = known.get(turns[number % len(turns)])
             case = _run(machine, effects, effect, number, seed, hold_out, options)
             if store is not None:
-                store.write(case)
+                store.put(f"case_{number}", asdict(case))
         done.append(case)
         if progress is not None:
             progress(number + 1, total, case)
@@ -417,52 +415,12 @@ class _Machine:
 # ---------------------------------------------------------------- finished cases
 
 
-class _Store:
-    """Finished cases in a folder, with a digest of what they depend on."""
-
-    def __init__(self, folder: Path, digest: str):
-        self.folder = folder
-        self.digest = digest
-        make_folder(folder)
-        head = folder / "settings.json"
-        if head.is_file():
-            kept = self._load(head).get("digest")
-            if kept != digest:
-                raise InvalidParameter(
-                    f"{folder}: holds cases of another model, data, seed or version; "
-                    "expected an empty folder, or the same arguments as before"
-                )
-        else:
-            write_text(head, json.dumps({"digest": digest, "feltmb": __version__}) + "\n")
-
-    @staticmethod
-    def _load(path: Path) -> dict[str, Any]:
-        try:
-            found = json.loads(path.read_text("utf-8"))
-        except (OSError, ValueError, RecursionError):
-            return {}
-        return found if isinstance(found, dict) else {}
-
-    def _file(self, number: int) -> Path:
-        return self.folder / f"case_{number}.json"
-
-    def read(self, number: int) -> WithheldCase | None:
-        """A finished case; None if there is none that is whole and as it was written."""
-        found = self._load(self._file(number))
-        told = found.pop("checksum", None)
-        if told != self._checksum(found) or found.get("number") != number:
-            return None
-        return WithheldCase(**found | {k: tuple(found[k]) for k in ("named", "one_of")})
-
-    def write(self, case: WithheldCase) -> None:
-        # As it will be read: tuples are lists in JSON.
-        plain = json.loads(json.dumps(asdict(case)))
-        text = json.dumps(plain | {"checksum": self._checksum(plain)}, indent=1, sort_keys=True)
-        write_text(self._file(case.number), text + "\n", force=True)
-
-    def _checksum(self, plain: Mapping[str, Any]) -> str:
-        text = json.dumps(plain, sort_keys=True) + self.digest
-        return hashlib.sha256(text.encode()).hexdigest()
+def _case_of(store: Store, number: int) -> WithheldCase | None:
+    """A finished case; None if there is none that is whole and as it was written."""
+    kept = store.get(f"case_{number}")
+    if kept is None:
+        return None
+    return WithheldCase(**kept.data | {k: tuple(kept.data[k]) for k in ("named", "one_of")})
 
 
 def _digest(
@@ -476,29 +434,26 @@ def _digest(
 ) -> str:
     """Hash of what cases depend on; equations and effects count by what they give."""
     model = machine.model
-    digest = hashlib.sha256()
-
-    def words() -> Iterator[Any]:
-        yield __version__, seed, list(turns), hold_out, repr(replace(options, resume=None))
-        yield model.name, model.outputs, repr(model.parameters), repr(model.states(()))
-        for e in effects:
-            yield e.name, e.scale, e.sign, e.lower, e.upper, repr(e.shapes)
-        for r in records:
-            yield r.name, repr(sorted(r.sensors.items())), sorted(r.input_sigma.items()), r.role
-            yield repr(r.start), r.input_mode
-            yield from (r.time.tobytes(), *(r.inputs[k].tobytes() for k in sorted(r.inputs)))
-            yield from (r.outputs[k].tobytes() for k in sorted(r.outputs))
-        theta = np.array([p.value for p in model.parameters])
-        for k, (record, start) in enumerate(zip(machine.records, machine.starts, strict=True)):
-            included = [Candidate(e, e.shapes[0]) for e in effects] if k == 0 else []
-            for candidate in (None, *included):
-                low, high = (0.0, 0.0) if candidate is None else candidate.effect.bounds
-                magnitude = (
-                    0.0 if candidate is None else float(np.clip(candidate.effect.scale, low, high))
-                )
-                given = machine.outputs_of(record, theta, start, candidate, magnitude)
-                yield from (np.nan_to_num(given[name]).tobytes() for name in model.outputs)
-
-    for word in words():
-        digest.update(word if isinstance(word, bytes) else repr(word).encode())
-    return digest.hexdigest()
+    parts: list[Any] = [
+        package_digest(),
+        seed,
+        turns,
+        hold_out,
+        repr(replace(options, resume=None)),
+    ]
+    parts += [model.name, model.outputs, repr(model.parameters), repr(model.states(()))]
+    parts += [(e.name, e.scale, e.sign, e.lower, e.upper, repr(e.shapes)) for e in effects]
+    for r in records:
+        parts += [r.name, repr(sorted(r.sensors.items())), r.input_sigma, r.role, repr(r.start)]
+        parts += [r.input_mode, r.time, r.inputs, r.outputs]
+    theta = np.array([p.value for p in model.parameters])
+    for k, (record, start) in enumerate(zip(machine.records, machine.starts, strict=True)):
+        included = [Candidate(e, e.shapes[0]) for e in effects] if k == 0 else []
+        for candidate in (None, *included):
+            low, high = (0.0, 0.0) if candidate is None else candidate.effect.bounds
+            magnitude = (
+                0.0 if candidate is None else float(np.clip(candidate.effect.scale, low, high))
+            )
+            given = machine.outputs_of(record, theta, start, candidate, magnitude)
+            parts += [np.nan_to_num(given[name]) for name in model.outputs]
+    return digest_of(*parts)

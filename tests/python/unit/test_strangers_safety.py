@@ -601,17 +601,6 @@ def test_a_member_that_was_edited_is_computed_anew(pendulum, tmp_path, damage):
     assert sorted(whole) == sorted(p.name for p in tmp_path.glob("*.nc"))
 
 
-def test_a_result_of_a_fit_that_was_edited_is_computed_anew(tmp_path):
-    from feltmb.fit.cache import Cache
-
-    cache = Cache(tmp_path)
-    cache.put("k", {"x": np.arange(3.0)})
-    np.testing.assert_array_equal(cache.get("k")["x"], np.arange(3.0))
-    stored = dict(np.load(tmp_path / "k.npz"))
-    np.savez(tmp_path / "k.npz", **{**stored, "x": np.arange(3.0) + 1.0})
-    assert cache.get("k") is None
-
-
 # ---------------------------------------------------------------- models that end the program
 
 

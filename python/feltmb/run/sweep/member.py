@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -11,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from feltmb.arguments import checked
 from feltmb.errors import FeltmbError, IntegrationError
-from feltmb.files import package_digest
+from feltmb.files import digest_of, package_digest
 from feltmb.mechanism import Action
 from feltmb.run.stroke import Stroke
 
@@ -22,8 +20,6 @@ if TYPE_CHECKING:
     from feltmb.run.results import Run
 
     Array = npt.NDArray[np.float64]
-
-MEMBER_FORMAT = 2
 
 
 @checked
@@ -72,21 +68,15 @@ class Member:
     @cached_property
     def key(self) -> str:
         """SHA-256 of parameters, stroke, options, what is extracted, and code."""
-        text = json.dumps(
-            {
-                "format": MEMBER_FORMAT,
-                "code": package_digest(),
-                "action": self.action.hash,
-                "values": self.values,
-                "stroke": self.stroke.as_dict(),
-                "options": dict(self.options),
-                "extract": None if self.extract is None else self.extract.spec,
-                "run": bool(self.save_run),
-            },
-            sort_keys=True,
-            default=str,
+        return digest_of(
+            package_digest(),
+            self.action.hash,
+            self.values,
+            self.stroke.as_dict(),
+            self.options,
+            None if self.extract is None else self.extract.spec,
+            bool(self.save_run),
         )
-        return hashlib.sha256(text.encode()).hexdigest()
 
 
 @dataclass(frozen=True)
