@@ -17,8 +17,11 @@ from feltmb.gap.criteria import (
     EXPLAINS_MOST,
     INFLATED,
     LEAST_GAIN,
+    NO_EFFECT,
+    NOT_LISTED,
     PAIRED_P,
     PAIRED_P_INFLATED,
+    RIVAL,
     WALD,
     WIDE_GAP,
 )
@@ -48,7 +51,7 @@ class Posterior:
         return replace(self, other=self.other + lost, sets=sets)
 
 
-def posterior(search: Search, *, none: float = 0.5, other: float = 0.1) -> Posterior:
+def posterior(search: Search, *, none: float = NO_EFFECT, other: float = NOT_LISTED) -> Posterior:
     """Weigh the model as it is, the model with unknown forces, and the refitted sets.
 
     "Unknown" is the model with gaps between its segments; "none" the model without. Evidence is
@@ -300,7 +303,7 @@ class _Attempt:
         for c in self.search.sets:
             if c.key == best.key or len(c.names) > len(best.names):
                 continue
-            if (best.evidence - c.evidence) / self.inflation > math.log(20.0):
+            if (best.evidence - c.evidence) / self.inflation > RIVAL:
                 continue
             own = self.outcome(c.fit)
             if not self._improves(self.before, own):

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy import stats
+from scipy.sparse import csgraph
 
 from feltmb.data import Array
-from feltmb.gap.criteria import DETECTABLE
+from feltmb.gap.criteria import CONFUSED, DETECTABLE
 from feltmb.gap.score import Scores
 from feltmb.gap.search import Search
 
-__all__ = ["confused", "confusion", "confusion_at"]
+__all__ = ["confused", "confused_groups", "confusion", "confusion_at"]
 
 
 def confused(gram: Array, magnitudes: Array) -> Array:
@@ -51,3 +54,20 @@ def confusion(scores: Scores, search: Search) -> Array:
                 if t.name == candidate.name:
                     magnitudes[i] = max(abs(float(size)) / t.effect.scale, DETECTABLE / strength[i])
     return confusion_at(scores, magnitudes)
+
+
+def confused_groups(names: Sequence[str], chance: Array) -> tuple[tuple[str, ...], ...]:
+    """Names of effects that would be taken for each other, directly or by way of a third.
+
+    Parameters
+    ----------
+    names
+        One a candidate; the same for each shape of an effect, empty for what is not tested.
+    chance
+        Probability to take one candidate for another, see :func:`confusion`.
+    """
+    count, label = csgraph.connected_components(chance > CONFUSED, directed=False)
+    groups = [
+        {n for n, own in zip(names, label, strict=True) if n and own == k} for k in range(count)
+    ]
+    return tuple(sorted({tuple(sorted(group)) for group in groups if len(group) > 1}))

@@ -13,7 +13,7 @@ from feltmb.fit.model import Effect, Model
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit
 from feltmb.gap.acceptance import Accepted, Posterior
-from feltmb.gap.advise import confusion
+from feltmb.gap.advise import confused_groups, confusion
 from feltmb.gap.calibrate import Null
 from feltmb.gap.findings import (
     Closest,
@@ -193,26 +193,10 @@ def _where_refitted(search: Search, accepted: Accepted, name: str) -> CandidateS
 
 
 def _classes(search: Search) -> tuple[tuple[str, ...], ...]:
-    """Groups of effects that would be taken for each other more often than one time in ten."""
+    """Groups of effects that would be taken for each other."""
     scores = search.tight if search.tight is not None else search.scores
-    chance = confusion(scores, search)
-    parent = list(range(len(scores.candidates)))
-
-    def root(i: int) -> int:
-        while parent[i] != i:
-            i = parent[i]
-        return i
-
-    for i in range(len(scores.candidates)):
-        for j in range(i):
-            if chance[i, j] > 0.1:
-                parent[root(i)] = root(j)
-    groups: dict[int, list[str]] = {}
-    for i, t in enumerate(scores.candidates):
-        if scores.testable[i]:
-            groups.setdefault(root(i), []).append(t.name)
-    unique = {tuple(sorted(set(g))) for g in groups.values()}
-    return tuple(sorted(g for g in unique if len(g) > 1))
+    names = [c.name if ok else "" for c, ok in zip(scores.candidates, scores.testable, strict=True)]
+    return confused_groups(names, confusion(scores, search))
 
 
 def _per_channel(

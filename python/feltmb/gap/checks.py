@@ -13,7 +13,19 @@ from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit import Model
 from feltmb.fit.noise import Noise
 from feltmb.gap.color import color_at_rest, still_blocks
-from feltmb.gap.criteria import COARSE, MOST_CLIPPED, MOST_MISSING
+from feltmb.gap.criteria import (
+    AWAY_FROM_REST,
+    CLOCK_JUMP,
+    COARSE,
+    FINE_DIGITS,
+    MOST_CLIPPED,
+    MOST_MISSING,
+    QUIET_BLOCKS,
+    SAME_CLOCK,
+    STANDS_STILL,
+    UNEVEN_STEP,
+    WHOLE_STEPS,
+)
 from feltmb.units import conversion_factor
 
 __all__ = ["ChannelCheck", "DataChecks", "check_records"]
@@ -252,15 +264,18 @@ def _colored(
 def _clock(record: Record, problems: list[str], warnings: list[str]) -> None:
     steps = np.diff(record.time)
     middle = float(np.median(steps))
-    if steps.max() > 20.0 * middle:
+    shortest, longest = UNEVEN_STEP
+    if steps.max() > CLOCK_JUMP * middle:
         at = int(np.argmax(steps))
         problems.append(
             f"{record.name}: the clock jumps by {steps[at]:g} s at {record.time[at]:g} s "
             f"(median step {middle:g} s); split the record there"
         )
-    elif steps.max() > 1.5 * middle or steps.min() < 0.5 * middle:
-        lost = int(np.sum(steps > 1.5 * middle))
-        warnings.append(f"{record.name}: uneven clock, {lost} steps are longer than 1.5 medians")
+    elif steps.max() > longest * middle or steps.min() < shortest * middle:
+        lost = int(np.sum(steps > longest * middle))
+        warnings.append(
+            f"{record.name}: uneven clock, {lost} steps are longer than {longest:g} medians"
+        )
 
 
 def _repeatability(records: Sequence[Record], warnings: list[str]) -> dict[tuple[str, str], float]:
@@ -275,7 +290,7 @@ def _repeatability(records: Sequence[Record], warnings: list[str]) -> dict[tuple
             r
             for r in group
             if r.samples == group[0].samples
-            and np.allclose(np.diff(r.time), np.diff(group[0].time), rtol=1e-3)
+            and np.allclose(np.diff(r.time), np.diff(group[0].time), rtol=SAME_CLOCK)
         ]
         if len(same) < len(group):
             warnings.append(f"repeats {label}: clocks differ; only {len(same)} are compared")
@@ -299,17 +314,18 @@ def _channel(
     steps = np.abs(np.diff(good)) if n > 1 else np.zeros(1)
     moved = steps[steps > 0.0]
     quantum = sensor.quantum
-    if quantum == 0.0 and moved.size > 8 and np.mean(steps == 0.0) > 0.1:
+    if quantum == 0.0 and moved.size > 8 and np.mean(steps == 0.0) > STANDS_STILL:
         smallest = float(np.min(moved))
         ratio = moved / smallest
-        if np.mean(np.abs(ratio - np.round(ratio)) < 0.02) > 0.95:
+        off, most = WHOLE_STEPS
+        if np.mean(np.abs(ratio - np.round(ratio)) < off) > most:
             quantum = smallest
     clipped = 0.0
     if n > 50 and spread > 0.0:
         for extreme in (good.max(), good.min()):
             held = (good[1:] == extreme) & (good[:-1] == extreme)
-            rest = abs(extreme - np.median(good)) < 0.5 * spread
-            if not rest and quantum < 0.01 * spread:
+            rest = abs(extreme - np.median(good)) < AWAY_FROM_REST * spread
+            if not rest and quantum < FINE_DIGITS * spread:
                 clipped = max(clipped, float(np.mean(held)))
     tau, drift = sensor.correlation_time, 0.0
     if sensor.sigma is not None:
@@ -379,7 +395,9 @@ def _estimate(values: Array, spread: float) -> tuple[float, str, float]:
     parts = np.sqrt(np.mean(third[: count * block].reshape(count, block) ** 2, axis=1) / 20.0)
     everywhere = float(np.median(parts))
     low_noise = float(np.quantile(parts, 0.1))
-    if low_noise < 0.5 * everywhere:  # noise is the same everywhere: what exceeds it is the machine
+    if (
+        low_noise < QUIET_BLOCKS * everywhere
+    ):  # noise is the same everywhere: what exceeds it is the machine
         method, sigma = "rest", low_noise * (1.0 + 1.0 / np.sqrt(block))
     else:
         method, sigma = "differences", everywhere

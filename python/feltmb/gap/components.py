@@ -24,7 +24,7 @@ from feltmb.fit.model import Jobs, Port
 from feltmb.fit.observe import observe_jobs
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit
-from feltmb.gap.criteria import SECOND_SIGNATURE, SIGNATURE
+from feltmb.gap.criteria import PLACE_LEVEL, SECOND_SIGNATURE, SIGNATURE
 from feltmb.gap.findings import ComponentRow
 
 __all__ = ["component_table"]
@@ -62,7 +62,7 @@ class _Tested:
 
 
 def component_table(
-    fit: Fit, tight: Fit | None = None, level: float = 0.01
+    fit: Fit, tight: Fit | None = None, level: float = PLACE_LEVEL
 ) -> tuple[ComponentRow, ...]:
     """Test every port of the model for an unknown force, the strongest first.
 

@@ -60,6 +60,21 @@ ALIKE = _number(
     "gap/test_overlay.py",
 )  # fmt: skip
 
+SEEN_GAP = _number(
+    "SEEN_GAP", 3.0, "noise",
+    "rms of record minus model from which a shift or a factor is asked for",
+    _JUDGED, "gap/test_overlay.py",
+)  # fmt: skip
+NEAR_UNIT = _number(
+    "NEAR_UNIT", 0.1, "1",
+    "relative distance of a factor from that of a known unit", _JUDGED, "gap/test_overlay.py",
+)  # fmt: skip
+SAME_DELAY = _number(
+    "SAME_DELAY", 0.3, "share of the mean",
+    "spread of the delays of all channels that are told as one of the clock",
+    _JUDGED, "gap/test_overlay.py",
+)  # fmt: skip
+
 # ---------------------------------------------------------------- is there a gap
 
 MISFIT_RATIO = _number(
@@ -101,6 +116,26 @@ NO_GAP_RATIO = _number(
     "gap below which the share of it that is closed says nothing, and factor by which a gap must "
     "grow to count as wider",
     _JUDGED, "gap/test_rules.py",
+)  # fmt: skip
+
+CELL_LEVEL = _number(
+    "CELL_LEVEL", 0.05, "rate",
+    "of false discoveries among the cells of channel and time", _STATISTICS, "gap/test_diagnose.py",
+)  # fmt: skip
+PLACE_LEVEL = _number(
+    "PLACE_LEVEL", 0.01, "rate",
+    "the same among events, and among components", _STATISTICS, "gap/test_diagnose.py",
+)  # fmt: skip
+ONSET_EXCESS = _number(
+    "ONSET_EXCESS", 4.0, "sd",
+    "of the running sum of squares, from which a gap has begun",
+    _STATISTICS, "gap/test_diagnose.py",
+)  # fmt: skip
+CLOSE_ALARM = _number(
+    "CLOSE_ALARM", 6.0, "threshold",
+    "largest score, in thresholds of false alarm, up to which the threshold is calibrated by "
+    "simulated records",
+    _JUDGED, "gap/test_diagnose.py",
 )  # fmt: skip
 
 # ---------------------------------------------------------------- the noise and the rest
@@ -149,6 +184,44 @@ COARSE = _number(
     "a slow motion is a sawtooth",
     _JUDGED, "gap/test_data.py",
 )  # fmt: skip
+CLOCK_JUMP = _number(
+    "CLOCK_JUMP", 20.0, "median step",
+    "of a clock, from which it is a data problem", _JUDGED, "gap/test_data.py",
+)  # fmt: skip
+UNEVEN_STEP = _pair(
+    "UNEVEN_STEP", (0.5, 1.5), "median step",
+    "range of the steps of an even clock", _JUDGED, "gap/test_data.py",
+)  # fmt: skip
+SAME_CLOCK = _number(
+    "SAME_CLOCK", 0.001, "1",
+    "relative difference of the steps of repeats that are compared", _JUDGED, "gap/test_data.py",
+)  # fmt: skip
+STANDS_STILL = _number(
+    "STANDS_STILL", 0.1, "share of the steps",
+    "that are zero, from which a digitizer is looked for", _JUDGED, "gap/test_data.py",
+)  # fmt: skip
+WHOLE_STEPS = _pair(
+    "WHOLE_STEPS", (0.02, 0.95), "step, share",
+    "distance from a whole number of smallest steps, and share of the steps within it, of a "
+    "digitizer",
+    _JUDGED, "gap/test_data.py",
+)  # fmt: skip
+FINE_DIGITS = _number(
+    "FINE_DIGITS", 0.01, "spread",
+    "step of a digitizer below which equal extremes are the end of the range",
+    _JUDGED, "gap/test_data.py",
+)  # fmt: skip
+AWAY_FROM_REST = _number(
+    "AWAY_FROM_REST", 0.5, "spread",
+    "distance of an extreme from the median, from which it is not rest",
+    _JUDGED, "gap/test_data.py",
+)  # fmt: skip
+QUIET_BLOCKS = _number(
+    "QUIET_BLOCKS", 0.5, "1",
+    "ratio of the noise of the quietest tenth to that of the middle, below which the rest of the "
+    "record is motion",
+    _JUDGED, "gap/test_data.py",
+)  # fmt: skip
 MOST_MISSING = _number(
     "MOST_MISSING", 0.5, "share of the values", "missing, from which it is told",
     _JUDGED, "gap/test_data.py",
@@ -187,6 +260,16 @@ SHORT = _number(
     "SHORT", 1.0, "log evidence",
     "by which a fit may fall short of what a larger set predicts before it is made again",
     _JUDGED, "gap/test_search.py",
+)  # fmt: skip
+DEPENDENT = _number(
+    "DEPENDENT", 0.0001, "1",
+    "smallest eigenvalue of the correlations of signatures, below which a set is not told apart",
+    _JUDGED, "gap/test_search.py",
+)  # fmt: skip
+BEYOND_PRIORS = _number(
+    "BEYOND_PRIORS", 4.0, "sd",
+    "of the sum of squared prior deviations, from which a fit is begun again from its priors",
+    _STATISTICS, "gap/test_search.py",
 )  # fmt: skip
 NEAR_SHAPE = _number(
     "NEAR_SHAPE", 0.5, "share of the best gain",
@@ -280,6 +363,20 @@ TOLERATED = _number(
 
 # ---------------------------------------------------------------- the verdict
 
+NO_EFFECT = _number(
+    "NO_EFFECT", 0.5, "probability",
+    "prior that nothing is missing", _JUDGED, "gap/test_rules.py",
+)  # fmt: skip
+NOT_LISTED = _number(
+    "NOT_LISTED", 0.1, "probability",
+    "prior that something is missing which no effect of the library is",
+    _JUDGED, "gap/test_rules.py",
+)  # fmt: skip
+RIVAL = _number(
+    "RIVAL", math.log(20.0), "log evidence",
+    "below the best set, up to which another may be a rival: odds of twenty",
+    _STATISTICS, "gap/test_rules.py",
+)  # fmt: skip
 SURE = _number(
     "SURE", 0.9, "probability", "posterior that a name needs", _JUDGED, "gap/test_rules.py",
 )  # fmt: skip
@@ -364,6 +461,26 @@ POOR_EXPERIMENT = _number(
 )  # fmt: skip
 CLEAR_DIFFERENCE = _number(
     "CLEAR_DIFFERENCE", 0.005, "confusion", "below which noise is not what hides a difference",
+    _JUDGED, "gap/test_experiments.py",
+)  # fmt: skip
+CONFUSED = _number(
+    "CONFUSED", 0.1, "probability",
+    "of taking one effect for another, from which they are one class",
+    _JUDGED, "gap/test_planning.py",
+)  # fmt: skip
+SEPARATES = _number(
+    "SEPARATES", 0.95, "1",
+    "ratio of the confusion after an experiment to that before, above which it does not help",
+    _JUDGED, "gap/test_experiments.py",
+)  # fmt: skip
+TOLD_GAIN = _pair(
+    "TOLD_GAIN", (0.05, 0.02), "probability",
+    "confusion of a pair, and what an experiment must take from it, to be told",
+    _JUDGED, "gap/test_planning.py",
+)  # fmt: skip
+BETTER_SENSOR = _number(
+    "BETTER_SENSOR", 3.0, "1",
+    "factor by which the noise of the sensor that is proposed is lower",
     _JUDGED, "gap/test_experiments.py",
 )  # fmt: skip
 

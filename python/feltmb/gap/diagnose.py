@@ -24,7 +24,7 @@ from feltmb.gap.assemble import closest_set, how_far_rows, ranked, with_effects
 from feltmb.gap.calibrate import calibrate
 from feltmb.gap.checks import DataChecks, check_against, check_records, with_sigma
 from feltmb.gap.components import component_table
-from feltmb.gap.criteria import COLOR_GAIN, EXCESS, REST_EXCESS, WIDE_GAP
+from feltmb.gap.criteria import CLOSE_ALARM, COLOR_GAIN, EXCESS, REST_EXCESS, WIDE_GAP
 from feltmb.gap.decide import Facts, decide
 from feltmb.gap.discrepancy import (
     color_of_discrepancy,
@@ -428,7 +428,7 @@ def _diagnosed(
     bar, _ = family_threshold(reference, options.alpha, seed=options.seed)
     # A correction can only raise the bar: it matters for what passed it by little, and where
     # nothing else says that the model is wrong.
-    close = bar < alarm < 6.0 * bar
+    close = bar < alarm < CLOSE_ALARM * bar
     bare_misfit = misfit(first.bare, first.tight_fit, estimated=checks.estimated)
     close = close and not bare_misfit.left
     null = calibrate(

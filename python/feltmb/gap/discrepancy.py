@@ -168,7 +168,7 @@ def _memory(parts: list[Array], most: int = 200) -> float:
     if sums[0] <= 0.0:
         return 0.0
     rho = sums / sums[0]
-    if length >= 1 and rho[1] < 0.2:
+    if length >= 1 and rho[1] < COLORED:
         return 0.0
     below = np.flatnonzero(rho < np.exp(-1.0))
     return float(below[0]) if below.size else float(length)

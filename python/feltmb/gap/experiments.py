@@ -23,7 +23,7 @@ from feltmb.fit.segmented_records import Noise, SegmentedRecord, segment_record
 from feltmb.fit.solve import Fit
 from feltmb.gap.acceptance import Accepted
 from feltmb.gap.advise import confused
-from feltmb.gap.criteria import CLEAR_DIFFERENCE, POOR_EXPERIMENT
+from feltmb.gap.criteria import BETTER_SENSOR, CLEAR_DIFFERENCE, POOR_EXPERIMENT, SEPARATES
 from feltmb.gap.findings import Advice
 from feltmb.gap.planning import planned
 from feltmb.gap.search import Search
@@ -84,7 +84,7 @@ def _advice(fit: Fit, a: Candidate, b: Candidate, size: float) -> Advice:
         if more is not None:
             trials.append(_Attempt(text, _confusion(shared + more, a, b, size)))
     chosen = min(trials, key=lambda t: t.then, default=None)
-    if chosen is None or chosen.then > 0.95 * now:
+    if chosen is None or chosen.then > SEPARATES * now:
         text = (
             "nothing that was tried (the same runs again, harder, softer, faster, slower, "
             f"low-noise sensors) separates {a.name} from {b.name}: another point or "
@@ -124,7 +124,7 @@ def _plans(fit: Fit) -> Iterator[tuple[str, SegmentedRecord]]:
     for name, sensor in first.record.sensors.items():
         if name not in model.outputs or sensor.sigma is None:
             continue
-        better = {**first.record.sensors, name: replace(sensor, sigma=sensor.sigma / 3.0)}
+        better = {**first.record.sensors, name: replace(sensor, sigma=sensor.sigma / BETTER_SENSOR)}
         seen = _predicted(fit, first, first.record, better)
         if seen is not None:
             yield f"record {first.record.name} with a third of the noise of {name}", seen

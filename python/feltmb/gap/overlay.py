@@ -14,7 +14,7 @@ from feltmb.errors import DataError
 from feltmb.fit.model import Jobs, Model
 from feltmb.fit.observe import observe_jobs
 from feltmb.gap.checks import DataChecks, check_against, with_sigma
-from feltmb.gap.criteria import ALIKE, ANY_FACTOR, TOLD_SHARE
+from feltmb.gap.criteria import ALIKE, ANY_FACTOR, NEAR_UNIT, SAME_DELAY, SEEN_GAP, TOLD_SHARE
 from feltmb.style import BLUE, GRAY, ORANGE, new_figure, plain_text, reader_unit, style_axes
 
 if TYPE_CHECKING:
@@ -156,7 +156,7 @@ def _row(record: Record, name: str, model: Array, sigma: float) -> GapBeforeRow:
         spread = float(np.std(x) * np.std(y))
         if count > 2 and spread > 0.0:
             correlation = float(np.mean((x - x.mean()) * (y - y.mean())) / spread)
-        if rms > 3.0 * sigma:
+        if rms > SEEN_GAP * sigma:
             factor = _factor(x, y)
             delay = _delay(record.time, measured, model)
     return GapBeforeRow(
@@ -227,7 +227,7 @@ _UNITS = (
 
 def _unit_of(row: GapBeforeRow) -> str:
     """Which wrong unit a factor looks like; empty: none."""
-    return next((text for f, text in _UNITS if abs(row.factor / f - 1.0) < 0.1), "")
+    return next((text for f, text in _UNITS if abs(row.factor / f - 1.0) < NEAR_UNIT), "")
 
 
 def wrong_units(model: Model, runs: Sequence[tuple[Record, Array, Mapping[str, float]]]) -> str:
@@ -276,7 +276,7 @@ def _hints(rows: Sequence[GapBeforeRow]) -> list[str]:
     for name, own in by_record.items():
         all_of = [r for r in rows if r.record == name]
         delays = np.array([r.delay for r in own])
-        if len(own) == len(all_of) > 1 and np.ptp(delays) < 0.3 * abs(np.mean(delays)):
+        if len(own) == len(all_of) > 1 and np.ptp(delays) < SAME_DELAY * abs(np.mean(delays)):
             notes.append(
                 f"{name}: every channel is about {1e3 * np.mean(delays):.3g} ms late: is the input "
                 "on the same clock?"

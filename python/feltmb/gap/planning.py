@@ -16,9 +16,9 @@ from feltmb.fit.observe import observe_jobs
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, finish
-from feltmb.gap.advise import confusion_at
+from feltmb.gap.advise import confused_groups, confusion_at
 from feltmb.gap.checks import faults_against, with_sigma
-from feltmb.gap.criteria import DETECTABLE
+from feltmb.gap.criteria import DETECTABLE, TOLD_GAIN
 from feltmb.gap.score import Scores, all_candidates, score_fit
 from feltmb.gap.smoke_test import try_effects
 
@@ -242,7 +242,7 @@ def plan(
             (names[a], names[b], float(matrix[a, b]), float(after[a, b]))
             for a in range(len(names))
             for b in range(a)
-            if matrix[a, b] - after[a, b] > 0.02 and matrix[a, b] > 0.05
+            if matrix[a, b] > TOLD_GAIN[0] and matrix[a, b] - after[a, b] > TOLD_GAIN[1]
         ]
         pairs.sort(key=lambda p: -(p[2] - p[3]))
         gained.append(
@@ -258,7 +258,7 @@ def plan(
     rows.sort(key=lambda r: (r.smallest / r.scale, r.effect))
     return Plan(
         effects=tuple(rows),
-        classes=_classes(names, matrix),
+        classes=confused_groups(names, matrix),
         unseen=tuple(n for n, i in zip(names, index, strict=True) if not now.testable[i]),
         names=tuple(names),
         confusion=tuple(tuple(float(v) for v in row) for row in matrix),
@@ -281,25 +281,6 @@ def _ready(
     ready = model.ready(shown)
     count = len(records)
     return ready.model, ready.records[:count], ready.records[count:]
-
-
-def _classes(names: Sequence[str], matrix: Array) -> tuple[tuple[str, ...], ...]:
-    """Cliques by single linkage at one in ten."""
-    parent = list(range(len(names)))
-
-    def root(i: int) -> int:
-        while parent[i] != i:
-            i = parent[i]
-        return i
-
-    for a in range(len(names)):
-        for b in range(a):
-            if matrix[a, b] > 0.1:
-                parent[root(a)] = root(b)
-    groups: dict[int, list[str]] = {}
-    for a, name in enumerate(names):
-        groups.setdefault(root(a), []).append(name)
-    return tuple(sorted(tuple(sorted(g)) for g in groups.values() if len(g) > 1))
 
 
 @checked

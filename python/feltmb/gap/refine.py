@@ -11,7 +11,7 @@ from feltmb.data import Array
 from feltmb.fit.model import Candidate
 from feltmb.fit.problem import Point, Problem
 from feltmb.fit.solve import Fit, FitSettings, at_level, chained, polish
-from feltmb.gap.criteria import DOUBT, LOOSE
+from feltmb.gap.criteria import BEYOND_PRIORS, DOUBT, LOOSE
 from feltmb.gap.score import prior_of
 
 __all__ = ["CandidateSet", "freed", "from_priors", "full_evidence", "refit", "refit_at", "tighten"]
@@ -122,7 +122,7 @@ def from_priors(fit: Fit, settings: FitSettings) -> Fit:
     known = [i for i in problem.free if np.isfinite(problem.model.parameters[i].sd)]
     if problem.frozen or not fit.gap_sd.size or not known:
         return fit
-    beyond_prior = float(np.sum(fit.prior_deviation**2)) > len(known) + 4.0 * np.sqrt(
+    beyond_prior = float(np.sum(fit.prior_deviation**2)) > len(known) + BEYOND_PRIORS * np.sqrt(
         2.0 * len(known)
     )
     if fit.converged and not beyond_prior:

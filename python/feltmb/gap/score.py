@@ -23,7 +23,7 @@ from feltmb.data import Array
 from feltmb.fit.model import Candidate, Effect
 from feltmb.fit.problem import solve_scaled
 from feltmb.fit.solve import Fit
-from feltmb.gap.criteria import FITTED_SHAPE, LEAST_SURVIVING
+from feltmb.gap.criteria import DEPENDENT, FITTED_SHAPE, LEAST_SURVIVING
 
 __all__ = [
     "ScoredSet",
@@ -218,7 +218,7 @@ def screen_sets(
                 return  # on its limit: a smaller set says the same
         length = np.sqrt(np.diag(gram))
         rho = gram / np.outer(length, length)
-        if len(i) > 1 and np.linalg.eigvalsh(rho)[0] < 1e-4:
+        if len(i) > 1 and np.linalg.eigvalsh(rho)[0] < DEPENDENT:
             return  # cannot be told apart
         statistic = float(b @ magnitudes)
         prior = prior_of([scores.candidates[j] for j in i], total)

@@ -13,13 +13,13 @@ from feltmb.fit.model import Jobs
 from feltmb.fit.observe import observe_jobs
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit
-from feltmb.gap.criteria import ONSET_SHARE
+from feltmb.gap.criteria import CELL_LEVEL, ONSET_EXCESS, ONSET_SHARE, PLACE_LEVEL
 from feltmb.gap.findings import EventRow, LedgerCell
 
 __all__ = ["event_ledger", "first_act", "ledger", "onset_of", "split_gap"]
 
 
-def ledger(fit: Fit, level: float = 0.05) -> tuple[tuple[LedgerCell, ...], dict[str, float]]:
+def ledger(fit: Fit, level: float = CELL_LEVEL) -> tuple[tuple[LedgerCell, ...], dict[str, float]]:
     """Residual by channel and segment against noise, and the onset by record [s].
 
     Cells are tested by chi-square of the whitened residual, states re-estimated, with
@@ -85,7 +85,7 @@ def onset_of(
     values = chain.rows[w][:, -1].reshape(-1, ny)[:, c]  # type: ignore[attr-defined]
     excess = np.cumsum(values**2 - 1.0)
     spread = np.sqrt(2.0 * np.arange(1, values.size + 1))
-    high = np.flatnonzero(excess > 4.0 * spread)
+    high = np.flatnonzero(excess > ONSET_EXCESS * spread)
     first = int(segmented.segments[w, 0])
     if high.size == 0:
         return float(segmented.record.time[first])
@@ -207,7 +207,7 @@ def _explained(e: Array, columns: list[Array]) -> float:
     return float(e @ e - left @ left)
 
 
-def event_ledger(fit: Fit, level: float = 0.01) -> tuple[EventRow, ...]:
+def event_ledger(fit: Fit, level: float = PLACE_LEVEL) -> tuple[EventRow, ...]:
     """Events that the model knows, or else the steepest changes of each channel."""
     problem = fit.problem
     rows = []
