@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from feltmb import _core
-from feltmb.adapters.latest import Latest
 from feltmb.adapters.variants import Variant
 from feltmb.data import Array, Record
 from feltmb.data.smoothing import LEAST_SAMPLES, noise_of_record, smooth_record
 from feltmb.errors import DataError
+from feltmb.fit.latest import Latest
 from feltmb.mechanism import Action
 
 __all__ = ["Drive", "Drives", "follow", "with_noise"]

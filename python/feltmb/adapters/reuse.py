@@ -7,8 +7,6 @@ the same point, in a few more cheap steps.
 
 from __future__ import annotations
 
-import threading
-from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -17,6 +15,7 @@ from numpy.typing import NDArray
 
 from feltmb.data import Array, Record
 from feltmb.fit import Candidate, Jobs, Model, Sensitivity
+from feltmb.fit.latest import Latest
 
 __all__ = ["Kept", "Question", "Reuse"]
 
@@ -81,16 +80,13 @@ class Reuse:
         self.theta_sd = theta_sd
         self.start_scale = start_scale
         self.size_scale = size_scale
-        self._keep = keep
-        self._kept: OrderedDict[tuple[object, ...], Kept] = OrderedDict()
-        self._lock = threading.Lock()
+        self._kept: Latest[tuple[object, ...], Kept] = Latest(keep)
         self.hits = 0
         self.misses = 0
 
     def clear(self) -> None:
         """Forget all derivatives."""
-        with self._lock:
-            self._kept.clear()
+        self._kept.clear()
 
     def ask(
         self,
@@ -107,8 +103,7 @@ class Reuse:
             np.array([t.effect.scale for t in q.included]),
             np.array([s.scale for s in model.states(q.included)]),
         )
-        with self._lock:
-            kept = self._kept.get(key)
+        kept = self._kept.find(key)
         if kept is not None and self._near(kept, theta, magnitudes, starts, units):
             self.hits += 1
             run = model.simulate(
@@ -117,11 +112,7 @@ class Reuse:
             return replace(kept.value, outputs=run.outputs, ends=run.ends)
         self.misses += 1
         value = compute()
-        with self._lock:
-            self._kept[key] = Kept(theta.copy(), magnitudes.copy(), starts.copy(), value)
-            self._kept.move_to_end(key)
-            while len(self._kept) > self._keep:
-                self._kept.popitem(last=False)
+        self._kept.keep(key, Kept(theta.copy(), magnitudes.copy(), starts.copy(), value))
         return value
 
     def _near(

@@ -27,7 +27,6 @@ from numpy.typing import NDArray
 
 from feltmb.adapters.aliases import Alias
 from feltmb.adapters.forward import can_differentiate, forward_sensitivities
-from feltmb.adapters.latest import Latest
 from feltmb.adapters.library import Entry
 from feltmb.adapters.model import VARYING, MechanismModel
 from feltmb.adapters.refined import KINDS, refined
@@ -44,6 +43,7 @@ from feltmb.fit import (
     Sensitivity,
     Simulated,
 )
+from feltmb.fit.latest import Latest
 
 __all__ = ["RunVariability", "StrokeModel"]
 

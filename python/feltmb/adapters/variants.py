@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from feltmb import _core
 from feltmb.adapters.changes import Change, apply_changes, replace_entry
 from feltmb.adapters.insertions import Insertion, insert
-from feltmb.adapters.latest import Latest
 from feltmb.adapters.library import Entry
 from feltmb.errors import FeltmbError
+from feltmb.fit.latest import Latest
 from feltmb.mechanism import MechanismFile, describe
 
 __all__ = ["Variant", "Workshop", "changed_config"]

@@ -11,7 +11,6 @@ import sys
 import time as clock
 import warnings
 import weakref
-from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -22,6 +21,7 @@ import numpy as np
 
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError, InvalidParameter
+from feltmb.fit.latest import Latest
 from feltmb.fit.watch import current, simulated
 
 __all__ = ["Run", "Runner"]
@@ -130,8 +130,7 @@ class Runner:
         self._function = function
         self._outputs = outputs
         self._name = name
-        self._kept: OrderedDict[bytes, Array] = OrderedDict()
-        self._size = 0
+        self._kept: Latest[bytes, Array] = Latest(KEPT, lambda values: values.size)
         self._pool: ProcessPoolExecutor | None = None
         self._failed = False
         self.processes = 1
@@ -208,13 +207,14 @@ class Runner:
                     f"model {self._name}: its output {self._outputs[i]} is {found[j, i]} at "
                     f"t = {run.time[j]:g} s, sample {j} ({run})"
                 )
-            self._keep(run.key, found)
+            self._kept.keep(run.key, found)
 
     def values(self, runs: Sequence[Run]) -> list[Array]:
         """Outputs of runs, (n, ny) each; NaN where the function fails."""
         keys = [run.key for run in runs]
-        new = {k: run for k, run in zip(keys, runs, strict=True) if k not in self._kept}
-        found = {k: self._kept[k] for k in keys if k not in new}
+        known = {k: self._kept.find(k) for k in keys}
+        found = {k: values for k, values in known.items() if values is not None}
+        new = {k: run for k, run in zip(keys, runs, strict=True) if k not in found}
         for (key, run), got in zip(new.items(), self._make(list(new.values())), strict=True):
             if isinstance(got, str):
                 if not self._failed:
@@ -227,16 +227,8 @@ class Runner:
                     )
                 got = np.full((len(run.time), len(self._outputs)), np.nan)
             found[key] = got
-            self._keep(key, got)
+            self._kept.keep(key, got)
         return [found[k] for k in keys]
-
-    def _keep(self, key: bytes, values: Array) -> None:
-        if key not in self._kept:
-            self._size += values.size
-        self._kept[key] = values
-        self._kept.move_to_end(key)
-        while self._size > KEPT and len(self._kept) > 1:
-            self._size -= self._kept.popitem(last=False)[1].size
 
     def _count(self) -> None:
         self.made += 1
