@@ -1,80 +1,103 @@
-"""Pictures of the report as SVG text: a map of where, bars of which, a waterfall of how far."""
+"""Pictures of the report as SVG: a map of where, bars of which, a waterfall of how far."""
 
 from __future__ import annotations
 
+import io
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from feltmb.gap.digits import digits
 from feltmb.gap.findings import ComponentRow, HowFar, LedgerCell, Ranked
+from feltmb.style import (
+    BLUE,
+    GRAY,
+    GREEN,
+    NORMAL,
+    PALE,
+    RED,
+    new_figure,
+    plain_text,
+    style_axes,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 __all__ = ["bars", "force_traces", "ledger_map", "waterfall"]
 
-INK, SOFT, LINE = "#222", "#666", "#ddd"
-BLUE, ORANGE, GREEN, GREY = "#0072b2", "#d55e00", "#00694e", "#999"
+WIDTH = 9.0  # inches
+#: Letters of a name, and drawn records of a force.
+LONGEST_NAME, MOST_RECORDS = 38, 3
 
 
-def _text(x: float, y: float, text: str, *, anchor: str = "start", color: str = INK) -> str:
-    return (
-        f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" fill="{color}">{escape(text)}</text>'
-    )
+def _svg(figure: Figure, name: str, tips: Mapping[str, str] | None = None) -> str:
+    """A figure for a page, the same bytes each time; ``tips`` by id are shown over elements."""
+    import matplotlib as mpl
+
+    buffer = io.StringIO()
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
+        figure.savefig(buffer, format="svg", metadata={"Date": None})
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    for key, tip in (tips or {}).items():
+        text = text.replace(f'<g id="{key}">', f'<g id="{key}"><title>{escape(tip)}</title>', 1)
+    return text.replace("<svg", f'<svg role="img" aria-label="{escape(name)}"', 1)
 
 
-def _svg(width: float, height: float, label: str, parts: Sequence[str]) -> str:
-    return (
-        f'<svg viewBox="0 0 {width:.0f} {height:.0f}" role="img" aria-label="{escape(label)}" '
-        f'style="max-width:{width:.0f}px" font-magnitude="12">' + "".join(parts) + "</svg>"
-    )
-
-
-def _shade(z: float) -> str:
+def _shade(z: float) -> tuple[float, float, float]:
     """White to dark orange on a logarithmic scale of the excess."""
     share = min(1.0, max(0.0, math.log10(1.0 + max(z, 0.0)) / 3.0))
-    r = round(255 - share * (255 - 150))
-    g = round(255 - share * (255 - 48))
-    b = round(255 - share * 255)
-    return f"#{r:02x}{g:02x}{b:02x}"
+    return 1.0 - 0.41 * share, 1.0 - 0.81 * share, 1.0 - share
 
 
-def ledger_map(cells: Sequence[LedgerCell], onset: dict[str, float]) -> str:
+def _rows(ax: Axes, names: Sequence[str]) -> None:
+    """One named row an entry, the first on top."""
+    style_axes(ax)
+    ax.grid(visible=False)
+    ax.set_yticks(range(len(names)), [plain_text(n[:LONGEST_NAME]) for n in names], fontsize=NORMAL)
+    ax.set_ylim(len(names) - 0.4, -0.6)
+    ax.tick_params(axis="y", length=0)
+
+
+def ledger_map(
+    cells: Sequence[LedgerCell], onset: Mapping[str, float], name: str = "map of the gap in time"
+) -> str:
     """Channel of every record against time; color is the excess, framed where significant."""
-    rows = list(dict.fromkeys((c.record, c.channel) for c in cells))
-    if not rows:
+    from matplotlib.patches import Rectangle
+
+    records = list(dict.fromkeys(c.record for c in cells))
+    if not records:
         return ""
-    left, width = 230.0, 860.0
-    parts = []
-    y = 4.0
-    for i, (record, channel) in enumerate(rows):
-        own = [c for c in cells if (c.record, c.channel) == (record, channel)]
-        start, end = min(c.start for c in own), max(c.end for c in own)
-        scale = (width - left - 10) / max(end - start, 1e-12)
-        parts.append(_text(0, y + 14, f"{record}: {channel}"[:36]))
+    channels = {r: list(dict.fromkeys(c.channel for c in cells if c.record == r)) for r in records}
+    heights = [len(channels[r]) + 1.6 for r in records]
+    figure = new_figure(WIDTH, 0.27 * sum(heights) + 0.2)
+    panels = figure.subplots(len(records), 1, squeeze=False, height_ratios=heights)[:, 0]
+    tips = {}
+    for record, ax in zip(records, panels, strict=True):
+        own = [c for c in cells if c.record == record]
+        _rows(ax, channels[record])
         for c in own:
-            x, w = left + (c.start - start) * scale, max((c.end - c.start) * scale, 1.0)
-            tip = (
+            key = f"{name.replace(' ', '-')}-{len(tips)}"
+            tips[key] = (
                 f"{c.start:.4g} to {c.end:.4g} s: rms {c.rms:.3g}, noise {c.sigma:.3g}, "
                 f"excess {c.z:.1f} sd{', significant' if c.significant else ''}"
             )
-            frame = ORANGE if c.significant else LINE
-            parts.append(
-                f'<rect x="{x:.1f}" y="{y:.1f}" width="{w:.1f}" height="18" fill="{_shade(c.z)}" '
-                f'stroke="{frame}" stroke-width="0.7"><title>{escape(tip)}</title></rect>'
-            )
+            at = c.start, channels[record].index(c.channel) - 0.4
+            frame = RED if c.significant else PALE
+            cell = Rectangle(at, c.end - c.start, 0.8, fc=_shade(c.z), ec=frame, lw=0.7, gid=key)
+            ax.add_patch(cell)
         if record in onset:
-            x = left + (onset[record] - start) * scale
-            parts.append(
-                f'<path d="M{x:.1f} {y - 3:.1f} v24" stroke="{BLUE}" stroke-width="2">'
-                f"<title>onset {onset[record]:.4g} s</title></path>"
-            )
-        y += 24.0
-        if i == len(rows) - 1 or rows[i + 1][0] != record:
-            parts.append(_text(left, y + 8, f"{start:.4g} s", color=SOFT))
-            parts.append(_text(width - 10, y + 8, f"{end:.4g} s", anchor="end", color=SOFT))
-            y += 20.0
-    return _svg(width, y + 4, "map of the gap in time", parts)
+            ax.axvline(onset[record], color=BLUE, lw=1.6, gid=f"onset-{len(tips)}")
+            tips[f"onset-{len(tips)}"] = f"onset {onset[record]:.4g} s"
+        ax.set_xlim(min(c.start for c in own), max(c.end for c in own))
+        ax.set_title(plain_text(record), fontsize=NORMAL, loc="left")
+        ax.set_xlabel("time [s]", fontsize=NORMAL)
+    return _svg(figure, name, tips)
 
 
 def bars(
@@ -84,31 +107,25 @@ def bars(
     shown = list(effects[:most])
     if not shown:
         return ""
-    left, width, step = 250.0, 860.0, 24.0
-    parts = []
+    figure = new_figure(WIDTH, 0.27 * len(shown) + 0.5)
+    ax = figure.subplots()
+    _rows(ax, [r.effect for r in shown])
+    tips = {}
     for i, r in enumerate(shown):
-        y = i * step + 4
-        color = BLUE if r.named else (ORANGE if r.effect in one_of else GREY)
-        note = "refused; " if r.effect in refused else ""
-        if note:
-            color = LINE
-        w = max(r.posterior * 200.0, 1.0)
-        parts.append(_text(left - 8, y + 13, r.effect[:38], anchor="end"))
-        parts.append(
-            f'<rect x="{left}" y="{y:.1f}" width="{w:.1f}" height="17" fill="{color}">'
-            f"<title>{escape(r.mechanism or r.effect)}</title></rect>"
-        )
+        color = BLUE if r.named else (RED if r.effect in one_of else GRAY)
+        note = ""
+        if r.effect in refused:
+            color, note = PALE, "refused; "
+        tips[f"belief-{i}"] = r.mechanism or r.effect
+        ax.barh(i, r.posterior, 0.7, color=color, gid=f"belief-{i}")
         unit = "" if r.unit == "1" else f" {r.unit}"
         value = f"{r.magnitude:.{digits(r.magnitude, r.sd, 4)}g}"
-        parts.append(
-            _text(
-                left + w + 8,
-                y + 13,
-                f"{note}{r.posterior:.0%}; {value} ± {1.96 * r.sd:.2g}{unit}",
-                color=SOFT,
-            )
-        )
-    return _svg(width, len(shown) * step + 8, "belief in each effect", parts)
+        text = f"{note}{r.posterior:.0%}; {value} ± {1.96 * r.sd:.2g}{unit}"
+        ax.text(r.posterior + 0.01, i, plain_text(text), va="center", fontsize=NORMAL)
+    ax.set_xlim(0.0, 1.8)  # room for the magnitudes
+    ax.set_xticks([0.0, 0.5, 1.0], ["0", "50 %", "100 %"])
+    ax.spines["left"].set_visible(False)
+    return _svg(figure, "belief in each effect", tips)
 
 
 def waterfall(how_far: HowFar) -> str:
@@ -117,64 +134,37 @@ def waterfall(how_far: HowFar) -> str:
     top = steps[0][1]
     if not top > 0.0 or not math.isfinite(top):
         return ""
-    left, width, step = 250.0, 860.0, 26.0
     levels = np.cumsum([v for n, v in steps if n not in ("unexplained", "noise")])
-    scale = 480.0 / max(top, how_far.after, float(np.max(levels)))
-    parts = []
+    figure = new_figure(WIDTH, 0.29 * len(steps) + 0.5)
+    ax = figure.subplots()
+    _rows(ax, [name for name, _ in steps])
     level = 0.0
     for i, (name, value) in enumerate(steps):
-        y = i * step + 4
         if name == "as tabulated":
-            x, w, color, level = 0.0, value, GREY, value
+            x, w, color, level = 0.0, value, GRAY, value
         elif name in ("unexplained", "noise"):
             x = 0.0 if name == "noise" else steps[-1][1]
-            w, color = value, ORANGE if name == "unexplained" else GREEN
+            w, color = value, RED if name == "unexplained" else GREEN
         else:
             x, w, color = min(level, level + value), abs(value), BLUE
             level += value
-        parts.append(_text(left - 8, y + 14, name[:38], anchor="end"))
-        parts.append(
-            f'<rect x="{left + x * scale:.1f}" y="{y:.1f}" width="{max(w * scale, 1.0):.1f}" '
-            f'height="18" fill="{color}"/>'
-        )
-        parts.append(_text(left + (x + w) * scale + 8, y + 14, f"{value:+.4g}", color=SOFT))
-    return _svg(width, len(steps) * step + 8, "waterfall of the held-out gap", parts)
+        ax.barh(i, w, 0.7, left=x, color=color)
+        text = f" {value:+.4g}"
+        ax.text(x + w, i, text, va="center", fontsize=NORMAL)
+    ax.set_xlim(0.0, 1.2 * max(top, how_far.after, float(np.max(levels))))
+    return _svg(figure, "waterfall of the held-out gap")
 
 
 def force_traces(row: ComponentRow) -> str:
-    """Unknown force of one component over time with its band, one line a record."""
+    """Unknown force of one component over time with its band, one panel a record."""
     if not row.trace:
         return ""
-    width, height, left = 860.0, 90.0, 70.0
-    parts = []
-    for i, (record, series) in enumerate(list(row.trace.items())[:3]):
-        time, force, sd = series["time"], series["force"], series["sd"]
-        low = min(f - 2.0 * s for f, s in zip(force, sd, strict=True))
-        high = max(f + 2.0 * s for f, s in zip(force, sd, strict=True))
-        span = max(high - low, 1e-300)
-        y0 = i * (height + 16)
-        sx = (width - left - 10) / max(time[-1] - time[0], 1e-12)
-
-        def at(
-            t: float,
-            f: float,
-            y0: float = y0,
-            low: float = low,
-            span: float = span,
-            t0: float = time[0],
-            sx: float = sx,
-        ) -> str:
-            return f"{left + (t - t0) * sx:.1f},{y0 + height - (f - low) / span * height:.1f}"
-
-        upper = " ".join(at(t, f + 2 * s) for t, f, s in zip(time, force, sd, strict=True))
-        lower = " ".join(
-            at(t, f - 2 * s) for t, f, s in reversed(list(zip(time, force, sd, strict=True)))
-        )
-        line = " ".join(at(t, f) for t, f in zip(time, force, strict=True))
-        parts.append(f'<polygon points="{upper} {lower}" fill="{BLUE}" fill-opacity="0.18"/>')
-        parts.append(f'<polyline points="{line}" fill="none" stroke="{BLUE}"/>')
-        parts.append(_text(left - 6, y0 + 11, f"{high:.3g}", anchor="end", color=SOFT))
-        parts.append(_text(left - 6, y0 + height, f"{low:.3g}", anchor="end", color=SOFT))
-        parts.append(_text(left + 4, y0 + 11, f"{record} [{row.unit}]", color=SOFT))
-    count = min(len(row.trace), 3)
-    return _svg(width, count * (height + 16), f"unknown force at {row.port}", parts)
+    shown = list(row.trace.items())[:MOST_RECORDS]
+    figure = new_figure(WIDTH, 1.3 * len(shown) + 0.3)
+    panels = figure.subplots(len(shown), 1, squeeze=False)[:, 0]
+    for (record, series), ax in zip(shown, panels, strict=True):
+        time, force, sd = (np.asarray(series[k]) for k in ("time", "force", "sd"))
+        style_axes(ax, "time [s]", plain_text(f"force [{row.unit}]"), plain_text(record))
+        ax.fill_between(time, force - 2.0 * sd, force + 2.0 * sd, color=BLUE, alpha=0.18, lw=0)
+        ax.plot(time, force, color=BLUE, lw=1.0)
+    return _svg(figure, f"unknown force at {row.port}")

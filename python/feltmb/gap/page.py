@@ -61,7 +61,7 @@ def page(report: Findings, viewers: str = "") -> str:
         "model": report.model.original.name,
         "viewers": Markup(viewers),
         "map": Markup(ledger_map(where.ledger, dict(where.onset))),
-        "remains": Markup(ledger_map(where.remains, {})),
+        "remains": Markup(ledger_map(where.remains, {}, "map of what remains")),
         "cells": len(where.ledger),
         "significant": len(significant),
         "events": sorted(
