@@ -134,6 +134,8 @@ def _reference_faults(raw: Mapping[str, Any]) -> list[str]:
             faults.append(f"reading.check_contacts: there is no contact {number}")
     need(reading.get("key_point"), points, "reading.key_point", "point")
     need(_table(reading, "striker").get("point"), points, "reading.striker.point", "point")
+    for role, event in _table(reading, "touch").items():
+        need(event, events, f"reading.touch.{role}", "event")
     for name, node in _table(reading, "rows").items():
         if not isinstance(node, Mapping):
             continue

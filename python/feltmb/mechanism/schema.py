@@ -41,6 +41,7 @@ __all__ = [
     "String",
     "SummaryRow",
     "Surface",
+    "TouchEvents",
     "View",
     "ViewCurve",
 ]
@@ -310,13 +311,27 @@ class Striker(Schema):
         return "x" if abs(x) >= abs(y) else "y"
 
 
+class TouchEvents(Schema):
+    """Names of the events by which the touch of an action is measured."""
+
+    start: str | None = None
+    """The key starts."""
+    landing: str | None = None
+    """The key meets its end of travel."""
+    toe: str | None = None
+    """The jack meets what lets it off."""
+    damper: str | None = None
+    """The key meets the damper."""
+
+
 class Reading(Schema):
-    """What is read off a run: the parts that contacts and points play, numbers, views."""
+    """What is read off a run: the parts that contacts, points and events play, numbers, views."""
 
     strike_contact: int | None = None
     let_off_contact: int | None = None
     check_contacts: list[int] = []
     key_point: str | None = None
+    touch: TouchEvents = TouchEvents()
     striker: Striker | None = None
     rows: dict[str, SummaryRow] = {}
     views: dict[str, View] = {}

@@ -9,7 +9,8 @@ from click.testing import CliRunner
 
 from feltmb import FeltmbError, InvalidParameter, _core, load_action
 from feltmb.action.touch import Strike, TouchRow, static_touch, touch
-from feltmb.action.touch.strikes import at_speed, fit_travel_time
+from feltmb.action.touch.static import roles_of
+from feltmb.action.touch.strikes import at_speed, fit_travel_time, simulate_strike
 from feltmb.cli.touch import command
 from feltmb.mechanism import Action
 from feltmb.run.quasistatic import (
@@ -203,8 +204,25 @@ def test_missing_roles_are_named(action):
     raw = action.raw
     for name in ("jack_toe", "let_off", "free_flight"):
         del raw["events"][name]
-    with pytest.raises(InvalidParameter, match="does not say which contact is toe"):
+    with pytest.raises(InvalidParameter, match=r"reading.touch.toe: event 'jack_toe' is missing"):
+        Action(raw)
+    del raw["reading"]["touch"]["toe"], raw["reading"]["touch"]["start"]
+    with pytest.raises(InvalidParameter, match="does not say what is toe, start"):
         static_touch(Action(raw))
+
+
+def test_events_may_have_any_name(action):
+    raw = action.raw
+    names = {"key_start": "taste ab", "jack_toe": "puppe", "key_landing": "unten"}
+    raw["events"] = {names.get(k, k): v for k, v in raw["events"].items()}
+    raw["events"]["let_off"]["after"] = "puppe"
+    raw["reading"]["touch"] |= {"start": "taste ab", "toe": "puppe", "landing": "unten"}
+    renamed = Action(raw)
+    assert roles_of(renamed) == roles_of(action)
+    level = ("pressed", 12.0)
+    given = simulate_strike(action, *level, dip=0.01)
+    assert simulate_strike(renamed, *level, dip=0.01) == given
+    assert given.bottom_after_string is not None
 
 
 # ---------------------------------------------------------------- strikes

@@ -63,23 +63,26 @@ class StaticTouch:
 
 
 def roles_of(action: Action) -> dict[str, int]:
-    """Contacts by what they do; from the events and the summary roles of the mechanism file."""
+    """Contacts by what they do, as ``[reading]`` of the mechanism file says."""
     events, reading = action.config.events, action.config.reading
     found: dict[str, int | None] = {
         "strike": reading.strike_contact,
         "let_off": reading.let_off_contact,
     }
-    for role, name in (("damper", "damper_start"), ("toe", "jack_toe"), ("bottom", "key_landing")):
-        rule = events.get(name)
+    touch = reading.touch
+    for role, name in (("damper", touch.damper), ("toe", touch.toe), ("bottom", touch.landing)):
+        rule = None if name is None else events[name]
         found[role] = rule.contact if rule is not None and isinstance(rule.contact, int) else None
     missing = [role for role, number in found.items() if number is None and role != "damper"]
     if action.config.finger is None:
         missing.append("finger")
+    if touch.start is None:
+        missing.append("start")
     if missing:
         raise InvalidParameter(
-            f"touch: mechanism {action.name!r} does not say which contact is {', '.join(missing)}; "
-            f"needed are [finger], reading.strike_contact, reading.let_off_contact and the events "
-            f"jack_toe and key_landing"
+            f"touch: mechanism {action.name!r} does not say what is {', '.join(missing)}; "
+            "needed are [finger], reading.strike_contact, reading.let_off_contact, and "
+            "reading.touch with the events start, landing and toe, each of one contact"
         )
     return {role: number for role, number in found.items() if number is not None}
 

@@ -53,8 +53,9 @@ def simulate_strike(action: Action, kind: str, level: float, dip: float) -> Stri
     except FeltmbError as error:
         return Strike(kind, level, None, None, None, None, None, str(error))
     s = run.summary
-    start, hit = s.get("key_start_time"), s.get("string_contact_on_time")
-    land = s.get("key_landing_time")
+    named = action.config.reading.touch
+    start, hit = s.get(f"{named.start}_time"), s.get("impact_time")
+    land = s.get(f"{named.landing}_time")
     if hit is None or start is None:
         return Strike(
             kind, level, None, None, None, None, None, "the hammer does not reach the string"
