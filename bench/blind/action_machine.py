@@ -22,7 +22,7 @@ from feltmb.files import make_folder, read_json, read_npz, write_file
 
 __all__ = ["ActionMachine"]
 
-#: Tolerance of the model's integrator: near let-off a motion is heard to jump by 0.1 of the
+#: Tolerance of the model's integrator: near let-off a motion is seen to jump by 0.1 of the
 #: camera's noise at 3e-6, by 0.02 at this one.
 RTOL = 1e-6
 

@@ -1,4 +1,4 @@
-"""Noncentrality of a withheld effect: how many standard deviations it stands out by.
+"""Noncentrality of a withheld effect: its signal-to-noise ratio.
 
 Definition. With drawing values and plain strokes, let r(phi) be the records minus the model,
 started in every 30 ms segment from the true state there. Then

@@ -19,7 +19,7 @@ def effect_of(
     channels: Mapping[str, Sequence[str]],
     *,
     states: bool = True,
-    beyond: str = "",
+    tolerance_parameter: str = "",
 ) -> Effect:
     """Effect for the engine.
 
@@ -31,7 +31,7 @@ def effect_of(
         Outputs behind the names of channels.
     states
         Whether the states that it brings are shown; not where records are simulated whole.
-    beyond
+    tolerance_parameter
         Tolerance that it is more of.
     """
     hidden = [
@@ -74,6 +74,6 @@ def effect_of(
         step=entry.step,
         observe=observe,
         excite=excite,
-        beyond=beyond,
+        tolerance_parameter=tolerance_parameter,
         data=data,
     )

@@ -58,7 +58,7 @@ def mechanism_model(
                 model.outputs,
                 library.channels,
                 states=not model.single,
-                beyond="" if alias is None else alias.tolerance.name,
+                tolerance_parameter="" if alias is None else alias.tolerance.name,
             )
         )
     return model, tuple(ready)

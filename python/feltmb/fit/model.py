@@ -169,7 +169,7 @@ class Effect:
     regressor: Callable[..., Array] | None = None
     observe: Callable[..., Array] | None = None
     excite: Callable[..., Mapping[str, Array]] | None = None
-    beyond: str = ""
+    tolerance_parameter: str = ""
     """Name of the parameter that it is more of: within its tolerance the departure is the
     parameter's, a diagnosis calls what goes far beyond it this effect."""
     data: Any = None

@@ -269,15 +269,15 @@ class SimulatorModel(Model):
             f"{forward} of {len(steps)} parameters, central for the others"
         ]
         sigma = [record.sensors[n].sigma if n in record.sensors else None for n in self.outputs]
-        loud = [
+        noisy = [
             n
             for n, s, u in zip(self.outputs, sigma, unit, strict=True)
             if s and noise * u > 0.3 * s
         ]
-        if loud:
+        if noisy:
             notes.append(
-                f"its numerical noise is not small beside that of the sensor of {', '.join(loud)}: "
-                "tighten its tolerances"
+                "its numerical noise is not small beside that of the sensor of "
+                f"{', '.join(noisy)}: tighten its tolerances"
             )
         if jitter > 1e-12:
             notes.append("two runs with the same arguments differ: seed its random numbers")

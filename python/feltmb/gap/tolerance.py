@@ -57,7 +57,7 @@ def within_tolerance(found: Search, settings: FitSettings) -> Search:
     if best is None:
         return found
     far = beyond_prior(found.model_fit)
-    names = {t.effect.beyond for t in best.fit.included} & far.keys()
+    names = {t.effect.tolerance_parameter for t in best.fit.included} & far.keys()
     if not names:
         return found
     before = found.model_fit

@@ -106,7 +106,7 @@ def small():
 
 def test_beyond_its_tolerance_a_parameter_is_a_cause(small):
     model, effects, strokes = small
-    assert {e.name: e.beyond for e in effects} == {
+    assert {e.name: e.tolerance_parameter for e in effects} == {
         "let_off_button": "let_off_button",
         "felt_thickness.03": "",
         "viscous_friction.butt": "",
@@ -162,7 +162,7 @@ def steeper(beyond):
         name="steeper",
         component="spring",
         regressor=lambda r, _: r.inputs["u"],
-        beyond=beyond,
+        tolerance_parameter=beyond,
     )
 
 
