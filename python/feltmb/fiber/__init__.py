@@ -1,7 +1,7 @@
 """Micromechanics of fiber networks: structure, contacts, compression laws, fits, simulation.
 
 All numbers are in SI units; volume fractions, strains and structural numbers are dimensionless.
-Compression and pressure are positive. See ``docs/fiber.md``.
+Compression and pressure are positive. See ``docs/explanation/fiber.md``.
 """
 
 from feltmb.fiber.contacts import (

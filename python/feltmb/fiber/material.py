@@ -99,7 +99,8 @@ class FeltMaterial(Schema):
 
     Pressure of loading: ``sigma_L + r_sc n C_sL``; of unloading: ``sigma_U - r_sc n C_sU``, held at
     0 from below. sigma is eq. 3.64 less its value at ``v_f0``; the contact force, hence the
-    critical angle and the friction, follow from ``sigma = (1 - r_sc) n C`` (docs/felt.md).
+    critical angle and the friction, follow from ``sigma = (1 - r_sc) n C``
+    (docs/explanation/felt.md).
     """
 
     schema_version: Annotated[Literal[1], Field(alias="schema")] = 1

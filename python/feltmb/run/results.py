@@ -88,7 +88,7 @@ class Run:
     summary : dict
         Numbers of the run by name, SI units; a number that the run does not have is absent.
     energy : dict
-        Ledger [J]; see ``docs/model.md``.
+        Ledger [J]; see ``docs/explanation/model.md``.
     stats : dict
         Work counts, wall time, states and contacts that limited the step most often.
     provenance : dict

@@ -1,6 +1,6 @@
 """The key actuator of thesis chapter 5: alone, coupled to an action, and its design.
 
-SI units, positive pressing. See ``docs/actuator.md``.
+SI units, positive pressing. See ``docs/explanation/actuator.md``.
 """
 
 from feltmb.action.actuator.compose import compose, stand_alone
