@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
-from types import ModuleType
+from types import GenericAlias, ModuleType
 from typing import Any
 
 #: In the order of the index; each offers its ``__all__``.
@@ -82,18 +82,26 @@ def pages() -> dict[str, str]:
 def module_page(module: str, items: dict[str, Any]) -> str:
     """One module: what it is, a table of its names, each of them."""
     lines = [module, "=" * len(module), "", f".. automodule:: {module}", "   :no-members:", ""]
-    described = [item for item, value in items.items() if callable(value)]
+    lines += [f".. currentmodule:: {module}", ""]
+    described = [item for item, value in items.items() if is_described(value)]
     if described:
         lines += [".. autosummary::", "   :nosignatures:", ""]
-        lines += [f"   {module}.{item}" for item in described] + [""]
+        lines += [f"   {item}" for item in described] + [""]
     for item, value in items.items():
-        if inspect.isclass(value):
-            lines += [f".. autoclass:: {module}.{item}", "   :members:", ""]
-        elif callable(value):
-            lines += [f".. autofunction:: {module}.{item}", ""]
+        if not is_described(value):
+            lines += [f".. py:data:: {item}", *constant(value), ""]
+        elif inspect.isclass(value):
+            lines += [f".. autoclass:: {item}", "   :members:", ""]
         else:
-            lines += [f".. py:data:: {module}.{item}", *constant(value), ""]
+            lines += [f".. autofunction:: {item}", ""]
     return "\n".join(lines).rstrip() + "\n"
+
+
+def is_described(value: Any) -> bool:
+    """Whether it is a class or function, not a constant or the name of a type."""
+    if isinstance(value, GenericAlias):
+        return False
+    return callable(value) and hasattr(value, "__qualname__")
 
 
 def constant(value: Any) -> list[str]:

@@ -54,7 +54,7 @@ def dry_friction(c: Part, *, scale: float, speed: float) -> Effect:
 
 
 def dry_friction_asymmetry(c: Part, *, scale: float, speed: float) -> Effect:
-    """Coulomb friction that differs between the directions: F = F_a |tanh(v / v_0)|."""
+    """Coulomb friction that differs between the directions: ``F = F_a |tanh(v / v_0)|``."""
     return Effect(
         name=f"one-sided friction {c.name}",
         component=c.name,
@@ -98,7 +98,7 @@ def viscous_friction(c: Part, *, scale: float) -> Effect:
 
 
 def quadratic_friction(c: Part, *, scale: float) -> Effect:
-    """F = c v |v|: drag of air or of a turbulent fluid."""
+    """``F = c v |v|``: drag of air or of a turbulent fluid."""
     return Effect(
         name=f"quadratic friction {c.name}",
         component=c.name,
@@ -168,7 +168,7 @@ def end_stop(c: Part, *, stiffness: float, travel: float) -> Effect:
 def hysteresis(c: Part, *, scale: float, travel: float) -> Effect:
     """Rate-independent hysteresis: a spring behind a slip z (hidden state), F = F_h (q - z) / b.
 
-    While the spring is beyond its prior further the slip takes the share |(q - z) / b|^n of the
+    While the spring is beyond its prior further the slip takes the share ``|(q - z) / b|^n`` of the
     motion, and none when it turns back: the law of Bouc (1967) and Wen (1976) with beta = gamma.
     The shape is (b, n): the stretch [position unit] at which all slips, and how sharply it begins.
     n = 10 is nearly elastic-plastic (Jenkins), n = 2 round; n = 1 with a small b nears pre-sliding

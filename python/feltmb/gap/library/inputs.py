@@ -63,7 +63,7 @@ def gain_input(name: str) -> Effect:
 
 
 def bent_input(name: str, *, level: float) -> Effect:
-    """The input is larger by magnitude u^2 / level ("even") or magnitude u |u| / level ("odd")."""
+    """The input is larger by ``magnitude u^2 / level`` ("even") or ``magnitude u |u| / level``."""
     return _input(
         name,
         "nonlinearity of input",

@@ -47,7 +47,10 @@ def sensor_gain(outputs: Sequence[str], name: str) -> Effect:
 
 
 def sensor_bend(outputs: Sequence[str], name: str, *, level: float) -> Effect:
-    """The channel shows y + m y^2 / level ("even") or y + m y |y| / level ("odd"), m: magnitude."""
+    """The channel shows ``y + m y^2 / level`` ("even") or ``y + m y |y| / level`` ("odd").
+
+    m is the magnitude.
+    """
     return _sensor(
         outputs,
         name,
