@@ -12,7 +12,7 @@ import pytest
 HERE = Path(__file__).resolve()
 ROOT = HERE.parents[2]
 
-GROUND = "errors units arguments files"
+GROUND = "errors units arguments files display"
 MODEL = f"{GROUND} _core params fiber contact mechanism"
 RUN = f"{MODEL} data run"
 
@@ -41,6 +41,7 @@ MAY_USE = {
         "units": "errors",
         "arguments": "errors units",
         "files": "errors",
+        "display": "",
         "style": "errors",
         "_core": "",
         "params": "errors units",
