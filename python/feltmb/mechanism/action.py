@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from feltmb import _core
 from feltmb.arguments import checked
-from feltmb.contact.law import Law
+from feltmb.contact.laws import Law
 from feltmb.contact.tables import CORE_LAWS, LAWS
 from feltmb.display import html_table, picture
 from feltmb.errors import InvalidParameter, shown

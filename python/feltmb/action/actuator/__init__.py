@@ -3,8 +3,8 @@
 SI units, positive pressing. See ``docs/explanation/actuator.md``.
 """
 
-from feltmb.action.actuator.compose import compose, stand_alone
-from feltmb.action.actuator.match import Match, MatchParameter, match
+from feltmb.action.actuator.composing import compose, stand_alone
+from feltmb.action.actuator.matching import Match, MatchParameter, match
 from feltmb.action.actuator.model import (
     DAMPING,
     Actuator,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from feltmb.action.actuator.compose import compose
+from feltmb.action.actuator.composing import compose
 from feltmb.action.actuator.model import Actuator, load_actuator, simulate_actuator
 from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter

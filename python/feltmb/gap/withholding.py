@@ -31,7 +31,7 @@ from feltmb.fit.shift import shifted
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap.checks import DataChecks, check_against, with_sigma
 from feltmb.gap.criteria import CLEAR_SIGNAL
-from feltmb.gap.diagnose import Options, diagnose, prepare
+from feltmb.gap.diagnosis import Options, diagnose, prepare
 from feltmb.gap.findings import QUIET, Findings, Verdict
 
 __all__ = ["OUTCOMES", "Withheld", "WithheldCase", "outcome_of", "withhold"]
