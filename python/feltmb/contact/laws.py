@@ -58,7 +58,17 @@ class Law:
         rate: npt.ArrayLike = 0.0,
         state: tuple[float, tuple[float, ...]] | None = None,
     ) -> Array:
-        """Force [N] at compressions [m] and rates [m/s], the memory as given (default: virgin)."""
+        """Force [N] at compressions [m] and rates [m/s], the memory as given (default: virgin).
+
+        Parameters
+        ----------
+        compression
+            Compression [m].
+        rate
+            Rate of the compression [m/s].
+        state
+            Memory of the felt, as the attribute ``state`` has it; None: virgin felt.
+        """
         largest, own = state if state is not None else (0.0, ())
         out: Array = np.asarray(
             self.core.force(

@@ -146,7 +146,17 @@ class FeltMaterial(Schema):
         return branch
 
     def with_branches(self, loading: Branch, unloading: Branch, v_f_max: float) -> FeltMaterial:
-        """Copy with other elastic laws and end of the loop."""
+        """Copy with other elastic laws and end of the loop.
+
+        Parameters
+        ----------
+        loading
+            Branch of loading.
+        unloading
+            Branch of unloading.
+        v_f_max
+            Volume fraction at the end of the loop [1].
+        """
         return self.model_copy(
             update={"loading": loading, "unloading": unloading, "v_f_max": v_f_max}
         )

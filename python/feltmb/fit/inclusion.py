@@ -39,7 +39,7 @@ def including(
 
     Parameters
     ----------
-    included effects
+    included
         Effects (their first shape counts) or included effects; ``report.model.included`` of a
         diagnosis.
     magnitudes
@@ -148,7 +148,23 @@ class Including(Model):
         provenance: str = "",
         force: bool = False,
     ) -> Path:
-        """As the model writes, with what was made part of it among its effects."""
+        """As the model writes, with what was made part of it among its effects.
+
+        Parameters
+        ----------
+        path
+            File that is written.
+        theta
+            Values of the parameters [SI].
+        included
+            Effects that are included.
+        magnitudes
+            Magnitude of each included effect.
+        provenance
+            Texts about the origin that are written into the file.
+        force
+            False: an existing file is not overwritten.
+        """
         count = len(self._base.parameters)
         return self._base.write(
             path,
@@ -216,7 +232,31 @@ class Including(Model):
         candidates: tuple[Candidate, ...] = (),
         memory: Memory | None = None,
     ) -> Sensitivity:
-        """Those of the model; the derivatives by the included magnitudes move to the parameters."""
+        """Those of the model; the derivatives by the included magnitudes move to the parameters.
+
+        Parameters
+        ----------
+        record
+            Record whose inputs drive the model.
+        theta
+            Values of the parameters [SI].
+        segments
+            Begin and end of each segment [s].
+        starts
+            Start state of each segment.
+        included
+            Effects that are included.
+        magnitudes
+            Magnitude of each included effect.
+        by_theta
+            Indices of the parameters by which derivatives are asked for.
+        by_starts
+            Whether derivatives by the start states are asked for.
+        candidates
+            Candidates whose derivative at magnitude zero is asked for.
+        memory
+            Memory of the model at the start of each segment.
+        """
         given = np.zeros(len(included)) if magnitudes is None else magnitudes
         check_segments(self, record, segments, starts, included, given, theta)
         count, own = len(self._base.parameters), len(self._own)

@@ -750,6 +750,25 @@ def fit_model(
     ``resume`` is a folder for finished optimizations, from which a cut-off fit goes on.
     ``progress``, ``budget`` [s] and ``stop`` are those of :func:`diagnose`; a fit that was stopped
     says so in its notes.
+
+    Parameters
+    ----------
+    model
+        Model with its parameters.
+    records
+        Records that are fitted.
+    segment
+        Length of a segment [s]; None: chosen from the records.
+    settings
+        Settings of the fit.
+    progress
+        Function that is told how far the fit is.
+    resume
+        Folder with an earlier run that is continued.
+    budget
+        Time after which the fit stops [s].
+    stop
+        Function that returns True to stop the fit.
     """
     watch = Watch(progress, budget, stop)
     with watching(watch):
