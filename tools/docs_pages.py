@@ -1,7 +1,7 @@
 """Runs the commands and examples of a page of the documentation, in a folder of its own.
 
-    python tools/docs_pages.py docs/tutorial.md            compares what the page shows
-    python tools/docs_pages.py docs/tutorial.md --write    writes what comes into the page
+    python tools/docs_pages.py PAGE.md            compares what the page shows
+    python tools/docs_pages.py PAGE.md --write    writes what comes into the page
 
 What a page may hold:
 

@@ -1,4 +1,4 @@
-"""Draws docs/img/architecture.svg and writes the tables of docs/architecture.md from the source.
+"""Draws docs/img/architecture.svg and writes the tables of the page on the architecture.
 
     python tools/make_architecture.py           writes
     python tools/make_architecture.py --check   says what is out of date; exit code 1 if anything
@@ -17,7 +17,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "docs" / "architecture.md"
+PAGE = ROOT / "docs" / "explanation" / "architecture.md"
 PICTURE = ROOT / "docs" / "img" / "architecture.svg"
 
 #: What the folders of the C++ core are for; the modules of the package say it themselves.

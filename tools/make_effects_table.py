@@ -1,4 +1,4 @@
-"""Writes the tables of docs/gap-action.md anew from the library of effects."""
+"""Writes the tables of docs/explanation/gap-action.md anew from the library of effects."""
 
 import re
 from pathlib import Path
@@ -7,7 +7,7 @@ import feltmb
 from feltmb.adapters import load_library
 from feltmb.adapters.table import effects_markdown, tolerances_markdown
 
-DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "gap-action.md"
+DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "explanation" / "gap-action.md"
 
 
 def tables() -> dict[str, str]:

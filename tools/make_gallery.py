@@ -1,4 +1,4 @@
-"""Runs examples/gallery, draws docs/img/gallery and writes docs/gallery.md.
+"""Runs examples/gallery, draws docs/img/gallery and writes docs/tutorials/gallery.md.
 
     python tools/make_gallery.py            all
     python tools/make_gallery.py bouncing   draws one anew; the page is written from what was stored
@@ -19,7 +19,7 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "examples" / "gallery"
-PAGE = ROOT / "docs" / "gallery.md"
+PAGE = ROOT / "docs" / "tutorials" / "gallery.md"
 PICTURES = ROOT / "docs" / "img" / "gallery"
 
 #: In the order of the page.
@@ -41,9 +41,9 @@ HEAD = """\
 # Gallery
 
 Written by `tools/make_gallery.py`. Each example is one file in
-[`examples/gallery`](../examples/gallery), draws one picture and gives one number, which is checked
-against other means: closed forms, energy, a tighter tolerance. A test computes all of them again
-(`tests/python/unit/test_gallery.py`). To run one:
+[`examples/gallery`](../../examples/gallery), draws one picture and gives one number, which is
+checked against other means: closed forms, energy, a tighter tolerance. A test computes all of
+them again (`tests/python/unit/test_gallery.py`). To run one:
 
 ```console
 $ python examples/gallery/bouncing.py bouncing.png
@@ -62,12 +62,12 @@ def entry(name: str, module: ModuleType, found: Any) -> str:
     """One example as text of the page."""
     title = name.replace("_", " ").capitalize()
     lines = [f"## {title}", "", re.sub(r"\s+", " ", (module.__doc__ or "").strip()), ""]
-    lines += [f"![{title}](img/gallery/{name}.png)", ""]
+    lines += [f"![{title}](../img/gallery/{name}.png)", ""]
     lines += [f"**{found.name}: {found.value:.4g} {found.unit}".strip() + "**", ""]
     lines += ["| checked | here | by other means | to |", "|---|---|---|---|"]
     for what, value, expected, tolerance in found.checks:
         lines.append(f"| {what} | {value:.6g} | {expected:.6g} | {tolerance:.2g} |")
-    return "\n".join([*lines, "", f"[{name}.py](../examples/gallery/{name}.py)", ""])
+    return "\n".join([*lines, "", f"[{name}.py](../../examples/gallery/{name}.py)", ""])
 
 
 def main() -> None:

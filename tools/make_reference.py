@@ -1,9 +1,8 @@
-"""Writes docs/reference from the source: command line, TOML files, Python, C++ headers.
+"""Writes docs/reference/generated from the source: command line, TOML files, Python, C++ headers.
 
-    python tools/make_reference.py           writes the pages
-    python tools/make_reference.py --check   says which pages are out of date; exit code 1 if any
+    python tools/make_reference.py
 
-tests/python/unit/test_reference.py does the same check.
+The pages are not in git: the build of the site (`bash tools/docs.sh`) writes them.
 """
 
 from __future__ import annotations
@@ -16,51 +15,40 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from reference import command_line, cpp, python_api, toml_files
 
 ROOT = Path(__file__).resolve().parents[1]
-FOLDER = ROOT / "docs" / "reference"
+FOLDER = ROOT / "docs" / "reference" / "generated"
 
-INDEX = """\
-# Reference
-
-Written from the source by `python tools/make_reference.py`; a test says when a page is out of date.
-
-- [Command line](command_line.md): every command with its options.
-- [TOML files](toml_files.md): every key with its unit, limits and default.
-- [Python](python.md): what the modules offer.
-- [C++ headers](cpp.md): the core library.
-"""
+#: Pages that other pages may link to.
+LINKED = ("command_line.md", "toml_files.md", "python.rst", "cpp.md")
 
 
 def pages() -> dict[str, str]:
-    """Name of each page and its text."""
+    """Path of each page below the folder, and its text."""
     return {
-        "README.md": INDEX,
         "command_line.md": command_line.page(),
         "toml_files.md": toml_files.page(),
-        "python.md": python_api.page(),
-        "cpp.md": cpp.page(ROOT / "cpp" / "include"),
+        **python_api.pages(),
+        **cpp.pages(ROOT / "cpp" / "include"),
     }
 
 
-def out_of_date() -> list[str]:
-    """Pages that differ from the source."""
-    found = []
-    for name, text in pages().items():
-        file = FOLDER / name
+def write(folder: Path = FOLDER) -> list[Path]:
+    """Write the pages that differ from what is there, delete others; returns those written."""
+    wanted = {folder / name: text for name, text in pages().items()}
+    for old in set(folder.rglob("*.*")) - set(wanted):
+        old.unlink()
+    written = []
+    for file, text in wanted.items():
         if not file.is_file() or file.read_text(encoding="utf-8") != text:
-            found.append(name)
-    return found
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(text, encoding="utf-8")
+            written.append(file)
+    return written
 
 
 def main() -> int:
-    if "--check" in sys.argv[1:]:
-        old = out_of_date()
-        for name in old:
-            print(f"docs/reference/{name} is out of date; run python tools/make_reference.py")
-        return 1 if old else 0
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    for name, text in pages().items():
-        (FOLDER / name).write_text(text, encoding="utf-8")
-        print(f"docs/reference/{name}: {len(text.splitlines())} lines")
+    for file in write():
+        lines = len(file.read_text(encoding="utf-8").splitlines())
+        print(f"{file.relative_to(ROOT)}: {lines} lines")
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Writes examples/tutorial: the compression test and the measured strokes of docs/tutorial.md.
+"""Writes examples/tutorial: the compression test and the measured strokes of the tutorial.
 
 Both are synthetic, and the files say so. The test is that of the packaged felt a12_06 with
 scatter. The strokes are those of the action that the tutorial regulates, with its capstan felt

@@ -119,7 +119,7 @@ def command(
 
     Writes the truths and their SHA-256 first, then records, results (a file a case, so that a
     bench that was cut off goes on with --resume) and the table of scores as score.json and
-    score.md. See docs/gap-validation.md.
+    score.md. See docs/validation/2026-11_gap_blind_bench.md.
     """
     bench = Bench(output, outside, MACHINES[machine])
     told = _Told()

@@ -1,13 +1,49 @@
 """Multibody simulation of machines whose parts meet through felt.
 
+For example::
+
+    import feltmb
+
+    action = feltmb.load_action("steinway45")   # or the path of a TOML file
+    run = feltmb.simulate(action, "forte")      # or a stroke of your own
+    run.summary, run.events, run.to_dataframe(), run.plot()
+
+All numbers are in SI units. ``help(feltmb.simulate)`` explains a function, ``feltmb --help`` the
+command line, and the pages in ``docs`` everything else.
+
+Mechanisms
+    load_action, packaged_actions, Action, evaluate, Evaluation, parameters
+Strokes
+    ramp_stroke, pulse_stroke, table_stroke, motion_stroke, torque_stroke, sequence, load_stroke,
+    read_stroke_csv, packaged_strokes, Stroke
+Simulation
+    simulate, RunOptions, Run, load_run, view, plot, animate
+Many simulations
+    sweep, study, packaged_studies, StudyResult, batch
+Derivatives
+    gradient, Gradient, sensitivity
+Piano actions
+    regulate, load_targets, Regulation, touch, Touch, actuator
+Felt
+    felt: materials, identification, audit; fiber: fiber networks; contact: contact laws
+Measurements
+    data: records and sensors; fit: fits of any model; gap: diagnosis of the difference between a
+    model and measurements; adapters: mechanisms as models of fit and gap
+Errors
+    FeltmbError, below it InvalidParameter, DataError, ModelError, IntegrationError, FileExists
+
 Everything is imported when it is first used: ``import feltmb`` itself is quick.
 """
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from types import FrameType
+
+    from feltmb import adapters, contact, data, felt, fiber, fit, gap
     from feltmb._core import __version__
     from feltmb.action.regulate import Regulation, load_targets, regulate
     from feltmb.action.touch import Touch, touch
@@ -57,7 +93,14 @@ __all__ = [
     "StudyResult",
     "Touch",
     "__version__",
+    "adapters",
+    "contact",
+    "data",
     "evaluate",
+    "felt",
+    "fiber",
+    "fit",
+    "gap",
     "gradient",
     "load_action",
     "load_run",
@@ -135,4 +178,11 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOME, *_MODULES})
+    names = {*globals(), *_HOME, *_MODULES}
+    # help() prints in full what dir() lists, more than 1700 lines; the text above is an index.
+    frame: FrameType | None = sys._getframe(1)
+    while frame is not None and frame.f_globals.get("__name__") == "inspect":
+        frame = frame.f_back
+    if frame is not None and frame.f_globals.get("__name__") == "pydoc":
+        names -= {*_HOME, "annotations", "TYPE_CHECKING"}
+    return sorted(names)

@@ -190,7 +190,7 @@ def test_a_mechanism_is_one_file(tmp_path):
     assert panels["tip"] == ["tip.vy"]
     labels = [ax.get_ylabel() for ax in plot.overview(run).axes]
     assert "felt stop, N" in labels
-    assert "tip\nspeed, m/s" in labels
+    assert "tip\nspeed [m/s]" in labels
 
 
 def test_an_effect_on_a_mechanism_is_one_table(tmp_path):

@@ -12,7 +12,7 @@ import pytest
 HERE = Path(__file__).resolve()
 ROOT = HERE.parents[2]
 
-GROUND = "errors units arguments files"
+GROUND = "errors units arguments files display"
 MODEL = f"{GROUND} _core params fiber contact mechanism"
 RUN = f"{MODEL} data run"
 
@@ -41,6 +41,7 @@ MAY_USE = {
         "units": "errors",
         "arguments": "errors units",
         "files": "errors",
+        "display": "",
         "style": "errors",
         "_core": "",
         "params": "errors units",
@@ -75,15 +76,15 @@ PACKAGE_HOST = re.compile(
     r"|npmjs\.(?:org|com)|anaconda\.org|archive\.ubuntu\.com"
 )
 
-#: Words that were replaced by the standard terms of the field (docs/notation.md, glossary), and
-#: must not come back. A word is added when its last use is gone.
+#: Words that were replaced by the standard terms of the field (docs/reference/notation.md,
+#: glossary), and must not come back. A word is added when its last use is gone.
 REPLACED_WORD = re.compile(
     r"(?<![\w-])(?:nominals?|\w*Nominal\w*|foresee[ns]?|foreseeing|foresight"
     r"|foretells?|foretelling|foretold|[Ss]hots?|[Nn]ats|[Uu]nknown rests?|UNKNOWN RESTS?|[Ll]ouder"
     r"|[Aa]mended|_?Subjects?|gap_subjects|load_subject|make_shot|observe_lanes|[Ff]iner|cautions|[Cc]ooled)(?![\w-])"
 )
 #: Files that tell what was replaced, and this one.
-TELLS_OLD_WORDS = {"CHANGELOG.md", "docs/notation.md", "tests/python/test_layers.py"}
+TELLS_OLD_WORDS = {"CHANGELOG.md", "docs/reference/notation.md", "tests/python/test_layers.py"}
 
 
 def check_use(language: str, file: str, user: str, used: str) -> Iterator[str]:
@@ -195,7 +196,7 @@ def text_faults(file: Path, root: Path) -> Iterator[str]:
         if file.relative_to(root).as_posix() in TELLS_OLD_WORDS:
             continue
         if found := REPLACED_WORD.search(line):
-            yield f"{where}: {found.group()} is not written any more, see docs/notation.md"
+            yield f"{where}: {found.group()} was replaced, see docs/reference/notation.md"
 
 
 @pytest.mark.parametrize("language", MAY_USE)
@@ -348,7 +349,7 @@ def test_package_host_is_found(tmp_path):
 def test_replaced_word_is_found(tmp_path, text):
     (tmp_path / "a.md").write_text(text)
     (fault,) = text_faults(tmp_path / "a.md", tmp_path)
-    assert "is not written any more" in fault
+    assert "was replaced" in fault
 
 
 @pytest.mark.parametrize("text", ["a denominator", "nominally", "the model"])

@@ -39,7 +39,7 @@ def page() -> str:
         "# Command line",
         "",
         "The help of every command, as it prints it. What all commands share is in",
-        "[the command line](../command_line.md).",
+        "[the conventions](../conventions.md).",
         "",
     ]
     for path, text in commands(cli, context, ("feltmb",)):

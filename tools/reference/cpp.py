@@ -14,29 +14,38 @@ FOLDERS = (
 KEEPS = re.compile(r"\b(class|struct|union|enum|namespace)\b")
 
 
-def page(include: Path) -> str:
-    """The whole page."""
-    lines = [
-        "# C++ headers",
-        "",
-        "What each header declares, with its comments; bodies and private parts are left out.",
-        "To use the library: `find_package(feltmb)`, target `feltmb::feltmb`, as in",
-        "[tests/cmake_consumer](../../tests/cmake_consumer).",
-        "",
-    ]
+HEAD = """\
+# C++ headers
+
+What each header declares, with its comments. Bodies and private parts are left out. To use the
+library: `find_package(feltmb)`, target `feltmb::feltmb`, as in
+[tests/cmake_consumer](../../../tests/cmake_consumer).
+
+```{toctree}
+:maxdepth: 2
+
+"""
+
+
+def pages(include: Path) -> dict[str, str]:
+    """Path and text of each page: an index, and one page a folder of headers."""
     root = include / "feltmb"
     found = {p.parent.relative_to(root).as_posix() for p in root.rglob("*.hpp")}
-    folders = [*FOLDERS, *sorted(found - set(FOLDERS))]
-    for folder in folders:
-        files = sorted((root / folder).glob("*.hpp"))
-        if not files:
-            continue
-        lines += [f"## {folder}", ""]
-        for file in files:
-            about, code = declarations(file.read_text(encoding="utf-8"))
-            lines += [f"### feltmb/{folder}/{file.name}", ""]
-            lines += [about, ""] if about else []
-            lines += ["```cpp", code, "```", ""] if code else []
+    folders = [f for f in (*FOLDERS, *sorted(found - set(FOLDERS))) if f in found]
+    names = {folder: f"cpp/{folder.replace('/', '_')}" for folder in folders}
+    index = HEAD + "".join(f"{name}\n" for name in names.values()) + "```\n"
+    texts = {f"{names[f]}.md": folder_page(root, f) for f in folders}
+    return {"cpp.md": index, **texts}
+
+
+def folder_page(root: Path, folder: str) -> str:
+    """The headers of one folder."""
+    lines = [f"# {folder}", ""]
+    for file in sorted((root / folder).glob("*.hpp")):
+        about, code = declarations(file.read_text(encoding="utf-8"))
+        lines += [f"## feltmb/{folder}/{file.name}", ""]
+        lines += [about, ""] if about else []
+        lines += ["```cpp", code, "```", ""] if code else []
     return "\n".join(lines).rstrip() + "\n"
 
 

@@ -1,16 +1,13 @@
-"""Python: what the modules offer, with signatures and texts."""
+"""Python: one page a module, which Sphinx fills from signatures and docstrings."""
 
 from __future__ import annotations
 
-import dataclasses
 import importlib
 import inspect
-import re
+from types import GenericAlias, ModuleType
 from typing import Any
 
-from reference.attributes import field_texts
-
-#: In the order of the page; each offers its ``__all__``.
+#: In the order of the index; each offers its ``__all__``.
 MODULES = (
     "feltmb",
     "feltmb.contact",
@@ -31,77 +28,86 @@ MODULES = (
     "feltmb.units",
 )
 
+INDEX = """\
+Python
+======
 
-def page() -> str:
-    """The whole page."""
-    lines = ["# Python", "", "What each module offers, once: a name stands where it is first.", ""]
-    lines += [f"- [{name}](#{name.replace('.', '')})" for name in MODULES]
-    lines.append("")
+The public names of each module. A name that several modules offer is described once, in the first
+of them.
+
+.. toctree::
+   :maxdepth: 1
+
+"""
+
+
+def offered() -> dict[str, dict[str, Any]]:
+    """Module -> its public names that no module before it has."""
+    found: dict[str, dict[str, Any]] = {}
     seen: set[int] = set()
     for name in MODULES:
         module = importlib.import_module(name)
-        lines += [f"## {name}", "", *text_block(inspect.getdoc(module))]
+        found[name] = {}
         for item in getattr(module, "__all__", ()):
             value = getattr(module, item)
-            if item.startswith("__") or inspect.ismodule(value) or id(value) in seen:
+            if item.startswith("__") or isinstance(value, ModuleType):
                 continue
-            if inspect.isclass(value) or callable(value):
+            if callable(value):
+                if id(value) in seen:
+                    continue
                 seen.add(id(value))
-            lines += entry(item, value)
+            found[name][item] = value
+    return found
+
+
+def public_names() -> dict[str, str]:
+    """Where a class or function is defined -> the name under which it is described."""
+    return {
+        f"{value.__module__}.{value.__qualname__}": f"{module}.{item}"
+        for module, items in offered().items()
+        for item, value in items.items()
+        if hasattr(value, "__qualname__")
+    }
+
+
+def pages() -> dict[str, str]:
+    """Path and text of each page."""
+    found = {
+        f"python/{module}.rst": module_page(module, items) for module, items in offered().items()
+    }
+    listed = "".join(f"   python/{module}\n" for module in MODULES)
+    return {"python.rst": INDEX + listed, **found}
+
+
+def module_page(module: str, items: dict[str, Any]) -> str:
+    """One module: what it is, a table of its names, each of them."""
+    lines = [module, "=" * len(module), "", f".. automodule:: {module}", "   :no-members:", ""]
+    lines += [f".. currentmodule:: {module}", ""]
+    described = [item for item, value in items.items() if is_described(value)]
+    if described:
+        lines += [".. autosummary::", "   :nosignatures:", ""]
+        lines += [f"   {item}" for item in described] + [""]
+    for item, value in items.items():
+        if not is_described(value):
+            lines += [f".. py:data:: {item}", *constant(value), ""]
+        elif inspect.isclass(value):
+            lines += [f".. autoclass:: {item}", "   :members:", ""]
+        else:
+            lines += [f".. autofunction:: {item}", ""]
     return "\n".join(lines).rstrip() + "\n"
 
 
-def entry(name: str, value: Any) -> list[str]:
-    """One name of a module."""
-    if inspect.isclass(value):
-        return class_entry(name, value)
-    if callable(value):
-        return [f"### {name}{signature(value)}", "", *text_block(inspect.getdoc(value))]
+def is_described(value: Any) -> bool:
+    """Whether it is a class or function, not a constant or the name of a type."""
+    if isinstance(value, GenericAlias):
+        return False
+    return callable(value) and hasattr(value, "__qualname__")
+
+
+def constant(value: Any) -> list[str]:
+    """Value of a constant, if it is short."""
     shown = repr(value)
     plain = isinstance(value, (int, float, str)) or (
         isinstance(value, tuple) and len(shown) < 200 and " at 0x" not in shown
     )
-    return [f"### {name}", "", *([f"`{shown}`", ""] if plain else [])]
-
-
-def class_entry(name: str, cls: type) -> list[str]:
-    """A class with its fields and methods."""
-    lines = [f"### class {name}", "", *text_block(inspect.getdoc(cls))]
-    texts = field_texts(cls)
-    fields = [f.name for f in dataclasses.fields(cls)] if dataclasses.is_dataclass(cls) else []
-    fields = [f for f in fields if not f.startswith("_")]
-    if fields:
-        lines += [f"- `{f}`" + (f": {texts[f]}" if f in texts else "") for f in fields] + [""]
-    for member, value in vars(cls).items():
-        if member.startswith("_") or member in fields:
-            continue
-        inner = value.__func__ if isinstance(value, (classmethod, staticmethod)) else value
-        if isinstance(inner, property):
-            text = inspect.getdoc(inner) or ""
-            lines += [f"- `{member}`: {' '.join(text.split())}" if text else f"- `{member}`", ""]
-        elif inspect.isfunction(inner) and inspect.getdoc(inner):
-            lines += [f"#### {name}.{member}{signature(inner, bound=True)}", ""]
-            lines += text_block(inspect.getdoc(inner))
-    return lines
-
-
-def signature(value: Any, *, bound: bool = False) -> str:
-    """Parameters, without annotations: the text tells units and meaning."""
-    try:
-        found = inspect.signature(value)
-    except (TypeError, ValueError):
-        return "(...)"
-    parameters = [p.replace(annotation=p.empty) for p in found.parameters.values()]
-    if bound and parameters and parameters[0].name in ("self", "cls"):
-        parameters = parameters[1:]
-    text = str(found.replace(parameters=parameters, return_annotation=found.empty))
-    return re.sub(r"<([\w.]+)[^>]*>", r"\1", text).replace("*", r"\*")
-
-
-def text_block(text: str | None) -> list[str]:
-    """First paragraph as it is, the rest as it stands in the source."""
-    if not text:
-        return []
-    first, _, rest = text.partition("\n\n")
-    lines = [" ".join(first.split()), ""]
-    return lines + (["```text", *rest.rstrip().splitlines(), "```", ""] if rest.strip() else [])
+    return [f"   :value: {shown}"] if plain else []

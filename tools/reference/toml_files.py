@@ -31,14 +31,18 @@ def schemas() -> list[tuple[str, str, type[BaseModel]]]:
     return [
         ("Mechanism", "[Mechanism files](../mechanism_files.md) explain the keys.", MechanismFile),
         ("Stroke", "[Strokes](../mechanism_files.md#strokes).", StrokeFile),
-        ("Felt", "[Felt](../felt.md#a-felt).", FeltMaterial),
-        ("Actuator", "[The key actuator](../actuator.md).", ActuatorFile),
-        ("Targets of a regulation", "[Regulation](../regulation.md).", Targets),
-        ("Study", "[Studies](../studies.md).", StudyFile),
-        ("Record", "The TOML beside a measured file: [records](../gap.md#records).", Sheet),
+        ("Felt", "[Felt](../../explanation/felt.md#a-felt).", FeltMaterial),
+        ("Actuator", "[The key actuator](../../explanation/actuator.md).", ActuatorFile),
+        ("Targets of a regulation", "[Regulation](../../howto/regulate_an_action.md).", Targets),
+        ("Study", "[Studies](../../howto/run_studies.md).", StudyFile),
+        (
+            "Record",
+            "The TOML beside a measured file: [records](../../explanation/gap.md#records).",
+            Sheet,
+        ),
         (
             "Library of effects",
-            "[Diagnosis of the action](../gap-action.md#a-library-of-ones-own).",
+            "[Diagnosis of the action](../../explanation/gap-action.md#a-library-of-ones-own).",
             LibraryFile,
         ),
     ]

@@ -189,7 +189,31 @@ class ImpactModel(Model):
         candidates: tuple[Candidate, ...] = (),
         memory: Memory | None = None,
     ) -> Sensitivity:
-        """Differences, kept while the point moves little."""
+        """Differences, kept while the point moves little.
+
+        Parameters
+        ----------
+        record
+            Record whose inputs drive the model.
+        theta
+            Values of the parameters [SI].
+        segments
+            Begin and end of each segment [s].
+        starts
+            Start state of each segment.
+        included
+            Effects that are included.
+        magnitudes
+            Magnitude of each included effect.
+        by_theta
+            Indices of the parameters by which derivatives are asked for.
+        by_starts
+            Whether derivatives by the start states are asked for.
+        candidates
+            Candidates whose derivative at magnitude zero is asked for.
+        memory
+            Memory of the model at the start of each segment.
+        """
         del memory  # from rest
         theta = np.asarray(theta, dtype=float)
         given = (
@@ -222,7 +246,19 @@ class ImpactModel(Model):
         included: tuple[Candidate, ...] = (),
         magnitudes: Array | None = None,
     ) -> dict[str, float]:
-        """Numbers of an impact by key; NaN where the impact has none."""
+        """Numbers of an impact by key; NaN where the impact has none.
+
+        Parameters
+        ----------
+        record
+            Record whose inputs drive the model.
+        theta
+            Values of the parameters [SI].
+        included
+            Effects that are included.
+        magnitudes
+            Magnitude of each included effect.
+        """
         values = self._readings(
             record, theta, included, np.zeros(0) if magnitudes is None else magnitudes
         )

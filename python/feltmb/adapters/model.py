@@ -411,7 +411,31 @@ class MechanismModel(DifferentiableMechanism):
         candidates: tuple[Candidate, ...] = (),
         memory: Memory | None = None,
     ) -> Sensitivity:
-        """Exact derivatives; see :mod:`feltmb.adapters.derivatives`."""
+        """Exact derivatives; see :mod:`feltmb.adapters.derivatives`.
+
+        Parameters
+        ----------
+        record
+            Record whose inputs drive the model.
+        theta
+            Values of the parameters [SI].
+        segments
+            Begin and end of each segment [s].
+        starts
+            Start state of each segment.
+        included
+            Effects that are included.
+        magnitudes
+            Magnitude of each included effect.
+        by_theta
+            Indices of the parameters by which derivatives are asked for.
+        by_starts
+            Whether derivatives by the start states are asked for.
+        candidates
+            Candidates whose derivative at magnitude zero is asked for.
+        memory
+            Memory of the model at the start of each segment.
+        """
         theta, starts = np.asarray(theta, dtype=float), np.asarray(starts, dtype=float)
         given = (
             np.zeros(len(included)) if magnitudes is None else np.asarray(magnitudes, dtype=float)
@@ -486,7 +510,23 @@ class MechanismModel(DifferentiableMechanism):
         provenance: str = "",
         force: bool = False,
     ) -> Path:
-        """Write the mechanism with these numbers as TOML; see :mod:`feltmb.adapters.writing`."""
+        """Write the mechanism with these numbers as TOML; see :mod:`feltmb.adapters.writing`.
+
+        Parameters
+        ----------
+        path
+            File that is written.
+        theta
+            Values of the parameters [SI].
+        included
+            Effects that are included.
+        magnitudes
+            Magnitude of each included effect.
+        provenance
+            Texts about the origin that are written into the file.
+        force
+            False: an existing file is not overwritten.
+        """
         self.check_writing(path)
         return write_mechanism(
             path,
@@ -507,6 +547,17 @@ class MechanismModel(DifferentiableMechanism):
         conditions: Mapping[str, float | str] | None = None,
     ) -> Variant:
         """The assembled mechanism of parameters and magnitudes.
+
+        Parameters
+        ----------
+        theta
+            Values of the parameters [SI].
+        included
+            Effects that are included.
+        magnitudes
+            Magnitude of each included effect.
+        conditions
+            Conditions of the record by name, for effects that drift.
 
         Raises
         ------
@@ -561,6 +612,17 @@ class MechanismModel(DifferentiableMechanism):
         self, record: Record, theta: Array, included: tuple[Candidate, ...], magnitudes: Array
     ) -> Variant:
         """The mechanism of parameters and magnitudes under the conditions of a record.
+
+        Parameters
+        ----------
+        record
+            Record whose inputs drive the model.
+        theta
+            Values of the parameters [SI].
+        included
+            Effects that are included.
+        magnitudes
+            Magnitude of each included effect.
 
         Raises
         ------

@@ -296,7 +296,7 @@ def match_command(
 
     TARGET is a CSV with the header "time [s],force [N]" or a force stroke.
     """
-    from feltmb.action.actuator.match import match
+    from feltmb.action.actuator.matching import match
     from feltmb.action.actuator.plot import plot_match
     from feltmb.files import write_text
     from feltmb.run.stroke import load_stroke

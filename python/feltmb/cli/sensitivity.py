@@ -26,12 +26,10 @@ from feltmb.cli.common import (
 )
 from feltmb.cli.completing import actions, strokes
 from feltmb.cli.completing import paths as known_paths
+from feltmb.run.arrays import summary_unit
 
 if TYPE_CHECKING:
     from feltmb.run.sensitivity import Gradient
-
-#: Units of the numbers of a summary, by what their names end in.
-_UNITS = (("_time", "s"), ("_duration", "s"), ("_speed", "m/s"), ("_force", "N"))
 
 
 @click.command("sensitivity")
@@ -159,12 +157,8 @@ def command(
     if picture is not None:
         from feltmb.graphics.plot import effects as draw_effects
 
-        figure = draw_effects(effects.loc[order[:most], number], _unit(number))
+        figure = draw_effects(effects.loc[order[:most], number], summary_unit(number))
         save_figure(figure, picture, force=force)
-
-
-def _unit(name: str) -> str:
-    return next((unit for end, unit in _UNITS if name.endswith(end)), "m")
 
 
 def _table(result: Gradient, effects: Any, rows: list[str], number: str, stroke: str) -> Any:
@@ -172,7 +166,7 @@ def _table(result: Gradient, effects: Any, rows: list[str], number: str, stroke:
         n for n in ("impact_time", "max_string_force", "rebound_speed") if n in effects
     ]
     shown = list(dict.fromkeys(shown))[:2]  # as many as 80 columns hold
-    value, unit = pretty(result.summary[number], _unit(number))
+    value, unit = pretty(result.summary[number], summary_unit(number))
     table = new_table(
         f"{stroke}: what 1 % more does; {number.replace('_', ' ')} is {value} {unit}",
         "parameter",
@@ -186,7 +180,7 @@ def _table(result: Gradient, effects: Any, rows: list[str], number: str, stroke:
     for path in rows:
         cells = []
         for name in shown:
-            text, small = pretty(float(effects.loc[path, name]), _unit(name))
+            text, small = pretty(float(effects.loc[path, name]), summary_unit(name))
             cells.append(f"{text} {small}")
         table.add_row(path, f"{values[path].value:.4g}", values[path].unit, *cells)
     return table

@@ -53,8 +53,8 @@ def command(
     """Run studies: variants in parallel, what changes, and whether findings hold.
 
     NAMES are packaged studies (feltmb study --list), paths of TOML files of your own, or all. A
-    study is data; see docs/studies.md. A simulation that fails has its error in the table. Exit
-    code 0 also if findings disagree: that is a result.
+    study is data; see docs/howto/run_studies.md. A simulation that fails has its error in the
+    table. Exit code 0 also if findings disagree: that is a result.
     """
     from feltmb.errors import InvalidParameter
     from feltmb.run.study import load_study, packaged_studies, run_studies

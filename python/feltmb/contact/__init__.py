@@ -3,7 +3,7 @@
 ``law(name, **parameters)`` makes a law by the name that mechanism files use.
 """
 
-from feltmb.contact.law import (
+from feltmb.contact.laws import (
     Law,
     law,
 )

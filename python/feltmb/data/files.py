@@ -49,6 +49,23 @@ def read_records(
     """Read several files; all faults in one message. See :func:`read_record`.
 
     A file that holds several runs gives a record for each, as repeats of one another.
+
+    Parameters
+    ----------
+    paths
+        Files, each with a TOML of its name beside it.
+    inputs
+        Names of the inputs of the model.
+    outputs
+        Names of its outputs.
+    modes
+        Modes of input that the model has.
+    units
+        SI unit of each input and output.
+    names
+        Names that columns may have.
+    options
+        Options of the reading.
     """
     signals = Signals(inputs, outputs, modes or {}, units or {}, names or {})
     return tuple(r for group in read_each(paths, signals, options) for r in group)
@@ -341,7 +358,17 @@ def _to_si(unit: str, si: str) -> tuple[float | None, str]:
 
 
 def write_record(record: Record, path: str | Path, *, force: bool = False) -> Path:
-    """Write a record as CSV with its TOML beside it, so that :func:`read_record` returns it."""
+    """Write a record as CSV with its TOML beside it, so that :func:`read_record` returns it.
+
+    Parameters
+    ----------
+    record
+        What is written.
+    path
+        CSV file; its TOML gets the same name.
+    force
+        False: an existing file is not overwritten.
+    """
     import tomlkit
 
     from feltmb.files import write_text

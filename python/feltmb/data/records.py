@@ -221,6 +221,17 @@ class Record:
         """Samples ``first`` <= i < ``last`` as a record of their own.
 
         Unless the first sample stays, nothing is known of the state that it begins with.
+
+        Parameters
+        ----------
+        first
+            Index of the first sample.
+        last
+            Index after the last sample.
+        name
+            Name of the new record; default: that of this one.
+        role
+            Role of the new record; default: that of this one.
         """
         part = slice(first, last)
         return replace(

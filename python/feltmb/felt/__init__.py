@@ -1,6 +1,6 @@
 """Felt: materials, identification from tests, envelopes for the contact law, audit of laws.
 
-SI units; compression, pressure and contact force are positive. See ``docs/felt.md``.
+SI units; compression, pressure and contact force are positive. See ``docs/explanation/felt.md``.
 """
 
 from feltmb.felt.auditing import Audit, Cycle, Finding, audit, audit_targets

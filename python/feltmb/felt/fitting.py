@@ -63,6 +63,15 @@ def contact_loop(contact: object, *, name: str, points: int = 80) -> tuple[Array
     Of the curve fits of eq. 4.21, up to where the branches meet; unloading held between 0 and
     loading, not otherwise mended.
 
+    Parameters
+    ----------
+    contact
+        Contact of a mechanism.
+    name
+        Name of the contact in messages.
+    points
+        Number of points of each branch.
+
     Raises
     ------
     InvalidParameter

@@ -1,7 +1,7 @@
 """Micromechanics of fiber networks: structure, contacts, compression laws, fits, simulation.
 
 All numbers are in SI units; volume fractions, strains and structural numbers are dimensionless.
-Compression and pressure are positive. See ``docs/fiber.md``.
+Compression and pressure are positive. See ``docs/explanation/fiber.md``.
 """
 
 from feltmb.fiber.contacts import (
@@ -12,8 +12,8 @@ from feltmb.fiber.contacts import (
     mean_free_length,
 )
 from feltmb.fiber.data import CompressionData, read_compression
-from feltmb.fiber.energy import EnergyCurve, compress_arcs
-from feltmb.fiber.fit import Fit, compare, fit, fit_branches
+from feltmb.fiber.energy_method import EnergyCurve, compress_arcs
+from feltmb.fiber.fitting import Fit, compare, fit, fit_branches
 from feltmb.fiber.friction import (
     CarnabyPan,
     carnaby_pan,
@@ -21,7 +21,7 @@ from feltmb.fiber.friction import (
     critical_angle,
 )
 from feltmb.fiber.granular import granular_stress
-from feltmb.fiber.history import history, history_models
+from feltmb.fiber.histories import history, history_models
 from feltmb.fiber.laws import energy, law, models, pressure, slope, tangent_modulus
 from feltmb.fiber.orientation import (
     Network,

@@ -230,6 +230,21 @@ def free_length_survival(
     """Probability that the length between two neighboring contacts exceeds x [m].
 
     ``"poisson"``: exponential, mixed over directions; ``"binomial"``: slots of length gamma d_f.
+
+    Parameters
+    ----------
+    model
+        ``poisson`` or ``binomial``.
+    x
+        Free lengths [m].
+    v_f
+        Volume fraction [1].
+    d_f
+        Fiber diameter [m].
+    ratio
+        Uniaxial compression of a network that was random [1].
+    gamma
+        Fiber length that a contact blocks, in diameters [1].
     """
     result: Array = _core.free_length_survival(
         model,

@@ -101,7 +101,19 @@ def slope(
     threads: int = 0,
     **params: float,
 ) -> Any:
-    """Return the derivative dP/dv_f [Pa]; arguments as :func:`pressure`."""
+    """Return the derivative dP/dv_f [Pa]; arguments as :func:`pressure`.
+
+    Parameters
+    ----------
+    model
+        Name of the law; ``feltmb.fiber.MODELS`` lists them.
+    v_f
+        Volume fractions [1].
+    strain
+        Engineering strains [1], in place of ``v_f``.
+    threads
+        Number of threads; 0: one a core.
+    """
     made = law(model, **params)
     return _result(made.slope(_fraction(made, v_f, strain), threads))
 
@@ -115,7 +127,19 @@ def tangent_modulus(
     threads: int = 0,
     **params: float,
 ) -> Any:
-    """Tangent modulus v_f dP/dv_f [Pa] of uniaxial compression, per true strain dv_f/v_f."""
+    """Tangent modulus v_f dP/dv_f [Pa] of uniaxial compression, per true strain dv_f/v_f.
+
+    Parameters
+    ----------
+    model
+        Name of the law; ``feltmb.fiber.MODELS`` lists them.
+    v_f
+        Volume fractions [1].
+    strain
+        Engineering strains [1], in place of ``v_f``.
+    threads
+        Number of threads; 0: one a core.
+    """
     made = law(model, **params)
     v = _fraction(made, v_f, strain)
     return _result(np.asarray(v * made.slope(v, threads)))
@@ -133,6 +157,17 @@ def energy(
     """Return the stored energy per volume of fiber, the integral of P dv_f / v_f^2 [J/m^3].
 
     Times ``v_f0`` it is the energy per volume of the uncompressed assembly.
+
+    Parameters
+    ----------
+    model
+        Name of the law; ``feltmb.fiber.MODELS`` lists them.
+    v_f
+        Volume fractions [1].
+    strain
+        Engineering strains [1], in place of ``v_f``.
+    threads
+        Number of threads; 0: one a core.
     """
     made = law(model, **params)
     return _result(made.energy(_fraction(made, v_f, strain), threads))

@@ -99,7 +99,8 @@ class FeltMaterial(Schema):
 
     Pressure of loading: ``sigma_L + r_sc n C_sL``; of unloading: ``sigma_U - r_sc n C_sU``, held at
     0 from below. sigma is eq. 3.64 less its value at ``v_f0``; the contact force, hence the
-    critical angle and the friction, follow from ``sigma = (1 - r_sc) n C`` (docs/felt.md).
+    critical angle and the friction, follow from ``sigma = (1 - r_sc) n C``
+    (docs/explanation/felt.md).
     """
 
     schema_version: Annotated[Literal[1], Field(alias="schema")] = 1
@@ -145,7 +146,17 @@ class FeltMaterial(Schema):
         return branch
 
     def with_branches(self, loading: Branch, unloading: Branch, v_f_max: float) -> FeltMaterial:
-        """Copy with other elastic laws and end of the loop."""
+        """Copy with other elastic laws and end of the loop.
+
+        Parameters
+        ----------
+        loading
+            Branch of loading.
+        unloading
+            Branch of unloading.
+        v_f_max
+            Volume fraction at the end of the loop [1].
+        """
         return self.model_copy(
             update={"loading": loading, "unloading": unloading, "v_f_max": v_f_max}
         )

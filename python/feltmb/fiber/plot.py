@@ -286,7 +286,7 @@ def plot_contacts(d_f: float = 25e-6, gamma: float = math.pi / 2) -> Any:
 
 def plot_arcs() -> Any:
     """Energy method: schemes and split of the energy (eq. 2.6)."""
-    from feltmb.fiber.energy import compress_arcs
+    from feltmb.fiber.energy_method import compress_arcs
 
     figure = new_figure(9.6, 4.2)
     left, right = figure.subplots(1, 2)
@@ -326,7 +326,7 @@ def plot_arcs() -> Any:
 
 def plot_history() -> Any:
     """Loops of the laws with history."""
-    from feltmb.fiber.history import history
+    from feltmb.fiber.histories import history
 
     figure = new_figure(10, 3.6)
     axes = figure.subplots(1, 3)

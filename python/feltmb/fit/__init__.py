@@ -2,7 +2,7 @@
 
 from feltmb.fit.coordinates import Coordinate, Coupling, Named, Rate
 from feltmb.fit.fmu import fmu_model
-from feltmb.fit.including import Including, including
+from feltmb.fit.inclusion import Including, including
 from feltmb.fit.linear import FunctionModel, LinearModel
 from feltmb.fit.model import (
     VARIABILITY,

@@ -85,7 +85,21 @@ class Coordinate:
         return x[self.position], x[self.speed]
 
     def push(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> dict[str, Any]:
-        """Rates by name of the state that a force gives."""
+        """Rates by name of the state that a force gives.
+
+        Parameters
+        ----------
+        force
+            Force on the coordinate [N or N m].
+        t
+            Time [s].
+        x
+            States by name.
+        u
+            Inputs by name.
+        p
+            Parameters by name.
+        """
         return {self.speed: self._acceleration(force, t, x, u, p)}
 
     def _acceleration(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> Any:
@@ -133,7 +147,21 @@ class Coupling:
         return q - self.ratio * r, v - self.ratio * w
 
     def push(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> dict[str, Any]:
-        """Rates by name of the state that a force gives."""
+        """Rates by name of the state that a force gives.
+
+        Parameters
+        ----------
+        force
+            Force between the two coordinates [N or N m].
+        t
+            Time [s].
+        x
+            States by name.
+        u
+            Inputs by name.
+        p
+            Parameters by name.
+        """
         return {
             **self.first.push(force, t, x, u, p),
             **self.second.push(-self.ratio * force, t, x, u, p),

@@ -257,7 +257,23 @@ class Jobs:
         magnitudes: Array,
         memory: Memory | None = None,
     ) -> Jobs:
-        """All segments at the same parameters, (p,), and magnitudes, (k,)."""
+        """All segments at the same parameters, (p,), and magnitudes, (k,).
+
+        Parameters
+        ----------
+        theta
+            Values of the parameters [SI].
+        segments
+            Begin and end of each segment [s].
+        starts
+            Start state of each segment.
+        included
+            Effects that are included.
+        magnitudes
+            Magnitude of each included effect.
+        memory
+            Memory of the model at the start of each segment.
+        """
         count = len(segments)
         return cls(
             theta=np.tile(theta, (count, 1)),
@@ -506,7 +522,23 @@ class Model(ABC):
         provenance: str = "",
         force: bool = False,
     ) -> Path:
-        """Write itself with these numbers into a file; see :meth:`check_writing`."""
+        """Write itself with these numbers into a file; see :meth:`check_writing`.
+
+        Parameters
+        ----------
+        path
+            File that is written.
+        theta
+            Values of the parameters [SI].
+        included
+            Effects that are included.
+        magnitudes
+            Magnitude of each included effect.
+        provenance
+            Texts about the origin that are written into the file.
+        force
+            False: an existing file is not overwritten.
+        """
         del theta, included, magnitudes, provenance, force
         self.check_writing(path)
         raise NotImplementedError
@@ -568,7 +600,7 @@ class Model(ABC):
             (p,)
         segments, starts
             (W, 2) and (W, nx), states in the order of ``states(included)``.
-        included effects, magnitudes
+        included, magnitudes
             Candidates that are part of the model, and their magnitudes (k,); derivatives by all of
             them.
         by_theta

@@ -25,7 +25,7 @@ from feltmb.fit import (
     including,
 )
 from feltmb.gap.checks import DataChecks, check_records
-from feltmb.gap.diagnose import Options, diagnose, fit_model
+from feltmb.gap.diagnosis import Options, diagnose, fit_model
 from feltmb.gap.findings import (
     Advice,
     AsItIs,
@@ -47,7 +47,7 @@ from feltmb.gap.findings import (
 from feltmb.gap.overlay import GapBefore, GapBeforeRow, check
 from feltmb.gap.planning import Plan, noncentrality, plan
 from feltmb.gap.report import Report
-from feltmb.gap.withhold import OUTCOMES, Withheld, WithheldCase, withhold
+from feltmb.gap.withholding import OUTCOMES, Withheld, WithheldCase, withhold
 
 __all__ = [
     "OUTCOMES",

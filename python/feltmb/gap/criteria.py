@@ -1,7 +1,7 @@
 """Every number that decides in a diagnosis: its value, unit, reason, data and test, in one place.
 
 Numerics of a solver (steps, lengths, numbers of trials) stand where they are used. ``CRITERIA``
-lists all in the order of the file; ``docs/gap-criteria.md`` shows the same table.
+lists all in the order of the file; ``docs/reference/gap-criteria.md`` shows the same table.
 """
 
 from __future__ import annotations

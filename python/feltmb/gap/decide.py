@@ -34,7 +34,8 @@ __all__ = ["Decision", "Facts", "decide"]
 
 #: Share of the cases in which the first of the ranking was right, of what its evidence promised, by
 #: verdict: evidence weighs the causes of the library against each other and cannot see what is not
-#: in it. From 306 blind cases of the development half of seed 20261124 (docs/gap-validation.md).
+#: in it. From 306 blind cases of the development half of seed 20261124
+#: (docs/validation/2026-11_gap_blind_bench.md).
 TRUST = {
     Verdict.NAMED: TRUST_NAMED,
     Verdict.DATA_PROBLEM: TRUST_DATA,
@@ -99,7 +100,7 @@ class Decision:
 
 
 def decide(facts: Facts) -> Decision:
-    """Weigh the facts; see docs/gap.md for the rules in words."""
+    """Weigh the facts; see docs/explanation/gap.md for the rules in words."""
     search, accepted = facts.search, facts.accepted
     p = facts.p
     hint = p < facts.alpha

@@ -290,6 +290,17 @@ def noncentrality(
     """Expected root of T of an effect of a given magnitude in records of these inputs and sensors.
 
     The best shape counts.
+
+    Parameters
+    ----------
+    model
+        Model with its parameters.
+    effect
+        Effect whose detectability is asked for.
+    magnitude
+        Its magnitude [unit of the effect].
+    records
+        Records, measured or planned.
     """
     if not records:
         raise InvalidParameter("noncentrality: no planned records; give inputs over time")

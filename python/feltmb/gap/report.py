@@ -8,22 +8,54 @@ import math
 from collections.abc import Mapping
 from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from feltmb._core import __version__
 from feltmb.arguments import checked
+from feltmb.display import html_table
 from feltmb.files import make_folder, write_text
 from feltmb.gap.findings import Findings
 from feltmb.gap.page import page
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 __all__ = ["Report", "plain", "report_json", "write_report"]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclasses.dataclass(frozen=True, kw_only=True, repr=False)
 class Report(Findings):
     """Result of :func:`feltmb.gap.diagnose`."""
+
+    def __repr__(self) -> str:
+        names = ", ".join(self.named or self.one_of) or "nothing"
+        return (
+            f"Report({self.verdict.value}: {names}; closes {self.how_far.closed:.0%} of the "
+            f"held-out gap, confidence {self.confidence:.0%})"
+        )
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (r.effect, r.magnitude, r.low, r.high, r.unit, f"{r.posterior:.0%}")
+            for r in self.which.effects
+            if r.refitted
+        ]
+        head = ("effect", "magnitude", "95 % from", "to", "unit", "probability")
+        return html_table(f"{self.verdict.value}: {self.statement}", head, rows)
+
+    def plot(self) -> Figure:
+        """Draw the held-out gap of each channel: as tabulated, calibrated, and with the effects.
+
+        Returns
+        -------
+        Figure
+            Figure of matplotlib. The gaps are in units of the noise of the channel.
+        """
+        from feltmb.gap.picture import held_out_gaps
+
+        return held_out_gaps(self)
 
     @checked
     def write(self, folder: str | Path, *, force: bool = False) -> tuple[Path, Path]:

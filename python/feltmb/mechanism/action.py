@@ -15,8 +15,9 @@ from pydantic import ValidationError
 
 from feltmb import _core
 from feltmb.arguments import checked
-from feltmb.contact.law import Law
+from feltmb.contact.laws import Law
 from feltmb.contact.tables import CORE_LAWS, LAWS
+from feltmb.display import html_table, picture
 from feltmb.errors import InvalidParameter, shown
 from feltmb.mechanism.checking import validate
 from feltmb.mechanism.reading import load_raw, resolve
@@ -29,6 +30,7 @@ from feltmb.units.quantity import (
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
+    from matplotlib.figure import Figure
 
 __all__ = ["Action", "load_action"]
 
@@ -74,6 +76,28 @@ class Action:
 
     def __repr__(self) -> str:
         return f"Action({self.name!r}, {len(self.coordinates)} coordinates, hash {self.hash[:12]})"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (
+                number,
+                c.label,
+                " - ".join(c.surfaces),
+                c.law if isinstance(c.law, str) else c.law.name,
+            )
+            for number, c in self.config.contacts.items()
+        ]
+        return html_table(repr(self), ("contact", "where", "surfaces", "law"), rows)
+
+    def plot(self) -> Figure:
+        """Draw the mechanism at rest.
+
+        Returns
+        -------
+        Figure
+            Figure of matplotlib.
+        """
+        return picture("mechanism", self)
 
     def __reduce__(self) -> tuple[Any, ...]:
         self._refuse_laws("pickled")

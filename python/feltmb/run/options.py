@@ -57,7 +57,7 @@ class RunOptions:
         Largest step [s].
     max_order : int or None
         Order limit of the BDF, 1 to 5; default: chosen by the lightly damped modes of strings and
-        members (docs/model.md, "Integrator").
+        members (docs/explanation/model.md, "Integrator").
     ledger_limit : float or None
         Largest share of the energy turned over that may be missing from the ledger, above 0;
         default 0.1 (``run.energy["residual_relative"]``). Beyond it the run has failed. Without a

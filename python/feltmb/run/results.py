@@ -15,9 +15,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from feltmb.arguments import checked
+from feltmb.display import html_table, picture
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import check_suffix, plain_text, write_file
 from feltmb.files.hdf5 import HDF5_FAULTS, open_hdf5
+from feltmb.run.arrays import summary_unit
 from feltmb.units.quantity import shortened
 
 if TYPE_CHECKING:
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     import pandas as pd
     import xarray as xr
+    from matplotlib.figure import Figure
 
     Array = npt.NDArray[np.float64]
 
@@ -88,7 +91,7 @@ class Run:
     summary : dict
         Numbers of the run by name, SI units; a number that the run does not have is absent.
     energy : dict
-        Ledger [J]; see ``docs/model.md``.
+        Ledger [J]; see ``docs/explanation/model.md``.
     stats : dict
         Work counts, wall time, states and contacts that limited the step most often.
     provenance : dict
@@ -125,6 +128,34 @@ class Run:
             f"Run({action!r}, {stroke!r}, {len(self.time)} samples to {self.reached:g} s, "
             f"{self.status})"
         )
+
+    def _repr_html_(self) -> str:
+        rows = [(name, value, summary_unit(name)) for name, value in self.summary.items()]
+        return html_table(repr(self), ("summary", "value", "unit"), rows)
+
+    @checked
+    def plot(self, kind: str = "overview") -> Figure:
+        """Draw a picture of the run.
+
+        Parameters
+        ----------
+        kind
+            A function of ``feltmb.graphics.plot`` that takes one run: ``overview``, ``motion``,
+            ``hammer_speed``, ``contact_forces``, ``finger_force``, ``string``, ``energy`` or
+            ``loops``.
+
+        Returns
+        -------
+        Figure
+            Figure of matplotlib.
+        """
+        kinds = (
+            "overview", "motion", "hammer_speed", "contact_forces", "finger_force", "string",
+            "energy", "loops",
+        )  # fmt: skip
+        if kind not in kinds:
+            raise InvalidParameter(f"plot: kind = {kind!r}, expected one of {', '.join(kinds)}")
+        return picture(kind, self)
 
     @property
     def reached(self) -> float:
@@ -173,6 +204,22 @@ class Run:
                 "status": self.status,
             },
         )
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Outputs as a table: one row a sample, one column an output, the index is time [s].
+
+        Returns
+        -------
+        DataFrame
+            ``attrs["units"]`` holds the unit of each column.
+        """
+        import pandas as pd
+
+        frame = pd.DataFrame(
+            self.values, columns=list(self.names), index=pd.Index(self.time, name="time")
+        )
+        frame.attrs["units"] = dict(zip(self.names, self.units, strict=True))
+        return frame
 
     @cached_property
     def events(self) -> pd.DataFrame:

@@ -422,7 +422,7 @@ def _event_table(
 
 
 def _energy(result: Any) -> dict[str, Any]:
-    """Ledger of a run; see docs/model.md, section "Energy"."""
+    """Ledger of a run; see docs/explanation/model.md, section "Energy"."""
     if result.ledger.shape[1] == 0 or result.ledger.shape[0] == 0:
         return {}
     parts = ("kinetic", "gravity", "elastic", "contact", "string")

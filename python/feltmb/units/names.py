@@ -134,7 +134,17 @@ def conversion_factor(unit: str, si_unit: str) -> float:
 
 
 def convert(value: float, unit: str, si_unit: str) -> float:
-    """``value`` in ``unit`` expressed in ``si_unit``; see :func:`conversion_factor`."""
+    """``value`` in ``unit`` expressed in ``si_unit``; see :func:`conversion_factor`.
+
+    Parameters
+    ----------
+    value
+        Number.
+    unit
+        Its unit.
+    si_unit
+        SI unit in which it is wanted.
+    """
     return value * conversion_factor(unit, si_unit)
 
 

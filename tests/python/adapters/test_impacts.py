@@ -39,7 +39,7 @@ def test_a_impact_arrives_with_the_speed_given_and_three_strings_are_stiffer():
     counted = model.numbers(record({"string.count": 3}), np.zeros(0))
     assert counted == pytest.approx(three, rel=1e-6)
     assert one["impact_speed"] == pytest.approx(1.06, rel=1e-5)
-    # docs/validation.md: 7.55 -> 11.6 N, 4.10 -> 2.87 ms at 1.051 m/s.
+    # docs/validation/2026-11_thesis.md: 7.55 -> 11.6 N, 4.10 -> 2.87 ms at 1.051 m/s.
     assert three["max_string_force"] / one["max_string_force"] == pytest.approx(1.54, abs=0.02)
     assert three["string_contact_duration"] / one["string_contact_duration"] == pytest.approx(
         0.70, abs=0.01

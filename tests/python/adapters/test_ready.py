@@ -15,7 +15,7 @@ from feltmb.data.smoothing import smooth_record
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Jobs, including
 from feltmb.gap import fit_model
-from feltmb.gap.diagnose import _ready as ready_with_checks
+from feltmb.gap.diagnosis import _ready as ready_with_checks
 from feltmb.gap.split import split_records
 
 ACTION = feltmb.load_action("steinway45")

@@ -137,7 +137,7 @@ def test_the_fit_of_the_model_is_not_stuck(tmp_path):
     from feltmb.fit.problem import Problem
     from feltmb.fit.solve import FitSettings, fit_problem
     from feltmb.gap.checks import check_records
-    from feltmb.gap.diagnose import prepare
+    from feltmb.gap.diagnosis import prepare
     from feltmb.gap.split import split_records
 
     machine = MACHINES["steinway45"]

@@ -1,9 +1,9 @@
-"""The examples of docs/felt.md run as they stand."""
+"""The examples of docs/explanation/felt.md run as they stand."""
 
 import re
 from pathlib import Path
 
-DOCS = Path(__file__).resolve().parents[3] / "docs" / "felt.md"
+DOCS = Path(__file__).resolve().parents[3] / "docs" / "explanation" / "felt.md"
 
 
 def test_examples_run(capsys):
@@ -16,5 +16,5 @@ def test_examples_run(capsys):
 
 
 def test_pictures_exist():
-    for name in re.findall(r"\]\((img/[^)]+)\)", DOCS.read_text(encoding="utf-8")):
+    for name in re.findall(r"\]\((\.\./img/[^)]+)\)", DOCS.read_text(encoding="utf-8")):
         assert (DOCS.parent / name).is_file()

@@ -1,4 +1,4 @@
-"""The commands and the example of docs/fiber.md run as printed."""
+"""The commands and the example of docs/explanation/fiber.md run as printed."""
 
 import re
 import shlex
@@ -10,7 +10,8 @@ from click.testing import CliRunner
 from feltmb.cli.fiber import fiber
 from feltmb.fiber import pressure
 
-TEXT = (Path(__file__).resolve().parents[3] / "docs" / "fiber.md").read_text(encoding="utf-8")
+DOCS = Path(__file__).resolve().parents[3] / "docs"
+TEXT = (DOCS / "explanation" / "fiber.md").read_text(encoding="utf-8")
 COMMANDS = [
     shlex.split(re.sub(r"   .*", "", line))[2:]
     for line in TEXT.splitlines()
@@ -20,7 +21,7 @@ COMMANDS = [
 
 def test_python_example_runs():
     for block in re.findall(r"```python\n(.*?)```", TEXT, flags=re.DOTALL):
-        exec(compile(block, "docs/fiber.md", "exec"), {})
+        exec(compile(block, "docs/explanation/fiber.md", "exec"), {})
 
 
 def test_every_command_is_shown():

@@ -8,7 +8,7 @@ import pytest
 from feltmb.gap import criteria
 
 ROOT = Path(__file__).resolve().parents[3]
-PAGE = ROOT / "docs" / "gap-criteria.md"
+PAGE = ROOT / "docs" / "reference" / "gap-criteria.md"
 
 
 def test_the_page_shows_the_table():

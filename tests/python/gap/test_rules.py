@@ -19,7 +19,7 @@ from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Options, Verdict, diagnose
 from feltmb.gap.acceptance import _certainty
 from feltmb.gap.decide import TRUST, decide
-from feltmb.gap.diagnose import _explained
+from feltmb.gap.diagnosis import _explained
 from feltmb.gap.refine import refit
 from feltmb.gap.search import search
 
@@ -68,7 +68,7 @@ def records(law, noise=NOISE):
 def test_the_statement_tells_what_held_out_records_say(monkeypatch):
     seen = []
     monkeypatch.setattr(
-        importlib.import_module("feltmb.gap.diagnose"),
+        importlib.import_module("feltmb.gap.diagnosis"),
         "decide",
         lambda facts: seen.append(facts) or decide(facts),
     )

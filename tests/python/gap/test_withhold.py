@@ -10,7 +10,7 @@ import pytest
 from feltmb.cli import main
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.gap import Effect, LinearModel, Options, Parameter, Record, Sensor, Verdict, withhold
-from feltmb.gap.withhold import Withheld, WithheldCase, outcome_of
+from feltmb.gap.withholding import Withheld, WithheldCase, outcome_of
 
 OPTIONS = Options(bootstrap=0, restarts=0, max_effects=1, advice=False)
 

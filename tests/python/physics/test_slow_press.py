@@ -1,4 +1,7 @@
-"""How the let-off distance depends on what a slow press is: the table of docs/regulation.md."""
+"""How the let-off distance depends on what a slow press is.
+
+The table of docs/howto/regulate_an_action.md.
+"""
 
 import pytest
 

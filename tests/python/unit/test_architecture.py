@@ -1,4 +1,4 @@
-"""The picture and the tables of docs/architecture.md are those of the source."""
+"""The picture and the tables of docs/explanation/architecture.md are those of the source."""
 
 import importlib.util
 from pathlib import Path

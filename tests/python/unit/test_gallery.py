@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
 FOLDER = ROOT / "examples" / "gallery"
-PAGE = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "tutorials" / "gallery.md").read_text(encoding="utf-8")
 EXAMPLES = sorted(p.stem for p in FOLDER.glob("*.py") if p.stem != "show")
 
 

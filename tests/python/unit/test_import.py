@@ -1,10 +1,15 @@
 """What is imported when: heavy libraries wait until they are used. Times are measured in bench/."""
 
+import importlib
 import os
+import pkgutil
+import re
 import subprocess
 import sys
 
 import pytest
+
+import feltmb
 
 HEAVY = (
     *(
@@ -89,3 +94,37 @@ def test_the_command_line_leaves_threads_of_the_blas_alone():
         env={**environment, "OMP_NUM_THREADS": "3"},
     )
     assert out.stdout.split()[-2:] == ["1", "3"]
+
+
+def test_help_of_the_package_fits_two_screens():
+    """In a process of its own, since names that were used before must not lengthen it."""
+    script = (
+        "import feltmb, pydoc; feltmb.simulate; feltmb.Run; "
+        "print(len(pydoc.render_doc(feltmb).splitlines())); print('simulate' in dir(feltmb))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    lines, listed = done.stdout.split()
+    assert int(lines) <= 100
+    assert listed == "True"
+
+
+def test_help_names_what_the_package_offers():
+    words = set(re.findall(r"\w+", feltmb.__doc__))
+    assert {name for name in feltmb.__all__ if not name.startswith("__")} <= words
+
+
+def test_parts_for_other_models_are_public():
+    assert {"gap", "felt", "fiber", "fit"} <= set(feltmb.__all__)
+
+
+def test_no_name_is_a_module_and_something_else():
+    both = []
+    for found in pkgutil.walk_packages(feltmb.__path__, "feltmb."):
+        if not found.name.endswith("__main__"):
+            module = importlib.import_module(found.name)
+            package, _, name = found.name.rpartition(".")
+            if getattr(importlib.import_module(package), name) is not module:
+                both.append(found.name)
+    assert both == []

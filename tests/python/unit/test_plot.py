@@ -282,9 +282,9 @@ def test_every_plot_of_data_names_quantity_and_unit(figures):
         if picture == "mechanism":
             continue
         labels = [ax.get_ylabel() for ax in figure.axes] + [ax.get_xlabel() for ax in figure.axes]
-        found = [label.replace("\n", " ").split(", ")[-1] for label in labels if label]
+        found = [re.search(r"\[(.+)\]$", label) for label in labels if label]
         assert found
-        assert set(found) <= units, found
+        assert {f and f.group(1) for f in found} <= units, labels
 
 
 def test_events_stand_at_their_times(figures, runs):

@@ -374,7 +374,9 @@ CALLS = {
     "feltmb.IntegrationError": None,  # an exception: made by the program
     "feltmb.Gradient.effects": lambda: (gradient(), {"change": 0.01}),
     "feltmb.Gradient.of": lambda: (gradient(), {"output": "arm.angle", "column": None}),
+    "feltmb.Gradient.plot": lambda: (gradient(), {"number": None, "most": 3}),
     "feltmb.Run.event_time": lambda: (run(), {"name": "felt_on"}),
+    "feltmb.Run.plot": lambda: (run(), {"kind": "contact_forces"}),
     "feltmb.Run.save": lambda: (run(), {"path": "run.nc", "force": True, "compress": False}),
     "feltmb.Run.string_displacement": lambda: (string_run(), {"position": 0.5}),
     "feltmb.Run.string_shapes": lambda: (string_run(), {"position": 0.5}),
@@ -405,6 +407,7 @@ CALLS = {
         study_result(),
         {"name": "n", "variant": "base", "stroke": "s", "point": ()},
     ),
+    "feltmb.StudyResult.plot": lambda: (study_result(), {"name": "f"}),
     "feltmb.StudyResult.save": lambda: (
         study_result(),
         {"folder": "out", "force": True, "page": False},

@@ -15,7 +15,7 @@ struct FeltBranch {
   double gamma = 0.0;  ///< blocked length per contact over the fiber diameter [-], > 0
 };
 
-/// Fibers and both branches of a felt (thesis 3.3.2, docs/felt.md).
+/// Fibers and both branches of a felt (thesis 3.3.2, docs/explanation/felt.md).
 struct FeltMaterial {
   double mu = 0.0;       ///< friction coefficient between fibers [-], > 0
   double Wf0 = 0.0;      ///< withdrawal force per fiber length at no load [N/m], > 0

@@ -1,7 +1,7 @@
 /// Key actuator of thesis chapter 5: motor, hub, flexible arm, tip mass, felt stop.
 ///
 /// Positive is pressing throughout: angles, travel, torque, forces on the key (the thesis counts
-/// them up; ERRATA of its chapter 5 in docs/actuator.md).
+/// them up; ERRATA of its chapter 5 in docs/explanation/actuator.md).
 #pragma once
 
 #include <functional>

@@ -1,10 +1,10 @@
 """The key actuator of thesis chapter 5: alone, coupled to an action, and its design.
 
-SI units, positive pressing. See ``docs/actuator.md``.
+SI units, positive pressing. See ``docs/explanation/actuator.md``.
 """
 
-from feltmb.action.actuator.compose import compose, stand_alone
-from feltmb.action.actuator.match import Match, MatchParameter, match
+from feltmb.action.actuator.composing import compose, stand_alone
+from feltmb.action.actuator.matching import Match, MatchParameter, match
 from feltmb.action.actuator.model import (
     DAMPING,
     Actuator,

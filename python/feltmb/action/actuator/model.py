@@ -494,7 +494,7 @@ def simulate_actuator(
     tolerance
         Error of a force within a step over the largest force, in (0, 0.1]. The modes of the arm are
         advanced exactly; the default keeps the error of undamped runs below 1e-3 of the largest
-        force (docs/actuator.md).
+        force (docs/explanation/actuator.md).
 
     Raises
     ------

@@ -11,7 +11,7 @@ from feltmb.action.actuator.model import ActuatorRun, degrees
 from feltmb.style import CYCLE, GRAY, NORMAL, new_figure, style_axes
 
 if TYPE_CHECKING:
-    from feltmb.action.actuator.match import Match
+    from feltmb.action.actuator.matching import Match
 
 __all__ = ["PANELS", "compare_runs", "plot_match", "plot_run"]
 

@@ -67,8 +67,8 @@ def static_figure(name: str, static: StaticTouch, slow: SimulatedPress) -> Any:
     )
     axes.set_xlim(0.0, 1e3 * s.press.travel[-1] + 0.8)
     axes.set_ylim(0.0, top)
-    axes.set_xlabel("travel of the key front, mm")
-    axes.set_ylabel("force at the key front, N")
+    axes.set_xlabel("travel of the key front [mm]")
+    axes.set_ylabel("force at the key front [N]")
     axes.set_title(f"{name}: static touch", loc="left")
     axes.legend(loc="upper left", frameon=False, fontsize=9)
     gram = axes.secondary_yaxis("right", functions=(_to_gram, _from_gram))
@@ -107,15 +107,15 @@ def dynamic_figure(
     kind, color, marker, strikes = families[0]
     axes = panels[0, 0]
     axes.plot(*columns(strikes, "level", "hammer_speed"), marker=marker, color=color)
-    axes.set_xlabel("force level of a pressed strike, N")
+    axes.set_xlabel("force level of a pressed strike [N]")
     axes = panels[0, 1]
     for kind, color, marker, strikes in families:
         axes.plot(*columns(strikes, "key_speed", "hammer_speed"), marker, color=color, label=kind)
-    axes.set_xlabel("largest key front speed, m/s")
+    axes.set_xlabel("largest key front speed [m/s]")
     for axes in (panels[0, 0], panels[0, 1]):
         axes.set_xscale("log")
         axes.set_yscale("log")
-        axes.set_ylabel("impact speed, m/s")
+        axes.set_ylabel("impact speed [m/s]")
     panels[0, 1].legend(frameon=False, fontsize=9)
     axes = panels[1, 0]
     for kind, color, marker, strikes in families:
@@ -125,8 +125,8 @@ def dynamic_figure(
     axes.axhline(0.0, color="k", lw=0.6)
     axes.set_ylim(-8.0, 50.0)
     axes.set_xscale("log")
-    axes.set_xlabel("impact speed, m/s")
-    axes.set_ylabel("key bottom after string contact, ms")
+    axes.set_xlabel("impact speed [m/s]")
+    axes.set_ylabel("key bottom after string contact [ms]")
     axes.legend(frameon=False, fontsize=9, loc="upper right")
     axes = panels[1, 1]
     everything: list[float] = []
@@ -147,8 +147,8 @@ def dynamic_figure(
         axes.plot(x, a * x**b, color=MUTED, ls="--", lw=0.9, label="grands, " + _law(a, b))
     axes.set_xscale("log")
     axes.set_yscale("log")
-    axes.set_xlabel("impact speed, m/s")
-    axes.set_ylabel("travel time, ms")
+    axes.set_xlabel("impact speed [m/s]")
+    axes.set_ylabel("travel time [ms]")
     axes.legend(frameon=False, fontsize=9)
     plain = FuncFormatter(lambda value, _pos: f"{value:g}")
     for axes in panels.ravel():

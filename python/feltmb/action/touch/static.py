@@ -104,7 +104,7 @@ def _follow(press: Any, targets: Array, stop: Callable[[Any], bool] | None = Non
 
 @checked
 def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
-    """Slow press and release at the key front; see ``docs/touch.md``.
+    """Slow press and release at the key front; see ``docs/howto/measure_touch.md``.
 
     Raises
     ------

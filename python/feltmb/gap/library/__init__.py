@@ -93,7 +93,21 @@ __all__ = [
 def for_coordinate(
     c: Part, *, force: float, travel: float, speed: float, time: float = 0.1
 ) -> tuple[Effect, ...]:
-    """All force effects of a coordinate, scaled by its typical force, travel and speed."""
+    """All force effects of a coordinate, scaled by its typical force, travel and speed.
+
+    Parameters
+    ----------
+    c
+        Coordinate, or coupling of two coordinates, on which the effect acts.
+    force
+        Typical force on it [N or N m].
+    travel
+        Typical displacement [m or rad].
+    speed
+        Typical speed [m/s or rad/s].
+    time
+        Typical duration of what happens [s].
+    """
     scales = Scales(force, travel, speed, time)
     return tuple(make(c, scales) for make in _makers("FOR_COORDINATE"))
 
@@ -108,7 +122,17 @@ def _makers(what: str) -> tuple[Callable[[Part, Scales], Effect], ...]:
 
 
 def for_input(name: str, record: Record, *, unit: str = "1") -> tuple[Effect, ...]:
-    """All input effects, scaled by a record."""
+    """All input effects, scaled by a record.
+
+    Parameters
+    ----------
+    name
+        Name of the input.
+    record
+        Record from which typical sizes are taken.
+    unit
+        Unit of the input.
+    """
     u = record.inputs[name]
     size = float(np.quantile(np.abs(u), 0.98)) or 1.0
     return (
@@ -122,7 +146,17 @@ def for_input(name: str, record: Record, *, unit: str = "1") -> tuple[Effect, ..
 
 
 def for_sensor(outputs: Sequence[str], name: str, record: Record) -> tuple[Effect, ...]:
-    """All sensor effects, scaled by a record."""
+    """All sensor effects, scaled by a record.
+
+    Parameters
+    ----------
+    outputs
+        Outputs of the model.
+    name
+        Channel of the sensor.
+    record
+        Record from which typical sizes are taken.
+    """
     y = record.outputs[name]
     spread = float(np.nanstd(y)) or 1.0
     unit = record.sensors[name].unit
@@ -145,7 +179,27 @@ def standard_effects(
     speed: float,
     time: float = 0.1,
 ) -> tuple[Effect, ...]:
-    """Generic effects of a whole second-order model, scaled by a record."""
+    """Generic effects of a whole second-order model, scaled by a record.
+
+    Parameters
+    ----------
+    outputs
+        Outputs of the model.
+    inputs
+        Inputs of the model with their units.
+    coordinates
+        Coordinates and couplings on which effects act.
+    record
+        Record from which typical sizes of channels are taken.
+    force
+        Typical force [N or N m].
+    travel
+        Typical displacement [m or rad].
+    speed
+        Typical speed [m/s or rad/s].
+    time
+        Typical duration of what happens [s].
+    """
     out: list[Effect] = []
     for c in coordinates:
         out.extend(for_coordinate(c, force=force, travel=travel, speed=speed, time=time))

@@ -18,6 +18,21 @@ def for_force_balance(
 
     For :class:`~feltmb.fit.LinearModel` with ``position`` and ``speed`` among the inputs of the
     records; ``force``, ``travel`` and ``pace`` are their typical magnitudes.
+
+    Parameters
+    ----------
+    position
+        Channel of the position.
+    speed
+        Channel of the speed.
+    force
+        Typical force [N].
+    travel
+        Typical displacement [m].
+    pace
+        Typical speed [m/s].
+    unit
+        Unit of the force.
     """
 
     def effect(

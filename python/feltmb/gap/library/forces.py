@@ -38,7 +38,17 @@ def force_law(c: Part, law: Callable[[Any, Any, Any], Any]) -> Rate:
 
 
 def dry_friction(c: Part, *, scale: float, speed: float) -> Effect:
-    """Coulomb friction F = F_c tanh(v / v_0), v_0 a hundredth of the typical speed or less."""
+    """Coulomb friction F = F_c tanh(v / v_0), v_0 a hundredth of the typical speed or less.
+
+    Parameters
+    ----------
+    c
+        Coordinate, or coupling of two coordinates, on which the effect acts.
+    scale
+        Friction force that one would expect [N or N m].
+    speed
+        Typical speed, from which values of the threshold speed follow.
+    """
     return Effect(
         name=f"dry friction {c.name}",
         component=c.name,
@@ -54,7 +64,17 @@ def dry_friction(c: Part, *, scale: float, speed: float) -> Effect:
 
 
 def dry_friction_asymmetry(c: Part, *, scale: float, speed: float) -> Effect:
-    """Coulomb friction that differs between the directions: F = F_a |tanh(v / v_0)|."""
+    """Coulomb friction that differs between the directions: ``F = F_a |tanh(v / v_0)|``.
+
+    Parameters
+    ----------
+    c
+        Coordinate, or coupling of two coordinates, on which the effect acts.
+    scale
+        Difference of the friction forces that one would expect [N or N m].
+    speed
+        Typical speed, from which values of the threshold speed follow.
+    """
     return Effect(
         name=f"one-sided friction {c.name}",
         component=c.name,
@@ -69,7 +89,17 @@ def dry_friction_asymmetry(c: Part, *, scale: float, speed: float) -> Effect:
 
 
 def static_friction(c: Part, *, scale: float, speed: float) -> Effect:
-    """Stribeck excess at low speed: F = F_s exp(-(v / v_s)^2) tanh(v / v_0)."""
+    """Stribeck excess at low speed: F = F_s exp(-(v / v_s)^2) tanh(v / v_0).
+
+    Parameters
+    ----------
+    c
+        Coordinate, or coupling of two coordinates, on which the effect acts.
+    scale
+        Excess of the static friction that one would expect [N or N m].
+    speed
+        Typical speed, from which values of the Stribeck speed follow.
+    """
     return Effect(
         name=f"Stribeck friction {c.name}",
         component=c.name,
@@ -98,7 +128,7 @@ def viscous_friction(c: Part, *, scale: float) -> Effect:
 
 
 def quadratic_friction(c: Part, *, scale: float) -> Effect:
-    """F = c v |v|: drag of air or of a turbulent fluid."""
+    """``F = c v |v|``: drag of air or of a turbulent fluid."""
     return Effect(
         name=f"quadratic friction {c.name}",
         component=c.name,
@@ -112,7 +142,17 @@ def quadratic_friction(c: Part, *, scale: float) -> Effect:
 
 
 def polynomial_stiffness(c: Part, power: int, *, scale: float) -> Effect:
-    """F = k_n q^n; n = 2 makes a spring asymmetric, n = 3 hardens (> 0) or softens it."""
+    """F = k_n q^n; n = 2 makes a spring asymmetric, n = 3 hardens (> 0) or softens it.
+
+    Parameters
+    ----------
+    c
+        Coordinate, or coupling of two coordinates, on which the effect acts.
+    power
+        Power of the displacement.
+    scale
+        Coefficient that one would expect.
+    """
     name = {1: "linear", 2: "quadratic", 3: "cubic", 5: "quintic"}.get(power, f"power-{power}")
     return Effect(
         name=f"{name} stiffness {c.name}",
@@ -126,7 +166,17 @@ def polynomial_stiffness(c: Part, power: int, *, scale: float) -> Effect:
 
 
 def backlash(c: Part, *, stiffness: float, travel: float) -> Effect:
-    """Dead zone of a stiffness: a share s of k q is missing within +-b (b: the shapes)."""
+    """Dead zone of a stiffness: a share s of k q is missing within +-b (b: the shapes).
+
+    Parameters
+    ----------
+    c
+        Coordinate, or coupling of two coordinates, on which the effect acts.
+    stiffness
+        Stiffness of the part beyond the play [N/m or N m/rad].
+    travel
+        Typical displacement, from which values of the play follow.
+    """
     return Effect(
         name=f"dead zone {c.name}",
         component=c.name,
@@ -145,6 +195,15 @@ def end_stop(c: Part, *, stiffness: float, travel: float) -> Effect:
     """A spring that is met at one end of the travel: F = k max(q - b, 0), or its mirror image.
 
     The shape is (side, b): +1 the stop at q = b, -1 the one at q = -b.
+
+    Parameters
+    ----------
+    c
+        Coordinate, or coupling of two coordinates, on which the effect acts.
+    stiffness
+        Stiffness of the stop that one would expect [N/m or N m/rad].
+    travel
+        Typical displacement, from which places of the stop follow.
     """
 
     def law(q: Any, v: Any, shape: Any) -> Any:
@@ -168,11 +227,20 @@ def end_stop(c: Part, *, stiffness: float, travel: float) -> Effect:
 def hysteresis(c: Part, *, scale: float, travel: float) -> Effect:
     """Rate-independent hysteresis: a spring behind a slip z (hidden state), F = F_h (q - z) / b.
 
-    While the spring is beyond its prior further the slip takes the share |(q - z) / b|^n of the
+    While the spring is beyond its prior further the slip takes the share ``|(q - z) / b|^n`` of the
     motion, and none when it turns back: the law of Bouc (1967) and Wen (1976) with beta = gamma.
     The shape is (b, n): the stretch [position unit] at which all slips, and how sharply it begins.
     n = 10 is nearly elastic-plastic (Jenkins), n = 2 round; n = 1 with a small b nears pre-sliding
     friction (Dahl 1968).
+
+    Parameters
+    ----------
+    c
+        Coordinate, or coupling of two coordinates, on which the effect acts.
+    scale
+        Hysteretic force that one would expect [N or N m].
+    travel
+        Typical displacement, from which values of the yield displacement follow.
     """
 
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, shape: Any) -> Mapping[str, Array]:
@@ -201,7 +269,17 @@ def hysteresis(c: Part, *, scale: float, travel: float) -> Effect:
 
 
 def creep(c: Part, *, scale: float, times: Sequence[float]) -> Effect:
-    """A Maxwell branch: F = k (q - z), dz/dt = (q - z) / tau."""
+    """A Maxwell branch: F = k (q - z), dz/dt = (q - z) / tau.
+
+    Parameters
+    ----------
+    c
+        Coordinate, or coupling of two coordinates, on which the effect acts.
+    scale
+        Magnitude that one would expect.
+    times
+        Relaxation times that are tried [s].
+    """
 
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, tau: Any) -> Mapping[str, Array]:
         stretch = c.motion(x)[0] - x["creep.stretch"]
@@ -227,6 +305,15 @@ def drifting_stiffness(c: Part, *, scale: float, times: Sequence[float]) -> Effe
     """A stiffness that comes within a record: F = k (1 - exp(-t / tau)) q; warming, settling.
 
     The time [s] is that of the record, which should begin with the drift; the shapes are tau [s].
+
+    Parameters
+    ----------
+    c
+        Coordinate, or coupling of two coordinates, on which the effect acts.
+    scale
+        Magnitude that one would expect.
+    times
+        Time constants of the drift that are tried [s].
     """
 
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, tau: Any) -> Mapping[str, Array]:

@@ -63,7 +63,7 @@ def gain_input(name: str) -> Effect:
 
 
 def bent_input(name: str, *, level: float) -> Effect:
-    """The input is larger by magnitude u^2 / level ("even") or magnitude u |u| / level ("odd")."""
+    """The input is larger by ``magnitude u^2 / level`` ("even") or ``magnitude u |u| / level``."""
     return _input(
         name,
         "nonlinearity of input",
@@ -77,7 +77,17 @@ def bent_input(name: str, *, level: float) -> Effect:
 
 
 def offset_input(name: str, *, unit: str, scale: float) -> Effect:
-    """The record shows the input that acts plus the magnitude."""
+    """The record shows the input that acts plus the magnitude.
+
+    Parameters
+    ----------
+    name
+        Name of the input.
+    unit
+        Unit of the input.
+    scale
+        Offset that one would expect [unit].
+    """
     return _misread(
         name,
         "offset",

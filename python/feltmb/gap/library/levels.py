@@ -16,6 +16,17 @@ def overflow(state: str, *, levels: Sequence[float], rate_scale: float, into: st
 
     The level is a shape; with ``into`` a share of the loss (second number of the shape) arrives in
     another state. A magnitude far above the rates of the system holds the level.
+
+    Parameters
+    ----------
+    state
+        State that overflows.
+    levels
+        Levels of the overflow that are tried.
+    rate_scale
+        Rate of the overflow that one would expect.
+    into
+        State that receives a share of the loss; empty: none does.
     """
     shares = (0.0, 0.5, 1.0) if into else (0.0,)
 
@@ -56,7 +67,17 @@ def leak(state: str, *, scale: float) -> Effect:
 
 
 def power_outflow(state: str, power: float, *, scale: float) -> Effect:
-    """A loss with another power of the state than the model has."""
+    """A loss with another power of the state than the model has.
+
+    Parameters
+    ----------
+    state
+        State that flows out.
+    power
+        Power of the state.
+    scale
+        Magnitude that one would expect.
+    """
     return Effect(
         name=f"loss ~ {state}^{power:g}",
         component=state,

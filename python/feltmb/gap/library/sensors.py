@@ -47,7 +47,19 @@ def sensor_gain(outputs: Sequence[str], name: str) -> Effect:
 
 
 def sensor_bend(outputs: Sequence[str], name: str, *, level: float) -> Effect:
-    """The channel shows y + m y^2 / level ("even") or y + m y |y| / level ("odd"), m: magnitude."""
+    """The channel shows ``y + m y^2 / level`` ("even") or ``y + m y |y| / level`` ("odd").
+
+    m is the magnitude.
+
+    Parameters
+    ----------
+    outputs
+        Outputs of the model.
+    name
+        Channel of the sensor.
+    level
+        Reading at which a magnitude of 1 doubles the reading.
+    """
     return _sensor(
         outputs,
         name,
@@ -61,7 +73,19 @@ def sensor_bend(outputs: Sequence[str], name: str, *, level: float) -> Effect:
 
 
 def sensor_offset(outputs: Sequence[str], name: str, *, unit: str, scale: float) -> Effect:
-    """The channel shows the output plus the magnitude."""
+    """The channel shows the output plus the magnitude.
+
+    Parameters
+    ----------
+    outputs
+        Outputs of the model.
+    name
+        Channel of the sensor.
+    unit
+        Unit of the channel.
+    scale
+        Offset that one would expect [unit].
+    """
     return _sensor(
         outputs,
         name,
@@ -75,7 +99,17 @@ def sensor_offset(outputs: Sequence[str], name: str, *, unit: str, scale: float)
 
 
 def sensor_delay(outputs: Sequence[str], name: str, *, scale: float) -> Effect:
-    """The channel lags the output by the magnitude [s]."""
+    """The channel lags the output by the magnitude [s].
+
+    Parameters
+    ----------
+    outputs
+        Outputs of the model.
+    name
+        Channel of the sensor.
+    scale
+        Delay that one would expect [s].
+    """
     return _sensor(
         outputs,
         name,

@@ -6,7 +6,7 @@ and no global state of matplotlib is touched. Axes carry the units of a reader: 
 What a run does not have is left out; a picture of which nothing would be left is refused.
 """
 
-from feltmb.graphics.plot.effects import effects
+from feltmb.graphics.plot.effect_bars import effects
 from feltmb.graphics.plot.energies import energy, loops
 from feltmb.graphics.plot.files import PICTURES, save_all
 from feltmb.graphics.plot.pages import compare, overview

@@ -98,7 +98,7 @@ def energy(run: Run) -> Figure:
             zorder=0,
         )
     ax.axhline(0.0, color=GRAY, linewidth=0.6)
-    style_axes(ax, "time, ms", "change since start, mJ")
+    style_axes(ax, "time [ms]", "change since start [mJ]")
     window = busy_window(run)
     ax.set_xlim(1e3 * window[0], 1e3 * window[1])
     top = max(float(above.max()), 1e3 * float(work.max()) if work is not None else 0.0)
@@ -148,7 +148,7 @@ def _dissipation_bars(ax: Axes, run: Run, dissipated: Mapping[str, float]) -> No
     ax.invert_yaxis()
     room = 0.04 * (max(ends) - min(ends)) or 1.0
     ax.set_xlim(min(ends) - (room if min(ends) < 0 else 0.0), max(ends) + room)
-    style_axes(ax, "dissipated in the whole run, mJ")
+    style_axes(ax, "dissipated in the whole run [mJ]")
     ax.grid(False, axis="y")
     ledger = run.energy
     if "residual_relative" in ledger:
@@ -226,8 +226,8 @@ def loops(run: Run, numbers: Sequence[int] | None = None) -> Figure:
         ax.plot(1e3 * compression, loop, color=RED, linewidth=0.9, label="run")
         style_axes(
             ax,
-            "compression, mm" if i + columns >= len(chosen) else "",
-            "force, N" if i % columns == 0 else "",
+            "compression [mm]" if i + columns >= len(chosen) else "",
+            "force [N]" if i % columns == 0 else "",
         )
         ax.set_title(contact_label(run, number), fontsize=SMALL + 0.5, loc="left")
         ax.set_xlim(0.0, 1.08e3 * deepest)

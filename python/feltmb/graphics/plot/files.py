@@ -36,6 +36,17 @@ PICTURES = {
 def save_all(run: Run, folder: str | Path, stem: str, force: bool = False) -> list[Path]:
     """Write every picture that the run has data for, as ``folder/stem_PICTURE.png``.
 
+    Parameters
+    ----------
+    run
+        Run that is drawn.
+    folder
+        Folder of the pictures.
+    stem
+        Beginning of the file names.
+    force
+        False: an existing file is not overwritten.
+
     Returns
     -------
     list of Path

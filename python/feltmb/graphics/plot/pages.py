@@ -95,7 +95,7 @@ def overview(run: Run) -> Figure:
                 ax.set_title("whole run; gray: shown below", fontsize=SMALL, loc="right")
         elif panel == "motion":
             draw_motion(ax, run)
-            ax.set_ylabel("displacement, mm", fontsize=NORMAL)
+            ax.set_ylabel("displacement [mm]", fontsize=NORMAL)
         elif panel == "speed":
             draw_speed(ax, run)
         elif panel in views:
@@ -109,7 +109,7 @@ def overview(run: Run) -> Figure:
                     linewidth=1.1,
                     label=contact_label(run, number),
                 )
-            style_axes(ax, "time, ms", "contact force, N")
+            style_axes(ax, "time [ms]", "contact force [N]")
         set_window(ax, window)
         if window == near:
             mark_events(ax, run, near, width=5.2, labels=not labeled)
@@ -187,10 +187,10 @@ def compare(runs: Sequence[Run], names: Sequence[str]) -> Figure:
                 linewidth=1.1,
             )
             shown.setdefault(labels[i], line)
-        style_axes(ax, "", f"{name}, {unit}")
+        style_axes(ax, "", f"{name} [{unit}]")
         text = first.long_names[first.names.index(name)]
         ax.set_title(plain_text(text), fontsize=SMALL + 0.5, loc="left", color=GRAY)
-    axes[-1].set_xlabel("time, ms", fontsize=NORMAL)
+    axes[-1].set_xlabel("time [ms]", fontsize=NORMAL)
     axes[0].set_xlim(
         1e3 * min(float(r.time[0]) for r in runs), 1e3 * max(float(r.time[-1]) for r in runs)
     )

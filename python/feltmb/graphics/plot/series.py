@@ -110,7 +110,7 @@ def draw_motion(ax: Axes, run: Run) -> None:
         ax.plot(
             1e3 * run.time, 1e3 * values, color=color, linestyle=style, linewidth=1.3, label=label
         )
-    style_axes(ax, "time, ms", "displacement from start, mm")
+    style_axes(ax, "time [ms]", "displacement from start [mm]")
 
 
 def motion(run: Run) -> Figure:
@@ -166,7 +166,7 @@ def draw_view(ax: Axes, run: Run, view: View) -> None:
             linewidth=1.3,
             label=label,
         )
-    style_axes(ax, "time, ms", f"{plain_text(view.title or first)}, {unit}")
+    style_axes(ax, "time [ms]", f"{plain_text(view.title or first)} [{unit}]")
 
 
 def draw_speed(ax: Axes, run: Run, *, marks: bool = True) -> None:
@@ -179,7 +179,7 @@ def draw_speed(ax: Axes, run: Run, *, marks: bool = True) -> None:
     where = "toward string" if "string.strike" in run else "speed"
     ax.plot(1e3 * run.time, speed, color=RED, linewidth=1.3, label=label)
     ax.axhline(0.0, color=GRAY, linewidth=0.6)
-    style_axes(ax, "time, ms", f"{label}\n{where}, m/s")
+    style_axes(ax, "time [ms]", f"{label}\n{where} [m/s]")
     if not marks:
         return
     top = float(np.max(speed))
@@ -259,7 +259,7 @@ def contact_forces(run: Run) -> Figure:
         ax.fill_between(1e3 * run.time, force, color=BLUE, alpha=0.15, linewidth=0)
         ax.plot(1e3 * run.time, force, color=BLUE, linewidth=1.0)
         last = i + columns >= len(numbers)
-        style_axes(ax, "time, ms" if last else "", "force, N" if i % columns == 0 else "")
+        style_axes(ax, "time [ms]" if last else "", "force [N]" if i % columns == 0 else "")
         ax.set_title(contact_label(run, number), fontsize=SMALL + 1, loc="left", pad=13)
         held = force[0] >= 0.999 * force[peak]
         when = "at the start" if held else f"at {1e3 * float(run.time[peak]):.1f} ms"
@@ -285,7 +285,7 @@ def draw_finger(ax: Axes, run: Run) -> None:
     ax.plot(
         1e3 * run.time, run["finger.force"], color=BLUE, linewidth=1.3, label="force on the key"
     )
-    style_axes(ax, "time, ms", "finger force, N")
+    style_axes(ax, "time [ms]", "finger force [N]")
 
 
 def finger_force(run: Run) -> Figure:
@@ -337,7 +337,7 @@ def finger_force(run: Run) -> Figure:
                 label="finger, prescribed" if stroke["kind"] == "motion" else "prescribed",
             )
             side_legend(ax)
-        style_axes(ax, "time, ms", "travel, mm")
+        style_axes(ax, "time [ms]", "travel [mm]")
         set_window(ax, window)
         mark_events(ax, run, window, width=6.0, labels=False)
     return figure
@@ -369,7 +369,7 @@ def string(run: Run) -> Figure:
         color = RED if name == "string.strike" else BLUE
         ax.plot(1e3 * run.time, factor * run[name], color=color, linewidth=1.2)
         ax.axhline(0.0, color=GRAY, linewidth=0.6)
-        style_axes(ax, "", f"{what}, {unit}")
+        style_axes(ax, "", f"{what} [{unit}]")
         set_window(ax, window)
         only = ("string_contact_on", "string_contact_off")
         mark_events(ax, run, window, width=6.0, only=only, labels=ax is axes[0])
@@ -391,10 +391,10 @@ def string(run: Run) -> Figure:
             vmax=top,
             interpolation="bilinear",
         )
-        style_axes(ax, "", "distance from end, mm")
+        style_axes(ax, "", "distance from end [mm]")
         ax.grid(False)
         bar = figure.colorbar(image, ax=ax, pad=0.015, aspect=18)
-        bar.set_label("displacement away\nfrom the hammer, mm", fontsize=SMALL + 0.5)
+        bar.set_label("displacement away\nfrom the hammer [mm]", fontsize=SMALL + 0.5)
         bar.ax.tick_params(labelsize=SMALL)
-    axes[-1].set_xlabel("time, ms", fontsize=NORMAL)
+    axes[-1].set_xlabel("time [ms]", fontsize=NORMAL)
     return figure

@@ -6,6 +6,6 @@ shown to 1/5000 of what it spans, a pose to the thickness of a line.
 """
 
 from feltmb.graphics.viewer.curves import Curves, read_curves
-from feltmb.graphics.viewer.page import assets, fragment, page, policy, view
+from feltmb.graphics.viewer.html_page import assets, fragment, page, policy, view
 
 __all__ = ["Curves", "assets", "fragment", "page", "policy", "read_curves", "view"]

@@ -1,7 +1,8 @@
 """Derivatives of a stroke by parameters of the mechanism and the stroke, and by its start state.
 
 One pass gives the derivatives of every output by all parameters: forward sensitivities along the
-steps of the stroke, with one factorized matrix for all of them (``docs/sensitivity.md``).
+steps of the stroke, with one factorized matrix for all of them
+(``docs/howto/find_sensitivities.md``).
 """
 
 from __future__ import annotations

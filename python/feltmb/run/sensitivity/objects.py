@@ -9,15 +9,18 @@ from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
 from feltmb.arguments import checked
+from feltmb.display import html_table, picture
 from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Action
 from feltmb.mechanism.parameters import Parameter
+from feltmb.run.arrays import summary_unit
 
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
     import pandas as pd
     import xarray as xr
+    from matplotlib.figure import Figure
 
     Array = npt.NDArray[np.float64]
 
@@ -99,6 +102,40 @@ class Gradient:
             f"Gradient({len(self.outputs)} outputs at {len(self.time)} times by "
             f"{len(self.columns)} columns)"
         )
+
+    def _repr_html_(self) -> str:
+        table = self.effects()
+        names = [f"{name} [{summary_unit(name)}]" for name in table.columns]
+        rows = [
+            (path, *map(float, values))
+            for path, values in zip(table.index, table.to_numpy(), strict=True)
+        ]
+        return html_table(f"{self!r}: what 1 % more does", ("parameter", *names), rows)
+
+    @checked
+    def plot(self, number: str | None = None, most: int = 20) -> Figure:
+        """Draw what 1 % more of each parameter does to a number of the summary.
+
+        Parameters
+        ----------
+        number
+            Name of the number; default: ``impact_speed``, or the first that the stroke has.
+        most
+            Number of parameters, those with the largest effect.
+
+        Returns
+        -------
+        Figure
+            Figure of matplotlib.
+        """
+        table = self.effects()
+        if number is None:
+            number = "impact_speed" if "impact_speed" in table else next(iter(table), "")
+        if number not in table:
+            known = ", ".join(table.columns)
+            raise InvalidParameter(f"plot: number = {number!r}, expected one of: {known}")
+        order = table[number].abs().sort_values(ascending=False).index[:most]
+        return picture("effects", table.loc[order, number], summary_unit(number))
 
     @checked
     def of(self, output: str, column: str | None = None) -> Array:

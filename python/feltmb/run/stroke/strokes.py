@@ -244,7 +244,25 @@ def pulse_stroke(
     duration: float | None = None,
     name: str = "pulse",
 ) -> Stroke:
-    """Force that rises to ``force`` [N] in ``rise`` [s], holds for ``hold``, falls in ``fall``."""
+    """Force that rises to ``force`` [N] in ``rise`` [s], holds for ``hold``, falls in ``fall``.
+
+    Parameters
+    ----------
+    force
+        Largest force [N].
+    start
+        Time at which the force begins [s].
+    rise
+        Duration of the rise [s].
+    fall
+        Duration of the fall [s].
+    hold
+        Duration for which the force is held [s].
+    duration
+        Duration of a run with the stroke [s]; default: a while beyond its end.
+    name
+        Name of the stroke.
+    """
     _need(_finite(force), "force", force, "a finite number [N]")
     _need(_finite(start) and start >= 0, "start", start, ">= 0 s")
     _need(_finite(rise) and rise > 0, "rise", rise, "> 0 s")
@@ -270,7 +288,21 @@ def table_stroke(
     duration: float | None = None,
     name: str = "table",
 ) -> Stroke:
-    """Force [N] through a table of times [s]."""
+    """Force [N] through a table of times [s].
+
+    Parameters
+    ----------
+    time
+        Times of the knots [s].
+    force
+        Force at the knots [N].
+    interpolation
+        ``linear``, ``monotone`` or ``spline``.
+    duration
+        Duration of a run with the stroke [s]; default: a while beyond its end.
+    name
+        Name of the stroke.
+    """
     return table_of("force", time, force, interpolation, duration, name)
 
 
@@ -318,7 +350,21 @@ def torque_stroke(
     duration: float | None = None,
     name: str = "torque",
 ) -> Stroke:
-    """Torque [N m] of the mechanism's motor through a table of times [s], positive pressing."""
+    """Torque [N m] of the mechanism's motor through a table of times [s], positive pressing.
+
+    Parameters
+    ----------
+    time
+        Times of the knots [s].
+    torque
+        Torque at the knots [N m].
+    interpolation
+        ``linear``, ``monotone`` or ``spline``.
+    duration
+        Duration of a run with the stroke [s]; default: a while beyond its end.
+    name
+        Name of the stroke.
+    """
     return table_of("torque", time, torque, interpolation, duration, name)
 
 

@@ -1,6 +1,7 @@
 """Studies: named variants of a mechanism under strokes, what to draw, tabulate and check, as data.
 
-:func:`study` runs a packaged study or a user's own TOML file; see ``docs/studies.md`` for the file.
+:func:`study` runs a packaged study or a user's own TOML file; see
+``docs/howto/run_studies.md`` for the file.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ import numpy as np
 from feltmb.errors import InvalidParameter
 from feltmb.units import conversion_factor
 
-__all__ = ["Formula", "NotThere", "to_unit"]
+__all__ = ["Formula", "NotThere", "si_unit", "to_unit"]
 
 LONGEST = 2000  # characters
 
@@ -234,13 +234,19 @@ class Formula:
         return lookup(name, tuple(self._word(child) for child in node.args))
 
 
-def to_unit(unit: str) -> float:
-    """Factor from the SI unit of the same quantity to a unit for the reader."""
+def si_unit(unit: str) -> str:
+    """SI unit of the quantity that a unit for the reader measures."""
     if unit in ("", "1"):
-        return 1.0
+        return "1"
     for si in ("m", "s", "N", "rad", "m/s", "J", "Hz", "kg", "rad/s", "m/s^2", "N m", "Pa", "1"):
         try:
-            return 1.0 / conversion_factor(unit, si)
+            conversion_factor(unit, si)
         except InvalidParameter:
             continue
+        return si
     raise InvalidParameter(f"unit {unit!r} is unknown to studies")
+
+
+def to_unit(unit: str) -> float:
+    """Factor from the SI unit of the same quantity to a unit for the reader."""
+    return 1.0 if unit in ("", "1") else 1.0 / conversion_factor(unit, si_unit(unit))

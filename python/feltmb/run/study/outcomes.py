@@ -13,14 +13,18 @@ import numpy as np
 import numpy.typing as npt
 
 from feltmb.arguments import checked
+from feltmb.display import html_table
+from feltmb.errors import InvalidParameter
+from feltmb.run.arrays import table_to_dataset
 from feltmb.run.study.checks import short
-from feltmb.run.study.expression import Formula, NotThere, to_unit
+from feltmb.run.study.expression import Formula, NotThere, si_unit, to_unit
 from feltmb.run.study.model import Case, Study, same, series_key
 from feltmb.run.study.schema import KNOWN, FindingSpec, PanelSpec
 from feltmb.run.sweep import Outcome
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
     from matplotlib.figure import Figure
 
 Array = npt.NDArray[np.float64]
@@ -95,6 +99,41 @@ class StudyOutcomes(ABC):
     @abstractmethod
     def figures(self) -> dict[str, Figure]:
         """Figures by name, as matplotlib ``Figure``."""
+
+    def _repr_html_(self) -> str:
+        rows = [(f.outcome, f.claim, f.says) for f in self.findings]
+        return html_table(repr(self), ("outcome", "claim of", "finding"), rows)
+
+    @checked
+    def plot(self, name: str | None = None) -> Figure:
+        """Return a figure of the study.
+
+        Parameters
+        ----------
+        name
+            Name of the figure in the study; default: the first.
+        """
+        known = list(self.study.spec.figures)
+        if name is None and known:
+            name = known[0]
+        if name not in known:
+            raise InvalidParameter(
+                f"plot: study {self.study.name!r} has no figure {name!r}, expected one of: "
+                + ", ".join(known)
+            )
+        return self.figures[name]
+
+    def to_xarray(self) -> xr.Dataset:
+        """Table as a dataset over variant, stroke and axes; variables have their SI units.
+
+        Returns
+        -------
+        Dataset
+            With the one dimension ``member`` if some combinations were not simulated.
+        """
+        units = {n: si_unit(self.study.shown(n)[1]) for n in self.numbers}
+        axes = ["variant", "stroke", *(a.name for a in self.study.axes)]
+        return table_to_dataset(self.table, axes, units)
 
     @cached_property
     def numbers(self) -> list[str]:

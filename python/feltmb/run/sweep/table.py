@@ -7,14 +7,16 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from feltmb.arguments import checked
+from feltmb.display import html_table
 from feltmb.errors import InvalidParameter, shown
 from feltmb.files import check_suffix, make_folder, write_text
 from feltmb.mechanism import Action, load_action, plain_data
+from feltmb.run.arrays import summary_unit, table_to_dataset
 from feltmb.run.options import OPTIONS, RunOptions, check_options, options_given
 from feltmb.run.stroke import Stroke, load_stroke
 from feltmb.run.sweep.axes import Axis, apply_point, axis_values, grid_points
@@ -24,8 +26,12 @@ from feltmb.run.sweep.running import run_members
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
 
     from feltmb.run.results import Run
+
+#: Rows of the table that a notebook shows.
+MOST_ROWS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +48,29 @@ class SweepResult:
 
     table: pd.DataFrame
     _runs: tuple[str, ...] = ()
+    _axes: Mapping[str, str] = field(default_factory=dict)
+    """Column of each path that was varied -> unit of its values."""
 
     def __repr__(self) -> str:
         return f"SweepResult({len(self.table)} members, {len(self.failed)} failed)"
+
+    def _repr_html_(self) -> str:
+        rows = self.table.head(MOST_ROWS).itertuples(index=False, name=None)
+        return html_table(repr(self), [str(c) for c in self.table.columns], rows)
+
+    def to_xarray(self) -> xr.Dataset:
+        """Table as a dataset with units.
+
+        Returns
+        -------
+        Dataset
+            The dimensions are the paths and ``stroke`` if all combinations were simulated, else
+            ``member``. Variables are the columns of the table; the attribute ``units`` holds the
+            unit, of a path that of the file of the mechanism.
+        """
+        numbers = [str(c) for c in self.table.select_dtypes("number").columns]
+        units = {name: summary_unit(name) for name in numbers} | dict(self._axes)
+        return table_to_dataset(self.table, [*self._axes, "stroke"], units)
 
     def __len__(self) -> int:
         return len(self.table)
@@ -178,8 +204,26 @@ def sweep(
             outcomes[index] = outcome
             bar.step(member.name)
     return SweepResult(
-        _table(rows, outcomes, pd), tuple(m.save_run for m in members) if not summary_only else ()
+        _table(rows, outcomes, pd),
+        tuple(m.save_run for m in members) if not summary_only else (),
+        _units(base, names, values),
     )
+
+
+def _units(action: Action, names: Sequence[str], values: Any) -> dict[str, str]:
+    """Unit of the values of each path; "" where it is not known."""
+    known = {path: unit for path, _, unit, _ in action.quantities()}
+    known |= {"stroke.scale": "1", "stroke.delay": "s", "stroke.duration": "s"}
+    found = {}
+    for name in names:
+        scaled = isinstance(values, Mapping) and "scale" in (
+            values[name] if isinstance(values[name], Mapping) else ()
+        )
+        own, _, last = name.rpartition(".")
+        candidates = (name, f"bodies.{name}", own if last in ("x", "y", "0", "1") else name)
+        unit = next((known[c] for c in candidates if c in known), "")
+        found[name] = "1" if scaled else unit
+    return found
 
 
 def _check_sizes(node: Any, where: str) -> None:

@@ -1,0 +1,106 @@
+"""Sphinx: the site of feltmb. `bash tools/docs.sh` builds it into build/docs."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+DOCS = Path(__file__).resolve().parent
+ROOT = DOCS.parent
+sys.path.insert(0, str(ROOT / "tools"))
+
+import make_reference
+from reference import python_api
+
+PUBLIC_NAMES = python_api.public_names()
+
+with (ROOT / "pyproject.toml").open("rb") as file:
+    release = tomllib.load(file)["project"]["version"]
+
+project = "feltmb"
+author = "the feltmb developers"
+project_copyright = author
+version = release
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.mathjax",
+    "numpydoc",
+]
+exclude_patterns = ["Thumbs.db", "**/.ipynb_checkpoints"]
+source_suffix = {".md": "myst-nb", ".rst": "restructuredtext", ".ipynb": "myst-nb"}
+
+# Markdown. Headings have the anchors that GitHub gives them, so that links work in both places.
+myst_heading_anchors = 4
+myst_enable_extensions = ["dollarmath", "deflist"]
+
+# Notebooks run in every build; a cell that fails stops it.
+nb_execution_mode = os.environ.get("FELTMB_DOCS_NOTEBOOKS", "force")
+nb_execution_timeout = 120
+nb_execution_raise_on_error = True
+nb_execution_in_temp = True
+nb_merge_streams = True
+
+# The lexer of C++ does not know attributes of C++20, and colors these headers in its relaxed mode.
+suppress_warnings = ["misc.highlighting_failure"]
+
+# Python: types and defaults in the signatures, meanings below them.
+autodoc_default_options = {"member-order": "bysource"}
+autodoc_preserve_defaults = True
+autodoc_typehints = "signature"
+autosummary_generate = False
+numpydoc_show_class_members = False
+numpydoc_class_members_toctree = False
+python_use_unqualified_type_names = True
+python_maximum_signature_line_length = 90
+toc_object_entries_show_parents = "hide"
+
+highlight_language = "none"
+
+html_theme = "furo"
+html_title = f"feltmb {release}"
+html_copy_source = False
+html_show_sourcelink = False
+html_static_path: list[str] = []
+html_theme_options = {"navigation_with_keys": True}
+
+OUTSIDE = re.compile(r"(?<!!)\[([^\]]*)\]\(((?:\.\./)+[^)\s#]*)(#[^)\s]*)?\)")
+
+
+def name_files_of_the_repository(app: Any, page: str, source: list[str]) -> None:
+    """Links to files of the repository that are no pages become their names."""
+    folder = (DOCS / page).parent
+
+    def shown(link: re.Match[str]) -> str:
+        target = Path(os.path.normpath(folder / link.group(2)))
+        if target.is_relative_to(DOCS):
+            return link.group()
+        if not target.exists():
+            raise ValueError(f"{page}: {link.group(2)} does not exist")
+        path = target.relative_to(ROOT).as_posix()
+        text = link.group(1).strip("`")
+        return f"`{path}`" if text in path or text in target.name else f"{text} (`{path}`)"
+
+    parts = re.split(r"(^```.*?^```)", source[0], flags=re.DOTALL | re.MULTILINE)
+    source[0] = "".join(p if p.startswith("```") else OUTSIDE.sub(shown, p) for p in parts)
+
+
+def find_public_name(app: Any, env: Any, node: Any, content: Any) -> Any:
+    """A type that a signature names by the module that defines it, found where it is described."""
+    public = PUBLIC_NAMES.get(node.get("reftarget", ""))
+    if node.get("refdomain") != "py" or public is None:
+        return None
+    domain = env.domains["py"]
+    return domain.resolve_xref(env, node["refdoc"], app.builder, "obj", public, node, content)
+
+
+def setup(app: Any) -> None:
+    app.connect("builder-inited", lambda app: make_reference.write())
+    app.connect("source-read", name_files_of_the_repository)
+    app.connect("missing-reference", find_public_name)

@@ -1,0 +1,250 @@
+"""Contact laws on their own: force from any compression history, for use outside a mechanism.
+
+``law(name, **parameters)`` makes a law by the name that mechanism files use. A law knows
+compression, rate and its own history, and nothing of bodies.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from feltmb import _core
+from feltmb.arguments import checked
+from feltmb.contact.tables import CORE_LAWS, LAWS, LawInfo, core_envelope
+from feltmb.errors import InvalidParameter, shown
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    Array = npt.NDArray[np.float64]
+
+__all__ = ["Law", "law"]
+
+
+@checked
+class Law:
+    """A contact law and its memory.
+
+    Signs: compression [m] positive when touching, rate = d compression / dt [m/s], force [N]
+    positive pushing apart.
+    """
+
+    def __init__(self, core: _core.ContactLaw, name: str | None = None):
+        self.core = core
+        self._name = name or str(core.name)
+        self._path = _core.LawPath(core)
+
+    def __repr__(self) -> str:
+        return f"Law({self.name!r})"
+
+    @property
+    def name(self) -> str:
+        """Name as in a mechanism file."""
+        return self._name
+
+    @property
+    def state(self) -> tuple[float, tuple[float, ...]]:
+        """Largest compression remembered [m], and the law's own states."""
+        return self._path.largest, tuple(self._path.state[: self.core.n_states])
+
+    def force(
+        self,
+        compression: npt.ArrayLike,
+        rate: npt.ArrayLike = 0.0,
+        state: tuple[float, tuple[float, ...]] | None = None,
+    ) -> Array:
+        """Force [N] at compressions [m] and rates [m/s], the memory as given (default: virgin).
+
+        Parameters
+        ----------
+        compression
+            Compression [m].
+        rate
+            Rate of the compression [m/s].
+        state
+            Memory of the felt, as the attribute ``state`` has it; None: virgin felt.
+        """
+        largest, own = state if state is not None else (0.0, ())
+        out: Array = np.asarray(
+            self.core.force(
+                np.asarray(compression, dtype=float),
+                np.asarray(rate, dtype=float),
+                list(own) + [0.0] * (self.core.n_states - len(own)),
+                largest,
+            )
+        )
+        return out
+
+    def step(self, compression: float, duration: float) -> float:
+        """Move to ``compression`` [m] within ``duration`` [s] and return the force [N] there.
+
+        The law remembers; ``reset`` makes the felt virgin again.
+        """
+        if not (duration > 0.0 and np.isfinite(compression)):
+            raise InvalidParameter(
+                f"step: got compression {compression!r} m, duration {duration!r} s; expected a "
+                "finite number and a time > 0"
+            )
+        return float(self._path.step(compression, duration))
+
+    def peek(self, compression: float, duration: float) -> float:
+        """Force [N] that ``step`` would return, without taking the step."""
+        return float(self._path.peek(compression, duration))
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._path.reset()
+
+    def path(self, compression: npt.ArrayLike, time: npt.ArrayLike) -> Array:
+        """Force [N] along a compression history [m] at times [s], beginning with virgin felt.
+
+        Linear between samples. ``felt_memory`` without options is advanced exactly: its force
+        depends on the sequence of compressions alone.
+        """
+        e = np.asarray(compression, dtype=float).ravel()
+        t = np.asarray(time, dtype=float).ravel()
+        out: Array = _core.force_along(self.core, t.tolist(), e.tolist())
+        return out
+
+
+@checked
+def law(name: str, **parameters: Any) -> Law:
+    """Make a contact law.
+
+    Parameters
+    ----------
+    name
+        One of :data:`feltmb.contact.LAWS`, such as ``"felt_memory"`` or ``"hunt_crossley"``.
+    **parameters
+        Those of the law's table in a mechanism file, in SI: numbers; curves of thesis eq. 4.21 as
+        ``loading=(a, b, c)``; a loop as ``envelope=(compression, loading, unloading)``, arrays
+        [m, N, N], or as its two curves. :data:`feltmb.contact.CORE_LAWS` has the fields of each
+        law with unit, limits, default and meaning. ``"micromechanical"``: ``felt`` (name, file or
+        :class:`feltmb.felt.FeltMaterial`), ``thickness`` [m], ``area`` (such as
+        :class:`feltmb.felt.CrossedCylinders`, or a table as in a mechanism file), ``compression``
+        (``"even"`` or ``"columns"``), and the numbers of ``"felt_memory"``.
+
+    Raises
+    ------
+    InvalidParameter
+        The name is unknown, or parameters are missing, unknown, of the wrong kind or out of range:
+        all of the same sort in one message.
+    """
+    if name == "micromechanical":
+        from feltmb.contact.layer import layer_parameters
+
+        layer = layer_parameters(**parameters)
+        core = _core.ContactLaw("felt_memory", envelope=layer.envelope, **layer.numbers)
+        return Law(core, name)
+    if name not in CORE_LAWS:
+        raise InvalidParameter(f"law {name!r} is unknown; known are {', '.join(LAWS)}")
+    return Law(_core.ContactLaw(name, **_core_values(CORE_LAWS[name], parameters)), name)
+
+
+def _core_values(law: LawInfo, given: dict[str, Any]) -> dict[str, Any]:
+    """Values of a law's fields for the core; all that is wrong with them is told at once."""
+    needed, optional = _keys(law, given)
+    faults = [f"parameter {k!r} is missing" for k in needed if k not in given]
+    known = {**needed, **optional}
+    unknown = sorted(set(given) - set(known))
+    if unknown:
+        faults.append(f"unknown parameter {', '.join(unknown)}; known are {', '.join(known)}")
+    for key, kind in known.items():
+        if key in given:
+            faults += _fault(key, kind, given[key])
+    if faults:
+        raise InvalidParameter("\n".join(f"law {law.name!r}: {f}" for f in faults))
+    values = {key: _value(known[key], given[key]) for key in given}
+    if "envelope" in optional and "envelope" not in values:
+        closing = values.pop("closing_compression", None)
+        values["envelope"] = core_envelope(values.pop("loading"), values.pop("unloading"), closing)
+    return values
+
+
+def _keys(law: LawInfo, given: dict[str, Any]) -> tuple[dict[str, str], dict[str, str]]:
+    """What a law cannot do without, and what it may be given, with the kind of each."""
+    needed: dict[str, str] = {}
+    optional: dict[str, str] = {}
+    for field in law.fields:
+        if field.kind != "envelope":
+            (needed if field.required else optional)[field.name] = field.kind
+            continue
+        optional["envelope"] = "envelope"
+        if "envelope" not in given:
+            needed |= {"loading": "curve", "unloading": "curve"}
+            optional["closing_compression"] = "number"
+    return needed, optional
+
+
+def _fault(key: str, kind: str, value: Any) -> list[str]:
+    """What is wrong with the kind of a value; its range is the core's to check."""
+    if kind == "curve":
+        good = _numbers(value) and len(value) == 3
+        expected = "(a [N/m], b [1/m], c [N/m]) of eq. 4.21"
+    elif kind == "envelope":
+        good = isinstance(value, (list, tuple)) and len(value) == 3
+        good = good and all(map(_numbers, value)) and len(set(map(len, value))) == 1
+        expected = "compression [m], loading [N] and unloading [N], arrays of one length"
+    elif kind == "text":
+        good, expected = isinstance(value, str), "a text"
+    elif kind == "parameters":
+        good = isinstance(value, Mapping) and all(map(_is_number, value.values()))
+        good, expected = good and all(isinstance(k, str) for k in value), "numbers by name"
+    elif kind == "list":
+        good, expected = _numbers(value), "a list of numbers"
+    elif kind == "function":
+        good = _address(value) > 0
+        expected = "a compiled function: of numba.cfunc, a ctypes function, or its address"
+    else:
+        good, expected = _is_number(value), "a number"
+    return [] if good else [f"{key} = {shown(value)}, expected {expected}"]
+
+
+def _value(kind: str, value: Any) -> Any:
+    if kind == "curve":
+        return _core.ExponentialCurve(*map(float, value))
+    if kind == "envelope":
+        return _core.Envelope.from_table(*([float(v) for v in column] for column in value))
+    if kind == "text":
+        return value
+    if kind == "parameters":
+        return {key: float(number) for key, number in value.items()}
+    if kind == "list":
+        return [float(number) for number in value]
+    if kind == "function":
+        _FUNCTIONS[_address(value)] = value
+        return _address(value)
+    return float(value)
+
+
+#: What ctypes makes of every function.
+_C_FUNCTION: Any = ctypes.CFUNCTYPE(None).__mro__[1]
+
+#: Compiled functions that laws were made of: a mechanism may outlive all that Python holds of it.
+_FUNCTIONS: dict[int, Any] = {}
+
+
+def _address(function: Any) -> int:
+    """Address of a compiled function; 0: it is none."""
+    address = getattr(function, "address", function)
+    if isinstance(address, _C_FUNCTION):
+        address = ctypes.cast(address, ctypes.c_void_p).value
+    whole = isinstance(address, (int, np.integer)) and not isinstance(address, bool)
+    return int(address) if whole else 0
+
+
+def _is_number(value: Any) -> bool:
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.number)):
+        return False
+    return not isinstance(value, int) or abs(value) <= sys.float_info.max
+
+
+def _numbers(value: Any) -> bool:
+    if isinstance(value, np.ndarray):
+        return value.ndim == 1 and value.dtype.kind in "fiu"
+    return isinstance(value, (list, tuple)) and all(map(_is_number, value))

@@ -1,0 +1,49 @@
+"""How objects show themselves in a notebook: a small HTML table, a picture."""
+
+from __future__ import annotations
+
+import html
+import importlib
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any, cast
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["html_table", "picture", "short_number"]
+
+#: Where pictures of runs and mechanisms are drawn. It stands above the parts that hold the data, as
+#: the plotting backend of pandas does, and is loaded when a picture is asked for.
+BACKEND = "feltmb.graphics.plot"
+
+
+def short_number(value: object) -> str:
+    """Number with four digits, or text."""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def html_table(title: str, head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Table in HTML; all texts are escaped.
+
+    Parameters
+    ----------
+    title
+        Caption of the table.
+    head
+        Heading of each column.
+    rows
+        Cells of each row. Floats are shown with four digits.
+    """
+
+    def line(cells: Sequence[object], tag: str) -> str:
+        inner = "".join(f"<{tag}>{html.escape(short_number(c))}</{tag}>" for c in cells)
+        return f"<tr>{inner}</tr>"
+
+    body = "".join(line(row, "td") for row in rows)
+    caption = f'<caption style="text-align: left">{html.escape(title)}</caption>'
+    return f"<table>{caption}<thead>{line(head, 'th')}</thead><tbody>{body}</tbody></table>"
+
+
+def picture(name: str, *arguments: Any) -> Figure:
+    """Figure that the function ``name`` of ``feltmb.graphics.plot`` draws."""
+    return cast("Figure", getattr(importlib.import_module(BACKEND), name)(*arguments))

@@ -1,0 +1,286 @@
+"""A model that includes effects: what was a cause to be found is now one more parameter."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from feltmb.arguments import checked
+from feltmb.data import Array, Record
+from feltmb.errors import InvalidParameter
+from feltmb.fit.model import (
+    Batch,
+    Candidate,
+    Effect,
+    Integers,
+    Jobs,
+    Memory,
+    Model,
+    Parameter,
+    Ready,
+    Sensitivity,
+    Simulated,
+    State,
+    check_segments,
+)
+
+__all__ = ["Including", "including"]
+
+
+@checked
+def including(
+    model: Model, included: Sequence[Candidate | Effect], magnitudes: Sequence[float] | None = None
+) -> Including:
+    """The model with effects as part of it, to be fitted and diagnosed in its turn.
+
+    Parameters
+    ----------
+    included
+        Effects (their first shape counts) or included effects; ``report.model.included`` of a
+        diagnosis.
+    magnitudes
+        Where their fit starts [units of the effects], in the same order; default: zero.
+
+    Raises
+    ------
+    InvalidParameter
+        The model cannot simulate one of them, or it is an effect of a sensor or an input: there
+        the records must be mended, not the model.
+    """
+    chosen = tuple(t if isinstance(t, Candidate) else Candidate(t, t.shapes[0]) for t in included)
+    values = (
+        np.zeros(len(chosen)) if magnitudes is None else np.asarray(magnitudes, dtype=np.float64)
+    )
+    faults = []
+    if values.shape != (len(chosen),):
+        faults.append(f"{values.size} magnitudes for {len(chosen)} effects")
+    names = [p.name for p in model.parameters]
+    for t in chosen:
+        if t.effect.observe is not None or t.effect.excite is not None:
+            faults.append(f"{t.name} is no part of the machine: mend the records instead")
+        elif not model.accepts(t.effect):
+            faults.append(f"the model {model.name} cannot simulate {t.name}")
+        if t.name in names:
+            faults.append(f"{t.name} is the name of a parameter already")
+        names.append(t.name)
+    if faults:
+        raise InvalidParameter("including: " + "; ".join(faults))
+    return Including(model, chosen, values)
+
+
+@checked
+class Including(Model):
+    """See :func:`including`; magnitudes of the effects are its last parameters, without a prior."""
+
+    def __init__(self, model: Model, included: tuple[Candidate, ...], magnitudes: Array):
+        if magnitudes.shape != (len(included),):
+            raise InvalidParameter(
+                f"including: magnitudes has shape {magnitudes.shape}, expected {(len(included),)}"
+            )
+        self._base = model
+        self._own = included
+        self._magnitudes = magnitudes
+        self.name = f"{model.name} with {', '.join(t.name for t in included)}"
+        self.parameters = model.parameters + tuple(
+            Parameter(
+                name=t.name,
+                value=float(np.clip(size, *t.effect.bounds)),
+                unit=t.effect.unit,
+                lower=t.effect.bounds[0],
+                upper=t.effect.bounds[1],
+                component=t.effect.component,
+                scale=t.effect.scale,
+            )
+            for t, size in zip(included, magnitudes, strict=True)
+        )
+        self.outputs = model.outputs
+        self.units = model.units
+        self.least_samples = model.least_samples
+        self.ports = model.ports
+        self.segment = model.segment
+        self.difference_step = model.difference_step
+        self.chaotic = model.chaotic
+        self.recursive = model.recursive
+        self.from_rest = model.from_rest
+        self.together = model.together
+        self.input_modes = model.input_modes
+        self.input_names = model.input_names
+        self.inputs = tuple(getattr(model, "inputs", ()))
+
+    def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
+        """States of the model, then hidden ones of all included effects."""
+        states = self._base.states((*self._own, *included))
+        mine = len(self._base.states(self._own))
+        return tuple(replace(s, hidden=False) if i < mine else s for i, s in enumerate(states))
+
+    def forget(self) -> None:
+        """That of the model."""
+        self._base.forget()
+
+    def referred(self, record: Record) -> tuple[Record, tuple[str, ...]]:
+        """As the model refers it."""
+        return self._base.referred(record)
+
+    def ready(self, records: Sequence[Record]) -> Ready:
+        """The ready model with the same effects."""
+        base = self._base.ready(records)
+        return replace(base, model=Including(base.model, self._own, self._magnitudes))
+
+    def accepts(self, effect: Effect) -> bool:
+        """What the model accepts, but for what it includes."""
+        return effect.name not in [t.name for t in self._own] and self._base.accepts(effect)
+
+    def check_writing(self, path: Path) -> None:
+        """As the model can."""
+        self._base.check_writing(path)
+
+    def write(
+        self,
+        path: Path,
+        theta: Array,
+        included: Sequence[Candidate],
+        magnitudes: Array,
+        *,
+        provenance: str = "",
+        force: bool = False,
+    ) -> Path:
+        """As the model writes, with what was made part of it among its effects.
+
+        Parameters
+        ----------
+        path
+            File that is written.
+        theta
+            Values of the parameters [SI].
+        included
+            Effects that are included.
+        magnitudes
+            Magnitude of each included effect.
+        provenance
+            Texts about the origin that are written into the file.
+        force
+            False: an existing file is not overwritten.
+        """
+        count = len(self._base.parameters)
+        return self._base.write(
+            path,
+            theta[:count],
+            (*self._own, *included),
+            np.concatenate([theta[count:], magnitudes]),
+            provenance=provenance,
+            force=force,
+        )
+
+    def guess(self, record: Record, segments: Integers) -> Array:
+        """As the model guesses; hidden states at their prior mean."""
+        states = self.states()
+        starts = np.tile([s.start for s in states], (len(segments), 1))
+        seen = self._base.guess(record, segments)
+        starts[:, : seen.shape[1]] = seen
+        return starts
+
+    def events(self, record: Record, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:
+        """As the model finds them."""
+        return self._base.events(record, outputs)
+
+    def simulate(self, record: Record, jobs: Jobs) -> Simulated:
+        """See :class:`~feltmb.fit.Model`."""
+        return self._base.simulate(record, self._inner(jobs))
+
+    def _inner(self, jobs: Jobs) -> Jobs:
+        """Jobs of the model: what was made part of it is among its included effects."""
+        count = len(self._base.parameters)
+        magnitudes = jobs.magnitudes if jobs.included else np.zeros((jobs.count, 0))
+        return replace(
+            jobs,
+            theta=jobs.theta[:, :count],
+            included=(*self._own, *jobs.included),
+            magnitudes=np.hstack([jobs.theta[:, count:], magnitudes]),
+        )
+
+    def refined(self, batches: Sequence[Batch]) -> Model:
+        """See :class:`~feltmb.fit.Model`."""
+        base = self._base.refined([(record, self._inner(jobs)) for record, jobs in batches])
+        return self if base is self._base else Including(base, self._own, self._magnitudes)
+
+    @property
+    def core(self) -> Model:
+        """That of the model."""
+        return self._base.core
+
+    def asking(self, ask: Callable[[Sequence[Batch]], list[Simulated]]) -> Model:
+        """See :class:`~feltmb.fit.Model`."""
+        out = copy.copy(self)
+        out._base = self._base.asking(ask)
+        return out
+
+    def sensitivities(
+        self,
+        record: Record,
+        theta: Array,
+        segments: Integers,
+        starts: Array,
+        included: tuple[Candidate, ...] = (),
+        magnitudes: Array | None = None,
+        *,
+        by_theta: Sequence[int] | None = None,
+        by_starts: bool = True,
+        candidates: tuple[Candidate, ...] = (),
+        memory: Memory | None = None,
+    ) -> Sensitivity:
+        """Those of the model; the derivatives by the included magnitudes move to the parameters.
+
+        Parameters
+        ----------
+        record
+            Record whose inputs drive the model.
+        theta
+            Values of the parameters [SI].
+        segments
+            Begin and end of each segment [s].
+        starts
+            Start state of each segment.
+        included
+            Effects that are included.
+        magnitudes
+            Magnitude of each included effect.
+        by_theta
+            Indices of the parameters by which derivatives are asked for.
+        by_starts
+            Whether derivatives by the start states are asked for.
+        candidates
+            Candidates whose derivative at magnitude zero is asked for.
+        memory
+            Memory of the model at the start of each segment.
+        """
+        given = np.zeros(len(included)) if magnitudes is None else magnitudes
+        check_segments(self, record, segments, starts, included, given, theta)
+        count, own = len(self._base.parameters), len(self._own)
+        wanted = list(range(count + own)) if by_theta is None else list(by_theta)
+        base = [i for i in wanted if i < count]
+        s = self._base.sensitivities(
+            record,
+            theta[:count],
+            segments,
+            starts,
+            (*self._own, *included),
+            np.concatenate([theta[count:], given]),
+            by_theta=base,
+            by_starts=by_starts,
+            candidates=candidates,
+            **({} if memory is None else {"memory": memory}),
+        )
+        order = [base.index(i) if i < count else len(base) + i - count for i in wanted]
+        by_outputs = np.concatenate([s.d_theta, s.d_magnitudes[..., :own]], axis=-1)
+        by_ends = np.concatenate([s.d_theta_ends, s.d_magnitudes_ends[..., :own]], axis=-1)
+        return replace(
+            s,
+            d_theta=by_outputs[..., order],
+            d_theta_ends=by_ends[..., order],
+            d_magnitudes=s.d_magnitudes[..., own:],
+            d_magnitudes_ends=s.d_magnitudes_ends[..., own:],
+        )

@@ -1,0 +1,801 @@
+"""The diagnosis: checks, fit, where, which, proof, verdict."""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from feltmb.arguments import checked
+from feltmb.data import Record
+from feltmb.errors import DataError, InvalidParameter
+from feltmb.files import Store
+from feltmb.fit.model import Effect, Model
+from feltmb.fit.problem import Point, Problem
+from feltmb.fit.segmented_records import SegmentedRecord, segment_record
+from feltmb.fit.solve import Fit, FitSettings, finish, fit_problem
+from feltmb.fit.watch import FIT, PROOF, REPORT, SEARCH, Tell, Watch, current, watching
+from feltmb.gap.acceptance import Accepted, accept, posterior, shapley
+from feltmb.gap.assemble import closest_set, how_far_rows, ranked, with_effects
+from feltmb.gap.calibrate import calibrate
+from feltmb.gap.checks import DataChecks, check_against, check_records, with_sigma
+from feltmb.gap.components import component_table
+from feltmb.gap.criteria import CLOSE_ALARM, COLOR_GAIN, EXCESS, REST_EXCESS, WIDE_GAP
+from feltmb.gap.decide import Facts, decide
+from feltmb.gap.discrepancy import (
+    color_of_discrepancy,
+    converged,
+    discrepancy_of,
+    with_color,
+    with_noise,
+)
+from feltmb.gap.experiments import advise
+from feltmb.gap.findings import Advice, NotTested, Verdict, Where
+from feltmb.gap.misfit import form_of, misfit
+from feltmb.gap.overlay import wrong_units
+from feltmb.gap.proof import HeldOut, Outcome, residuals_by_segment
+from feltmb.gap.refine import CandidateSet, full_evidence, refit_at, tighten
+from feltmb.gap.report import Report
+from feltmb.gap.score import all_candidates, family_threshold, score_fit
+from feltmb.gap.search import Search, in_refined_steps, search
+from feltmb.gap.smoke_test import try_effects
+from feltmb.gap.split import split_records
+from feltmb.gap.steps import next_steps
+from feltmb.gap.stopped import cut_short, left_out
+from feltmb.gap.tabulated import (
+    as_it_is,
+    calibrated_rows,
+    fitted_starts,
+    found_starts,
+    moved_together,
+    tabulated_outcome,
+)
+from feltmb.gap.tolerance import prior_deviations_told, within_tolerance
+from feltmb.gap.where import event_ledger, first_act, ledger, split_gap
+
+__all__ = ["Options", "diagnose", "fit_model", "prepare"]
+
+Progress = Callable[[str, int, int], None]
+#: Rounds in which the unexplained residual is estimated again.
+ROUNDS = 4
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """What may be tuned; the defaults are meant to be left alone."""
+
+    alpha: float = 0.01
+    """Family-wise rate of false alarms."""
+    segment: float | None = None
+    """Length of shooting segments [s]; None: that of the model, else chosen from the data."""
+    max_effects: int = 4
+    width: int = 4
+    """Sets that survive each screen."""
+    bootstrap: int = 12
+    """Refits of simulated model records for the null law; 0: asymptotic only."""
+    restarts: int = 3
+    seed: int = 0
+    least_share: float = 0.03
+    """Share of the largest held-out gain of a set below which an effect is small print: a law that
+    is off by a sixth of its force leaves a thirtieth of its gain to what mends its form."""
+    segmented_level: float = 0.01
+    """Gap between segments of the segmented metric, as a share of the spread of the states."""
+    fit: FitSettings | None = None
+    """How hard fits try; replaces ``restarts`` and ``seed`` there."""
+    resume: Path | None = None
+    """Folder for finished fits: a cut-off run continues from them."""
+    good_enough: Mapping[str, float] = field(default_factory=dict)
+    """Practical floor by output or by unit (``{"m": 2e-4}``) [SI]: added to the noise of these
+    channels, and a fit whose rest is below both together leaves no gap."""
+    advice: bool = True
+    """Whether experiments are predicted that would separate what is still confused."""
+
+    def __post_init__(self) -> None:
+        faults = []
+        if not 0.0 < self.alpha < 0.5:
+            faults.append(f"alpha = {self.alpha!r}, expected in (0, 0.5)")
+        if not 1 <= self.max_effects <= 6:
+            faults.append(f"max_effects = {self.max_effects!r}, expected 1 to 6")
+        for name, floor in self.good_enough.items():
+            if not 0.0 < floor < np.inf:
+                faults.append(f"good_enough of {name} = {floor!r}, expected > 0")
+        if self.bootstrap < 0:
+            faults.append(f"bootstrap = {self.bootstrap!r}, expected >= 0")
+        if faults:
+            raise InvalidParameter("options: " + "; ".join(faults))
+
+
+def _ready(model: Model, records: Sequence[Record]) -> tuple[Model, tuple[Record, ...], DataChecks]:
+    """The model and the part of the records that it can use, and what the data checks say of them.
+
+    Raises
+    ------
+    DataError
+        All that makes the records unusable, in one message.
+    """
+    checks = check_against(model, records)
+    ready = model.ready([with_sigma(r, checks.noise(r.name)) for r in records])
+    channels, notes = [], list(ready.notes)
+    for c in checks.channels:
+        floor = ready.floors.get(c.channel, 0.0)
+        if floor > c.sigma:
+            notes.append(
+                f"{c.record}: noise of {c.channel} is {c.sigma:.2g} {c.unit}, less than the error "
+                f"of a simulation, which is as bad as white noise of {floor:.2g} {c.unit}: the "
+                "latter is taken"
+            )
+            c = replace(c, sigma=floor)
+        channels.append(c)
+    checks = replace(checks, channels=tuple(channels), warnings=(*checks.warnings, *notes))
+    return ready.model, ready.records, checks
+
+
+def prepare(
+    model: Model, records: Sequence[Record], checks: DataChecks, segment: float | None
+) -> tuple[SegmentedRecord, ...]:
+    """Cut records into segments with the noise that the data checks found."""
+    return tuple(segment_record(model, r, checks.noise(r.name), segment) for r in records)
+
+
+def _usable(model: Model, effects: Sequence[Effect]) -> tuple[list[Effect], list[NotTested]]:
+    """Effects that the model can simulate, and why the others cannot be tested."""
+    names = [e.name for e in effects]
+    doubled = sorted({n for n in names if names.count(n) > 1})
+    if doubled:
+        raise InvalidParameter(f"effects: the name {', '.join(doubled)} is used twice")
+    good, bad = [], []
+    for e in effects:
+        if e.observe is None and e.excite is None and not model.accepts(e):
+            bad.append(NotTested(name=e.name, why=f"the model {model.name} cannot simulate it"))
+        else:
+            good.append(e)
+    return good, bad
+
+
+def _investigate(
+    model: Model,
+    segmented_records: tuple[SegmentedRecord, ...],
+    effects: Sequence[Effect],
+    options: Options,
+    settings: FitSettings,
+    store: Store | None,
+    progress: Progress | None,
+    near: Point | None = None,
+) -> Search:
+    """Fit the model and search the effects with the noise of the segmented records.
+
+    ``near``: where the model was fitted with less noise. From there it is soon fitted again; it
+    begins at its priors only if that does not explain the records.
+    """
+    problem, label = Problem(model, segmented_records, store=store), "the model alone"
+    watch = current()
+    watch.misfit = None  # other noise, another scale
+    watch.enter(FIT)
+    fit: Fit | None = None
+    if near is not None:
+        point = replace(near, memo={})
+        brief = replace(settings, restarts=0)
+        fit = fit_problem(problem, brief, point=point, progress=progress, label=label)
+    if fit is None or not fit.explains:
+        way = settings if fit is None else replace(settings, restarts=0)
+        other = fit_problem(problem, way, progress=progress, label=label)
+        fit = other if fit is None or other.log_evidence > fit.log_evidence else fit
+    watch.fitted(fit.chi2 / fit.dof)
+    watch.enter(SEARCH)
+    found = search(
+        fit,
+        effects,
+        replace(settings, restarts=0),
+        most=options.max_effects,
+        width=options.width,
+        progress=progress,
+    )
+    if watch.stopping():
+        return found
+    return within_tolerance(in_refined_steps(found, settings, progress=progress), settings)
+
+
+def _explained(
+    first: Search,
+    found: Search,
+    effects: Sequence[Effect],
+    settings: FitSettings,
+    checks: DataChecks,
+    progress: Progress | None,
+) -> Search | None:
+    """The first search with the set found beside an unexplained residual, if it leaves none.
+
+    Where the model is far off, linear scores may pass over a cause that explains all.
+    """
+    if found.best is None:
+        return None
+    base, near = first.model_fit, found.best.fit
+    problem = base.problem.with_candidates(near.included)
+    fit = refit_at(problem, replace(near.point, memo={}), base.level, settings, patient=True)
+    best = CandidateSet(fit, full_evidence(fit, sum(e.weight for e in effects)))
+    if first.best is not None and not best.evidence > first.best.evidence:
+        return None
+    explained = best.evidence - first.tight_evidence
+    tight = tighten(fit, settings)
+    if misfit(fit, tight, estimated=checks.estimated, bar=REST_EXCESS, explained=explained).left:
+        return None
+    others = tuple(c for c in first.sets if c.key != best.key)
+    whole = replace(first, sets=(best, *others))
+    return within_tolerance(in_refined_steps(whole, settings, progress=progress), settings)
+
+
+@checked
+def diagnose(
+    model: Model,
+    effects: Sequence[Effect],
+    records: Sequence[Record] | Record,
+    hold_out: Sequence[str] | str | None = None,
+    options: Options | None = None,
+    progress: Tell | None = None,
+    *,
+    budget: float | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> Report:
+    """Where the gap between a model and measurements lies, what causes it, how far it shrinks.
+
+    Parameters
+    ----------
+    model
+        The model; see :class:`feltmb.fit.Model`.
+    effects
+        Causes that it lacks; each is exactly the model at magnitude zero.
+    records
+        Measured runs.
+    hold_out
+        Names of records that prove what the others suggest. None: the records whose role is
+        "held_out"; without such, some are chosen (see :func:`split_records`).
+    options, progress
+        ``progress(p)`` is told a :class:`feltmb.fit.Progress` now and then, from any thread.
+    budget
+        Time after which the best answer by then is reported, with what was not tried [s]. What is
+        being simulated when four fifths of it are over comes to its end, then comes the proof: a
+        budget of a few simulations is exceeded.
+    stop
+        Asked now and then; once it says True, it is as if the budget were spent.
+
+    Raises
+    ------
+    DataError, InvalidParameter
+        Records or arguments cannot be used.
+    """
+    if budget is not None and not budget > 0.0:
+        raise InvalidParameter(f"budget = {budget!r} s, expected > 0")
+    options = options or Options()
+    if isinstance(records, Record):
+        records = [records]
+    watch = Watch(progress, budget, stop)
+    with watching(watch):
+        report = _diagnosed(model, effects, records, hold_out, options, watch)
+        watch.say("done")
+    return report
+
+
+def _diagnosed(
+    model: Model,
+    effects: Sequence[Effect],
+    records: Sequence[Record],
+    hold_out: Sequence[str] | str | None,
+    options: Options,
+    watch: Watch,
+) -> Report:
+    progress = watch.say
+    seconds: dict[str, float] = {}
+    tick = clock.perf_counter()
+
+    def lap(stage: str) -> None:
+        nonlocal tick
+        now = clock.perf_counter()
+        seconds[stage] = seconds.get(stage, 0.0) + now - tick
+        tick = now
+
+    watch.enter(watch.stage)
+    model.forget()
+    model, records, whole = _ready(model, records)
+    fit_records, held_records = split_records(records, hold_out, masked=model.from_rest)
+    checks = _inherit(check_records([*fit_records, *held_records], model.outputs), whole, records)
+    if checks.problems:
+        raise DataError("records: " + "; ".join(checks.problems))
+    checks = _floored(checks, options.good_enough, model)
+    segmented_records = prepare(model, fit_records, checks, options.segment)
+    held_segmented_records = prepare(model, held_records, checks, options.segment)
+    lap("data checks")
+
+    settings = options.fit or FitSettings(restarts=options.restarts, seed=options.seed)
+    store = None if options.resume is None else Store(options.resume)
+    usable, not_tested = _usable(model, effects)
+    try_effects(model, usable, fit_records[0])
+    sensed = held_segmented_records
+    watch.say("gap as it is")
+    tabulated = tabulated_outcome(
+        model, (*segmented_records, *sensed), settings, options.segmented_level
+    )
+    metric = "segmented" if model.chaotic else "open_loop"
+    _check_units(model, tabulated, metric)
+    lap("gap as it is")
+    first = _investigate(model, segmented_records, usable, options, settings, store, progress)
+    model = first.model_fit.problem.model
+    color = None
+    if not (checks.estimated or watch.stopping()):
+        color = _recolored(first, segmented_records, settings, store)
+    if color is not None:
+        checks = _with_color(checks, color)
+        segmented_records = tuple(with_color(model, s, color) for s in segmented_records)
+        sensed = held_segmented_records = tuple(
+            with_color(model, s, color) for s in held_segmented_records
+        )
+        first = _investigate(model, segmented_records, usable, options, settings, store, progress)
+        model = first.model_fit.problem.model
+    found, rest_noise = first, None
+    plain = segmented_records
+    for _ in range(ROUNDS):
+        new = None if watch.stopping() else discrepancy_of(found, plain, settings)
+        if new is None or (rest_noise is not None and converged(rest_noise, new)):
+            break
+        # Nothing in the library explains all of it: effects must now beat the unexplained residual,
+        # which shrinks with every effect that is found.
+        before = (found, rest_noise, segmented_records, held_segmented_records)
+        rest_noise = new
+        segmented_records = tuple(with_noise(model, s, new) for s in plain)
+        held_segmented_records = tuple(with_noise(model, s, new) for s in sensed)
+        near = found.model_fit.point
+        found = _investigate(
+            model, segmented_records, usable, options, settings, store, progress, near
+        )
+        if watch.stopping():  # the search before is whole
+            found, rest_noise, segmented_records, held_segmented_records = before
+        model = found.model_fit.problem.model
+    if rest_noise is not None and not watch.stopping():
+        clean = _explained(first, found, usable, settings, checks, progress)
+        if clean is not None:
+            found, rest_noise, segmented_records, held_segmented_records = (
+                clean,
+                None,
+                plain,
+                sensed,
+            )
+            model = found.model_fit.problem.model
+    fit = found.model_fit
+    for name, why in found.failed:
+        not_tested.append(NotTested(name=name, why=why))
+    blind = [
+        t for t, ok in zip(found.scores.candidates, found.scores.testable, strict=True) if not ok
+    ]
+    for e in usable:
+        if all(t in blind for t in found.scores.candidates if t.effect is e):
+            not_tested.append(
+                NotTested(
+                    name=e.name,
+                    why="leaves no trace of its own in these records that parameters, start "
+                    "states and sensor errors could not leave as well",
+                )
+            )
+    lap("which")
+    skipped = left_out(found, usable) if found.skipped else ()
+    not_tested += skipped
+    watch.enter(PROOF, "where the gap lies")
+    # With the noise of the sensors: an unexplained residual that is taken for noise hides where it
+    # lies.
+    tight = None if model.chaotic else first.tight_fit
+    seen = tight or first.bare
+    cells, onset = ledger(seen)
+    events = event_ledger(seen)
+    components = component_table(first.bare, tight)
+    where = Where(
+        ledger=cells, events=events, components=components, onset=onset, split=split_gap(seen)
+    )
+    lap("where")
+
+    belief = posterior(found)
+    scale = fit.problem.state_scale
+    held = HeldOut(held_segmented_records, np.zeros(0) if scale is None else scale, sensed)
+    accepted = accept(
+        found,
+        held,
+        settings,
+        belief.inflation,
+        segmented_level=options.segmented_level,
+        least_share=options.least_share,
+        discrepancy=rest_noise is not None,
+        seed=options.seed,
+        progress=progress,
+    )
+    which_gap = _primary(model, accepted, sensed)
+    shares: dict[str, float] = {}
+    if not watch.over():
+        shares = shapley(
+            found,
+            accepted,
+            held,
+            settings,
+            which=which_gap,
+            segmented_level=options.segmented_level,
+            progress=progress,
+        )
+    lap("how far")
+    reference = found.tight if found.tight is not None else found.scores
+    reference_fit = found.tight_fit if found.tight_fit is not None else fit
+    alarm = float(np.max(reference.singles())) if reference.candidates else 0.0
+    bar, _ = family_threshold(reference, options.alpha, seed=options.seed)
+    # A correction can only raise the bar: it matters for what passed it by little, and where
+    # nothing else says that the model is wrong.
+    close = bar < alarm < CLOSE_ALARM * bar
+    bare_misfit = misfit(first.bare, first.tight_fit, estimated=checks.estimated)
+    close = close and not bare_misfit.left
+    null = calibrate(
+        reference_fit,
+        reference,
+        usable,
+        options.alpha,
+        options.bootstrap if close and not watch.over() else 0,
+        seed=options.seed,
+        progress=progress,
+    )
+    rest = accepted.tightest
+    leftover = 0.0
+    if accepted.best is not None:
+        others = all_candidates(usable, accepted.best.names)
+        if others:
+            after = score_fit(rest or accepted.best.fit, others)
+            limit, _ = family_threshold(after, options.alpha, seed=options.seed)
+            # Robust as well: what one segment alone asks for is not a trend.
+            both = np.minimum(after.singles(), after.robust())
+            form = form_of(accepted.best.evidence - found.tight_evidence)
+            least = max(limit, 2.0 * form)
+            leftover = float(np.max(both) / least) if np.isfinite(limit) else 0.0
+    lap("null")
+    if accepted.best is not None:
+        where = replace(
+            where,
+            onset={**where.onset, **first_act(accepted.best.fit)},
+            remains=ledger(_with_sensor_noise(rest or accepted.best.fit, plain))[0],
+        )
+    beyond = None
+    if accepted.best is None and not bare_misfit.left and not watch.over():
+        beyond = _beyond(accepted, held_segmented_records, settings, checks, store, watch.say)
+        lap("how far")
+    watch.enter(REPORT)
+    best_fit = found.model_fit if accepted.best is None else accepted.best.fit
+    held_tabulated = tabulated.part(slice(len(plain), None))
+    how_far = how_far_rows(accepted, held_tabulated, sensed, shares, which_gap, options.seed)
+    end = rest or (found.tight_fit if accepted.best is None else None) or best_fit
+    there = replace(end, problem=replace(end.problem, segmented_records=plain))
+    fitted = Outcome(there, np.zeros(0), settings, options.segmented_level)
+    calibrated = calibrated_rows(
+        best_fit, [tabulated], [fitted, accepted.after], which_gap, options.alpha
+    )
+    closest = closest_set(found, accepted, sensed, which_gap, options.seed)
+    facts = Facts(
+        checks=checks,
+        search=found,
+        accepted=accepted,
+        belief=belief,
+        p=null.p(alarm),
+        alpha=options.alpha,
+        how_far=how_far,
+        where=where,
+        rest=rest,
+        first=first,
+        misfit=bare_misfit,
+        unexplained=rest_noise is not None,
+        leftover=leftover,
+        beyond=beyond,
+        apart=moved_together(best_fit, options.alpha),
+        calibrated=calibrated,
+        closest=closest,
+        enough=bool(options.good_enough) and _within(first.tight_fit or first.bare),
+        enough_left=bool(options.good_enough) and _within(rest or best_fit),
+    )
+    decision = decide(facts)
+    if watch.why:
+        decision = cut_short(decision, watch, found, skipped, len(usable))
+    told = prior_deviations_told(fit if accepted.best is None else accepted.best.fit)
+    if told:
+        checks = replace(checks, warnings=(*checks.warnings, told))
+    which = ranked(found, accepted, decision.belief, null, decision.named, decision.one_of)
+    lap("verdict")
+    advice: tuple[Advice, ...] = ()
+    answered = decision.verdict in (Verdict.NO_GAP, Verdict.CALIBRATED)
+    if options.advice and not answered and not watch.over():
+        if accepted.rivals:
+            watch.say("next experiment")
+        advice = advise(found, accepted)
+    lap("next")
+    rows = as_it_is(tabulated, metric)
+    advice += next_steps(
+        decision.verdict,
+        rows,
+        calibrated,
+        [r for r in which.effects if r.named],
+        decision.closest,
+        components,
+        best_fit.intervals(),
+    )
+    provenance = _provenance(best_fit, records)
+    starts = found_starts(accepted.after.tight) | fitted_starts(best_fit, rest, settings)
+    before_starts = found_starts(accepted.before.tight) | fitted_starts(
+        found.model_fit, found.tight_fit, settings
+    )
+    plain_fit = tabulated.fit
+    return Report(
+        verdict=decision.verdict,
+        statement=decision.statement,
+        named=decision.named,
+        one_of=decision.one_of,
+        confidence=decision.confidence,
+        as_it_is=rows,
+        calibrated=calibrated,
+        closest=decision.closest,
+        where=where,
+        which=which,
+        how_far=how_far,
+        next=advice,
+        model=with_effects(model, best_fit, starts, provenance),
+        fitted=with_effects(model, found.model_fit, before_starts, provenance),
+        tabulated=with_effects(model, plain_fit, found_starts(plain_fit), provenance),
+        not_tested=tuple(not_tested),
+        refused=tuple(NotTested(name=n, why=w) for n, w in accepted.rejected),
+        fit=fit,
+        checks=checks,
+        seconds=seconds,
+        stopped=f"{watch.stopped_in} ({watch.why})" if watch.why else "",
+    )
+
+
+def _check_units(model: Model, tabulated: Outcome, metric: str) -> None:
+    """Refuse records in another unit than they say: no fit would come to anything."""
+    records = tabulated.fit.problem.segmented_records
+    runs = [
+        (s.record, rest, {n: x.sigma for n, x in zip(model.outputs, s.noise, strict=True)})
+        for s, rest in zip(records, getattr(tabulated, metric), strict=True)
+    ]
+    wrong = wrong_units(model, runs)
+    if wrong:
+        raise DataError(
+            f"DATA PROBLEM: the unit of {wrong}. Say the true unit: --unit CHANNEL=UNIT, or unit "
+            "in the TOML beside the file; feltmb gap check shows model and record"
+        )
+
+
+def _inherit(checks: DataChecks, whole: DataChecks, records: Sequence[Record]) -> DataChecks:
+    """Blocks of a record take the noise that was found for all of it."""
+    by_name = {(c.record, c.channel): c for c in whole.channels}
+    channels = []
+    for c in checks.channels:
+        parent = by_name.get((c.record, c.channel))
+        if parent is None:
+            base = next(r.name for r in records if c.record.startswith(r.name + "["))
+            parent = by_name[base, c.channel]
+        channels.append(
+            replace(
+                c,
+                sigma=parent.sigma,
+                method=parent.method,
+                correlation_time=parent.correlation_time,
+                averaged=parent.averaged,
+                quantum=parent.quantum,
+            )
+        )
+    return replace(
+        checks,
+        channels=tuple(channels),
+        warnings=whole.warnings,
+        problems=whole.problems,
+        repeatability=whole.repeatability,
+        estimated=whole.estimated,
+    )
+
+
+def _floored(checks: DataChecks, floors: Mapping[str, float], model: Model) -> DataChecks:
+    """The checks with a practical floor added to the noise of some channels."""
+    if not floors:
+        return checks
+    units = {c.unit for c in checks.channels}
+    unknown = [n for n in floors if n not in model.outputs and n not in units]
+    if unknown:
+        raise InvalidParameter(
+            f"good_enough: got {', '.join(unknown)}, expected an output "
+            f"({', '.join(model.outputs)}) or a unit of one ({', '.join(sorted(units))})"
+        )
+    channels = []
+    for c in checks.channels:
+        floor = floors.get(c.channel, floors.get(c.unit, 0.0))
+        channels.append(replace(c, sigma=math.hypot(c.sigma, floor)))
+    return replace(checks, channels=tuple(channels))
+
+
+def _with_sensor_noise(fit: Fit, sensed: tuple[SegmentedRecord, ...]) -> Fit:
+    """A fit as it stands against the noise of the sensors, where more was admitted."""
+    if fit.problem.segmented_records is sensed:
+        return fit
+    problem = replace(fit.problem, segmented_records=sensed)
+    return finish(problem, replace(fit.point, memo={}), fit.level, fit.gap_sd)
+
+
+def _within(fit: Fit) -> bool:
+    """Whether what a fit leaves in every channel is no more than the noise that was given."""
+    records = fit.problem.segmented_records
+    for c, _ in enumerate(fit.problem.model.outputs):
+        total = expected = 0.0
+        for s, r in zip(records, residuals_by_segment(fit), strict=True):
+            seen = r[np.isfinite(r[:, c]), c]
+            total += float(seen @ seen)
+            expected += seen.size * s.noise[c].sigma ** 2
+        if total > expected:
+            return False
+    return True
+
+
+def _provenance(fit: Fit, records: Sequence[Record]) -> str:
+    """Which diagnosis numbers are from, without a clock: the same records give the same words."""
+    names = list(dict.fromkeys(r.name for r in records))
+    shown = ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+    dates = sorted({str(r.conditions["date"]) for r in records if "date" in r.conditions})
+    when = f" of {', '.join(dates)}" if dates else ""
+    return f"diagnosis of {fit.problem.model.name} with records {shown}{when}"
+
+
+def _recolored(
+    first: Search,
+    segmented_records: tuple[SegmentedRecord, ...],
+    settings: FitSettings,
+    store: Store | None,
+) -> dict[str, float] | None:
+    """Correlation times [s] of noise with which the model explains the records; None: of no use.
+
+    They must leave nothing to explain, and be more likely than white noise with an unknown force or
+    signal, or with the best set of effects.
+    """
+    fit = first.model_fit
+    white = misfit(fit, first.tight_fit, estimated=False)
+    color = color_of_discrepancy(first, segmented_records) if white.left else None
+    if color is None:
+        return None
+    model = fit.problem.model
+    colored = tuple(with_color(model, s, color) for s in segmented_records)
+    again = fit_problem(Problem(model, colored, store=store), settings)
+    tight = tighten(again, settings)
+    if misfit(again, tight, estimated=False).left:
+        return None
+    plain = fit.log_evidence + (0.0 if fit.gap_sd.size else white.other)
+    if first.best is not None:
+        plain = max(plain, first.best.fit.log_evidence)
+    gain = again.log_evidence + _log_weights(colored) - plain - _log_weights(segmented_records)
+    return color if gain > COLOR_GAIN else None
+
+
+def _log_weights(segmented_records: Sequence[SegmentedRecord]) -> float:
+    """What the magnitude of the noise adds to a log likelihood."""
+    return sum(float(np.sum(np.log(s.weight[s.valid]))) for s in segmented_records)
+
+
+def _with_color(checks: DataChecks, color: dict[str, float]) -> DataChecks:
+    """The checks with what the fit of the model said of the noise."""
+    channels = tuple(
+        replace(c, correlation_time=color[c.channel]) if c.channel in color else c
+        for c in checks.channels
+    )
+    warnings = tuple(
+        f"{name}: what the model leaves is no larger than the noise of its sensor, but it is not "
+        f"white: it remembers itself for {time:.3g} s, and no force or effect "
+        "explains that as well. It is taken for noise; if that is so, give its correlation_time"
+        for name, time in color.items()
+    )
+    return replace(checks, channels=channels, warnings=(*checks.warnings, *warnings))
+
+
+def _beyond(
+    accepted: Accepted,
+    segmented_records: tuple[SegmentedRecord, ...],
+    settings: FitSettings,
+    checks: DataChecks,
+    store: Store | None,
+    say: Callable[[str], None],
+) -> float | None:
+    """Sum of squares, of its expectation, that the model leaves of the held-out records alone.
+
+    Only where they show a gap that is none of the parameters: not even fitted to them does the
+    model explain them. Else None.
+    """
+    model = accepted.before.fit.problem.model
+    which = "segmented" if model.chaotic else "open_loop"
+    if not accepted.before.gap(segmented_records, which) > WIDE_GAP:
+        return None
+    say("held-out records alone")
+    problem = Problem(model, segmented_records, store=store)
+    here = replace(accepted.before.fit.point, memo={})
+    fit = fit_problem(problem, settings, point=here)
+    if not fit.explains:
+        other = fit_problem(problem, settings)
+        fit = other if other.log_evidence > fit.log_evidence else fit
+    tight = tighten(fit, settings)
+    excess = misfit(fit, tight, estimated=checks.estimated).excess
+    reference = tight or fit
+    return reference.chi2 / reference.dof if excess > EXCESS and fit.converged else None
+
+
+def _primary(model: Model, accepted: object, segmented_records: Sequence[SegmentedRecord]) -> str:
+    """The metric that people read first: open loop, unless that is chaotic or fails."""
+    before, after = accepted.before, accepted.after  # type: ignore[attr-defined]
+    if model.chaotic:
+        return "segmented"
+    finite = all(np.isfinite(o.gap(segmented_records, "open_loop")) for o in (before, after))
+    return "open_loop" if finite else "segmented"
+
+
+@checked
+def fit_model(
+    model: Model,
+    records: Sequence[Record],
+    *,
+    segment: float | None = None,
+    settings: FitSettings | None = None,
+    progress: Tell | None = None,
+    resume: Path | None = None,
+    budget: float | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> Fit:
+    """Fit the model alone to all records: parameters, intervals, what the data said.
+
+    The notes of the fit hold the warnings of the data checks, and what of the records is not used.
+    ``resume`` is a folder for finished optimizations, from which a cut-off fit goes on.
+    ``progress``, ``budget`` [s] and ``stop`` are those of :func:`diagnose`; a fit that was stopped
+    says so in its notes.
+
+    Parameters
+    ----------
+    model
+        Model with its parameters.
+    records
+        Records that are fitted.
+    segment
+        Length of a segment [s]; None: chosen from the records.
+    settings
+        Settings of the fit.
+    progress
+        Function that is told how far the fit is.
+    resume
+        Folder with an earlier run that is continued.
+    budget
+        Time after which the fit stops [s].
+    stop
+        Function that returns True to stop the fit.
+    """
+    watch = Watch(progress, budget, stop)
+    with watching(watch):
+        fit = _fitted(model, records, segment, settings, resume, watch)
+    if watch.why:
+        note = f"stopped ({watch.why}): the fit is the best so far, and not at its end"
+        fit = replace(fit, notes=(note, *fit.notes))
+    return fit
+
+
+def _fitted(
+    model: Model,
+    records: Sequence[Record],
+    segment: float | None,
+    settings: FitSettings | None,
+    resume: Path | None,
+    watch: Watch,
+) -> Fit:
+    watch.enter(watch.stage)
+    model.forget()
+    model, records, checks = _ready(model, records)
+    try_effects(model, (), records[0])
+    segmented_records = prepare(model, records, checks, segment)
+    store = None if resume is None else Store(resume)
+    watch.enter(FIT)
+    problem = Problem(model, segmented_records, store=store)
+    fit = fit_problem(problem, settings, progress=watch.say)
+    watch.fitted(fit.chi2 / fit.dof)
+    told = prior_deviations_told(fit)
+    return replace(fit, notes=(*fit.notes, *([told] if told else []), *checks.warnings))

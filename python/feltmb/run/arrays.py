@@ -1,0 +1,88 @@
+"""Tables of many runs as labelled arrays."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+__all__ = ["summary_unit", "table_to_dataset"]
+
+#: Ending of the name of a number of ``Run.summary`` -> its SI unit; others are lengths.
+ENDINGS = (
+    ("_time", "s"),
+    ("_duration", "s"),
+    ("_speed", "m/s"),
+    ("_force", "N"),
+    ("steps", "1"),
+    ("rhs", "1"),
+)
+
+
+def summary_unit(name: str) -> str:
+    """SI unit of a number of ``Run.summary``."""
+    return next((unit for end, unit in ENDINGS if name.endswith(end)), "m")
+
+
+def table_to_dataset(
+    table: pd.DataFrame, axes: Sequence[str], units: Mapping[str, str]
+) -> xr.Dataset:
+    """Table as a dataset over its axes.
+
+    Parameters
+    ----------
+    table
+        One row a run.
+    axes
+        Columns that become dimensions. If the rows are not all combinations of their values, or a
+        value is no plain number or text, there is one dimension, ``member``.
+    units
+        Unit of each column that has one.
+
+    Returns
+    -------
+    Dataset
+        Each variable and coordinate with a unit has the attribute ``units``.
+    """
+    import numpy as np
+    import xarray as xr
+
+    def attributes(name: str) -> dict[str, str]:
+        return {"units": units[name]} if units.get(name) else {}
+
+    plain = all(isinstance(v, (int, float, str)) for a in axes for v in table[a])
+    levels = {a: list(dict.fromkeys(table[a])) for a in axes} if plain else {}
+    shape = tuple(len(v) for v in levels.values())
+    places = [
+        tuple(level.index(row[a]) for a, level in levels.items())
+        for row in (table.to_dict("records") if plain else [])
+    ]
+    grid = bool(places) and len(set(places)) == len(table) == math.prod(shape)
+    numbers = {
+        name: column.to_numpy(dtype=object if column.dtype == object else None)
+        for name, column in table.items()
+    }
+    if not grid:
+        return xr.Dataset(
+            {
+                str(n): ("member", v, attributes(str(n)))
+                for n, v in numbers.items()
+                if n not in axes
+            },
+            coords={
+                str(a): ("member", numbers[a], attributes(a)) for a in numbers if a in set(axes)
+            },
+        )
+    order = np.argsort([np.ravel_multi_index(place, shape) for place in places])
+    return xr.Dataset(
+        {
+            str(n): (tuple(axes), values[order].reshape(shape), attributes(str(n)))
+            for n, values in numbers.items()
+            if n not in axes
+        },
+        coords={a: (a, level, attributes(a)) for a, level in levels.items()},
+    )

@@ -1,0 +1,20 @@
+#!/usr/bin/env bash
+# Builds the site into build/docs, offline once the packages are there:
+#   bash tools/docs.sh [--fast]
+# Warnings are errors, links to pages and headings are checked. --fast does not run the notebooks.
+set -euo pipefail
+source "$(dirname "${BASH_SOURCE[0]}")/setup.sh"
+
+notebooks=force
+[ "${1:-}" = --fast ] && notebooks=off
+
+setup_feltmb
+mapfile -t packages < <(pyproject_list project optional-dependencies docs)
+wanted=$(printf '%s\n' "${packages[@]}" | sha256sum)
+if ! fresh docs "$wanted"; then
+  step 'packages of the site' pip install "${packages[@]}" || die 'The packages of the site could not be installed.'
+  stamp docs "$wanted"
+fi
+FELTMB_DOCS_NOTEBOOKS=$notebooks "$vpy" -m sphinx --builder html --fail-on-warning --keep-going --quiet \
+  --doctree-dir build/docs-doctrees docs build/docs
+say "wrote $(short "$root/build/docs/index.html")"
