@@ -315,7 +315,7 @@ _NUMBER = _Kind("a number", _any_number)
 _FINITE = _Kind("a finite number", _finite)
 _ARRAY = _Kind("an array of numbers", _array)
 _PLAIN: dict[str, _Kind | None] = {
-    "int": _Kind("a whole number", _whole),
+    "int": _Kind("a whole number >= 0", _whole),
     "str": _Kind("a text", _text),
     "bool": _Kind("True or False", _flag),
     "Path": _Kind("a path", _path),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import reprlib
+from collections.abc import Iterable
 from typing import Any
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "IntegrationError",
     "InvalidParameter",
     "ModelError",
+    "no_such",
     "printable",
     "shown",
 ]
@@ -110,6 +112,15 @@ class IntegrationError(FeltmbError):
 
 _REPR = reprlib.Repr()
 _REPR.maxstring = _REPR.maxother = _REPR.maxlong = 80
+
+
+def no_such(what: str, name: object, known: Iterable[str]) -> InvalidParameter:
+    """Error of a name that is none of those known, with what is near it."""
+    import difflib
+
+    near = difflib.get_close_matches(name, list(known), n=3) if isinstance(name, str) else []
+    hint = f"; near are {', '.join(near)}" if near else ""
+    return InvalidParameter(f"there is no {what} {shown(name)}{hint}")
 
 
 def shown(value: object) -> str:

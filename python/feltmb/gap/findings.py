@@ -13,7 +13,7 @@ import numpy as np
 
 from feltmb.arguments import checked
 from feltmb.data import Array, Record
-from feltmb.errors import InvalidParameter
+from feltmb.errors import InvalidParameter, no_such
 from feltmb.fit import Candidate, Jobs, Model
 from feltmb.fit.observe import observe_jobs
 
@@ -306,7 +306,7 @@ class Which:
         for row in self.effects:
             if row.effect == name:
                 return row
-        raise KeyError(name)
+        raise no_such("ranked effect", name, (row.effect for row in self.effects))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from feltmb import _core
 from feltmb.errors import FeltmbError, IntegrationError, InvalidParameter, ModelError
 from feltmb.mechanism import Action
-from feltmb.run.options import OPTIONS, RunOptions, check_options
+from feltmb.run.options import ALL_OPTIONS, RunOptions, check_options
 from feltmb.run.simulate import prepare, to_run
 from feltmb.run.stroke import Stroke
 
@@ -142,4 +142,4 @@ def _refuse(options: Mapping[str, Any]) -> None:
     for name in ("start", "progress"):
         if name in options:
             raise InvalidParameter(f"simulate_many: {name} is not for a batch")
-    check_options(options, known=(*OPTIONS, "summary_only", "error"))
+    check_options(options, known=ALL_OPTIONS)

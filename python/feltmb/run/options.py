@@ -11,7 +11,7 @@ from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.units.quantity import shortened
 
-__all__ = ["OPTIONS", "RunOptions", "check_options", "options_given"]
+__all__ = ["ALL_OPTIONS", "OPTIONS", "RunOptions", "check_options", "options_given"]
 
 
 @checked
@@ -86,8 +86,9 @@ class RunOptions:
         return {f.name: values[f.name] for f in fields(self) if values[f.name] != f.default}
 
 
+ALL_OPTIONS = tuple(f.name for f in fields(RunOptions))
 #: Options that a sweep and a study take from a file.
-OPTIONS = tuple(f.name for f in fields(RunOptions) if f.name not in ("summary_only", "error"))
+OPTIONS = tuple(name for name in ALL_OPTIONS if name not in ("summary_only", "error"))
 #: Limits that are either a number above zero or absent, by unit.
 _LIMITS = {"max_wall": "s", "max_step": "s"}
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from feltmb.arguments import checked
 from feltmb.display import html_table, picture
-from feltmb.errors import DataError, InvalidParameter
+from feltmb.errors import DataError, InvalidParameter, no_such
 from feltmb.files import check_suffix, plain_text, write_file
 from feltmb.files.hdf5 import HDF5_FAULTS, open_hdf5
 from feltmb.run.arrays import summary_unit
@@ -164,14 +164,7 @@ class Run:
 
     def __getitem__(self, name: str) -> Array:
         """Samples of one output by name, shape (n_times,)."""
-        try:
-            return self.values[:, self._index[name]]
-        except KeyError:
-            import difflib
-
-            near = difflib.get_close_matches(name, self.names, n=3)
-            hint = f"; near are {', '.join(near)}" if near else ""
-            raise InvalidParameter(f"run has no output {name!r}{hint}") from None
+        return self.values[:, self._place(name)]
 
     def __contains__(self, name: object) -> bool:
         return name in self._index
@@ -180,7 +173,12 @@ class Run:
     def unit(self, name: str) -> str:
         """Unit of an output."""
         self[name]
-        return self.units[self._index[name]]
+        return self.units[self._place(name)]
+
+    def _place(self, name: str) -> int:
+        if not isinstance(name, str) or name not in self._index:
+            raise no_such("output", name, self.names)
+        return self._index[name]
 
     @cached_property
     def data(self) -> xr.Dataset:

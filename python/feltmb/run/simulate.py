@@ -15,7 +15,7 @@ from feltmb.arguments import checked
 from feltmb.errors import IntegrationError, InvalidParameter
 from feltmb.mechanism import Action, load_action
 from feltmb.run.events import Change, name_events
-from feltmb.run.options import RunOptions
+from feltmb.run.options import ALL_OPTIONS, RunOptions, check_options
 from feltmb.run.results import Provenance, Run
 from feltmb.run.stroke import MOTORS, Stroke, load_stroke
 from feltmb.run.warnings import run_warnings
@@ -153,6 +153,7 @@ def simulate(
     first: dict[str, Any] = {
         k: v for k, v in (("duration", duration), ("rtol", rtol)) if v is not None
     }
+    check_options(given, known=ALL_OPTIONS)
     chosen = replace(options or RunOptions(), **first, **given)
     settings, arguments = prepare(action, stroke, chosen, start)
     mechanism, drive, y, monitors, memory = arguments
@@ -254,19 +255,30 @@ def _start_state(action: Action, start: Run | None) -> tuple[Array, Array]:
         return y, np.asarray(rest["largest_compression"])
     if not isinstance(start, Run):
         raise InvalidParameter(f"start: got a {type(start).__name__}, expected a run")
-    if start.coordinates != action.coordinates or start.end_state.size != size:
+    state, memory = (_reals(start, name) for name in ("end_state", "end_memory"))
+    if start.coordinates != action.coordinates or state.size != size:
         raise InvalidParameter(
-            f"start: the run ends with {start.end_state.size} states of coordinates "
+            f"start: the run ends with {state.size} states of coordinates "
             f"{', '.join(start.coordinates)}; this mechanism has {size} of "
             f"{', '.join(action.coordinates)}"
         )
-    memory = np.asarray(start.end_memory)
     if memory.size != len(rest_memory := action._equilibrium["largest_compression"]):
         raise InvalidParameter(
             f"start: the run ends with {memory.size} remembered compressions, expected one a "
             f"contact of this mechanism ({len(rest_memory)}); without them its felts would forget"
         )
-    return start.end_state, memory
+    return state, memory
+
+
+def _reals(run: Run, name: str) -> Array:
+    """The real numbers of an array of a run, which its owner may have replaced."""
+    array = np.asarray(getattr(run, name))
+    if array.ndim != 1 or array.dtype.kind not in "iuf":
+        raise InvalidParameter(
+            f"start: {name} is an array of {array.dtype} with {array.ndim} dimensions, expected a "
+            "list of real numbers"
+        )
+    return array.astype(float)
 
 
 def _monitors(action: Action, y: Array) -> list[Any]:

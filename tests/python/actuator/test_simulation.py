@@ -206,7 +206,7 @@ def test_outputs_and_files(tmp_path):
     run = simulate_actuator("aluminum", duration=0.02, output_rate=3000.0)
     assert run.time[1] == pytest.approx(1 / 3000)
     assert run["finger.force"] == pytest.approx(run["stop.force"] + run["action.force"])
-    with pytest.raises(KeyError, match=r"'finger' is no output; outputs are hub\.angle"):
+    with pytest.raises(InvalidParameter, match=r"no output 'finger'; near are finger\.force"):
         run["finger"]
     import xarray as xr
 

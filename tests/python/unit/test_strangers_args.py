@@ -1457,6 +1457,26 @@ def test_calls_of_the_issue(call):
         call()
 
 
+@pytest.mark.parametrize("name", [5, None, ["lift"], "nope", b"x"])
+def test_a_name_that_a_result_does_not_have(name):
+    # a TypeError for a number or a list, KeyError for a unit
+    run = feltmb.simulate(pendulum(), stroke(), duration=0.001)
+    for look_up in (run.__getitem__, run.unit):
+        with pytest.raises(InvalidParameter, match=r"there is no output|unit: name"):
+            look_up(name)
+
+
+def test_an_unknown_option_of_a_simulation_is_told():
+    with pytest.raises(InvalidParameter, match=r"option 'rtoll' is unknown; there are duration"):
+        feltmb.simulate(pendulum(), stroke(), rtoll=1)
+
+
+@pytest.mark.parametrize("jobs", [-1, 10**400])
+def test_a_count_that_is_none_is_said_to_be_a_whole_number_from_zero(jobs):
+    with pytest.raises(InvalidParameter, match=r"expected a whole number >= 0 or None"):
+        feltmb.sweep(pendulum(), stroke(), [{}], jobs=jobs)
+
+
 @pytest.mark.parametrize("value", [HUGE, "x", None, [1], {"a": 1}, object(), b"x"])
 @pytest.mark.parametrize("path", ["arm.mass", "stroke.scale", "options.rtol", "options.duration"])
 def test_a_bad_value_is_the_fault_of_its_member(path, value):

@@ -208,6 +208,15 @@ def test_a_damaged_state_is_refused_or_fails(ended, how):
         assert partial is None or np.all(np.isfinite(partial.values))
 
 
+@pytest.mark.parametrize("name", ["end_state", "end_memory"])
+@pytest.mark.parametrize("kind", [complex, str, object, None])
+def test_a_start_of_other_than_numbers_is_refused(ended, name, kind):
+    felt, run = ended
+    broken = None if kind is None else getattr(run, name).astype(kind)
+    with pytest.raises(feltmb.InvalidParameter, match=f"start: {name} is an array of"):
+        feltmb.simulate(felt, STILL, start=dataclasses.replace(run, **{name: broken}))
+
+
 # --- threads -------------------------------------------------------------------------------------
 
 

@@ -20,7 +20,7 @@ from pydantic import Field, ValidationError
 
 from feltmb import _core, params
 from feltmb.arguments import checked
-from feltmb.errors import IntegrationError, InvalidParameter
+from feltmb.errors import IntegrationError, InvalidParameter, no_such
 from feltmb.files import is_file, write_file
 from feltmb.mechanism import (
     LawChoice,
@@ -415,10 +415,9 @@ class ActuatorRun:
     provenance: dict[str, Any] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Array:
-        try:
-            return self.values[:, self.names.index(name)]
-        except ValueError:
-            raise KeyError(f"{name!r} is no output; outputs are {', '.join(self.names)}") from None
+        if name not in self.names:
+            raise no_such("output", name, self.names)
+        return self.values[:, self.names.index(name)]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.names)

@@ -16,7 +16,7 @@ from feltmb.action.touch.published import published_numbers
 from feltmb.action.touch.static import StaticTouch, roles_of, static_touch
 from feltmb.action.touch.strikes import Strike, at_speed, fit_travel_time, simulate_strike
 from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
+from feltmb.errors import InvalidParameter, no_such
 from feltmb.files import make_folder, write_file
 from feltmb.mechanism import Action, load_action
 from feltmb.units import conversion_factor
@@ -94,7 +94,7 @@ class Touch:
         for row in self.rows:
             if row.key == key:
                 return row.value
-        raise InvalidParameter(f"touch has no {key!r}; keys are {', '.join(self.keys())}")
+        raise no_such("row", key, self.keys())
 
     def keys(self) -> list[str]:
         """Keys of the rows."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from feltmb import _core
 from feltmb.arguments import checked
 from feltmb.display import html_table, picture
-from feltmb.errors import InvalidParameter
+from feltmb.errors import InvalidParameter, no_such
 from feltmb.mechanism import Action
 from feltmb.mechanism.parameters import Parameter
 from feltmb.run.arrays import summary_unit
@@ -190,11 +190,7 @@ class Gradient:
 def place_of(name: str, names: Sequence[str], what: str) -> int:
     """Position of a name, or a message with those that are like it."""
     if name not in names:
-        import difflib
-
-        near = difflib.get_close_matches(name, names, n=3)
-        hint = f"; near are {', '.join(near)}" if near else ""
-        raise InvalidParameter(f"there is no {what} {name!r}{hint}")
+        raise no_such(what, name, names)
     return names.index(name)
 
 
