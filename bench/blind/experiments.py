@@ -1,7 +1,7 @@
 """The interactive blind bench: a machine with a sealed truth answers requests.
 
 The diagnosing side gets default records of the small machine, may ask for further experiments
-within limits, and is scored after 0, 2, 4 and 6 of them: designed ones (planned anew after each
+within limits, and is scored after 0, 2 and 4 of them: designed ones (planned anew after each
 pair), ones that are drawn at random from the same limits, and repeats of the default strokes. Every
 second experiment is held out.
 
@@ -43,7 +43,7 @@ from feltmb.gap.score import all_candidates
 __all__ = ["ROUNDS", "Requests", "command", "draw", "outcome_of"]
 
 #: Experiments after which a diagnosis is scored.
-ROUNDS = (0, 2, 4, 6)
+ROUNDS = (0, 2, 4)
 POLICIES = ("designed", "random", "repeats")
 #: Records that are there before any experiment: role by stroke.
 DEFAULT = {"piano": "fit", "staccato": "fit", "forte": "held_out"}
@@ -230,7 +230,7 @@ class Player:
         )
         return gap.design(
             gap.with_measured(self.model, parts), self.library, records, limits=allowed,
-            budget=budget, belief=belief, candidates=24, refinements=12, seed=seed,
+            budget=budget, belief=belief, candidates=16, refinements=6, seed=seed,
             folder=self.cache,
         )  # fmt: skip
 

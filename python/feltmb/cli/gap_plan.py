@@ -255,11 +255,20 @@ def limits_of(model: str, adapter: Adapter, file: Path | None) -> Limits:
 def sensors_of(
     adapter: Adapter, limits: Limits, records: Sequence[Record], channels: Sequence[str]
 ) -> Any:
-    """Sensors of what will be measured: of the records, else of the planned runs."""
-    if limits.sensors or records or not adapter.planned:
+    """Sensors of what will be measured: of the records, of planned runs where these say nothing."""
+    from dataclasses import replace
+
+    if limits.sensors or not adapter.planned:
         return None
     wanted = adapter.outputs_of(channels) if channels else None
-    known = adapter.planned[0].sensors
+    known = dict(adapter.planned[0].sensors)
+    if records:
+        seen = {n: s for r in records for n, s in r.sensors.items()}
+        known = {
+            n: replace(s, sigma=known[n].sigma) if s.sigma is None and n in known else s
+            for n, s in seen.items()
+            if n in adapter.model.outputs
+        }
     return {n: s for n, s in known.items() if wanted is None or n in wanted}
 
 

@@ -309,8 +309,13 @@ class Knowledge:
         return np.concatenate([against, 0.5 * own[:, None]], axis=1)
 
     def magnitudes(self) -> Array:
-        """Magnitudes at which each candidate is expected [scales], (m, k)."""
+        """Magnitudes at which each candidate is expected [scales], (m, k).
+
+        What would have shown in the records at hand, and did not, can be there below that only.
+        """
         out = np.tile(np.array(MAGNITUDES)[:, None], (1, len(self.candidates)))
+        if self.before is not None:
+            out = np.minimum(out, DETECTABLE / np.sqrt(np.maximum(np.diag(self.before), 1e-12)))
         for i, t in enumerate(self.candidates):
             if t.name in self.belief.magnitudes:
                 out[:, i] = max(self.belief.magnitudes[t.name] / t.effect.scale, 1e-3)
