@@ -20,7 +20,7 @@ from feltmb.data import Record, Sensor
 from feltmb.errors import InvalidParameter
 from feltmb.files import NPZ_FAULTS, make_folder, read_json, read_npz, write_file
 
-__all__ = ["KeyHammerMachine", "load_kinds"]
+__all__ = ["KeyHammerMachine", "load_kinds", "record_of_view"]
 
 LARGEST_OUTSIDE = 30.0  # times the magnitude that a kind says is worth trying first
 
@@ -175,30 +175,38 @@ def _answer(
 
 
 def _records(arrays: Mapping[str, Any], mode: str) -> list[Record]:
-    records = []
-    for stroke in truth.STROKES:
-        channels = {c: arrays[f"{stroke}.{c}"] for c in ("key", "hammer")}
-        sensors = {
-            c: Sensor(
-                name=c,
-                unit="m",
-                sigma=truth_sensors.NOISE_CAMERA,
-                quantum=truth_sensors.PIXEL,
-                # The mean of three frames is worth one independent look per three frames.
-                correlation_time=1.5 * truth.FRAME,
-            )
-            for c in channels
-        }
-        records.append(
-            Record(
-                name=stroke,
-                time=np.arange(channels["key"].size) * truth.FRAME,
-                inputs={"finger": arrays[f"{stroke}.finger"]},
-                outputs=channels,
-                sensors=sensors,
-                input_mode="force" if mode == "force" else "motion",
-                input_sigma={"finger": truth_sensors.NOISE_INPUT[mode]},
-                role="fit" if stroke in truth.FIT else "held_out",
-            )
+    return [
+        record_of_view(
+            stroke,
+            {c: arrays[f"{stroke}.{c}"] for c in ("key", "hammer", "finger")},
+            mode,
+            "fit" if stroke in truth.FIT else "held_out",
         )
-    return records
+        for stroke in truth.STROKES
+    ]
+
+
+def record_of_view(name: str, view: Mapping[str, Any], mode: str, role: Any) -> Record:
+    """What the sensors showed of one stroke, with what a data sheet says of them."""
+    channels = {c: view[c] for c in ("key", "hammer")}
+    sensors = {
+        c: Sensor(
+            name=c,
+            unit="m",
+            sigma=truth_sensors.NOISE_CAMERA,
+            quantum=truth_sensors.PIXEL,
+            # The mean of three frames is worth one independent look per three frames.
+            correlation_time=1.5 * truth.FRAME,
+        )
+        for c in channels
+    }
+    return Record(
+        name=name,
+        time=np.arange(channels["key"].size) * truth.FRAME,
+        inputs={"finger": view["finger"]},
+        outputs=channels,
+        sensors=sensors,
+        input_mode="force" if mode == "force" else "motion",
+        input_sigma={"finger": truth_sensors.NOISE_INPUT[mode]},
+        role=role,
+    )

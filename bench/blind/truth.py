@@ -112,7 +112,7 @@ class Case:
     parts: list[Part]
     parameters: dict[str, list[float]]
     """By name, one value a stroke."""
-    strokes: list[dict[str, float]]
+    strokes: list[dict[str, Any]]
     skew: float
     seed: list[int] = field(default_factory=list)
 
@@ -218,8 +218,12 @@ MOTIONS = {  # travel [m], time of the travel [s], release [s] or 0
 SECOND = 0.130  # of a repetition [s]
 
 
-def played(t: Array, mode: str, stroke: str, own: Mapping[str, float]) -> Array:
-    """Force [N] or motion [m] of the finger at the times t."""
+def played(t: Array, mode: str, stroke: str, own: Mapping[str, Any]) -> Array:
+    """Force [N] or motion [m] of the finger at the times t; ``own["profile"]``: times and values
+    of a request, which are played as they are."""
+    if "profile" in own:
+        times, values = own["profile"]
+        return np.asarray(np.interp(t, times, values))
     table = FORCES if mode == "force" else MOTIONS
     level, rise, release = table[stroke]
     if mode == "force":

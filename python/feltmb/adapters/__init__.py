@@ -10,15 +10,17 @@ from feltmb.adapters.impacts import ImpactModel, impact_record, load_impacts
 from feltmb.adapters.library import Entry, Library, load_library
 from feltmb.adapters.mechanism import mechanism_model
 from feltmb.adapters.model import MechanismModel
-from feltmb.adapters.planned import planned_strokes
+from feltmb.adapters.planned import STROKE_KINDS, finger_limits, planned_strokes
 
 __all__ = [
+    "STROKE_KINDS",
     "Entry",
     "ImpactModel",
     "Library",
     "MechanismModel",
     "action_with_effects",
     "effect_of",
+    "finger_limits",
     "impact_record",
     "load_impacts",
     "load_library",

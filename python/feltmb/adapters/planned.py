@@ -8,9 +8,13 @@ import numpy as np
 
 from feltmb.adapters.model import MechanismModel
 from feltmb.data import Record, Sensor
+from feltmb.gap import InputLimits, Limits
 from feltmb.run.stroke import load_stroke
 
-__all__ = ["STROKES", "planned_strokes"]
+__all__ = ["STROKES", "STROKE_KINDS", "finger_limits", "planned_strokes"]
+
+#: Kinds of a stroke by input of the model.
+STROKE_KINDS = {"force": "force", "displacement": "key_motion"}
 
 #: Packaged strokes, the one that says most first.
 STROKES = ("forte", "piano", "staccato")
@@ -56,3 +60,14 @@ def planned_strokes(model: MechanismModel, names: Sequence[str] = STROKES) -> tu
             )
         )
     return tuple(records)
+
+
+def finger_limits(model: MechanismModel) -> Limits | None:
+    """What a finger can do on a key; None for a mechanism that has no finger.
+
+    0 to 25 N (the loudest packaged stroke), 2 kN/s (it rises in 12 ms), 0.6 s; read at 2 kHz.
+    """
+    if model.action.config.finger is None:
+        return None
+    force = InputLimits(least=0.0, most=25.0, rate=2000.0, unit="N", sigma=LOAD_CELL)
+    return Limits(inputs={"force": force}, duration=0.6, sample_rate=RATE, rest=2.0)

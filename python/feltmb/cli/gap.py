@@ -12,22 +12,22 @@ from feltmb.cli.common import (
     Number,
     ProgressLine,
     budget_option,
-    console,
     force_option,
     interruptible,
     json_option,
     list_option,
     model_set_option,
-    new_table,
     positive,
     print_json,
-    say,
     say_written,
 )
 from feltmb.cli.completing import actions, effects
 from feltmb.cli.gap_blind import command as blind_command
 from feltmb.cli.gap_check import command as check_command
+from feltmb.cli.gap_plan import command as plan_command
+from feltmb.cli.gap_plan import measured_option
 from feltmb.cli.gap_reading import reading_options
+from feltmb.cli.gap_session import command as session_command
 from feltmb.errors import InvalidParameter
 
 if TYPE_CHECKING:
@@ -47,68 +47,8 @@ def command() -> None:
 
 command.add_command(blind_command)
 command.add_command(check_command)
-
-
-@command.command("plan", short_help="Before measuring: which effects of MODEL could be told apart.")
-@click.argument("model", shell_complete=actions)
-@click.argument("data", nargs=-1, type=click.Path(path_type=Path))
-@list_option("--channels", metavar="NAME", help="Channel or output that will be measured.")
-@model_set_option
-@json_option
-def plan_command(
-    model: str,
-    data: tuple[Path, ...],
-    channels: tuple[str, ...],
-    settings: tuple[str, ...],
-    as_json: bool,
-) -> None:
-    """Before any measurement: which effects of MODEL could be told apart.
-
-    DATA are files whose inputs are planned; without them the first of the model's own planned runs
-    is taken (of a mechanism: the packaged forte stroke, cameras that read to 0.02 mm). Further runs
-    of the model and outputs that are not measured are ranked as next experiments.
-    """
-    from feltmb.cli.gap_models import load_adapter
-    from feltmb.gap import plan
-    from feltmb.gap.report import plain
-
-    adapter = load_adapter(model, settings, channels)
-    planned = adapter.planned
-    records = adapter.read(data) if data else planned
-    if not records:
-        raise InvalidParameter(f"{model}: has no planned runs; give measured or planned files")
-    found = plan(
-        adapter.model,
-        adapter.effects,
-        records if data else records[:1],
-        channels=adapter.outputs_of(channels) if channels else None,
-        experiments=planned if data else records[1:],
-    )
-    if as_json:
-        print_json(plain(found))
-        return
-    table = new_table(
-        "what would show",
-        "effect",
-        "smallest",
-        "own trace",
-        "taken for",
-        "chance",
-        right=(1, 2, 4),
-        whole=(0,),
-    )
-    for r in found.effects:
-        size = f"{r.smallest:.3g} {'' if r.unit == '1' else r.unit}".strip()
-        rival = (r.rival, f"{r.confusion:.0%}") if r.rival and r.confusion >= 0.01 else ("", "")
-        table.add_row(r.effect, size, f"{r.surviving:.0%}", *rival)
-    console().print(table)
-    for group in found.classes:
-        say("cannot be told apart: " + ", ".join(group))
-    if found.unseen:
-        say("cannot be seen: " + ", ".join(found.unseen))
-    for e in found.experiments[:5]:
-        text = "; ".join(f"{a} | {b} {x:.0%} -> {y:.0%}" for a, b, x, y in e.gains[:3])
-        say(f"add {e.kind} {e.name}: {text or 'separates nothing new'}")
+command.add_command(plan_command)
+command.add_command(session_command)
 
 
 @command.command("diagnose")
@@ -181,6 +121,7 @@ def plan_command(
     type=click.Path(path_type=Path, dir_okay=False),
     help="Write the mechanism with calibrated values and named effects (TOML).",
 )
+@measured_option
 @budget_option
 @model_set_option
 @json_option
@@ -199,6 +140,7 @@ def run(
     reading: ReadOptions,
     good_enough: tuple[str, ...],
     written: Path | None,
+    measured: Path | None,
     budget: float | None,
     settings: tuple[str, ...],
     as_json: bool,
@@ -222,7 +164,7 @@ def run(
         make_folder(output)
         for name in ("report.html", "report.json"):
             check_writable(output / name, force=force)
-    adapter = load_adapter(model, settings)
+    adapter = load_adapter(model, settings).measured(measured)
     if written is not None:
         check_writable(written, force=force)
         adapter.model.check_writing(written)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from feltmb.data import ReadOptions, Record
@@ -12,6 +12,7 @@ from feltmb.data.files import read_each
 from feltmb.data.mapping import Signals
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Effect, Model, including
+from feltmb.gap import Limits, read_measured, with_measured
 
 __all__ = ["RESOLVERS", "Adapter", "held_out", "load_adapter"]
 
@@ -26,6 +27,10 @@ class Adapter:
     """Runs that could be made, for ``feltmb gap plan``."""
     outputs_of: Callable[[Sequence[str]], tuple[str, ...]] = tuple
     """Outputs behind names of channels."""
+    limits: Limits | None = None
+    """Of experiments, unless a file says otherwise."""
+    kinds: Mapping[str, str] = field(default_factory=dict)
+    """Inputs that are strokes of a mechanism, with the kind of the stroke."""
 
     @property
     def signals(self) -> Signals:
@@ -48,6 +53,12 @@ class Adapter:
         """The same by file: one may hold several runs."""
         return read_each(data, self.signals, options)
 
+    def measured(self, path: Path | None) -> Adapter:
+        """The same with tests of single parts in the place of tolerances."""
+        if path is None:
+            return self
+        return replace(self, model=with_measured(self.model, read_measured(path, self.model)))
+
     def including(self, names: Sequence[str]) -> Adapter:
         """The same with effects of the library as part of the model."""
         names = list(dict.fromkeys(names))
@@ -68,14 +79,21 @@ class Adapter:
 
 def _mechanism(name: str, settings: Mapping[str, str], channels: Sequence[str]) -> Adapter | None:
     """Packaged mechanism or mechanism file, see :mod:`feltmb.adapters.resolve`."""
-    from feltmb.adapters import planned_strokes
+    from feltmb.adapters import STROKE_KINDS, finger_limits, planned_strokes
     from feltmb.adapters.resolve import resolve
 
     found = resolve(name, settings, channels)
     if found is None:
         return None
     model, effects = found
-    return Adapter(model, effects, planned_strokes(model), model.library.outputs)
+    return Adapter(
+        model,
+        effects,
+        planned_strokes(model),
+        model.library.outputs,
+        finger_limits(model),
+        STROKE_KINDS,
+    )
 
 
 #: Each is asked for a name with settings and channels in turn; None: not mine.
@@ -88,8 +106,8 @@ def load_adapter(name: str, settings: Sequence[str] = (), channels: Sequence[str
     ``channels`` are wanted besides those that a mechanism has by default.
 
     The file defines ``model`` (a :class:`feltmb.fit.Model`) and ``effects`` (a sequence of
-    :class:`feltmb.fit.Effect`), and may define ``planned`` (records that could be made). It is
-    run: use files that you trust.
+    :class:`feltmb.fit.Effect`), and may define ``planned`` (records that could be made) and
+    ``limits`` (a :class:`feltmb.gap.Limits`). It is run: use files that you trust.
     """
     values = {}
     for text in settings:
@@ -141,7 +159,12 @@ def _from_file(path: Path) -> Adapter:
         raise InvalidParameter(f"{path}: " + "; ".join(faults))
     assert isinstance(model, Model)
     assert effects is not None
-    return Adapter(model, tuple(effects), tuple(getattr(module, "planned", ())))
+    limits = getattr(module, "limits", None)
+    if limits is not None and not isinstance(limits, Limits):
+        raise InvalidParameter(
+            f"{path}: limits is {type(limits).__name__}, expected a feltmb.gap.Limits"
+        )
+    return Adapter(model, tuple(effects), tuple(getattr(module, "planned", ())), limits=limits)
 
 
 def held_out(

@@ -25,6 +25,7 @@ from feltmb.fit import (
     including,
 )
 from feltmb.gap.checks import DataChecks, check_records
+from feltmb.gap.design import Design, DesignedExperiment, design, draw_experiment
 from feltmb.gap.diagnosis import Options, diagnose, fit_model
 from feltmb.gap.findings import (
     Advice,
@@ -44,15 +45,21 @@ from feltmb.gap.findings import (
     Where,
     Which,
 )
+from feltmb.gap.information import Belief
+from feltmb.gap.limits import InputLimits, Limits, PartTest, read_limits
+from feltmb.gap.measured import Measured, measured_toml, read_measured, with_measured
 from feltmb.gap.overlay import GapBefore, GapBeforeRow, check
+from feltmb.gap.plan_files import write_design
 from feltmb.gap.planning import Plan, noncentrality, plan
 from feltmb.gap.report import Report
+from feltmb.gap.session import Session, SessionStep, session
 from feltmb.gap.withholding import OUTCOMES, Withheld, WithheldCase, withhold
 
 __all__ = [
     "OUTCOMES",
     "Advice",
     "AsItIs",
+    "Belief",
     "Calibrated",
     "Candidate",
     "Closest",
@@ -60,6 +67,8 @@ __all__ = [
     "Coordinate",
     "Coupling",
     "DataChecks",
+    "Design",
+    "DesignedExperiment",
     "Effect",
     "EventRow",
     "Exposed",
@@ -68,15 +77,19 @@ __all__ = [
     "GapBeforeRow",
     "GapRow",
     "HowFar",
+    "InputLimits",
     "Jobs",
     "LedgerCell",
+    "Limits",
     "LinearModel",
+    "Measured",
     "Model",
     "ModelWithEffects",
     "NotTested",
     "OdeModel",
     "Options",
     "Parameter",
+    "PartTest",
     "Plan",
     "Port",
     "Ranked",
@@ -86,6 +99,8 @@ __all__ = [
     "Report",
     "Sensitivity",
     "Sensor",
+    "Session",
+    "SessionStep",
     "Simulated",
     "SimulatorModel",
     "StartPrior",
@@ -97,10 +112,18 @@ __all__ = [
     "WithheldCase",
     "check",
     "check_records",
+    "design",
     "diagnose",
+    "draw_experiment",
     "fit_model",
     "including",
+    "measured_toml",
     "noncentrality",
     "plan",
+    "read_limits",
+    "read_measured",
+    "session",
+    "with_measured",
     "withhold",
+    "write_design",
 ]

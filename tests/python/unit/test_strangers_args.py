@@ -194,6 +194,24 @@ def record(name="one", seed=0):
     )
 
 
+LIMITS_FILE = 'schema = 1\nduration = "0.4 s"\n[inputs.f]\nunit = "N"\nmost = 1.0\n'
+
+
+def limits():
+    own = gap.InputLimits(most=1.0, rate=100.0, unit="N")
+    return gap.Limits(inputs={"f": own}, duration=0.4, sample_rate=250.0)
+
+
+@cache
+def designed():
+    return gap.design(oscillator(), [DRY], limits=limits(), budget=1.0, candidates=1, refinements=0)
+
+
+def written(name, text):
+    Path(name).write_text(text)
+    return name
+
+
 def jobs():
     return gap.Jobs(
         theta=np.array([[1.0, 100.0]]), segments=np.array([[0, 199]]), starts=np.zeros((1, 2))
@@ -970,6 +988,82 @@ CALLS = {
         "sensors": None,
         "experiments": (),
         "segment": None,
+    },
+    "feltmb.gap.Belief": lambda: {
+        "weights": {"dry friction": 0.5},
+        "none": 0.1,
+        "magnitudes": {"dry friction": 0.1},
+    },
+    "feltmb.gap.Belief.even": lambda: (
+        gap.Belief,
+        {"candidates": [gap.Candidate(DRY)], "none": 0.1},
+    ),
+    "feltmb.gap.Belief.of_report": lambda: (
+        gap.Belief,
+        {"report": {"which": {"effects": [], "none": 1.0}}},
+    ),
+    "feltmb.gap.Belief.over": lambda: (
+        gap.Belief(weights={}),
+        {"candidates": [gap.Candidate(DRY)]},
+    ),
+    "feltmb.gap.InputLimits": lambda: {
+        name: getattr(limits().inputs["f"], name)
+        for name in inspect.signature(gap.InputLimits).parameters
+    },
+    "feltmb.gap.InputLimits.shortest": lambda: (limits().inputs["f"], {"change": 1.0}),
+    "feltmb.gap.Limits": lambda: {
+        name: getattr(limits(), name) for name in inspect.signature(gap.Limits).parameters
+    },
+    "feltmb.gap.Limits.check": lambda: (limits(), {"model": oscillator()}),
+    "feltmb.gap.Measured": lambda: {"parameter": "k", "value": 99.0, "sd": 1.0, "how": "scale"},
+    "feltmb.gap.PartTest": lambda: {"parameter": "k", "sd": 1.0, "cost": 1.0, "how": "scale"},
+    "feltmb.gap.design": lambda: {
+        "model": oscillator(),
+        "effects": [DRY],
+        "records": [record()],
+        "limits": limits(),
+        "sensors": None,
+        "budget": 1.0,
+        "aim": "names",
+        "belief": None,
+        "families": ["pulse"],
+        "candidates": 1,
+        "refinements": 0,
+        "seed": 0,
+        "folder": None,
+        "progress": None,
+    },
+    "feltmb.gap.draw_experiment": lambda: {
+        "model": oscillator(),
+        "limits": limits(),
+        "sensors": None,
+        "seed": 0,
+    },
+    "feltmb.gap.measured_toml": lambda: {
+        "measured": [gap.Measured(parameter="k", value=99.0, sd=1.0)],
+        "path": "measured.toml",
+        "force": True,
+    },
+    "feltmb.gap.read_limits": lambda: {
+        "path": written("limits.toml", LIMITS_FILE),
+        "model": oscillator(),
+    },
+    "feltmb.gap.read_measured": lambda: {
+        "path": written("measured.toml", "[measured.k]\nvalue = 99.0\nsd = 1.0\n"),
+        "model": oscillator(),
+    },
+    "feltmb.gap.session": None,  # calls a machine: test_session.py
+    "feltmb.gap.write_design": lambda: {
+        "design": designed(),
+        "folder": "plan",
+        "units": {"f": "N"},
+        "kinds": {"f": "force"},
+        "lever": 0.1,
+        "force": True,
+    },
+    "feltmb.gap.with_measured": lambda: {
+        "model": oscillator(),
+        "measured": [gap.Measured(parameter="k", value=99.0, sd=1.0)],
     },
     "feltmb.gap.Withheld": lambda: {"cases": (withheld_case(),)},
     "feltmb.gap.Withheld.share": lambda: (

@@ -1,0 +1,468 @@
+"""The interactive blind bench: a machine with a sealed truth answers requests.
+
+The diagnosing side gets default records of the small machine, may ask for further experiments
+within limits, and is scored after 0, 2 and 4 of them: designed ones (planned anew after each
+pair), ones that are drawn at random from the same limits, and repeats of the default strokes. Every
+second experiment is held out.
+
+    python bench/blind/experiments.py --cases 20 --seed 26 -o out/experiments
+
+Folder: seal.json (hash of the truths), truths.json, cases/N.json (what was asked, measured and
+said), score.json, score.md, calibration.png. A bench that was cut off goes on where it was.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from blind import truth, truth_machine, truth_sensors
+from blind.key_hammer import PARAMETERS, KeyHammer, effects
+from blind.machine import as_json, sha256
+from blind.small_machine import record_of_view
+from feltmb import gap
+from feltmb.data import Array, Record
+from feltmb.errors import InvalidParameter
+from feltmb.files import make_folder, read_json, write_file, write_text
+from feltmb.fit.cache import Cache
+from feltmb.gap.information import Knowledge, information
+from feltmb.gap.score import all_candidates
+
+__all__ = ["ROUNDS", "Requests", "command", "draw", "outcome_of"]
+
+#: Experiments after which a diagnosis is scored.
+ROUNDS = (0, 2, 4)
+POLICIES = ("designed", "random", "repeats")
+#: Records that are there before any experiment: role by stroke.
+DEFAULT = {"piano": "fit", "staccato": "fit", "forte": "held_out"}
+#: Share of the cases in which nothing is withheld.
+NULLS = 0.2
+#: Parts that can be measured by themselves: standard deviation as a share of their tolerance; cost.
+PARTS = {
+    "key_mass": (0.1, 0.5),
+    "hammer_mass": (0.1, 0.5),
+    "jack_stiffness": (0.2, 1.0),
+    "bed_stiffness": (0.2, 1.0),
+    "bed_position": (0.2, 0.5),
+    "string_stiffness": (0.2, 1.0),
+    "check_position": (0.2, 0.5),
+    "key_balance": (0.2, 0.5),
+    "hammer_spring_rate": (0.2, 1.0),
+}
+
+
+def limits() -> gap.Limits:
+    """Of the finger of the small machine, and of its parts."""
+    sd = {name: own for name, _, own, _, _ in PARAMETERS}
+    return gap.Limits(
+        inputs={
+            "finger": gap.InputLimits(
+                most=12.0, rate=1500.0, unit="N", sigma=truth_sensors.NOISE_INPUT["force"]
+            )
+        },
+        duration=truth.LENGTH - 1e-6,
+        sample_rate=1.0 / truth.FRAME,
+        parts=tuple(
+            gap.PartTest(parameter=name, sd=share * sd[name], cost=cost, how="test of the part")
+            for name, (share, cost) in PARTS.items()
+        ),
+    )
+
+
+def draw(seed: int, number: int) -> truth.Case:
+    """A case with one effect of plausible size, whatever its signal, or with none."""
+    rng = np.random.default_rng([seed, number, 26])
+    bare = truth.draw(seed, number, {"force": {}, "motion": {}}, {}, mix=(1.0, 0.0, 0.0, 0.0, 0.0))
+    bare.mode = "force"
+    if rng.random() < NULLS:
+        return bare
+    library = {e.name: e for e in effects()}
+    names = sorted(library)
+    name = names[int(rng.integers(len(names)))]
+    form = "AB"[int(rng.integers(2))]
+    size = library[name].scale * float(np.exp(rng.uniform(np.log(0.5), np.log(2.0))))
+    size = min(size, truth.LARGEST[name])
+    if name in truth.BOTH_SIGNS and rng.random() < 0.5:
+        size = -size
+    bare.parts = [truth.Part(name, form, size, float("nan"))]
+    return bare
+
+
+@dataclass
+class Requests:
+    """Answers requests with a sealed truth: noisy records within the limits, and parts."""
+
+    allowed: gap.Limits
+
+    def records(self, asked: Sequence[tuple[truth.Case, str, Array, int]]) -> list[Record]:
+        """Records of requests: (case, name, force at the frames, number of the request).
+
+        All are integrated together.
+
+        Raises
+        ------
+        InvalidParameter
+            A request is not within the limits.
+        """
+        own = self.allowed.inputs["finger"]
+        cases, strokes = [], []
+        for case, name, force, number in asked:
+            rate = np.abs(np.diff(force)) / truth.FRAME
+            if force.min() < own.least - 1e-9 or force.max() > own.most + 1e-9:
+                raise InvalidParameter(f"{name}: force beyond {own.least:g} to {own.most:g} N")
+            if rate.max() > 1.001 * own.rate:
+                raise InvalidParameter(f"{name}: {rate.max():g} N/s, expected <= {own.rate:g}")
+            cases.append(self._played(case, force, number))
+            strokes.append(["piano"])
+        if not cases:
+            return []
+        result = truth_machine.integrate(cases, strokes, {})
+        out = []
+        for i, (case, (_, name, force, number)) in enumerate(zip(cases, asked, strict=True)):
+            view = truth_sensors.record(case, ["piano"], result, i, {})["piano"]
+            view = {k: v[: force.size] for k, v in view.items()}
+            role = "held_out" if number % 2 == 0 else "fit"
+            out.append(record_of_view(name, view, "force", role))
+        return out
+
+    def _played(self, case: truth.Case, force: Array, number: int) -> truth.Case:
+        """The case with a request instead of its strokes, and what differs from run to run."""
+        rng = np.random.default_rng([*case.seed, 3, number])
+        n = len(truth.STROKES)
+        parameters = {}
+        for name, values in case.parameters.items():
+            value = float(np.mean(values))
+            if name in truth.WANDERING:
+                value *= 1.0 + 0.01 * rng.standard_normal()
+            elif name == "gate_width":
+                value = 1e-4 * (1.0 + 0.1 * rng.standard_normal())
+            elif name in ("start_key", "start_hammer"):
+                value = (5e-5 if name == "start_key" else 1e-4) * rng.standard_normal()
+            parameters[name] = [value] * n
+        time = np.arange(force.size) * truth.FRAME
+        strokes = [{"profile": (time, force)} for _ in range(n)]
+        return replace(
+            case, parameters=parameters, strokes=strokes, seed=[*case.seed, 100 + number]
+        )
+
+    def part(self, case: truth.Case, test: gap.PartTest, number: int) -> gap.Measured:
+        """What a test of a part says."""
+        rng = np.random.default_rng([*case.seed, 4, number])
+        value = float(np.mean(case.parameters[test.parameter])) + test.sd * rng.standard_normal()
+        return gap.Measured(parameter=test.parameter, value=value, sd=test.sd, how=test.how)
+
+
+def defaults(cases: Sequence[truth.Case]) -> list[list[Record]]:
+    """Default records of cases."""
+    names = list(DEFAULT)
+    out: list[list[Record]] = []
+    # Jobs of a case stand at the places of all strokes: its parameters are by their number.
+    result = truth_machine.integrate(cases, [truth.STROKES] * len(cases), {})
+    for i, case in enumerate(cases):
+        views = truth_sensors.record(case, truth.STROKES, result, i * len(truth.STROKES), {})
+        out.append([record_of_view(n, views[n], "force", DEFAULT[n]) for n in names])
+    return out
+
+
+def outcome_of(case: truth.Case, report: Mapping[str, Any]) -> str:
+    """right, class (of two), rest, wrong, silent or unknown; for a null quiet or alarm."""
+    named, one_of = list(report["named"]), list(report["one_of"])
+    verdict = report["verdict"]
+    quiet = verdict in {
+        str(v) for v in gap.Verdict if v.name in ("NO_GAP", "CALIBRATED", "TOO_WEAK")
+    }
+    if not case.parts:
+        return "quiet" if quiet else "alarm"
+    true = case.parts[0].name
+    if named:
+        if named == [true]:
+            return "right"
+        return "more" if true in named else "wrong"
+    if one_of:
+        if true in one_of:
+            return "class" if len(one_of) <= 2 else "large class"
+        return "wrong"
+    return "silent" if quiet else "unknown"
+
+
+def evidence_of(case: truth.Case, report: Any) -> float:
+    """Log evidence of the best set with the true effect against the best without it."""
+    true = case.parts[0].name
+    own = [s.evidence for s in report.which.sets if true in s.effects]
+    other = [s.evidence for s in report.which.sets if true not in s.effects]
+    return float(max(own) - max([0.0, *other])) if own else math.nan
+
+
+class Player:
+    """The diagnosing side: it sees records and parts, never a truth."""
+
+    def __init__(self, folder: Path):
+        self.model, self.library = KeyHammer(), effects()
+        self.allowed = limits()
+        self.cache = folder / ".plan"
+
+    def diagnose(self, records: Sequence[Record], parts: Sequence[gap.Measured]) -> Any:
+        options = gap.Options(bootstrap=0, restarts=0, width=2, max_effects=2, advice=False)
+        return gap.diagnose(
+            gap.with_measured(self.model, parts), self.library, records, options=options
+        )
+
+    def plan(
+        self, records: Sequence[Record], parts: Sequence[gap.Measured], belief: gap.Belief,
+        budget: float, seed: int,
+    ) -> gap.Design:  # fmt: skip
+        made = {m.parameter for m in parts}
+        allowed = replace(
+            self.allowed,
+            parts=tuple(t for t in self.allowed.parts if t.parameter not in made),
+        )
+        return gap.design(
+            gap.with_measured(self.model, parts), self.library, records, limits=allowed,
+            budget=budget, belief=belief, candidates=16, refinements=6, seed=seed,
+            folder=self.cache,
+        )  # fmt: skip
+
+    def expected(
+        self, case: truth.Case, records: Sequence[Record], parts: Sequence[gap.Measured]
+    ) -> float:
+        """Log evidence that the true effect should get against its best rival, by the plan.
+
+        The bench asks this for the calibration; the planning side does not know it.
+        """
+        true = case.parts[0]
+        every = all_candidates(self.library)
+        model = gap.with_measured(self.model, parts)
+        known = [information(model, r, every, cache=Cache(self.cache)) for r in records]
+        knowledge = Knowledge.start(
+            model, every, gap.Belief.even(every), [k for k in known if k is not None]
+        )
+        at = [t.name for t in every].index(true.name)
+        row = knowledge.evidence()[at]
+        rest = np.delete(row, [i for i, t in enumerate(every) if t.name == true.name])
+        return float((true.size / every[at].effect.scale) ** 2 * np.min(rest))
+
+
+def run_case(
+    player: Player, requests: Requests, case: truth.Case, first: list[Record], folder: Path,
+    policies: Sequence[str],
+) -> None:  # fmt: skip
+    """All policies of one case; finished ones are kept."""
+    path = folder / "cases" / f"{case.number}.json"
+    found: dict[str, Any] = read_json(path) if path.exists() else {"number": case.number}
+
+    def keep() -> None:
+        make_folder(path.parent)
+        text = json.loads(json.dumps(found), parse_constant=lambda _: None)
+        write_text(path, as_json(text), force=True)
+
+    def score(records: Sequence[Record], parts: Sequence[gap.Measured]) -> tuple[Any, Any]:
+        clock = time.process_time()
+        try:
+            report = player.diagnose(records, parts)
+        except Exception as error:  # a crash is a result too, and a bad one
+            return None, {"outcome": "failed", "error": f"{type(error).__name__}: {error}"}
+        row: dict[str, Any] = {
+            "verdict": str(report.verdict),
+            "named": list(report.named),
+            "one_of": list(report.one_of),
+            "cpu_seconds": time.process_time() - clock,
+        }
+        row["outcome"] = outcome_of(case, row)
+        if case.parts:
+            row["evidence"] = evidence_of(case, report)
+            row["expected"] = player.expected(case, records, parts)
+        return report, row
+
+    start_report = None
+    if "start" not in found:
+        start_report, found["start"] = score(first, ())
+        keep()
+    for policy in policies:
+        if policy in found:
+            continue
+        if start_report is None and policy == "designed":
+            start_report, _ = score(first, ())
+        rows, asked = [], []
+        records, parts = list(first), []
+        report, spent, number = start_report, 0.0, 0
+        clock = time.process_time()
+        for until in ROUNDS[1:]:
+            if policy == "designed" and report is not None:
+                belief = gap.Belief.of_report(gap.report.report_json(report))
+                plan = player.plan(records, parts, belief, until - spent, case.number)
+                chosen = list(plan.experiments)
+            else:
+                chosen = []
+            batch = []
+            while spent < until - 1e-9:
+                number += 1
+                if policy == "designed":
+                    if not chosen:
+                        break
+                    e = chosen.pop(0)
+                    spent += e.cost
+                    if e.part is not None:
+                        parts.append(requests.part(case, e.part, number))
+                        asked.append(e.name)
+                        continue
+                    force, name = e.record.inputs["finger"], e.name
+                elif policy == "random":
+                    seed = 1000 * case.number + number
+                    _, profile, r = gap.draw_experiment(player.model, player.allowed, seed=seed)
+                    force, name, spent = r.inputs["finger"], profile.family, spent + 1.0
+                else:
+                    stroke = list(DEFAULT)[(number - 1) % len(DEFAULT)]
+                    time_ = np.arange(round(truth.LENGTH / truth.FRAME)) * truth.FRAME
+                    own = {"strength": 1.0, "speed": 1.0, "shape": 0.05}
+                    force = truth.played(time_, "force", stroke, own)
+                    name, spent = stroke, spent + 1.0
+                asked.append(name)
+                batch.append((case, f"experiment_{number}", np.asarray(force), number))
+            records += requests.records(batch)
+            report, row = score(records, parts)
+            rows.append({"experiments": until, **row})
+        found[policy] = {
+            "rounds": rows, "asked": asked, "cpu_seconds": time.process_time() - clock
+        }  # fmt: skip
+        keep()
+
+
+def _seal(folder: Path, cases: int, seed: int) -> None:
+    """Write the truths and their hash before anything is diagnosed."""
+    text = as_json([asdict(draw(seed, n)) for n in range(cases)])
+    path = folder / "seal.json"
+    make_folder(folder)
+    if path.exists():
+        seal = read_json(path)
+        if seal["truths_sha256"] != sha256(text.encode()):
+            raise InvalidParameter(f"{folder}: was sealed with other truths; give another folder")
+        return
+    write_text(folder / "truths.json", text, force=True)
+    seal = {
+        "cases": cases,
+        "seed": seed,
+        "sealed": datetime.now(UTC).isoformat(timespec="seconds"),
+        "truths_sha256": sha256(text.encode()),
+    }
+    write_text(path, as_json(seal))
+
+
+def table(folder: Path, truths: Sequence[truth.Case]) -> str:
+    """Outcomes by policy and round, and the calibration, as Markdown."""
+    done = [read_json(p) for p in sorted((folder / "cases").glob("*.json"))]
+    case = {c.number: c for c in truths}
+    words = ("right", "class", "more", "large class", "unknown", "silent", "wrong", "failed")
+    lines = [
+        "| policy | experiments | n | "
+        + " | ".join(words)
+        + " | right or class | nulls | alarms |",
+        "|---|---|---|" + "---|" * (len(words) + 3),
+    ]
+    for policy in POLICIES:
+        full = [d for d in done if policy in d and "start" in d]
+        for k, count in enumerate(ROUNDS):
+            rows = [
+                (case[d["number"]], d["start"] if k == 0 else d[policy]["rounds"][k - 1])
+                for d in full
+            ]
+            single = [r["outcome"] for c, r in rows if c.parts]
+            null = [r["outcome"] for c, r in rows if not c.parts]
+            if not rows:
+                continue
+            good = sum(o in ("right", "class") for o in single)
+            share = f"{good / len(single):.0%}" if single else "-"
+            cells = " | ".join(str(single.count(w)) for w in words)
+            alarms = sum(o != "quiet" for o in null)
+            lines.append(
+                f"| {policy} | {count} | {len(single)} | {cells} | {share} | {len(null)} | "
+                f"{alarms} |"
+            )
+    return "\n".join(lines) + "\n"
+
+
+def calibration(folder: Path, truths: Sequence[truth.Case]) -> list[tuple[str, float, float]]:
+    """(policy, expected gain, realized gain) of log evidence from the start to each round."""
+    case = {c.number: c for c in truths}
+    out = []
+    for path in sorted((folder / "cases").glob("*.json")):
+        d = read_json(path)
+        if not case[d["number"]].parts or d["start"].get("evidence") is None:
+            continue
+        for policy in POLICIES:
+            for row in d.get(policy, {}).get("rounds", ()):
+                if row.get("evidence") is None or row.get("expected") is None:
+                    continue
+                out.append(
+                    (
+                        policy,
+                        row["expected"] - d["start"]["expected"],
+                        row["evidence"] - d["start"]["evidence"],
+                    )
+                )
+    return out
+
+
+def _plot(points: Sequence[tuple[str, float, float]], path: Path) -> None:
+    from feltmb.style import new_figure, style_axes
+
+    figure = new_figure(5.0, 4.5)
+    ax = figure.subplots()
+    for policy, color in zip(POLICIES, ("#0072B2", "#D55E00", "#999999"), strict=True):
+        own = [(e, r) for p, e, r in points if p == policy]
+        if own:
+            ax.plot(*np.array(own).T, "o", color=color, markersize=4, label=policy, alpha=0.7)
+    ends = [0.1, max([10.0, *(e for _, e, _ in points)])]
+    ax.plot(ends, ends, color="k", linewidth=0.8)
+    ax.set_xscale("symlog", linthresh=1.0)
+    ax.set_yscale("symlog", linthresh=1.0)
+    style_axes(ax, "expected gain of log evidence", "realized gain", "true effect, best rival")
+    ax.legend(frameon=False)
+    write_file(path, lambda p: figure.savefig(p, format="png", dpi=110), force=True)
+
+
+@click.command()
+@click.option("--cases", type=click.IntRange(1, 10_000), default=20, show_default=True)
+@click.option("--seed", type=click.IntRange(0), default=26, show_default=True)
+@click.option("--out", "-o", "output", type=click.Path(path_type=Path), required=True)
+@click.option("--until", type=float, default=math.inf, help="Stop after so many seconds [s].")
+@click.option("--policy", "policies", multiple=True, type=click.Choice(POLICIES))
+@click.option("--score-only", is_flag=True)
+def command(
+    cases: int, seed: int, output: Path, until: float, policies: tuple[str, ...], score_only: bool
+) -> None:
+    """Sealed cases of the small machine; experiments that are designed, random, or repeats."""
+    _seal(output, cases, seed)
+    truths = [draw(seed, n) for n in range(cases)]
+    began = time.monotonic()
+    if not score_only:
+        requests, player = Requests(limits()), Player(output)
+        for n in range(0, cases, 10):
+            some = truths[n : n + 10]
+            for case, first in zip(some, defaults(some), strict=True):
+                if time.monotonic() - began > until:
+                    break
+                run_case(player, requests, case, first, output, policies or POLICIES)
+                click.echo(f"case {case.number}: {time.monotonic() - began:.0f} s", err=True)
+    text = table(output, truths)
+    points = calibration(output, truths)
+    if points:
+        _plot(points, output / "calibration.png")
+    write_text(output / "score.md", text, force=True)
+    write_text(output / "calibration.json", as_json(points), force=True)
+    click.echo(text)
+
+
+if __name__ == "__main__":
+    command()

@@ -1,0 +1,51 @@
+"""A simulated machine for `feltmb gap session`: an action whose hammer butt rubs dry.
+
+    feltmb gap session steinway45 --run "python examples/gap/simulated_machine.py" -o session
+
+It is called with a request (CSV: time and force of the finger) and the name of the record to be
+written. A rig of yours does the same: play the request, write what was measured. It may be slow,
+ask an operator, or refuse (exit code 1 and a line on stderr).
+"""
+
+import hashlib
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import feltmb
+from feltmb.adapters import action_with_effects, load_library
+
+EFFECT, MAGNITUDE = "coulomb_friction.butt", 0.004  # [N m], what the model lacks
+TOLERANCES = {"felt.04": 0.05, "felt.06": -0.07, "capstan_height": 1e-4}  # what is not as drawn
+OUTPUTS = ("key_front.y", "key_balance.y", "whippen.y", "hammer_tip.x", "hammer_tip.y",
+           "backcheck.x")  # fmt: skip
+CAMERA, LOAD_CELL = 2e-5, 0.01  # noise [m], [N]
+
+
+def machine() -> feltmb.Action:
+    """The action as it is, which the diagnosing side does not know."""
+    action = feltmb.load_action("steinway45")
+    library = load_library(action)
+    entries = [(library.effect(EFFECT), MAGNITUDE, None)]
+    entries += [(e, TOLERANCES[e.name], None) for e in library.tolerances if e.name in TOLERANCES]
+    return action_with_effects(action, entries)
+
+
+def main(request: Path, answer: Path) -> None:
+    """Play a request and write the record."""
+    time, force = np.loadtxt(request, delimiter=",", skiprows=1).T
+    stroke = feltmb.table_stroke(time, force, duration=float(time[-1]))
+    run = feltmb.simulate(machine(), stroke, output_rate=20000.0)
+    noise = np.random.default_rng(int(hashlib.sha256(request.read_bytes()).hexdigest()[:8], 16))
+    columns = [time, force + LOAD_CELL * noise.standard_normal(time.size)]
+    for name in OUTPUTS:
+        seen = np.interp(time, run.time, run[name] - run[name][0])
+        columns.append(seen + CAMERA * noise.standard_normal(time.size))
+    head = ["time [s]", "force [N]", *(f"{n} [m]" for n in OUTPUTS)]
+    lines = [",".join(head), *(",".join(f"{v:.9g}" for v in row) for row in np.transpose(columns))]
+    answer.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]))

@@ -1,0 +1,377 @@
+"""``feltmb gap plan``: what could be told apart, and which experiments would tell it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from feltmb.cli.common import (
+    FolderName,
+    Number,
+    console,
+    force_option,
+    is_terminal,
+    json_option,
+    list_option,
+    model_set_option,
+    new_table,
+    print_json,
+    redraw,
+    say,
+    say_written,
+)
+from feltmb.cli.completing import actions, actuators
+from feltmb.errors import InvalidParameter
+
+if TYPE_CHECKING:
+    from feltmb.cli.gap_models import Adapter
+    from feltmb.data import Record
+    from feltmb.gap import Design, Limits
+
+__all__ = [
+    "Telling",
+    "command",
+    "limits_of",
+    "limits_option",
+    "measured_option",
+    "print_design",
+    "sensors_of",
+    "units_of",
+]
+
+#: Effects and parts that are listed.
+MOST_EFFECTS, MOST_PARTS = 12, 5
+
+measured_option = click.option(
+    "--measured",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="TOML with tests of single parts: [measured.PARAMETER] with value, sd and how. They "
+    "replace tolerances.",
+)
+limits_option = click.option(
+    "--limits",
+    "limits_file",
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="TOML with the limits of inputs, and tests of parts that can be made. Default: those of "
+    "the model; of a mechanism with a finger 0 to 25 N, 2 kN/s, 0.6 s.",
+)
+
+
+class Telling:
+    """Progress of a plan: a line on a terminal, else one a stage."""
+
+    def __init__(self) -> None:
+        self._stage = ""
+        self._start = time.monotonic()
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """Show it."""
+        text = f"{stage}: {done + 1} of {total}, {time.monotonic() - self._start:.0f} s"
+        if is_terminal():
+            redraw(text)
+        elif stage != self._stage:
+            say(f"feltmb: {text}", err=True)
+        self._stage = stage
+
+    def close(self) -> None:
+        """Clear the line."""
+        if self._stage and is_terminal():
+            redraw("")
+
+
+@click.command("plan", short_help="Which experiments would tell the effects of MODEL apart.")
+@click.argument("model", shell_complete=actions)
+@click.argument("data", nargs=-1, type=click.Path(path_type=Path))
+@click.option(
+    "--budget",
+    type=Number(0, 1000, min_open=True),
+    help="Design experiments, for so many strokes (a test of a part costs what the limits say). "
+    "Without it the planned runs of the model are compared.",
+)
+@limits_option
+@click.option(
+    "--report",
+    "report_folder",
+    metavar="PATH",
+    type=click.Path(path_type=Path),
+    help="Report of a diagnosis (folder or report.json): what separates what it left open.",
+)
+@measured_option
+@click.option(
+    "--aim",
+    type=click.Choice(["names", "sizes"]),
+    default="names",
+    show_default=True,
+    help="To tell effects apart, or to know their magnitudes.",
+)
+@list_option("--channels", metavar="NAME", help="Channel or output that will be measured.")
+@list_option("--family", "families", metavar="NAME", help="Kind of profile; default: all.")
+@click.option(
+    "--candidates",
+    type=click.IntRange(1, 10_000),
+    default=12,
+    show_default=True,
+    help="Profiles that are worked out in full.",
+)
+@click.option(
+    "--refine",
+    "refinements",
+    type=click.IntRange(0, 10_000),
+    default=4,
+    show_default=True,
+    help="Further ones, to improve the first experiment.",
+)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the draws.")
+@click.option(
+    "--arm",
+    shell_complete=actuators,
+    metavar="NAME",
+    help="Key actuator (wood, aluminum or a file) for which torques are written too.",
+)
+@click.option(
+    "--out",
+    "-o",
+    "output",
+    metavar="DIRECTORY",
+    type=FolderName(),
+    help="Folder of the strokes (CSV, TOML), their pictures and plan.json. The next plan into it "
+    "is quicker.",
+)
+@model_set_option
+@json_option
+@force_option
+def command(
+    model: str,
+    data: tuple[Path, ...],
+    budget: float | None,
+    limits_file: Path | None,
+    report_folder: Path | None,
+    measured: Path | None,
+    aim: Any,
+    channels: tuple[str, ...],
+    families: tuple[str, ...],
+    candidates: int,
+    refinements: int,
+    seed: int,
+    arm: str | None,
+    output: Path | None,
+    settings: tuple[str, ...],
+    as_json: bool,
+    force: bool,
+) -> None:
+    """Which effects of MODEL could be told apart, and which experiments would tell them.
+
+    With --budget experiments are designed: smooth profiles of the inputs within limits, and tests
+    of single parts, the ones that tell most first. DATA are measured files: the plan goes on from
+    what they say, or from a --report.
+
+    Without it, before any measurement: DATA are files whose inputs are planned; without them the
+    first of the model's own planned runs is taken (of a mechanism: the packaged forte stroke,
+    cameras that read to 0.02 mm). Further runs of the model and outputs that are not measured are
+    ranked as next experiments.
+    """
+    from feltmb.cli.gap_models import load_adapter
+
+    adapter = load_adapter(model, settings, channels).measured(measured)
+    if budget is None:
+        for option, given in (
+            ("--limits", limits_file),
+            ("--report", report_folder),
+            ("--arm", arm),
+            ("--out", output),
+        ):
+            if given is not None:
+                raise InvalidParameter(
+                    f"{option} needs --budget, the number of experiments that may be made"
+                )
+        _compare(model, adapter, data, channels, as_json=as_json)
+        return
+    from feltmb.files import check_writable, make_folder
+    from feltmb.gap import Belief, design
+    from feltmb.gap.plan_files import design_json, write_design
+
+    if output is not None:
+        make_folder(output)
+        check_writable(output / "plan.json", force=force)
+    lever = None if arm is None else _lever(arm)
+    limits = limits_of(model, adapter, limits_file)
+    records = adapter.read(data) if data else ()
+    belief = None if report_folder is None else Belief.of_report(_report(report_folder))
+    telling = Telling()
+    found = design(
+        adapter.model,
+        adapter.effects,
+        records,
+        limits=limits,
+        sensors=sensors_of(adapter, limits, records, channels),
+        budget=budget,
+        aim=aim,
+        belief=belief,
+        families=families,
+        candidates=candidates,
+        refinements=refinements,
+        seed=seed,
+        folder=None if output is None else output / ".plan",
+        progress=telling,
+    )
+    telling.close()
+    if as_json:
+        print_json(design_json(found))
+    else:
+        print_design(found)
+    if output is not None:
+        for path in write_design(
+            found,
+            output,
+            units=units_of(adapter, limits),
+            kinds=adapter.kinds,
+            lever=lever,
+            force=force,
+        ):
+            if not as_json:
+                say_written(path)
+
+
+def limits_of(model: str, adapter: Adapter, file: Path | None) -> Limits:
+    """Limits from a file, or those of the model."""
+    from feltmb.gap import read_limits
+
+    if file is not None:
+        return read_limits(file, adapter.model)
+    if adapter.limits is None:
+        raise InvalidParameter(
+            f"{model}: how far may its inputs go? Give --limits FILE with schema = 1, duration = "
+            '"1 s" and [inputs.NAME] with most, and where it matters least, rate, acceleration'
+        )
+    return adapter.limits
+
+
+def sensors_of(
+    adapter: Adapter, limits: Limits, records: Sequence[Record], channels: Sequence[str]
+) -> Any:
+    """Sensors of what will be measured: of the records, of planned runs where these say nothing."""
+    from dataclasses import replace
+
+    if limits.sensors or not adapter.planned:
+        return None
+    wanted = adapter.outputs_of(channels) if channels else None
+    known = dict(adapter.planned[0].sensors)
+    if records:
+        seen = {n: s for r in records for n, s in r.sensors.items()}
+        known = {
+            n: replace(s, sigma=known[n].sigma) if s.sigma is None and n in known else s
+            for n, s in seen.items()
+            if n in adapter.model.outputs
+        }
+    return {n: s for n, s in known.items() if wanted is None or n in wanted}
+
+
+def units_of(adapter: Adapter, limits: Limits) -> dict[str, str]:
+    """Units of inputs and outputs."""
+    return {**adapter.model.units, **{n: i.unit for n, i in limits.inputs.items()}}
+
+
+def _report(path: Path) -> Any:
+    from feltmb.files import read_json
+
+    return read_json(path / "report.json" if path.is_dir() else path)
+
+
+def _lever(arm: str) -> float:
+    """From the axis of the motor to the tip of the arm [m]."""
+    from feltmb.action.actuator import load_actuator
+
+    config = load_actuator(arm).config
+    return float(config.hub.radius + sum(s.length for s in config.arm.stretches()))
+
+
+def print_design(found: Design) -> None:
+    """The plan as tables, with reasons in words."""
+    names = found.aim == "names"
+
+    def value(v: float) -> str:
+        return f"{v:.0%}" if names else f"{v:.3g}"
+
+    what = "belief in the right name" if names else "information"
+    if not found.experiments:
+        say("No allowed experiment tells anything more.")
+    else:
+        table = new_table(
+            "what to do next", "", "experiment", "cost", what, right=(2, 3), whole=(0, 2, 3)
+        )
+        for i, e in enumerate(found.experiments, 1):
+            text = "\n".join([e.name, *(f"  {r}" for r in e.reasons)])
+            table.add_row(str(i), text, f"{e.cost:g}", f"{value(e.before)} -> {value(e.after)}")
+        console().print(table)
+    say(
+        f"Expected {what}: {value(found.before)} now, {value(found.after)} after the plan"
+        + (f" ({value(found.reachable)} with all that was tried)." if names else ".")
+    )
+    table = new_table(
+        "what will show", "effect", "belief", "from", "right", "or its twin", "taken for", "chance",
+        right=(1, 2, 3, 4, 6), whole=(0,),
+    )  # fmt: skip
+    for v in found.effects[:MOST_EFFECTS]:
+        size = f"{v.smallest:.3g} {'' if v.unit == '1' else v.unit}".strip()
+        rival = (v.rival, f"{v.confusion:.0%}") if v.confusion >= 0.01 else ("", "")
+        table.add_row(v.effect, f"{v.belief:.0%}", size, f"{v.right:.0%}", f"{v.pair:.0%}", *rival)
+    console().print(table)
+    if len(found.effects) > MOST_EFFECTS:
+        say(f"and {len(found.effects) - MOST_EFFECTS} more effects (plan.json, --json)")
+    for p in found.parts[:MOST_PARTS]:
+        say(f"measure a part: {p.text}")
+    for group in found.inseparable:
+        say("no allowed experiment tells apart: " + ", ".join(group))
+    if found.failed:
+        say(f"{found.failed} profiles could not be simulated and are left out")
+
+
+def _compare(
+    model: str, adapter: Adapter, data: Sequence[Path], channels: Sequence[str], *, as_json: bool
+) -> None:
+    """What could be told apart with planned runs, before any measurement."""
+    from feltmb.gap import plan
+    from feltmb.gap.report import plain
+
+    planned = adapter.planned
+    records = adapter.read(data) if data else planned
+    if not records:
+        raise InvalidParameter(f"{model}: has no planned runs; give measured or planned files")
+    found = plan(
+        adapter.model,
+        adapter.effects,
+        records if data else records[:1],
+        channels=adapter.outputs_of(channels) if channels else None,
+        experiments=planned if data else records[1:],
+    )
+    if as_json:
+        print_json(plain(found))
+        return
+    table = new_table(
+        "what would show",
+        "effect",
+        "smallest",
+        "own trace",
+        "taken for",
+        "chance",
+        right=(1, 2, 4),
+        whole=(0,),
+    )
+    for r in found.effects:
+        size = f"{r.smallest:.3g} {'' if r.unit == '1' else r.unit}".strip()
+        rival = (r.rival, f"{r.confusion:.0%}") if r.rival and r.confusion >= 0.01 else ("", "")
+        table.add_row(r.effect, size, f"{r.surviving:.0%}", *rival)
+    console().print(table)
+    for group in found.classes:
+        say("cannot be told apart: " + ", ".join(group))
+    if found.unseen:
+        say("cannot be seen: " + ", ".join(found.unseen))
+    for e in found.experiments[:5]:
+        text = "; ".join(f"{a} | {b} {x:.0%} -> {y:.0%}" for a, b, x, y in e.gains[:3])
+        say(f"add {e.kind} {e.name}: {text or 'separates nothing new'}")

@@ -1,0 +1,194 @@
+"""``feltmb gap session``: plan, let a machine play, read, diagnose, and again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from feltmb.cli.common import (
+    FolderName,
+    Number,
+    ProgressLine,
+    json_option,
+    model_set_option,
+    positive,
+    print_json,
+    say,
+)
+from feltmb.cli.completing import actions
+from feltmb.cli.gap_plan import (
+    Telling,
+    limits_of,
+    limits_option,
+    measured_option,
+    sensors_of,
+    units_of,
+)
+from feltmb.errors import DataError, InvalidParameter
+
+if TYPE_CHECKING:
+    from feltmb.gap import SessionStep
+
+__all__ = ["command"]
+
+#: Characters of what a command said that are repeated.
+LAST_WORDS = 400
+
+
+@click.command("session", short_help="Plan, let a command measure, diagnose, until named.")
+@click.argument("model", shell_complete=actions)
+@click.argument("data", nargs=-1, type=click.Path(path_type=Path))
+@click.option(
+    "--run",
+    "run_command",
+    metavar="COMMAND",
+    required=True,
+    help="What plays a request: called as COMMAND REQUEST RECORD.",
+)
+@click.option(
+    "--out",
+    "-o",
+    "output",
+    metavar="DIRECTORY",
+    type=FolderName(),
+    required=True,
+    help="Folder of the session, a folder a step. One that was cut off goes on.",
+)
+@click.option(
+    "--budget",
+    type=Number(0, 1000, min_open=True),
+    default=6.0,
+    show_default=True,
+    help="Strokes that may be made; a test of a part costs what the limits say.",
+)
+@limits_option
+@measured_option
+@click.option("--timeout", type=positive("s"), help="Longest time of one call of COMMAND [s].")
+@click.option("--candidates", type=click.IntRange(1, 10_000), default=12, show_default=True,
+              help="Profiles that are worked out in full.")  # fmt: skip
+@click.option("--refine", "refinements", type=click.IntRange(0, 10_000), default=4,
+              show_default=True, help="Further ones, to improve the next experiment.")  # fmt: skip
+@click.option("--bootstrap", type=click.IntRange(0, 100_000), default=12, show_default=True,
+              help="Refits for the null law of each diagnosis.")  # fmt: skip
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the draws.")
+@model_set_option
+@json_option
+def command(
+    model: str,
+    data: tuple[Path, ...],
+    run_command: str,
+    output: Path,
+    budget: float,
+    limits_file: Path | None,
+    measured: Path | None,
+    timeout: float | None,
+    candidates: int,
+    refinements: int,
+    bootstrap: int,
+    seed: int,
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Plan an experiment with MODEL, let COMMAND make it, diagnose, and again.
+
+    COMMAND gets two arguments. REQUEST is a CSV with the time and what each input is to do; COMMAND
+    plays it, and writes what was measured to RECORD, a CSV with time, inputs and outputs (a TOML
+    beside it may describe the sensors). Where the limits offer tests of parts, REQUEST may be a
+    TOML with [part] (parameter, sd, how); RECORD is then a TOML with [measured.PARAMETER] (value,
+    sd). It ends with exit code 0. DATA are records that were made before.
+
+    The session ends when the cause is named, when no allowed experiment separates what is left, or
+    when the budget is spent. Called again with the same folder it goes on where it was.
+    """
+    from feltmb.cli.gap_models import load_adapter
+    from feltmb.gap import Options, read_measured, session
+    from feltmb.gap.report import plain
+
+    call = _Caller(run_command, timeout)
+    adapter = load_adapter(model, settings)
+    limits = limits_of(model, adapter, limits_file)
+    records = adapter.read(data) if data else ()
+    telling, line = Telling(), ProgressLine()
+
+    def told(step: SessionStep) -> None:
+        telling.close()
+        line.close()
+        if not as_json:
+            say(f"{step.number}: {step.name}")
+            if step.kind == "stroke":
+                say(f"   belief in the right name expected after it: {step.expected:.0%}")
+            if step.verdict:
+                say(f"   {step.verdict}: {step.statement}")
+
+    found = session(
+        adapter.model,
+        adapter.effects,
+        call,
+        lambda path: adapter.read([path]),
+        output,
+        limits=limits,
+        records=records,
+        sensors=sensors_of(adapter, limits, records, ()),
+        measured=() if measured is None else read_measured(measured, adapter.model),
+        budget=budget,
+        options=Options(bootstrap=bootstrap, seed=seed, advice=False),
+        candidates=candidates,
+        refinements=refinements,
+        seed=seed,
+        units=units_of(adapter, limits),
+        kinds=adapter.kinds,
+        progress=telling,
+        diagnosing=line,
+        told=told,
+    )
+    telling.close()
+    line.close()
+    if as_json:
+        print_json({k: v for k, v in plain(found).items() if k != "report"})
+        return
+    say(f"{found.outcome}: {found.statement}")
+    say(f"{output}: a folder a step, each with plan and report")
+
+
+class _Caller:
+    """Calls the user's command."""
+
+    def __init__(self, text: str, timeout: float | None):
+        import shlex
+
+        try:
+            self.words = shlex.split(text)
+        except ValueError as error:
+            raise InvalidParameter(f"--run {text}: {error}") from None
+        if not self.words:
+            raise InvalidParameter("--run: is empty, expected a command such as 'python rig.py'")
+        self.timeout = timeout
+
+    def __call__(self, request: Path, answer: Path) -> None:
+        """Play a request."""
+        import subprocess
+
+        try:
+            done = subprocess.run(
+                [*self.words, str(request), str(answer)],
+                check=False,
+                capture_output=True,
+                text=True,
+                timeout=self.timeout,
+            )
+        except FileNotFoundError:
+            raise InvalidParameter(f"--run: there is no command {self.words[0]}") from None
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise DataError(f"--run {' '.join(self.words)}: {error}") from None
+        if done.returncode:
+            said = (done.stderr or done.stdout).strip()[-LAST_WORDS:]
+            raise DataError(
+                f"--run {' '.join(self.words)} {request.name}: ended with exit code "
+                f"{done.returncode}, expected 0" + (f"; it said: {said}" if said else "")
+            )
+        if not answer.is_file():
+            raise DataError(
+                f"--run {' '.join(self.words)}: wrote no {answer}; expected the record there"
+            )

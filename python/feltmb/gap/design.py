@@ -1,0 +1,755 @@
+"""Which experiment next: profiles of the inputs and tests of parts, by what they tell and cost.
+
+1. Profiles of each family are drawn within the limits (Sobol points) and simulated.
+2. Those whose motion differs most, in noise, are kept (farthest point first): what moves alike
+   tells alike, and a simulation costs a fiftieth of a full linearization.
+3. What each of these tells is worked out (:mod:`feltmb.gap.information`).
+4. The best by gain and cost is taken, and the next beside it, until the budget is spent.
+5. The first of them is improved by a compass search of its numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from scipy.stats import qmc
+
+from feltmb.arguments import checked
+from feltmb.data import Array, Record, Sensor
+from feltmb.errors import FeltmbError, InvalidParameter
+from feltmb.fit.cache import Cache
+from feltmb.fit.calling import calling
+from feltmb.fit.model import VARIABILITY, Effect, Model
+from feltmb.gap.checks import with_sigma
+from feltmb.gap.information import Belief, Information, Knowledge, information, record_of
+from feltmb.gap.limits import Limits, PartTest
+from feltmb.gap.planning import _noise
+from feltmb.gap.profiles import FAMILIES, Profile
+from feltmb.gap.score import all_candidates
+
+__all__ = ["Design", "DesignedExperiment", "HelpfulPart", "Visible", "design", "draw_experiment"]
+
+Aim = Literal["names", "sizes"]
+Tell = Callable[[str, int, int], None]
+
+#: Draws of each family that are simulated.
+DRAWS = 8
+#: Points at which motions are compared.
+POINTS = 64
+#: First step of the compass search, as a share of the range of a knob, and the smallest.
+COMPASS, FINEST = 0.15, 1e-3
+#: Refinements that a family takes before another is worth a start.
+ROOM = 20
+#: Fall of the chance of confusion that is worth a word.
+WORTH_TELLING = 0.02
+#: Chance to be taken for nothing, below which an effect shows.
+SHOWS = 0.1
+#: Gain below which an experiment is not worth its name: belief, or log evidence.
+LEAST_GAIN = 1e-4
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DesignedExperiment:
+    """One experiment of a plan."""
+
+    name: str
+    kind: Literal["stroke", "part"]
+    cost: float
+    """In experiments."""
+    input: str = ""
+    """Input that it moves."""
+    profile: Profile | None = None
+    record: Record | None = None
+    """With the outputs that the model expects."""
+    part: PartTest | None = None
+    before: float
+    """Expected belief in the right name before it [1], or information [log evidence]."""
+    after: float
+    reasons: tuple[str, ...] = ()
+    """What it is good for, in words."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Visible:
+    """One effect, before and after the whole plan."""
+
+    effect: str
+    unit: str
+    belief: float
+    """In it now."""
+    smallest_before: float
+    """Smallest magnitude that shows [unit]; inf: never."""
+    smallest: float
+    """The same after the plan."""
+    right: float
+    """Belief that it would get after the plan, if it were true [1]."""
+    pair: float
+    """The same of it and what is most like it."""
+    rival: str
+    """What it would be taken for most often after the plan; "": nothing."""
+    confusion: float
+    """Chance of that at its scale [1]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HelpfulPart:
+    """A parameter whose own measurement would make an effect visible."""
+
+    effect: str
+    parameter: str
+    known_to: float
+    """How well it should be known [``unit``]."""
+    unit: str
+    tolerance: float
+    """How well it is known [``unit``]."""
+    smallest_before: float
+    """Smallest magnitude of the effect that shows [``effect_unit``]."""
+    smallest: float
+    effect_unit: str
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        own = f"{self.known_to:.1%}" if self.unit == "1" else f"{self.known_to:.2g} {self.unit}"
+        unit = "" if self.effect_unit == "1" else f" {self.effect_unit}"
+        return (
+            f"{self.parameter} known to {own} shows {self.effect} from {self.smallest:.2g}{unit} "
+            f"on (now {self.smallest_before:.2g}{unit})"
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Design:
+    """Result of :func:`design`."""
+
+    aim: Aim
+    experiments: tuple[DesignedExperiment, ...]
+    """In the order in which they should be made; plan again after each."""
+    effects: tuple[Visible, ...]
+    parts: tuple[HelpfulPart, ...]
+    """Parameters that stand most in the way of an effect, after the plan."""
+    before: float
+    """Expected belief in the right name now [1], or information [log evidence]."""
+    after: float
+    """After the plan."""
+    reachable: float
+    """With every experiment that was worked out, each once: more than this nothing here brings."""
+    inseparable: tuple[tuple[str, ...], ...]
+    """Effects that all of them together could not tell apart (confusion above one in ten)."""
+    worked_out: int
+    """Linearizations that were made, not those that were kept from before."""
+    failed: int
+    """Profiles that the model could not simulate."""
+    belief: Mapping[str, float]
+    """In each effect before the plan."""
+
+
+@dataclass
+class _Option:
+    """An experiment that could be made."""
+
+    name: str
+    cost: float
+    information: Information
+    input: str = ""
+    family: str = ""
+    knobs: tuple[float, ...] = ()
+    profile: Profile | None = None
+    record: Record | None = None
+    part: PartTest | None = None
+
+
+@checked
+def design(
+    model: Model,
+    effects: Sequence[Effect],
+    records: Sequence[Record] = (),
+    *,
+    limits: Limits,
+    sensors: Mapping[str, Sensor] | None = None,
+    budget: float = 6.0,
+    aim: Aim = "names",
+    belief: Belief | None = None,
+    families: Sequence[str] = (),
+    candidates: int = 12,
+    refinements: int = 4,
+    seed: int = 0,
+    folder: str | Path | None = None,
+    progress: Tell | None = None,
+) -> Design:
+    """The experiments that tell most, within limits and a budget.
+
+    Parameters
+    ----------
+    records
+        What was measured already; empty: nothing.
+    limits
+        Of the inputs; with tests of parts that can be made.
+    sensors
+        By output that will be measured; default: those of ``limits``, else of the records, else
+        all outputs, each with a noise of a thousandth of what it shows.
+    budget
+        In experiments: a stroke costs 1, a test of a part what ``limits`` says.
+    aim
+        ``names``: to tell effects apart; ``sizes``: to know their magnitudes.
+    belief
+        What may be true; default: from the records by one step, else the weights of the library.
+    families
+        Names of :data:`~feltmb.gap.profiles.FAMILIES`; default: all.
+    candidates
+        Profiles that are worked out in full.
+    refinements
+        Further ones, to improve the first experiment.
+    seed
+        Of the draws.
+    folder
+        Where what was worked out is kept for the next plan.
+
+    Raises
+    ------
+    InvalidParameter
+        Names that there are not, a budget that buys nothing, or no profile that can be simulated.
+    """
+    limits.check(model)
+    chosen = _families(families)
+    if not 0.0 < budget <= 1000.0:
+        raise InvalidParameter(f"budget = {budget!r} experiments, expected in (0, 1000]")
+    for name, count in (("candidates", candidates), ("refinements", refinements)):
+        if not 0 <= count <= 100_000 or (name == "candidates" and not count):
+            raise InvalidParameter(f"{name} = {count!r}, expected 1 to 100000")
+    if aim not in ("names", "sizes"):
+        raise InvalidParameter(f"aim = {aim!r}, expected names or sizes")
+    tested = [e for e in effects if model.accepts(e) or e.observe or e.excite]
+    if not tested:
+        raise InvalidParameter(f"plan: model {model.name} can simulate none of the effects")
+    every = all_candidates(tested)
+    cache = None if folder is None else Cache(Path(folder))
+    work = _Work(model, limits, _sensors(model, limits, records, sensors), cache, seed, progress)
+    work.every = every
+    with calling(f"model {model.name}: its simulation"):
+        known = []
+        for i, r in enumerate(records):
+            work.tell("what the records tell", i, len(records))
+            shown = {n: s for n, s in r.sensors.items() if n in model.outputs}
+            noisy = with_sigma(r, _noise(r)) if shown else r
+            found = information(model, noisy, every, cache=cache)
+            if found is not None:
+                known.append(found)
+        if belief is None and known:
+            belief = Knowledge.start(model, every, Belief.even(every), known).linear_belief()
+        belief = belief or Belief.even(every)
+        knowledge = Knowledge.start(model, every, belief, known)
+        options = work.options(chosen, candidates)
+        options += [
+            _Option(
+                name=f"{t.how or 'test of a part'}: {t.parameter}",
+                cost=t.cost,
+                information=knowledge.part(t.parameter, t.sd),
+                part=t,
+            )
+            for t in limits.parts
+        ]
+        if not options:
+            raise InvalidParameter(
+                f"plan: none of the {work.failed} profiles within the limits can be simulated by "
+                f"{model.name}; hint: lower inputs.most or lengthen the duration"
+            )
+        value = _worth(aim)
+        picked = _greedy(knowledge, options, budget, value)
+        if picked and refinements and picked[0].part is None:
+            first = picked[0]
+            better = work.best_of(knowledge, first, options, refinements, value)
+            if better is not first:
+                picked = [better, *_greedy(
+                    knowledge.plus(better.information),
+                    [*options, better],
+                    budget - better.cost,
+                    value,
+                )]  # fmt: skip
+    return _result(knowledge, picked, options, aim, work)
+
+
+def _worth(aim: Aim) -> Callable[[Knowledge], float]:
+    return Knowledge.names if aim == "names" else Knowledge.sizes
+
+
+def _families(names: Sequence[str]) -> list[str]:
+    unknown = [n for n in names if n not in FAMILIES]
+    if unknown:
+        raise InvalidParameter(f"families: {', '.join(unknown)} is none of {', '.join(FAMILIES)}")
+    return list(dict.fromkeys(names)) or list(FAMILIES)
+
+
+def _sensors(
+    model: Model, limits: Limits, records: Sequence[Record], given: Mapping[str, Sensor] | None
+) -> dict[str, Sensor]:
+    """By output that will be measured."""
+    known: dict[str, Sensor] = dict(given or {})
+    for r in records:
+        for n, s in r.sensors.items():
+            known.setdefault(n, s)
+    unknown = [n for n in known if n not in model.outputs]
+    if given and unknown:
+        raise InvalidParameter(
+            f"sensors: {', '.join(unknown)} is no output of {model.name}; there are "
+            f"{', '.join(model.outputs)}"
+        )
+    known = {n: s for n, s in known.items() if n in model.outputs}
+    if limits.sensors:
+        return {
+            n: replace(known.get(n, Sensor(name=n, unit=model.units.get(n, "1"))), sigma=sigma)
+            for n, sigma in limits.sensors.items()
+        }
+    return known or {n: Sensor(name=n, unit=model.units.get(n, "1")) for n in model.outputs}
+
+
+def _greedy(
+    knowledge: Knowledge,
+    options: Sequence[_Option],
+    budget: float,
+    value: Callable[[Knowledge], float],
+) -> list[_Option]:
+    """The best by gain and cost, again and again, until the budget is spent."""
+    out: list[_Option] = []
+    now = value(knowledge)
+    left = budget
+    while True:
+        able = [
+            o for o in options if o.cost <= left + 1e-9 and not (o.part is not None and o in out)
+        ]
+        if not able:
+            return out
+        gains = [(value(knowledge.plus(o.information)) - now) / o.cost for o in able]
+        best = int(np.argmax(gains))
+        if not gains[best] > LEAST_GAIN:
+            return out
+        out.append(able[best])
+        left -= able[best].cost
+        knowledge = knowledge.plus(able[best].information)
+        now = value(knowledge)
+
+
+class _Work:
+    """Draws profiles and works out what they tell."""
+
+    def __init__(
+        self,
+        model: Model,
+        limits: Limits,
+        sensors: Mapping[str, Sensor],
+        cache: Cache | None,
+        seed: int,
+        progress: Tell | None,
+    ):
+        self.model, self.limits, self.sensors = model, limits, sensors
+        self.cache, self.seed, self.progress = cache, seed, progress
+        self.every: Any = ()
+        self.failed = self.made = 0
+        self._known: dict[tuple[Any, ...], _Option | None] = {}
+
+    def tell(self, stage: str, done: int, total: int) -> None:
+        if self.progress is not None:
+            self.progress(stage, done, total)
+
+    def draw(self, input_name: str, family: str, knobs: Sequence[float]) -> Profile | None:
+        return FAMILIES[family].make(knobs, self.limits.inputs[input_name], self.limits)
+
+    def record(self, input_name: str, profile: Profile, name: str) -> Record | None:
+        """The run with what the model gives; None: it cannot be simulated."""
+        rate = self.limits.sample_rate
+        time = np.arange(max(16, math.floor(profile.end * rate + 1e-6) + 1)) / rate
+        mode, others = _mode_of(self.model, input_name)
+        inputs = {
+            n: np.full(time.size, self.limits.inputs[n].start if n in self.limits.inputs else 0.0)
+            for n in others
+        }
+        inputs[input_name] = profile.at(time)
+        own = {n: i.sigma for n, i in self.limits.inputs.items() if n in inputs and i.sigma > 0.0}
+        try:
+            return record_of(
+                self.model, name, time, inputs, self.sensors, mode=mode, input_sigma=own
+            )
+        except FeltmbError:
+            self.failed += 1
+            return None
+
+    def options(self, families: Sequence[str], count: int) -> list[_Option]:
+        """Profiles whose motions differ most, worked out."""
+        drawn: list[tuple[str, str, tuple[float, ...], Profile, Record]] = []
+        total = len(families) * len(self.limits.inputs)
+        for at, (input_name, family) in enumerate(
+            (i, f) for i in self.limits.inputs for f in families
+        ):
+            self.tell("profiles", at, total)
+            width = len(FAMILIES[family].knobs)
+            sobol = qmc.Sobol(width, seed=np.random.default_rng([self.seed, at]))
+            for knobs in sobol.random(DRAWS):
+                own = tuple(float(u) for u in knobs)
+                profile = self.draw(input_name, family, own)
+                if profile is None:
+                    continue
+                record = self.record(input_name, profile, "planned")
+                if record is not None:
+                    drawn.append((input_name, family, own, profile, record))
+        out = []
+        kept = _farthest([d[4] for d in drawn], self.sensors, count)
+        for done, i in enumerate(kept):
+            self.tell("what they tell", done, len(kept))
+            found = self.option(*drawn[i][:3])
+            if found is not None:
+                out.append(found)
+        return out
+
+    def option(self, input_name: str, family: str, knobs: tuple[float, ...]) -> _Option | None:
+        """A profile, worked out; None: it is not allowed, or cannot be simulated."""
+        key = (input_name, family, knobs)
+        if key not in self._known:
+            self._known[key] = self._option(input_name, family, knobs)
+        return self._known[key]
+
+    def _option(self, input_name: str, family: str, knobs: tuple[float, ...]) -> _Option | None:
+        profile = self.draw(input_name, family, knobs)
+        record = None if profile is None else self.record(input_name, profile, "planned")
+        if profile is None or record is None:
+            return None
+        before = _Counting(self.cache)
+        found = information(self.model, record, self.every, cache=before.cache)
+        self.made += before.missed()
+        if found is None:
+            self.failed += 1
+            return None
+        unit = self.limits.inputs[input_name].unit
+        return _Option(
+            name=_words(profile, input_name, unit),
+            cost=1.0,
+            information=found,
+            input=input_name,
+            family=family,
+            knobs=knobs,
+            profile=profile,
+            record=record,
+        )
+
+    def best_of(
+        self,
+        knowledge: Knowledge,
+        first: _Option,
+        options: Sequence[_Option],
+        most: int,
+        value: Callable[[Knowledge], float],
+    ) -> _Option:
+        """The first experiment improved, and where there is room the best of other families too."""
+
+        def worth(option: _Option) -> float:
+            return value(knowledge.plus(option.information))
+
+        leaders: dict[tuple[str, str], _Option] = {}
+        for option in sorted((o for o in options if o.part is None), key=lambda o: -worth(o)):
+            leaders.setdefault((option.input, option.family), option)
+        others = [o for k, o in leaders.items() if k != (first.input, first.family)]
+        starts = [first, *others][: max(1, most // ROOM)]
+        if len(starts) == 1:
+            return self.improve(knowledge, first, most, value)
+        own = most // (2 * len(starts))
+        found = [self.improve(knowledge, s, own, value) for s in starts]
+        best = max(found, key=worth)
+        return self.improve(knowledge, best, most - own * len(starts), value)
+
+    def improve(
+        self,
+        knowledge: Knowledge,
+        first: _Option,
+        most: int,
+        value: Callable[[Knowledge], float],
+    ) -> _Option:
+        """Compass search of the numbers of a profile."""
+        generator = np.random.default_rng([self.seed, 7])
+        best, top = first, value(knowledge.plus(first.information))
+        width, step, tried = len(first.knobs), COMPASS, 0
+        while tried < most and step > FINEST:
+            moved = False
+            order = generator.permutation(2 * width)
+            for k in order:
+                if tried >= most:
+                    break
+                knobs = list(best.knobs)
+                knobs[k // 2] = min(max(knobs[k // 2] + (step if k % 2 else -step), 0.0), 1.0)
+                if tuple(knobs) == best.knobs:
+                    continue
+                self.tell("a better profile", tried, most)
+                tried += 1
+                other = self.option(best.input, best.family, tuple(knobs))
+                worth = -math.inf if other is None else value(knowledge.plus(other.information))
+                if other is not None and worth > top:
+                    best, top, moved = other, worth, True
+            if not moved:
+                step *= 0.5
+        return best
+
+
+class _Counting:
+    """How often a cache did not have what was asked."""
+
+    def __init__(self, cache: Cache | None):
+        self.cache = cache
+        self._before = self._count()
+
+    def _count(self) -> int:
+        if self.cache is None or not self.cache.folder.is_dir():
+            return 0
+        return sum(1 for _ in self.cache.folder.glob("*.npz"))
+
+    def missed(self) -> int:
+        """Results that are new."""
+        return 1 if self.cache is None else self._count() - self._before
+
+
+def _mode_of(model: Model, name: str) -> tuple[Any, list[str]]:
+    """Input mode in which a model reads an input, and all inputs that it needs then."""
+    for mode, names in model.input_modes.items():
+        if name in names:
+            return mode, list(names)
+    return "force", list(getattr(model, "inputs", ())) or [name]
+
+
+def _farthest(records: Sequence[Record], sensors: Mapping[str, Sensor], most: int) -> list[int]:
+    """Indices of records whose motion differs most from that of those before, in noise."""
+    if len(records) <= most:
+        return list(range(len(records)))
+    rows = []
+    for r in records:
+        parts = []
+        at = np.linspace(0.0, max(x.time[-1] for x in records), POINTS)
+        for name, sensor in sensors.items():
+            spread = max(float(np.std(x.outputs[name])) for x in records) or 1.0
+            sigma = sensor.sigma or 1e-3 * spread
+            # The last value counts where a record is over, and large motions by their logarithm.
+            value = np.interp(at, r.time, r.outputs[name]) / sigma
+            parts.append(np.sign(value) * np.log1p(np.abs(value)))
+        for name, values in r.inputs.items():  # a hundredth of the largest is one step
+            unit = 0.01 * max(float(np.max(np.abs(x.inputs[name]))) for x in records)
+            value = np.interp(at, r.time, values) / (unit or 1.0)
+            parts.append(np.sign(value) * np.log1p(np.abs(value)))
+        rows.append(np.concatenate(parts))
+    table = np.array(rows)
+    far = np.linalg.norm(table, axis=1)  # from nothing happens
+    out: list[int] = []
+    for _ in range(most):
+        best = int(np.argmax(far))
+        out.append(best)
+        far = np.minimum(far, np.linalg.norm(table - table[best], axis=1))
+    return out
+
+
+def _words(profile: Profile, input_name: str, unit: str) -> str:
+    """What a profile is, with its numbers."""
+    parts = []
+    for name, value in profile.numbers.items():
+        if name in ("rise", "hold"):
+            parts.append(f"{name} {1e3 * value:.3g} ms")
+        elif name in ("from", "to"):
+            parts.append(f"{name} {value:.3g} Hz")
+        else:
+            shown = f"{value:.3g}" if unit == "1" else f"{value:.3g} {unit}"
+            shown = f"{1e3 * value:.3g} mm" if unit == "m" else shown
+            parts.append(shown if name == "level" else f"{name} {shown}")
+    return f"{profile.family} of {input_name}: " + ", ".join(parts)
+
+
+def _result(
+    knowledge: Knowledge, picked: Sequence[_Option], options: Sequence[_Option], aim: Aim,
+    work: _Work,
+) -> Design:  # fmt: skip
+    value = _worth(aim)
+    start, experiments = knowledge, []
+    for i, option in enumerate(picked, 1):
+        then = knowledge.plus(option.information)
+        experiments.append(
+            DesignedExperiment(
+                name=option.name,
+                kind="stroke" if option.part is None else "part",
+                cost=option.cost,
+                input=option.input,
+                profile=option.profile,
+                record=None
+                if option.record is None
+                else replace(option.record, name=f"experiment_{i}"),
+                part=option.part,
+                before=value(knowledge),
+                after=value(then),
+                reasons=_reasons(knowledge, then),
+            )
+        )
+        knowledge = then
+    everything = start
+    for option in options:
+        everything = everything.plus(option.information)
+    return Design(
+        aim=aim,
+        experiments=tuple(experiments),
+        effects=_visible(start, knowledge),
+        parts=_parts(knowledge),
+        before=value(start),
+        after=value(knowledge),
+        reachable=value(everything),
+        inseparable=_inseparable(everything),
+        worked_out=work.made,
+        failed=work.failed,
+        belief=_by_name(start, start.belief.over(start.candidates)),
+    )
+
+
+def _by_name(knowledge: Knowledge, values: Array) -> dict[str, float]:
+    out: dict[str, float] = {}
+    for t, v in zip(knowledge.candidates, values, strict=True):
+        out[t.name] = out.get(t.name, 0.0) + float(v)
+    return out
+
+
+def _reasons(before: Knowledge, after: Knowledge, most: int = 3) -> tuple[str, ...]:
+    """How many effects come to show, and the pairs that are separated, weighed by belief."""
+    weights = before.belief.over(before.candidates)
+    names = [t.name for t in before.candidates]
+    was, then = before.confusion(), after.confusion()
+    out = []
+    shown = [{n for n, c in zip(names, x[:, -1], strict=True) if c < SHOWS} for x in (was, then)]
+    if shown[1] - shown[0]:
+        count = len(set(names))
+        out.append(
+            f"shows {len(shown[1])} of {count} effects at the size one would expect "
+            f"({len(shown[0])} before)"
+        )
+    same = np.array([[a == b for b in names] for a in names])
+    # Only what shows can be taken for another.
+    fall = np.where(same, 0.0, was[:, :-1] - then[:, :-1])
+    worth = fall * np.minimum(weights[:, None], weights[None, :])
+    told: set[str] = set()
+    for flat in np.argsort(-worth, axis=None, kind="stable"):
+        a, b = (int(i) for i in np.unravel_index(int(flat), worth.shape))
+        if worth[a, b] <= 0.0 or len(out) >= most:
+            break
+        if fall[a, b] < WORTH_TELLING or names[a] in told:
+            continue
+        told |= {names[a], names[b]}
+        out.append(
+            f"separates {names[a]} from {names[b]}: chance of confusion {was[a, b]:.0%} to "
+            f"{then[a, b]:.0%}"
+        )
+    return tuple(out)
+
+
+def _visible(before: Knowledge, after: Knowledge) -> tuple[Visible, ...]:
+    weights = before.belief.over(before.candidates)
+    first, last = before.smallest(), after.smallest()
+    right, pair = after.beliefs(), after.beliefs(2)
+    confusion = after.confusion()
+    names = [t.name for t in before.candidates]
+    rows: dict[str, Visible] = {}
+    for i, t in enumerate(before.candidates):
+        row = confusion[i, :-1].copy()
+        row[[n == t.name for n in names]] = 0.0
+        rival = int(np.argmax(row))
+        known = rows.get(t.name)
+        if known is not None and known.smallest <= last[i]:
+            continue
+        rows[t.name] = Visible(
+            effect=t.name,
+            unit=t.effect.unit,
+            belief=float(sum(w for w, n in zip(weights, names, strict=True) if n == t.name)),
+            smallest_before=float(first[i]),
+            smallest=float(last[i]),
+            right=float(right[i]),
+            pair=float(pair[i]),
+            rival=names[rival] if row[rival] > 0.0 else "",
+            confusion=float(row[rival]),
+        )
+    return tuple(sorted(rows.values(), key=lambda r: (-r.belief, -r.right, r.effect)))
+
+
+def _parts(knowledge: Knowledge, most: int = 8) -> tuple[HelpfulPart, ...]:
+    weights = knowledge.belief.over(knowledge.candidates)
+    right, smallest = knowledge.beliefs(), knowledge.smallest()
+    found: dict[str, tuple[float, HelpfulPart]] = {}
+    for i, t in enumerate(knowledge.candidates):
+        helpful = knowledge.helpful_part(i)
+        if helpful is None or not helpful[2] < 0.9 * smallest[i]:
+            continue
+        p = knowledge.model.parameters[helpful[0]]
+        if p.component == VARIABILITY:
+            continue
+        gain = float(weights[i] * (1.0 - right[i]) * math.log(smallest[i] / helpful[2]))
+        if not math.isfinite(gain):
+            gain = float(weights[i])
+        if t.name in found and found[t.name][0] >= gain:
+            continue
+        found[t.name] = (
+            gain,
+            HelpfulPart(
+                effect=t.name,
+                parameter=p.name,
+                known_to=helpful[1],
+                unit=p.unit,
+                tolerance=p.sd,
+                smallest_before=float(smallest[i]),
+                smallest=helpful[2],
+                effect_unit=t.effect.unit,
+            ),
+        )
+    order = sorted(found.values(), key=lambda x: (-x[0], x[1].effect))
+    return tuple(h for _, h in order[:most])
+
+
+def _inseparable(knowledge: Knowledge) -> tuple[tuple[str, ...], ...]:
+    """Classes that no allowed experiment separates, of the effects that show at all."""
+    from scipy.sparse.csgraph import connected_components
+
+    names = list(dict.fromkeys(t.name for t in knowledge.candidates))
+    chance = knowledge.confusion()
+    shown = chance[:, -1] < SHOWS
+    alike = np.zeros((len(names), len(names)), dtype=bool)
+    for i, a in enumerate(knowledge.candidates):
+        for j, b in enumerate(knowledge.candidates):
+            if a.name != b.name and shown[i] and shown[j] and chance[i, j] > 0.1:
+                alike[names.index(a.name), names.index(b.name)] = True
+    _, label = connected_components(alike, directed=False)
+    groups = [tuple(n for n, k in zip(names, label, strict=True) if k == c) for c in set(label)]
+    return tuple(sorted(g for g in groups if len(g) > 1))
+
+
+@checked
+def draw_experiment(
+    model: Model,
+    limits: Limits,
+    *,
+    sensors: Mapping[str, Sensor] | None = None,
+    seed: int = 0,
+) -> tuple[str, Profile, Record]:
+    """An experiment drawn at random within the limits: input, profile, and what the model expects.
+
+    The measure for a plan: what does not think draws like this.
+
+    Raises
+    ------
+    InvalidParameter
+        A hundred draws gave no profile that can be simulated.
+    """
+    limits.check(model)
+    generator = np.random.default_rng([seed, 11])
+    work = _Work(model, limits, _sensors(model, limits, (), sensors), None, seed, None)
+    names, families = list(limits.inputs), list(FAMILIES)
+    for _ in range(100):
+        name = names[int(generator.integers(len(names)))]
+        family = families[int(generator.integers(len(families)))]
+        knobs = generator.random(len(FAMILIES[family].knobs))
+        profile = work.draw(name, family, [float(u) for u in knobs])
+        if profile is None:
+            continue
+        record = work.record(name, profile, "planned")
+        if record is not None:
+            return name, profile, record
+    raise InvalidParameter("no profile within the limits can be simulated by " + model.name)

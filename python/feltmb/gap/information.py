@@ -1,0 +1,449 @@
+"""What an experiment tells of parameters and effects, and what that is worth.
+
+Linearized at one place, an experiment j adds its matrix H_j over the parameters and the magnitudes
+of all candidates (in scales; states, sensors and run-to-run variability of the record eliminated):
+
+    H = prior + sum_j H_j,    G = H_ee - H_ep H_pp^-1 H_pe
+
+*Names* (T-optimal): if a is true with magnitude m, the expected log evidence against b, whose
+magnitude is free with the prior N(0, 1), and against the model alone is
+
+    L_ab = m^2/2 (G_aa - G_ab^2 / (G_bb + 1)),    L_a0 = m^2/2 G_aa
+
+and with belief w the belief that a will get is p_a = w_a / (w_a + sum_b w_b exp(-L_ab)). The worth
+is the mean of p_a over what may be true. *Sizes* (D-optimal): 1/2 log det(1 + G), the expected gain
+of information on all magnitudes [log evidence].
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from feltmb.arguments import checked
+from feltmb.data import Array, Record, Sensor
+from feltmb.errors import FeltmbError, InvalidParameter
+from feltmb.files import package_digest
+from feltmb.fit.cache import Cache
+from feltmb.fit.model import Candidate, Model
+from feltmb.fit.problem import Problem, solve_scaled
+from feltmb.fit.segmented_records import segment_record
+from feltmb.gap.checks import with_sigma
+from feltmb.gap.criteria import DETECTABLE
+from feltmb.gap.planning import _noise, planned
+
+__all__ = ["Belief", "Information", "Knowledge", "information"]
+
+#: Magnitudes at which an effect is expected before there are data [scales].
+MAGNITUDES = (0.5, 1.0, 2.0)
+#: Share of the belief that stays with what a diagnosis holds impossible.
+RESERVE = 0.1
+#: Continuity defects that are allowed, as a share of the spread of the states: that of the
+#: segmented metric. With exact continuity a chaotic machine would promise to show a friction of
+#: 1e-7 N, by a linearization that holds no further.
+LOOSE = 0.01
+#: How well a part can be measured by itself at best, as a share of its tolerance.
+BEST_PART = 0.1
+
+
+@checked
+@dataclass(frozen=True, eq=False)
+class Information:
+    """What one experiment tells; over the parameters of the model, then all candidates."""
+
+    matrix: Array
+    """Second derivative of -log likelihood, parameters in their units, magnitudes in scales."""
+    right: Array
+    """Slope of the log likelihood at the tabulated numbers; 0 for what is only planned."""
+    square: float = 0.0
+    """Squared residual there."""
+    samples: float = 0.0
+    """Measured values behind it."""
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Belief:
+    """What may be true, before the next experiment."""
+
+    weights: Mapping[str, float]
+    """By effect."""
+    none: float = 0.0
+    """That nothing is missing, or too little to be seen."""
+    magnitudes: Mapping[str, float] = field(default_factory=dict)
+    """By effect, as far as they were fitted [unit]."""
+
+    @classmethod
+    def even(cls, candidates: Sequence[Candidate], none: float = 0.1) -> Belief:
+        """As the library says, before any data."""
+        weight = {t.name: t.effect.weight for t in candidates}
+        total = sum(weight.values()) or 1.0
+        return cls(weights={n: (1.0 - none) * w / total for n, w in weight.items()}, none=none)
+
+    @classmethod
+    def of_report(cls, report: Mapping[str, Any]) -> Belief:
+        """From ``report.json`` of a diagnosis.
+
+        Raises
+        ------
+        InvalidParameter
+            It is no report.
+        """
+        try:
+            which = report["which"]
+            rows = which["effects"]
+            share = max(1.0 - float(which["none"]), 0.0)
+            weights = {str(r["effect"]): float(r["posterior"] or 0.0) for r in rows}
+            fitted = {
+                str(r["effect"]): abs(float(r["magnitude"] or 0.0))
+                for r in rows
+                if r["refitted"] and float(r["posterior"] or 0.0) > 0.01 and r["magnitude"]
+            }
+            none = float(which["none"])
+        except (KeyError, TypeError, ValueError, IndexError) as error:
+            raise InvalidParameter(
+                f"report: is none of a diagnosis ({type(error).__name__}: {error}); expected "
+                "report.json of feltmb gap diagnose"
+            ) from None
+        total = sum(weights.values())
+        if total > 0.0:
+            weights = {n: share * w / total for n, w in weights.items()}
+        return cls(weights=weights, none=none, magnitudes=fitted)
+
+    def over(self, candidates: Sequence[Candidate]) -> Array:
+        """Weights of candidates (of the best shape each); a reserve is kept for all of them."""
+        prior = np.array([t.effect.weight for t in candidates])
+        prior = prior / max(float(np.sum(prior)), 1e-300)
+        own = np.array([self.weights.get(t.name, 0.0) for t in candidates])
+        total = float(np.sum(own)) + self.none
+        own = own / total if total > 0.0 else prior
+        # Where nothing seems to be missing, each effect may be there below what was seen.
+        reserve = RESERVE + (1.0 - RESERVE) * (self.none / total if total > 0.0 else 0.0)
+        out = (1.0 - reserve) * own / max(float(np.sum(own)), 1e-300) + reserve * prior
+        return np.asarray(out / np.sum(out))
+
+
+def information(
+    model: Model,
+    record: Record,
+    candidates: tuple[Candidate, ...],
+    *,
+    cache: Cache | None = None,
+) -> Information | None:
+    """What a record tells, or would; None: it cannot be simulated.
+
+    The outputs of the record count as measured.
+    """
+    key = ""
+    if cache is not None:
+        key = Cache.key(
+            package_digest(),
+            model.name,
+            type(model).__name__,
+            [(p.name, p.value, p.lower, p.upper, p.sd > 0.0) for p in model.parameters],
+            [(t.name, t.shape, t.effect.scale, t.effect.bounds) for t in candidates],
+            record.name if record.role == "held_out" else "",
+            record.input_mode,
+            sorted(record.sensors.items()),
+            sorted(record.input_sigma.items()),
+            record.time,
+            *(record.inputs[n] for n in sorted(record.inputs)),
+            *(record.outputs[n] for n in sorted(record.outputs)),
+            _identity(model),
+        )
+        found = cache.get(key)
+        if found is not None:
+            return Information(
+                found["matrix"], found["right"], float(found["square"]), float(found["samples"])
+            )
+    made = _information(model, record, candidates)
+    if cache is not None and made is not None:
+        cache.put(
+            key,
+            {
+                "matrix": made.matrix,
+                "right": made.right,
+                "square": np.array(made.square),
+                "samples": np.array(made.samples),
+            },
+        )
+    return made
+
+
+def _identity(model: Model) -> str:
+    """What else a model is made of, as far as it can be told: a mechanism is its tables."""
+    action = getattr(model.core, "action", None)
+    raw = getattr(action, "raw", None)
+    more = [getattr(model, n, None) for n in ("rtol", "until", "variation", "segment", "outputs")]
+    return repr((raw, more))
+
+
+def _information(
+    model: Model, record: Record, candidates: tuple[Candidate, ...]
+) -> Information | None:
+    try:
+        ready = model.ready([with_sigma(record, _noise(record))])
+        own, kept = ready.model, ready.records[0]
+        segmented = segment_record(own, kept, _noise(kept), None)
+        problem = Problem(own, (segmented,))
+        point = problem.start()
+        gap_sd = LOOSE * problem.scale(point)
+        linears = problem.linear(point, candidates)
+        normal = problem.normal(point, linears, gap_sd)
+    except FeltmbError:
+        return None
+    if not all(np.all(x.good) for x in linears) or not np.all(np.isfinite(normal.matrix)):
+        return None
+    matrix, right = np.array(normal.matrix), np.array(normal.right)
+    free = [own.parameters[i] for i in problem.free]
+    for c, p in enumerate(free):  # priors are counted once, not with every record
+        if np.isfinite(p.sd) and p.name in {q.name for q in model.parameters}:
+            matrix[c, c] -= 1.0 / p.sd**2
+            right[c] -= (p.value - point.theta[problem.free[c]]) / p.sd**2
+    shared = {p.name: i for i, p in enumerate(model.parameters)}
+    k, n = len(candidates), len(model.parameters)
+    place = [shared.get(p.name, -1) for p in free]
+    place += list(range(n, n + k))
+    place += [-1] * (matrix.shape[0] - len(place))
+    kept_rows = [i for i, at in enumerate(place) if at >= 0]
+    rest = [i for i, at in enumerate(place) if at < 0]
+    a, b = np.ix_(kept_rows, kept_rows), np.ix_(rest, kept_rows)
+    h, r = matrix[a], right[kept_rows]
+    square = float(sum(np.sum(x.residual**2) for x in linears))
+    if rest:
+        absorbed = solve_scaled(matrix[np.ix_(rest, rest)], matrix[b])
+        h = h - matrix[b].T @ absorbed
+        r = r - absorbed.T @ right[rest]
+        square -= float(right[rest] @ solve_scaled(matrix[np.ix_(rest, rest)], right[rest]))
+    scale = np.ones(n + k)
+    scale[n:] = [t.effect.scale for t in candidates]
+    full, side = np.zeros((n + k, n + k)), np.zeros(n + k)
+    at = [place[i] for i in kept_rows]
+    full[np.ix_(at, at)] = 0.5 * (h + h.T)
+    side[at] = r
+    return Information(full * np.outer(scale, scale), side * scale, square, float(problem.samples))
+
+
+@dataclass(frozen=True, eq=False)
+class Knowledge:
+    """Priors and experiments together, and what may be true."""
+
+    model: Model
+    candidates: tuple[Candidate, ...]
+    belief: Belief
+    matrix: Array
+    right: Array
+    before: Array | None = None
+    """Gram matrix that the belief already knows of."""
+    square: float = 0.0
+    samples: float = 0.0
+
+    @classmethod
+    def start(
+        cls,
+        model: Model,
+        candidates: tuple[Candidate, ...],
+        belief: Belief,
+        known: Sequence[Information] = (),
+    ) -> Knowledge:
+        """Priors of the parameters, and the experiments that were made."""
+        n, k = len(model.parameters), len(candidates)
+        if not k:
+            raise InvalidParameter("plan: there are no effects to tell apart")
+        matrix, right = np.zeros((n + k, n + k)), np.zeros(n + k)
+        for i, p in enumerate(model.parameters):
+            if 0.0 < p.sd < math.inf:
+                matrix[i, i] = 1.0 / p.sd**2
+        out = cls(model, candidates, belief, matrix, right)
+        for one in known:
+            out = out.plus(one)
+        return replace(out, before=out.gram)
+
+    def plus(self, one: Information) -> Knowledge:
+        """With another experiment."""
+        return replace(
+            self,
+            matrix=self.matrix + one.matrix,
+            right=self.right + one.right,
+            square=self.square + one.square,
+            samples=self.samples + one.samples,
+        )
+
+    def part(self, name: str, sd: float) -> Information:
+        """What a test of a part by itself tells."""
+        at = [p.name for p in self.model.parameters].index(name)
+        matrix = np.zeros_like(self.matrix)
+        matrix[at, at] = 1.0 / sd**2
+        return Information(matrix, np.zeros_like(self.right))
+
+    @property
+    def _split(self) -> tuple[Array, Array, Array]:
+        n = len(self.model.parameters)
+        m = self.matrix
+        return m[:n, :n], m[:n, n:], m[n:, n:]
+
+    @property
+    def gram(self) -> Array:
+        """G of the candidates, magnitudes in scales; parameters are projected out."""
+        pp, pe, ee = self._split
+        out = ee - pe.T @ solve_scaled(pp, pe)
+        out = 0.5 * (out + out.T)
+        # What is left of columns that parameters imitate is rounding.
+        noise = 1e-9 * np.maximum(np.diag(ee), 1e-300)
+        bad = np.diag(out) < noise
+        out[bad, :] = 0.0
+        out[:, bad] = 0.0
+        return np.asarray(out)
+
+    def evidence(self, gram: Array | None = None) -> Array:
+        """Expected log evidence of a (row) at magnitude 1 scale against b (column); last: none."""
+        g = self.gram if gram is None else gram
+        own = np.diag(g)
+        taken = g**2 / (own + 1.0)[None, :]
+        against = 0.5 * np.maximum(own[:, None] - taken, 0.0)
+        return np.concatenate([against, 0.5 * own[:, None]], axis=1)
+
+    def magnitudes(self) -> Array:
+        """Magnitudes at which each candidate is expected [scales], (m, k).
+
+        What would have shown in the records at hand, and did not, can be there below that only.
+        """
+        out = np.tile(np.array(MAGNITUDES)[:, None], (1, len(self.candidates)))
+        if self.before is not None:
+            out = np.minimum(out, DETECTABLE / np.sqrt(np.maximum(np.diag(self.before), 1e-12)))
+        for i, t in enumerate(self.candidates):
+            if t.name in self.belief.magnitudes:
+                out[:, i] = max(self.belief.magnitudes[t.name] / t.effect.scale, 1e-3)
+        return out
+
+    def beliefs(self, most: int = 1) -> Array:
+        """Belief that each candidate would get if it were true, (k,).
+
+        ``most``: in it and those that are most like it, a class of so many.
+        """
+        weights = self.belief.over(self.candidates)
+        none = max(self.belief.none, 1e-3)
+        gain = self.evidence() - (0.0 if self.before is None else self.evidence(self.before))
+        names = [t.name for t in self.candidates]
+        same = np.array([[a == b for b in names] for a in names])
+        prior = np.append(weights, none)
+        total = np.zeros(len(names))
+        sizes = self.magnitudes()
+        for size in sizes:
+            log = -(size**2)[:, None] * np.maximum(gain, 0.0)
+            rest = prior[None, :] * np.exp(log)
+            rest[:, :-1][same] = 0.0
+            if most > 1:
+                rest.sort(axis=1)
+                rest = rest[:, : rest.shape[1] - (most - 1)]
+            own = weights + (same * weights[None, :]).sum(axis=1) - weights
+            total += own / (own + rest.sum(axis=1))
+        return np.asarray(total / len(sizes))
+
+    def names(self) -> float:
+        """Expected belief in the true cause [1]: T-optimality over all that may be true."""
+        return float(self.belief.over(self.candidates) @ self.beliefs())
+
+    def sizes(self) -> float:
+        """Expected information on all magnitudes [log evidence]: D-optimality."""
+        g = self.gram
+        return 0.5 * float(np.linalg.slogdet(np.eye(len(g)) + g)[1])
+
+    def confusion(self) -> Array:
+        """Chance to take one candidate for another at one scale, (k, k + 1); last: for nothing."""
+        return np.asarray(stats.norm.cdf(-np.sqrt(0.5 * self.evidence())))
+
+    def smallest(self) -> Array:
+        """Smallest magnitude that shows [unit], (k,); inf: never."""
+        strength = np.sqrt(np.diag(self.gram))
+        scale = np.array([t.effect.scale for t in self.candidates])
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.where(strength > 0.0, DETECTABLE * scale / strength, np.inf))
+
+    def helpful_part(self, candidate: int) -> tuple[int, float, float] | None:
+        """Parameter whose own measurement would show a candidate best.
+
+        Its index, to what it should be known [unit]: half of what these records leave of it, which
+        is four fifths of all that knowing it exactly brings, but no better than a tenth of its
+        tolerance. Third, the smallest magnitude that would show then [unit]. None: none helps.
+        """
+        pp, pe, _ = self._split
+        n = len(self.model.parameters)
+        inverse = solve_scaled(pp, np.eye(n))
+        spread = np.maximum(np.diag(inverse), 0.0)
+        x = inverse @ pe[:, candidate]
+        sd = np.array([p.sd for p in self.model.parameters])
+        finite = np.where(np.isfinite(sd), sd, 0.0)
+        known_to = np.maximum(0.5 * np.sqrt(spread), BEST_PART * finite)
+        able = (spread > 0.0) & (sd > 0.0) & (known_to < sd)
+        gain = np.where(able, x**2 / (spread + np.where(able, known_to, 1.0) ** 2), 0.0)
+        at = int(np.argmax(gain)) if n else -1
+        own = float(self.gram[candidate, candidate])
+        if at < 0 or gain[at] <= 0.1 * own or gain[at] <= 1e-12:
+            return None
+        scale = self.candidates[candidate].effect.scale
+        return at, float(known_to[at]), DETECTABLE * scale / math.sqrt(own + gain[at])
+
+    def linear_belief(self) -> Belief:
+        """What the data say by one step from the tabulated numbers, one effect at a time."""
+        pp, pe, _ = self._split
+        n = len(self.model.parameters)
+        absorbed = solve_scaled(pp, np.column_stack([pe, self.right[:n]]))
+        b = self.right[n:] - pe.T @ absorbed[:, -1]
+        g = np.diag(self.gram)
+        square = self.square - float(self.right[:n] @ absorbed[:, -1])
+        best = float(np.max(np.where(g > 0.0, b**2 / np.where(g > 0.0, g, 1.0), 0.0), initial=0.0))
+        inflation = max(1.0, (square - best) / max(self.samples, 1.0))
+        logs: dict[str, float] = {}
+        sizes: dict[str, float] = {}
+        for i, t in enumerate(self.candidates):
+            low, high = t.effect.bounds
+            size = np.clip(b[i] / (g[i] + 1.0), low / t.effect.scale, high / t.effect.scale)
+            gain = float(size * b[i] - 0.5 * size**2 * g[i]) / inflation
+            log = gain - 0.5 * math.log1p(g[i] / inflation) + math.log(t.effect.weight)
+            if log > logs.get(t.name, -math.inf):
+                logs[t.name] = log
+                sizes[t.name] = abs(float(size)) * t.effect.scale
+        none = math.log(sum(t.effect.weight for t in self.candidates))
+        top = max([none, *logs.values()])
+        total = sum(math.exp(v - top) for v in logs.values()) + math.exp(none - top)
+        weights = {name: math.exp(v - top) / total for name, v in logs.items()}
+        return Belief(
+            weights=weights,
+            none=math.exp(none - top) / total,
+            magnitudes={n: sizes[n] for n, w in weights.items() if w > 0.05 and sizes[n] > 0.0},
+        )
+
+
+def record_of(
+    model: Model,
+    name: str,
+    time: Array,
+    inputs: Mapping[str, Array],
+    sensors: Mapping[str, Sensor],
+    *,
+    mode: Any = "force",
+    input_sigma: Mapping[str, float] | None = None,
+) -> Record:
+    """A run that could be made, with the outputs that the model gives.
+
+    Raises
+    ------
+    FeltmbError
+        The model cannot simulate it.
+    """
+    bare = Record(
+        name=name,
+        time=time,
+        inputs=inputs,
+        outputs={n: np.zeros(time.size) for n in sensors},
+        sensors=sensors,
+        input_mode=mode,
+        input_sigma=input_sigma or {},
+    )
+    return planned(model, bare, sensors)

@@ -1,0 +1,282 @@
+"""What experiments are allowed: limits of inputs, and tests of single parts (``limits.toml``)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, ValidationError
+
+from feltmb.arguments import checked
+from feltmb.errors import DataError, InvalidParameter
+from feltmb.files import read_toml
+from feltmb.fit.model import Model
+from feltmb.units.quantity import SI, Schema, fault_lines, fault_text, parse_scalar
+
+__all__ = ["InputLimits", "Limits", "PartTest", "read_limits"]
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class InputLimits:
+    """Within which one input may move. It begins at 0, or at the limit that is nearest to it."""
+
+    least: float = 0.0
+    """[unit]"""
+    most: float
+    """[unit]"""
+    rate: float = math.inf
+    """Largest change in a second [unit/s]."""
+    acceleration: float = math.inf
+    """Largest change of the rate in a second [unit/s^2]."""
+    unit: str = "1"
+    sigma: float = 0.0
+    """Noise of what is recorded of it [unit]."""
+
+    def __post_init__(self) -> None:
+        faults = []
+        if not (math.isfinite(self.least) and math.isfinite(self.most) and self.least < self.most):
+            faults.append(
+                f"least = {self.least:g}, most = {self.most:g}, expected finite numbers, least < "
+                "most"
+            )
+        for name in ("rate", "acceleration"):
+            if not getattr(self, name) > 0.0:
+                faults.append(f"{name} = {getattr(self, name)!r}, expected > 0")
+        if not 0.0 <= self.sigma < math.inf:
+            faults.append(f"sigma = {self.sigma!r}, expected finite, >= 0")
+        if faults:
+            raise InvalidParameter("limits of an input: " + "; ".join(faults))
+
+    @property
+    def start(self) -> float:
+        """Value before anything moves [unit]."""
+        return min(max(0.0, self.least), self.most)
+
+    def shortest(self, change: float) -> float:
+        """Least time of a smooth step of this height [s]; see :func:`~feltmb.gap.profiles.ease`."""
+        height = abs(change)
+        return max(1.875 * height / self.rate, math.sqrt(5.7735 * height / self.acceleration))
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class PartTest:
+    """A test of one part by itself: a weighing, a compression test, a torque, a spring rate."""
+
+    parameter: str
+    """Parameter of the model that it measures."""
+    sd: float
+    """How well it will be known [unit of the parameter]."""
+    cost: float = 1.0
+    """In experiments."""
+    how: str = ""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.sd < math.inf:
+            raise InvalidParameter(
+                f"test of {self.parameter}: sd = {self.sd!r}, expected finite, > 0"
+            )
+        if not 0.0 < self.cost < math.inf:
+            raise InvalidParameter(
+                f"test of {self.parameter}: cost = {self.cost!r}, expected finite, > 0"
+            )
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """What experiments are allowed."""
+
+    inputs: Mapping[str, InputLimits]
+    """By input; the first is moved unless it is said otherwise, one at a time."""
+    duration: float
+    """Longest experiment [s]."""
+    sample_rate: float = 2000.0
+    """Samples a second [Hz]."""
+    rest: float = 0.0
+    """Pause before the next experiment, for whoever or whatever runs it [s]."""
+    lead: float = 0.01
+    """Time before anything moves [s]."""
+    parts: tuple[PartTest, ...] = ()
+    sensors: Mapping[str, float] = field(default_factory=dict)
+    """Noise by output that can be measured [its unit]; empty: those of the records."""
+
+    def __post_init__(self) -> None:
+        faults = []
+        if not self.inputs:
+            faults.append("inputs is empty, expected at least one input")
+        for name in ("duration", "sample_rate"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                faults.append(f"{name} = {getattr(self, name)!r}, expected finite, > 0")
+        for name in ("rest", "lead"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                faults.append(f"{name} = {getattr(self, name)!r}, expected finite, >= 0")
+        if not faults and not 16 <= self.duration * self.sample_rate <= 1e6:
+            faults.append(
+                f"duration {self.duration:g} s at {self.sample_rate:g} Hz is "
+                f"{self.duration * self.sample_rate:g} samples, expected 16 to 1e6"
+            )
+        if not faults and not self.lead < 0.5 * self.duration:
+            faults.append(f"lead = {self.lead:g} s, expected less than half of the duration")
+        for name, sigma in self.sensors.items():
+            if not 0.0 < sigma < math.inf:
+                faults.append(f"sensor {name}: sigma = {sigma!r}, expected finite, > 0")
+        if faults:
+            raise InvalidParameter("limits: " + "; ".join(faults))
+
+    def check(self, model: Model) -> None:
+        """Whether the model has what is named here.
+
+        Raises
+        ------
+        InvalidParameter
+            Inputs, outputs or parameters that it does not have, all at once.
+        """
+        known = [p.name for p in model.parameters]
+        faults = [
+            f"part {t.parameter}: no parameter of {model.name}; there are {', '.join(known)}"
+            for t in self.parts
+            if t.parameter not in known
+        ]
+        faults += [
+            f"sensor {s}: no output of {model.name}; there are {', '.join(model.outputs)}"
+            for s in self.sensors
+            if s not in model.outputs
+        ]
+        inputs = list(getattr(model, "inputs", ()))
+        inputs += [i for names in model.input_modes.values() for i in names]
+        if inputs:
+            faults += [
+                f"input {i}: no input of {model.name}; there are {', '.join(inputs)}"
+                for i in self.inputs
+                if i not in inputs
+            ]
+        if faults:
+            raise InvalidParameter("limits: " + "; ".join(faults))
+
+
+class _Input(Schema):
+    unit: str = ""
+    least: float | str = 0.0
+    most: float | str
+    rate: float | str | None = None
+    acceleration: float | str | None = None
+    sigma: float | str = 0.0
+
+
+class _Part(Schema):
+    parameter: str
+    sd: float | str
+    cost: Annotated[float, Field(gt=0)] = 1.0
+    how: str = ""
+
+
+class _Sensor(Schema):
+    sigma: float | str
+
+
+class _LimitsFile(Schema):
+    schema_version: Annotated[Literal[1], Field(alias="schema")]
+    about: str = ""
+    duration: Annotated[float, SI("s"), Field(gt=0)]
+    sample_rate: Annotated[float, SI("Hz"), Field(gt=0)] = 2000.0
+    rest: Annotated[float, SI("s"), Field(ge=0)] = 0.0
+    lead: Annotated[float, SI("s"), Field(ge=0)] = 0.01
+    inputs: dict[str, _Input]
+    sensors: dict[str, _Sensor] = Field(default_factory=dict)
+    parts: list[_Part] = Field(default_factory=list)
+
+
+def _per(unit: str, power: int) -> str:
+    second = "s" if power == 1 else f"s^{power}"
+    return f"1/{second}" if unit == "1" else f"{unit}/{second}"
+
+
+@checked
+def read_limits(path: str | Path, model: Model) -> Limits:
+    """Read ``limits.toml``: what experiments with a model are allowed.
+
+    Numbers are in SI, or texts with a unit (``"20 N"``, ``"2 kN/s"``, ``"0.02 mm"``; a share may be
+    ``"2 %"``).
+
+    Raises
+    ------
+    DataError
+        All faults of the file at once.
+    InvalidParameter
+        It names what the model does not have.
+    """
+    path = Path(path)
+    raw = read_toml(path)
+    try:
+        file = _LimitsFile.model_validate(raw)
+    except ValidationError as error:
+        raise DataError(fault_text(path.name, fault_lines(error, _LimitsFile))) from None
+    faults: list[str] = []
+
+    def number(where: str, value: float | str | None, unit: str, missing: float = 0.0) -> float:
+        if value is None:
+            return missing
+        try:
+            return in_unit(value, unit)
+        except (ValueError, InvalidParameter) as error:
+            faults.append(f"{where}: {error}")
+            return math.nan
+
+    inputs: dict[str, dict[str, Any]] = {}
+    for name, i in file.inputs.items():
+        unit = i.unit or model.units.get(name, "1")
+        inputs[name] = {
+            "least": number(f"inputs.{name}.least", i.least, unit),
+            "most": number(f"inputs.{name}.most", i.most, unit),
+            "rate": number(f"inputs.{name}.rate", i.rate, _per(unit, 1), math.inf),
+            "acceleration": number(
+                f"inputs.{name}.acceleration", i.acceleration, _per(unit, 2), math.inf
+            ),
+            "sigma": number(f"inputs.{name}.sigma", i.sigma, unit),
+            "unit": unit,
+        }
+    own = {p.name: p.unit for p in model.parameters}
+    parts = [
+        (p, number(f"parts[{k}].sd", p.sd, own.get(p.parameter, "1")))
+        for k, p in enumerate(file.parts)
+    ]
+    sensors = {
+        name: number(f"sensors.{name}.sigma", s.sigma, model.units.get(name, "1"))
+        for name, s in file.sensors.items()
+    }
+    if faults:
+        raise DataError(fault_text(path.name, faults))
+    try:
+        limits = Limits(
+            inputs={name: InputLimits(**values) for name, values in inputs.items()},
+            duration=file.duration,
+            sample_rate=file.sample_rate,
+            rest=file.rest,
+            lead=file.lead,
+            parts=tuple(
+                PartTest(parameter=p.parameter, sd=sd, cost=p.cost, how=p.how) for p, sd in parts
+            ),
+            sensors=sensors,
+        )
+        limits.check(model)
+    except InvalidParameter as error:
+        raise InvalidParameter(f"{path.name}: {error}") from None
+    return limits
+
+
+def in_unit(value: float | str, unit: str) -> float:
+    """A number, or a text with a unit, in an SI unit; shares may be in percent.
+
+    Raises
+    ------
+    ValueError
+        It is none.
+    """
+    if isinstance(value, str) and value.strip().endswith("%") and unit == "1":
+        return 0.01 * parse_scalar(value.strip().removesuffix("%").strip(), "1")
+    return parse_scalar(value, unit)

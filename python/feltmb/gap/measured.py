@@ -1,0 +1,150 @@
+"""Tests of single parts as data: what a weighing or a compression test says of a parameter.
+
+::
+
+    [measured."felt.04"]
+    value = "3 %"
+    sd = "2 %"
+    how = "compression test of 2026-11-20"
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import ValidationError
+
+from feltmb.arguments import checked
+from feltmb.errors import DataError, InvalidParameter
+from feltmb.files import read_toml, write_text
+from feltmb.fit.model import Model
+from feltmb.gap.limits import in_unit
+from feltmb.units.quantity import Schema, fault_lines, fault_text
+
+__all__ = ["Measured", "measured_toml", "read_measured", "with_measured"]
+
+M = TypeVar("M", bound=Model)
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class Measured:
+    """What a test of a part by itself says of a parameter; it replaces the tolerance."""
+
+    parameter: str
+    value: float
+    """[unit of the parameter]"""
+    sd: float
+    """Standard deviation [unit of the parameter]."""
+    how: str = ""
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.value):
+            raise InvalidParameter(
+                f"measured {self.parameter}: value = {self.value!r}, expected a finite number"
+            )
+        if not 0.0 < self.sd < math.inf:
+            raise InvalidParameter(
+                f"measured {self.parameter}: sd = {self.sd!r}, expected finite, > 0"
+            )
+
+
+class _Entry(Schema):
+    value: float | str
+    sd: float | str
+    how: str = ""
+
+
+class _MeasuredFile(Schema):
+    measured: dict[str, _Entry]
+
+
+@checked
+def read_measured(path: str | Path, model: Model) -> tuple[Measured, ...]:
+    """Read ``[measured.PARAMETER]`` tables with ``value``, ``sd`` and ``how``.
+
+    Numbers are in the unit of the parameter, or texts with a unit; a share may be ``"3 %"``.
+
+    Raises
+    ------
+    DataError
+        All faults of the file at once.
+    """
+    path = Path(path)
+    raw = read_toml(path)
+    try:
+        file = _MeasuredFile.model_validate(raw)
+    except ValidationError as error:
+        raise DataError(fault_text(path.name, fault_lines(error, _MeasuredFile))) from None
+    units = {p.name: p.unit for p in model.parameters}
+    out, faults = [], []
+    for name, entry in file.measured.items():
+        if name not in units:
+            faults.append(
+                f"measured.{name}: no parameter of {model.name}; there are {', '.join(units)}"
+            )
+            continue
+        try:
+            value, sd = in_unit(entry.value, units[name]), in_unit(entry.sd, units[name])
+            out.append(Measured(parameter=name, value=value, sd=sd, how=entry.how))
+        except (ValueError, InvalidParameter) as error:
+            faults.append(f"measured.{name}: {error}")
+    if faults:
+        raise DataError(fault_text(path.name, faults))
+    return tuple(out)
+
+
+@checked
+def with_measured(model: Model, measured: Sequence[Measured]) -> Model:
+    """The model whose parameters have the value and uncertainty that tests of parts gave.
+
+    Several tests of one parameter count together.
+
+    Raises
+    ------
+    InvalidParameter
+        A parameter that the model does not have, or a value beyond its limits.
+    """
+    parameters = {p.name: p for p in model.parameters}
+    faults: list[str] = []
+    told: dict[str, tuple[float, float]] = {}
+    for m in measured:
+        if m.parameter not in parameters:
+            faults.append(
+                f"{m.parameter}: no parameter of {model.name}; there are {', '.join(parameters)}"
+            )
+            continue
+        weight, pull = told.get(m.parameter, (0.0, 0.0))
+        told[m.parameter] = weight + m.sd**-2, pull + m.value * m.sd**-2
+    for name, (weight, pull) in told.items():
+        p, value = parameters[name], pull / weight
+        if not p.lower <= value <= p.upper:
+            faults.append(
+                f"{name}: got {value:g} {p.unit}, expected a value in [{p.lower:g}, {p.upper:g}]"
+            )
+            continue
+        parameters[name] = replace(p, value=value, sd=weight**-0.5)
+    if faults:
+        raise InvalidParameter("measured: " + "; ".join(faults))
+    if not told:
+        return model
+    out = copy.copy(model)
+    out.parameters = tuple(parameters.values())
+    return out
+
+
+@checked
+def measured_toml(measured: Sequence[Measured], path: str | Path, *, force: bool = False) -> Path:
+    """Write tests of parts so that :func:`read_measured` returns them."""
+    import tomlkit
+
+    tables = {
+        m.parameter: {k: getattr(m, k) for k in ("value", "sd", "how") if getattr(m, k) != ""}
+        for m in measured
+    }
+    return write_text(Path(path), tomlkit.dumps({"measured": tables}), force=force)

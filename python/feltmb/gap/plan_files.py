@@ -1,0 +1,173 @@
+"""Files of a plan: what a controller plays, what ``feltmb stroke`` reads, pictures, and all of it.
+
+For experiment 1: ``1.csv`` (time and inputs), ``1.toml`` (a stroke, where the model is a
+mechanism), ``1_torque.csv`` (for a key actuator), ``1.png``; a test of a part is ``1.toml`` with
+``[part]``. ``plan.json`` holds all numbers.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from feltmb._core import __version__
+from feltmb.arguments import checked
+from feltmb.data import Record
+from feltmb.files import make_folder, write_file, write_text
+from feltmb.gap.design import Design, DesignedExperiment
+from feltmb.gap.report import plain
+from feltmb.style import new_figure, reader_unit, style_axes
+
+__all__ = ["design_json", "request_file", "write_design"]
+
+
+def design_json(design: Design) -> dict[str, Any]:
+    """Plan as one JSON object."""
+    experiments = []
+    for i, e in enumerate(design.experiments, 1):
+        row: dict[str, Any] = {
+            "number": i,
+            "name": e.name,
+            "kind": e.kind,
+            "cost": e.cost,
+            "before": e.before,
+            "after": e.after,
+            "reasons": list(e.reasons),
+        }
+        if e.profile is not None:
+            row |= {"input": e.input, "family": e.profile.family, "numbers": e.profile.numbers}
+        if e.part is not None:
+            row["part"] = e.part
+        experiments.append(row)
+    return {
+        "feltmb": __version__,
+        "aim": design.aim,
+        "before": plain(design.before),
+        "after": plain(design.after),
+        "reachable": plain(design.reachable),
+        "experiments": plain(experiments),
+        "effects": plain(design.effects),
+        "parts": [{**plain(p), "text": p.text} for p in design.parts],
+        "inseparable": plain(design.inseparable),
+        "belief": plain(design.belief),
+    }
+
+
+@checked
+def write_design(
+    design: Design,
+    folder: str | Path,
+    *,
+    units: Mapping[str, str] | None = None,
+    kinds: Mapping[str, str] | None = None,
+    lever: float | None = None,
+    force: bool = False,
+) -> list[Path]:
+    """Write the files of a plan into a folder.
+
+    Parameters
+    ----------
+    units
+        SI units by input and output.
+    kinds
+        Inputs that are strokes of a mechanism, with the kind of the stroke.
+    lever
+        Of a key actuator [m]: its torque is the force times this.
+    """
+    folder = make_folder(folder)
+    known = dict(units or {})
+    out = [
+        write_text(
+            folder / "plan.json",
+            json.dumps(design_json(design), indent=1, ensure_ascii=False) + "\n",
+            force=force,
+        )
+    ]
+    for i, e in enumerate(design.experiments, 1):
+        out.append(request_file(e, folder / str(i), units=known, force=force))
+        if e.profile is None or e.record is None:
+            continue
+        if kinds and e.input in kinds:
+            out.append(_stroke(e, folder / f"{i}.toml", kinds[e.input], known, force=force))
+        if lever is not None and known.get(e.input) == "N":
+            out.append(_torque(e, folder / f"{i}_torque.csv", lever, force=force))
+        out.append(_picture(e, folder / f"{i}.png", known, force=force))
+    return out
+
+
+def request_file(
+    experiment: DesignedExperiment, stem: Path, *, units: Mapping[str, str], force: bool = False
+) -> Path:
+    """What whoever measures is given: a CSV of the inputs over time, or a TOML with ``[part]``."""
+    import tomlkit
+
+    if experiment.part is not None:
+        part = experiment.part
+        asked = {"parameter": part.parameter, "sd": part.sd, "how": part.how}
+        return write_text(
+            stem.with_name(stem.name + ".toml"), tomlkit.dumps({"part": asked}), force=force
+        )
+    record = experiment.record
+    assert record is not None
+    names = list(record.inputs)
+    head = ["time [s]"]
+    head += [n if units.get(n, "1") == "1" else f"{n} [{units[n]}]" for n in names]
+    table = np.column_stack([record.time, *(record.inputs[n] for n in names)])
+    lines = [",".join(head)]
+    lines += [",".join(f"{v:.9g}" for v in row) for row in table]
+    return write_text(stem.with_name(stem.name + ".csv"), "\n".join(lines) + "\n", force=force)
+
+
+def _stroke(
+    e: DesignedExperiment, path: Path, kind: str, units: Mapping[str, str], *, force: bool
+) -> Path:
+    """A stroke file as ``feltmb stroke`` reads it."""
+    import tomlkit
+
+    assert e.profile is not None
+    time, value = e.profile.knots()
+    smooth = kind == "key_motion"
+    table = {
+        "schema": 1,
+        "name": path.stem,
+        "about": e.name,
+        "source": "planned by feltmb gap plan",
+        "kind": kind,
+        "duration": float(e.profile.end),
+        "knots": {
+            "unit": ["s", units.get(e.input, "1")],
+            "time": [float(f"{t:.9g}") for t in time],
+            "value": [float(f"{v:.9g}") for v in value],
+            "interpolation": "spline" if smooth else "monotone",
+        },
+    }
+    return write_text(path, tomlkit.dumps(table), force=force)
+
+
+def _torque(e: DesignedExperiment, path: Path, lever: float, *, force: bool) -> Path:
+    assert e.profile is not None
+    time, value = e.profile.knots()
+    lines = ["time [s],torque [N m]"]
+    lines += [f"{t:.9g},{lever * v:.9g}" for t, v in zip(time, value, strict=True)]
+    return write_text(path, "\n".join(lines) + "\n", force=force)
+
+
+def _picture(e: DesignedExperiment, path: Path, units: Mapping[str, str], *, force: bool) -> Path:
+    """The input, and below what the model expects of each channel."""
+    record = e.record
+    assert isinstance(record, Record)
+    figure = new_figure(6.0, 4.5)
+    above, below = figure.subplots(2, 1, sharex=True)
+    factor, unit = reader_unit(units.get(e.input, "1"))
+    above.plot(1e3 * record.time, factor * record.inputs[e.input], color="#0072B2")
+    style_axes(above, "", f"{e.input} [{unit}]", e.name)
+    for name, values in record.outputs.items():
+        own, shown = reader_unit(units.get(name, "1"))
+        below.plot(1e3 * record.time, own * values, label=f"{name} [{shown}]", linewidth=1.0)
+    style_axes(below, "time [ms]", "expected")
+    below.legend(fontsize=6, frameon=False, ncols=2)
+    return write_file(path, lambda p: figure.savefig(p, format="png", dpi=150), force=force)

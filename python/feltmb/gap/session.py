@@ -1,0 +1,332 @@
+"""Plan, measure, diagnose, and again, until the cause is named or nothing more can be learned.
+
+Folder of a session, a folder a step::
+
+    0/report.json      diagnosis of the records that were there before
+    1/plan.json, ...   the plan whose first experiment is made; see :mod:`feltmb.gap.plan_files`
+    1/request.csv      inputs over time that are to be played (or request.toml: a test of a part)
+    1/record.csv       what was measured (or record.toml)
+    1/report.json      diagnosis of all records so far
+    1/step.json        what the step came to: it is written last, so that a session resumes there
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from feltmb.arguments import checked
+from feltmb.data import Record, Sensor
+from feltmb.errors import DataError, FeltmbError, InvalidParameter
+from feltmb.files import is_file, make_folder, read_json, write_text
+from feltmb.fit.model import Effect, Model
+from feltmb.gap.design import Design, design
+from feltmb.gap.diagnose import Options, diagnose
+from feltmb.gap.findings import Verdict
+from feltmb.gap.information import Belief
+from feltmb.gap.limits import Limits
+from feltmb.gap.measured import Measured, read_measured, with_measured
+from feltmb.gap.plan_files import request_file, write_design
+from feltmb.gap.report import Report, write_report
+
+__all__ = ["Session", "SessionStep", "session"]
+
+Outcome = Literal["named", "inseparable", "nothing more to learn", "out of budget"]
+#: Expected gain of belief by all that could be done, below which nothing is worth a try.
+LEAST_PROGRESS = 0.02
+#: Keys of a step that must be there to resume.
+_KEYS = ("number", "kind", "name", "cost", "verdict", "named", "one_of", "statement", "expected")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionStep:
+    """One experiment and what the diagnosis said after it; number 0: before any."""
+
+    number: int
+    kind: str
+    """"stroke", "part", or "" for what was there before."""
+    name: str
+    cost: float
+    verdict: str
+    """"" before there is a record."""
+    named: tuple[str, ...]
+    one_of: tuple[str, ...]
+    statement: str
+    expected: float
+    """Belief in the right name that the plan expected after it [1]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Session:
+    """Result of :func:`session`."""
+
+    outcome: Outcome
+    statement: str
+    steps: tuple[SessionStep, ...]
+    report: Mapping[str, Any] | None
+    """report.json of the last diagnosis; None: there was none."""
+
+
+@checked
+def session(
+    model: Model,
+    effects: Sequence[Effect],
+    run: Callable[[Path, Path], None],
+    read: Callable[[Path], Sequence[Record]],
+    folder: str | Path,
+    *,
+    limits: Limits,
+    records: Sequence[Record] = (),
+    sensors: Mapping[str, Sensor] | None = None,
+    measured: Sequence[Measured] = (),
+    budget: float = 6.0,
+    options: Options | None = None,
+    candidates: int = 12,
+    refinements: int = 4,
+    seed: int = 0,
+    units: Mapping[str, str] | None = None,
+    kinds: Mapping[str, str] | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+    diagnosing: Callable[[Any], None] | None = None,
+    told: Callable[[SessionStep], None] | None = None,
+) -> Session:
+    """Plan, measure, diagnose, until the cause is named, inseparable, or the budget is spent.
+
+    Parameters
+    ----------
+    run
+        ``run(request, answer)`` plays a request and writes what was measured. A request is a CSV of
+        time and inputs, the answer a CSV of a record; or a TOML with ``[part]``, and the answer a
+        TOML with ``[measured.PARAMETER]``.
+    read
+        Records of an answer.
+    folder
+        Of the session; one that was cut off goes on where it was.
+    records
+        What was measured before.
+    budget
+        In experiments.
+    units, kinds
+        See :func:`~feltmb.gap.plan_files.write_design`.
+    progress, diagnosing
+        Told of the work of a plan, and of a diagnosis.
+    told
+        Told of each step, those of an earlier run as well.
+
+    Raises
+    ------
+    DataError
+        An answer is missing or cannot be read.
+    InvalidParameter
+        The folder holds another session.
+    """
+    place = make_folder(folder)
+    limits.check(model)
+    if not 0.0 < budget <= 1000.0:
+        raise InvalidParameter(f"budget = {budget!r} experiments, expected in (0, 1000]")
+    _same_session(place, model, records, seed)
+    known, parts = list(records), list(measured)
+    steps: list[SessionStep] = []
+    report: Mapping[str, Any] | None = None
+    spent, number = 0.0, 0
+
+    def finished(step: SessionStep) -> None:
+        steps.append(step)
+        if told is not None:
+            told(step)
+
+    def ended(outcome: Outcome, text: str) -> Session:
+        return Session(outcome=outcome, statement=text, steps=tuple(steps), report=report)
+
+    while True:
+        here = place / str(number)
+        plan: Design | None = None
+        step = _finished_step(here)
+        if number:
+            if step is None and not _asked(here):
+                current = with_measured(model, parts)
+                plan = design(
+                    current,
+                    effects,
+                    known,
+                    limits=_without(limits, parts),
+                    sensors=sensors,
+                    budget=budget - spent,
+                    belief=None if report is None else Belief.of_report(report),
+                    candidates=candidates,
+                    refinements=refinements,
+                    seed=seed,
+                    folder=place / ".plan",
+                    progress=progress,
+                )
+                if not plan.experiments or plan.reachable - plan.before < LEAST_PROGRESS:
+                    return ended(*_at_an_end(report, plan, budget - spent))
+                make_folder(here)
+                _ask(plan, here, units or {}, kinds)
+            asked = _read_asked(here)
+            request = here / ("request.csv" if asked["kind"] == "stroke" else "request.toml")
+            answer = request.with_name(request.name.replace("request", "record"))
+            if not is_file(answer):
+                run(request, answer)
+            if asked["kind"] == "stroke":
+                known += _measured_records(read, answer, number, sensors)
+            else:
+                parts += read_measured(answer, model)
+            spent += float(asked["cost"])
+        else:
+            asked = {"kind": "", "name": "records from before", "cost": 0.0, "expected": 0.0}
+        if step is None:
+            found = None
+            if known:
+                found = _diagnosed(
+                    with_measured(model, parts), effects, known, options, here, diagnosing
+                )
+            step = SessionStep(
+                number=number,
+                kind=asked["kind"],
+                name=asked["name"],
+                cost=float(asked["cost"]),
+                verdict="" if found is None else str(found.verdict),
+                named=() if found is None else tuple(found.named),
+                one_of=() if found is None else tuple(found.one_of),
+                statement="" if found is None else found.statement,
+                expected=float(asked["expected"]),
+            )
+            make_folder(here)
+            write_text(here / "step.json", json.dumps(asdict(step), indent=1) + "\n", force=True)
+        if is_file(here / "report.json"):
+            report = read_json(here / "report.json")
+        if number or known:
+            finished(step)
+        if step.verdict == Verdict.NAMED:
+            return ended("named", step.statement)
+        if spent >= budget - 1e-9:
+            return ended("out of budget", step.statement or "No experiment gave a record.")
+        number += 1
+
+
+def _at_an_end(report: Mapping[str, Any] | None, plan: Design, left: float) -> tuple[Outcome, str]:
+    """Why there is no further experiment."""
+    open_ = [] if report is None else [*report.get("one_of", ()), *report.get("named", ())]
+    if open_:
+        return (
+            "inseparable",
+            f"No experiment within the limits separates {', '.join(open_)} from what is like it: "
+            f"the belief in the right name would go from {plan.before:.0%} to "
+            f"{plan.reachable:.0%} with all that was tried.",
+        )
+    return (
+        "nothing more to learn",
+        "No experiment within the limits is expected to show a cause that these records do not "
+        f"show: {plan.before:.0%} of what the library holds would be named now, "
+        f"{plan.reachable:.0%} with all that was tried ({left:g} experiments are left).",
+    )
+
+
+def _same_session(place: Path, model: Model, records: Sequence[Record], seed: int) -> None:
+    """Refuse a folder of another session."""
+    own = {"model": model.name, "records": [r.name for r in records], "seed": seed}
+    path = place / "session.json"
+    if not is_file(path):
+        write_text(path, json.dumps(own, indent=1) + "\n")
+        return
+    other = read_json(path)
+    if other != own:
+        raise InvalidParameter(
+            f"{place}: holds another session: got {own}, expected {other}; give another folder"
+        )
+
+
+def _finished_step(here: Path) -> SessionStep | None:
+    """A step of an earlier run; None: it was not finished."""
+    path = here / "step.json"
+    if not is_file(path):
+        return None
+    raw = read_json(path)
+    if not isinstance(raw, dict) or any(k not in raw for k in _KEYS):
+        raise DataError(f"{path}: is damaged; remove it, and the step is diagnosed again")
+    values = {k: raw[k] for k in _KEYS}
+    values["named"], values["one_of"] = tuple(raw["named"]), tuple(raw["one_of"])
+    return SessionStep(**values)
+
+
+def _asked(here: Path) -> bool:
+    return is_file(here / "asked.json")
+
+
+def _read_asked(here: Path) -> dict[str, Any]:
+    raw = read_json(here / "asked.json")
+    if not isinstance(raw, dict) or not {"kind", "name", "cost", "expected"} <= raw.keys():
+        raise DataError(f"{here / 'asked.json'}: is damaged; remove the folder to plan again")
+    return raw
+
+
+def _ask(
+    plan: Design, here: Path, units: Mapping[str, str], kinds: Mapping[str, str] | None
+) -> None:
+    """Write the plan and the request of its first experiment; asked.json last."""
+    first = plan.experiments[0]
+    write_design(plan, here, units=units, kinds=kinds, force=True)
+    request_file(first, here / "request", units=units, force=True)
+    asked = {
+        "kind": first.kind,
+        "name": first.name,
+        "cost": first.cost,
+        "expected": first.after,
+        "reasons": list(first.reasons),
+    }
+    write_text(here / "asked.json", json.dumps(asked, indent=1) + "\n", force=True)
+
+
+def _without(limits: Limits, parts: Sequence[Measured]) -> Limits:
+    """Limits without the tests of parts that were made."""
+    made = {m.parameter for m in parts}
+    return replace(limits, parts=tuple(t for t in limits.parts if t.parameter not in made))
+
+
+def _measured_records(
+    read: Callable[[Path], Sequence[Record]],
+    answer: Path,
+    number: int,
+    sensors: Mapping[str, Sensor] | None,
+) -> list[Record]:
+    if not is_file(answer):
+        raise DataError(
+            f"{answer}: is not there, expected the record that the command was to write"
+        )
+    try:
+        found = read(answer)
+    except FeltmbError as error:
+        raise DataError(f"step {number}: {error}") from None
+    out = []
+    for k, r in enumerate(found):
+        name = f"experiment_{number}" + (f"_{k + 1}" if len(found) > 1 else "")
+        known = {
+            n: replace(s, sigma=(sensors or {}).get(n, s).sigma) if s.sigma is None else s
+            for n, s in r.sensors.items()
+        }
+        out.append(replace(r, name=name, sensors=known))
+    return out
+
+
+def _diagnosed(
+    model: Model,
+    effects: Sequence[Effect],
+    records: Sequence[Record],
+    options: Options | None,
+    here: Path,
+    diagnosing: Callable[[Any], None] | None,
+) -> Report:
+    import shutil
+
+    make_folder(here)
+    resume = here / ".resume"
+    own = replace(options or Options(advice=False), resume=resume)
+    report = diagnose(model, effects, records, None, own, diagnosing)
+    write_report(report, here, force=True)
+    if resume.is_dir():
+        shutil.rmtree(resume)
+    return report

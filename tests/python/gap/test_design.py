@@ -1,0 +1,315 @@
+"""Designed experiments against closed forms."""
+
+import numpy as np
+import pytest
+
+from feltmb.errors import DataError, InvalidParameter
+from feltmb.gap import (
+    Belief,
+    Effect,
+    InputLimits,
+    Limits,
+    LinearModel,
+    Measured,
+    Parameter,
+    PartTest,
+    Record,
+    Sensor,
+    design,
+    draw_experiment,
+    measured_toml,
+    read_limits,
+    read_measured,
+    with_measured,
+)
+from feltmb.gap.information import Knowledge, information
+from feltmb.gap.profiles import FAMILIES
+from feltmb.gap.score import all_candidates
+
+SENSORS = {"y": Sensor(name="y", sigma=1.0)}
+SAMPLES = 2000
+
+
+def line(sd=np.inf, columns=None):
+    model = LinearModel(
+        output="y",
+        columns=columns or {"slope": lambda r: r.inputs["u"]},
+        parameters=[Parameter(name=n, value=1.0, sd=sd) for n in columns or ("slope",)],
+    )
+    model.inputs = ("u",)
+    return model
+
+
+def effect(name, column, scale=1.0):
+    return Effect(
+        name=name, component="c", scale=scale, regressor=lambda r, s: column(r.inputs["u"])
+    )
+
+
+def limits(least=0.0, most=1.0, **more):
+    own = InputLimits(least=least, most=most)
+    return Limits(inputs={"u": own}, duration=1.0, sample_rate=float(SAMPLES), lead=0.0, **more)
+
+
+SQUARE = effect("square", lambda u: u**2)
+
+
+def test_best_profile_is_the_t_optimal_design():
+    """Line through the origin against a parabola on [0, 1]: sqrt(2) - 1 and 1, weights 1 / level.
+
+    The closed form is the extremum of w (1 - w) x^2 (1 - x)^2 / (w x^2 + 1 - w).
+    """
+    found = design(
+        line(), [SQUARE], limits=limits(), sensors=SENSORS, budget=1, aim="sizes",
+        candidates=30, refinements=400,
+    )  # fmt: skip
+    x = np.sqrt(2.0) - 1.0
+    w = 1.0 / (1.0 + x)
+    best = SAMPLES * w * (1.0 - w) * x**2 * (1.0 - x) ** 2 / (w * x**2 + 1.0 - w)
+    (one,) = found.experiments
+    reached = np.exp(2.0 * one.after) - 1.0  # 1/2 log(1 + G), one effect
+    assert reached == pytest.approx(best, rel=0.01)
+    assert reached <= best * (1.0 + 2e-3)  # nothing is better than the best: 2001 samples
+    assert one.profile.family == "half press, then press"
+    levels = sorted([one.profile.numbers["level"], one.profile.numbers["then"]])
+    assert levels == pytest.approx([x, 1.0], abs=0.02)
+
+
+def test_best_profile_is_the_d_optimal_design():
+    """Offset and slope on [-1, 1]: half of the samples at each end; det = n^2."""
+    flat, slope = effect("flat", np.ones_like), effect("slope", lambda u: u)
+    found = design(
+        line(columns={"cube": lambda r: 0.0 * r.inputs["u"]}), [flat, slope],
+        limits=limits(least=-1.0), sensors=SENSORS, budget=1, aim="sizes",
+        candidates=30, refinements=400,
+    )  # fmt: skip
+    n = SAMPLES + 1
+    assert found.experiments[0].after == pytest.approx(np.log(1.0 + n), rel=0.01)
+    assert found.experiments[0].after <= np.log(1.0 + n) + 1e-9
+
+
+def test_budget_is_spent_as_every_exchange_confirms():
+    """No set of as many experiments from the same candidates tells more than the greedy one."""
+    import itertools
+
+    cube = effect("cube", lambda u: u**3)
+    model, box = line(sd=1.0), limits()
+    found = design(
+        model, [SQUARE, cube], limits=box, sensors=SENSORS, budget=2, aim="sizes",
+        candidates=8, refinements=0,
+    )  # fmt: skip
+    every = all_candidates([SQUARE, cube])
+    start = Knowledge.start(model, every, Belief.even(every))
+    from feltmb.gap.design import _Work
+
+    work = _Work(model, box, SENSORS, None, 0, None)
+    work.every = every
+    options = work.options(list(FAMILIES), 8)
+    best = max(
+        start.plus(a.information).plus(b.information).sizes()
+        for a, b in itertools.combinations_with_replacement(options, 2)
+    )
+    assert found.after == pytest.approx(best, rel=0.01)
+    assert len(found.experiments) == 2
+
+
+def test_expected_evidence_is_what_records_then_give():
+    """Mean log evidence over noise, of the true effect against its rival, as predicted."""
+    cube = effect("cube", lambda u: u**3)
+    model = line(sd=0.5)
+    every = all_candidates([SQUARE, cube])
+    time = np.arange(400) / 400.0
+    u = 0.5 + 0.5 * np.sin(7.0 * time)
+    bare = Record(
+        name="one", time=time, inputs={"u": u}, outputs={"y": np.zeros(400)},
+        sensors={"y": Sensor(name="y", sigma=0.05)},
+    )  # fmt: skip
+    one = information(model, bare, every)
+    start = Knowledge.start(model, every, Belief.even(every)).plus(one)
+    expected = start.evidence()[0]
+    generator = np.random.default_rng(3)
+    prior, noise = 0.5**2 * np.outer(u, u), 0.05**2 * np.eye(400)
+    known = np.linalg.inv(noise + prior)
+    free = np.linalg.inv(noise + prior + np.outer(u**3, u**3))  # rival, its size N(0, 1)
+    gains = []
+    for _ in range(300):
+        y = u * generator.normal(0.0, 0.5) + u**2 + 0.05 * generator.standard_normal(400)
+        rest = y - u**2
+        true = rest @ known @ rest
+        gains.append([0.5 * (y @ free @ y - true), 0.5 * (y @ known @ y - true)])
+    assert np.mean(gains, axis=0) == pytest.approx([expected[1], expected[2]], rel=0.05)
+
+
+def test_twins_are_told_to_be_inseparable():
+    twin = effect("twin", lambda u: -2.0 * u**2)
+    cube = effect("cube", lambda u: u**3 - u)
+    found = design(
+        line(), [SQUARE, twin, cube], limits=limits(least=-1.0), sensors=SENSORS, budget=3,
+        refinements=0,
+    )  # fmt: skip
+    assert found.inseparable == (("square", "twin"),)
+    rows = {v.effect: v for v in found.effects}
+    assert rows["square"].rival == "twin"
+    assert rows["square"].right < 0.6 < rows["square"].pair
+    assert rows["cube"].right > 0.95
+
+
+def test_belief_decides_what_is_worth_an_experiment():
+    """A pair that is left wants another profile than the size of a third effect."""
+    low = effect("low", lambda u: np.where(u < 0.3, u, 0.3))
+    low_too = effect("low too", lambda u: np.where(u < 0.2, u, 0.2))
+    found = design(
+        line(), [low, low_too, SQUARE], limits=limits(), budget=1, refinements=0,
+        sensors={"y": Sensor(name="y", sigma=0.3)},
+        belief=Belief(
+            weights={"low": 0.5, "low too": 0.5}, magnitudes={"low": 1.0, "low too": 1.0}
+        ),
+    )  # fmt: skip
+    text = " ".join(found.experiments[0].reasons)
+    assert "low" in text
+    assert "low too" in text
+    assert found.after > found.before
+
+
+def test_test_of_a_part_is_bought_where_it_tells_more():
+    """An effect that a tolerance imitates shows once the part is measured, and only then."""
+    slope = effect("slope too", lambda u: u, scale=0.1)
+    model = line(sd=1.0)
+    part = PartTest(parameter="slope", sd=0.001, cost=1.0, how="weighing")
+    without = design(model, [slope], limits=limits(), sensors=SENSORS, budget=2, refinements=0)
+    assert without.parts[0].parameter == "slope"
+    assert "slope known to 10.0% shows slope too from" in without.parts[0].text
+    found = design(
+        model, [slope], limits=limits(parts=(part,)), sensors=SENSORS, budget=2, refinements=0
+    )
+    assert [e.kind for e in found.experiments].count("part") == 1
+    bought = with_measured(model, [Measured(parameter="slope", value=1.0, sd=0.1)])
+    shown = design(bought, [slope], limits=limits(), sensors=SENSORS, budget=2, refinements=0)
+    assert shown.effects[0].smallest == pytest.approx(without.parts[0].smallest, rel=0.05)
+
+
+@pytest.mark.parametrize("name", list(FAMILIES))
+def test_profiles_keep_to_their_limits(name):
+    own = InputLimits(least=-1.0, most=3.0, rate=40.0, acceleration=3000.0)
+    box = Limits(inputs={"u": own}, duration=0.5, sample_rate=1e5)
+    generator = np.random.default_rng(1)
+    made = 0
+    for _ in range(40):
+        profile = FAMILIES[name].make(generator.random(len(FAMILIES[name].knobs)), own, box)
+        if profile is None:
+            continue
+        made += 1
+        time = np.linspace(0.0, profile.end, 50_001)
+        value = profile.at(time)
+        rate = np.gradient(value, time)
+        assert profile.end <= 0.5 + 1e-12
+        assert value.min() >= -1.0 - 1e-9
+        assert value.max() <= 3.0 + 1e-9
+        assert np.abs(rate).max() <= 40.0 * 1.001
+        assert np.abs(np.gradient(rate, time)).max() <= 3000.0 * 1.02
+        assert value[0] == own.start
+    assert made >= 20
+
+
+def test_what_was_worked_out_is_kept(tmp_path):
+    given = {"limits": limits(), "sensors": SENSORS, "budget": 2, "refinements": 0}
+    first = design(line(), [SQUARE], folder=tmp_path, **given)
+    again = design(line(), [SQUARE], folder=tmp_path, **given)
+    assert first.worked_out > 0
+    assert again.worked_out == 0
+    assert again.after == first.after
+    other = design(line(sd=1.0), [SQUARE], folder=tmp_path, **given)
+    assert other.worked_out == 0  # a tolerance is added afterwards
+
+
+def test_records_are_counted():
+    """With data the plan begins where they end, and believes what they say."""
+    time = np.arange(300) / 300.0
+    u = np.linspace(0.0, 1.0, 300)
+    y = u + u**2 + 0.05 * np.random.default_rng(1).standard_normal(300)
+    r = Record(name="a", time=time, inputs={"u": u}, outputs={"y": y},
+               sensors={"y": Sensor(name="y", sigma=0.05)})  # fmt: skip
+    wave = effect("wave", lambda u: np.sin(20.0 * u))
+    found = design(line(sd=0.1), [SQUARE, wave], [r], limits=limits(), refinements=0)
+    assert found.belief["square"] > 0.9
+    assert found.before > 0.5
+
+
+def test_drawn_experiments_are_allowed_and_repeatable():
+    one = draw_experiment(line(), limits(), sensors=SENSORS, seed=4)
+    same = draw_experiment(line(), limits(), sensors=SENSORS, seed=4)
+    other = draw_experiment(line(), limits(), sensors=SENSORS, seed=5)
+    assert one[1] == same[1] != other[1]
+    assert one[2].inputs["u"].max() <= 1.0 + 1e-9
+
+
+LIMITS = """
+schema = 1
+duration = "0.5 s"
+[inputs.u]
+unit = "N"
+most = "20 N"
+rate = "2 kN/s"
+[[parts]]
+parameter = "slope"
+sd = "2 %"
+[sensors.y]
+sigma = 0.1
+"""
+
+
+def test_limits_are_read(tmp_path):
+    path = tmp_path / "limits.toml"
+    path.write_text(LIMITS)
+    found = read_limits(path, line())
+    assert found.inputs["u"].most == 20.0
+    assert found.inputs["u"].rate == pytest.approx(2000.0)
+    assert found.parts[0].sd == pytest.approx(0.02)
+    assert found.sensors == {"y": 0.1}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('most = "20 N"', 'most = "20 mm"', "inputs.u.most"),
+        ('most = "20 N"', "most = -1", "least < most"),
+        ("[inputs.u]", "[inputs.v]", "input v: no input"),
+        ('"slope"', '"slop"', "part slop: no parameter"),
+        ("[sensors.y]", "[sensors.z]", "sensor z: no output"),
+        ('duration = "0.5 s"', "", "duration: is missing"),
+        ("most =", "moste =", "moste"),
+        ('"0.5 s"', '"1 us"', "samples"),
+    ],
+)
+def test_faults_of_limits_are_told(tmp_path, old, new, told):
+    path = tmp_path / "limits.toml"
+    path.write_text(LIMITS.replace(old, new))
+    with pytest.raises((DataError, InvalidParameter), match=told):
+        read_limits(path, line())
+
+
+def test_measured_parts_replace_the_tolerance(tmp_path):
+    one = Measured(parameter="slope", value=1.1, sd=0.02, how="weighing")
+    path = measured_toml([one], tmp_path / "measured.toml")
+    (back,) = read_measured(path, line())
+    assert back == one
+    model = with_measured(line(), [back, back])
+    assert model.parameters[0].value == pytest.approx(1.1)
+    assert model.parameters[0].sd == pytest.approx(0.02 / np.sqrt(2.0))
+    with pytest.raises(InvalidParameter, match="mass: no parameter"):
+        with_measured(line(), [Measured(parameter="mass", value=1.0, sd=0.1)])
+    path.write_text("[measured.mass]\nvalue = 1.0\nsd = 0.1\n")
+    with pytest.raises(DataError, match=r"measured\.mass: no parameter"):
+        read_measured(path, line())
+
+
+def test_bad_requests_are_refused():
+    given = {"limits": limits(), "sensors": SENSORS}
+    with pytest.raises(InvalidParameter, match="budget"):
+        design(line(), [SQUARE], budget=0.0, **given)
+    with pytest.raises(InvalidParameter, match="families: jump is none of"):
+        design(line(), [SQUARE], families=["jump"], **given)
+    with pytest.raises(InvalidParameter, match="sensors: z is no output"):
+        design(line(), [SQUARE], limits=limits(), sensors={"z": Sensor(name="z")})
+    with pytest.raises(InvalidParameter, match="can simulate none"):
+        design(line(), [Effect(name="x", component="c")], **given)

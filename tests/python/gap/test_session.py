@@ -1,0 +1,268 @@
+"""Sessions: plan, measure, diagnose, on an oscillator whose dry friction the model lacks."""
+
+import importlib.util
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from feltmb.cli import main as feltmb_main
+from feltmb.data import read_record, write_record
+from feltmb.errors import DataError, InvalidParameter
+from feltmb.gap import (
+    Candidate,
+    InputLimits,
+    Jobs,
+    Limits,
+    Options,
+    PartTest,
+    Record,
+    Sensor,
+    StartPrior,
+    session,
+)
+
+HERE = Path(__file__).parent
+spec = importlib.util.spec_from_file_location("gap_models", HERE / "models.py")
+models = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(models)
+
+LIMITS = Limits(
+    inputs={"f": InputLimits(least=-2.0, most=2.0, unit="N")}, duration=2.0, sample_rate=250.0
+)
+SENSORS = {"q": Sensor(name="q", unit="m", sigma=1e-4)}
+QUICK = {
+    "limits": LIMITS,
+    "sensors": SENSORS,
+    "options": Options(bootstrap=0, restarts=0, advice=False),
+    "candidates": 4,
+    "refinements": 0,
+    "units": {"f": "N", "q": "m"},
+}
+
+
+def main(words):
+    """Exit code of the command."""
+    try:
+        feltmb_main(words)
+    except SystemExit as end:
+        return end.code
+    return 0
+
+
+class Machine:
+    """Plays a request on the oscillator with dry friction, and counts."""
+
+    def __init__(self, dry=0.05):
+        self.dry = dry
+        self.calls = []
+
+    def __call__(self, request, answer):
+        self.calls.append(request.name)
+        rows = np.loadtxt(request, delimiter=",", skiprows=1)
+        asked = Record(
+            name="x",
+            time=rows[:, 0],
+            inputs={"f": rows[:, 1]},
+            outputs={"q": 0.0 * rows[:, 0]},
+            sensors=SENSORS,
+            start=StartPrior(mean={"q": 0.0, "v": 0.0}, sd={"q": 0.0, "v": 0.0}),
+        )
+        jobs = Jobs(
+            theta=models.TRUTH[None, :],
+            segments=np.array([[0, asked.samples - 1]]),
+            starts=np.zeros((1, 2)),
+            included=(Candidate(models.DRY), Candidate(models.CUBIC)),
+            magnitudes=np.array([[self.dry, 0.0]]),
+        )
+        clean = models.NOMINAL.simulate(asked, jobs).outputs[0, :, 0]
+        noise = 1e-4 * np.random.default_rng(len(self.calls)).standard_normal(clean.size)
+        write_record(replace(asked, outputs={"q": clean + noise}), answer, force=True)
+
+
+def read(path):
+    return [read_record(path)]
+
+
+@pytest.mark.slow
+def test_a_session_names_what_is_missing_and_resumes(tmp_path):
+    machine = Machine()
+    told = []
+    found = session(
+        models.NOMINAL, models.EFFECTS, machine, read, tmp_path, budget=3, told=told.append, **QUICK
+    )
+    assert found.outcome == "named"
+    assert found.steps[-1].named == ("dry friction",)
+    assert len(machine.calls) == len(found.steps) <= 3
+    assert [s.number for s in told] == list(range(1, len(told) + 1))
+    assert (tmp_path / "1" / "report.html").is_file()
+    assert (tmp_path / "1" / "1.png").is_file()
+    # Nothing is measured or diagnosed again.
+    again = session(models.NOMINAL, models.EFFECTS, _refuse, read, tmp_path,
+                    budget=3, **QUICK)  # fmt: skip
+    assert again.steps == found.steps
+    assert again.outcome == "named"
+
+
+def _refuse(request, answer):
+    raise AssertionError(f"{request} was asked again, for {answer}")
+
+
+def test_a_session_that_was_cut_off_does_not_measure_twice(tmp_path):
+    class Cut(Exception):
+        pass
+
+    machine = Machine()
+
+    def cut(request, answer):
+        machine(request, answer)
+        raise Cut
+
+    with pytest.raises(Cut):
+        session(models.NOMINAL, models.EFFECTS, cut, read, tmp_path, budget=1, **QUICK)
+    asked = (tmp_path / "1" / "request.csv").read_bytes()
+    found = session(models.NOMINAL, models.EFFECTS, _refuse, read, tmp_path, budget=1, **QUICK)
+    assert machine.calls == ["request.csv"]
+    assert (tmp_path / "1" / "request.csv").read_bytes() == asked
+    assert len(found.steps) == 1
+
+
+def test_a_budget_ends_it(tmp_path):
+    found = session(
+        models.NOMINAL, models.EFFECTS, Machine(dry=0.0), read, tmp_path, budget=1, **QUICK
+    )
+    assert found.outcome == "out of budget"
+    assert found.steps[-1].named == ()
+
+
+@pytest.mark.slow
+def test_twins_are_inseparable(tmp_path):
+    twin = replace(models.DRY, name="dry too")
+    found = session(
+        models.NOMINAL, [models.DRY, twin], Machine(), read, tmp_path, budget=4, **QUICK
+    )
+    assert found.outcome == "inseparable"
+    assert set(found.steps[-1].one_of) == {"dry friction", "dry too"}
+    assert len(found.steps) < 4
+
+
+@pytest.mark.slow
+def test_a_part_is_measured_where_it_tells_more(tmp_path):
+    """Its request is a TOML, and its value replaces the tolerance."""
+    part = PartTest(parameter="d", sd=0.01, cost=0.2, how="free swing")
+    limits = replace(LIMITS, parts=(part,))
+    machine = Machine()
+    asked = []
+
+    def run(request, answer):
+        if request.suffix == ".toml":
+            asked.append(request.read_text())
+            answer.write_text('[measured.d]\nvalue = 0.6\nsd = "0.01 N s/m"\n')
+        else:
+            machine(request, answer)
+
+    found = session(
+        models.NOMINAL, models.EFFECTS, run, read, tmp_path, budget=2.2,
+        **{**QUICK, "limits": limits},
+    )  # fmt: skip
+    kinds = [s.kind for s in found.steps]
+    assert kinds.count("part") == len(asked) <= 1
+    if asked:
+        assert 'parameter = "d"' in asked[0]
+    assert "stroke" in kinds
+
+
+def test_faults_are_told(tmp_path):
+    def silent(request, answer):
+        del request, answer
+
+    with pytest.raises(DataError, match=r"record\.csv: is not there"):
+        session(models.NOMINAL, models.EFFECTS, silent, read, tmp_path / "a", budget=1, **QUICK)
+    with pytest.raises(InvalidParameter, match="holds another session"):
+        session(
+            models.NOMINAL, models.EFFECTS, silent, read, tmp_path / "a", budget=1, seed=4, **QUICK
+        )
+
+
+MODEL = f"""
+import importlib.util
+spec = importlib.util.spec_from_file_location("gap_models", {str(HERE / "models.py")!r})
+models = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(models)
+model, effects = models.NOMINAL, models.EFFECTS
+"""
+RIG = """
+import sys
+import numpy as np
+from pathlib import Path
+request, answer = sys.argv[1:]
+rows = np.loadtxt(request, delimiter=",", skiprows=1)
+t, f = rows.T
+q = v = 0.0
+out = []
+for k in range(len(t)):
+    out.append(q)
+    for _ in range(20):
+        h = (t[1] - t[0]) / 20
+        v += h * (f[k] - 96.0 * q - 0.6 * v - 0.05 * np.tanh(v / 5e-3)) / 1.03
+        q += h * v
+q = np.array(out) + 1e-4 * np.random.default_rng(3).standard_normal(len(t))
+lines = ["time [s],f [N],q [m]"] + [f"{a},{b},{c}" for a, b, c in zip(t, f, q)]
+Path(answer).write_text("\\n".join(lines) + "\\n")
+"""
+LIMITS_FILE = """
+schema = 1
+duration = "2 s"
+sample_rate = 250
+lead = "8 ms"
+[inputs.f]
+unit = "N"
+least = -2
+most = 2
+[sensors.q]
+sigma = 1e-4
+"""
+
+
+def test_command_line(tmp_path, capsys):
+    for name, text in (("model.py", MODEL), ("rig.py", RIG), ("limits.toml", LIMITS_FILE)):
+        (tmp_path / name).write_text(text)
+    command = [
+        "gap", "session", str(tmp_path / "model.py"), "--limits", str(tmp_path / "limits.toml"),
+        "--budget", "1", "--candidates", "3", "--refine", "0", "--bootstrap", "0",
+        "-o", str(tmp_path / "s"),
+    ]  # fmt: skip
+    assert main([*command, "--run", f"{sys.executable} -c 'raise SystemExit(3)'"]) == 2
+    assert "exit code 3" in capsys.readouterr().err
+    assert main([*command, "--run", "no-such-command"]) == 2
+    assert "no command no-such-command" in capsys.readouterr().err
+    rig = f"{sys.executable} {tmp_path / 'rig.py'}"
+    assert main([*command, "--run", rig, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["outcome"] in ("named", "out of budget")
+    assert told["steps"][0]["kind"] == "stroke"
+
+
+def test_plan_on_the_command_line(tmp_path, capsys):
+    (tmp_path / "model.py").write_text(MODEL)
+    (tmp_path / "limits.toml").write_text(LIMITS_FILE)
+    model, limits = str(tmp_path / "model.py"), str(tmp_path / "limits.toml")
+    few = ["--budget", "2", "--candidates", "3", "--refine", "0"]
+    assert main(["gap", "plan", model, *few]) == 2
+    assert "Give --limits FILE" in capsys.readouterr().err
+    assert main(["gap", "plan", model, "-o", str(tmp_path / "p")]) == 2
+    assert "--out needs --budget" in capsys.readouterr().err
+    folder = tmp_path / "p"
+    assert main(["gap", "plan", model, *few, "--limits", limits, "-o", str(folder)]) == 0
+    out = capsys.readouterr().out
+    assert "separates" in out or "shows" in out
+    rows = np.loadtxt(folder / "1.csv", delimiter=",", skiprows=1)
+    assert np.abs(rows[:, 1]).max() <= 2.0 + 1e-9
+    plan = json.loads((folder / "plan.json").read_text())
+    assert plan["experiments"][0]["cost"] == 1.0
+    assert plan["after"] > plan["before"]
+    assert main(["gap", "plan", model, *few, "--limits", limits, "-o", str(folder)]) == 2
+    assert "--force" in capsys.readouterr().err
