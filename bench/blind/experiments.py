@@ -28,6 +28,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from feltmb.fit.cache import Cache
+
 from blind import truth, truth_machine, truth_sensors
 from blind.key_hammer import PARAMETERS, KeyHammer, effects
 from blind.machine import as_json, sha256
@@ -36,7 +38,6 @@ from feltmb import gap
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
 from feltmb.files import make_folder, read_json, write_file, write_text
-from feltmb.fit.cache import Cache
 from feltmb.gap.information import Knowledge, information
 from feltmb.gap.score import all_candidates
 

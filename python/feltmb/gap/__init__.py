@@ -25,7 +25,7 @@ from feltmb.fit import (
     including,
 )
 from feltmb.gap.checks import DataChecks, check_records
-from feltmb.gap.design import Design, DesignedExperiment, design, draw_experiment
+from feltmb.gap.designs import Design, DesignedExperiment, design, draw_experiment
 from feltmb.gap.diagnosis import Options, diagnose, fit_model
 from feltmb.gap.findings import (
     Advice,
@@ -52,7 +52,7 @@ from feltmb.gap.overlay import GapBefore, GapBeforeRow, check
 from feltmb.gap.plan_files import write_design
 from feltmb.gap.planning import Plan, noncentrality, plan
 from feltmb.gap.report import Report
-from feltmb.gap.session import Session, SessionStep, session
+from feltmb.gap.sessions import Session, SessionStep, session
 from feltmb.gap.withholding import OUTCOMES, Withheld, WithheldCase, withhold
 
 __all__ = [

@@ -18,7 +18,7 @@ from feltmb._core import __version__
 from feltmb.arguments import checked
 from feltmb.data import Record
 from feltmb.files import make_folder, write_file, write_text
-from feltmb.gap.design import Design, DesignedExperiment
+from feltmb.gap.designs import Design, DesignedExperiment
 from feltmb.gap.report import plain
 from feltmb.style import new_figure, reader_unit, style_axes
 

@@ -100,7 +100,7 @@ def test_budget_is_spent_as_every_exchange_confirms():
     )  # fmt: skip
     every = all_candidates([SQUARE, cube])
     start = Knowledge.start(model, every, Belief.even(every))
-    from feltmb.gap.design import _Work
+    from feltmb.gap.designs import _Work
 
     work = _Work(model, box, SENSORS, None, 0, None)
     work.every = every

@@ -23,8 +23,8 @@ from feltmb.data import Record, Sensor
 from feltmb.errors import DataError, FeltmbError, InvalidParameter
 from feltmb.files import is_file, make_folder, read_json, write_text
 from feltmb.fit.model import Effect, Model
-from feltmb.gap.design import Design, design
-from feltmb.gap.diagnose import Options, diagnose
+from feltmb.gap.designs import Design, design
+from feltmb.gap.diagnosis import Options, diagnose
 from feltmb.gap.findings import Verdict
 from feltmb.gap.information import Belief
 from feltmb.gap.limits import Limits
