@@ -66,11 +66,8 @@ class Stage {
   // `runs`: [{stage, color, shown, time: t => time on the clock of that run}]
   constructor(canvas, runs) {
     this.canvas = canvas;
-    this.runs = runs.filter(r => r.stage);
     this.scratch = document.createElement("canvas");
-    const boxes = this.runs.map(r => r.stage.view);
-    this.low = [0, 1].map(k => Math.min(...boxes.map(b => b[0][k])));
-    this.high = [0, 1].map(k => Math.max(...boxes.map(b => b[1][k])));
+    this.setRuns(runs);
     this.reset();
     let last = null;
     canvas.addEventListener("pointerdown", e => {
@@ -93,6 +90,15 @@ class Stage {
       this.magnify(Math.exp(-0.002 * (e.deltaY || e.deltaX)), e.offsetX, e.offsetY);
     }, {passive: false});
     this.changed = () => {};
+  }
+
+  // The view only grows, so that the picture stands still while something is turned.
+  setRuns(runs) {
+    this.runs = runs.filter(r => r.stage);
+    const boxes = this.runs.map(r => r.stage.view);
+    if (this.low) boxes.push([this.low, this.high]);
+    this.low = [0, 1].map(k => Math.min(...boxes.map(b => b[0][k])));
+    this.high = [0, 1].map(k => Math.max(...boxes.map(b => b[1][k])));
   }
 
   reset() {
@@ -166,7 +172,7 @@ class Stage {
       if (y > string.reach) break;
     }
     trace(g, points, false);
-    g.strokeStyle = order ? color : "#3a3a3a";
+    g.strokeStyle = order ? color : PAINT.ink;
     g.lineWidth = (order ? 1.3 : 1.8) * px;
     g.stroke();
   }
@@ -176,8 +182,8 @@ class Stage {
     for (const j of s.joints) if (j.ground) {
       const [x, y] = j.at;
       trace(g, [[x, y], [x - 4.2 * u, y - 7 * u], [x + 4.2 * u, y - 7 * u]], true);
-      g.fillStyle = "#fff"; g.fill();
-      g.strokeStyle = "#777"; g.lineWidth = px; g.stroke();
+      g.fillStyle = PAINT.paper; g.fill();
+      g.strokeStyle = PAINT.ground; g.lineWidth = px; g.stroke();
     }
   }
 
@@ -195,8 +201,8 @@ class Stage {
 
   drawBody({g, s, f, px}, b) {
     this.inFrame(g, s, b, f, (own, points) => {
-      const fill = s.bodies[b].fill;
-      for (const [role, inside, ink] of [["wire", "#8a8a8a", "#555"], ["wood", fill, "#3a3a3a"]]) {
+      const fill = PAINT.fill(s.bodies[b].fill);
+      for (const [role, inside, ink] of [["wire", PAINT.wire, PAINT.wireInk], ["wood", fill, PAINT.ink]]) {
         const chosen = own.filter(x => x.role === role);
         // All outlines before all fills, so that overlapping parts are one.
         g.strokeStyle = ink; g.lineWidth = 2.2 * px;
@@ -204,9 +210,9 @@ class Stage {
         g.fillStyle = inside;
         for (const x of chosen) { trace(g, points(x), true); g.fill(); }
       }
-      g.fillStyle = b ? "rgba(199,123,116,.45)" : fill;
+      g.fillStyle = b ? PAINT.felt : fill;
       for (const x of own) if (x.role === "pad") { trace(g, points(x), true); g.fill(); }
-      g.strokeStyle = "#8e1b1b"; g.lineWidth = 1.4 * px;
+      g.strokeStyle = PAINT.surface; g.lineWidth = 1.4 * px;
       for (const x of own) if (x.role === "surface") { trace(g, points(x), false); g.stroke(); }
     });
   }
@@ -249,7 +255,7 @@ class Stage {
       g.stroke();
     }
     if (order) return;
-    g.strokeStyle = "#009E73"; g.lineWidth = 1.2 * px;
+    g.strokeStyle = PAINT.spring; g.lineWidth = 1.2 * px;
     for (const spring of s.springs) {
       const [x, y, angle] = poseOf(s, spring.body, f);
       g.save(); g.translate(x, y); g.rotate(angle);
@@ -258,8 +264,8 @@ class Stage {
     for (const j of s.joints) {
       const [x, y] = placeOf(s, j.body, j.at[0], j.at[1], f);
       g.beginPath(); g.arc(x, y, 1.7 * u, 0, 7);
-      g.fillStyle = "#fff"; g.fill();
-      g.strokeStyle = "#3a3a3a"; g.lineWidth = 1.3 * px; g.stroke();
+      g.fillStyle = PAINT.paper; g.fill();
+      g.strokeStyle = PAINT.ink; g.lineWidth = 1.3 * px; g.stroke();
     }
   }
 
@@ -299,6 +305,10 @@ class Stage {
 class StringStrip {
   constructor(canvas, runs) {
     this.canvas = canvas;
+    this.setRuns(runs);
+  }
+
+  setRuns(runs) {
     this.runs = runs.filter(r => r.stage && r.stage.string && r.stage.string.modes);
     this.largest = Math.max(...this.runs.map(r => r.stage.string.modes.largest), 0);
     this.length = Math.max(...this.runs.map(r => r.stage.string.length), 0);
@@ -317,12 +327,12 @@ class StringStrip {
     const w = this.canvas.width / this.dpr, h = 104;
     g.clearRect(0, 0, w, h);
     g.font = "11px system-ui, sans-serif";
-    g.fillStyle = "#555";
+    g.fillStyle = PAINT.text;
     g.textBaseline = "top";
     g.fillText(`string, ${(this.length).toFixed(0)} mm from end to end, displacement to ±` +
                `${this.largest.toPrecision(3)} mm`, 4, 2);
     const X = share => 8 + (w - 16) * share, middle = 61, size = 38;
-    g.strokeStyle = "#ccc"; g.lineWidth = 1;
+    g.strokeStyle = PAINT.axis; g.lineWidth = 1;
     g.beginPath(); g.moveTo(X(0), middle); g.lineTo(X(1), middle); g.stroke();
     for (const run of this.runs.filter(r => r.shown)) {
       const shape = stringShape(run.stage.string, run.time(now)), n = shape.length - 1;
