@@ -69,7 +69,7 @@ class Film:
         Force [N].
     """
 
-    def __init__(self, run: Run, action: Action, times: Array):
+    def __init__(self, run: Run, action: Action, times: Array, poses: int = 13):
         missing = [name for name in action.coordinates if name not in run]
         if missing:
             raise InvalidParameter(f"the run lacks the coordinates {', '.join(missing)}")
@@ -78,7 +78,7 @@ class Film:
         self.time = times
         self.q = np.column_stack([self.sample(name) for name in action.coordinates])
         # A few poses tell how far the contacts travel along their surfaces.
-        some = np.unique(np.linspace(0, len(times) - 1, 13).astype(int))
+        some = np.unique(np.linspace(0, len(times) - 1, poses).astype(int))
         self.some = [self.q[i] for i in some]
         self.scene = scene(action, self.some)
         self.limits = view_box(action, self.scene, self.some)

@@ -60,7 +60,7 @@ class Studio:
         self.bench = Bench(load_action(mechanism))
         self.faults: list[str] = []
         self.version = 1
-        self.pool = ThreadPoolExecutor(max(2, os.cpu_count() or 2), thread_name_prefix="live")
+        self.pool = ThreadPoolExecutor(max(4, os.cpu_count() or 4), thread_name_prefix="live")
         self.pages: set[Page] = set()
         self._folder = tempfile.TemporaryDirectory(prefix="feltmb-live")
         self.shelf = Shelf(Path(self._folder.name))

@@ -73,6 +73,7 @@ class Desk:
         self._wake = asyncio.Event()
         self._last_picture = 0.0
         self._regulating: Turned | None = None
+        self._left: asyncio.Future[Any] | None = None
         self.counts = {"asked": 0, "begun": 0, "stopped": 0, "pictures": 0}
 
     def ask(self, slot: Slot, asked: Asked) -> None:
@@ -122,8 +123,24 @@ class Desk:
             await asyncio.wait_for(self._wake.wait(), seconds)
         return self._wake.is_set()
 
-    async def _run(self, work: Callable[[], Any]) -> Any:
-        return await asyncio.get_running_loop().run_in_executor(self._pool, work)
+    async def _run(self, work: Callable[[], Any], *, leave: bool = False) -> Any:
+        """Work in a thread; with ``leave`` something new does not wait for its end.
+
+        One at a time is left behind: what cannot be stopped must not fill the threads.
+        """
+        future = asyncio.get_running_loop().run_in_executor(self._pool, work)
+        if not leave or (self._left is not None and not self._left.done()):
+            return await future
+        waking = asyncio.create_task(self._wake.wait())
+        try:
+            await asyncio.wait({future, waking}, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            waking.cancel()
+        if future.done():
+            return future.result()
+        self._left = future
+        future.add_done_callback(lambda f: f.cancelled() or f.exception())
+        raise Stopped
 
     @contextlib.contextmanager
     def _faults_told(self, slot: str, asked: Asked) -> Iterator[None]:
@@ -164,7 +181,7 @@ class Desk:
         self.counts["begun"] += 1
         self._done[slot] = asked
         with self._faults_told(slot, asked):
-            picture = await self._run(work)
+            picture = await self._run(work, leave=not quick)
             self._last_picture = time.monotonic()
             self.counts["pictures"] += 1
             values = bench.values(asked.turned.knobs, asked.turned.numbers)
@@ -196,7 +213,7 @@ class Desk:
                 return make(asked.turned.action(bench))
 
             try:
-                found = await self._run(work)
+                found = await self._run(work, leave=True)
             except FeltmbError as error:
                 found = {"fault": str(error)}
             self._tell(kind, {"on": kind, "id": asked.id, **found})

@@ -20,7 +20,9 @@ Array = npt.NDArray[np.float64]
 __all__ = ["default_shown", "describe_live", "outputs_of", "summary_of"]
 
 #: Pictures of the mechanism, samples of a curve and of the string, while turning and at rest.
-FRAMES, SAMPLES, STRING = {"quick": 140, "full": 500}, {"quick": 900, "full": 4000}, 300
+FRAMES, SAMPLES, STRING = {"quick": 120, "full": 500}, {"quick": 900, "full": 4000}, 300
+#: Pictures that tell how much of each surface is drawn.
+POSES = {"quick": 5, "full": 13}
 
 
 def describe_live(run: Run, action: Action, shown: list[str], quality: str) -> dict[str, Any]:
@@ -43,7 +45,6 @@ def describe_live(run: Run, action: Action, shown: list[str], quality: str) -> d
         or [np.zeros((len(some), 0))]
     )
     first, last = float(time[0]), float(time[-1])
-    inside = slice(None)
     return {
         "quality": quality,
         "first": 1e3 * first,
@@ -57,7 +58,11 @@ def describe_live(run: Run, action: Action, shown: list[str], quality: str) -> d
             for n, (_, u) in zip(outputs, factors, strict=True)
         ],
         "stage": describe_stage(
-            run, action, _frames(run, low, high, FRAMES[quality]), inside, string_samples=STRING
+            run,
+            action,
+            _frames(run, low, high, FRAMES[quality]),
+            string_samples=STRING,
+            poses=POSES[quality],
         ),
         "summary": summary_of(run),
         "energy": {k: v for k, v in run.energy.items() if isinstance(v, float)},

@@ -205,6 +205,7 @@ def describe_stage(
     keep: slice = slice(None),
     *,
     string_samples: int = MOST_STRING_SAMPLES,
+    poses: int = 13,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
     """The moving mechanism in mm, N and ms, ready for JSON.
@@ -216,8 +217,10 @@ def describe_stage(
     keep
         Samples of the run from which the motion of the string is taken, at most
         ``string_samples`` of them.
+    poses
+        How many of the pictures tell how much of each surface is drawn.
     """
-    film = Film(run, action, times)
+    film = Film(run, action, times, poses)
     drawn = film.scene
     bodies = ["ground", *action.config.bodies]
     names = {body: i for i, body in enumerate(bodies)}
@@ -227,12 +230,12 @@ def describe_stage(
         return shape.body in flexible and station_of(action, shape) is None
 
     count = len(film.time)
-    poses = np.zeros((count, 3 * len(bodies)))
+    moved = np.zeros((count, 3 * len(bodies)))
     places = np.zeros((count, 4 * len(film.contacts)))
     lines: dict[str, list[Array]] = {body: [] for body in flexible}
     for i in range(count):
         at = body_poses(action, film.q[i])
-        poses[i] = np.ravel([[1e3 * at[b][0], 1e3 * at[b][1], at[b][2]] for b in bodies])
+        moved[i] = np.ravel([[1e3 * at[b][0], 1e3 * at[b][1], at[b][2]] for b in bodies])
         rows = contact_rows(action, film.q[i])
         for k, n in enumerate(film.contacts):
             x, y, nx, ny, _ = rows[n]
@@ -260,7 +263,7 @@ def describe_stage(
             }
             for s in drawn.shapes
         ],
-        "poses": pack_columns(poses),
+        "poses": pack_columns(moved),
         "beams": [
             {
                 "body": names[body],
