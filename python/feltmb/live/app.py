@@ -30,7 +30,7 @@ from feltmb.live.desk import Desk
 from feltmb.live.knobs import Bench
 from feltmb.live.measured import Measured, Shelf
 from feltmb.live.pictures import default_shown, outputs_of
-from feltmb.live.states import Asked, Turned
+from feltmb.live.states import Asked, Playing, Turned
 from feltmb.mechanism import load_action
 from feltmb.params import names
 from feltmb.run.simulate import simulate
@@ -209,13 +209,15 @@ class Page:
 def greeting(bench: Bench) -> dict[str, Any]:
     """What a page has to know of a mechanism."""
     action = bench.action
-    found = simulate(action, "forte", ledger=False, output_rate=1000.0)
+    playable = action.config.finger is not None and action.config.motor is None
+    playing = Playing() if playable else Playing(kind="free")
+    found = simulate(action, playing.stroke(), ledger=False, output_rate=1000.0, max_wall=20.0)
     return {
         "name": action.name,
         "about": str(action.raw.get("about", "")),
         "knobs": [knob.as_dict(bench.numbers) for knob in bench.knobs.values()],
         "numbers": [[path, *rest] for path, rest in bench.numbers.items()],
-        "strokes": names("strokes"),
+        "strokes": names("strokes") if playable else [],
         "outputs": outputs_of(found),
         "panels": default_shown(found, action),
         "contacts": [

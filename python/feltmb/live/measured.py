@@ -301,10 +301,7 @@ def told(report: Report, bench: Bench) -> dict[str, Any]:
             }
             for r in ranked
         ],
-        "components": [
-            {"component": c.component, "explained": plain(c.explained)}
-            for c in report.where.components
-        ],
+        "tint": tint_of(bench, {c.component: c.explained for c in report.where.components}),
         "stopped": report.stopped,
     }
 
@@ -322,3 +319,22 @@ def knob_of(bench: Bench, effect: str) -> str:
         return ""
     same = (k.name for k in bench.knobs.values() if k.changes == entry.changes)
     return next(same, "")
+
+
+def tint_of(bench: Bench, shares: Mapping[str, float]) -> list[float]:
+    """Share of the gap by body, the ground first: the largest of the places that touch it."""
+    config = bench.action.config
+    bodies = ["ground", *config.bodies]
+    out = dict.fromkeys(bodies, 0.0)
+    for place, share in shares.items():
+        if not math.isfinite(share):
+            continue
+        number = re.match(r"contact (\d+)", place)
+        contact = config.contacts.get(number.group(1)) if number else None
+        if contact is not None:
+            touched = [config.surfaces[name].body for name in contact.surfaces]
+        else:
+            touched = [n for n, b in config.bodies.items() if place.startswith(b.label or n)]
+        for body in touched:
+            out[body] = max(out[body], min(1.0, max(0.0, share)))
+    return [round(out[body], 3) for body in bodies]

@@ -59,7 +59,7 @@ class Turned(_Table):
 class Playing(_Table):
     """What is played."""
 
-    kind: Literal["packaged", "press", "strike", "drawn", "slow", "repeat"] = "packaged"
+    kind: Literal["packaged", "press", "strike", "drawn", "slow", "repeat", "free"] = "packaged"
     name: str = "forte"
     force: Annotated[float, Field(gt=0, le=200, allow_inf_nan=False)] = 5.0
     """Of ``press`` and ``repeat`` [N]."""
@@ -70,6 +70,8 @@ class Playing(_Table):
     rate: Annotated[float, Field(ge=1, le=20, allow_inf_nan=False)] = 6.0
     """Strikes a second of ``repeat``."""
     count: Annotated[int, Field(ge=1, le=12)] = 3
+    duration: Annotated[float, Field(ge=0.01, le=LONGEST)] = 0.5
+    """Of ``free``, where nothing presses [s]."""
     drawn: Literal["force", "motion"] = "force"
     time: Annotated[list[Finite], Field(max_length=MOST_KNOTS)] = []
     value: Annotated[list[Finite], Field(max_length=MOST_KNOTS)] = []
@@ -102,6 +104,10 @@ class Playing(_Table):
     def _made(self) -> Stroke:
         if self.kind == "packaged":
             return load_stroke(self.name)
+        if self.kind == "free":
+            return table_stroke(
+                [0.0, self.duration], [0.0, 0.0], interpolation="linear", name="free"
+            )
         if self.kind == "press":
             return ramp_stroke(self.force, START, 0.02, duration=0.3, name=f"{self.force:g} N")
         if self.kind == "drawn":

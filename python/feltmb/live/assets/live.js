@@ -1,11 +1,11 @@
 // The live page: it owns what is turned and played, the server computes. Texts of files become text
 // nodes only, never markup.
 
-const FIRST = {kind: "packaged", name: "forte", force: 5, speed: 0.2, travel: 0.012, rate: 6, count: 3,
+const FIRST = {kind: "packaged", name: "forte", force: 5, speed: 0.2, travel: 0.012, rate: 6, count: 3, duration: 0.5,
   drawn: "force", time: [], value: []};
 const READER = {m: [1e3, "mm"], rad: [180 / Math.PI, "deg"], "1": [100, "%"], s: [1e3, "ms"]};
 const HOLD = 250;  // a newer change does not wait longer than this for an answer [ms]
-const COLOR = {a: RUN_COLORS[0], b: RUN_COLORS[1]};
+const COLOR = {get a() { return PAINT.runs[0]; }, get b() { return PAINT.runs[1]; }};
 
 const copyOf = thing => JSON.parse(JSON.stringify(thing));
 const round = (x, digits = 4) => Number.isFinite(x) ? String(+x.toPrecision(digits)) : "–";
@@ -108,6 +108,7 @@ class Live {
     this.id = 0;
     this.got = {a: null, b: null};
     this.shown = [];
+    this.sent = new Map();  // when the change of a request was made
     this.times = [];  // from change to picture [ms], the newest last
     this.tab = "numbers";
     this.build();
@@ -150,6 +151,8 @@ class Live {
     document.title = `${m.name} · feltmb live`;
     this.title.textContent = m.name;
     this.title.title = m.about;
+    // Without a finger the machine moves by itself.
+    if (!m.strokes.length) this.state.now.playing.kind = "free";
     if (other) { this.fillTurn(); this.fillPlay(); this.fillTab(); }
     this.ask();
   }
@@ -190,7 +193,8 @@ class Live {
     }
     this.dirty = false;
     const asked = this.request("a");
-    this.flying = {id: asked.id, at: now, since: this.changedAt ?? now};
+    this.flying = {id: asked.id, at: now};
+    this.sent.set(asked.id, this.changedAt ?? now);
     this.changedAt = null;
     this.line.send(asked);
     if (this.dirtyB) {
@@ -207,11 +211,12 @@ class Live {
     if (first) this.open();
     else this.viewer.replace(this.both(), {look: kind !== this.played});
     this.played = kind;
-    if (m.slot === "a" && this.flying && m.id >= this.flying.id && m.run.quality === "quick") {
-      const flown = this.flying;
-      this.flying = null;
+    const since = m.slot === "a" && m.run.quality === "quick" ? this.sent.get(m.id) : undefined;
+    if (since !== undefined) {
+      for (const id of this.sent.keys()) if (id <= m.id) this.sent.delete(id);
+      if (this.flying && m.id >= this.flying.id) this.flying = null;
       requestAnimationFrame(() => {
-        this.times.push(performance.now() - flown.since);
+        this.times.push(performance.now() - since);
         if (this.times.length > 500) this.times.shift();
         this.say(`change to picture ${this.times.at(-1).toFixed(0)} ms`);
       });
@@ -282,8 +287,8 @@ class Live {
   paint() {
     PAINT = this.dark.matches ? NIGHT : DAY;
     if (this.viewer) {
-      for (const panel of this.viewer.panels) panel.still = null;
-      this.viewer.render();
+      this.viewer.replace(this.both());
+      this.viewer.fillHead();
     }
     this.fillTab();
   }
@@ -469,7 +474,7 @@ class Live {
   fillPlay() {
     if (!this.hello) return;
     const p = this.state.now.playing, bar = this.playBar;
-    const kinds = [...this.hello.strokes.map(s => ["packaged " + s, s.replace(/_/g, " ")]),
+    const kinds = !this.hello.strokes.length ? [["free", "by itself"]] : [...this.hello.strokes.map(s => ["packaged " + s, s.replace(/_/g, " ")]),
       ["press", "pressed, a force"], ["strike", "struck, a speed"], ["slow", "slow press and release"],
       ["repeat", "repetition"], ["drawn", "drawn by hand"]];
     const set = (what, edit) => this.change("play " + what, n => edit(n.playing), true);
@@ -497,6 +502,7 @@ class Live {
     if (p.kind === "press") slide("force", "force", 1.2, 50, newton, true);
     if (p.kind === "strike") slide("speed", "finger speed", 0.05, 1.5, v => `${round(v, 3)} m/s`, true);
     if (p.kind === "slow") slide("speed", "finger speed", 0.01, 0.1, v => `${round(1e3 * v, 3)} mm/s`, true);
+    if (p.kind === "free") slide("duration", "lasts", 0.02, 3, v => `${round(v, 3)} s`, true);
     if (p.kind === "repeat") {
       slide("force", "force", 2, 50, newton, true);
       slide("rate", "rate", 2, 15, v => `${round(v, 3)} a second`);
@@ -671,7 +677,7 @@ class Live {
         if (!found) return;
         const dot = element("i");
         dot.style.left = 100 * Math.max(0, Math.min(1, (found[0] - low) / (high - low))) + "%";
-        dot.style.background = RUN_COLORS[i];
+        dot.style.background = PAINT.runs[i];
         rail.append(dot);
         texts.push(found[0].toFixed(2));
       });
@@ -833,7 +839,7 @@ class Live {
       if (!force || !depth) return;
       const keep = [];
       force.unpack().values.forEach((f, k) => { if (f > 0 || depth.unpack().values[k] > -0.2) keep.push(k); });
-      series.unshift({name: run.name, color: RUN_COLORS[i], data: [keep.map(k => depth.values[k]), keep.map(k => force.values[k])]});
+      series.unshift({name: run.name, color: PAINT.runs[i], data: [keep.map(k => depth.values[k]), keep.map(k => force.values[k])]});
     });
     if (!series.length || !series.some(s => s.data[0].length > 1)) {
       this.loopBox.replaceChildren(element("p", {class: "hint"}, "this contact does not meet in this stroke"));
@@ -970,7 +976,10 @@ class Live {
         element("td", {class: "n"}, `${round(c.magnitude, 3)} ${c.unit === "1" ? "" : c.unit}`),
         element("td", {class: "n"}, `${round(100 * c.posterior, 3)} %`), element("td", {}, apply), element("td", {class: "hint"}, c.mechanism));
     }
+    if (this.viewer?.stage) { this.viewer.stage.tint = m.tint; this.viewer.render(); }
     this.diagnosisBox.replaceChildren(element("h3", {}, m.verdict), element("p", {}, m.statement), table,
+      element("p", {class: "hint"}, "The parts are colored by their share of the gap. ",
+        button("Clear colors", () => { this.viewer.stage.tint = null; this.viewer.render(); })),
       m.stopped ? element("p", {class: "hint"}, "stopped in " + m.stopped) : "");
   }
 }

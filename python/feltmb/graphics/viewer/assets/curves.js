@@ -1,6 +1,5 @@
 // One panel of curves over time with a cursor. Times in ms on the clock of the first run.
 
-const CURVE_COLORS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"];
 const DASHES = [[], [6, 4], [2, 3], [8, 3, 2, 3], [1, 2], [10, 5]];
 const LEFT = 52, RIGHT = 10, TOP = 6, BOTTOM = 18;
 
@@ -71,7 +70,7 @@ class Panel {
   // One output: the runs differ in color. Several: outputs in color, runs in dash.
   color(output, run) {
     return this.outputs.length === 1 ? this.runs[run].color
-      : CURVE_COLORS[output % CURVE_COLORS.length];
+      : PAINT.curves[output % PAINT.curves.length];
   }
 
   value(run, name, now) {

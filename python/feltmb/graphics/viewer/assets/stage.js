@@ -1,7 +1,5 @@
 // The mechanism at a time: bodies, contact surfaces, straps, string, forces. Lengths in mm.
 
-const RUN_COLORS = ["#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"];
-
 // What a run needs to be drawn, from the packed numbers of the page.
 function unpackStage(s) {
   const string = s.string;
@@ -117,6 +115,19 @@ class Stage {
     this.changed();
   }
 
+  // Go near a contact as it is at a time of the first run that has it.
+  approach(number, now) {
+    for (const run of this.runs) {
+      const s = run.stage, k = s.contacts.findIndex(c => c.number === number);
+      if (k < 0) continue;
+      const f = locate(s.time, run.time(now));
+      this.reset();
+      this.center = [mix(s.places[4 * k], f), mix(s.places[4 * k + 1], f)];
+      this.magnify(9);
+      return;
+    }
+  }
+
   fit(dpr) {
     const ratio = (this.high[1] - this.low[1]) / (this.high[0] - this.low[0]);
     const width = this.canvas.parentElement.clientWidth;
@@ -201,7 +212,7 @@ class Stage {
 
   drawBody({g, s, f, px}, b) {
     this.inFrame(g, s, b, f, (own, points) => {
-      const fill = PAINT.fill(s.bodies[b].fill);
+      const fill = PAINT.fill(s.bodies[b].fill), share = this.tint ? this.tint[b] : 0;
       for (const [role, inside, ink] of [["wire", PAINT.wire, PAINT.wireInk], ["wood", fill, PAINT.ink]]) {
         const chosen = own.filter(x => x.role === role);
         // All outlines before all fills, so that overlapping parts are one.
@@ -209,6 +220,13 @@ class Stage {
         for (const x of chosen) { trace(g, points(x), true); g.stroke(); }
         g.fillStyle = inside;
         for (const x of chosen) { trace(g, points(x), true); g.fill(); }
+        if (share) {
+          g.save();
+          g.globalAlpha = Math.min(0.85, 0.15 + 0.7 * share);
+          g.fillStyle = PAINT.gap;
+          for (const x of chosen) { trace(g, points(x), true); g.fill(); }
+          g.restore();
+        }
       }
       g.fillStyle = b ? PAINT.felt : fill;
       for (const x of own) if (x.role === "pad") { trace(g, points(x), true); g.fill(); }

@@ -4,7 +4,7 @@
 function unpackRun(r, i) {
   const run = {
     name: r.name, note: r.note || "", events: r.events, first: r.first, last: r.last, busy: r.busy,
-    color: RUN_COLORS[i % RUN_COLORS.length], shown: true, shift: 0,
+    color: PAINT.runs[i % PAINT.runs.length], shown: true, shift: 0,
     stage: r.stage && unpackStage(r.stage),
     curves: new Map(r.outputs.map(o => [o.name, new Curve(o)])),
   };
@@ -166,7 +166,9 @@ class Viewer {
     });
     this.forceRows = [...rows].sort((a, b) => a[0] - b[0]).map(([number, {label, of}]) => {
       const row = table.insertRow();
-      row.append(element("td", {class: "fv-n"}, String(number)), element("td", {}, label));
+      const near = element("button", {type: "button", class: "fv-link fv-near", title: "go near this contact",
+        onclick: () => this.stage.approach(number, this.now)}, label);
+      row.append(element("td", {class: "fv-n"}, String(number)), element("td", {}, near));
       const cells = of.map(({run, k}) => {
         const value = element("td", {class: "fv-v"}), bar = element("i", {class: "fv-bar"});
         bar.style.background = run.color;
