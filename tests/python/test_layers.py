@@ -56,8 +56,9 @@ MAY_USE = {
         "adapters": f"{RUN} fit gap",
         "action": f"{RUN} style",
         "graphics": f"{RUN} style",
+        "live": f"{RUN} fit gap adapters action graphics style __init__",
         "__init__": f"{RUN} felt fit gap adapters action graphics",
-        "cli": f"{RUN} felt fit gap adapters action graphics __init__",
+        "cli": f"{RUN} felt fit gap adapters action graphics live __init__",
         "__main__": "cli",
     },
 }

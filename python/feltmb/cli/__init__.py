@@ -27,6 +27,7 @@ COMMANDS = {
     "show": ("show", "Bodies, contacts, springs of a mechanism, with units and sources."),
     "plot": ("plot", "Plots of saved runs."),
     "view": ("view", "Saved runs in a browser: motion, forces, curves, string."),
+    "live": ("live", "Turn a mechanism in a browser and see it move, at once."),
     "animate": ("animate", "Animation of a saved run (GIF)."),
     "wav": ("wav", "The string of a saved run as sound."),
     "felt": ("felt", "Felt: identification, envelopes for the contact law, audit."),

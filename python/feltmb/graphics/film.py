@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -66,11 +67,9 @@ class Film:
         Numbers of the contacts that carry force, ``forces`` [N] and ``sides`` by number.
     finger : ndarray (n_pictures,) or None
         Force [N].
-    string : ndarray (n_pictures, STRING_POINTS, 2) or None
-        Points [m] of the string in the view.
     """
 
-    def __init__(self, run: Run, action: Action, times: Array):
+    def __init__(self, run: Run, action: Action, times: Array, poses: int = 13):
         missing = [name for name in action.coordinates if name not in run]
         if missing:
             raise InvalidParameter(f"the run lacks the coordinates {', '.join(missing)}")
@@ -79,7 +78,7 @@ class Film:
         self.time = times
         self.q = np.column_stack([self.sample(name) for name in action.coordinates])
         # A few poses tell how far the contacts travel along their surfaces.
-        some = np.unique(np.linspace(0, len(times) - 1, 13).astype(int))
+        some = np.unique(np.linspace(0, len(times) - 1, poses).astype(int))
         self.some = [self.q[i] for i in some]
         self.scene = scene(action, self.some)
         self.limits = view_box(action, self.scene, self.some)
@@ -94,8 +93,11 @@ class Film:
         if self.finger is not None and action.config.finger is not None:
             peaks.append(float(np.max(np.abs(self.finger))))
         self.largest = max(peaks, default=0.0)
-        self.speed = striker_speed(run)
-        self.string = self._string_shapes()
+
+    @cached_property
+    def speed(self) -> Array | None:
+        """Speed of the point that strikes, over the run's own times [m/s]; None without one."""
+        return striker_speed(self.run)
 
     def sample(self, name: str) -> Array:
         """Output of the run at the times of the pictures."""
@@ -160,7 +162,8 @@ class Film:
         bent = bent_beams(self.action, self.q[i])
         return [strap_curve(a, b, free) for _, a, b, free in strap_ends(self.action, poses, bent)]
 
-    def _string_shapes(self) -> Array | None:
+    @cached_property
+    def string(self) -> Array | None:
         """Points of the string in the view (n_pictures, STRING_POINTS, 2) [m], or None."""
         line = string_line(self.action)
         if line is None:

@@ -116,10 +116,11 @@ class Browser:
             self.events.append(message)
         return message
 
-    def open(self, path: Path, fragment: str = "") -> None:
-        """Load a file and wait until it is complete."""
+    def open(self, page: Path | str, fragment: str = "") -> None:
+        """Load a file or an address and wait until it is complete."""
         self.events.clear()
-        self.call("Page.navigate", url=path.resolve().as_uri() + fragment)
+        address = page if isinstance(page, str) else page.resolve().as_uri()
+        self.call("Page.navigate", url=address + fragment)
         until = time.monotonic() + 60.0
         while not any(e["method"] == "Page.loadEventFired" for e in self.events):
             self._receive(until)

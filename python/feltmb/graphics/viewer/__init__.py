@@ -6,6 +6,13 @@ shown to 1/5000 of what it spans, a pose to the thickness of a line.
 """
 
 from feltmb.graphics.viewer.curves import Curves, read_curves
-from feltmb.graphics.viewer.html_page import assets, fragment, page, policy, view
+from feltmb.graphics.viewer.html_page import (
+    assets,
+    fragment,
+    page,
+    policy,
+    script_of,
+    view,
+)
 
-__all__ = ["Curves", "assets", "fragment", "page", "policy", "read_curves", "view"]
+__all__ = ["Curves", "assets", "fragment", "page", "policy", "read_curves", "script_of", "view"]

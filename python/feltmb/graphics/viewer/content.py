@@ -36,13 +36,20 @@ from feltmb.run.reading import reading_of
 from feltmb.style import body_fill, reader_unit
 
 if TYPE_CHECKING:
-    from feltmb.mechanism import Action
+    from feltmb.mechanism import Action, Reading
     from feltmb.run.results import Run
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], object]
 
-__all__ = ["MOST_RUNS", "default_panels", "describe"]
+__all__ = [
+    "MOST_RUNS",
+    "default_panels",
+    "default_panels_of",
+    "describe",
+    "describe_stage",
+    "output_label",
+]
 
 MOST_RUNS = 6
 MOST_FRAMES = 2000
@@ -103,7 +110,9 @@ def describe(
     if out["busy"][1] <= out["busy"][0]:
         out["busy"] = [out["first"], out["last"]]
     try:
-        out["stage"] = _stage(run, run_action(run), keep, progress)
+        action = run_action(run)
+        frames = _frames(run, action, run.time[keep], keep)
+        out["stage"] = describe_stage(run, action, frames, keep, progress=progress)
     except InvalidParameter as error:
         out["note"] = f"no mechanism to show: {error}"
     return out
@@ -126,7 +135,7 @@ def _kept(time: Array, window: tuple[float, float] | None, name: str) -> slice:
     return slice(first, last)
 
 
-def _label(name: str, text: str) -> str:
+def output_label(name: str, text: str) -> str:
     """Name of an output for the reader; contacts have a number and a name of their own."""
     match = re.fullmatch(r"contact(\d+)\.(\w+)", name)
     where = text.partition(": ")[2]
@@ -138,7 +147,12 @@ def _label(name: str, text: str) -> str:
 
 def _curve(name: str, time: Array, values: Array, unit: str, text: str) -> dict[str, Any]:
     factor, reader = reader_unit(unit)
-    out: dict[str, Any] = {"name": name, "label": _label(name, text), "unit": reader, "text": text}
+    out: dict[str, Any] = {
+        "name": name,
+        "label": output_label(name, text),
+        "unit": reader,
+        "text": text,
+    }
     v = factor * np.asarray(values, dtype=float)
     v = np.where(np.isfinite(v), v, np.nan)
     kept = extremes(v, 8 * MOST_SAMPLES)
@@ -184,9 +198,29 @@ def _rounded(values: Any, digits: int) -> Any:
     return np.round(np.asarray(values, dtype=float), digits).tolist()
 
 
-def _stage(run: Run, action: Action, keep: slice, progress: Progress | None) -> dict[str, Any]:
-    """The moving mechanism in mm, N and ms."""
-    film = Film(run, action, _frames(run, action, run.time[keep], keep))
+def describe_stage(
+    run: Run,
+    action: Action,
+    times: Array,
+    keep: slice = slice(None),
+    *,
+    string_samples: int = MOST_STRING_SAMPLES,
+    poses: int = 13,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """The moving mechanism in mm, N and ms, ready for JSON.
+
+    Parameters
+    ----------
+    times
+        Times [s] of the pictures; what is between moves straight.
+    keep
+        Samples of the run from which the motion of the string is taken, at most
+        ``string_samples`` of them.
+    poses
+        How many of the pictures tell how much of each surface is drawn.
+    """
+    film = Film(run, action, times, poses)
     drawn = film.scene
     bodies = ["ground", *action.config.bodies]
     names = {body: i for i, body in enumerate(bodies)}
@@ -196,12 +230,12 @@ def _stage(run: Run, action: Action, keep: slice, progress: Progress | None) -> 
         return shape.body in flexible and station_of(action, shape) is None
 
     count = len(film.time)
-    poses = np.zeros((count, 3 * len(bodies)))
+    moved = np.zeros((count, 3 * len(bodies)))
     places = np.zeros((count, 4 * len(film.contacts)))
     lines: dict[str, list[Array]] = {body: [] for body in flexible}
     for i in range(count):
         at = body_poses(action, film.q[i])
-        poses[i] = np.ravel([[1e3 * at[b][0], 1e3 * at[b][1], at[b][2]] for b in bodies])
+        moved[i] = np.ravel([[1e3 * at[b][0], 1e3 * at[b][1], at[b][2]] for b in bodies])
         rows = contact_rows(action, film.q[i])
         for k, n in enumerate(film.contacts):
             x, y, nx, ny, _ = rows[n]
@@ -229,7 +263,7 @@ def _stage(run: Run, action: Action, keep: slice, progress: Progress | None) -> 
             }
             for s in drawn.shapes
         ],
-        "poses": pack_columns(poses),
+        "poses": pack_columns(moved),
         "beams": [
             {
                 "body": names[body],
@@ -272,7 +306,7 @@ def _stage(run: Run, action: Action, keep: slice, progress: Progress | None) -> 
             if s.enabled
         ],
         "finger": None,
-        "string": _string(run, action, film, keep),
+        "string": _string(run, action, film, keep, string_samples),
     }
     if finger is not None and film.finger is not None:
         direction = np.array(finger.direction) / np.hypot(*finger.direction)
@@ -285,7 +319,9 @@ def _stage(run: Run, action: Action, keep: slice, progress: Progress | None) -> 
     return out
 
 
-def _string(run: Run, action: Action, film: Film, keep: slice) -> dict[str, Any] | None:
+def _string(
+    run: Run, action: Action, film: Film, keep: slice, samples: int
+) -> dict[str, Any] | None:
     """Line of the string, and its modal coordinates with the shapes of its modes."""
     line = string_line(action)
     if line is None:
@@ -315,7 +351,7 @@ def _string(run: Run, action: Action, film: Film, keep: slice) -> dict[str, Any]
     # Nothing is lost before the strike: the string is at rest until the first sample that moves.
     moving = np.flatnonzero(np.any(np.abs(eta) > 1e-6 * np.abs(eta).max(axis=0), axis=1))
     first = max(int(moving[0]) - 1, 0)
-    stride = -(-(len(eta) - first) // MOST_STRING_SAMPLES)
+    stride = -(-(len(eta) - first) // samples)
     some = np.unique(np.concatenate([[0], np.arange(first, len(eta), stride), [len(eta) - 1]]))
     w = 1e3 * eta[some] @ shapes.T
     out["modes"] = {
@@ -336,31 +372,7 @@ def default_panels(runs: Sequence[Run | Curves]) -> list[dict[str, Any]]:
     if isinstance(first, Curves):
         panels += [{"title": "", "outputs": [n], "change": False} for n in names[:4]]
     else:
-        reading = reading_of(first)
-        panels = [
-            {
-                "title": view.title,
-                "outputs": [r.output for r in view.rows if r.factor == 1.0 and r.output in names],
-                "change": view.change,
-            }
-            for view in reading.views.values()
-        ]
-        if not any(p["outputs"] for p in panels):
-            points = [n for n in names if re.fullmatch(r".+\.[xy]", n)]
-            panels.append({"title": "motion from the start", "outputs": points[:4], "change": True})
-        if reading.striker is not None:
-            speed = f"{reading.striker.point}.v{reading.striker.axis}"
-            title = reading.striker.label or reading.striker.point
-            panels.append({"title": title, "outputs": [speed] * (speed in names), "change": False})
-        peaks = {n: float(np.max(first[f"contact{n:02d}.force"])) for n in contact_numbers(first)}
-        strongest = sorted((n for n, p in peaks.items() if p > 1e-6), key=lambda n: -peaks[n])
-        forces = [f"contact{n:02d}.force" for n in strongest[:5]]
-        panels.append({"title": "contact forces", "outputs": forces, "change": False})
-        for title, name in (("finger", "finger.force"), ("string", "string.strike")):
-            panels.append({"title": title, "outputs": [name] * (name in names), "change": False})
-        if not any(p["outputs"] for p in panels):
-            moving = [n for n in first.coordinates if n in names] or list(names)
-            panels += [{"title": "", "outputs": [n], "change": False} for n in moving[:4]]
+        panels += default_panels_of(first, reading_of(first))
     # What was measured comes first: a comparison is what was asked for.
     for other in runs[1:]:
         if isinstance(other, Curves):
@@ -368,4 +380,33 @@ def default_panels(runs: Sequence[Run | Curves]) -> list[dict[str, Any]]:
             shown = {n for p in panels for n in p["outputs"] if len(p["outputs"]) == 1}
             fresh = [n for n in shared if n not in shown][:6]
             panels = [{"title": "", "outputs": [n], "change": False} for n in fresh] + panels
+    return [p for p in panels if p["outputs"]]
+
+
+def default_panels_of(run: Run, reading: Reading) -> list[dict[str, Any]]:
+    """Panels to begin with of a simulated run."""
+    panels = [
+        {
+            "title": view.title,
+            "outputs": [r.output for r in view.rows if r.factor == 1.0 and r.output in run],
+            "change": view.change,
+        }
+        for view in reading.views.values()
+    ]
+    if not any(p["outputs"] for p in panels):
+        points = [n for n in run.names if re.fullmatch(r".+\.[xy]", n)]
+        panels.append({"title": "motion from the start", "outputs": points[:4], "change": True})
+    if reading.striker is not None:
+        speed = f"{reading.striker.point}.v{reading.striker.axis}"
+        title = reading.striker.label or reading.striker.point
+        panels.append({"title": title, "outputs": [speed] * (speed in run), "change": False})
+    peaks = {n: float(np.max(run[f"contact{n:02d}.force"])) for n in contact_numbers(run)}
+    strongest = sorted((n for n, p in peaks.items() if p > 1e-6), key=lambda n: -peaks[n])
+    forces = [f"contact{n:02d}.force" for n in strongest[:5]]
+    panels.append({"title": "contact forces", "outputs": forces, "change": False})
+    for title, name in (("finger", "finger.force"), ("string", "string.strike")):
+        panels.append({"title": title, "outputs": [name] * (name in run), "change": False})
+    if not any(p["outputs"] for p in panels):
+        moving = [n for n in run.coordinates if n in run] or list(run.names)
+        panels += [{"title": "", "outputs": [n], "change": False} for n in moving[:4]]
     return [p for p in panels if p["outputs"]]

@@ -25,23 +25,30 @@ if TYPE_CHECKING:
 
 Progress = Callable[[float], object]
 
-__all__ = ["assets", "fragment", "page", "view"]
+__all__ = ["assets", "fragment", "page", "policy", "script_of", "view"]
 
-_SCRIPTS = ("packing.js", "stage.js", "curves.js", "viewer.js")
+#: What draws, and the viewer; shared with the live page.
+_SCRIPTS = ("elements.js", "packing.js", "stage.js", "curves.js", "viewer.js")
+
+
+def _asset(name: str) -> str:
+    return (resources.files("feltmb.graphics.viewer") / "assets" / name).read_text(encoding="utf-8")
+
+
+def script_of(*parts: str) -> str:
+    """Script of a page with viewers in it: the viewer, then what the page adds."""
+    texts = [*(_asset(name) for name in _SCRIPTS), *parts]
+    return '(() => {\n"use strict";\n' + "\n".join(texts) + "})();\n"
 
 
 @cache
 def _script() -> str:
-    folder = resources.files("feltmb.graphics.viewer") / "assets"
-    parts = [(folder / name).read_text(encoding="utf-8") for name in _SCRIPTS]
-    return '(() => {\n"use strict";\n' + "\n".join(parts) + "})();\n"
+    return script_of()
 
 
 @cache
 def _style() -> str:
-    return (resources.files("feltmb.graphics.viewer") / "assets" / "viewer.css").read_text(
-        encoding="utf-8"
-    )
+    return _asset("viewer.css")
 
 
 def assets() -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -75,6 +76,15 @@ def extremes(values: Array, most: int) -> Indices:
 
 def thin_outline(points: Array, tolerance: float) -> Array:
     """Fewer points of a plane curve; those left out lie within ``tolerance`` of what remains."""
+    return np.asarray(points)[
+        _corners(np.ascontiguousarray(points, dtype=float).tobytes(), tolerance)
+    ]
+
+
+@lru_cache(maxsize=1024)
+def _corners(raw: bytes, tolerance: float) -> npt.NDArray[np.bool_]:
+    """Which points remain; most outlines of a mechanism are those of the one before."""
+    points = np.frombuffer(raw).reshape(-1, 2)
     keep = np.zeros(len(points), dtype=bool)
     keep[[0, -1]] = True
     parts = [(0, len(points) - 1)]
@@ -91,4 +101,4 @@ def thin_outline(points: Array, tolerance: float) -> Array:
             middle = first + 1 + worst
             keep[middle] = True
             parts += [(first, middle), (middle, last)]
-    return np.asarray(points[keep])
+    return keep

@@ -1,6 +1,5 @@
 // One panel of curves over time with a cursor. Times in ms on the clock of the first run.
 
-const CURVE_COLORS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#222222"];
 const DASHES = [[], [6, 4], [2, 3], [8, 3, 2, 3], [1, 2], [10, 5]];
 const LEFT = 52, RIGHT = 10, TOP = 6, BOTTOM = 18;
 
@@ -71,7 +70,7 @@ class Panel {
   // One output: the runs differ in color. Several: outputs in color, runs in dash.
   color(output, run) {
     return this.outputs.length === 1 ? this.runs[run].color
-      : CURVE_COLORS[output % CURVE_COLORS.length];
+      : PAINT.curves[output % PAINT.curves.length];
   }
 
   value(run, name, now) {
@@ -139,7 +138,7 @@ class Panel {
     this.X = X;
     this.Y = Y;
     g.font = "11px system-ui, sans-serif";
-    g.strokeStyle = "#e6e6e6"; g.fillStyle = "#555"; g.lineWidth = 1;
+    g.strokeStyle = PAINT.grid; g.fillStyle = PAINT.text; g.lineWidth = 1;
     g.textAlign = "right"; g.textBaseline = "middle";
     const sv = niceStep(high - low, Math.max(2, h / 32)), st = niceStep(b - a, w / 70);
     for (let v = Math.ceil(low / sv) * sv; v <= high; v += sv) {
@@ -201,7 +200,7 @@ class Panel {
     if (now < window[0] || now > window[1]) return;
     g.setTransform(this.dpr, 0, 0, this.dpr, 0, 0);
     const x = this.X(now);
-    g.strokeStyle = "#444"; g.lineWidth = 1;
+    g.strokeStyle = PAINT.cursor; g.lineWidth = 1;
     g.beginPath(); g.moveTo(x, TOP); g.lineTo(x, this.height - BOTTOM); g.stroke();
     this.runs.forEach((run, r) => {
       if (!run.shown) return;

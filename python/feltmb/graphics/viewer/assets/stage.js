@@ -1,7 +1,5 @@
 // The mechanism at a time: bodies, contact surfaces, straps, string, forces. Lengths in mm.
 
-const RUN_COLORS = ["#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"];
-
 // What a run needs to be drawn, from the packed numbers of the page.
 function unpackStage(s) {
   const string = s.string;
@@ -66,11 +64,8 @@ class Stage {
   // `runs`: [{stage, color, shown, time: t => time on the clock of that run}]
   constructor(canvas, runs) {
     this.canvas = canvas;
-    this.runs = runs.filter(r => r.stage);
     this.scratch = document.createElement("canvas");
-    const boxes = this.runs.map(r => r.stage.view);
-    this.low = [0, 1].map(k => Math.min(...boxes.map(b => b[0][k])));
-    this.high = [0, 1].map(k => Math.max(...boxes.map(b => b[1][k])));
+    this.setRuns(runs);
     this.reset();
     let last = null;
     canvas.addEventListener("pointerdown", e => {
@@ -95,6 +90,15 @@ class Stage {
     this.changed = () => {};
   }
 
+  // The view only grows, so that the picture stands still while something is turned.
+  setRuns(runs) {
+    this.runs = runs.filter(r => r.stage);
+    const boxes = this.runs.map(r => r.stage.view);
+    if (this.low) boxes.push([this.low, this.high]);
+    this.low = [0, 1].map(k => Math.min(...boxes.map(b => b[0][k])));
+    this.high = [0, 1].map(k => Math.max(...boxes.map(b => b[1][k])));
+  }
+
   reset() {
     this.zoom = 1;
     this.canvas.style.touchAction = "";
@@ -109,6 +113,19 @@ class Stage {
     // Enlarged, a finger moves the picture in all directions; else the page scrolls.
     this.canvas.style.touchAction = zoom > 1 ? "none" : "";
     this.changed();
+  }
+
+  // Go near a contact as it is at a time of the first run that has it.
+  approach(number, now) {
+    for (const run of this.runs) {
+      const s = run.stage, k = s.contacts.findIndex(c => c.number === number);
+      if (k < 0) continue;
+      const f = locate(s.time, run.time(now));
+      this.reset();
+      this.center = [mix(s.places[4 * k], f), mix(s.places[4 * k + 1], f)];
+      this.magnify(9);
+      return;
+    }
   }
 
   fit(dpr) {
@@ -166,7 +183,7 @@ class Stage {
       if (y > string.reach) break;
     }
     trace(g, points, false);
-    g.strokeStyle = order ? color : "#3a3a3a";
+    g.strokeStyle = order ? color : PAINT.ink;
     g.lineWidth = (order ? 1.3 : 1.8) * px;
     g.stroke();
   }
@@ -176,8 +193,8 @@ class Stage {
     for (const j of s.joints) if (j.ground) {
       const [x, y] = j.at;
       trace(g, [[x, y], [x - 4.2 * u, y - 7 * u], [x + 4.2 * u, y - 7 * u]], true);
-      g.fillStyle = "#fff"; g.fill();
-      g.strokeStyle = "#777"; g.lineWidth = px; g.stroke();
+      g.fillStyle = PAINT.paper; g.fill();
+      g.strokeStyle = PAINT.ground; g.lineWidth = px; g.stroke();
     }
   }
 
@@ -195,18 +212,25 @@ class Stage {
 
   drawBody({g, s, f, px}, b) {
     this.inFrame(g, s, b, f, (own, points) => {
-      const fill = s.bodies[b].fill;
-      for (const [role, inside, ink] of [["wire", "#8a8a8a", "#555"], ["wood", fill, "#3a3a3a"]]) {
+      const fill = PAINT.fill(s.bodies[b].fill), share = this.tint ? this.tint[b] : 0;
+      for (const [role, inside, ink] of [["wire", PAINT.wire, PAINT.wireInk], ["wood", fill, PAINT.ink]]) {
         const chosen = own.filter(x => x.role === role);
         // All outlines before all fills, so that overlapping parts are one.
         g.strokeStyle = ink; g.lineWidth = 2.2 * px;
         for (const x of chosen) { trace(g, points(x), true); g.stroke(); }
         g.fillStyle = inside;
         for (const x of chosen) { trace(g, points(x), true); g.fill(); }
+        if (share) {
+          g.save();
+          g.globalAlpha = Math.min(0.85, 0.15 + 0.7 * share);
+          g.fillStyle = PAINT.gap;
+          for (const x of chosen) { trace(g, points(x), true); g.fill(); }
+          g.restore();
+        }
       }
-      g.fillStyle = b ? "rgba(199,123,116,.45)" : fill;
+      g.fillStyle = b ? PAINT.felt : fill;
       for (const x of own) if (x.role === "pad") { trace(g, points(x), true); g.fill(); }
-      g.strokeStyle = "#8e1b1b"; g.lineWidth = 1.4 * px;
+      g.strokeStyle = PAINT.surface; g.lineWidth = 1.4 * px;
       for (const x of own) if (x.role === "surface") { trace(g, points(x), false); g.stroke(); }
     });
   }
@@ -249,7 +273,7 @@ class Stage {
       g.stroke();
     }
     if (order) return;
-    g.strokeStyle = "#009E73"; g.lineWidth = 1.2 * px;
+    g.strokeStyle = PAINT.spring; g.lineWidth = 1.2 * px;
     for (const spring of s.springs) {
       const [x, y, angle] = poseOf(s, spring.body, f);
       g.save(); g.translate(x, y); g.rotate(angle);
@@ -258,8 +282,8 @@ class Stage {
     for (const j of s.joints) {
       const [x, y] = placeOf(s, j.body, j.at[0], j.at[1], f);
       g.beginPath(); g.arc(x, y, 1.7 * u, 0, 7);
-      g.fillStyle = "#fff"; g.fill();
-      g.strokeStyle = "#3a3a3a"; g.lineWidth = 1.3 * px; g.stroke();
+      g.fillStyle = PAINT.paper; g.fill();
+      g.strokeStyle = PAINT.ink; g.lineWidth = 1.3 * px; g.stroke();
     }
   }
 
@@ -299,6 +323,10 @@ class Stage {
 class StringStrip {
   constructor(canvas, runs) {
     this.canvas = canvas;
+    this.setRuns(runs);
+  }
+
+  setRuns(runs) {
     this.runs = runs.filter(r => r.stage && r.stage.string && r.stage.string.modes);
     this.largest = Math.max(...this.runs.map(r => r.stage.string.modes.largest), 0);
     this.length = Math.max(...this.runs.map(r => r.stage.string.length), 0);
@@ -317,12 +345,12 @@ class StringStrip {
     const w = this.canvas.width / this.dpr, h = 104;
     g.clearRect(0, 0, w, h);
     g.font = "11px system-ui, sans-serif";
-    g.fillStyle = "#555";
+    g.fillStyle = PAINT.text;
     g.textBaseline = "top";
     g.fillText(`string, ${(this.length).toFixed(0)} mm from end to end, displacement to ±` +
                `${this.largest.toPrecision(3)} mm`, 4, 2);
     const X = share => 8 + (w - 16) * share, middle = 61, size = 38;
-    g.strokeStyle = "#ccc"; g.lineWidth = 1;
+    g.strokeStyle = PAINT.axis; g.lineWidth = 1;
     g.beginPath(); g.moveTo(X(0), middle); g.lineTo(X(1), middle); g.stroke();
     for (const run of this.runs.filter(r => r.shown)) {
       const shape = stringShape(run.stage.string, run.time(now)), n = shape.length - 1;

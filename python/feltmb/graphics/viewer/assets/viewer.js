@@ -1,36 +1,29 @@
 // The viewer: state, controls, tables. Texts of files become text nodes only, never markup.
 
-function element(kind, options = {}, ...children) {
-  const e = document.createElement(kind);
-  for (const [key, value] of Object.entries(options)) {
-    if (key === "class") e.className = value;
-    else if (key.startsWith("on")) e.addEventListener(key.slice(2), value);
-    else e.setAttribute(key, value);
+// A run of the page, unpacked: its curves each with times of their own, or all with the same.
+function unpackRun(r, i) {
+  const run = {
+    name: r.name, note: r.note || "", events: r.events, first: r.first, last: r.last, busy: r.busy,
+    color: PAINT.runs[i % PAINT.runs.length], shown: true, shift: 0,
+    stage: r.stage && unpackStage(r.stage),
+    curves: new Map(r.outputs.map(o => [o.name, new Curve(o)])),
+  };
+  if (r.values) {
+    const time = times(r.time), values = columns(r.values);
+    r.outputs.forEach((o, k) => Object.assign(run.curves.get(o.name), {time, values: values[k]}));
   }
-  e.append(...children);
-  return e;
-}
-
-function choice(label, pairs, onchange) {
-  const select = element("select", {"aria-label": label, onchange});
-  for (const [value, text] of pairs) select.append(element("option", {value}, text));
-  return select;
+  run.time = now => now + run.shift;  // from the clock of the first run to its own
+  return run;
 }
 
 class Viewer {
-  constructor(root) {
+  // `data`: as page.py writes it; default: what the root element holds.
+  constructor(root, data = JSON.parse(root.querySelector("script").textContent)) {
     this.root = root;
-    const data = this.data = JSON.parse(root.querySelector("script").textContent);
-    this.runs = data.runs.map((r, i) => {
-      const run = {
-        name: r.name, note: r.note, events: r.events, first: r.first, last: r.last, busy: r.busy,
-        color: RUN_COLORS[i % RUN_COLORS.length], shown: true, shift: 0,
-        stage: r.stage && unpackStage(r.stage),
-        curves: new Map(r.outputs.map(o => [o.name, new Curve(o)])),
-      };
-      run.time = now => now + run.shift;  // from the clock of the first run to its own
-      return run;
-    });
+    this.data = data;
+    this.runs = data.runs.map(unpackRun);
+    this.known = data.known || null;  // [name, label, unit] of outputs that can be asked for
+    this.wanted = () => {};           // called when other outputs are shown
     this.playing = false;
     this.build();
     this.align(data.align);
@@ -39,26 +32,36 @@ class Viewer {
     this.layout();
   }
 
+  // Other runs in the place of those that were shown; time, view and panels stay.
+  replace(described, {look = false} = {}) {
+    const before = this.runs;
+    this.runs = described.map(unpackRun);
+    this.runs.forEach((run, i) => { if (before[i]) run.shown = before[i].shown; });
+    const names = runs => runs.map(r => [r.name, r.note]).flat().join("\n");
+    if (names(before) !== names(this.runs)) this.fillHead();
+    if (this.stage) this.stage.setRuns(this.runs);
+    if (this.strip) this.strip.setRuns(this.runs);
+    if (this.forces) this.fillForces();
+    this.fillEvents();
+    for (const panel of this.panels) {
+      panel.runs = this.runs;
+      panel.still = null;
+      this.fillLegend(panel);
+    }
+    this.align(this.aligner ? this.aligner.value : "", false);
+    if (look) this.look("busy");
+    else this.render();
+  }
+
   // ---------------------------------------------------------------- structure
 
   build() {
     const {root, data, runs} = this;
     this.clock = element("span", {class: "fv-clock"});
-    this.chips = runs.map(run => {
-      const box = element("input", {type: "checkbox", onchange: () => {
-        run.shown = box.checked;
-        this.render();
-      }});
-      box.checked = true;
-      const swatch = element("i", {class: "fv-swatch"});
-      swatch.style.background = run.color;
-      return element("label", {class: "fv-chip", title: run.note}, box, swatch, run.name);
-    });
-    const head = element("div", {class: "fv-head"}, ...this.chips, this.clock);
-    for (const run of runs) if (run.note && run.note !== "curves only")
-      head.append(element("span", {class: "fv-hint"}, `${run.name}: ${run.note}`));
+    const head = this.head = element("div", {class: "fv-head"});
+    this.fillHead();
 
-    const left = element("div", {class: "fv-left"});
+    const left = this.left = element("div", {class: "fv-left"});
     if (runs.some(r => r.stage)) {
       const canvas = element("canvas", {class: "fv-stage", role: "img",
         "aria-label": "the mechanism at the time of the cursor"});
@@ -74,12 +77,16 @@ class Viewer {
         "aria-label": "the string from end to end at the time of the cursor"});
       this.strip = new StringStrip(strip, runs);
       if (this.strip.runs.length) left.append(strip); else this.strip = null;
-      left.append(this.forceTable());
+      this.forces = element("table", {class: "fv-table"});
+      this.fillForces();
+      left.append(this.forces);
     }
     this.right = element("div", {class: "fv-right"});
     this.panels = [];
     this.panelBox = element("div");
-    this.right.append(this.panelBox, this.adder(), this.eventTable());
+    this.events = element("table", {class: "fv-table fv-events"});
+    this.fillEvents();
+    this.right.append(this.panelBox, this.adder(), this.events);
     const main = element("div", {class: this.stage ? "fv-main" : "fv-main fv-alone"});
     if (this.stage) main.append(left);
     main.append(this.right);
@@ -91,6 +98,22 @@ class Viewer {
     for (const name of ["pointerdown", "focusin"])
       root.addEventListener(name, () => { Viewer.used = this; });
     addEventListener("resize", () => this.layout());
+  }
+
+  // Names of the runs, each to be shown or not.
+  fillHead() {
+    this.head.replaceChildren(...this.runs.map(run => {
+      const box = element("input", {type: "checkbox", onchange: () => {
+        run.shown = box.checked;
+        this.render();
+      }});
+      box.checked = run.shown;
+      const swatch = element("i", {class: "fv-swatch"});
+      swatch.style.background = run.color;
+      return element("label", {class: "fv-chip", title: run.note}, box, swatch, run.name);
+    }), this.clock);
+    for (const run of this.runs) if (run.note && run.note !== "curves only")
+      this.head.append(element("span", {class: "fv-hint"}, `${run.name}: ${run.note}`));
   }
 
   controls() {
@@ -131,8 +154,9 @@ class Viewer {
     return line;
   }
 
-  forceTable() {
-    const rows = new Map(), table = element("table", {class: "fv-table"});
+  fillForces() {
+    const rows = new Map(), table = this.forces;
+    table.replaceChildren();
     this.runs.forEach((run, r) => {
       if (!run.stage) return;
       run.stage.contacts.forEach((c, k) => {
@@ -142,7 +166,9 @@ class Viewer {
     });
     this.forceRows = [...rows].sort((a, b) => a[0] - b[0]).map(([number, {label, of}]) => {
       const row = table.insertRow();
-      row.append(element("td", {class: "fv-n"}, String(number)), element("td", {}, label));
+      const near = element("button", {type: "button", class: "fv-link fv-near", title: "go near this contact",
+        onclick: () => this.stage.approach(number, this.now)}, label);
+      row.append(element("td", {class: "fv-n"}, String(number)), element("td", {}, near));
       const cells = of.map(({run, k}) => {
         const value = element("td", {class: "fv-v"}), bar = element("i", {class: "fv-bar"});
         bar.style.background = run.color;
@@ -151,15 +177,14 @@ class Viewer {
       });
       return cells;
     }).flat();
-    return table;
   }
 
-  eventTable() {
-    const names = [];
+  fillEvents() {
+    const names = [], table = this.events;
+    table.replaceChildren();
     for (const run of this.runs) for (const [, name] of run.events)
       if (!names.includes(name)) names.push(name);
-    const table = element("table", {class: "fv-table fv-events"});
-    this.eventRows = names.map(name => {
+    names.forEach(name => {
       const row = table.insertRow();
       const go = element("button", {type: "button", class: "fv-link", onclick: () => {
         const run = this.runs.find(r => r.events.some(e => e[1] === name));
@@ -173,35 +198,43 @@ class Viewer {
         cell.style.color = this.runs.length > 1 ? run.color : "";
         row.append(cell);
       }
-      return row;
     });
-    return table;
   }
 
   adder() {
-    const all = new Map();
-    for (const run of this.runs) for (const [name, curve] of run.curves)
-      if (!all.has(name)) all.set(name, `${name}, ${curve.output.unit}`);
+    const all = this.outputs((name, unit) => `${name}, ${unit}`);
     const select = choice("add a curve", [["", "add a curve …"], ...all], () => {
       if (select.value)
         this.addPanel({title: "", outputs: [select.value], change: false});
       select.value = "";
+      this.wanted();
       this.layout();
     });
     return element("div", {class: "fv-adder"}, select);
   }
 
+  // Text by name of the outputs that can be shown.
+  outputs(text, only = null) {
+    const all = new Map(), put = (name, unit) => {
+      if (!all.has(name) && (only === null || unit === only)) all.set(name, text(name, unit));
+    };
+    for (const [name, , unit] of this.known || []) put(name, unit);
+    for (const run of this.runs) for (const [name, curve] of run.curves) put(name, curve.output.unit);
+    return all;
+  }
+
   addPanel(given) {
-    const panel = new Panel(given, this.runs), unit = panel.unit();
-    const same = new Map();
-    for (const run of this.runs) for (const [name, curve] of run.curves)
-      if (curve.output.unit === unit) same.set(name, name);
+    const panel = new Panel(given, this.runs);
+    const known = (this.known || []).find(o => o[0] === given.outputs[0]);
+    const unit = panel.unit() || (known ? known[2] : "");
+    const same = this.outputs(name => name, unit);
     panel.legend = element("span", {class: "fv-legend"});
     const more = choice("add a curve to this panel", [["", "+"], ...same], () => {
       if (more.value && !panel.outputs.includes(more.value)) panel.outputs.push(more.value);
       more.value = "";
       this.fillLegend(panel);
       this.render();
+      this.wanted();
     });
     more.className = "fv-more";
     const change = element("input", {type: "checkbox", onchange: () => {
@@ -213,6 +246,7 @@ class Viewer {
       onclick: () => {
         this.panels = this.panels.filter(p => p !== panel);
         panel.box.remove();
+        this.wanted();
       }}, "×");
     panel.box = element("div", {class: "fv-panel"},
       element("div", {class: "fv-panel-head"},
@@ -306,7 +340,7 @@ class Viewer {
     this.render();
   }
 
-  align(event) {
+  align(event, show = true) {
     const of = run => (run.events.find(e => e[1] === event) || [NaN])[0];
     const here = of(this.runs[0]);
     for (const run of this.runs) {
@@ -314,7 +348,7 @@ class Viewer {
       run.shift = event && Number.isFinite(here + there) ? there - here : 0;
     }
     if (this.aligner) this.aligner.value = event || "";
-    if (this.window) this.look("busy");
+    if (this.window && show) this.look("busy");
   }
 
   seek(t, reveal = false) {

@@ -1,0 +1,449 @@
+"""The pages and the WebSocket of the live server, and who may use them."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import hmac
+import json
+import os
+import tempfile
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from feltmb import __version__
+from feltmb.errors import FeltmbError, InvalidParameter
+from feltmb.graphics.viewer import script_of
+from feltmb.live.desk import Desk
+from feltmb.live.knobs import Bench
+from feltmb.live.measured import Measured, Shelf
+from feltmb.live.pictures import default_shown, outputs_of
+from feltmb.live.states import Asked, Playing, Turned
+from feltmb.mechanism import load_action
+from feltmb.params import names
+from feltmb.run.simulate import simulate
+
+__all__ = ["MOST_BODY", "MOST_MESSAGE", "MOST_UPLOAD", "Studio", "make_app"]
+
+#: Largest message of the WebSocket, body of a request, uploaded file [bytes]; pages at a time.
+MOST_MESSAGE, MOST_BODY, MOST_UPLOAD = 256 * 1024, 256 * 1024, 32 * 1024 * 1024
+MOST_PAGES = 16
+#: The file of the mechanism is looked at so often [s].
+LOOK = 0.25
+
+
+class Studio:
+    """What all pages share: the mechanism, its file, threads, uploaded files.
+
+    Parameters
+    ----------
+    mechanism
+        Name of a packaged mechanism, or path of a TOML file that is followed.
+    records
+        Measured files to begin with.
+    """
+
+    def __init__(self, mechanism: str, records: tuple[Path, ...] = ()):
+        self.name = mechanism
+        self.bench = Bench(load_action(mechanism))
+        self.faults: list[str] = []
+        self.version = 1
+        self.pool = ThreadPoolExecutor(max(4, os.cpu_count() or 4), thread_name_prefix="live")
+        self.pages: set[Page] = set()
+        self._folder = tempfile.TemporaryDirectory(prefix="feltmb-live")
+        self.shelf = Shelf(Path(self._folder.name))
+        for path in records:
+            self.shelf.add(path.name, path.read_bytes())
+        path = Path(mechanism)
+        self._file = path if path.is_file() else None
+        self._seen = self._stamp()
+
+    def _stamp(self) -> tuple[int, int] | None:
+        if self._file is None:
+            return None
+        try:
+            found = self._file.stat()
+        except OSError:
+            return None
+        return found.st_mtime_ns, found.st_size
+
+    async def follow(self) -> None:
+        """Read the file of the mechanism anew whenever it changes on disk."""
+        while self._file is not None:
+            await asyncio.sleep(LOOK)
+            stamp = self._stamp()
+            if stamp is None or stamp == self._seen:
+                continue
+            self._seen = stamp
+            loop = asyncio.get_running_loop()
+            try:
+                action = await loop.run_in_executor(self.pool, load_action, str(self._file))
+                self.bench, self.faults = await loop.run_in_executor(self.pool, Bench, action), []
+            except FeltmbError as error:
+                self.faults = str(error).splitlines()
+            self.version += 1
+            for page in tuple(self.pages):
+                await page.greet()
+
+    def close(self) -> None:
+        """Free threads and files."""
+        self.pool.shutdown(wait=False, cancel_futures=True)
+        self._folder.cleanup()
+
+
+class Page:
+    """One connection."""
+
+    def __init__(self, studio: Studio, socket: WebSocket):
+        self.studio = studio
+        self.socket = socket
+        self._box: dict[str, dict[str, Any]] = {}
+        self._filled = asyncio.Event()
+        self.desk = Desk(lambda: studio.bench, studio.pool, self.tell)
+        self.measured = Measured(lambda: studio.bench, studio.shelf, studio.pool, self.tell)
+
+    def tell(self, kind: str, message: dict[str, Any]) -> None:
+        """Put a message for the page; a newer one replaces one of its kind that was not sent."""
+        self._box[kind] = message
+        self._filled.set()
+
+    async def serve(self) -> None:
+        """Talk with the page until it goes."""
+        await self.greet()
+        tasks = [
+            asyncio.create_task(each)
+            for each in (self._hear(), self._send(), self.desk.work(), self.measured.work())
+        ]
+        try:
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                if (fault := task.exception()) is not None:
+                    raise fault
+        finally:
+            self.measured.close()
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def greet(self) -> None:
+        """Tell what can be turned and seen; also when the file of the mechanism changed."""
+        bench, loop = self.studio.bench, asyncio.get_running_loop()
+        try:
+            found = await loop.run_in_executor(self.studio.pool, greeting, bench)
+        except FeltmbError as error:
+            found = {"faults": str(error).splitlines()}
+        self.desk.again()
+        self.tell(
+            "hello",
+            {
+                "on": "hello",
+                "version": __version__,
+                "mechanism": self.studio.name,
+                "edition": self.studio.version,
+                "files": self.studio.shelf.listing(),
+                **found,
+                "faults": self.studio.faults or found.get("faults", []),
+            },
+        )
+
+    async def _hear(self) -> None:
+        while True:
+            try:
+                text = await self.socket.receive_text()
+            except (WebSocketDisconnect, KeyError, RuntimeError):
+                return
+            try:
+                message = json.loads(text)
+                self._do(message)
+            except (FeltmbError, ValueError, TypeError, RecursionError) as error:
+                self.tell("refused", {"on": "refused", "text": str(error)[:2000]})
+
+    def _do(self, message: Any) -> None:
+        if not isinstance(message, dict):
+            raise InvalidParameter("message: expected a table")
+        given = dict(message)
+        what = given.pop("do", None)
+        if what == "simulate":
+            slot = given.pop("slot", "a")
+            if slot not in ("a", "b"):
+                raise InvalidParameter("slot: expected a or b")
+            self.desk.ask(slot, Asked.read(given))
+        elif what == "forget":
+            self.desk.forget("b")
+        elif what == "regulate":
+            self.desk.regulate(Turned.model_validate(given.get("turned", {})))
+        elif what == "measure":
+            self.measured.ask(given)
+        elif what == "diagnose":
+            self.measured.diagnose(given)
+        elif what == "stop":
+            self.measured.stop()
+        else:
+            raise InvalidParameter(f"do: got {str(what)[:40]!r}")
+
+    async def _send(self) -> None:
+        while True:
+            await self._filled.wait()
+            self._filled.clear()
+            while self._box:
+                kind = next(iter(self._box))
+                text = json.dumps(self._box.pop(kind), separators=(",", ":"))
+                try:
+                    await self.socket.send_text(text)
+                except (WebSocketDisconnect, RuntimeError):
+                    return
+
+
+def greeting(bench: Bench) -> dict[str, Any]:
+    """What a page has to know of a mechanism."""
+    action = bench.action
+    playable = action.config.finger is not None and action.config.motor is None
+    playing = Playing() if playable else Playing(kind="free")
+    found = simulate(action, playing.stroke(), ledger=False, output_rate=1000.0, max_wall=20.0)
+    return {
+        "name": action.name,
+        "about": str(action.raw.get("about", "")),
+        "knobs": [knob.as_dict(bench.numbers) for knob in bench.knobs.values()],
+        "numbers": [[path, *rest] for path, rest in bench.numbers.items()],
+        "strokes": names("strokes") if playable else [],
+        "outputs": outputs_of(found),
+        "panels": default_shown(found, action),
+        "contacts": [
+            [int(key), contact.label or f"contact {key}"]
+            for key, contact in action.config.contacts.items()
+            if contact.enabled
+        ],
+        "targets": bench.targets.name if bench.targets else "",
+        "notes": list(bench.notes),
+    }
+
+
+# --- who may use it ------------------------------------------------------------------------------
+
+
+class Guard:
+    """Refuse what did not come from our own page: other hosts, other origins, other tokens."""
+
+    def __init__(self, app: ASGIApp, token: str, hosts: tuple[str, ...]):
+        self.app = app
+        self.token = token
+        self.hosts = hosts
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve or refuse."""
+        if scope["type"] not in ("http", "websocket"):
+            await self.app(scope, receive, send)
+            return
+        why = self._refused(scope)
+        if why is None:
+            await self.app(scope, receive, send)
+        elif scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1008, "reason": why[1]})
+        else:
+            await answer(why[1] + "\n", why[0])(scope, receive, send)
+
+    def _refused(self, scope: Scope) -> tuple[int, str] | None:
+        headers = [(k.lower(), v.decode("latin-1")) for k, v in scope["headers"]]
+        hosts = [v for k, v in headers if k == b"host"]
+        if len(hosts) != 1 or hosts[0] not in self.hosts:
+            return 421, "this server answers to its own address only"
+        origins = [v for k, v in headers if k == b"origin"]
+        own = [f"http://{host}" for host in self.hosts]
+        needs = scope["type"] == "websocket" or scope["method"] not in ("GET", "HEAD")
+        if (needs and not origins) or any(origin not in own for origin in origins):
+            return 403, "requests of other pages are refused"
+        given = scope["path"].split("/")[1].encode("utf-8", "replace")
+        if not hmac.compare_digest(given, self.token.encode()):
+            return 404, "the address lacks the token that feltmb live printed"
+        return None
+
+
+def answer(
+    content: str | bytes, status: int = 200, kind: str = "text/plain; charset=utf-8"
+) -> Response:
+    """A response with the headers that all responses have."""
+    return Response(content, status, headers=HEADERS, media_type=kind)
+
+
+HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
+        "img-src 'self' data: blob:; media-src 'self' blob:; base-uri 'none'; form-action 'none'; "
+        "frame-ancestors 'none'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+
+
+async def body_of(request: Request, most: int) -> bytes:
+    """Body of a request of a limited size, whatever its header says.
+
+    Raises
+    ------
+    InvalidParameter
+        It is larger.
+    """
+    parts, size = [], 0
+    told = request.headers.get("content-length", "0")
+    if told.isdigit() and int(told) > most:
+        raise InvalidParameter(f"got {int(told)} bytes, expected at most {most}")
+    async for part in request.stream():
+        size += len(part)
+        if size > most:
+            raise InvalidParameter(f"got more than {most} bytes, expected at most that")
+        parts.append(part)
+    return b"".join(parts)
+
+
+# --- pages ---------------------------------------------------------------------------------------
+
+
+@cache
+def _asset(name: str) -> str:
+    return (resources.files("feltmb.live") / "assets" / name).read_text(encoding="utf-8")
+
+
+@cache
+def _script() -> str:
+    """Script of the page: drawing as in the static viewer, then what is live."""
+    return script_of(_asset("live.js"))
+
+
+def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> ASGIApp:
+    """The application of a live server.
+
+    Parameters
+    ----------
+    token
+        First part of every path.
+    hosts
+        ``127.0.0.1:PORT`` and the like: what the header Host may say.
+    """
+
+    async def page(_request: Request) -> Response:
+        return answer(_asset("live.html"), kind="text/html; charset=utf-8")
+
+    async def asset(request: Request) -> Response:
+        name = request.path_params["name"]
+        if name == "live.js":
+            return answer(_script(), kind="text/javascript; charset=utf-8")
+        if name == "live.css":
+            text = resources.files("feltmb.graphics.viewer") / "assets" / "viewer.css"
+            return answer(
+                text.read_text(encoding="utf-8") + _asset("live.css"),
+                kind="text/css; charset=utf-8",
+            )
+        if name == "uPlot.js":
+            return answer(_asset("uPlot.iife.min.js"), kind="text/javascript; charset=utf-8")
+        if name == "uPlot.css":
+            return answer(_asset("uPlot.min.css"), kind="text/css; charset=utf-8")
+        return answer("no such file\n", 404)
+
+    async def asked(request: Request) -> Asked:
+        try:
+            return Asked.read(json.loads(await body_of(request, MOST_BODY)))
+        except (ValueError, RecursionError) as error:
+            raise InvalidParameter(str(error)) from None
+
+    def told(work: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Any]:
+        async def wrapped(request: Request) -> Response:
+            try:
+                return await work(request)
+            except FeltmbError as error:
+                return answer(str(error), 422)
+
+        return wrapped
+
+    async def in_thread(work: Callable[[], Any]) -> Any:
+        return await asyncio.get_running_loop().run_in_executor(studio.pool, work)
+
+    async def sound(request: Request) -> Response:
+        given = await asked(request)
+        return answer(await in_thread(lambda: sound_of(studio.bench, given)), kind="audio/wav")
+
+    async def toml(request: Request) -> Response:
+        given = await asked(request)
+        return answer(await in_thread(lambda: toml_of(studio.bench, given.turned)))
+
+    async def upload(request: Request) -> Response:
+        name = request.query_params.get("name", "record.csv")
+        data = await body_of(request, MOST_UPLOAD)
+        entry = await in_thread(lambda: studio.shelf.add(name, data))
+        return JSONResponse(entry, headers=HEADERS)
+
+    async def remove(request: Request) -> Response:
+        studio.shelf.remove(request.path_params["file"])
+        return JSONResponse({}, headers=HEADERS)
+
+    async def socket(websocket: WebSocket) -> None:
+        if len(studio.pages) >= MOST_PAGES:
+            await websocket.close(1013, f"{MOST_PAGES} pages are open")
+            return
+        await websocket.accept()
+        mine = Page(studio, websocket)
+        studio.pages.add(mine)
+        try:
+            await mine.serve()
+        finally:
+            studio.pages.discard(mine)
+
+    @contextlib.asynccontextmanager
+    async def lifespan(_app: Starlette) -> AsyncIterator[None]:
+        following = asyncio.create_task(studio.follow())
+        yield
+        following.cancel()
+        studio.close()
+
+    routes = [
+        Route(f"/{token}/", page),
+        Route(f"/{token}/assets/{{name}}", asset),
+        Route(f"/{token}/sound", told(sound), methods=["POST"]),
+        Route(f"/{token}/toml", told(toml), methods=["POST"]),
+        Route(f"/{token}/records", told(upload), methods=["POST"]),
+        Route(f"/{token}/records/{{file}}", told(remove), methods=["DELETE"]),
+        WebSocketRoute(f"/{token}/socket", socket),
+    ]
+    return Guard(Starlette(routes=routes, lifespan=lifespan), token, hosts)
+
+
+def sound_of(bench: Bench, asked: Asked) -> bytes:
+    """The WAV of ``feltmb wav`` of the run of ``feltmb stroke``."""
+    run = simulate(asked.turned.action(bench), asked.playing.stroke())
+    with tempfile.TemporaryDirectory(prefix="feltmb-live") as folder:
+        return run.write_wav(Path(folder) / "string.wav").read_bytes()
+
+
+def toml_of(bench: Bench, turned: Turned) -> str:
+    """Mechanism file with what is turned, and in front of it what was."""
+    action = turned.action(bench)
+    values = bench.values(turned.knobs, turned.numbers)
+    lines = [
+        f"Turned in feltmb live {__version__}, {time.strftime('%Y-%m-%d %H:%M')}.",
+        f"Data set {bench.action.name}, hash {bench.action.hash}.",
+        *(
+            f"  {bench.knobs[name].label}: {value:+.6g} {bench.knobs[name].unit}"
+            for name, value in turned.knobs.items()
+        ),
+        "As of the command line: " + " ".join(f"--set {p}={v!r}" for p, v in values.items()),
+    ]
+    return "".join(f"# {_one_line(line)}\n" for line in lines) + "\n" + action.to_toml()
+
+
+def _one_line(text: str) -> str:
+    return "".join(c if c.isprintable() else " " for c in text)

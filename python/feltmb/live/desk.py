@@ -1,0 +1,331 @@
+"""Simulations for one page: the newest request first, older ones stopped, nothing piled up."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Executor
+from typing import Any, Literal
+
+from feltmb.action.regulate import regulate
+from feltmb.action.regulate.measuring import Bench as Measures
+from feltmb.action.regulate.measuring import CannotMeasure
+from feltmb.action.regulate.targets import MEASURES
+from feltmb.action.touch import static_touch
+from feltmb.action.touch.strikes import simulate_strike
+from feltmb.errors import FeltmbError
+from feltmb.live.knobs import Bench
+from feltmb.live.pictures import describe_live
+from feltmb.live.states import Asked, Turned
+from feltmb.mechanism import Action
+from feltmb.run.results import Run
+from feltmb.run.simulate import simulate
+from feltmb.run.stroke import Stroke
+
+__all__ = ["Desk", "Stopped"]
+
+Slot = Literal["a", "b"]
+SLOTS: tuple[Slot, ...] = ("a", "b")
+
+#: A newer change stops the simulation under way, unless the page would then have gone without a
+#: picture for so long [s]: who drags wants to see something.
+PATIENCE = 0.25
+#: Nothing is turned for so long before the whole run and the extras are computed [s].
+AT_REST = 0.2
+#: Largest wall time of a simulation [s].
+MOST_WALL = 20.0
+#: Samples a second while turning [Hz].
+QUICK_RATE = 5000.0
+#: Force levels of the curve of hammer speeds [N].
+LEVELS = (1.5, 2.5, 4.0, 7.0, 12.0, 20.0, 35.0)
+
+
+class Stopped(Exception):
+    """A newer request came."""
+
+
+class Desk:
+    """Requests of one page.
+
+    Parameters
+    ----------
+    bench
+        Gives the mechanism as it is now; it changes with its file.
+    pool
+        Threads for simulations.
+    tell
+        Takes a message for the page; a newer message of a kind replaces one that was not sent.
+    """
+
+    def __init__(
+        self,
+        bench: Callable[[], Bench],
+        pool: Executor,
+        tell: Callable[[str, dict[str, Any]], None],
+    ):
+        self._bench = bench
+        self._pool = pool
+        self._tell = tell
+        self._wanted: dict[Slot, Asked] = {}
+        self._done: dict[Slot, Asked] = {}
+        self._wake = asyncio.Event()
+        self._last_picture = 0.0
+        self._regulating: Turned | None = None
+        self._left: asyncio.Future[Any] | None = None
+        self.counts = {"asked": 0, "begun": 0, "stopped": 0, "pictures": 0}
+
+    def ask(self, slot: Slot, asked: Asked) -> None:
+        """Take a request; it replaces the one before."""
+        self.counts["asked"] += 1
+        self._wanted[slot] = asked
+        self._wake.set()
+
+    def forget(self, slot: Slot) -> None:
+        """Drop a slot."""
+        self._wanted.pop(slot, None)
+        self._done.pop(slot, None)
+
+    def again(self) -> None:
+        """Compute all anew, because the mechanism changed."""
+        self._done.clear()
+        self._wake.set()
+
+    def regulate(self, turned: Turned) -> None:
+        """Regulate the mechanism with what is turned."""
+        self._regulating = turned
+        self._wake.set()
+
+    async def work(self) -> None:
+        """Serve the requests, for as long as the page lives."""
+        while True:
+            await self._wake.wait()
+            self._wake.clear()
+            try:
+                for slot in SLOTS:
+                    await self._picture(slot, "quick")
+                if self._regulating is not None:
+                    turned, self._regulating = self._regulating, None
+                    await self._regulate(turned)
+                if await self._disturbed(AT_REST):
+                    continue
+                for slot in SLOTS:
+                    await self._picture(slot, "full")
+                await self._extras()
+            except Stopped:
+                self.counts["stopped"] += 1
+                self._wake.set()
+
+    async def _disturbed(self, seconds: float) -> bool:
+        """Wait; whether something new came meanwhile."""
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(self._wake.wait(), seconds)
+        return self._wake.is_set()
+
+    async def _run(self, work: Callable[[], Any], *, leave: bool = False) -> Any:
+        """Work in a thread; with ``leave`` something new does not wait for its end.
+
+        One at a time is left behind: what cannot be stopped must not fill the threads.
+        """
+        future = asyncio.get_running_loop().run_in_executor(self._pool, work)
+        if not leave or (self._left is not None and not self._left.done()):
+            return await future
+        waking = asyncio.create_task(self._wake.wait())
+        try:
+            await asyncio.wait({future, waking}, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            waking.cancel()
+        if future.done():
+            return future.result()
+        self._left = future
+        future.add_done_callback(lambda f: f.cancelled() or f.exception())
+        raise Stopped
+
+    @contextlib.contextmanager
+    def _faults_told(self, slot: str, asked: Asked) -> Iterator[None]:
+        try:
+            yield
+        except FeltmbError as error:
+            self._tell(
+                f"run {slot}",
+                {"on": "fault", "slot": slot, "id": asked.id, "faults": str(error).splitlines()},
+            )
+
+    async def _picture(self, slot: Slot, quality: str) -> None:
+        asked = self._wanted.get(slot)
+        if asked is None or (quality == "quick" and self._done.get(slot) is asked):
+            return
+        bench = self._bench()
+        quick = quality == "quick"
+
+        def stop() -> bool:
+            if self._wanted.get(slot) is asked:
+                return False
+            return not quick or time.monotonic() - self._last_picture < PATIENCE
+
+        def work() -> dict[str, Any]:
+            begin = time.perf_counter()
+            action = asked.turned.action(bench)
+            run = simulated(action, asked.playing.stroke(), quick, stop)
+            if stop():
+                raise Stopped
+            simulation = time.perf_counter() - begin
+            picture = describe_live(run, action, asked.shown, quality)
+            picture["milliseconds"] = [
+                round(1e3 * simulation, 1),
+                round(1e3 * (time.perf_counter() - begin - simulation), 1),
+            ]
+            return picture
+
+        self.counts["begun"] += 1
+        self._done[slot] = asked
+        with self._faults_told(slot, asked):
+            picture = await self._run(work, leave=not quick)
+            self._last_picture = time.monotonic()
+            self.counts["pictures"] += 1
+            values = bench.values(asked.turned.knobs, asked.turned.numbers)
+            self._tell(
+                f"run {slot}",
+                {"on": "run", "slot": slot, "id": asked.id, "run": picture, "set": values},
+            )
+
+    async def _extras(self) -> None:
+        asked = self._wanted.get("a")
+        if asked is None:
+            return
+        bench = self._bench()
+
+        def check() -> None:
+            if self._wake.is_set() or self._wanted.get("a") is not asked:
+                raise Stopped
+
+        kinds: dict[str, Callable[[Action], dict[str, Any]]] = {
+            "targets": lambda action: {"rows": target_rows(bench, action, check)},
+            "touch": touch_curve,
+            "speeds": lambda action: speed_curve(action, check),
+        }
+        for kind in asked.extras:
+            check()
+            make = kinds[kind]
+
+            def work(make: Callable[[Action], dict[str, Any]] = make) -> dict[str, Any]:
+                return make(asked.turned.action(bench))
+
+            try:
+                found = await self._run(work, leave=True)
+            except FeltmbError as error:
+                found = {"fault": str(error)}
+            self._tell(kind, {"on": kind, "id": asked.id, **found})
+
+    async def _regulate(self, turned: Turned) -> None:
+        bench = self._bench()
+        loop = asyncio.get_running_loop()
+
+        def say(text: str) -> None:
+            loop.call_soon_threadsafe(self._tell, "progress", {"on": "progress", "text": text})
+
+        def work() -> dict[str, Any]:
+            return regulated(bench, turned, say)
+
+        try:
+            found = await self._run(work)
+        except FeltmbError as error:
+            found = {"fault": str(error)}
+        self._tell("regulated", {"on": "regulated", **found})
+
+
+def simulated(action: Action, stroke: Stroke, quick: bool, stop: Callable[[], bool]) -> Run:
+    """Run of a stroke; at rest the very one of ``feltmb stroke``.
+
+    Raises
+    ------
+    Stopped
+        ``stop`` asked for it.
+    """
+    options: dict[str, Any] = {"ledger": False, "output_rate": QUICK_RATE} if quick else {}
+    try:
+        return simulate(
+            action, stroke, max_wall=MOST_WALL, progress=lambda _t: not stop(), **options
+        )
+    except KeyboardInterrupt:
+        raise Stopped from None
+
+
+def target_rows(
+    bench: Bench, action: Action, check: Callable[[], None] = lambda: None
+) -> list[dict[str, Any]]:
+    """Each regulation target with what is measured: held or not."""
+    rows: list[dict[str, Any]] = []
+    measures = Measures()
+    for step in bench.targets.steps if bench.targets else ():
+        check()
+        _, unit, factor, what = MEASURES[step.measure]
+        row: dict[str, Any] = {"name": step.name, "unit": unit, "wanted": step.wanted, "what": what}
+        row["knob"] = f"screw.{step.name}" if f"screw.{step.name}" in bench.knobs else ""
+        row["tolerance"] = None if step.tolerance is None else step.tolerance * factor
+        try:
+            value = measures.measure(action, step)
+            row |= {"value": value * factor, "holds": step.holds(value), "why": ""}
+        except CannotMeasure as error:
+            row |= {"value": None, "holds": False, "why": str(error)}
+        rows.append(row)
+    return rows
+
+
+def touch_curve(action: Action) -> dict[str, Any]:
+    """Force against key travel of a slow press and release, mm and N; weights in gf."""
+    found = static_touch(action)
+    gram = 1e3 / 9.80665
+    return {
+        "curves": [
+            [name, (1e3 * path.travel).round(4).tolist(), path.force.round(4).tolist()]
+            for name, path in (("press", found.press), ("release", found.release))
+        ],
+        "rows": [
+            ["down-weight", found.down_weight * gram, "gf"],
+            ["up-weight", found.up_weight * gram, "gf"],
+            ["friction", found.friction * gram, "gf"],
+            ["balance weight", found.balance_weight * gram, "gf"],
+            ["let-off force", found.let_off_force, "N"],
+            ["let-off travel", 1e3 * found.let_off_travel, "mm"],
+            ["key dip", 1e3 * found.key_dip, "mm"],
+            ["aftertouch", 1e3 * found.aftertouch, "mm"],
+        ],
+    }
+
+
+def speed_curve(action: Action, check: Callable[[], None] = lambda: None) -> dict[str, Any]:
+    """Hammer speed against key speed of strikes from pp to ff, m/s."""
+    rows = []
+    for level in LEVELS:
+        check()
+        strike = simulate_strike(action, "pressed", level, 0.01)
+        if strike.hammer_speed is not None and strike.key_speed is not None:
+            rows.append([strike.key_speed, strike.hammer_speed, level])
+    return {"rows": rows, "missed": len(LEVELS) - len(rows)}
+
+
+def regulated(bench: Bench, turned: Turned, say: Callable[[str], None]) -> dict[str, Any]:
+    """What a regulation turns, as magnitudes of the knobs."""
+    found = regulate(turned.action(bench), bench.targets, progress=say)
+    knobs: Mapping[str, float] = {
+        f"screw.{row.name}": turned.knobs.get(f"screw.{row.name}", 0.0)
+        + row.turned * (1e-3 if row.turn_unit == "mm" else 3.141592653589793 / 180.0)
+        for row in found.table
+        if row.turned and f"screw.{row.name}" in bench.knobs
+    }
+    return {
+        "knobs": dict(knobs),
+        "converged": found.converged,
+        "rows": [
+            {
+                "name": row.name,
+                "turned": row.turned,
+                "unit": row.turn_unit,
+                "holds": row.holds,
+                "why": row.why,
+            }
+            for row in found.table
+        ],
+    }

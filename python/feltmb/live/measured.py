@@ -1,0 +1,340 @@
+"""Measured files held against the mechanism: overlay while turning, and a diagnosis beside."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import math
+import re
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from feltmb.adapters import mechanism_model
+from feltmb.data import ReadOptions, Record
+from feltmb.data.columns import read_columns
+from feltmb.data.files import read_each
+from feltmb.data.mapping import Signals
+from feltmb.errors import FeltmbError, InvalidParameter
+from feltmb.fit import Progress
+from feltmb.gap import check, diagnose
+from feltmb.gap.report import Report, plain
+from feltmb.graphics.viewer.packing import pack_columns, pack_times
+from feltmb.live.knobs import Bench
+from feltmb.live.states import Turned
+from feltmb.style import reader_unit
+
+__all__ = ["Measured", "Shelf"]
+
+#: Uploaded files that are kept; the oldest gives way.
+MOST_FILES = 12
+KINDS = (".csv", ".txt", ".tsv", ".dat", ".mat", ".nc")
+#: Samples of a curve; records that are drawn; how often progress is told [s].
+MOST_SAMPLES, MOST_RECORDS, TELL_EVERY = 1500, 6, 0.3
+
+Text = Annotated[str, Field(max_length=200)]
+
+
+class _Reading(BaseModel):
+    """What the form of a file says."""
+
+    model_config = ConfigDict(extra="forbid")
+    columns: Annotated[dict[Text, Text], Field(max_length=50)] = {}
+    units: Annotated[dict[Text, Text], Field(max_length=50)] = {}
+    scales: Annotated[dict[Text, Text], Field(max_length=50)] = {}
+
+    def options(self) -> ReadOptions:
+        """For the readers of ``gap check``."""
+        return ReadOptions(columns=self.columns, units=self.units, scales=self.scales)
+
+
+class _Asked(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    id: Annotated[int, Field(ge=0, le=2**53)] = 0
+    files: Annotated[list[Text], Field(max_length=MOST_FILES)] = []
+    reading: _Reading = _Reading()
+    turned: Turned = Turned()
+    budget: Annotated[float, Field(gt=0, le=7200)] = 300.0
+
+
+@dataclass
+class Shelf:
+    """Uploaded files, in a folder of their own under names of our own."""
+
+    folder: Path
+    _files: dict[str, tuple[str, Path]] = field(default_factory=dict)
+    _numbers: Any = field(default_factory=lambda: itertools.count(1))
+
+    def add(self, name: str, data: bytes) -> dict[str, Any]:
+        """Keep a file; tells its columns.
+
+        Raises
+        ------
+        InvalidParameter
+            Not a kind of file that is read.
+        DataError
+            It cannot be read.
+        """
+        plain_name = re.sub(r"[^\w .+-]", "_", Path(name.replace("\\", "/")).name)[-80:] or "record"
+        kind = Path(plain_name).suffix.lower()
+        if kind not in KINDS:
+            raise InvalidParameter(f"{plain_name}: expected a file {', '.join(KINDS)}")
+        key = f"r{next(self._numbers)}"
+        (self.folder / key).mkdir()
+        path = self.folder / key / plain_name
+        path.write_bytes(data)
+        try:
+            columns = read_columns(path)
+        except FeltmbError as error:
+            path.unlink()
+            raise type(error)(str(error).replace(str(path), plain_name)) from None
+        while len(self._files) >= MOST_FILES:
+            self.remove(next(iter(self._files)))
+        self._files[key] = (plain_name, path)
+        return {
+            "file": key,
+            "name": plain_name,
+            "columns": [[c, columns.units.get(c, "")] for c in columns.values],
+        }
+
+    def remove(self, key: str) -> None:
+        """Drop a file."""
+        if (found := self._files.pop(key, None)) is not None:
+            found[1].unlink(missing_ok=True)
+
+    def listing(self) -> list[dict[str, Any]]:
+        """Files with their columns."""
+        out = []
+        for key, (name, path) in self._files.items():
+            columns = read_columns(path)
+            out.append(
+                {
+                    "file": key,
+                    "name": name,
+                    "columns": [[c, columns.units.get(c, "")] for c in columns.values],
+                }
+            )
+        return out
+
+    def paths(self, keys: list[str]) -> list[Path]:
+        """Paths of files by key, all for none."""
+        missing = [k for k in keys if k not in self._files]
+        if missing or not self._files:
+            raise InvalidParameter(
+                f"file {missing[0]!r} is not here any more; drop it again"
+                if missing
+                else "drop a measured file first"
+            )
+        return [self._files[k][1] for k in keys or self._files]
+
+
+class Measured:
+    """Overlays and the diagnosis of one page."""
+
+    def __init__(
+        self,
+        bench: Callable[[], Bench],
+        shelf: Shelf,
+        pool: Executor,
+        tell: Callable[[str, dict[str, Any]], None],
+    ):
+        self._bench, self._shelf, self._pool, self._tell = bench, shelf, pool, tell
+        self._asked: _Asked | None = None
+        self._wake = asyncio.Event()
+        self._stop = False
+        self._running: asyncio.Task[None] | None = None
+
+    def ask(self, given: Mapping[str, Any]) -> None:
+        """Hold files against the mechanism as it is turned; replaces the request before."""
+        self._asked = _read(given)
+        self._wake.set()
+
+    def diagnose(self, given: Mapping[str, Any]) -> None:
+        """Begin a diagnosis; one at a time."""
+        if self._running is not None and not self._running.done():
+            raise InvalidParameter("a diagnosis is under way; stop it first")
+        self._stop = False
+        self._running = asyncio.create_task(self._diagnose(_read(given)))
+
+    def stop(self) -> None:
+        """End the diagnosis with what is known so far."""
+        self._stop = True
+
+    def close(self) -> None:
+        """The page is gone."""
+        self._stop = True
+
+    async def work(self) -> None:
+        """Serve the overlays, for as long as the page lives."""
+        loop = asyncio.get_running_loop()
+        while True:
+            await self._wake.wait()
+            self._wake.clear()
+            asked = self._asked
+            if asked is None:
+                continue
+            bench = self._bench()
+            try:
+                found = await loop.run_in_executor(self._pool, self._overlay, asked, bench)
+            except FeltmbError as error:
+                found = {"fault": self._named(str(error))}
+            self._tell("measured", {"on": "measured", "id": asked.id, **found})
+
+    def _named(self, text: str) -> str:
+        """A message without the folder that the files lie in."""
+        return re.sub(re.escape(str(self._shelf.folder)) + r"/r\d+/", "", text)
+
+    def _records(self, asked: _Asked, model: Any) -> tuple[Record, ...]:
+        signals = Signals(
+            inputs=tuple(getattr(model, "inputs", ())),
+            outputs=model.outputs,
+            modes=model.input_modes,
+            units=model.units if model.input_modes else {},
+            names=model.input_names,
+        )
+        groups = read_each(self._shelf.paths(asked.files), signals, asked.reading.options())
+        return tuple(r for group in groups for r in group)
+
+    def _overlay(self, asked: _Asked, bench: Bench) -> dict[str, Any]:
+        model, _ = mechanism_model(asked.turned.action(bench))
+        found = check(model, self._records(asked, model))
+        records = []
+        for record in found.records[:MOST_RECORDS]:
+            simulated = found.simulated[record.name]
+            stride = max(1, record.samples // MOST_SAMPLES)
+            channels = []
+            for name in record.outputs:
+                if name not in simulated:
+                    continue
+                factor, unit = reader_unit(record.sensors[name].unit)
+                both = factor * np.column_stack([record.outputs[name], simulated[name]])[::stride]
+                channels.append({"name": name, "unit": unit, "values": pack_columns(both)})
+            records.append(
+                {
+                    "name": record.name,
+                    "time": pack_times(1e3 * record.time[::stride]),
+                    "channels": channels,
+                }
+            )
+        rows = [
+            {
+                "record": r.record,
+                "channel": r.channel,
+                "unit": reader_unit(r.unit)[1],
+                "rms": reader_unit(r.unit)[0] * r.rms,
+                "noise": r.in_noise if math.isfinite(r.in_noise) else None,
+            }
+            for r in found.rows
+        ]
+        notes = [self._named(n) for n in (*found.notes, *found.checks.warnings)]
+        return {"records": records, "rows": rows, "notes": list(dict.fromkeys(notes))[:12]}
+
+    async def _diagnose(self, asked: _Asked) -> None:
+        loop = asyncio.get_running_loop()
+        bench = self._bench()
+        last = [0.0]
+
+        def progress(p: Progress) -> None:
+            now = time.monotonic()
+            if now - last[0] < TELL_EVERY:
+                return
+            last[0] = now
+            message = {"on": "diagnosing", **plain(p)}
+            loop.call_soon_threadsafe(self._tell, "diagnosing", message)
+
+        def work() -> dict[str, Any]:
+            model, effects = mechanism_model(asked.turned.action(bench))
+            report = diagnose(
+                model,
+                effects,
+                self._records(asked, model),
+                progress=progress,
+                budget=asked.budget,
+                stop=lambda: self._stop,
+            )
+            return told(report, bench)
+
+        try:
+            # A thread of its own: the pool stays free for what is turned meanwhile.
+            found = await asyncio.to_thread(work)
+        except FeltmbError as error:
+            found = {"fault": self._named(str(error))}
+        self._tell("diagnosis", {"on": "diagnosis", **found})
+
+
+def _read(given: Mapping[str, Any]) -> _Asked:
+    try:
+        return _Asked.model_validate(given)
+    except ValidationError as error:
+        lines = [f"{'.'.join(map(str, e['loc']))[:80]}: {e['msg'][:200]}" for e in error.errors()]
+        raise InvalidParameter("\n".join(lines[:8])) from None
+
+
+def told(report: Report, bench: Bench) -> dict[str, Any]:
+    """A report for the page: the verdict, candidates with their knob, places with their share."""
+    ranked = sorted(report.which.effects, key=lambda r: -r.posterior)[:10]
+    return {
+        "verdict": report.verdict.value,
+        "statement": report.statement,
+        "named": list(report.named),
+        "calibrated": [
+            [name, value, name if name in bench.knobs else ""]
+            for name, value in report.model.parameters.items()
+        ],
+        "candidates": [
+            {
+                "effect": r.effect,
+                "component": r.component,
+                "mechanism": r.mechanism,
+                "magnitude": plain(r.magnitude),
+                "unit": r.unit,
+                "posterior": plain(r.posterior),
+                "named": r.named,
+                "remedy": r.remedy,
+                "knob": knob_of(bench, r.effect),
+            }
+            for r in ranked
+        ],
+        "tint": tint_of(bench, {c.component: c.explained for c in report.where.components}),
+        "stopped": report.stopped,
+    }
+
+
+def knob_of(bench: Bench, effect: str) -> str:
+    """The knob that does what an effect says; "" where none does."""
+    if effect in bench.knobs:
+        return effect
+    entry = (
+        next((e for e in bench.library.effects if e.name == effect), None)
+        if (bench.library)
+        else None
+    )
+    if entry is None or not entry.changes:
+        return ""
+    same = (k.name for k in bench.knobs.values() if k.changes == entry.changes)
+    return next(same, "")
+
+
+def tint_of(bench: Bench, shares: Mapping[str, float]) -> list[float]:
+    """Share of the gap by body, the ground first: the largest of the places that touch it."""
+    config = bench.action.config
+    bodies = ["ground", *config.bodies]
+    out = dict.fromkeys(bodies, 0.0)
+    for place, share in shares.items():
+        if not math.isfinite(share):
+            continue
+        number = re.match(r"contact (\d+)", place)
+        contact = config.contacts.get(number.group(1)) if number else None
+        if contact is not None:
+            touched = [config.surfaces[name].body for name in contact.surfaces]
+        else:
+            touched = [n for n, b in config.bodies.items() if place.startswith(b.label or n)]
+        for body in touched:
+            out[body] = max(out[body], min(1.0, max(0.0, share)))
+    return [round(out[body], 3) for body in bodies]

@@ -1,0 +1,124 @@
+"""The server of the live page: one port of this machine, one secret address."""
+
+from __future__ import annotations
+
+import secrets
+import socket
+import webbrowser
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from feltmb.arguments import checked
+from feltmb.errors import FeltmbError
+
+__all__ = ["Live", "serve"]
+
+HOST = "127.0.0.1"
+
+
+class Live:
+    """A live server that is bound and not yet running.
+
+    Parameters
+    ----------
+    mechanism
+        Name of a packaged mechanism, or path of a TOML file, which is then followed.
+    records
+        Measured files to begin with.
+    port
+        Of this machine; 0: a free one.
+
+    Attributes
+    ----------
+    address : str
+        To be opened in a browser; its token keeps others out.
+    """
+
+    def __init__(self, mechanism: str, records: Sequence[Path] = (), port: int = 0):
+        try:
+            import uvicorn
+
+            from feltmb.live.app import MOST_MESSAGE, Studio, make_app
+        except ImportError as missing:
+            raise FeltmbError(
+                f"feltmb live: {missing.name} is not installed; pip install 'feltmb[live]'"
+            ) from None
+        self.studio = Studio(mechanism, tuple(records))
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            self._socket.bind((HOST, port))
+        except OSError as error:
+            self.studio.close()
+            self._socket.close()
+            raise FeltmbError(f"feltmb live: port {port}: {error.strerror or error}") from None
+        self.port = int(self._socket.getsockname()[1])
+        token = secrets.token_urlsafe(24)
+        self.address = f"http://{HOST}:{self.port}/{token}/"
+        hosts = (f"{HOST}:{self.port}", f"localhost:{self.port}")
+        self._server: Any = uvicorn.Server(
+            uvicorn.Config(
+                make_app(self.studio, token, hosts),
+                log_level="warning",
+                access_log=False,
+                server_header=False,
+                proxy_headers=False,
+                ws_max_size=MOST_MESSAGE,
+                ws_max_queue=8,
+                limit_concurrency=64,
+                timeout_graceful_shutdown=2,
+            )
+        )
+
+    def run(self) -> None:
+        """Serve until :meth:`stop`, or Ctrl-C."""
+        self._server.run(sockets=[self._socket])
+
+    def stop(self) -> None:
+        """End :meth:`run`, from another thread."""
+        self._server.should_exit = True
+
+    @property
+    def started(self) -> bool:
+        """Whether it answers."""
+        return bool(self._server.started)
+
+
+@checked
+def serve(
+    mechanism: str = "steinway45",
+    records: Sequence[str | Path] = (),
+    *,
+    browser: bool = True,
+    port: int = 0,
+    say: Callable[[str], object] = print,
+) -> None:
+    """Open a page on which a mechanism can be turned and played; returns after Ctrl-C.
+
+    Parameters
+    ----------
+    mechanism
+        Name of a packaged mechanism, or path of a TOML file. The page follows the file: what is
+        saved in the editor is seen at once, with all faults of the file.
+    records
+        Measured files to hold against it; more can be dropped on the page.
+    browser
+        Open the page in the browser.
+    port
+        Of this machine; 0: a free one.
+    say
+        Gets the address.
+
+    Raises
+    ------
+    InvalidParameter
+        There is no such mechanism, or its file has faults.
+    FeltmbError
+        The port is taken, or the packages of ``feltmb[live]`` are missing.
+    """
+    live = Live(mechanism, [Path(r) for r in records], port)
+    say(live.address)
+    if browser:
+        webbrowser.open(live.address)
+    live.run()

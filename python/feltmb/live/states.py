@@ -1,0 +1,166 @@
+"""What a page asks for: the state of its controls, checked, as a mechanism and a stroke."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from feltmb.errors import InvalidParameter
+from feltmb.live.knobs import Bench
+from feltmb.mechanism import Action
+from feltmb.params import names
+from feltmb.run.stroke import (
+    Stroke,
+    load_stroke,
+    motion_stroke,
+    pulse_stroke,
+    ramp_stroke,
+    sequence,
+    table_stroke,
+)
+from feltmb.units.quantity import shortened
+
+__all__ = ["Asked", "Playing", "Turned"]
+
+#: Knots of a drawn stroke; controls that are turned at once; outputs that are shown at once.
+MOST_KNOTS, MOST_TURNED, MOST_SHOWN = 400, 500, 24
+#: Longest stroke [s]: a page that asks for more would wait too long for its picture.
+LONGEST = 3.0
+#: Start of the strokes of the page [s].
+START = 0.02
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class Turned(_Table):
+    """What is turned: magnitudes of knobs [SI], and numbers by path in the units of the file."""
+
+    knobs: Annotated[dict[str, Finite], Field(max_length=MOST_TURNED)] = {}
+    numbers: Annotated[dict[str, Finite], Field(max_length=MOST_TURNED)] = {}
+
+    def action(self, bench: Bench) -> Action:
+        """The mechanism with all of it.
+
+        Raises
+        ------
+        InvalidParameter
+            Something that this mechanism does not have, or a value out of range.
+        """
+        values = bench.values(self.knobs, self.numbers)
+        return bench.action.with_values(values) if values else bench.action
+
+
+class Playing(_Table):
+    """What is played."""
+
+    kind: Literal["packaged", "press", "strike", "drawn", "slow", "repeat", "free"] = "packaged"
+    name: str = "forte"
+    force: Annotated[float, Field(gt=0, le=200, allow_inf_nan=False)] = 5.0
+    """Of ``press`` and ``repeat`` [N]."""
+    speed: Annotated[float, Field(ge=0.005, le=5, allow_inf_nan=False)] = 0.2
+    """Of the finger in ``strike`` and ``slow`` [m/s]."""
+    travel: Annotated[float, Field(gt=0, le=0.05, allow_inf_nan=False)] = 0.012
+    """Of the finger in ``strike`` and ``slow`` [m]."""
+    rate: Annotated[float, Field(ge=1, le=20, allow_inf_nan=False)] = 6.0
+    """Strikes a second of ``repeat``."""
+    count: Annotated[int, Field(ge=1, le=12)] = 3
+    duration: Annotated[float, Field(ge=0.01, le=LONGEST)] = 0.5
+    """Of ``free``, where nothing presses [s]."""
+    drawn: Literal["force", "motion"] = "force"
+    time: Annotated[list[Finite], Field(max_length=MOST_KNOTS)] = []
+    value: Annotated[list[Finite], Field(max_length=MOST_KNOTS)] = []
+
+    @model_validator(mode="after")
+    def _known(self) -> Playing:
+        if self.kind == "packaged" and self.name not in names("strokes"):
+            known = ", ".join(names("strokes"))
+            raise ValueError(f"stroke {shortened(repr(self.name))} is unknown; known are {known}")
+        if self.kind == "drawn" and (len(self.time) != len(self.value) or len(self.time) < 2):
+            raise ValueError("a drawn stroke needs 2 or more knots, a value for each time")
+        return self
+
+    def stroke(self) -> Stroke:
+        """The stroke.
+
+        Raises
+        ------
+        InvalidParameter
+            It lasts too long, or its knots do not grow.
+        """
+        stroke = self._made()
+        if stroke.duration > LONGEST:
+            raise InvalidParameter(
+                f"stroke {stroke.name!r} lasts {stroke.duration:.3g} s, expected {LONGEST:g} s at "
+                "most in a live page; use feltmb stroke"
+            )
+        return stroke
+
+    def _made(self) -> Stroke:
+        if self.kind == "packaged":
+            return load_stroke(self.name)
+        if self.kind == "free":
+            return table_stroke(
+                [0.0, self.duration], [0.0, 0.0], interpolation="linear", name="free"
+            )
+        if self.kind == "press":
+            return ramp_stroke(self.force, START, 0.02, duration=0.3, name=f"{self.force:g} N")
+        if self.kind == "drawn":
+            end = max(self.time) + 0.15
+            if self.drawn == "force":
+                return table_stroke(
+                    self.time, self.value, interpolation="linear", duration=end, name="drawn force"
+                )
+            return motion_stroke(self.time, self.value, duration=end, name="drawn motion")
+        if self.kind == "repeat":
+            period = 1.0 / self.rate
+            pulse = pulse_stroke(
+                self.force, 0.01, 0.25 * period, 0.25 * period, duration=period, name="strike"
+            )
+            return sequence(*[pulse] * self.count, name=f"{self.count} at {self.rate:g} Hz")
+        end = START + self.travel / self.speed
+        time, value = [START, end], [0.0, self.travel]
+        if self.kind == "slow":
+            time += [end + 0.05, 2.0 * end + 0.05 - START]
+            value += [self.travel, 0.0]
+        return motion_stroke(
+            time,
+            value,
+            interpolation="linear",
+            duration=time[-1] + 0.1,
+            name=f"{self.kind} {self.speed:g} m/s",
+        )
+
+
+class Asked(_Table):
+    """One request of a page."""
+
+    id: Annotated[int, Field(ge=0, le=2**53)]
+    turned: Turned = Turned()
+    playing: Playing = Playing()
+    shown: Annotated[list[str], Field(max_length=MOST_SHOWN)] = []
+    """Outputs whose curves are wanted."""
+    extras: Annotated[list[Literal["targets", "touch", "speeds"]], Field(max_length=3)] = []
+    """What is wanted besides, when nothing else is to be done."""
+
+    @classmethod
+    def read(cls, data: Mapping[str, Any]) -> Asked:
+        """From the message of a page.
+
+        Raises
+        ------
+        InvalidParameter
+            It is no such request.
+        """
+        try:
+            return cls.model_validate(data)
+        except ValidationError as error:
+            lines = [
+                f"{'.'.join(map(str, e['loc']))[:80]}: {e['msg'][:200]}" for e in error.errors()[:8]
+            ]
+            raise InvalidParameter("\n".join(lines)) from None

@@ -1,0 +1,99 @@
+"""A live server in a thread, pages that talk with it, and the browser of the viewer's tests."""
+
+import contextlib
+import importlib.util
+import json
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("starlette", reason="extra live is not installed")
+pytest.importorskip("uvicorn", reason="extra live is not installed")
+pytest.importorskip("websockets", reason="extra live is not installed")
+
+_spec = importlib.util.spec_from_file_location(
+    "viewer_browser", Path(__file__).parents[1] / "viewer" / "conftest.py"
+)
+_viewer = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(_viewer)
+browser = _viewer.browser
+
+
+@contextlib.contextmanager
+def running(mechanism="steinway45", records=()):
+    """A server that answers."""
+    from feltmb.live.server import Live
+
+    live = Live(mechanism, records)
+    thread = threading.Thread(target=live.run, daemon=True)
+    thread.start()
+    until = time.monotonic() + 30.0
+    while not live.started and time.monotonic() < until:
+        time.sleep(0.01)
+    assert live.started
+    try:
+        yield live
+    finally:
+        live.stop()
+        thread.join(20.0)
+        assert not thread.is_alive()
+
+
+@pytest.fixture(scope="session")
+def live():
+    """One server of the packaged action for all tests that leave it as it is."""
+    with running() as server:
+        yield server
+
+
+@pytest.fixture
+def serve():
+    """Further servers."""
+    return running
+
+
+class Client:
+    """The other end of the WebSocket, as the page is."""
+
+    def __init__(self, server, **options):
+        from websockets.sync.client import connect
+
+        base = server.address
+        origin = options.pop("origin", base.rsplit("/", 2)[0])
+        self._open = connect(
+            base.replace("http", "ws") + "socket", origin=origin, max_size=None, **options
+        )
+
+    def __enter__(self):
+        self.socket = self._open.__enter__()
+        self.hello = self.until(lambda m: m["on"] == "hello")
+        return self
+
+    def __exit__(self, *what):
+        self._open.__exit__(*what)
+
+    def send(self, do, **what):
+        self.socket.send(json.dumps({"do": do, **what}))
+
+    def until(self, wanted, wait=60.0):
+        """The first message that is wanted."""
+        end = time.monotonic() + wait
+        while True:
+            m = json.loads(self.socket.recv(timeout=max(0.01, end - time.monotonic())))
+            if wanted(m):
+                return m
+
+    def run(self, number, quality="full", **what):
+        """The picture of a request."""
+        self.send("simulate", id=number, **what)
+        return self.until(
+            lambda m: m["on"] == "run" and m["id"] == number and m["run"]["quality"] == quality
+        )
+
+
+@pytest.fixture
+def client():
+    """A page by its server."""
+    return Client

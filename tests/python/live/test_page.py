@@ -1,0 +1,272 @@
+"""The live page in a real browser: what hands do, what is drawn, what it survives."""
+
+import json
+import time
+
+import numpy as np
+import pytest
+
+import feltmb
+
+READY = "!!(window.feltmbLive && feltmbLive.viewer && feltmbLive.got.a.quality === 'full')"
+
+
+def until(page, expression, wait=60.0):
+    """Wait until an expression of the page is true."""
+    end = time.monotonic() + wait
+    while not page.run(expression):
+        assert time.monotonic() < end, (expression, page.complaints())
+        time.sleep(0.05)
+
+
+@pytest.fixture
+def opened(browser, live):
+    """The page of the packaged action, nothing turned."""
+    browser.resize(1400, 900)
+    browser.call("Emulation.setEmulatedMedia", features=[])
+    browser.open("about:blank")
+    browser.open(live.address)
+    until(browser, READY)
+    return browser
+
+
+def center(page, selector):
+    return page.run(
+        f"(() => {{ const e = document.querySelector({json.dumps(selector)});"
+        "e.scrollIntoView({block: 'center'}); const b = e.getBoundingClientRect();"
+        "return [b.x, b.y, b.width, b.height]; })()"
+    )
+
+
+def slider(page, knob):
+    return center(page, f'[data-key="{knob}"] input[type=range]')
+
+
+def settled(page, more=""):
+    until(page, f"!feltmbLive.dirty && !feltmbLive.flying && feltmbLive.times.length > 0 {more}")
+
+
+def tip(page):
+    """The hammer's path as the page has it [mm]."""
+    return np.array(page.run("[...feltmbLive.viewer.runs[0].curves.get('hammer_tip.x').values]"))
+
+
+def test_it_asks_nobody_else_and_complains_of_nothing(opened, live):
+    assert all(r.startswith(live.address) for r in opened.requests())
+    assert opened.complaints() == []
+
+
+def test_a_dragged_screw_changes_the_path_of_the_hammer(opened):
+    before = tip(opened)
+    x, y, w, h = slider(opened, "screw.let-off")
+    opened.mouse("mousePressed", x + 0.5 * w, y + 0.5 * h)
+    for k in range(1, 9):
+        opened.mouse("mouseMoved", x + (0.5 - 0.05 * k) * w, y + 0.5 * h, buttons=1)
+    opened.mouse("mouseReleased", x + 0.1 * w, y + 0.5 * h)
+    settled(opened)
+    after = tip(opened)
+    turned = opened.run("feltmbLive.state.now.knobs['screw.let-off']")
+    assert turned == pytest.approx(-0.0016, abs=2e-4)
+    common = min(len(before), len(after))
+    assert np.max(np.abs(before[:common] - after[:common])) > 0.5
+    until(opened, READY)
+    action = feltmb.load_action("steinway45")
+    run = feltmb.simulate(
+        action.with_values({"surfaces.Gp10.point.y": 77.0 + 1e3 * turned}), "forte"
+    )
+    shown = opened.run(
+        "Object.fromEntries([...document.querySelectorAll('.numbers tr[data-name]')].map(r =>"
+        "[r.dataset.name, Number(r.querySelector('[data-value]').dataset.value)]))"
+    )
+    assert shown == pytest.approx(run.summary, rel=1e-9)
+    print("change to picture, median [ms]:", np.median(opened.run("feltmbLive.times")))
+
+
+def test_undo_redo_and_the_address(opened):
+    opened.run("document.querySelector('[data-key=\"screw.key dip\"] input').focus(); 1")
+    opened.run(
+        "(() => { const i = document.querySelector('[data-key=\"screw.key dip\"] .value');"
+        "i.value = '0.4'; i.dispatchEvent(new Event('change')); return 1; })()"
+    )
+    assert opened.run("feltmbLive.state.now.knobs") == {"screw.key dip": pytest.approx(4e-4)}
+    until(opened, "location.hash.includes('key%20dip')")
+    address = opened.run("location.href")
+    opened.run("document.activeElement.blur(); 1")
+    opened.call("Input.dispatchKeyEvent", type="keyDown", key="z", code="KeyZ", modifiers=2)
+    assert opened.run("feltmbLive.state.now.knobs") == {}
+    opened.call("Input.dispatchKeyEvent", type="keyDown", key="z", code="KeyZ", modifiers=10)
+    assert opened.run("feltmbLive.state.now.knobs") == {"screw.key dip": pytest.approx(4e-4)}
+    opened.open("about:blank")
+    opened.open(address)
+    until(opened, READY)
+    assert opened.run("feltmbLive.got.a.set") == {"surfaces.Gp3.point.y": pytest.approx(-38.994)}
+
+
+def test_by_keyboard_alone_a_screw_is_found_and_turned(opened):
+    opened.run("document.body.focus(); 1")
+    opened.press("/", "Slash", "/")
+    for letter in "let-off":
+        opened.press(letter, text=letter)
+    assert opened.run("document.querySelectorAll('.found .knob').length") >= 2
+    opened.press("Tab", "Tab")
+    opened.call("Input.dispatchKeyEvent", type="keyDown", key="Tab", code="Tab",
+                windowsVirtualKeyCode=9)  # fmt: skip
+    until(opened, "!!document.activeElement.closest('.found')", 5)
+    for _ in range(4):
+        if opened.run("document.activeElement.type") == "range":
+            break
+        opened.call("Input.dispatchKeyEvent", type="keyDown", key="Tab", code="Tab",
+                    windowsVirtualKeyCode=9)  # fmt: skip
+    for _ in range(3):
+        opened.call("Input.dispatchKeyEvent", type="keyDown", key="ArrowRight",
+                    code="ArrowRight", windowsVirtualKeyCode=39)  # fmt: skip
+    assert opened.run("Object.values(feltmbLive.state.now.knobs)[0]") > 0
+
+
+def test_any_number_of_the_file_is_found_by_its_path(opened):
+    opened.run(
+        "(() => { const s = document.querySelector('#turn input[type=search]');"
+        "s.value = 'string.diameter'; s.dispatchEvent(new Event('input')); return 1; })()"
+    )
+    opened.run(
+        "(() => { const i = document.querySelector('.found [data-key=\"string.diameter\"] .value');"
+        "i.value = '1.05'; i.dispatchEvent(new Event('change')); return 1; })()"
+    )
+    until(opened, "feltmbLive.got.a.set['string.diameter'] === 1.05")
+
+
+def test_b_is_drawn_over_a_in_every_view(opened):
+    opened.run(
+        "[...document.querySelectorAll('#top button')]"
+        ".find(b => b.textContent === 'Keep as B').click()"
+    )
+    opened.run("feltmbLive.change('t', n => { n.knobs['screw.let-off'] = 0.0005; }); 1")
+    until(
+        opened,
+        "feltmbLive.got.b && feltmbLive.got.b.quality === 'full'"
+        "&& feltmbLive.got.a.set['surfaces.Gp10.point.y'] === 77.5",
+    )
+    assert opened.run("feltmbLive.viewer.runs.length") == 2
+    assert opened.run("document.querySelectorAll('.numbers tr')[1].cells.length") == 4
+    a, b = opened.run("feltmbLive.viewer.runs.map(r => r.curves.get('hammer_tip.x').values.at(-1))")
+    assert a != b
+    opened.press("x", "KeyX", "x")
+    until(opened, "!('screw.let-off' in feltmbLive.state.now.knobs)")
+    assert opened.run("feltmbLive.state.now.b.knobs") == {"screw.let-off": 0.0005}
+
+
+@pytest.mark.parametrize("kind", ["press", "strike", "slow", "repeat", "drawn"])
+def test_every_way_to_play(opened, kind):
+    opened.run(
+        "(() => { const s = document.querySelector('.play select');"
+        f"s.value = '{kind}'; s.dispatchEvent(new Event('change')); return 1; }})()"
+    )
+    until(opened, "!feltmbLive.dirty && !feltmbLive.flying && feltmbLive.played.includes("
+          f"'\"kind\":\"{kind}\"')")  # fmt: skip
+    assert opened.run("document.getElementById('faults').hidden")
+    assert opened.complaints() == []
+
+
+def test_a_stroke_is_drawn_by_hand(opened):
+    opened.run(
+        "(() => { const s = document.querySelector('.play select');"
+        "s.value = 'drawn'; s.dispatchEvent(new Event('change')); return 1; })()"
+    )
+    settled(opened)
+    x, y, w, h = center(opened, ".draw")
+    opened.mouse("mousePressed", x + 0.1 * w, y + 0.9 * h)
+    for k in range(1, 12):
+        opened.mouse("mouseMoved", x + (0.1 + 0.04 * k) * w, y + (0.9 - 0.06 * k) * h, buttons=1)
+    opened.mouse("mouseReleased", x + 0.54 * w, y + 0.24 * h)
+    until(
+        opened,
+        "feltmbLive.got.a.quality === 'full' && feltmbLive.state.now.playing.value.length > 8",
+    )
+    forces = opened.run("[...feltmbLive.viewer.runs[0].curves.get('finger.force').values]")
+    assert max(forces) == pytest.approx(
+        max(opened.run("feltmbLive.state.now.playing.value")), rel=0.02
+    )
+
+
+def test_a_lost_connection_resumes(opened):
+    opened.run("feltmbLive.change('t', n => { n.knobs['felt.06'] = 0.2; }); 1")
+    settled(opened)
+    count = opened.run("feltmbLive.times.length")
+    opened.run("feltmbLive.line.socket.close(); 1")
+    until(opened, "feltmbLive.line.up")
+    until(opened, f"feltmbLive.times.length > {count}")
+    assert opened.run("feltmbLive.got.a.set['contacts.06.loading.a']") == pytest.approx(28200)
+
+
+def test_what_cannot_be_simulated_is_said_and_the_page_goes_on(opened):
+    opened.run("feltmbLive.change('t', n => { n.numbers['bodies.key.mass'] = -1; }); 1")
+    until(opened, "!document.getElementById('faults').hidden")
+    assert "mass" in opened.run("document.getElementById('faults').textContent")
+    opened.run("feltmbLive.undo(); 1")
+    until(opened, "document.getElementById('faults').hidden")
+
+
+def test_a_dropped_csv_is_held_against_it(opened, live):
+    run = feltmb.simulate("steinway45", "forte", output_rate=2000.0)
+    rest = run["hammer_tip.x"][0]
+    lines = ["time [s],finger.force [N],hammer_tip.x [mm]"] + [
+        f"{t:.6g},{f:.6g},{1e3 * (x - rest):.6g}"
+        for t, f, x in zip(run.time, run["finger.force"], run["hammer_tip.x"], strict=True)
+        if t < 0.09
+    ]
+    opened.run("feltmbLive.tab = 'measured'; feltmbLive.fillTab(); 1")
+    opened.run(
+        "(() => { const d = new DataTransfer();"
+        f"d.items.add(new File([{json.dumps(chr(10).join(lines))}], 'rig.csv'));"
+        "document.querySelector('.drop').dispatchEvent(new DragEvent('drop',"
+        "{dataTransfer: d, cancelable: true, bubbles: true})); return 1; })()"
+    )
+    until(opened, "document.querySelectorAll('.residuals tr').length === 1")
+    cell = "parseFloat(document.querySelector('.residuals .n').textContent)"
+    exact = opened.run(cell)
+    opened.run("feltmbLive.change('t', n => { n.knobs['mass.head'] = 0.1; }); 1")
+    until(opened, f"{cell} > {3 * exact}")
+    assert opened.run("document.querySelectorAll('#more .uplot canvas').length") == 1
+    assert opened.complaints() == []
+    for entry in live.studio.shelf.listing():
+        live.studio.shelf.remove(entry["file"])
+
+
+def test_names_in_files_are_text(browser, serve, tmp_path):
+    evil = "<img src=x onerror=\"document.title='owned'\"></script><script>alert(1)//"
+    raw = feltmb.load_action("steinway45").raw
+    raw["about"] = evil
+    raw["contacts"]["06"]["label"] = evil
+    raw["bodies"]["key"]["label"] = evil
+    path = tmp_path / "evil.toml"
+    path.write_text(feltmb.Action(raw).to_toml(), encoding="utf-8")
+    with serve(str(path)) as live:
+        browser.open(live.address)
+        until(browser, READY)
+        assert browser.run("document.images.length") == 0
+        assert evil in browser.run("document.getElementById('see').textContent")
+        assert browser.complaints() == []
+        browser.open("about:blank")
+
+
+def test_two_pages_at_once(opened, live, client):
+    with client(live) as other:
+        opened.run("feltmbLive.change('t', n => { n.knobs['screw.let-off'] = 0.0005; }); 1")
+        got = other.run(1, "quick", turned={"knobs": {"screw.let-off": -5e-4}})
+        until(opened, "feltmbLive.got.a.set['surfaces.Gp10.point.y'] === 77.5")
+    assert got["set"]["surfaces.Gp10.point.y"] == pytest.approx(76.5)
+
+
+@pytest.mark.parametrize("width", [390, 800, 1400])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_it_fits_and_can_be_read(opened, width, scheme):
+    opened.call(
+        "Emulation.setEmulatedMedia",
+        features=[{"name": "prefers-color-scheme", "value": scheme}],
+    )
+    opened.resize(width, 844)
+    opened.run("new Promise(go => setTimeout(go, 200))")
+    assert opened.run("document.documentElement.scrollWidth") <= width
+    paper = opened.run("getComputedStyle(document.body).backgroundColor")
+    assert (paper == "rgb(255, 255, 255)") == (scheme == "light")
+    assert opened.complaints() == []

@@ -1,0 +1,312 @@
+"""The live server: who may use it, numbers equal to those of feltmb stroke, nothing piled up."""
+
+import tomllib
+
+import httpx
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+import feltmb
+from feltmb import Action
+
+TURNED = {"knobs": {"screw.let-off": 4e-4, "felt.06": 0.2}, "numbers": {"string.tension": 640.0}}
+
+
+def own(live):
+    return {"origin": live.address.rsplit("/", 2)[0]}
+
+
+def test_the_page_is_served_with_a_strict_policy(live):
+    for path in ("", "assets/live.js", "assets/live.css", "assets/uPlot.js", "assets/uPlot.css"):
+        answer = httpx.get(live.address + path)
+        assert answer.status_code == 200
+        policy = answer.headers["content-security-policy"]
+        assert "default-src 'none'" in policy
+        assert "unsafe" not in policy
+        assert answer.headers["referrer-policy"] == "no-referrer"
+        assert answer.headers["cache-control"] == "no-store"
+    assert httpx.get(live.address + "assets/../app.py").status_code == 404
+
+
+@pytest.mark.parametrize("token", ["", "x", "a" * 32, "%2e%2e", "é"])
+def test_without_the_token_nothing_is_served(live, token):
+    base = live.address.rsplit("/", 2)[0]
+    assert httpx.get(f"{base}/{token}/").status_code == 404
+    assert httpx.post(f"{base}/{token}/toml", headers=own(live)).status_code == 404
+
+
+def test_other_hosts_and_other_origins_are_refused(live, client):
+    assert httpx.get(live.address, headers={"host": "evil.example"}).status_code == 421
+    assert httpx.get(live.address, headers={"origin": "http://evil.example"}).status_code == 403
+    evil = {"origin": "http://evil.example"}
+    assert httpx.post(live.address + "toml", headers=evil, content="{}").status_code == 403
+    assert httpx.post(live.address + "toml", content="{}").status_code == 403
+    for origin in ("http://evil.example", None, "null", "http://127.0.0.1:1"):
+        with pytest.raises(InvalidStatus) as refused:
+            client(live, origin=origin).__enter__()
+        assert refused.value.response.status_code == 403
+
+
+def test_the_numbers_are_those_of_a_stroke(live, client):
+    with client(live) as page:
+        got = page.run(1, turned=TURNED, shown=["hammer_tip.x", "no.such"])
+    action = feltmb.load_action("steinway45").with_values(got["set"])
+    run = feltmb.simulate(action, "forte")
+    assert got["run"]["summary"] == pytest.approx(run.summary, rel=1e-12)
+    assert [o["name"] for o in got["run"]["outputs"]] == ["hammer_tip.x"]
+    assert got["set"]["surfaces.Gp10.point.y"] == pytest.approx(77.4)
+    assert got["set"]["contacts.06.loading.a"] == pytest.approx(1.2 * 23500.0)
+    assert got["run"]["energy"]["work_in"] == run.energy["work_in"]
+
+
+def test_a_picture_while_turning_tells_the_same_within_the_tolerance(live, client):
+    with client(live) as page:
+        quick = page.run(1, "quick", turned=TURNED)["run"]["summary"]
+        full = page.run(2, turned=TURNED)["run"]["summary"]
+    assert quick["impact_speed"] == pytest.approx(full["impact_speed"], rel=1e-3)
+
+
+def test_two_pages_turn_their_own(live, client):
+    with client(live) as one, client(live) as other:
+        one.send("simulate", id=1, turned={"knobs": {"screw.let-off": 5e-4}})
+        other.send("simulate", id=1, turned={"knobs": {"screw.let-off": -5e-4}})
+        sets = [
+            page.until(lambda m: m["on"] == "run")["set"]["surfaces.Gp10.point.y"]
+            for page in (one, other)
+        ]
+    assert sets == pytest.approx([77.5, 76.5])
+
+
+def test_a_page_that_lost_its_connection_goes_on(live, client):
+    with client(live) as page:
+        before = page.run(1, "quick", turned=TURNED)["run"]["summary"]
+    with client(live) as page:
+        assert page.run(2, "quick", turned=TURNED)["run"]["summary"] == before
+
+
+def test_a_thousand_changes_at_once_make_few_simulations(live, client):
+    with client(live) as page:
+        (mine,) = live.studio.pages
+        for k in range(1000):
+            page.send("simulate", id=k, turned={"knobs": {"screw.let-off": 1e-6 * k}})
+        last = page.until(lambda m: m["on"] == "run" and m["id"] == 999)
+        counts = mine.desk.counts
+        assert counts["asked"] == 1000
+        assert counts["begun"] < 200
+        assert len(mine._box) <= 4
+    assert last["set"]["surfaces.Gp10.point.y"] == pytest.approx(77.999)
+
+
+def test_a_newer_change_stops_an_older_simulation(live, client, monkeypatch):
+    from feltmb.live import desk
+
+    monkeypatch.setattr(desk, "PATIENCE", 1e9)
+    long = {"kind": "repeat", "rate": 4.0, "count": 10}
+    with client(live) as page:
+        (mine,) = live.studio.pages
+        page.run(1, "quick")
+        page.send("simulate", id=2, playing=long)
+        while mine.desk.counts["begun"] < 2 or mine.desk._done["a"].id != 2:
+            pass
+        page.send("simulate", id=3)
+        assert page.until(lambda m: m["on"] == "run")["id"] == 3
+        assert mine.desk.counts["stopped"] >= 1
+
+
+@pytest.mark.parametrize(
+    ("message", "said"),
+    [
+        ("no json", ""),
+        ('["do"]', "table"),
+        ('{"do": "fly"}', "fly"),
+        ('{"do": "simulate", "id": 1, "slot": "c"}', "slot"),
+        ('{"do": "simulate", "id": 1, "turned": {"knobs": {"a": NaN}}}', "finite"),
+        ('{"do": "simulate", "id": 1, "playing": {"kind": "drawn"}}', "knots"),
+        ('{"do": "simulate", "id": 1, "shown": 3}', "list"),
+        ('{"do": "diagnose"}', "drop a measured file"),
+        ("[" * 100_000, ""),
+    ],
+)
+def test_bad_messages_are_refused_and_the_page_lives(live, client, message, said):
+    with client(live) as page:
+        page.socket.send(message)
+        answer = page.until(lambda m: m["on"] in ("refused", "diagnosis"))
+        assert said in answer.get("text", "") + answer.get("fault", "")
+        assert page.run(5, "quick")["id"] == 5
+
+
+@pytest.mark.parametrize(
+    "turned",
+    [
+        {"knobs": {"screw.none": 1.0}},
+        {"numbers": {"bodies.key.colour": 1.0}},
+        {"numbers": {"bodies.key.mass": -1.0}},
+        {"numbers": {"string.tension": 0.0}},
+    ],
+)
+def test_what_cannot_be_turned_is_a_fault_that_names_it(live, client, turned):
+    with client(live) as page:
+        page.send("simulate", id=1, turned=turned)
+        fault = page.until(lambda m: m["on"] == "fault")
+        (name,) = (key for table in turned.values() for key in table)
+        assert name.rpartition(".")[2] in "\n".join(fault["faults"])
+        assert page.run(2, "quick")["id"] == 2
+
+
+def test_messages_and_uploads_have_a_limit(live, client):
+    from feltmb.live.app import MOST_BODY, MOST_MESSAGE, MOST_UPLOAD
+
+    with client(live) as page:
+        page.socket.send('{"do": "' + "x" * MOST_MESSAGE + '"}')
+        with pytest.raises(ConnectionClosed) as closed:
+            page.until(lambda _: False)
+        assert closed.value.rcvd.code == 1009
+    big = httpx.post(live.address + "toml", headers=own(live), content=b"x" * (MOST_BODY + 1))
+    assert big.status_code == 422
+
+    def endless():
+        for _ in range(MOST_UPLOAD // 65536 + 1):
+            yield b"0" * 65536
+
+    answer = httpx.post(
+        live.address + "records?name=a.csv", headers=own(live), content=endless(), timeout=60
+    )
+    assert answer.status_code == 422
+    assert "at most" in answer.text
+
+
+def test_the_sound_is_that_of_feltmb_wav(live, tmp_path):
+    asked = {"id": 0, "turned": TURNED, "playing": {"kind": "packaged", "name": "piano"}}
+    answer = httpx.post(live.address + "sound", headers=own(live), json=asked, timeout=60)
+    values = live.studio.bench.values(TURNED["knobs"], TURNED["numbers"])
+    run = feltmb.simulate(feltmb.load_action("steinway45").with_values(values), "piano")
+    assert answer.content == run.write_wav(tmp_path / "a.wav").read_bytes()
+
+
+def test_the_saved_file_is_what_was_turned(live):
+    answer = httpx.post(
+        live.address + "toml", headers=own(live), json={"id": 0, "turned": TURNED}, timeout=60
+    )
+    saved = Action(tomllib.loads(answer.text))
+    values = live.studio.bench.values(TURNED["knobs"], TURNED["numbers"])
+    assert saved.hash == feltmb.load_action("steinway45").with_values(values).hash
+    head = answer.text.split("\n\n")[0]
+    assert "let-off button" in head
+    assert live.studio.bench.action.hash in head
+
+
+def test_the_extras_follow_when_nothing_is_turned(live, client):
+    with client(live) as page:
+        page.send("simulate", id=1, extras=["targets"])
+        rows = page.until(lambda m: m["on"] == "targets")["rows"]
+        by_name = {row["name"]: row for row in rows}
+        assert by_name["key dip"]["holds"]
+        assert by_name["let-off"]["value"] == pytest.approx(2.18, abs=0.01)
+        assert not by_name["let-off"]["holds"]
+
+
+@pytest.mark.slow
+def test_regulation_turns_the_knobs_that_then_hold(live, client):
+    with client(live) as page:
+        page.send("regulate", turned={"knobs": {"screw.let-off": 3e-4}})
+        found = page.until(lambda m: m["on"] == "regulated", 300.0)
+        assert found["converged"]
+        page.send("simulate", id=2, turned={"knobs": found["knobs"]}, extras=["targets"])
+        rows = page.until(lambda m: m["on"] == "targets", 300.0)["rows"]
+        assert all(row["holds"] for row in rows)
+
+
+@pytest.mark.slow
+def test_touch_and_speeds(live, client):
+    with client(live) as page:
+        page.send("simulate", id=1, extras=["touch", "speeds"])
+        touch = page.until(lambda m: m["on"] == "touch", 300.0)
+        speeds = page.until(lambda m: m["on"] == "speeds", 300.0)
+    weights = {row[0]: row[1] for row in touch["rows"]}
+    static = feltmb.static_touch(feltmb.load_action("steinway45"))
+    assert weights["down-weight"] == pytest.approx(static.down_weight / 9.80665e-3)
+    hammer = [row[1] for row in speeds["rows"]]
+    assert hammer == sorted(hammer)
+    assert len(hammer) >= 6
+
+
+def test_the_file_is_followed_with_all_its_faults(serve, client, tmp_path):
+    path = tmp_path / "mine.toml"
+    text = feltmb.load_action("steinway45").to_toml()
+    path.write_text(text, encoding="utf-8")
+    with serve(str(path)) as live, client(live) as page:
+        first = page.run(1, "quick")["run"]["summary"]
+        faulty = text.replace('parent = "balance_slider"', 'parent = "nothing"', 1)
+        faulty = faulty.replace("value = 0.1176", "value = -0.1176", 1)
+        path.write_text(faulty, encoding="utf-8")
+        told = page.until(lambda m: m["on"] == "hello" and m["faults"])["faults"]
+        assert any("bodies.key.parent" in line for line in told)
+        assert any("bodies.key.mass" in line for line in told)
+        assert page.run(2, "quick")["run"]["summary"] == first
+        path.write_text(text.replace("value = 0.0078", "value = 0.012", 1), encoding="utf-8")
+        hello = page.until(lambda m: m["on"] == "hello" and not m["faults"])
+        assert ["bodies.head.mass", 0.012, "kg"] in [n[:3] for n in hello["numbers"]]
+        heavier = page.run(3, "quick")["run"]["summary"]
+        assert heavier["impact_speed"] < first["impact_speed"]
+
+
+def test_measured_files_are_held_against_it(live, client):
+    run = feltmb.simulate("steinway45", "forte", output_rate=2000.0)
+    rest = run["hammer_tip.x"][0]
+    lines = ["time [s],finger force [N],tip [mm]"] + [
+        f"{t:.6g},{f:.6g},{1e3 * (x - rest):.6g}"
+        for t, f, x in zip(run.time, run["finger.force"], run["hammer_tip.x"], strict=True)
+        if t < 0.09
+    ]
+    data = "\n".join(lines).encode()
+    name = "../<b>rig</b>.csv"
+    post = {"headers": own(live), "params": {"name": name}, "timeout": 60}
+    entry = httpx.post(live.address + "records", content=data, **post).json()
+    assert entry["columns"] == [["time", "s"], ["finger force", "N"], ["tip", "mm"]]
+    with client(live) as page:
+        files = [entry["file"]]
+        page.send("measure", files=files)
+        assert "tip" in page.until(lambda m: m["on"] == "measured")["fault"]
+        reading = {"columns": {"hammer_tip.x": "tip", "finger.force": "finger force"}}
+        page.send("measure", id=7, files=files, reading=reading)
+        exact = page.until(lambda m: m["on"] == "measured" and m["id"] == 7)
+        assert "fault" not in exact
+        page.send(
+            "measure",
+            id=8,
+            files=files,
+            reading=reading,
+            turned={"knobs": {"mass.head": 0.1}},
+        )
+        turned = page.until(lambda m: m["on"] == "measured" and m["id"] == 8)
+    assert exact["rows"][0]["unit"] == "mm"
+    assert exact["rows"][0]["rms"] < 0.05
+    assert turned["rows"][0]["rms"] > 3 * exact["rows"][0]["rms"]
+    assert httpx.delete(live.address + f"records/{files[0]}", headers=own(live)).status_code == 200
+    bad = httpx.post(live.address + "records", content=b"<html>", **post)
+    assert bad.status_code == 422
+    assert str(live.studio.shelf.folder) not in bad.text
+
+
+@pytest.mark.slow
+def test_memory_is_flat_while_dragging(live, client):
+    import resource
+    import time
+
+    def resident():
+        with open("/proc/self/statm") as file:  # noqa: PTH123
+            return int(file.read().split()[1]) * resource.getpagesize() / 1e6
+
+    with client(live) as page:
+        sizes = []
+        end = time.monotonic() + 90.0
+        k = 0
+        while time.monotonic() < end:
+            k += 1
+            page.send("simulate", id=k, turned={"knobs": {"felt.06": (k % 97) / 500.0}})
+            if k % 20 == 0:
+                page.until(lambda m, k=k: m["on"] == "run" and m["id"] == k)
+                sizes.append(resident())
+        print(f"{k} changes, {sizes[0]:.0f} to {sizes[-1]:.0f} MB")
+        half = sizes[len(sizes) // 2 :]
+        assert half[-1] - half[0] < 30.0
