@@ -14,11 +14,13 @@ namespace {
 using namespace feltmb;
 using doctest::Approx;
 
-/// Largest root of the BDF's polynomial for y' = i y and the step h, from its coefficients.
-double largest_root(const std::vector<double>& alpha, double beta, double h) {
+/// Largest root of the BDF's polynomial for y' = i y, or another rate, and the step h, from its
+/// coefficients.
+double largest_root(const std::vector<double>& alpha, double beta, double h,
+                    std::complex<double> rate = {0.0, 1.0}) {
   const auto k = static_cast<Eigen::Index>(alpha.size()) - 1;
   Eigen::MatrixXcd companion = Eigen::MatrixXcd::Zero(k, k);
-  const std::complex<double> lead = alpha[0] - beta * std::complex<double>{0.0, h};
+  const std::complex<double> lead = alpha[0] - beta * h * rate;
   for (Eigen::Index i = 0; i < k; ++i) {
     companion(0, i) = -alpha[static_cast<std::size_t>(i) + 1] / lead;
     if (i > 0) companion(i, i - 1) = 1.0;
@@ -47,6 +49,18 @@ TEST_CASE("growth of an undamped mode is that of the formulas' largest root") {
   }
   CHECK(growth_per_radian(3, 0.05) == Approx(std::pow(0.05, 3) / 4).epsilon(0.01));
   CHECK(growth_per_radian(4, 0.1) == Approx(std::pow(0.1, 5) / 3).epsilon(0.02));
+}
+
+TEST_CASE("order 5 is stable up to its border and not beyond") {
+  for (const double damping : {0.0, 0.01, 0.07, 0.3}) {
+    const std::complex<double> rate{-damping, std::sqrt(1.0 - damping * damping)};
+    const double border = border_of_stability(damping);
+    for (double h = 0.05; h < 0.99 * border; h += 0.05) {
+      CHECK(largest_root(kFormulas[4], 1.0, h, rate) < 1.0);
+    }
+    CHECK(largest_root(kFormulas[4], 1.0, 1.01 * border, rate) > 1.0);
+  }
+  CHECK(std::isinf(border_of_stability(0.7)));
 }
 
 TEST_CASE("orders 3 and 4 only where no mode grows") {

@@ -2,6 +2,7 @@
 #include <doctest/doctest.h>
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <cmath>
 #include <initializer_list>
 #include <stdexcept>
@@ -205,6 +206,12 @@ TEST_CASE("options out of range are refused") {
   o = options(2, 1e-6);
   o.max_order = 6;
   CHECK_THROWS_AS(Integrator(system, o), InvalidParameter);
+  o.max_order = 5;
+  o.long_order = 3;  // beyond no step
+  CHECK_THROWS_AS(Integrator(system, o), InvalidParameter);
+  o.stable_step = 1.0;
+  o.long_order = 6;
+  CHECK_THROWS_AS(Integrator(system, o), InvalidParameter);
   Integrator integrator(system, options(2, 1e-6));
   CHECK_THROWS_AS(integrator.start(0.0, std::vector<double>(3, 1.0), true), InvalidParameter);
 }
@@ -220,4 +227,32 @@ TEST_CASE("limits on order and step are kept") {
     CHECK(integrator.last_order() <= 2);
     CHECK(integrator.last_step() <= 1e-3 * (1.0 + 1e-9));
   }
+}
+
+TEST_CASE("long steps have a lower order, short ones may have the highest") {
+  // A slow motion with a fast part that dies out: first short steps, then long ones.
+  Eigen::MatrixXd a = Eigen::MatrixXd::Zero(4, 4);
+  a(0, 1) = a(2, 3) = 1.0;
+  a(1, 0) = -1.0;
+  a(3, 2) = -1e6;
+  a(3, 3) = -200.0;
+  Linear system(a);
+  auto o = options(4, 1e-6);
+  o.long_order = 3;
+  o.stable_step = 8e-4;
+  Integrator integrator(system, o);
+  integrator.start(0.0, std::vector<double>{1.0, 0.0, 1.0, 0.0}, true);
+  int highest = 0;
+  double longest = 0.0;
+  while (integrator.step(6.0) == StepStatus::kStep) {
+    highest = std::max(highest, integrator.last_order());
+    longest = std::fmax(longest, integrator.last_step());
+    if (integrator.last_step() > o.stable_step * (1.0 + 1e-9)) CHECK(integrator.last_order() <= 3);
+  }
+  CHECK(highest == 5);
+  CHECK(longest > 10.0 * o.stable_step);
+  CHECK(integrator.state()[0] == doctest::Approx(std::cos(6.0)).epsilon(1e-3));
+  std::vector<double> integral(1);
+  integrator.interpolate_quadratures(6.0, integral);
+  CHECK(integral[0] == doctest::Approx(std::sin(6.0)).epsilon(1e-3));
 }

@@ -257,7 +257,7 @@ raw["bodies"][body]["friction"] = {"grease": -1.0}
 try:
     Action(raw)
 except feltmb.InvalidParameter as error:
-    assert "friction.grease: got -1, must be >= 0" in str(error)
+    assert "friction.grease: got -1.0, must be >= 0" in str(error)
 else:
     raise AssertionError("no fault")
 """

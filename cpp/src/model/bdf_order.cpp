@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 #include <complex>
+#include <limits>
+#include <numbers>
 
 #include "feltmb/planar/dynamics.hpp"
 
@@ -36,6 +38,36 @@ double step_of_error(int order, double rtol) {
 }
 
 }  // namespace
+
+double border_of_stability(double damping) {
+  // The boundary of the region, z = sum over j <= 5 of (1 - exp(-i theta))^j / j, crosses the ray
+  // of the mode.
+  constexpr double step = 1e-3;
+  for (double theta = 0.05; theta < std::numbers::pi; theta += step) {
+    const std::complex<double> w = 1.0 - std::exp(std::complex<double>{0.0, -theta});
+    std::complex<double> power = 1.0;
+    std::complex<double> z = 0.0;
+    for (int j = 1; j <= 5; ++j) {
+      power *= w;
+      z += power / static_cast<double>(j);
+    }
+    if (-z.real() > damping * std::abs(z)) return std::abs(z);
+  }
+  return std::numeric_limits<double>::infinity();
+}
+
+double stable_step(const Mechanism& mechanism, const std::vector<FreeMode>& modes) {
+  double out = std::numeric_limits<double>::infinity();
+  const auto hold = [&](const FreeMode& mode) {
+    out = std::min(out, border_of_stability(mode.damping) / mode.rate);
+  };
+  std::for_each(modes.begin(), modes.end(), hold);
+  for (const AttachedString& s : mechanism.strings) {
+    const std::span<const double> rates = s.string.angular_frequency();
+    if (!rates.empty()) hold({rates.back(), s.string.parameters().damping_ratio});
+  }
+  return out;
+}
 
 std::vector<FreeMode> free_modes(const std::shared_ptr<const Mechanism>& mechanism,
                                  std::span<const double> pose) {

@@ -266,8 +266,7 @@ class Run {
       const bool wide = !with_strings && options_.rtol >= 1e-7;
       o.rtol = options_.rtol * std::min(2.0, fewer) * (wide ? kTestWidth : 1.0);
       o.atol = system_.absolute_tolerances(o.rtol);
-      o.max_order =
-          options_.max_order > 0 ? options_.max_order : choose_order(o.rtol, with_strings);
+      choose_order(o, with_strings);
       return std::make_unique<Integrator>(system_, o);
     };
     locator_.start(0.0, y_);
@@ -369,16 +368,22 @@ class Run {
 
   /// See bdf_order.hpp. At tight tolerances accuracy holds the step further down than stability
   /// does, and the high orders pay.
-  int choose_order(double rtol, bool with_strings) const {
-    if (options_.rtol < 1e-7 || !with_strings) return 5;
+  void choose_order(IntegratorOptions& o, bool with_strings) const {
+    o.max_order = options_.max_order > 0 ? options_.max_order : 5;
+    if (options_.max_order > 0 || options_.rtol < 1e-7 || !with_strings) return;
     const Mechanism& m = system_.mechanism();
     const int order = order_of_strings(m);
-    if (order != 3 && order != 4) return order;
+    o.max_order = order;
+    if (order != 3 && order != 4) return;
     // The error test takes the mean square over all states: one alone may have this error.
-    const double own = rtol * std::sqrt(static_cast<double>(whole_size_));
+    const double own = o.rtol * std::sqrt(static_cast<double>(whole_size_));
     const std::vector<FreeMode> modes =
         free_modes(mechanism_, std::span<const double>(y_).first(at(m.size())));
-    return order_without_growth(order, modes, own, options_.duration);
+    o.max_order = order_without_growth(order, modes, own, options_.duration);
+    if (o.max_order < 3) return;
+    o.long_order = o.max_order;
+    o.max_order = 5;
+    o.stable_step = stable_step(m, modes);
   }
 
   /// Absolute tolerance of each quadrature over rtol [J].

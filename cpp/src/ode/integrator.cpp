@@ -78,6 +78,17 @@ struct Integrator::Impl {
   SUNMatrix matrix = nullptr;
   SUNLinearSolver solver = nullptr;
   std::unique_ptr<detail::NewtonSolver> newton;
+  bool long_steps = false;  // long_order is in use
+  int seen = 0;             // steps in a row that ask for the other order
+  int taken = 0;            // steps since the last change
+  int patience = 16;
+
+  /// [s]; 0 is no limit
+  double longest_step() const {
+    if (options.long_order == 0 || long_steps) return options.max_step;
+    return options.max_step > 0.0 ? std::min(options.max_step, options.stable_step)
+                                  : options.stable_step;
+  }
   bool started = false;
   bool given = false;  ///< quad holds values for the next start
   double time = 0.0;
@@ -216,6 +227,14 @@ Integrator::Integrator(OdeSystem& system, const IntegratorOptions& options)
   if (options.max_order < 1 || options.max_order > 5) {
     throw InvalidParameter(format("max_order = %d, must be 1 to 5", options.max_order));
   }
+  if (options.long_order != 0 &&
+      !(options.long_order > 0 && options.long_order <= options.max_order &&
+        options.stable_step > 0.0)) {
+    throw InvalidParameter(
+        format("long_order = %d beyond %.6g s, must be 1 to max_order = %d "
+               "beyond a time > 0",
+               options.long_order, options.stable_step, options.max_order));
+  }
   if (options.atol.size() != system.size()) {
     throw InvalidParameter(format("atol: got %zu values, expected one a state (%zu)",
                                   options.atol.size(), system.size()));
@@ -287,7 +306,8 @@ void Integrator::start(double t, std::span<const double> y, bool reset_quadratur
     CVodeSetDeltaGammaMaxBadJac(d.cvode, 1e9);
     CVodeSetNonlinConvCoef(d.cvode, 0.03);
     CVodeSetEtaFixedStepBounds(d.cvode, 0.0, 1.1);
-    if (d.options.max_step > 0.0) CVodeSetMaxStep(d.cvode, d.options.max_step);
+    d.long_steps = false;
+    CVodeSetMaxStep(d.cvode, d.longest_step());
     if (d.options.first_step > 0.0) CVodeSetInitStep(d.cvode, d.options.first_step);
     if (d.quad != nullptr) {
       d.check(CVodeQuadInit(d.cvode, IntegratorCallbacks::quadratures<Impl>, d.quad),
@@ -313,6 +333,35 @@ void Integrator::start(double t, std::span<const double> y, bool reset_quadratur
   }
   d.check(CVodeReInit(d.cvode, t, d.y), "CVodeReInit");
   if (d.quad != nullptr) d.check(CVodeQuadReInit(d.cvode, d.quad), "CVodeQuadReInit");
+  d.seen = 0;
+}
+
+/// Takes max_order with steps up to stable_step, or long_order with any, by what the last steps
+/// were. A lower order begins anew, since the history holds more than it may have; so it is tried
+/// the less often the sooner the last trial ended.
+void Integrator::choose_order() {
+  Impl& d = *impl_;
+  if (d.options.long_order == 0) return;
+  constexpr int few = 16;
+  constexpr double kWorth = 1.2;  // times stable_step: shorter steps are not worth the lower order
+  const double h = last_step();
+  ++d.taken;
+  if (d.long_steps) {
+    d.seen = h < kWorth * d.options.stable_step ? d.seen + 1 : 0;
+    if (d.seen < few) return;
+    d.patience = d.taken < 8 * d.patience ? std::min(2 * d.patience, 4096) : few;
+    d.check(CVodeSetMaxOrd(d.cvode, d.options.max_order), "CVodeSetMaxOrd");
+  } else {
+    d.seen = h > 0.999 * d.options.stable_step ? d.seen + 1 : 0;
+    if (d.seen < d.patience) return;
+    const std::vector<double> y(state().begin(), state().end());
+    d.check(CVodeSetMaxOrd(d.cvode, d.options.long_order), "CVodeSetMaxOrd");
+    start(d.time, y, false);
+  }
+  d.seen = 0;
+  d.taken = 0;
+  d.long_steps = !d.long_steps;
+  CVodeSetMaxStep(d.cvode, d.longest_step());
 }
 
 void Integrator::set_quadratures(std::span<const double> z) {
@@ -325,6 +374,7 @@ void Integrator::set_quadratures(std::span<const double> z) {
 StepStatus Integrator::step(double t_stop) {
   Impl& d = *impl_;
   const FlushToZero flush;
+  choose_order();
   CVodeSetStopTime(d.cvode, t_stop);
   double reached = d.time;
   const int flag = CVode(d.cvode, t_stop, d.y, &reached, CV_ONE_STEP);

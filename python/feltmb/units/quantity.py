@@ -323,7 +323,8 @@ def _plain_input(node: object) -> str:
     """What a reader wrote, without the table around it."""
     if is_quantity(node):
         assert isinstance(node, Mapping)
-        return f"{shown(node['value'])} {node.get('unit', '')}".strip()
+        unit = node.get("unit", "")
+        return f"{shown(node['value'])} {'' if unit == '1' else unit}".strip()
     return shown(node)
 
 

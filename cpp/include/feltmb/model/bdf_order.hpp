@@ -6,6 +6,9 @@
 /// 86.0, 73.3, 51.8 degrees) for the orders 1 to 5, a mode of damping ratio xi at the angle
 /// acos(xi). Modes that the error test resolves are damped by the orders 1, 2 and 5 at short steps,
 /// but grow under 3 and 4 however short the step is: the tolerance is relative and grows with them.
+///
+/// So order 5 is used in steps that are short enough for every mode, and the order of the sector in
+/// longer ones only (IntegratorOptions::long_order).
 #pragma once
 
 #include <memory>
@@ -33,6 +36,13 @@ int order_of_strings(const Mechanism& mechanism);
 /// Growth of an undamped mode under the BDF of an order, 1 to 5, with the step h: e-folds a radian.
 /// @param step  h omega [rad], > 0, below the border of stability
 double growth_per_radian(int order, double step);
+
+/// h omega up to which the BDF of order 5 is stable for a mode of this damping ratio [rad].
+double border_of_stability(double damping);
+
+/// Longest step in which every mode of strings and members is stable under the BDF of order 5 [s];
+/// infinity if there are none.
+double stable_step(const Mechanism& mechanism, const std::vector<FreeMode>& modes);
 
 /// Largest order, at most `order`, under which no mode grows by more than a factor e in `duration`
 /// [s].

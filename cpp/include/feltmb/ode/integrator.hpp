@@ -18,6 +18,8 @@ struct IntegratorOptions {
   std::vector<double> atol;             ///< absolute tolerance of each state, its unit
   std::vector<double> quadrature_atol;  ///< absolute tolerance of each quadrature
   int max_order = 5;                    ///< of the BDF, 1 to 5
+  int long_order = 0;                   ///< of steps beyond stable_step; 0: max_order, any step
+  double stable_step = 0.0;             ///< [s], up to which max_order is stable; with long_order
   double max_step = 0.0;                ///< [s], 0: no limit
   double first_step = 0.0;              ///< [s], 0: estimated
 };
@@ -73,6 +75,8 @@ class Integrator {
   const std::string& message() const;  ///< of the last failure
 
  private:
+  void choose_order();
+
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
