@@ -67,6 +67,11 @@ def check_syntax(folder, text):
     source = folder / "check.cpp"
     source.write_text(text)
     folders = ["-I", folder / "cpp" / "include", "-I", ROOT / "cpp" / "include"]
+    if "channels.hpp" in text:  # the one that needs Eigen
+        found = subprocess.run(
+            ["pkg-config", "--cflags", "eigen3"], capture_output=True, text=True, check=False
+        )
+        folders += found.stdout.split() or ["-I", "/usr/include/eigen3"]
     done = subprocess.run(
         [COMPILER, "-std=c++20", "-fsyntax-only", "-Wall", "-Wextra", *folders, source],
         capture_output=True,
@@ -107,12 +112,13 @@ def test_a_friction_term_is_one_file_and_compiles(tmp_path):
 
 
 @needs_compiler
-def test_an_output_is_one_row(tmp_path):
+def test_an_output_is_one_row_and_compiles(tmp_path):
     copy_of(tmp_path, "cpp/src/model/channels.cpp")
     before = (ROOT / "cpp/src/model/channels.cpp").read_text().count("row(")
     assert apply("add_an_output.md", tmp_path) == ["cpp/src/model/channels.cpp"]
     text = (tmp_path / "cpp/src/model/channels.cpp").read_text()
     assert text.count("row(") == before + 1
+    check_syntax(tmp_path, text)
 
 
 def overlaid(tmp_path, page, *parts):

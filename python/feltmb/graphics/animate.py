@@ -25,6 +25,7 @@ from feltmb.graphics.plot.poses import (
     to_ground,
 )
 from feltmb.graphics.plot.readings import run_action, run_name
+from feltmb.graphics.plot.series import striker_name
 from feltmb.graphics.plot.shapes import shape_points, upper_right_is_free
 from feltmb.style import (
     BLACK,
@@ -283,7 +284,7 @@ def _arrow_lines(arrows: list[tuple[Array, Array]], unit: float) -> list[Array]:
 
 
 def _speed_inset(film: Film, figure: Any, ax: Any) -> Any:
-    """Curve of the speed of the hammer's tip in a free corner; its marker, or None."""
+    """Curve of the speed of the striker in a free corner; its marker, or None."""
     if film.speed is None:
         return None
     points = np.vstack(
@@ -299,7 +300,7 @@ def _speed_inset(film: Film, figure: Any, ax: Any) -> Any:
     small = figure.add_axes((0.60, box.y0 + 0.68 * box.height, 0.37, 0.27 * box.height))
     small.plot(1e3 * film.run.time, film.speed, color=RED, linewidth=1.1)
     style_axes(small, "time [ms]", "")
-    small.set_title("hammer tip toward string [m/s]", fontsize=SMALL, loc="left")
+    small.set_title(f"speed of the {striker_name(film.run)} [m/s]", fontsize=SMALL, loc="left")
     small.xaxis.label.set_size(SMALL)
     small.tick_params(labelsize=SMALL)
     set_window(small, (float(film.time[0]), float(film.time[-1])))

@@ -130,9 +130,9 @@ def test_motion_plots_the_displacements_of_the_run_in_millimeters(figures, runs)
             np.testing.assert_allclose(drawn[label][:, 1], want, atol=1e-12)
 
 
-def test_hammer_speed_points_toward_the_string_and_marks_impact(figures, runs):
+def test_the_striker_speed_points_toward_the_string_and_marks_impact(figures, runs):
     run = runs["forte"]
-    ax = figures["forte", "hammer_speed"].axes[0]
+    ax = figures["forte", "striker_speed"].axes[0]
     np.testing.assert_array_equal(lines(ax)["hammer tip"][:, 1], -run["hammer_tip.vx"])
     impact = run.event_time("string_contact_on")
     marks = [line.get_xydata()[0] for line in ax.get_lines() if line.get_marker() == "o"]
@@ -449,7 +449,7 @@ def test_no_picture_is_blank(figures):
 def test_save_all_writes_pictures_and_never_over_others(runs, tmp_path, monkeypatch):
     from PIL import Image
 
-    few = {name: plot.PICTURES[name] for name in ("hammer_speed", "string")}
+    few = {name: plot.PICTURES[name] for name in ("striker_speed", "string")}
     monkeypatch.setattr("feltmb.graphics.plot.files.PICTURES", few)
     kept = tmp_path / "a_string.png"
     kept.write_bytes(b"mine")
@@ -458,7 +458,7 @@ def test_save_all_writes_pictures_and_never_over_others(runs, tmp_path, monkeypa
     assert [p.name for p in tmp_path.iterdir()] == ["a_string.png"]
     assert kept.read_bytes() == b"mine"
     written = plot.save_all(runs["piano"], tmp_path, "a", force=True)
-    assert {p.name for p in written} == {"a_hammer_speed.png", "a_string.png"}
+    assert {p.name for p in written} == {"a_striker_speed.png", "a_string.png"}
     for path in written:
         with Image.open(path) as image:
             assert image.format == "PNG"

@@ -3,10 +3,8 @@
 /// A term is a struct, in the list at the end of this file, that has
 ///   fields()        the table of its numbers; with their defaults it has no force
 ///   acts()          whether it has a force at all
-///   at(v, v_t)      force and its exact slope at sliding speed v; odd in v and v F(v) >= 0, so
-///   that
-///                   it opposes sliding. v_t: threshold speed at which terms with tanh(v/v_t) turn
-///                   over
+///   at(v, v_t)      force and its exact slope at sliding speed v; odd in v and v F(v) >= 0: it
+///                   opposes sliding. v_t: threshold speed of terms with tanh(v/v_t)
 ///   kTurnsOver      whether it has such a tanh
 /// and, if it holds a joint back at speeds near zero (breakaway, see feltmb.run.quasistatic),
 ///   dry_speeds()    where its force rises, and beyond which it has died away or is constant

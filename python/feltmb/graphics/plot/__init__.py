@@ -13,7 +13,7 @@ from feltmb.graphics.plot.pages import compare, overview
 from feltmb.graphics.plot.portrait import mechanism
 from feltmb.graphics.plot.poses import body_poses
 from feltmb.graphics.plot.readings import run_action
-from feltmb.graphics.plot.series import contact_forces, finger_force, hammer_speed, motion, string
+from feltmb.graphics.plot.series import contact_forces, finger_force, motion, striker_speed, string
 from feltmb.graphics.plot.shapes import Scene, Shape, scene
 
 __all__ = [
@@ -26,7 +26,6 @@ __all__ = [
     "effects",
     "energy",
     "finger_force",
-    "hammer_speed",
     "loops",
     "mechanism",
     "motion",
@@ -34,5 +33,6 @@ __all__ = [
     "run_action",
     "save_all",
     "scene",
+    "striker_speed",
     "string",
 ]

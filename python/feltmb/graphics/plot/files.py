@@ -10,7 +10,7 @@ from feltmb.files import check_writable, make_folder, write_file
 from feltmb.graphics.plot.energies import energy, loops
 from feltmb.graphics.plot.pages import overview
 from feltmb.graphics.plot.portrait import moment_of_run
-from feltmb.graphics.plot.series import contact_forces, finger_force, hammer_speed, motion, string
+from feltmb.graphics.plot.series import contact_forces, finger_force, motion, striker_speed, string
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,7 +23,7 @@ __all__ = ["PICTURES", "save_all"]
 PICTURES = {
     "overview": overview,
     "motion": motion,
-    "hammer_speed": hammer_speed,
+    "striker_speed": striker_speed,
     "contact_forces": contact_forces,
     "finger_force": finger_force,
     "string": string,

@@ -47,7 +47,7 @@ __all__ = ["compare", "overview"]
 
 
 def overview(run: Run) -> Figure:
-    """One page of a stroke: finger, motion, hammer speed, largest contact forces, string, felt.
+    """One page of a stroke: finger, motion, striker, largest contact forces, string, felt.
 
     Raises
     ------

@@ -167,7 +167,7 @@ def need_striker(run: Run) -> Array:
     speed = striker_speed(run)
     if speed is None:
         raise InvalidParameter(
-            "plot hammer_speed: the mechanism of the run names no point that strikes; give it "
+            "plot striker_speed: the mechanism of the run names no point that strikes; give it "
             "reading.striker, such as { point = 'hammer_tip', direction = [-1.0, 0.0] }"
         )
     return speed

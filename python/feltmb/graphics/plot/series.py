@@ -1,4 +1,4 @@
-"""Pictures over time: motion, hammer speed, forces of contacts and finger, string."""
+"""Pictures over time: motion, speed of the striker, forces of contacts and finger, string."""
 
 from __future__ import annotations
 
@@ -58,9 +58,9 @@ __all__ = [
     "draw_speed",
     "draw_view",
     "finger_force",
-    "hammer_speed",
     "motion",
     "motion_curves",
+    "striker_speed",
     "string",
 ]
 
@@ -114,10 +114,10 @@ def draw_motion(ax: Axes, run: Run) -> None:
 
 
 def motion(run: Run) -> Figure:
-    """Motion of key front, whippen, key lift (times 4) and hammer tip from their start.
+    """The view ``motion`` of ``[reading]``, for the action that of thesis Figs 4.12 to 4.16.
 
-    As thesis Figs 4.12 to 4.16; below, the time around the strike. A mechanism without these points
-    shows its first tracking points.
+    Below, the time around the strike. A mechanism without this view shows its first tracking
+    points.
 
     Raises
     ------
@@ -213,7 +213,7 @@ def draw_speed(ax: Axes, run: Run, *, marks: bool = True) -> None:
         )
 
 
-def hammer_speed(run: Run) -> Figure:
+def striker_speed(run: Run) -> Figure:
     """Speed [m/s] of the point that strikes, in its direction; thesis Figs 4.9, 4.10.
 
     The impact speed of a run, ``run.summary["impact_speed"]``, is the closing speed of the contact
@@ -394,7 +394,7 @@ def string(run: Run) -> Figure:
         style_axes(ax, "", "distance from end [mm]")
         ax.grid(False)
         bar = figure.colorbar(image, ax=ax, pad=0.015, aspect=18)
-        bar.set_label("displacement away\nfrom the hammer [mm]", fontsize=SMALL + 0.5)
+        bar.set_label("displacement away\nfrom the striker [mm]", fontsize=SMALL + 0.5)
         bar.ax.tick_params(labelsize=SMALL)
     axes[-1].set_xlabel("time [ms]", fontsize=NORMAL)
     return figure

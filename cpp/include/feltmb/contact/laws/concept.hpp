@@ -9,15 +9,15 @@
 /// and it may have
 ///   kTable                       its table in mechanism files; else its first name
 ///   choose(i), chosen()          which of its names it goes by, if it has several
-///   check(faults)                checks between fields; the ranges of the fields are checked
-///   anyway prepare()                    computes what follows from the parameters, once
+///   check(faults)                checks between fields; ranges are checked anyway, from fields()
+///   prepare()                    computes what follows from the parameters, once
 ///   rest_force(e)                force and slope with all states at rest, e > 0; else force(e, 0),
 ///                                so needed with states
 ///   rest_energy(e)               its integral; else energy with the states relaxed
 ///   dissipated_power(e, rate, memory)  heat [W]; else (force - rest_force) rate. Needed where the
 ///                                energy depends on the memory
 ///   piece(e, rate, memory)       number of the smooth piece, see ContactLaw; else where force > 0
-/// With states:
+/// With states (maxwell.hpp is an example):
 ///   n_states()                   how many, at most kMaxLawStates
 ///   state(i, compression)        name, and scale of its tolerance at a typical compression [m]
 ///   relax(e, state)              states at rest under a virgin compression
