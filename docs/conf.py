@@ -40,7 +40,8 @@ source_suffix = {".md": "myst-nb", ".rst": "restructuredtext", ".ipynb": "myst-n
 myst_heading_anchors = 4
 myst_enable_extensions = ["dollarmath", "deflist"]
 
-# Notebooks run in every build; a cell that fails stops it.
+# Notebooks run in every build; a cell that fails stops it. They find examples below this folder.
+os.environ["FELTMB_ROOT"] = str(ROOT)
 nb_execution_mode = os.environ.get("FELTMB_DOCS_NOTEBOOKS", "force")
 nb_execution_timeout = 120
 nb_execution_raise_on_error = True

@@ -26,7 +26,8 @@ SILENT = ("index", "add_a_command")
 HOWTO = sorted(
     str(p.relative_to(ROOT)) for p in (ROOT / "docs" / "howto").glob("*.md") if p.stem not in SILENT
 )
-PAGES = ["README.md", "docs/tutorials/from_felt_to_diagnosis.md", *HOWTO]
+TUTORIALS = [f"docs/tutorials/first_{n}.md" for n in ("stroke", "felt", "diagnosis", "machine")]
+PAGES = ["README.md", *TUTORIALS, *HOWTO]
 
 
 def begins_slow(page):
