@@ -195,3 +195,34 @@ def test_the_document_shows_the_library_as_it_is():
     made = runpy.run_path(str(tool))
     text = made["DOCUMENT"].read_text(encoding="utf-8")
     assert made["renewed"](text) == text, "run tools/make_effects_table.py"
+
+
+def test_a_rigid_member_leaves_its_effects_out_and_a_typo_does_not(tmp_path):
+    action = ACTION
+    rigid = action.with_values({"bodies.wire.rigid": True, "bodies.shank.rigid": True})
+    whole, less = load_library(action), load_library(rigid)
+    assert set(whole.default_effects) - set(less.default_effects) == {
+        "damping.wire",
+        "damping.shank",
+    }
+    file = tmp_path / "typo.toml"
+    file.write_text(
+        'schema = 1\nname = "steinway45"\nextends = "steinway45"\n'
+        '[defaults]\neffects = ["damping.shnk"]\n'
+    )
+    with pytest.raises(InvalidParameter, match=r"unknown damping\.shnk"):
+        load_library(action, file)
+
+
+def test_an_extended_library_keeps_what_it_does_not_say(tmp_path):
+    action = ACTION
+    file = tmp_path / "mine.toml"
+    file.write_text(
+        'schema = 1\nname = "mine"\nextends = "steinway45"\n[effects.extra]\nlabel = "extra"\n'
+        'component = "x"\nmagnitude = 0.1\nchanges = [{ path = "bodies.head.mass", scale = 1.0 }]\n'
+    )
+    base, mine = load_library(action), load_library(action, file)
+    assert mine.default_effects == (*base.default_effects, "extra")
+    assert mine.default_channels == base.default_channels
+    assert [t.name for t in mine.tolerances] == [t.name for t in base.tolerances]
+    assert mine.segment == base.segment
