@@ -26,7 +26,7 @@ def _text(x: float, y: float, text: str, *, anchor: str = "start", color: str = 
 def _svg(width: float, height: float, label: str, parts: Sequence[str]) -> str:
     return (
         f'<svg viewBox="0 0 {width:.0f} {height:.0f}" role="img" aria-label="{escape(label)}" '
-        f'style="max-width:{width:.0f}px" font-magnitude="12">' + "".join(parts) + "</svg>"
+        f'style="max-width:{width:.0f}px" font-size="12">' + "".join(parts) + "</svg>"
     )
 
 
