@@ -583,6 +583,7 @@ def _inherit(checks: DataChecks, whole: DataChecks, records: Sequence[Record]) -
                 correlation_time=parent.correlation_time,
                 averaged=parent.averaged,
                 quantum=parent.quantum,
+                white=parent.white,
             )
         )
     return replace(
