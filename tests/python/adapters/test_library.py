@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import feltmb
-from feltmb.adapters import action_with_effects, load_library, mechanism_model
+from feltmb.adapters import action_with_effects, load_library, mechanism_model, planned_strokes
 from feltmb.adapters.changes import Change, apply_changes, read_entry
 from feltmb.adapters.resolve import resolve
 from feltmb.errors import InvalidParameter
@@ -226,3 +226,17 @@ def test_an_extended_library_keeps_what_it_does_not_say(tmp_path):
     assert mine.default_channels == base.default_channels
     assert [t.name for t in mine.tolerances] == [t.name for t in base.tolerances]
     assert mine.segment == base.segment
+
+
+def test_a_turned_camera_turns_what_is_recorded_of_a_point_in_part(tmp_path):
+    """Of whippen.y alone a tilt showed nothing: no set of effects explained the records."""
+    model, effects = resolve("steinway45", {"channels": "whippen", "effects": "camera_tilt"})
+    assert model.outputs == ("whippen.y", "whippen.x")
+    assert model.beside == {"whippen.x"}
+    (tilt,) = effects
+    shown = np.array([[[1.0, 0.25], [2.0, 0.5]]])
+    turned = tilt.observe(None, shown, np.array([[0, 1]]), np.array([0.1]), None)
+    assert turned[0, :, 0] == pytest.approx([1.0 - 0.025, 2.0 - 0.05])
+    assert all("whippen.x" not in r.outputs for r in planned_strokes(model))
+    plain, _ = resolve("steinway45", {"channels": "whippen", "effects": "camera_scale"})
+    assert plain.outputs == ("whippen.y",)
