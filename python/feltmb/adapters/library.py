@@ -421,13 +421,14 @@ def _absent(config: MechanismFile, file: LibraryFile, name: str) -> bool:
     for template, table in file.effects.items():
         if not table.each:
             continue
-        before, mark, after = template.partition("{name}")
-        if not mark:
+        if "{name}" not in template:
             if template == name:
                 return True
-        elif name.startswith(before) and name.endswith(after):
-            if name[len(before) : len(name) - len(after)] in parts:
-                return True
+            continue
+        before, _, after = template.partition("{name}")
+        part = name.removeprefix(before).removesuffix(after)
+        if part in parts and template.replace("{name}", part) == name:
+            return True
     return False
 
 

@@ -228,7 +228,7 @@ def test_an_extended_library_keeps_what_it_does_not_say(tmp_path):
     assert mine.segment == base.segment
 
 
-def test_a_turned_camera_turns_what_is_recorded_of_a_point_in_part(tmp_path):
+def test_a_turned_camera_turns_what_is_recorded_of_a_point_in_part():
     """Of whippen.y alone a tilt showed nothing: no set of effects explained the records."""
     model, effects = resolve("steinway45", {"channels": "whippen", "effects": "camera_tilt"})
     assert model.outputs == ("whippen.y", "whippen.x")
