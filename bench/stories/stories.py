@@ -151,7 +151,7 @@ STORIES: dict[str, Story] = {
         seen=_tilted(0.035),
         verdicts=("NAMED",),
         words=("camera_tilt|tilt",),
-        size=("camera_tilt", 0.035),
+        size=("camera_tilt", -0.035),
     ),
     "scale": Story(
         seen=_scaled(1.06),

@@ -334,14 +334,16 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> LibraryFile:
     if base_path.resolve() in [p.resolve() for p in (*seen, path)]:
         raise InvalidParameter(f"{path.name}: extends {own.extends!r}, which leads back to itself")
     base = _read(base_path, (*seen, path))
+    defaults = {k: getattr(own.defaults, k) for k in own.defaults.model_fields_set}
+    if base.defaults.effects and "effects" not in defaults:
+        new = [n for n in own.effects if "{" not in n and n not in base.defaults.effects]
+        defaults["effects"] = [*base.defaults.effects, *new]
     return own.model_copy(
         update={
             "channels": base.channels | own.channels,
             "tolerances": base.tolerances | own.tolerances,
             "effects": base.effects | own.effects,
-            "defaults": own.defaults.model_copy(
-                update={"until": own.defaults.until or base.defaults.until}
-            ),
+            "defaults": base.defaults.model_copy(update=defaults),
         }
     )
 
@@ -404,10 +406,30 @@ def load_library(action: Action, name_or_path: str | Path | None = None) -> Libr
         until=None if until is None else Until(until.output, until.after_turn),
         origin=path.name,
     )
-    missing = sorted(set(file.defaults.effects) - known)
+    missing = sorted(n for n in set(file.defaults.effects) - known if not _absent(config, file, n))
     if missing and file.name == action.name:
         raise InvalidParameter(f"{path.name}: defaults.effects: unknown {', '.join(missing)}")
     return library
+
+
+def _absent(config: MechanismFile, file: LibraryFile, name: str) -> bool:
+    """Whether an effect is missing because the mechanism lacks what it acts on.
+
+    So it is with the damping of a member that was made rigid, or a contact that is switched off.
+    """
+    parts = {*config.bodies, *config.contacts, *config.springs, *config.straps, *config.points}
+    for template, table in file.effects.items():
+        if not table.each:
+            continue
+        if "{name}" not in template:
+            if template == name:
+                return True
+            continue
+        before, _, after = template.partition("{name}")
+        part = name.removeprefix(before).removesuffix(after)
+        if part in parts and template.replace("{name}", part) == name:
+            return True
+    return False
 
 
 def _all_points(config: MechanismFile) -> Iterator[str]:

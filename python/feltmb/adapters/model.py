@@ -144,6 +144,8 @@ class MechanismModel(DifferentiableMechanism):
         self.library = library
         self.name = action.name
         self.outputs = tuple(outputs)
+        self.beside: frozenset[str] = frozenset()
+        """Outputs that no planned record holds: effects of a sensor mix them into others."""
         self.units = {o: "N" if o == "finger.force" else "m" for o in self.outputs}
         self.units |= {"force": "N", "displacement": "m"}
         self.tolerances = tuple(library.tolerances if tolerances is None else tolerances)

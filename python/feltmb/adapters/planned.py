@@ -37,13 +37,14 @@ def planned_strokes(model: MechanismModel, names: Sequence[str] = STROKES) -> tu
     """
     if model.action.config.finger is None:
         return ()
+    seen = [o for o in model.outputs if o not in model.beside]
     sensors = {
         o: Sensor(
             name=o,
             unit=model.units[o],
             sigma=LOAD_CELL if o == "finger.force" else CAMERA,
         )
-        for o in model.outputs
+        for o in seen
     }
     records = []
     for name in names:
@@ -54,7 +55,7 @@ def planned_strokes(model: MechanismModel, names: Sequence[str] = STROKES) -> tu
                 name=name,
                 time=time,
                 inputs={"force": stroke.at(time)},
-                outputs={o: np.zeros(time.size) for o in model.outputs},
+                outputs={o: np.zeros(time.size) for o in seen},
                 sensors=sensors,
                 input_sigma={"force": LOAD_CELL},
             )

@@ -9,6 +9,7 @@ from typing import Any
 from feltmb.adapters.library import load_library
 from feltmb.adapters.mechanism import mechanism_model
 from feltmb.adapters.model import MechanismModel
+from feltmb.adapters.signals import partners
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Effect
 from feltmb.mechanism import Action, load_action, packaged_actions, parse_setting
@@ -86,13 +87,15 @@ def resolve(
     if "tolerances" in settings:
         options["tolerances"] = library.choose_tolerances(_list(settings["tolerances"]))
     channels = _list(settings.get("channels", "")) or list(library.default_channels)
-    return mechanism_model(
-        action,
-        channels=[*channels, *also],
-        effects=_list(settings.get("effects", "")),
-        library=library,
-        **options,
+    effects = _list(settings.get("effects", ""))
+    outputs = library.outputs([*channels, *also])
+    turned = [e.sensor for e in library.select(effects) if e.sensor and e.sensor.kind == "tilt"]
+    beside = partners(turned, outputs, library.channels)
+    model, made = mechanism_model(
+        action, channels=[*outputs, *beside], effects=effects, library=library, **options
     )
+    model.beside = frozenset(beside)
+    return model, made
 
 
 def _single(settings: Mapping[str, str]) -> bool:

@@ -14,7 +14,11 @@ from feltmb.data import Array, Record
 from feltmb.fit.shift import shifted
 from feltmb.gap.library.readings import acting
 
-__all__ = ["columns_of", "excite_by", "observe_by"]
+__all__ = ["columns_of", "excite_by", "observe_by", "partners"]
+
+
+#: Ends of the names of coordinates.
+AXES = (".x", ".y")
 
 
 def columns_of(
@@ -25,6 +29,20 @@ def columns_of(
         return [i for i, name in enumerate(outputs) if name != "finger.force"]
     named = set(channels.get(signal.channels, (signal.channels,)))
     return [i for i, name in enumerate(outputs) if name in named]
+
+
+def partners(
+    signals: Sequence[Signal], outputs: Sequence[str], channels: Mapping[str, Sequence[str]]
+) -> tuple[str, ...]:
+    """Outputs that a turned camera mixes into those that are recorded, and that are not."""
+    out: list[str] = []
+    for signal in signals:
+        if signal.kind != "tilt":
+            continue
+        seen = [outputs[i] for i in columns_of(signal, outputs, channels)]
+        other = [f"{n[:-1]}{'y' if n.endswith('.x') else 'x'}" for n in seen if n[-2:] in AXES]
+        out += [n for n in other if n not in outputs]
+    return tuple(dict.fromkeys(out))
 
 
 def observe_by(

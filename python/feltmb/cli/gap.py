@@ -19,6 +19,7 @@ from feltmb.cli.common import (
     model_set_option,
     positive,
     print_json,
+    save_figure,
     say_written,
 )
 from feltmb.cli.completing import actions, effects
@@ -153,7 +154,7 @@ def run(
     """
     import shutil
 
-    from feltmb.cli.gap_curves import record_viewers
+    from feltmb.cli.gap_curves import picture_html, record_viewers, remaining_picture
     from feltmb.cli.gap_models import held_out, load_adapter
     from feltmb.cli.gap_printing import print_report
     from feltmb.files import check_writable, make_folder
@@ -162,7 +163,7 @@ def run(
 
     if output is not None:
         make_folder(output)
-        for name in ("report.html", "report.json"):
+        for name in ("report.html", "report.json", "remains.png"):
             check_writable(output / name, force=force)
     adapter = load_adapter(model, settings).measured(measured)
     if written is not None:
@@ -203,6 +204,10 @@ def run(
         say_written(report.model.write(written, force=force))
     if output is not None:
         viewers = record_viewers(report, records)
+        remains = remaining_picture(report)
+        if remains is not None:
+            say_written(save_figure(remains, output / "remains.png", force=force))
+            viewers = picture_html(remains) + viewers
         for path in write_report(report, output, force=force, viewers=viewers):
             say_written(path)
         if resume is not None and resume.is_dir() and not report.stopped:

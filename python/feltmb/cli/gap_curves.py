@@ -8,12 +8,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from feltmb.data import Array, Record
     from feltmb.gap import GapBefore, Report
     from feltmb.gap.findings import ModelWithEffects
     from feltmb.graphics.viewer import Curves
+    from feltmb.mechanism import Action
 
-__all__ = ["overlay_page", "record_viewers"]
+__all__ = [
+    "overlay_page",
+    "picture_html",
+    "record_viewers",
+    "remaining_by_part",
+    "remaining_picture",
+]
 
 #: More records than these are not drawn; the others are in the files.
 MOST_RECORDS = 8
@@ -44,6 +53,54 @@ def record_viewers(report: Report, records: Sequence[Record]) -> str:
             continue
         parts.append(f"<h3>{_escaped(record.name)}</h3>\n{viewer}")
     return assets() + "".join(parts) if parts else ""
+
+
+def remaining_by_part(report: Report) -> dict[str, float]:
+    """Share of the squared gap that remains on held-out data, by body whose points show it [1].
+
+    Empty where no more than noise remains, and for models that are no mechanism.
+    """
+    action = getattr(report.fit.problem.model.core, "action", None)
+    if action is None:
+        return {}
+    left: dict[str, float] = {}
+    for row in report.how_far.rows:
+        point = action.config.points.get(row.channel.rpartition(".")[0])
+        beyond = (row.after / row.noise) ** 2 - 1.0 if row.noise > 0.0 else 0.0
+        if row.metric == report.how_far.metric and point is not None and beyond > 0.0:
+            left[point.body] = left.get(point.body, 0.0) + beyond
+    total = sum(left.values())
+    return {body: v / total for body, v in sorted(left.items(), key=lambda x: -x[1])}
+
+
+def remaining_picture(report: Report) -> Figure | None:
+    """The mechanism with its parts colored by their share of the remaining gap."""
+    from feltmb.graphics.plot import mechanism
+
+    shares = remaining_by_part(report)
+    if not shares:
+        return None
+    action: Action = report.fit.problem.model.core.action  # type: ignore[attr-defined]
+    labels = {b: action.config.bodies[b].label or b for b in shares if b in action.config.bodies}
+    told = ", ".join(f"{labels.get(b, b)} {100.0 * s:.0f} %" for b, s in shares.items())
+    return mechanism(action, title=f"remaining gap: {told}", shares=shares)
+
+
+def picture_html(figure: Figure) -> str:
+    """A figure as it stands in a page that loads nothing."""
+    import base64
+    import io
+
+    from feltmb.style import DPI
+
+    made = io.BytesIO()
+    figure.savefig(made, format="png", dpi=DPI)
+    data = base64.b64encode(made.getvalue()).decode()
+    return (
+        "<h3>Parts by their share of the remaining gap</h3>\n"
+        f'<img alt="mechanism, parts colored" style="max-width:100%" '
+        f'src="data:image/png;base64,{data}">'
+    )
 
 
 def overlay_page(found: GapBefore) -> str:

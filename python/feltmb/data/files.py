@@ -198,31 +198,45 @@ def _build(path: Path, sheet: Sheet, columns: Columns) -> tuple[Record, ...]:
         }
         try:
             records.append(
-                Record(
-                    name=f"{base}-{label}" if len(parts) > 1 else base,
-                    time=time[at],
-                    inputs={n: v[at] - zero_in[n] for n, (v, _) in read_in.items()},
-                    outputs={n: v[at] - zero[n] for n, (v, _) in read_out.items()},
-                    sensors=sensors,
-                    input_mode=mode,
-                    input_units={n: u for n, (_, u) in read_in.items() if u not in ("", "1")},
-                    input_sigma={n: s.sigma for n, s in sheet.inputs.items() if s.sigma > 0.0},
-                    input_correlation_time={
-                        n: s.correlation_time
-                        for n, s in sheet.inputs.items()
-                        if s.correlation_time > 0.0
-                    },
-                    conditions=sheet.conditions,
-                    role=role,
-                    start=start,
-                    repeats=sheet.repeats or (base if len(parts) > 1 else ""),
-                    source=sheet.source or columns.source,
-                    notes=tuple(columns.notes),
+                _acted(
+                    sheet,
+                    Record(
+                        name=f"{base}-{label}" if len(parts) > 1 else base,
+                        time=time[at],
+                        inputs={n: v[at] - zero_in[n] for n, (v, _) in read_in.items()},
+                        outputs={n: v[at] - zero[n] for n, (v, _) in read_out.items()},
+                        sensors=sensors,
+                        input_mode=mode,
+                        input_units={n: u for n, (_, u) in read_in.items() if u not in ("", "1")},
+                        input_sigma={n: s.sigma for n, s in sheet.inputs.items() if s.sigma > 0.0},
+                        input_correlation_time={
+                            n: s.correlation_time
+                            for n, s in sheet.inputs.items()
+                            if s.correlation_time > 0.0
+                        },
+                        conditions=sheet.conditions,
+                        role=role,
+                        start=start,
+                        repeats=sheet.repeats or (base if len(parts) > 1 else ""),
+                        source=sheet.source or columns.source,
+                        notes=tuple(columns.notes),
+                    ),
                 )
             )
         except DataError as error:
             raise DataError(f"{path}: {error}") from None
     return tuple(records)
+
+
+def _acted(sheet: Sheet, record: Record) -> Record:
+    """The record with its inputs as they acted, where their sensors are told."""
+    for name, spec in sheet.inputs.items():
+        told = {"delay": spec.delay, "gain": spec.gain, "offset": spec.offset}
+        if spec.bandwidth is not None:
+            told["bandwidth"] = spec.bandwidth
+        if told != {"delay": 0.0, "gain": 1.0, "offset": 0.0}:
+            record = record.with_sensed_input(name, **told)
+    return record
 
 
 def _series(

@@ -53,6 +53,9 @@ class Sensor:
     """Known offset [unit]."""
     correlation_time: float = 0.0
     """Time in which the noise forgets itself [s] (first-order); 0 is white."""
+    colored_sigma: float = 0.0
+    """Standard deviation [unit] of noise that forgets itself in ``correlation_time``, beside white
+    noise of ``sigma`` and the quantum, which is white too. 0: all noise is of one color."""
     gain_sd: float = 0.0
     """Prior of an unknown relative gain error [1]."""
     offset_sd: float = 0.0
@@ -69,12 +72,19 @@ class Sensor:
 
     def __post_init__(self) -> None:
         faults = []
-        for name in ("quantum", "correlation_time", "gain_sd", "offset_sd", "delay_sd"):
+        for name in (
+            "quantum", "correlation_time", "colored_sigma", "gain_sd", "offset_sd", "delay_sd",
+        ):  # fmt: skip
             value = getattr(self, name)
             if not 0.0 <= value <= LARGEST:
                 faults.append(f"{name} = {value!r}, expected a finite number >= 0")
         if self.sigma is not None and not 0.0 < self.sigma <= LARGEST:
             faults.append(f"sigma = {self.sigma!r}, expected a finite number > 0, or none")
+        if self.colored_sigma > 0.0 and not (self.correlation_time > 0.0 and self.sigma):
+            faults.append(
+                f"colored_sigma = {self.colored_sigma!r}, expected with it a correlation_time > 0 "
+                "and a sigma, that of the white noise"
+            )
         if not self.bandwidth > 0.0:
             faults.append(f"bandwidth = {self.bandwidth!r}, expected > 0 [Hz]")
         if not 0.0 < abs(self.gain) <= LARGEST:
@@ -242,6 +252,54 @@ class Record:
             outputs={k: v[part] for k, v in self.outputs.items()},
             role=role or self.role,
             start=self.start if first == 0 else StartPrior(known=False),
+        )
+
+    def with_sensed_input(
+        self,
+        name: str,
+        *,
+        delay: float = 0.0,
+        bandwidth: float = math.inf,
+        gain: float = 1.0,
+        offset: float = 0.0,
+    ) -> Record:
+        """Same record, an input taken back from what its sensor shows to what acted.
+
+        The sensor shows ``gain * low_pass(u)(t - delay) + offset``. The low-pass is taken back by
+        the slope of the reading, which raises its noise; ``input_sigma`` says how far. Beyond the
+        ends of the record the input stays as it is there.
+
+        Parameters
+        ----------
+        delay
+            [s]; positive: the reading lags.
+        bandwidth
+            Corner of a first-order low-pass [Hz].
+        gain, offset
+            [1], [unit of the input].
+
+        Raises
+        ------
+        DataError
+            The input is not there, or a number is none of a sensor.
+        """
+        if name not in self.inputs:
+            raise DataError(
+                f"record {self.name}: no input {name!r}; there are {', '.join(self.inputs)}"
+            )
+        # The same limits as those of the sensor of an output.
+        Sensor(name=name, delay=delay, bandwidth=bandwidth, gain=gain, offset=offset)
+        acted = (self.inputs[name] - offset) / gain
+        sigma = self.input_sigma.get(name, 0.0) / abs(gain)
+        if math.isfinite(bandwidth):
+            forget = 1.0 / (2.0 * math.pi * bandwidth)
+            acted = acted + forget * np.gradient(acted, self.time)
+            sigma *= math.hypot(1.0, forget / (math.sqrt(2.0) * self.interval))
+        if delay != 0.0:
+            acted = np.interp(self.time + delay, self.time, acted)
+        return replace(
+            self.with_inputs({name: acted}),
+            input_sigma={**self.input_sigma, name: sigma} if sigma > 0.0 else self.input_sigma,
         )
 
     def with_inputs(self, inputs: Mapping[str, Array]) -> Record:

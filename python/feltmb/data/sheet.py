@@ -41,6 +41,12 @@ class InputSpec(ColumnSpec):
 
     sigma: Annotated[float, Field(ge=0.0)] = 0.0
     correlation_time: Annotated[float, Field(ge=0.0)] = 0.0
+    delay: float = 0.0
+    """Of its sensor [s]; positive: the reading lags."""
+    bandwidth: Annotated[float, Field(gt=0.0)] | None = None
+    """Corner of the low-pass of its sensor [Hz]."""
+    gain: float = 1.0
+    offset: float = 0.0
 
 
 class OutputSpec(ColumnSpec):
@@ -53,6 +59,7 @@ class OutputSpec(ColumnSpec):
     gain: float = 1.0
     offset: float = 0.0
     correlation_time: float = 0.0
+    colored_sigma: float = 0.0
     gain_sd: float = 0.0
     offset_sd: float = 0.0
     delay_sd: float = 0.0

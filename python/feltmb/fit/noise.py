@@ -4,24 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.data import Array
+from feltmb.data import Array, Sensor
 
-__all__ = ["Noise", "innovations"]
+__all__ = ["Noise", "innovations", "noise_of"]
 
 Integers = NDArray[np.intp]
 #: Share of its variance that is taken for white: a mean over samples is blind at some frequencies,
 #: and a model is not so exact that what it misses there could be held against it.
 WHITE = 0.05
+#: Samples before that predict one of noise that is in part white, in part not.
+REACH = 16
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of one channel, of one of two colors.
+    """Noise of one channel, of one of two colors, or white in part.
 
     Either it forgets itself exponentially, with ``correlation_time``, or it is what is left of
     white noise by a mean over ``averaged`` samples: over n of them the correlation at a distance
@@ -35,6 +37,8 @@ class Noise:
     which frequency the noise is not flat."""
     averaged: int = 1
     """Samples, evenly spaced, whose mean a sample is [1]."""
+    white: float = 0.0
+    """Share of the variance that is white, beside what forgets itself in ``correlation_time``."""
 
     @property
     def reach(self) -> int:
@@ -42,10 +46,20 @@ class Noise:
 
         Up to an average of six, slow signals then weigh what they should, to 7 %.
         """
-        return 8 * math.ceil(self.averaged / 3) if self.averaged > 1 else 1
+        if self.averaged > 1:
+            return 8 * math.ceil(self.averaged / 3)
+        return REACH if self.mixed else 1
 
-    def correlation(self, distance: Array) -> Array:
-        """Correlation of two samples of averaged noise, at a distance in samples [1]."""
+    @property
+    def mixed(self) -> bool:
+        """Whether a part of it is white and the rest is not."""
+        return self.averaged == 1 and self.correlation_time > 0.0 and self.white > 0.0
+
+    def correlation(self, distance: Array, interval: float = 0.0) -> Array:
+        """Correlation of two samples of averaged or mixed noise, at a distance in samples [1]."""
+        if self.mixed:
+            memory = np.exp(-np.abs(distance) * interval / self.correlation_time)
+            return np.where(distance == 0, 1.0, (1.0 - self.white) * memory)
         share = np.maximum(0.0, 1.0 - np.abs(distance) / self.averaged)
         return np.where(distance == 0, 1.0, (1.0 - WHITE) * share)
 
@@ -56,6 +70,10 @@ class Noise:
             white = generator.standard_normal(n + self.averaged - 1)
             mean: Array = np.convolve(white, np.ones(self.averaged), "valid")
             return self.sigma / math.sqrt(self.averaged) * mean
+        if self.mixed:
+            slow = replace(self, sigma=self.sigma * math.sqrt(1.0 - self.white), white=0.0)
+            fast = self.sigma * math.sqrt(self.white) * generator.standard_normal(n)
+            return np.asarray(slow.draw(time, generator) + fast)
         out = self.sigma * generator.standard_normal(n)
         if self.correlation_time > 0.0 and n > 1:
             before = self.sigma * generator.standard_normal()
@@ -64,6 +82,22 @@ class Noise:
             for i in range(n):
                 before = out[i] = keep[i] * before + fresh[i] * out[i]
         return out
+
+
+def noise_of(sensor: Sensor, sigma: float, quantum: float) -> Noise:
+    """Noise of a sensor: white, colored and quantum, each by its number.
+
+    Parameters
+    ----------
+    sigma
+        Standard deviation of what is no quantum and not told as colored [unit].
+    quantum
+        Step of the digitizer [unit].
+    """
+    fast = sigma**2 + quantum**2 / 12.0
+    total = fast + sensor.colored_sigma**2
+    share = fast / total if sensor.colored_sigma > 0.0 else 0.0
+    return Noise(math.sqrt(total), sensor.correlation_time, white=share)
 
 
 def innovations(
@@ -98,11 +132,14 @@ def innovations(
         further = np.take_along_axis(nearest, np.maximum(last, 0), axis=1)
         before[..., k] = np.where(last >= 0, further, -1)
     decay = np.zeros(before.shape)
+    interval = float(np.median(np.diff(time, axis=1))) if time.shape[1] > 1 else 0.0
     sd = np.ones(position.shape)
     for c, own in enumerate(noise):
-        if own.averaged > 1:
+        if own.averaged > 1 or own.mixed:
             near = before[:, :, c, : own.reach]
-            decay[:, :, c, : own.reach], sd[:, :, c] = _averaged(own, position[:, :, c], near)
+            decay[:, :, c, : own.reach], sd[:, :, c] = _predicted(
+                own, position[:, :, c], near, interval
+            )
         elif own.correlation_time > 0.0:
             seen = before[:, :, c, 0]
             lag = time - np.take_along_axis(time, np.maximum(seen, 0), axis=1)
@@ -115,8 +152,13 @@ def innovations(
     return before, decay, np.where(valid, 1.0 / (sigma * sd), 0.0)
 
 
-def _averaged(noise: Noise, position: Integers, before: Integers) -> tuple[Array, Array]:
-    """Factors and relative standard deviations of averaged noise; each pattern of holes once."""
+def _predicted(
+    noise: Noise, position: Integers, before: Integers, interval: float
+) -> tuple[Array, Array]:
+    """Factors and relative standard deviations of averaged or mixed noise.
+
+    Each pattern of holes is solved once.
+    """
     distance = np.where((before >= 0) & (position >= 0)[..., None], position[..., None] - before, 0)
     patterns, which = np.unique(distance.reshape(-1, before.shape[-1]), axis=0, return_inverse=True)
     factors, sd = np.zeros(patterns.shape), np.ones(len(patterns))
@@ -124,8 +166,9 @@ def _averaged(noise: Noise, position: Integers, before: Integers) -> tuple[Array
         back = pattern[pattern > 0].astype(float)
         if not back.size:
             continue
-        common = noise.correlation(back)
-        found = np.linalg.solve(noise.correlation(back[:, None] - back[None, :]), common)
+        common = noise.correlation(back, interval)
+        among = noise.correlation(back[:, None] - back[None, :], interval)
+        found = np.linalg.solve(among, common)
         factors[i, : back.size] = found
         sd[i] = np.sqrt(1.0 - common @ found)
     which = which.reshape(-1)

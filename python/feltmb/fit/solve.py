@@ -33,6 +33,8 @@ __all__ = [
 Progress = Callable[[str, int, int], None]
 #: Where the fit is poor, a gain below this share of the misfit is not worth a simulation.
 COARSE = 3e-5
+#: Share of what a linear model promised that must have come, for it to say where a fit will end.
+TRUSTED = 0.5
 #: Shares of the records that a fit without gaps is led along, steps at each, and the sum of squares
 #: over the number of samples from which it is.
 HORIZONS, LED, NEAR = (0.5, 0.65, 0.8, 0.9), 5, 4.0
@@ -64,7 +66,8 @@ class FitSettings:
     """Whether a poor fit is tried again from one simulation through all segments."""
     worth: float = np.inf
     """Sum of squares that another fit has. Where there are no continuity defects, a search ends,
-    unfinished, at a point whose linear model does not promise to get below it."""
+    unfinished, at a point whose linear model does not promise to get below it, if the step before
+    brought what its own had promised."""
 
     def coarser(self, decrement: float, iterations: int | None = None) -> FitSettings:
         """For a fit on the way to another: this decrement at least, other iterations if given."""
@@ -258,6 +261,7 @@ def _minimize(
     worth = np.inf if gap_sd.size else settings.worth
     lam = 1e-4
     damping = [np.zeros(s.count) for s in problem.segmented_records]
+    trusted = False
     for _ in range(iterations):
         if current().stopping():
             return point, cost, linears, False
@@ -272,7 +276,8 @@ def _minimize(
             least = max(settings.decrement, COARSE * max(cost - 4.0 * samples, 0.0))
             if predicted < least:
                 return point, cost, linears, True
-            if lam < 1e-2 and cost - predicted > worth:  # damped steps promise less than there is
+            # Damped steps promise less than there is; far off, so does any linear model.
+            if trusted and lam < 1e-2 and cost - predicted > worth:
                 return point, cost, linears, False
             new, new_parts = problem.cost(attempt, gap_sd, linears)
             if new < cost:
@@ -285,6 +290,7 @@ def _minimize(
         if not accepted:
             return point, cost, linears, False
         done = cost - new < least and predicted < 50.0 * least
+        trusted = cost - new > TRUSTED * predicted
         point = attempt
         lam /= 8.0
         for d in damping:

@@ -11,7 +11,7 @@ from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit import Model
-from feltmb.fit.noise import Noise
+from feltmb.fit.noise import Noise, noise_of
 from feltmb.gap.color import color_at_rest, still_blocks
 from feltmb.gap.criteria import (
     AWAY_FROM_REST,
@@ -57,6 +57,8 @@ class ChannelCheck:
     """Share of samples that sit at the extremes of the channel [1]."""
     drift: float
     """Low-frequency wander of the rest segment, in sigma."""
+    white: float = 0.0
+    """Share of the variance that is white where the rest is told to be colored [1]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +78,7 @@ class DataChecks:
     def noise(self, record: str) -> dict[str, Noise]:
         """Noise by channel of a record."""
         return {
-            c.channel: Noise(c.sigma, c.correlation_time, c.averaged)
+            c.channel: Noise(c.sigma, c.correlation_time, c.averaged, c.white)
             for c in self.channels
             if c.record == record
         }
@@ -235,7 +237,13 @@ def _colored(
         steps = np.diff(by_name[c.record].time)
         interval = float(np.median(steps))
         fine = c.quantum**2 / 12.0 < COARSE * c.sigma**2
-        if c.method == "sensor" and fine and np.allclose(steps, interval, rtol=1e-3, atol=0.0):
+        # Of what is white in part, both parts are told.
+        if (
+            c.method == "sensor"
+            and fine
+            and not c.white
+            and np.allclose(steps, interval, rtol=1e-3, atol=0.0)
+        ):
             # Clocks of one camera may differ in the last digit.
             sheet = (c.channel, c.sigma, c.correlation_time, f"{interval:.6g}")
             sensors.setdefault(sheet, []).append(c)
@@ -339,7 +347,7 @@ def _channel(
             predicted = _predicted(values, record.inputs)
             if predicted is not None and predicted < sigma:
                 sigma, method = predicted, "prediction"
-    variance = sigma**2 + quantum**2 / 12.0
+    noise = noise_of(sensor, sigma, quantum)
     return ChannelCheck(
         record=record.name,
         channel=name,
@@ -347,13 +355,14 @@ def _channel(
         samples=int(n),
         missing=1.0 - n / max(values.size, 1),
         spread=spread,
-        sigma=float(max(np.sqrt(variance), 1e-9 * max(spread, 1e-12))),
+        sigma=float(max(noise.sigma, 1e-9 * max(spread, 1e-12))),
         method=method,
         correlation_time=tau,
         averaged=1,
         quantum=quantum,
         clipped=clipped,
         drift=drift,
+        white=noise.white,
     )
 
 

@@ -35,10 +35,18 @@ from feltmb.gap.discrepancy import (
 )
 from feltmb.gap.experiments import advise
 from feltmb.gap.findings import Advice, NotTested, Verdict, Where
+from feltmb.gap.lead import lead
 from feltmb.gap.misfit import form_of, misfit
 from feltmb.gap.overlay import wrong_units
 from feltmb.gap.proof import HeldOut, Outcome, residuals_by_segment
-from feltmb.gap.refine import CandidateSet, full_evidence, refit_at, tighten
+from feltmb.gap.refine import (
+    CandidateSet,
+    full_evidence,
+    plausible,
+    refit_at,
+    tighten,
+    worth_of,
+)
 from feltmb.gap.report import Report
 from feltmb.gap.score import all_candidates, family_threshold, score_fit
 from feltmb.gap.search import Search, in_refined_steps, search
@@ -177,11 +185,15 @@ def _investigate(
     watch.misfit = None  # other noise, another scale
     watch.enter(FIT)
     fit: Fit | None = None
-    if near is not None:
+    led: list[Fit] = []
+    if near is None:
+        led = lead(problem, effects, settings, most=options.max_effects, progress=progress)
+        fit = _alone(led, problem, settings, progress, label)
+    else:
         point = replace(near, memo={})
         brief = replace(settings, restarts=0)
         fit = fit_problem(problem, brief, point=point, progress=progress, label=label)
-    if fit is None or not fit.explains:
+    if not (led or (fit is not None and fit.explains)):
         way = settings if fit is None else replace(settings, restarts=0)
         other = fit_problem(problem, way, progress=progress, label=label)
         fit = other if fit is None or other.log_evidence > fit.log_evidence else fit
@@ -194,10 +206,33 @@ def _investigate(
         most=options.max_effects,
         width=options.width,
         progress=progress,
+        led=led,
     )
     if watch.stopping():
         return found
     return within_tolerance(in_refined_steps(found, settings, progress=progress), settings)
+
+
+def _alone(
+    led: Sequence[Fit],
+    problem: Problem,
+    settings: FitSettings,
+    progress: Progress | None,
+    label: str,
+) -> Fit | None:
+    """The fit of the model alone; None: it was not led.
+
+    It tries no other starts where a set of effects explains the records and it, from there, does
+    not.
+    """
+    if not led:
+        return None
+    (alone,) = [f for f in led if not f.included]
+    if led[0].included and plausible(led[0]) and alone.cost > worth_of(led[0]):
+        return alone
+    return fit_problem(
+        problem, settings, point=replace(alone.point, memo={}), progress=progress, label=label
+    )
 
 
 def _explained(
@@ -583,6 +618,7 @@ def _inherit(checks: DataChecks, whole: DataChecks, records: Sequence[Record]) -
                 correlation_time=parent.correlation_time,
                 averaged=parent.averaged,
                 quantum=parent.quantum,
+                white=parent.white,
             )
         )
     return replace(

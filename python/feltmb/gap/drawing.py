@@ -77,7 +77,7 @@ def ledger_map(
     heights = [len(channels[r]) + 1.6 for r in records]
     figure = new_figure(WIDTH, 0.27 * sum(heights) + 0.2)
     panels = figure.subplots(len(records), 1, squeeze=False, height_ratios=heights)[:, 0]
-    tips: dict[str, object] = {}
+    tips: dict[str, str] = {}
     for record, ax in zip(records, panels, strict=True):
         own = [c for c in cells if c.record == record]
         _rows(ax, channels[record])

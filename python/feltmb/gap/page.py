@@ -6,12 +6,15 @@ import math
 from importlib import resources
 from typing import Any
 
+import numpy as np
+
 from feltmb._core import __version__
+from feltmb.fit.solve import Fit
 from feltmb.gap.digits import digits
 from feltmb.gap.drawing import bars, force_traces, ledger_map, waterfall
 from feltmb.gap.findings import Findings, Verdict
 
-__all__ = ["page"]
+__all__ = ["page", "together"]
 
 MARK = {
     Verdict.NO_GAP: "good",
@@ -35,6 +38,23 @@ def number(value: object, digits: int = 4) -> str:
 def percent(value: float) -> str:
     """Share as percent."""
     return f"{value:.0%}" if math.isfinite(value) else "-"
+
+
+def together(fit: Fit, least: float = 0.8, most: int = 12) -> list[tuple[str, str, float]]:
+    """Pairs of fitted numbers that the records hardly tell apart: names and correlation [1]."""
+    names = [i.name for i in fit.intervals()]
+    covariance = fit.covariance
+    sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    seen = np.isfinite(sd) & (sd > 0.0)
+    scale = np.where(seen, sd, np.inf)
+    rho = np.where(np.outer(seen, seen), covariance, 0.0) / np.outer(scale, scale)
+    pairs = [
+        (names[i], names[j], float(rho[i, j]))
+        for i in range(len(names))
+        for j in range(i)
+        if abs(rho[i, j]) >= least
+    ]
+    return sorted(pairs, key=lambda p: (-abs(p[2]), p[:2]))[:most]
 
 
 def page(report: Findings, viewers: str = "") -> str:
@@ -73,6 +93,7 @@ def page(report: Findings, viewers: str = "") -> str:
         "bars": Markup(bars(report.which.effects, report.one_of, [n.name for n in report.refused])),
         "waterfall": Markup(waterfall(report.how_far)),
         "intervals": report.fit.intervals(),
+        "together": together(report.fit),
         "sources": sorted({s for s in _sources(report) if s}),
     }
     return environment.from_string(template).render(**context)

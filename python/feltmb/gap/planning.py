@@ -12,9 +12,10 @@ from feltmb.data import Array, Record, Sensor
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.fit.calling import calling
 from feltmb.fit.model import Effect, Jobs, Model
+from feltmb.fit.noise import Noise, noise_of
 from feltmb.fit.observe import observe_jobs
 from feltmb.fit.problem import Problem
-from feltmb.fit.segmented_records import Noise, segment_record
+from feltmb.fit.segmented_records import segment_record
 from feltmb.fit.solve import FitSettings, finish
 from feltmb.gap.advise import confused_groups, confusion_at
 from feltmb.gap.checks import faults_against, with_sigma
@@ -119,9 +120,7 @@ def _noise(record: Record) -> dict[str, Noise]:
         if sigma is None:
             # Nothing is known: a thousandth of what it would show.
             sigma = 1e-3 * (float(np.std(record.outputs[name])) or 1.0)
-        out[name] = Noise(
-            float(np.hypot(sigma, sensor.quantum / np.sqrt(12.0))), sensor.correlation_time
-        )
+        out[name] = noise_of(sensor, sigma, sensor.quantum)
     return out
 
 

@@ -11,10 +11,20 @@ from feltmb.data import Array
 from feltmb.fit.model import Candidate
 from feltmb.fit.problem import Point, Problem
 from feltmb.fit.solve import Fit, FitSettings, at_level, chained, polish
-from feltmb.gap.criteria import BEYOND_PRIORS, DOUBT, LOOSE
+from feltmb.gap.criteria import BEYOND_PRIORS, DOUBT, LOOSE, NEAR_BEST
 from feltmb.gap.score import prior_of
 
-__all__ = ["CandidateSet", "freed", "from_priors", "full_evidence", "refit", "refit_at", "tighten"]
+__all__ = [
+    "CandidateSet",
+    "freed",
+    "from_priors",
+    "full_evidence",
+    "plausible",
+    "refit",
+    "refit_at",
+    "tighten",
+    "worth_of",
+]
 
 #: Note of a model that an effect led out of a wrong valley.
 REFITTED = "fitted again from the fit with an effect"
@@ -57,6 +67,20 @@ def full_evidence(fit: Fit, total_weight: float) -> float:
     log_det = float(np.sum(np.log(np.maximum(eigen, 1e-12)))) + 2.0 * float(np.sum(np.log(size)))
     # The priors of the parameters are the same for all fits to the same records.
     return value - 0.5 * log_det + prior_of(fit.included, total_weight)
+
+
+def plausible(fit: Fit) -> bool:
+    """Whether a fit explains the records with parameters that their priors allow as a whole."""
+    far = fit.prior_deviation
+    return fit.explains and float(np.sum(far**2)) < far.size + 4.0 * np.sqrt(2.0 * far.size)
+
+
+def worth_of(best: Fit | None) -> float:
+    """Sum of squares from which another fit cannot be a rival of the best one.
+
+    Where that one does not explain the records, anything may be better.
+    """
+    return np.inf if best is None or not plausible(best) else best.cost + 2.0 * NEAR_BEST
 
 
 def refit(

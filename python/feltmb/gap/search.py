@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from feltmb.data import Array
 from feltmb.fit.model import Batch, Candidate, Effect, Jobs, Model
 from feltmb.fit.observe import machine_candidates
-from feltmb.fit.solve import Fit, FitSettings, polish
+from feltmb.fit.solve import Fit, FitSettings, finish, polish
 from feltmb.fit.watch import current
 from feltmb.gap.criteria import (
     FAINT_SCORE,
@@ -27,9 +27,11 @@ from feltmb.gap.refine import (
     freed,
     from_priors,
     full_evidence,
+    plausible,
     refit,
     refit_at,
     tighten,
+    worth_of,
 )
 from feltmb.gap.score import Scores, all_candidates, score_fit, screen_sets
 from feltmb.gap.shape import between, movable, off_grid
@@ -93,16 +95,21 @@ def search(
     width: int = 4,
     progress: Progress | None = None,
     reseeds: int = 3,
+    led: Sequence[Fit] = (),
 ) -> Search:
     """Screen, refit the survivors, then add, drop and swap until nothing helps.
 
     ``most`` effects make the largest set; of the ranked sets and of the ranked single effects
     ``width`` are refitted. ``reseeds``: times that the search may begin again because a set has led
-    the model out of a wrong valley.
+    the model out of a wrong valley. ``led``: sets that were fitted before, see
+    :func:`~feltmb.gap.lead.lead`.
     """
     while True:
         better: Fit | None = tighten(model, settings)
         hunt = _Hunt(model, better, effects, settings, most, width, progress)
+        for fit in led:
+            if fit.included:
+                hunt._keep(fit)
         if better is not None and reseeds and better.log_evidence > model.log_evidence + 1.0:
             # The descent of the gaps had left the valley in which they close.
             notes = (*model.notes, CLOSED)
@@ -213,6 +220,9 @@ class _Hunt:
         self.skipped: dict[str, None] = {}
         self.tried: set[tuple[tuple[str, str], ...]] = set()
         self.shaped: set[tuple[str, ...]] = set()
+        self.explained = False
+        self.near: Fit | None = None
+        self.traces: Scores | None = None
 
     def run(self, *, may_restart: bool) -> Fit | None:
         """Search; a fit of the model that does better, if the search led there."""
@@ -221,7 +231,8 @@ class _Hunt:
         self.tight = None if self.tight_fit is None else score_fit(self.tight_fit, self.candidates)
         self.start = full_evidence(self.model_fit, self.total)
         fits = [self.model_fit] + ([] if self.tight_fit is None else [self.tight_fit])
-        self.least = PROMISE if all(f.explains for f in fits) else -np.inf
+        self.explained = all(f.explains for f in fits)
+        self.near = self._nearby()
         self._screen()
         if current().stopping():
             return None
@@ -270,7 +281,8 @@ class _Hunt:
             self.skipped.update((t.name, None) for t in chosen)
             return
         self._tell("refine: " + " + ".join(t.name for t in chosen))
-        fit = refit(base, chosen, magnitudes, self.quick)
+        best = self._best().fit if self.done else None
+        fit = refit(base, chosen, magnitudes, replace(self.quick, worth=worth_of(best)))
         if len(chosen) == 1:
             fit = from_priors(fit, self.quick)
         if np.isfinite(fit.cost):
@@ -280,16 +292,21 @@ class _Hunt:
 
     def _screen(self) -> None:
         """Refit the sets, and the single effects, that the linear ranking promises most of."""
-        self._extend(self.model_fit, self.scores, self.width)
+        near, scores = self.model_fit, self.scores
+        if self.near is not None:
+            near, scores = self.near, score_fit(self.near, self.candidates)
+            self.traces = scores
+        self._extend(near, scores, self.width)
         if self.tight is not None and self.tight_fit is not None:
             base = replace(self.tight_fit, level=self.model_fit.level)
             self._extend(base, self.tight, self.width)
         # The best singles are always among the refitted, so that a class is judged on equal
         # included effects.
-        for at in (self.scores, self.tight):
+        for at in (scores, self.tight):
             if at is None:
                 continue
             single, size = at.singles(), at.one_step()
+            least = self._least(near, at)
             promised = {t.name: -np.inf for t in at.candidates}
             for s in screen_sets(at, largest=1):
                 name = at.candidates[s.index[0]].name
@@ -297,13 +314,30 @@ class _Hunt:
             names: list[str] = []
             for i in np.argsort(-single, kind="stable"):
                 t = at.candidates[i]
-                if t.name in names or single[i] <= FAINT_SCORE or promised[t.name] < self.least:
+                if t.name in names or single[i] <= FAINT_SCORE or promised[t.name] < least:
                     continue
                 names.append(t.name)
                 if (t.name,) not in self.done:
-                    self._attempt(self.model_fit, (t,), np.array([size[i] * t.effect.scale]))
+                    self._attempt(near, (t,), np.array([size[i] * t.effect.scale]))
                 if len(names) >= self.width:
                     break
+
+    def _nearby(self) -> Fit | None:
+        """The model with the parameters of a set that explains the records, where its fit does not.
+
+        Scores at a poor fit of the model say little of what explains the records.
+        """
+        if self.explained or not self.done or not plausible(self._best().fit):
+            return None
+        best, base = self._best().fit, self.model_fit
+        bare = best.problem.carry(best.point, (), np.zeros(0))
+        return finish(base.problem, bare, best.level, best.gap_sd[: len(base.gap_sd)])
+
+    def _least(self, base: Fit, at: Scores) -> float:
+        """Linear evidence below which a set beside a base is not refitted."""
+        if base is self.near:  # a set explains the records: only rivals of it
+            return max((s.evidence for s in screen_sets(at, largest=1)), default=0.0) - NEAR_BEST
+        return PROMISE if self.explained or (base.included and plausible(base)) else -np.inf
 
     def _extend(self, base: Fit, at: Scores, count: int) -> None:
         """Refit what the base holds and the sets that rank best beside it."""
@@ -320,12 +354,17 @@ class _Hunt:
         out = []
         have = {t.name for t in base.included}
         seen: set[tuple[str, ...]] = set()
+        least = self._least(base, at)
+        # What a set that explains the records lacks is asked from its own fit.
+        whole = set(self._best().names) if base is self.near else None
         for s in screen_sets(at, largest=max(1, min(3, self.most - len(base.included)))):
-            if s.evidence < self.least:
+            if s.evidence < least:
                 break
             new = tuple(at.candidates[i] for i in s.index)
             key = _key(new)
             if key in seen or any(n in have for n in key):
+                continue
+            if whole is not None and whole <= set(key):
                 continue
             seen.add(key)
             magnitudes = np.array(s.magnitudes) * np.array([t.effect.scale for t in new])
@@ -373,7 +412,7 @@ class _Hunt:
             if rest and _short(self.done.get(_key(rest)), best, k):
                 self._attempt(best.fit, rest, others)
             # A screen at a poor model may have overlooked what could stand in its place.
-            for like, share in _alike(self.tight or self.scores, candidate):
+            for like, share in _alike(self.tight or self.traces or self.scores, candidate):
                 swapped = (*rest, like)
                 size = np.clip(share * best.fit.point.magnitudes[k], *like.effect.bounds)
                 known = self.done.get(_key(swapped))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import feltmb
-from feltmb.adapters import action_with_effects, load_library, mechanism_model
+from feltmb.adapters import action_with_effects, load_library, mechanism_model, planned_strokes
 from feltmb.adapters.changes import Change, apply_changes, read_entry
 from feltmb.adapters.resolve import resolve
 from feltmb.errors import InvalidParameter
@@ -195,3 +195,48 @@ def test_the_document_shows_the_library_as_it_is():
     made = runpy.run_path(str(tool))
     text = made["DOCUMENT"].read_text(encoding="utf-8")
     assert made["renewed"](text) == text, "run tools/make_effects_table.py"
+
+
+def test_a_rigid_member_leaves_its_effects_out_and_a_typo_does_not(tmp_path):
+    action = ACTION
+    rigid = action.with_values({"bodies.wire.rigid": True, "bodies.shank.rigid": True})
+    whole, less = load_library(action), load_library(rigid)
+    assert set(whole.default_effects) - set(less.default_effects) == {
+        "damping.wire",
+        "damping.shank",
+    }
+    file = tmp_path / "typo.toml"
+    file.write_text(
+        'schema = 1\nname = "steinway45"\nextends = "steinway45"\n'
+        '[defaults]\neffects = ["damping.shnk"]\n'
+    )
+    with pytest.raises(InvalidParameter, match=r"unknown damping\.shnk"):
+        load_library(action, file)
+
+
+def test_an_extended_library_keeps_what_it_does_not_say(tmp_path):
+    action = ACTION
+    file = tmp_path / "mine.toml"
+    file.write_text(
+        'schema = 1\nname = "mine"\nextends = "steinway45"\n[effects.extra]\nlabel = "extra"\n'
+        'component = "x"\nmagnitude = 0.1\nchanges = [{ path = "bodies.head.mass", scale = 1.0 }]\n'
+    )
+    base, mine = load_library(action), load_library(action, file)
+    assert mine.default_effects == (*base.default_effects, "extra")
+    assert mine.default_channels == base.default_channels
+    assert [t.name for t in mine.tolerances] == [t.name for t in base.tolerances]
+    assert mine.segment == base.segment
+
+
+def test_a_turned_camera_turns_what_is_recorded_of_a_point_in_part():
+    """Of whippen.y alone a tilt showed nothing: no set of effects explained the records."""
+    model, effects = resolve("steinway45", {"channels": "whippen", "effects": "camera_tilt"})
+    assert model.outputs == ("whippen.y", "whippen.x")
+    assert model.beside == {"whippen.x"}
+    (tilt,) = effects
+    shown = np.array([[[1.0, 0.25], [2.0, 0.5]]])
+    turned = tilt.observe(None, shown, np.array([[0, 1]]), np.array([0.1]), None)
+    assert turned[0, :, 0] == pytest.approx([1.0 - 0.025, 2.0 - 0.05])
+    assert all("whippen.x" not in r.outputs for r in planned_strokes(model))
+    plain, _ = resolve("steinway45", {"channels": "whippen", "effects": "camera_scale"})
+    assert plain.outputs == ("whippen.y",)

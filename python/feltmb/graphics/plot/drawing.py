@@ -37,10 +37,11 @@ def draw_bodies(
     drawn: Scene,
     poses: Mapping[str, Pose],
     bent: Mapping[str, Array],
+    fills: Mapping[str, str] | None = None,
 ) -> dict[str, list[tuple[Any, list[Shape]]]]:
     """Draw the shapes, in m; artists and what they show by body, so that a pose is one transform.
 
-    ``bent`` holds the center lines of flexible beams.
+    ``bent`` holds the center lines of flexible beams, ``fills`` other colors of bodies.
     """
     from matplotlib.collections import LineCollection, PolyCollection
 
@@ -49,10 +50,11 @@ def draw_bodies(
         own = [s for s in drawn.shapes if s.body == body]
         transform = body_transform(ax, poses[body])
         z = 2.0 + 0.1 * order
+        told = None if fills is None else fills.get(body)
         made: list[tuple[Any, list[Shape]]] = []
         for role, fill, ink in (
-            ("wire", "#8A8A8A", "#555555"),
-            ("wood", body_fill(drawn.group[body]), INK),
+            ("wire", told or "#8A8A8A", "#555555"),
+            ("wood", told or body_fill(drawn.group[body]), INK),
         ):
             chosen = [s for s in own if s.role == role]
             outlines = [shape_points(action, s, bent) for s in chosen]

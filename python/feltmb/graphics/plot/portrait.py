@@ -56,7 +56,11 @@ __all__ = ["mechanism", "moment_of_run"]
 
 
 def mechanism(
-    action: Action, q: npt.ArrayLike | None = None, *, title: str | None = None
+    action: Action,
+    q: npt.ArrayLike | None = None,
+    *,
+    title: str | None = None,
+    shares: Mapping[str, float] | None = None,
 ) -> Figure:
     """Draw a mechanism in a pose: bodies, contact surfaces with numbers, joints, springs, string.
 
@@ -71,6 +75,8 @@ def mechanism(
         Coordinates [rad, m] in the order of ``action.coordinates``; default: at rest.
     title
         Which pose it is, after the name of the mechanism; default: ``at rest``, or nothing.
+    shares
+        Share of something by body [1]: colors the bodies from white to orange, all others white.
 
     Raises
     ------
@@ -119,7 +125,7 @@ def mechanism(
     ax.set_aspect("equal", adjustable="box")
     ax.set_axis_off()
     draw_fixed(ax, action, drawn, limits)
-    draw_bodies(ax, action, drawn, poses, bent)
+    draw_bodies(ax, action, drawn, poses, bent, None if shares is None else _tints(action, shares))
     draw_joints(ax, action, drawn, poses)
     _draw_attachments(ax, action, drawn, poses, bent)
     _draw_scale(ax, drawn, limits)
@@ -127,6 +133,17 @@ def mechanism(
     _label_mechanism(ax, action, drawn, pose, poses)
     _list_contacts(figure, action, contacts)
     return figure
+
+
+def _tints(action: Action, shares: Mapping[str, float]) -> dict[str, str]:
+    """Color by body, white where a body has no share."""
+    full = np.array([0xD5, 0x5E, 0x00])
+    out = {}
+    for body in action.config.bodies:
+        share = float(np.clip(shares.get(body, 0.0), 0.0, 1.0))
+        red, green, blue = np.round(255 + share * (full - 255)).astype(int)
+        out[body] = f"#{red:02x}{green:02x}{blue:02x}"
+    return out
 
 
 def _draw_attachments(

@@ -1,0 +1,155 @@
+"""Where a search begins if the model is far off: sets of effects led along the records.
+
+Once a mechanism lets go earlier or later than the machine did, its motion is no longer nearly
+linear in anything. A model that lacks a cause is then fitted to a place where no score says
+anything of that cause. So the search follows time: the beginnings of the records are fitted first,
+and where the model ceases to explain them, the effects are scored at what explained them so far.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from feltmb.fit.model import Effect
+from feltmb.fit.problem import Point, Problem
+from feltmb.fit.solve import HORIZONS, NEAR, Fit, FitSettings, finish, polish
+from feltmb.fit.watch import current
+from feltmb.gap.criteria import NEAR_BEST
+from feltmb.gap.refine import CandidateSet, full_evidence, plausible, worth_of
+from feltmb.gap.score import all_candidates, score_fit, screen_sets
+
+__all__ = ["lead"]
+
+#: Iterations of each set in each stage, and the sets that go on to the next stage.
+ITERATIONS, WIDTH = 8, 3
+#: The records grow by this factor up to the first of the usual stages, from this share on at least.
+GROWTH, SHORTEST = 1.5, 0.1
+NO_GAPS = np.zeros(0)
+
+Progress = Callable[[str, int, int], None]
+Key = tuple[str, ...]
+
+
+def lead(
+    problem: Problem,
+    effects: Sequence[Effect],
+    settings: FitSettings,
+    *,
+    most: int = 4,
+    progress: Progress | None = None,
+) -> list[Fit]:
+    """Fits to the whole records, best evidence first, among them that of the model alone.
+
+    Empty where the fit of the model begins near its end, or where continuity defects keep it from
+    tearing.
+    """
+    model, start = problem.model, problem.start()
+    known = all(np.isfinite(model.parameters[i].sd) for i in problem.free)
+    if model.states() or not known:
+        return []
+    if problem.cost_at(start, NO_GAPS, problem.linear(start))[0] < NEAR * problem.samples:
+        return []
+    total = sum(e.weight for e in effects)
+    begins: dict[Key, tuple[Problem, Point]] = {(): (problem, start)}
+    alone, stage = start, _Stage(problem, {}, effects, settings)
+    shares = _shares(problem, start)
+    for i, share in enumerate(shares):
+        if progress is not None:
+            progress("along the records", i, len(shares))
+        stage = _Stage(_until(problem, share), begins, effects, settings)
+        stage.widen(most)
+        if () in stage.found:
+            alone = stage.found[()].fit.point
+        if current().stopping():
+            return []
+        begins = {c.key: (c.fit.problem, c.fit.point) for c in stage.best(WIDTH)}
+    out = [c.fit for c in stage.found.values()]
+    if () not in stage.found:
+        # The model from where the best set is, and from where it was left.
+        best = stage.best(1)[0].fit
+        bare = best.problem.carry(best.point, (), np.zeros(0))
+        limited = replace(settings, worth=worth_of(best))
+        fits = [polish(problem, replace(p, memo={}), 1.0, limited) for p in (bare, alone)]
+        out.append(max(fits, key=lambda f: f.log_evidence))
+    return sorted(out, key=lambda f: -full_evidence(f, total))
+
+
+def _until(problem: Problem, share: float) -> Problem:
+    """The problem with a beginning of its records alone."""
+    if share >= 1.0:
+        return problem
+    records = tuple(s.until(share) for s in problem.segmented_records)
+    return replace(problem, segmented_records=records)
+
+
+def _shares(problem: Problem, start: Point) -> list[float]:
+    """Shares of the records, from one at whose end the motion at the priors is still near."""
+    shares = [*HORIZONS, 1.0]
+    while shares[0] > SHORTEST:
+        first = _until(problem, shares[0])
+        point = replace(start, memo={})
+        if first.cost_at(point, NO_GAPS, first.linear(point))[0] < NEAR * first.samples:
+            break
+        shares.insert(0, shares[0] / GROWTH)
+    return shares
+
+
+class _Stage:
+    """Sets of effects fitted to the beginnings of the records."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        begins: dict[Key, tuple[Problem, Point]],
+        effects: Sequence[Effect],
+        settings: FitSettings,
+    ) -> None:
+        self.problem, self.begins = problem, dict(begins)
+        self.candidates = all_candidates(effects)
+        self.total = sum(e.weight for e in effects)
+        self.way = settings.coarser(0.3, iterations=ITERATIONS)
+        self.found: dict[Key, CandidateSet] = {}
+        for base, point in begins.values():
+            self._fit(self._here(base), point)
+
+    def best(self, count: int) -> list[CandidateSet]:
+        """The best sets, as far as they are rivals."""
+        ranked = sorted(self.found.values(), key=lambda c: -c.evidence)
+        return [c for c in ranked[:count] if c.evidence > ranked[0].evidence - NEAR_BEST]
+
+    def widen(self, most: int) -> None:
+        """Add effects to the best set until it explains what is there, or nothing helps."""
+        while True:
+            (best,) = self.best(1)
+            if plausible(best.fit) or len(best.names) >= most or current().stopping():
+                return
+            # Where what came before was explained, not where the fit to this went astray.
+            problem, point = self.begins[best.key]
+            base = self._here(problem)
+            at = finish(base, replace(point, memo={}), 1.0, NO_GAPS)
+            scores = score_fit(at, tuple(t for t in self.candidates if t.name not in best.names))
+            tried: set[str] = set()
+            for s in screen_sets(scores, largest=1):
+                t = scores.candidates[s.index[0]]
+                if s.evidence < 0.0 or len(tried) >= WIDTH:
+                    break
+                if t.name in tried:
+                    continue
+                tried.add(t.name)
+                wider = base.with_candidates((*base.included, t))
+                begin = base.carry(point, wider.included, np.append(point.magnitudes, 0.0))
+                self.begins[tuple(sorted((*best.names, t.name)))] = (wider, begin)
+                self._fit(wider, begin)
+            if self.best(1)[0] is best:
+                return
+
+    def _here(self, problem: Problem) -> Problem:
+        return self.problem.with_candidates(problem.included)
+
+    def _fit(self, problem: Problem, point: Point) -> None:
+        fit = polish(problem, replace(point, memo={}), 1.0, self.way)
+        kept = CandidateSet(fit, full_evidence(fit, self.total))
+        self.found[kept.key] = kept

@@ -1,0 +1,97 @@
+"""Sets of effects led along the records, where the model is far off at its tabulated numbers."""
+
+import numpy as np
+import pytest
+
+from feltmb.fit.problem import Problem
+from feltmb.fit.solve import FitSettings, fit_problem
+from feltmb.gap import Parameter, Record, Sensor, SimulatorModel, library
+from feltmb.gap.checks import check_records
+from feltmb.gap.diagnosis import prepare
+from feltmb.gap.lead import lead
+from feltmb.gap.refine import plausible, worth_of
+from feltmb.gap.search import search
+
+TIME = np.linspace(0.0, 12.0, 600)
+SIGMA = 0.01
+PARAMETERS = {"amplitude": (1.0, 0.1), "frequency": (5.0, 0.25), "drag": (0.1, 0.05)}
+
+
+def swing(time, inputs, parameters):
+    """Ten periods, so that half a period of phase is within the prior of the frequency."""
+    p = parameters
+    turn = p["frequency"] * time
+    fade = p["amplitude"] * np.exp(-p["drag"] * time)
+    return {"x": fade * np.sin(turn), "y": fade * np.cos(turn) + inputs["u"]}
+
+
+def parts(*, bend=0.0, frequency=5.5):
+    model = SimulatorModel(
+        swing,
+        name="swing",
+        parameters=[Parameter(name=n, value=v, sd=s) for n, (v, s) in PARAMETERS.items()],
+        inputs=["u"],
+        outputs={"x": "m", "y": "m"},
+        exposed={},
+    )
+    rng = np.random.default_rng(1)
+    zero = np.zeros(TIME.size)
+    made = swing(TIME, {"u": zero}, {"amplitude": 1.05, "frequency": frequency, "drag": 0.12})
+    made["y"] = made["y"] + bend * made["y"] ** 2
+    sensors = {n: Sensor(name=n, unit="m", sigma=SIGMA) for n in made}
+    record = Record(
+        name="r", time=TIME, inputs={"u": zero}, sensors=sensors,
+        outputs={n: y + SIGMA * rng.standard_normal(y.size) for n, y in made.items()},
+    )  # fmt: skip
+    names = ["x", "y"]
+    effects = [
+        *(library.sensor_gain(names, n) for n in names),
+        *(library.sensor_offset(names, n, unit="m", scale=0.05) for n in names),
+        *(library.sensor_delay(names, n, scale=0.02) for n in names),
+        *(library.sensor_bend(names, n, level=1.0) for n in names),
+    ]
+    segmented = prepare(model, [record], check_records([record], model.outputs), None)
+    return Problem(model, segmented), effects
+
+
+@pytest.fixture(scope="module")
+def bent():
+    problem, effects = parts(bend=0.2)
+    return problem, effects, lead(problem, effects, FitSettings())
+
+
+def test_the_missing_effect_is_found_before_the_model_is_led_astray(bent):
+    _, _, led = bent
+    best = led[0]
+    assert [t.name for t in best.included] == ["nonlinearity of sensor y"]
+    assert best.point.magnitudes[0] == pytest.approx(0.2, abs=0.01)
+    assert plausible(best)
+    assert sum(not f.included for f in led) == 1
+
+
+def test_a_model_that_can_explain_all_is_led_alone():
+    problem, effects = parts()
+    (alone,) = lead(problem, effects, FitSettings())
+    assert not alone.included
+    assert plausible(alone)
+    near, _ = parts(frequency=5.0)
+    near = near.with_candidates(())
+    assert lead(near, effects, FitSettings())  # far off by its other parameters still
+
+
+def test_a_search_goes_on_from_where_records_are_explained(bent):
+    _, effects, led = bent
+    alone = next(f for f in led if not f.included)
+    found = search(alone, effects, FitSettings(restarts=0), led=led)
+    assert found.best.names == ("nonlinearity of sensor y",)
+    # Sets that hold it are asked from its own fit, and none of them promises anything.
+    assert all(len(c.names) <= 1 for c in found.sets)
+
+
+def test_only_what_explains_bounds_what_is_worth_pursuing(bent):
+    problem, _, led = bent
+    assert worth_of(None) == np.inf
+    assert worth_of(led[0]) == pytest.approx(led[0].cost + 100.0)
+    alone = fit_problem(problem, FitSettings(restarts=0, iterations=2))
+    assert not plausible(alone)
+    assert worth_of(alone) == np.inf
