@@ -6,7 +6,7 @@ and from the tolerances of the truth. A fit has found its minimum if its log evi
 ``SAME`` below that of the fit from the truth. A line of JSON a fit; what is in the file is not done
 again.
 
-    PYTHONPATH=bench python -m blind.action_fits -o out/fits.jsonl --cases 10 --from "truth,priors,random 1"
+    PYTHONPATH=bench python -m blind.action_fits -o out/fits.jsonl --cases 10
 """
 
 from __future__ import annotations
