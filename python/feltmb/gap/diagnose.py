@@ -24,13 +24,15 @@ from feltmb.gap.assemble import closest_set, how_far_rows, ranked, with_effects
 from feltmb.gap.calibrate import calibrate
 from feltmb.gap.checks import DataChecks, check_against, check_records, with_sigma
 from feltmb.gap.components import component_table
-from feltmb.gap.criteria import COLOR_GAIN, EXCESS, REST_EXCESS, WIDE_GAP
+from feltmb.gap.criteria import COLOR_GAIN, EXCESS, REST_EXCESS, TOLD_SIGMA, WIDE_GAP
 from feltmb.gap.decide import Facts, decide
 from feltmb.gap.discrepancy import (
     color_of_discrepancy,
     converged,
     discrepancy_of,
+    louder,
     with_color,
+    with_factor,
     with_noise,
 )
 from feltmb.gap.experiments import advise
@@ -334,6 +336,18 @@ def _diagnosed(
             with_color(model, s, color) for s in held_segmented_records
         )
         first = _investigate(model, segmented_records, usable, options, settings, cache, progress)
+        model = first.model_fit.problem.model
+    factor = {} if watch.stopping() else _rescaled(first, checks)
+    if factor:
+        checks = _with_factor(checks, factor)
+        segmented_records = tuple(with_factor(model, s, factor) for s in segmented_records)
+        sensed = held_segmented_records = tuple(
+            with_factor(model, s, factor) for s in held_segmented_records
+        )
+        near = first.model_fit.point
+        first = _investigate(
+            model, segmented_records, usable, options, settings, cache, progress, near
+        )
         model = first.model_fit.problem.model
     found, rest_noise = first, None
     plain = segmented_records
@@ -671,6 +685,29 @@ def _recolored(
         plain = max(plain, first.best.fit.log_evidence)
     gain = again.log_evidence + _log_weights(colored) - plain - _log_weights(segmented_records)
     return color if gain > COLOR_GAIN else None
+
+
+def _rescaled(first: Search, checks: DataChecks) -> dict[str, float]:
+    """Factors of the noise with which what is left is that of sensors; see :func:`louder`."""
+    best = first.best
+    fit, tight = (first.model_fit, first.tight_fit) if best is None else (best.fit, None)
+    if not misfit(fit, tight, estimated=checks.estimated).left:
+        return {}
+    return louder(first)
+
+
+def _with_factor(checks: DataChecks, factor: dict[str, float]) -> DataChecks:
+    """The checks with the noise that was estimated with the rest."""
+    channels = tuple(
+        replace(c, sigma=c.sigma * factor[c.channel]) if c.channel in factor else c
+        for c in checks.channels
+    )
+    warnings = tuple(
+        f"{name}: neighboring samples differ by {f:.3g} times the noise that is told (good to "
+        f"{TOLD_SIGMA:.0%}); the larger noise is used"
+        for name, f in factor.items()
+    )
+    return replace(checks, channels=channels, warnings=(*checks.warnings, *warnings))
 
 
 def _log_weights(segmented_records: Sequence[SegmentedRecord]) -> float:
