@@ -30,7 +30,7 @@ from feltmb.gap.discrepancy import (
     color_of_discrepancy,
     converged,
     discrepancy_of,
-    louder,
+    noise_factors,
     with_color,
     with_factor,
     with_noise,
@@ -56,7 +56,7 @@ from feltmb.gap.tabulated import (
     moved_together,
     tabulated_outcome,
 )
-from feltmb.gap.tolerance import prior_deviations_told, within_tolerance
+from feltmb.gap.tolerance import besides_tolerances, prior_deviations_told, within_tolerance
 from feltmb.gap.where import event_ledger, first_act, ledger, split_gap
 
 __all__ = ["Options", "diagnose", "fit_model", "prepare"]
@@ -438,6 +438,8 @@ def _diagnosed(
     lap("how far")
     reference = found.tight if found.tight is not None else found.scores
     reference_fit = found.tight_fit if found.tight_fit is not None else fit
+    judged = besides_tolerances(fit, usable)
+    reference = reference.among(judged)
     alarm = float(np.max(reference.singles())) if reference.candidates else 0.0
     bar, _ = family_threshold(reference, options.alpha, seed=options.seed)
     # A correction can only raise the bar: it matters for what passed it by little, and where
@@ -448,7 +450,7 @@ def _diagnosed(
     null = calibrate(
         reference_fit,
         reference,
-        usable,
+        judged,
         options.alpha,
         options.bootstrap if close and not watch.over() else 0,
         seed=options.seed,
@@ -688,12 +690,12 @@ def _recolored(
 
 
 def _rescaled(first: Search, checks: DataChecks) -> dict[str, float]:
-    """Factors of the noise with which what is left is that of sensors; see :func:`louder`."""
+    """Factors of the noise with which what is left is noise; see :func:`noise_factors`."""
     best = first.best
     fit, tight = (first.model_fit, first.tight_fit) if best is None else (best.fit, None)
     if not misfit(fit, tight, estimated=checks.estimated).left:
         return {}
-    return louder(first)
+    return noise_factors(first)
 
 
 def _with_factor(checks: DataChecks, factor: dict[str, float]) -> DataChecks:

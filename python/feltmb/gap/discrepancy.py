@@ -19,7 +19,7 @@ __all__ = [
     "color_of_discrepancy",
     "converged",
     "discrepancy_of",
-    "louder",
+    "noise_factors",
     "with_color",
     "with_factor",
     "with_noise",
@@ -105,7 +105,7 @@ def color_of_discrepancy(
     return out or None
 
 
-def louder(search: Search) -> dict[str, float]:
+def noise_factors(search: Search) -> dict[str, float]:
     """Factor by which the noise of a channel is larger than told, where what is left says so.
 
     A told sigma is known to ``criteria.TOLD_SIGMA``. Neighbors differ by the noise, whatever slower

@@ -13,7 +13,7 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import segment_record
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Effect, Options, Parameter, Record, Sensor, Verdict, diagnose
-from feltmb.gap.discrepancy import louder
+from feltmb.gap.discrepancy import noise_factors
 from feltmb.gap.search import search
 
 _spec = importlib.util.spec_from_file_location("models", Path(__file__).parent / "models.py")
@@ -42,7 +42,7 @@ def told(noise, sigma, *, left=0.0, seed=1):
     segmented = segment_record(line, record, {"y": Noise(sigma)}, None)
     effect = Effect(name="cubic", component="x", scale=0.5, regressor=lambda r, s: X**3)
     fit = fit_problem(Problem(line, (segmented,)))
-    return louder(search(fit, [effect], FitSettings()))
+    return noise_factors(search(fit, [effect], FitSettings()))
 
 
 @pytest.mark.parametrize("true", [1.1, 1.2, 1.35])
