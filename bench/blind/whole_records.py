@@ -37,11 +37,13 @@ from feltmb.fit.filter import reduce_chain
 from feltmb.fit.linearize import Linear, Place, linearize
 from feltmb.fit.noise import Noise
 from feltmb.fit.segmented_records import SegmentedRecord, segment_record
-from feltmb.fit.solve import PHASE, TIGHT
 
 __all__ = ["strengths"]
 
 SEGMENT = 0.02
+#: Continuity defect where the process noise says what a segment may depart, as a share of the scale
+#: of a state, and of a state that vibrates as a share of its spread along the records.
+TIGHT, PHASE = 0.03, 0.1
 ALLOWANCE = 0.01
 #: Continuity defect that ties nothing, and one that ties as well as double precision allows.
 LOOSE, EXACT = 1e6, 1e-7

@@ -16,7 +16,7 @@ from feltmb.mechanism import Body, FrictionParameters, MechanismFile, Spring
 
 __all__ = ["Insertion", "insert", "inserted_coordinates"]
 
-Kind = Literal["clearance", "compliance", "hinge", "mass"]
+Kind = Literal["clearance", "compliance", "hinge", "mass", "bending"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +26,8 @@ class Insertion:
     kind: Kind
     """``clearance``: the pivot of a body moves in a hole of radius ``size`` [m]; ``compliance``:
     it gives by ``size`` [m/N] both ways; ``hinge``: the body bends at a point by ``size``
-    [rad/(N m)]; ``mass``: ``size`` [kg] rides on a point of the body."""
+    [rad/(N m)]; ``mass``: ``size`` [kg] rides on a point of the body; ``bending``: a rigid beam
+    bends by ``size`` times what its printed section and modulus give [1]."""
     body: str
     damping: float = 20.0
     """Of the pivot [N s/m] or hinge [N m s/rad]."""
@@ -77,7 +78,21 @@ def insert(config: MechanismFile, insertion: Insertion, magnitude: float) -> Mec
         return _added_mass(config, insertion, magnitude)
     if insertion.kind == "hinge":
         return _hinged(config, insertion, magnitude)
+    if insertion.kind == "bending":
+        return _bending(config, insertion, magnitude)
     return _loose_pivot(config, insertion, magnitude)
+
+
+def _bending(config: MechanismFile, insertion: Insertion, magnitude: float) -> MechanismFile:
+    name = insertion.body
+    body = config.bodies[name]
+    if not body.rigid or body.young_modulus is None or body.second_moment is None:
+        raise InvalidParameter(
+            f"bending of {name}: expected a rigid beam with young_modulus and second_moment"
+        )
+    bends = {"rigid": False, "young_modulus": body.young_modulus / magnitude}
+    bodies = dict(config.bodies) | {name: body.model_copy(update=bends)}
+    return config.model_copy(update={"bodies": bodies})
 
 
 def _loose_pivot(config: MechanismFile, insertion: Insertion, magnitude: float) -> MechanismFile:

@@ -34,6 +34,7 @@ Each = Literal[
     "contact",
     "rubbing contact",
     "beam",
+    "rigid beam",
     "spring",
     "strap",
     "string",
@@ -52,7 +53,7 @@ class _ChangeTable(Schema):
 
 
 class _InsertTable(Schema):
-    kind: Literal["clearance", "compliance", "hinge", "mass"]
+    kind: Literal["clearance", "compliance", "hinge", "mass", "bending"]
     body: str
     damping: float | None = None
     seating: Annotated[float, SI("N")] | None = None
@@ -469,6 +470,10 @@ def _each(
     elif each == "beam":
         for name, body in config.bodies.items():
             if body.kind == "beam" and not body.rigid:
+                yield words | {"name": name, "label": body.label or name}
+    elif each == "rigid beam":
+        for name, body in config.bodies.items():
+            if body.kind == "beam" and body.rigid and body.young_modulus and body.second_moment:
                 yield words | {"name": name, "label": body.label or name}
     elif each in ("spring", "strap"):
         table: Mapping[str, Any] = getattr(config, f"{each}s")

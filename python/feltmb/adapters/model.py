@@ -94,9 +94,8 @@ class MechanismModel(DifferentiableMechanism):
     segment
         Length of shooting segments [s].
     shooting
-        ``single``: every record in one go from rest. ``multiple``: segments with start states of
-        their own, tied to one another, which keeps a record linear through impacts and noise of the
-        input, for ten times the time.
+        ``single``: every record in one go from rest, which is what fits and diagnoses are made
+        for. ``multiple``: segments with start states of their own, to study what records tell.
     until
         How long after the first turn of the library's ``until.output`` (the impact) samples count
         with single shooting [s]; infinite: to their end. Default: that of the library.
@@ -176,7 +175,7 @@ class MechanismModel(DifferentiableMechanism):
             )
         if until is not None and library.until is not None:
             self.until = None if math.isinf(until) else replace(library.until, after_turn=until)
-        self.chaotic = self.recursive = not self.single
+        self.chaotic = not self.single
         self.workers = workers or min(8, os.cpu_count() or 1)
         self.drives = Drives()
         self._aliases: dict[str, Alias | None] = {}

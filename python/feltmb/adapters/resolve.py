@@ -22,12 +22,11 @@ SETTINGS = {
     "effects": "names or patterns, with commas: felt_*,let_off_button; all (default: a core set)",
     "tolerances": "parameters to estimate, names or patterns (default: all of the library)",
     "library": "packaged library of effects or TOML file (default: that of the mechanism)",
-    "rtol": "relative tolerance of the integrator (default 1e-6, with multiple shooting 1e-7)",
-    "shooting": "single (default): every record in one go from rest; or multiple",
-    "until": "with single shooting: how long after the impact samples count in s, or end: all of "
+    "rtol": "relative tolerance of the integrator (default 1e-6)",
+    "until": "how long after the impact samples count in s, or end: all of "
     "them (default: that of the library, 0.01)",
-    "segment": "with multiple shooting: length of shooting segments in s",
-    "variation": "with single shooting: change of felt and friction from stroke to stroke as a "
+    "segment": "length of the segments in s whose misfit is told",
+    "variation": "change of felt and friction from stroke to stroke as a "
     "share (default 0.01), none: no variation",
 }
 
@@ -70,8 +69,6 @@ def resolve(
     if paths:
         action = action.with_values(dict(parse_setting(f"{k}={v}") for k, v in paths.items()))
     options: dict[str, Any] = {}
-    if "shooting" in settings:
-        options["shooting"] = settings["shooting"]
     for key in ("rtol", "segment"):
         if key not in settings:
             continue
@@ -98,15 +95,9 @@ def resolve(
     return model, made
 
 
-def _single(settings: Mapping[str, str]) -> bool:
-    return settings.get("shooting", "single") == "single"
-
-
 def _until(settings: Mapping[str, str]) -> float:
     """Time after the impact [s]; infinite: to the end."""
     text = settings["until"]
-    if not _single(settings):
-        raise InvalidParameter("until: works with shooting=single")
     if text == "end":
         return math.inf
     try:
@@ -121,8 +112,6 @@ def _until(settings: Mapping[str, str]) -> float:
 def _variation(settings: Mapping[str, str]) -> float | None:
     """Variation from stroke to stroke; None: none."""
     text = settings["variation"]
-    if not _single(settings):
-        raise InvalidParameter("variation: works with shooting=single")
     if text == "none":
         return None
     try:

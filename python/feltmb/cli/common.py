@@ -528,7 +528,7 @@ def model_set_option(function: F) -> F:
     return _settings(
         "NAME=VALUE",
         "Setting of a packaged mechanism or mechanism file: channels=key,hammer, effects=all, "
-        "tolerances=felt.*, library, shooting, until, variation, rtol, segment; or a "
+        "tolerances=felt.*, library, until, variation, rtol, segment; or a "
         "value of the mechanism by its dotted path, such as string.modes=80.",
     )(function)
 

@@ -154,7 +154,7 @@ def paths(
 
 
 #: Settings of what is fitted or diagnosed, beside the values of its mechanism.
-ADAPTER = ("channels", "effects", "library", "rtol", "segment", "shooting",
+ADAPTER = ("channels", "effects", "library", "rtol", "segment",
            "tolerances", "until", "variation")  # fmt: skip
 
 

@@ -104,7 +104,6 @@ class Including(Model):
         self.segment = model.segment
         self.difference_step = model.difference_step
         self.chaotic = model.chaotic
-        self.recursive = model.recursive
         self.from_rest = model.from_rest
         self.together = model.together
         self.input_modes = model.input_modes

@@ -8,11 +8,11 @@ from functools import partial
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.fit.model import Candidate, Jobs, Memory, Model, Sensitivity, Simulated
+from feltmb.fit.model import Candidate, Jobs, Memory, Model, Sensitivity
 from feltmb.fit.observe import machine_candidates, observe_all, observe_jobs, observed_sensitivities
 from feltmb.fit.segmented_records import SegmentedRecord
 
-__all__ = ["Linear", "Place", "linearize", "predict", "predict_ends"]
+__all__ = ["Linear", "Place", "linearize", "predict"]
 
 #: Beyond this a number has left every scale, and its square would overflow soon.
 RUNAWAY = 1e100
@@ -122,31 +122,6 @@ def predict(
     place: Place,
 ) -> tuple[Array, Array, Array]:
     """Outputs (W, L, ny), whitened residual (W, m) and gap (W - 1, nx) of a segmented record."""
-    outputs, residual, run = _predicted(model, segmented, theta, included, magnitudes, place)
-    return outputs, residual, run.ends[:-1] - place.starts[1:]
-
-
-def predict_ends(
-    model: Model,
-    segmented: SegmentedRecord,
-    theta: Array,
-    included: tuple[Candidate, ...],
-    magnitudes: Array,
-    place: Place,
-) -> tuple[Array, Array, Memory | None]:
-    """Whitened residual (m,), end state (nx,) and memory of a record of one segment."""
-    _, residual, run = _predicted(model, segmented, theta, included, magnitudes, place)
-    return residual[0], run.ends[0], run.memory
-
-
-def _predicted(
-    model: Model,
-    segmented: SegmentedRecord,
-    theta: Array,
-    included: tuple[Candidate, ...],
-    magnitudes: Array,
-    place: Place,
-) -> tuple[Array, Array, Simulated]:
     run = observe_jobs(
         model,
         segmented.record,
@@ -157,7 +132,7 @@ def _predicted(
     )
     with np.errstate(over="ignore", invalid="ignore"):
         residual = segmented.whiten(segmented.measured - outputs)
-    return outputs, residual.reshape(segmented.count, -1), run
+    return outputs, residual.reshape(segmented.count, -1), run.ends[:-1] - place.starts[1:]
 
 
 def linearize(

@@ -437,9 +437,6 @@ class Model(ABC):
     states. Larger where the simulation is noisy."""
     chaotic: bool = False
     """Whether it has impacts after which a small error of the state grows strongly."""
-    recursive: bool = False
-    """Whether a fit starts from states and parameters that are estimated along the records, piece
-    by piece; else continuity defects go from loose to tight."""
     from_rest: bool = False
     """Whether it can only simulate a record from its first sample on: records are then split by
     leaving out values instead of cutting them into blocks."""

@@ -12,7 +12,7 @@ from feltmb.data import Array
 from feltmb.files import Store
 from feltmb.fit.filter import Chain, reduce_chain
 from feltmb.fit.linearize import InputColumns, Linear, Place, linearize, predict
-from feltmb.fit.model import Candidate, Model
+from feltmb.fit.model import VARIABILITY, Candidate, Model
 from feltmb.fit.observe import machine_candidates
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.together import each
@@ -300,19 +300,36 @@ class Problem:
         low, high = np.array(limits, dtype=np.float64).reshape(-1, 2).T
         return low - at, high - at
 
+    @property
+    def reach(self) -> Array:
+        """Unit in which a step of free parameters and magnitudes is long, (p + k,).
+
+        Their prior standard deviation, else their size. Infinite for the run-to-run variability,
+        which acts linearly.
+        """
+        parameters = [self.model.parameters[i] for i in self.free]
+        units = [
+            np.inf if p.component == VARIABILITY else p.sd if np.isfinite(p.sd) else p.size
+            for p in parameters
+        ]
+        return np.array(units + [t.effect.scale for t in self.included], dtype=np.float64)
+
     def pressed(self, point: Point, normal: Normal) -> NDArray[np.bool_]:
         """Free parameters and magnitudes that sit at a limit and would go beyond it, (p + k,)."""
         low, high = self.room(point)
         push = normal.right[: low.size]
         return np.asarray(((low >= 0.0) & (push < 0.0)) | ((high <= 0.0) & (push > 0.0)))
 
-    def newton(self, point: Point, normal: Normal, lam: float = 0.0) -> Array:
-        """Levenberg step of the globals within the limits of parameters and magnitudes."""
+    def newton(self, point: Point, normal: Normal, damping: Array | float = 0.0) -> Array:
+        """Levenberg step of the globals within the limits of parameters and magnitudes.
+
+        ``damping``: what is added to the diagonal of the normal equations.
+        """
         count = len(self.free) + len(self.included)
         low = np.full(normal.right.size, -np.inf)
         high = np.full(normal.right.size, np.inf)
         low[:count], high[:count] = self.room(point)
-        matrix = normal.matrix + lam * np.diag(np.diag(normal.matrix))
+        matrix = normal.matrix + damping * np.eye(normal.right.size)
         held = np.zeros(normal.right.size, dtype=bool)
         held[count : normal.shared] = True  # candidates take no step
         if self.frozen:
@@ -330,16 +347,30 @@ class Problem:
         return delta
 
     def step(
-        self, point: Point, normal: Normal, lam: float, linears: Sequence[Linear] | None = None
+        self,
+        point: Point,
+        normal: Normal,
+        damping: Array | float,
+        linears: Sequence[Linear] | None = None,
     ) -> tuple[Point, float]:
-        """Levenberg step within the limits of parameters and magnitudes, and its predicted gain.
+        """The point of a Levenberg step of :meth:`newton`, and its predicted gain."""
+        delta = self.newton(point, normal, damping)
+        gain = float(2.0 * normal.right @ delta - delta @ normal.matrix @ delta)
+        return self.moved(point, normal, delta, linears), gain
+
+    def moved(
+        self,
+        point: Point,
+        normal: Normal,
+        delta: Array,
+        linears: Sequence[Linear] | None = None,
+    ) -> Point:
+        """The point that a step of the globals leads to.
 
         What is remembered at the starts of segments is that of the ends in ``linears``.
         """
         free = self.free
         count = len(free) + len(self.included)
-        delta = self.newton(point, normal, lam)
-        gain = float(2.0 * normal.right @ delta - delta @ normal.matrix @ delta)
         theta = point.theta.copy()
         theta[free] += delta[: len(free)]
         magnitudes = point.magnitudes + delta[len(free) : count]
@@ -359,7 +390,7 @@ class Problem:
                 starts = starts + chain.back(moved)
             nuisances = place.nuisances + moved[normal.shared :]
             places.append(Place(starts, nuisances, place.after(ends)))
-        return Point(theta, magnitudes, tuple(places)), gain
+        return Point(theta, magnitudes, tuple(places))
 
     def with_candidates(self, included: tuple[Candidate, ...]) -> Problem:
         """Same records, other included effects."""

@@ -47,11 +47,6 @@ class SegmentedRecord:
         """Number of segments."""
         return len(self.segments)
 
-    def with_scaled_noise(self, factor: float) -> SegmentedRecord:
-        """The segmented record as if its noise were larger by a factor."""
-        noise = tuple(replace(n, sigma=factor * n.sigma) for n in self.noise)
-        return replace(self, weight=self.weight / factor, noise=noise)
-
     @property
     def samples(self) -> Array:
         """Valid samples by segment and channel, (W, ny)."""
@@ -70,33 +65,11 @@ class SegmentedRecord:
             weight=self.weight[own],
         )
 
-    def piece(self, w: int, first: int, last: int) -> SegmentedRecord:
-        """A piece of a segment, from one sample of the record to another, as its only segment.
-
-        Where the segment goes on, the last sample belongs to what follows.
-        """
-        begin, end = (int(i) for i in self.segments[w])
-        own = (slice(w, w + 1), slice(first - begin, last - begin + 1))
-        valid, weight = self.valid[own].copy(), self.weight[own].copy()
-        if last < end:
-            valid[:, -1], weight[:, -1] = False, 0.0
-        before = self.before[own] - (first - begin)
-        return replace(
-            self,
-            segments=np.array([[first, last]]),
-            measured=np.where(valid, self.measured[own], np.nan),
-            valid=valid,
-            before=np.maximum(before, -1),
-            decay=np.where(before >= 0, self.decay[own], 0.0),
-            weight=weight,
-        )
-
-    def until(self, share: float) -> SegmentedRecord:
-        """Without what was measured after a share of the samples of its record [1]."""
-        last = share * (self.record.samples - 1)
+    def until(self, samples: int) -> SegmentedRecord:
+        """Without what was measured after so many samples of its record."""
         at = self.segments[:, :1] + np.arange(self.measured.shape[1])
-        beyond = np.arange(self.record.samples) > last
-        seen = (at <= last)[..., None]
+        beyond = np.arange(self.record.samples) >= samples
+        seen = (at < samples)[..., None]
         outputs = {k: np.where(beyond, np.nan, v) for k, v in self.record.outputs.items()}
         return replace(
             self,

@@ -13,7 +13,6 @@ from feltmb.fit.linearize import InputColumns, Linear, Place
 from feltmb.fit.model import Candidate, Jobs, Model
 from feltmb.fit.observe import machine_candidates, observe_jobs
 from feltmb.fit.problem import Normal, Point, Problem
-from feltmb.fit.recursive import assimilate
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.together import each
 from feltmb.fit.watch import current
@@ -33,21 +32,17 @@ __all__ = [
 Progress = Callable[[str, int, int], None]
 #: Where the fit is poor, a gain below this share of the misfit is not worth a simulation.
 COARSE = 3e-5
-#: Share of what a linear model promised that must have come, for it to say where a fit will end.
-TRUSTED = 0.5
-#: Shares of the records that a fit without gaps is led along, steps at each, and the sum of squares
-#: over the number of samples from which it is.
-HORIZONS, LED, NEAR = (0.5, 0.65, 0.8, 0.9), 5, 4.0
-#: Prior standard deviations from which a parameter makes a fit doubtful, and the factors of the
-#: noise at which a doubtful one is tempered.
-BEYOND_PRIOR, TEMPERATURES = 3.3, (30.0, 10.0, 5.0, 2.5)
+#: How far a fit without gaps trusts its linear model to begin with, in units of ``Problem.reach``;
+#: beyond the largest it does not go, below the least nothing is lower.
+RADIUS, WIDEST, NARROWEST = 3.0, 64.0, 1e-4
+#: Shares of the promised gain: a step is taken from the first, is good from the second.
+TAKEN, GOOD = 0.1, 0.6
+#: A beginning of the records is fitted as far as the motion is followed: mean square of the
+#: innovations over so many samples in a row. Steps at each horizon, and the share of a record by
+#: which the first one goes on at least; each next one goes on twice as far.
+FOLLOWED, ROW, LED, ONWARD = 9.0, 5, 4, 1.0 / 64.0
 #: Log evidence within which two fits are one.
 SAME = 0.5
-#: Continuity defect where the process noise says what a segment may depart, as a share of the scale
-#: of a state, and of a state that vibrates as a share of its spread along the records.
-TIGHT, PHASE = 0.03, 0.1
-#: Note of a fit that came down with the noise.
-ANNEALED = "fitted from much noise to little"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -199,8 +194,9 @@ def _optimize(
     iterations: int,
 ) -> tuple[Point, float, list[Linear], bool]:
     """Minimize from a point, or take the result from the store of the problem."""
+    minimize = _minimize if gap_sd.size else _minimize_whole
     if problem.store is None:
-        return _minimize(problem, point, gap_sd, settings, iterations)
+        return minimize(problem, point, gap_sd, settings, iterations)
     linears = problem.linear(point)
     cost, parts = problem.cost_at(point, gap_sd, linears)
     key = digest_of(
@@ -233,7 +229,7 @@ def _optimize(
         ]
         linears = problem.linear(found, known=noise)
         return found, float(known["cost"]), linears, bool(known["converged"])
-    found, cost, linears, converged = _minimize(problem, point, gap_sd, settings, iterations)
+    found, cost, linears, converged = minimize(problem, point, gap_sd, settings, iterations)
     if current().stopping():  # it may have been cut short
         return found, cost, linears, converged
     arrays = {"theta": found.theta, "magnitudes": found.magnitudes}
@@ -257,11 +253,8 @@ def _minimize(
     linears = problem.linear(point)
     cost, parts = problem.cost_at(point, gap_sd, linears)
     samples = problem.samples
-    # Sums of squares of different gaps do not compare.
-    worth = np.inf if gap_sd.size else settings.worth
     lam = 1e-4
     damping = [np.zeros(s.count) for s in problem.segmented_records]
-    trusted = False
     for _ in range(iterations):
         if current().stopping():
             return point, cost, linears, False
@@ -269,16 +262,14 @@ def _minimize(
         for _ in range(8):
             used = [d if np.any(d) else None for d in damping]
             normal = problem.normal(point, linears, gap_sd, used)
-            attempt, gain = problem.step(point, normal, lam, linears)
+            scaled = lam * np.diag(normal.matrix)
+            attempt, gain = problem.step(point, normal, scaled, linears)
             # The gain of the states is within the chains: what is left of the residual.
             left = sum(float(np.sum(c.grams[:, -1, -1])) for c in normal.chains)
             predicted = cost - left + gain - _priors(problem, point)
             least = max(settings.decrement, COARSE * max(cost - 4.0 * samples, 0.0))
             if predicted < least:
                 return point, cost, linears, True
-            # Damped steps promise less than there is; far off, so does any linear model.
-            if trusted and lam < 1e-2 and cost - predicted > worth:
-                return point, cost, linears, False
             new, new_parts = problem.cost(attempt, gap_sd, linears)
             if new < cost:
                 accepted = True
@@ -290,7 +281,6 @@ def _minimize(
         if not accepted:
             return point, cost, linears, False
         done = cost - new < least and predicted < 50.0 * least
-        trusted = cost - new > TRUSTED * predicted
         point = attempt
         lam /= 8.0
         for d in damping:
@@ -303,6 +293,95 @@ def _minimize(
         if done:
             return point, cost, linears, True
     return point, cost, linears, False
+
+
+def _minimize_whole(
+    problem: Problem,
+    point: Point,
+    gap_sd: Array,
+    settings: FitSettings,
+    iterations: int,
+) -> tuple[Point, float, list[Linear], bool]:
+    """Gauss-Newton steps within a region of trust, for records in one go.
+
+    The region is a sphere in prior standard deviations: what the priors hold likely is within some
+    of them, whatever the records say of a parameter. A simulation costs a tenth of the derivatives,
+    so that a step which does what it promised is tried twice as long.
+    """
+    linears = problem.linear(point)
+    cost, _ = problem.cost_at(point, gap_sd, linears)
+    radius, trusted = RADIUS, False
+    for _ in range(iterations):
+        if current().stopping():
+            return point, cost, linears, False
+        normal = problem.normal(point, linears, gap_sd)
+        promised = _gain(normal, problem.newton(point, normal))
+        least = max(settings.decrement, COARSE * max(cost - 4.0 * problem.samples, 0.0))
+        if promised < least:
+            return point, cost, linears, True
+        # Far off, no linear model says where a fit will end.
+        if trusted and cost - promised > settings.worth:
+            return point, cost, linears, False
+        best: tuple[float, Point, float, float] | None = None
+        while radius > NARROWEST:
+            delta, length = _within(problem, point, normal, radius)
+            gain = _gain(normal, delta)
+            if gain < least:
+                break
+            attempt = problem.moved(point, normal, delta, linears)
+            new, _ = problem.cost(attempt, gap_sd, linears)
+            ratio = (cost - new) / gain
+            if best is None and not ratio > TAKEN:
+                radius = min(radius, length) * (0.5 if ratio > -1.0 else 0.2)
+                continue
+            if best is None or new < best[0]:
+                best = (new, attempt, ratio, length)
+                if ratio > GOOD and length > 0.9 * radius and radius < WIDEST:
+                    radius *= 2.0
+                    continue
+            break
+        if best is None:  # nothing within reach is lower: the end, or a kink that is as good as it
+            return point, cost, linears, promised < 1.0
+        new, point, ratio, length = best
+        trusted = ratio > GOOD
+        done = cost - new < least
+        radius = (
+            max(radius, 2.0 * length) if ratio > GOOD else length * (1.0 if ratio > 0.3 else 0.5)
+        )
+        linears = problem.linear(point)
+        cost, _ = problem.cost_at(point, gap_sd, linears)
+        if done:
+            return point, cost, linears, True
+    return point, cost, linears, False
+
+
+def _gain(normal: Normal, delta: Array) -> float:
+    """What a step of the globals takes off the sum of squares, to second order."""
+    return float(2.0 * normal.right @ delta - delta @ normal.matrix @ delta)
+
+
+def _within(problem: Problem, point: Point, normal: Normal, radius: float) -> tuple[Array, float]:
+    """The best step that is no longer than a radius, and its length."""
+    weight = np.zeros(normal.right.size)
+    reach = problem.reach
+    weight[: reach.size] = reach**-2.0
+
+    def at(damping: Array | float) -> tuple[Array, float]:
+        delta = problem.newton(point, normal, damping)
+        return delta, float(np.sqrt(weight @ delta**2))
+
+    found = at(0.0)
+    low, high = -8.0, 14.0  # logarithms of dampings
+    while found[1] > radius and high - low > 0.02:
+        middle = 0.5 * (low + high)
+        tried = at(10.0**middle * weight)
+        if tried[1] > radius:
+            low = middle
+            continue
+        high = middle
+        if high - low <= 0.02 or tried[1] > 0.9 * radius:
+            return tried
+    return found if found[1] <= radius else at(10.0**high * weight)
 
 
 def _priors(problem: Problem, point: Point) -> float:
@@ -456,24 +535,51 @@ def _led(problem: Problem, point: Point, settings: FitSettings) -> Point:
     """A point from which a fit without gaps ends in the right valley.
 
     One simulation from start to end is no longer nearly linear in anything once a mechanism lets
-    go earlier or later than the machine did, and a fit to all of it at once may go to where no
-    parameter is plausible. So the beginnings of the records are fitted first, then more and more
-    of them.
+    go earlier or later than the machine did, or strikes at another speed, and a fit to all of it at
+    once may go to where no parameter is plausible. So a record counts as far as the motion follows
+    it: beyond there it says nothing yet. What is fitted so far makes it follow farther.
     """
     gap_sd = np.zeros(0)
-    if problem.cost_at(point, gap_sd, problem.linear(point))[0] < NEAR * problem.samples:
-        return point
-    way = settings.coarser(0.3)
-    for share in HORIZONS:
-        segmented_records = tuple(s.until(share) for s in problem.segmented_records)
-        point, _, _, _ = _optimize(
-            replace(problem, segmented_records=segmented_records),
+    way = settings.coarser(0.5)
+    lengths = np.array([s.record.samples for s in problem.segmented_records])
+    until, onward = np.zeros_like(lengths), ONWARD
+    while not current().stopping():
+        followed = [
+            _agrees_until(s, x)
+            for s, x in zip(problem.segmented_records, problem.linear(point), strict=True)
+        ]
+        least = np.maximum(2.0, onward * lengths)
+        until = np.minimum(lengths, np.maximum(until, followed) + least.astype(int))
+        if np.all(until > 0.95 * lengths):
+            break
+        beginnings = tuple(
+            s.until(int(n)) for s, n in zip(problem.segmented_records, until, strict=True)
+        )
+        point = _optimize(
+            replace(problem, segmented_records=beginnings),
             replace(point, memo={}),
             gap_sd,
             way,
             LED,
-        )
-    return replace(point, memo={})
+        )[0]
+        point, onward = replace(point, memo={}), 2.0 * onward
+    return point
+
+
+def _agrees_until(segmented: SegmentedRecord, linear: Linear) -> int:
+    """Samples of a record, from its first, along which the motion is that of the model."""
+    samples = segmented.record.samples
+    at = segmented.segments[:, :1] + np.arange(segmented.measured.shape[1])
+    at = np.minimum(at, samples - 1).ravel()
+    squares = linear.residual.reshape(segmented.measured.shape) ** 2
+    row = np.ones(ROW)
+    total = np.convolve(np.bincount(at, squares.sum(axis=2).ravel(), samples), row)[:samples]
+    seen = (segmented.weight > 0.0).sum(axis=2).ravel()
+    count = np.convolve(np.bincount(at, seen, samples), row)[:samples]
+    lost = np.flatnonzero(~(total <= FOLLOWED * np.maximum(count, 1.0)))
+    if not linear.good.all():
+        lost = np.append(lost, segmented.segments[np.argmin(linear.good), 0])
+    return int(lost.min()) if lost.size else samples
 
 
 def _descend(
@@ -535,28 +641,6 @@ def _descend(
     return replace(fit, levels=tuple(table)), loose, loosest
 
 
-def _annealed(fit: Fit, settings: FitSettings) -> Fit:
-    """A doubtful fit without gaps once more, from the priors, with noise that is lowered by steps.
-
-    Under much noise only the plain parts of a motion count, and the priors hold what they do not
-    show; what is fine is fitted from there. The better of the two is kept.
-    """
-    problem = fit.problem
-    if current().stopping():
-        return fit
-    point = problem.start()
-    for factor in TEMPERATURES:
-        tempered = replace(
-            problem,
-            segmented_records=tuple(s.with_scaled_noise(factor) for s in problem.segmented_records),
-        )
-        point = polish(tempered, replace(point, memo={}), fit.level, settings).point
-    again = polish(problem, replace(point, memo={}), fit.level, settings)
-    if not again.cost < fit.cost - 1.0:
-        return fit
-    return replace(again, levels=fit.levels, notes=(*fit.notes, ANNEALED))
-
-
 def _stuck(fit: Fit) -> list[Array]:
     """Segments whose misfit stands far above the others': a state may sit in a wrong valley."""
     zs = []
@@ -601,48 +685,11 @@ def estimate_states(problem: Problem, point: Point, level: float) -> Point:
     """Start states of records at given parameters, to start a fit at a level from."""
     if not problem.model.states():
         return point
-    if problem.model.recursive:
-        fixed, gap_sd = _tied(problem, point)
-        return assimilate(fixed, point, gap_sd, held=True)
     quick, loose = FitSettings(iterations=8, decrement=0.3), 1.0
     while loose > 1.001 * level:
         point = at_level(problem, point, loose, None, quick, 8).point
         loose /= 10.0
     return point
-
-
-def _tied(problem: Problem, point: Point) -> tuple[Problem, Array]:
-    """A problem with the states' scales of its process noise, and its continuity defects."""
-    states = problem.model.states(machine_candidates(problem.included))
-    gap_sd = TIGHT * np.array([s.scale for s in states])
-    spread = np.std(np.vstack([p.starts for p in point.places]), axis=0)
-    vibrating = np.array([s.vibrates for s in states])
-    gap_sd[vibrating] = np.maximum(gap_sd, PHASE * spread)[vibrating]
-    if problem.state_scale is not None:  # that of another fit to the same records
-        gap_sd[: len(problem.state_scale)] = TIGHT * problem.state_scale
-    return replace(problem, state_scale=gap_sd / TIGHT), gap_sd
-
-
-def _followed(
-    problem: Problem,
-    settings: FitSettings,
-    point: Point | None,
-    progress: Progress | None,
-    label: str,
-) -> Fit:
-    """Fit from states and parameters that are estimated along the records.
-
-    See :mod:`feltmb.fit.recursive`. Continuity is tight from the beginning: what unknown forces do
-    in a segment is the process noise of its laws. States that vibrate lose their phase.
-    """
-    start = point or problem.start()
-    fixed, gap_sd = _tied(problem, start)
-    if point is None:
-        for i, held in enumerate((problem.frozen, True)):
-            if progress is not None:
-                progress(label, i, 3)
-            start = assimilate(fixed, start, gap_sd, held=held)
-    return polish(fixed, start, TIGHT, settings)
 
 
 def fit_problem(
@@ -655,22 +702,16 @@ def fit_problem(
 ) -> Fit:
     """Fit a problem from its priors.
 
-    Gaps go from loose to tight; the level with the largest marginal likelihood is kept. A fit that
+    Records in one go are fitted as far as the motion follows them, then on; see :func:`_led`. Gaps
+    go from loose to tight; the level with the largest marginal likelihood is kept. Such a fit that
     is not good is tried again from other starts, so that a stuck fit is not taken for a gap:
     segments of large residual are restarted from their neighbors, and the parameters from draws of
     their priors, until the best fit is reached a second time.
     """
     settings = settings or FitSettings()
-    if problem.model.recursive:
-        return _followed(problem, settings, point, progress, label)
     first = point or problem.start()
     fit, loose, loosest = _descend(problem, first, settings, progress, label)
     fit = _rescue(fit, settings)
-    sound = (
-        fit.explains and fit.converged and not np.any(np.abs(fit.prior_deviation) > BEYOND_PRIOR)
-    )
-    if not fit.gap_sd.size and not problem.frozen and not sound:
-        fit = _annealed(fit, settings)
     if fit.explains and fit.converged:
         return fit
     free = [i for i in problem.free]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from feltmb.data import Array
 from feltmb.fit.linearize import Linear, predict
-from feltmb.fit.model import Effect
+from feltmb.fit.model import Effect, Model
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit, FitSettings, polish
 from feltmb.gap.score import Scores, all_candidates, family_threshold, score_fit
@@ -49,8 +50,11 @@ def calibrate(
 ) -> Null:
     """Draw b ~ N(0, G) for the asymptotic law; refit simulated records for its correction.
 
-    Each replicate is simulated from the fitted model with the noise of the sensors, fitted again,
-    and screened; the mean of its largest T over that of the asymptotic law stretches the law
+    Each replicate is simulated from the fitted model with the noise of the sensors, fitted again
+    with priors that are drawn about the fitted parameters, and screened: as far as the priors say,
+    and no farther, is the truth of a model without the effect from what was tabulated. (With the
+    priors where they were, each replicate would repeat the strain that a true cause puts on them.)
+    The mean of its largest T over that of the asymptotic law stretches the law
     (Bartlett's idea): a mean needs far fewer replicates than a tail.
     """
     threshold, maxima = family_threshold(scores, alpha, seed=seed)
@@ -73,10 +77,13 @@ def calibrate(
                 fit.problem.segmented_records, clean, fit.linears, strict=True
             )
         )
-        start = replace(fit.point, memo={})
-        again = polish(
-            replace(fit.problem, segmented_records=segmented_records), start, fit.level, settings
+        problem = replace(
+            fit.problem,
+            model=_with_priors_about(fit, generator),
+            segmented_records=segmented_records,
+            cache=None,
         )
+        again = polish(problem, replace(fit.point, memo={}), fit.level, settings)
         singles = score_fit(again, included).singles()
         largest.append(float(np.max(singles)) if singles.size else 0.0)
     middle = float(np.mean(maxima))
@@ -84,6 +91,19 @@ def calibrate(
     error = float(np.std(maxima)) / np.sqrt(replicates)
     stretch = max(1.0, (float(np.mean(largest)) - 0.5 * error) / max(middle, 1e-12))
     return Null(threshold * stretch, maxima, stretch, replicates)
+
+
+def _with_priors_about(fit: Fit, generator: np.random.Generator) -> Model:
+    """The model as it would be tabulated if the fitted parameters were true."""
+    model = copy.copy(fit.problem.model)
+    drawn = list(model.parameters)
+    for i in fit.problem.free:
+        p = drawn[i]
+        if np.isfinite(p.sd):
+            value = fit.point.theta[i] + p.sd * generator.standard_normal()
+            drawn[i] = replace(p, value=float(np.clip(value, p.lower, p.upper)))
+    model.parameters = tuple(drawn)
+    return model
 
 
 def _noisy(

@@ -144,6 +144,11 @@ AS_TOLD = _number(
     "AS_TOLD", 1.15, "noise of the sensor",
     "size of the rest up to which it may be that noise", _JUDGED, "gap/test_smooth.py",
 )  # fmt: skip
+TOLD_SIGMA = _number(
+    "TOLD_SIGMA", 0.2, "share of the sigma",
+    "standard deviation of a sigma that is told: it is estimated with the rest", _JUDGED,
+    "gap/test_told_sigma.py",
+)  # fmt: skip
 COLORED = _number(
     "COLORED", 0.2, "correlation",
     "of neighbors, from which the color of the rest is asked", _JUDGED, "gap/test_smooth.py",

@@ -24,13 +24,22 @@ from feltmb.gap.assemble import closest_set, how_far_rows, ranked, with_effects
 from feltmb.gap.calibrate import calibrate
 from feltmb.gap.checks import DataChecks, check_against, check_records, with_sigma
 from feltmb.gap.components import component_table
-from feltmb.gap.criteria import CLOSE_ALARM, COLOR_GAIN, EXCESS, REST_EXCESS, WIDE_GAP
+from feltmb.gap.criteria import (
+    CLOSE_ALARM,
+    COLOR_GAIN,
+    EXCESS,
+    REST_EXCESS,
+    TOLD_SIGMA,
+    WIDE_GAP,
+)
 from feltmb.gap.decide import Facts, decide
 from feltmb.gap.discrepancy import (
     color_of_discrepancy,
     converged,
     discrepancy_of,
+    noise_factors,
     with_color,
+    with_factor,
     with_noise,
 )
 from feltmb.gap.experiments import advise
@@ -62,7 +71,7 @@ from feltmb.gap.tabulated import (
     moved_together,
     tabulated_outcome,
 )
-from feltmb.gap.tolerance import prior_deviations_told, within_tolerance
+from feltmb.gap.tolerance import besides_tolerances, prior_deviations_told, within_tolerance
 from feltmb.gap.where import event_ledger, first_act, ledger, split_gap
 
 __all__ = ["Options", "diagnose", "fit_model", "prepare"]
@@ -370,6 +379,18 @@ def _diagnosed(
         )
         first = _investigate(model, segmented_records, usable, options, settings, store, progress)
         model = first.model_fit.problem.model
+    factor = {} if watch.stopping() else _rescaled(first, checks)
+    if factor:
+        checks = _with_factor(checks, factor)
+        segmented_records = tuple(with_factor(model, s, factor) for s in segmented_records)
+        sensed = held_segmented_records = tuple(
+            with_factor(model, s, factor) for s in held_segmented_records
+        )
+        near = first.model_fit.point
+        first = _investigate(
+            model, segmented_records, usable, options, settings, store, progress, near
+        )
+        model = first.model_fit.problem.model
     found, rest_noise = first, None
     plain = segmented_records
     for _ in range(ROUNDS):
@@ -459,6 +480,8 @@ def _diagnosed(
     lap("how far")
     reference = found.tight if found.tight is not None else found.scores
     reference_fit = found.tight_fit if found.tight_fit is not None else fit
+    judged = besides_tolerances(fit, usable)
+    reference = reference.among(judged)
     alarm = float(np.max(reference.singles())) if reference.candidates else 0.0
     bar, _ = family_threshold(reference, options.alpha, seed=options.seed)
     # A correction can only raise the bar: it matters for what passed it by little, and where
@@ -469,7 +492,7 @@ def _diagnosed(
     null = calibrate(
         reference_fit,
         reference,
-        usable,
+        judged,
         options.alpha,
         options.bootstrap if close and not watch.over() else 0,
         seed=options.seed,
@@ -707,6 +730,29 @@ def _recolored(
         plain = max(plain, first.best.fit.log_evidence)
     gain = again.log_evidence + _log_weights(colored) - plain - _log_weights(segmented_records)
     return color if gain > COLOR_GAIN else None
+
+
+def _rescaled(first: Search, checks: DataChecks) -> dict[str, float]:
+    """Factors of the noise with which what is left is noise; see :func:`noise_factors`."""
+    best = first.best
+    fit, tight = (first.model_fit, first.tight_fit) if best is None else (best.fit, None)
+    if not misfit(fit, tight, estimated=checks.estimated).left:
+        return {}
+    return noise_factors(first)
+
+
+def _with_factor(checks: DataChecks, factor: dict[str, float]) -> DataChecks:
+    """The checks with the noise that was estimated with the rest."""
+    channels = tuple(
+        replace(c, sigma=c.sigma * factor[c.channel]) if c.channel in factor else c
+        for c in checks.channels
+    )
+    warnings = tuple(
+        f"{name}: neighboring samples differ by {f:.3g} times the noise that is told (good to "
+        f"{TOLD_SIGMA:.0%}); the larger noise is used"
+        for name, f in factor.items()
+    )
+    return replace(checks, channels=channels, warnings=(*checks.warnings, *warnings))
 
 
 def _log_weights(segmented_records: Sequence[SegmentedRecord]) -> float:

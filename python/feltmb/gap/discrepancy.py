@@ -11,7 +11,7 @@ from feltmb.fit.linearize import predict
 from feltmb.fit.model import Model
 from feltmb.fit.segmented_records import Noise, SegmentedRecord, segment_record
 from feltmb.fit.solve import Fit, FitSettings, polish
-from feltmb.gap.criteria import AS_TOLD, COLORED, MISFIT_RATIO, STILL_SHRINKS
+from feltmb.gap.criteria import AS_TOLD, COLORED, MISFIT_RATIO, STILL_SHRINKS, TOLD_SIGMA
 from feltmb.gap.search import Search
 
 __all__ = [
@@ -19,7 +19,9 @@ __all__ = [
     "color_of_discrepancy",
     "converged",
     "discrepancy_of",
+    "noise_factors",
     "with_color",
+    "with_factor",
     "with_noise",
 ]
 
@@ -101,6 +103,47 @@ def color_of_discrepancy(
         if rho > COLORED:
             out[name] = -float(np.median(lag)) / float(np.log(min(rho, 0.999)))
     return out or None
+
+
+def noise_factors(search: Search) -> dict[str, float]:
+    """Factor by which the noise of a channel is larger than told, where what is left says so.
+
+    A told sigma is known to ``criteria.TOLD_SIGMA``. Neighbors differ by the noise, whatever slower
+    is left in them, so that an unknown cause is not taken for noise: the factor is that of their
+    differences, no more than that of all that is left, and drawn to one as far as the prior says.
+    What is not significant, or farther off than a told sigma can be, is left out.
+    """
+    best = search.best
+    fit = (search.tight_fit or search.model_fit) if best is None else best.fit
+    out = {}
+    shapes = [s.measured.shape for s in fit.problem.segmented_records]
+    white = [x.residual.reshape(shape) for x, shape in zip(fit.linears, shapes, strict=True)]
+    for c, name in enumerate(fit.problem.model.outputs):
+        left, steps = [], []
+        for s, r in zip(fit.problem.segmented_records, white, strict=True):
+            seen = s.weight[..., c] > 0.0
+            left.append(r[..., c][seen])
+            steps.append(np.diff(r[..., c], axis=1)[seen[:, 1:] & seen[:, :-1]])
+        all_left, all_steps = np.concatenate(left), np.concatenate(steps)
+        if all_steps.size < 2:
+            continue
+        noise = min(float(np.mean(all_left**2)), 0.5 * float(np.mean(all_steps**2)))
+        # The variance of half the mean square of differences of n normal numbers is 3 / n.
+        weight = all_steps.size / 0.75
+        share = weight / (weight + TOLD_SIGMA**-2.0)
+        factor = 0.5 * share * float(np.log(max(noise, 1e-300)))
+        if 2.0 / np.sqrt(weight) < factor < 2.0 * TOLD_SIGMA:
+            out[name] = float(np.exp(factor))
+    return out
+
+
+def with_factor(
+    model: Model, segmented: SegmentedRecord, factor: dict[str, float]
+) -> SegmentedRecord:
+    """The segmented record with the noise of some of its sensors larger by a factor [1]."""
+    told = dict(zip(model.outputs, segmented.noise, strict=True))
+    new = {n: replace(told[n], sigma=f * told[n].sigma) for n, f in factor.items()}
+    return _renoised(model, segmented, new)
 
 
 def with_color(

@@ -15,7 +15,7 @@ import numpy as np
 
 from feltmb.fit.model import Effect
 from feltmb.fit.problem import Point, Problem
-from feltmb.fit.solve import HORIZONS, NEAR, Fit, FitSettings, finish, polish
+from feltmb.fit.solve import Fit, FitSettings, finish, polish
 from feltmb.fit.watch import current
 from feltmb.gap.criteria import NEAR_BEST
 from feltmb.gap.refine import CandidateSet, full_evidence, plausible, worth_of
@@ -25,7 +25,10 @@ __all__ = ["lead"]
 
 #: Iterations of each set in each stage, and the sets that go on to the next stage.
 ITERATIONS, WIDTH = 8, 3
-#: The records grow by this factor up to the first of the usual stages, from this share on at least.
+#: The last stages as shares of the records, and the sum of squares over the number of samples from
+#: which a motion is near.
+HORIZONS, NEAR = (0.5, 0.65, 0.8, 0.9), 4.0
+#: The records grow by this factor up to the first of these stages, from this share on at least.
 GROWTH, SHORTEST = 1.5, 0.1
 NO_GAPS = np.zeros(0)
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -64,6 +64,19 @@ class Scores:
         """Whether enough of the signature survives the nuisances."""
         diagonal = np.diag(self.gram)
         return np.asarray((diagonal > LEAST_SURVIVING * self.raw) & (diagonal > 1e-12))
+
+    def among(self, effects: Sequence[Effect]) -> Scores:
+        """The same of some effects alone."""
+        kept = [i for i, t in enumerate(self.candidates) if any(t.effect is e for e in effects)]
+        return replace(
+            self,
+            candidates=tuple(self.candidates[i] for i in kept),
+            b=self.b[kept],
+            gram=self.gram[np.ix_(kept, kept)],
+            raw=self.raw[kept],
+            segment_scores=self.segment_scores[:, kept],
+            segment_grams=self.segment_grams[:, kept],
+        )
 
     def one_step(self) -> Array:
         """Magnitudes after one step, one candidate at a time, signs obeyed [scales]."""

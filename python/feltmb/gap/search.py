@@ -42,6 +42,8 @@ Progress = Callable[[str, int, int], None]
 
 #: Effects that are tried in the place of another.
 SWAPS = 3
+#: Sum of squares by which a set may end above one that it holds: half of it is log evidence.
+NESTED = 1.0
 #: Note of a model that does best with the tightest gaps, though the descent left them.
 CLOSED = "gaps closed again"
 
@@ -170,6 +172,7 @@ def _again(found: Search, model: Model, settings: FitSettings, progress: Progres
     hunt._shape(hunt._best())
     hunt._vary(hunt._best())
     hunt._finish()
+    hunt._nest()
     return hunt.found()
 
 
@@ -241,6 +244,7 @@ class _Hunt:
             return better
         self._climb()
         self._finish()
+        self._nest()
         if may_restart and len(self.done) > first:
             return self._freed()
         return None
@@ -464,6 +468,47 @@ class _Hunt:
             fit = polish(fit.problem, fit.point, fit.level, replace(self.settings, chain=True))
         fit = refit_at(fit.problem, fit.point, fit.level, self.settings, patient=True)
         self._keep(from_priors(fit, self.quick))
+
+    def _nest(self) -> None:
+        """No set ends above one that it holds: it is fitted again from the end of that one.
+
+        Effects of magnitude zero change nothing, so that a larger set can always do as well. One
+        that still ends above has an effect that is not the model at magnitude zero: it is taken out
+        and told.
+        """
+        for c in sorted(self.done.values(), key=lambda c: (len(c.names), c.key)):
+            inner = min(self._held_by(c), key=lambda fit: fit.cost, default=None)
+            if inner is None or c.fit.cost <= inner.cost + NESTED or current().stopping():
+                continue
+            self._tell("refine from within: " + " + ".join(c.names))
+            size = dict(zip((t.name for t in inner.included), inner.point.magnitudes, strict=True))
+            problem, included = c.fit.problem, c.fit.included
+            start = problem.carry(
+                inner.point, included, np.array([size.get(t.name, 0.0) for t in included])
+            )
+            fit = polish(problem, replace(start, memo={}), c.fit.level, self.quick)
+            if fit.cost <= inner.cost + NESTED:
+                self.done[c.key] = CandidateSet(fit, full_evidence(fit, self.total))
+                continue
+            del self.done[c.key]
+            self.failed[" + ".join(c.names)] = (
+                f"ends at {fit.cost:.6g}, above {inner.cost:.6g} of "
+                f"{' + '.join(t.name for t in inner.included) or 'the model alone'}, which it "
+                "holds: at magnitude zero it is not the model"
+            )
+
+    def _held_by(self, c: CandidateSet) -> list[Fit]:
+        """Fits of the model alone and of sets that a set holds, at its gaps."""
+        own = {t.name: repr(t.shape) for t in c.fit.included}
+        fits = [self.model_fit, *(other.fit for other in self.done.values())]
+        return [
+            fit
+            for fit in fits
+            if len(fit.included) < len(own)
+            and np.array_equal(fit.gap_sd, c.fit.gap_sd[: fit.gap_sd.size])
+            and fit.problem.segmented_records is c.fit.problem.segmented_records
+            and all(own.get(t.name) == repr(t.shape) for t in fit.included)
+        ]
 
 
 def _key(included: Sequence[Candidate]) -> tuple[str, ...]:

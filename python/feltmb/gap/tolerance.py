@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from feltmb.fit.model import VARIABILITY, Model, Parameter
+from feltmb.fit.model import VARIABILITY, Effect, Model, Parameter
 from feltmb.fit.solve import Fit, FitSettings, polish
 from feltmb.gap.criteria import TOLERATED
 from feltmb.gap.search import Search
 
-__all__ = ["beyond_prior", "prior_deviations_told", "within_tolerance"]
+__all__ = ["besides_tolerances", "beyond_prior", "prior_deviations_told", "within_tolerance"]
 
 #: Note of a model whose parameters were held within their tolerance.
 HELD = "parameters held within their tolerance"
@@ -34,6 +34,15 @@ def beyond_prior(fit: Fit) -> dict[str, float]:
         if abs(far) > TOLERATED:
             out[p.name] = far
     return out
+
+
+def besides_tolerances(fit: Fit, effects: Sequence[Effect]) -> list[Effect]:
+    """Effects that are not merely more of a parameter which lies within its tolerance.
+
+    The score of such an effect is what its parameter is off, which ``TOLERATED`` judges.
+    """
+    far = beyond_prior(fit)
+    return [e for e in effects if not e.beyond or e.beyond in far]
 
 
 def prior_deviations_told(fit: Fit) -> str:

@@ -142,6 +142,35 @@ def test_a_pivot_that_gives_tends_to_the_ideal_one():
     assert np.max(np.abs(large - 2.0 * small)) < 0.06 * np.max(np.abs(large))
 
 
+def test_a_member_that_the_model_takes_as_rigid_may_bend():
+    """Twice the compliance, twice the departure: the limit is the rigid member."""
+    rigid = ACTION.with_values({"shank.rigid": True})
+    names = [e.name for e in load_library(rigid, "mechanism").effects]
+    assert "flexibility.shank" in names
+    assert "flexibility.wire" not in names  # it bends already
+    entry = load_library(rigid, "mechanism").effect("flexibility.shank")
+    assert action_with_effects(rigid, [(entry, 0.0, None)]).config is rigid.config
+
+    def motion(action):
+        run = feltmb.simulate(action, "forte", duration=0.06, ledger=False, rtol=1e-9)
+        return run["hammer_tip.x"]
+
+    plain = motion(rigid)
+    small, large = (
+        motion(action_with_effects(rigid, [(entry, s, None)])) - plain for s in (0.02, 0.04)
+    )
+    assert np.max(np.abs(large)) > 2e-7
+    np.testing.assert_allclose(large, 2.0 * small, atol=0.01 * np.max(np.abs(large)))
+
+
+def test_felts_and_springs_are_asked_by_default():
+    asked = load_library(ACTION).default_effects
+    for family in ("felt_stiffness", "spring_rate"):
+        known = [e.name for e in load_library(ACTION).effects if e.name.startswith(family + ".")]
+        assert known
+        assert set(known) <= set(asked)
+
+
 def test_segments_go_on_where_the_last_one_ended():
     model, _ = mechanism_model(ACTION, rtol=1e-8, shooting="multiple")
     stroke = feltmb.load_stroke("forte")

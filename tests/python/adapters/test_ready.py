@@ -74,8 +74,6 @@ def test_records_end_shortly_after_the_impact(forte):
     for until, last in (("0.02", turn + 0.02), ("end", forte.time[-1])):
         other, _ = resolve("steinway45", {**FEW, "until": until})
         assert other.ready([forte]).records[0].time[-1] == pytest.approx(last, abs=2e-3)
-    segments, _ = resolve("steinway45", {**FEW, "shooting": "multiple"})
-    assert segments.ready([forte]).records[0] is forte
 
 
 def test_what_is_ready_stays_as_it_is(forte):
@@ -224,8 +222,7 @@ def test_a_variant_of_a_mechanism_takes_its_library():
         ({"until": "soon"}, "got 'soon', expected seconds >= 0, or end"),
         ({"until": "-1"}, "got '-1'"),
         ({"until": "nan"}, "got 'nan'"),
-        ({"until": "0.01", "shooting": "multiple"}, "until: works with shooting=single"),
-        ({"shooting": "double"}, "expected single or multiple"),
+        ({"shooting": "multiple"}, "--set shooting: expected channels"),
     ],
 )
 def test_faults_of_the_settings(settings, message):

@@ -1,5 +1,7 @@
 """The search ends in the right valley: cases of the blind bench in which it once did not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,9 +12,10 @@ from feltmb.fit import Candidate, Effect, Parameter
 from feltmb.fit.linear import LinearModel
 from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
-from feltmb.fit.solve import FitSettings, fit_problem
+from feltmb.fit.solve import FitSettings, finish, fit_problem
+from feltmb.gap import refine
 from feltmb.gap.score import score_fit
-from feltmb.gap.search import _alike, search
+from feltmb.gap.search import NESTED, _alike, search
 
 
 def searched(folder, number, *names):
@@ -49,6 +52,70 @@ def test_a_set_is_fitted_again_from_a_larger_one_that_got_further(tmp_path):
     found = searched(tmp_path, 456, "key_flexibility", "shank_flexibility")
     assert found.sets[0].names == ("key_flexibility",)
     assert_size(found.sets[0], "key_flexibility", 6.877e-5)
+
+
+def line_with(*effects):
+    """A straight line fitted to a cubic, and the search among some effects."""
+    line = LinearModel(
+        output="y",
+        columns={"slope": lambda r: r.inputs["x"]},
+        parameters=[Parameter(name="slope", value=1.0, sd=0.2)],
+        name="line",
+    )
+    x = np.linspace(-1.0, 1.0, 101)
+    y = x + 0.1 * x**3 + 0.01 * np.random.default_rng(1).standard_normal(x.size)
+    record = Record(
+        name="run",
+        time=np.arange(101) * 0.01,
+        inputs={"x": x},
+        outputs={"y": y},
+        sensors={"y": Sensor(name="y", sigma=0.01)},
+    )
+    traces = {"cubic": x**3, "quintic": 2.0 * x**5, "even": x**2}
+    chosen = [
+        Effect(name=n, component="spring", scale=0.5, regressor=lambda r, s, v=traces[n]: v)
+        for n in effects
+    ]
+    segmented = segment_record(line, record, {"y": Noise(0.01)}, None)
+    return search(fit_problem(Problem(line, (segmented,))), chosen, FitSettings())
+
+
+def stuck(problem, *_args):
+    """A fit that ends far off."""
+    start = problem.start()
+    far = replace(start, magnitudes=np.full(len(problem.included), 3.0), memo={})
+    return finish(problem, far, 1.0, np.zeros(0))
+
+
+def test_a_set_that_is_stuck_is_fitted_again_from_the_end_of_one_that_it_holds(monkeypatch):
+    sound = line_with("cubic", "even").sets[0]
+    once = refine.refit
+
+    def refit(base, included, magnitudes, settings):
+        if len(included) > 1:
+            return stuck(base.problem.with_candidates(included))
+        return once(base, included, magnitudes, settings)
+
+    monkeypatch.setattr("feltmb.gap.search.refit", refit)
+    monkeypatch.setattr("feltmb.gap.search.refit_at", lambda problem, *_a, **_k: stuck(problem))
+    found = line_with("cubic", "even")
+    pair = next(c for c in found.sets if len(c.names) == 2)
+    (alone,) = [c for c in found.sets if c.names == ("cubic",)]
+    assert pair.fit.cost <= alone.fit.cost + NESTED
+    assert alone.fit.cost == pytest.approx(sound.fit.cost, abs=0.1)
+    assert not found.failed
+
+
+def test_a_set_that_cannot_do_as_well_as_one_that_it_holds_is_taken_out_and_told(monkeypatch):
+    monkeypatch.setattr("feltmb.gap.search.refit", lambda base, included, *_a: stuck(
+        base.problem.with_candidates(included)))  # fmt: skip
+    monkeypatch.setattr("feltmb.gap.search.refit_at", lambda problem, *_a, **_k: stuck(problem))
+    monkeypatch.setattr("feltmb.gap.search.polish", stuck)
+    found = line_with("cubic")
+    assert found.sets == ()
+    ((name, why),) = found.failed
+    assert name == "cubic"
+    assert "the model alone, which it holds" in why
 
 
 def test_an_effect_with_a_like_trace_is_found_with_its_size():

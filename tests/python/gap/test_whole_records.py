@@ -1,0 +1,110 @@
+"""The fit of records in one go: how far they count, how long its steps are, where it ends."""
+
+import numpy as np
+import pytest
+
+from feltmb.fit.noise import Noise
+from feltmb.fit.problem import Problem
+from feltmb.fit.segmented_records import segment_record
+from feltmb.fit.solve import FitSettings, _agrees_until, _within, fit_problem
+from feltmb.gap import Parameter, Record, Sensor, SimulatorModel
+
+NOISE = 1e-2
+TRUTH = {"rate": 1.25, "wall": 2.2, "loss": 0.6, "drag": 0.1}
+
+
+def thrown(time, inputs, parameters):
+    """A ball that flies to a wall and comes back slower; drag acts on the way back alone."""
+    speed = parameters["rate"] * inputs["u"]
+    hit = parameters["wall"] / speed
+    after = np.maximum(time - hit, 0.0)
+    back = parameters["loss"] * speed * after + parameters["drag"] * after**2
+    return {"y": np.where(time < hit, speed * time, parameters["wall"] - back)}
+
+
+def model(**change):
+    priors = {"rate": (1.0, 0.2), "wall": (2.0, 0.2), "loss": (0.8, 0.2), "drag": (0.0, 0.2)}
+    return SimulatorModel(
+        thrown,
+        parameters=[
+            Parameter(name=n, value=v, sd=sd, lower=0.05 if n != "drag" else -np.inf)
+            for n, (v, sd) in priors.items()
+        ],
+        inputs={"u": "1"},
+        outputs={"y": "m"},
+        **change,
+    )
+
+
+@pytest.fixture(scope="module")
+def problem():
+    m = model()
+    records = []
+    for seed, u in enumerate((1.0, 1.6)):
+        time = np.arange(200) * 2e-2
+        inputs = {"u": np.full(time.size, u)}
+        y = thrown(time, inputs, TRUTH)["y"]
+        y = y + NOISE * np.random.default_rng(seed).standard_normal(time.size)
+        sensors = {"y": Sensor(name="y", sigma=NOISE)}
+        records.append(
+            Record(name=f"r{u}", time=time, inputs=inputs, outputs={"y": y}, sensors=sensors)
+        )
+    noise = {"y": Noise(NOISE)}
+    return Problem(m, tuple(segment_record(m, r, noise, 0.5) for r in records))
+
+
+def test_a_record_counts_as_far_as_the_motion_follows_it(problem):
+    truth = np.array([TRUTH[p.name] for p in problem.model.parameters])
+
+    def agrees(theta):
+        linears = problem.linear(problem.start(theta=theta))
+        return [
+            _agrees_until(s, x) for s, x in zip(problem.segmented_records, linears, strict=True)
+        ]
+
+    assert agrees(truth) == [200, 200]
+    other = truth.copy()
+    other[2] = 0.9  # after the wall the ball is too fast; it is there at 1.76 s and 1.1 s
+    slow, fast = agrees(other)
+    assert 88 < slow < 98
+    assert 55 < fast < 65
+
+
+def test_what_is_after_the_end_of_a_beginning_does_not_count(problem):
+    (segmented, _) = problem.segmented_records
+    begun = segmented.until(73)
+    assert np.sum(begun.samples) == 73
+    assert np.all(np.isnan(begun.record.outputs["y"][73:]))
+
+
+def test_a_step_is_no_longer_than_the_radius_in_prior_deviations(problem):
+    point = problem.start()
+    normal = problem.normal(point, problem.linear(point), np.zeros(0))
+    sd = np.array([p.sd for p in problem.model.parameters])
+
+    def length(delta):
+        return float(np.linalg.norm(delta / sd))
+
+    whole = problem.newton(point, normal)
+    for radius in (0.01, 0.3, 0.9 * length(whole)):
+        delta, told = _within(problem, point, normal, radius)
+        assert told == pytest.approx(length(delta))
+        assert 0.85 * radius < told <= radius
+    np.testing.assert_allclose(_within(problem, point, normal, 2.0 * length(whole))[0], whole)
+
+
+def test_fits_from_random_starts_end_where_the_fit_from_the_truth_ends(problem):
+    everything = problem.model.parameters
+    truth = np.array([TRUTH[p.name] for p in everything])
+    best = fit_problem(problem, FitSettings(restarts=0), point=problem.start(theta=truth))
+    assert best.explains
+    assert best.converged
+    generator = np.random.default_rng(5)
+    for _ in range(8):
+        theta = np.array([p.value + p.sd * generator.standard_normal() for p in everything])
+        fit = fit_problem(
+            problem,
+            FitSettings(restarts=0),
+            point=problem.start(theta=np.clip(theta, 0.1, None)),
+        )
+        assert fit.cost < best.cost + 0.1
