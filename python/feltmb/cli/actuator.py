@@ -84,6 +84,11 @@ _set = list_option(
 @click.option("--elements", type=click.IntRange(1, 200), help="Finite elements of the arm.")
 @click.option("--torque", metavar="FILE", help="Torque by time, CSV or TOML; default: the file's.")
 @click.option(
+    "--action-force",
+    metavar="FILE",
+    help="Measured force of the action on the tip by time, CSV or TOML, in place of its mass.",
+)
+@click.option(
     "--duration", type=positive("s"), default=0.2, show_default=True, help="Simulated time [s]."
 )
 @click.option(
@@ -118,6 +123,7 @@ def command(
     settings: tuple[str, ...],
     elements: int | None,
     torque: str | None,
+    action_force: str | None,
     duration: float,
     output_rate: float,
     tolerance: float,
@@ -140,6 +146,8 @@ def command(
     if elements is not None:
         settings = (*settings, f"arm.elements={elements}")
     actuator = _load(arm, damper, settings)
+    if action_force is not None:
+        actuator = actuator.with_action(load_stroke(action_force))
     folder = out.parent if out is not None else Path()
     # The name comes from a file: it must not lead to another folder.
     name = re.sub(r"[^\w.-]+", "_", actuator.name)

@@ -1105,6 +1105,10 @@ CALLS = {
     # actuator
     "feltmb.action.actuator.Actuator": lambda: {"raw": wood().raw, "origin": "a"},
     "feltmb.action.actuator.Actuator.frequencies": lambda: (wood(), {"count": 2, "clamped": False}),
+    "feltmb.action.actuator.Actuator.with_action": lambda: (
+        wood(),
+        {"force": feltmb.table_stroke([0.0, 0.1], [1.0, 2.0])},
+    ),
     "feltmb.action.actuator.Actuator.with_damper": lambda: (
         wood(),
         {"kind": "dashpot", "coefficient": 1.0},

@@ -32,7 +32,7 @@ from feltmb.mechanism import (
     plain_data,
     spread_laws,
 )
-from feltmb.run.stroke import Stroke, torque_stroke
+from feltmb.run.stroke import Stroke, table_stroke, torque_stroke
 from feltmb.units import conversion_factor
 from feltmb.units.quantity import SI, Schema, fault_lines, fault_text, shortened
 
@@ -120,11 +120,24 @@ class Damper(Schema):
     coefficient: Annotated[float, SI("N m s/rad"), Field(ge=0)] = 0.0
 
 
+class ActionForce(Schema):
+    """Force of the action against the tip, against time: as measured between tip and key."""
+
+    note: str = ""
+    time: list[float]
+    value: list[float]
+    unit: Annotated[list[str], Field(min_length=2, max_length=2)] = Field(
+        default_factory=lambda: ["s", "N"]
+    )
+    interpolation: Literal["linear", "monotone", "spline"] = "linear"
+
+
 class Reaction(Schema):
-    """Equivalent reaction of the action."""
+    """Equivalent reaction of the action (thesis section 5.1.1): a mass, a force, or both."""
 
     note: str = ""
     mass: Annotated[float, SI("kg"), Field(ge=0)] = 0.0
+    force: ActionForce | None = None
 
 
 class Torque(Schema):
@@ -289,6 +302,8 @@ class Actuator:
         d.damper = getattr(_core.DamperKind, c.damper.kind)
         d.damping = c.damper.coefficient
         d.action_mass = c.action.mass
+        if c.action.force is not None:
+            d.action_force = _action_force(c.action.force).profile
         return d
 
     def _describe_arm(self) -> _core.HubBeamDescription:
@@ -358,6 +373,36 @@ class Actuator:
             {"damper": {"kind": kind, "coefficient": {"value": value, "unit": "N m s/rad"}}}
         )
 
+    def with_action(self, force: Stroke) -> Actuator:
+        """Copy whose tip meets a measured force of the action instead of its mass.
+
+        Thesis section 5.1.1: the force between tip and key, measured under the same torque. It acts
+        against pressing, at the times of the record; before and after it, its first and last values
+        hold. Once the key lies on its felt the stop carries the tip: there the record should hold
+        the action's part only, which is negligible, and not the force of the stop again.
+
+        Parameters
+        ----------
+        force
+            A stroke of kind ``force``, positive against pressing, such as
+            ``read_stroke_csv("measured.csv")``.
+        """
+        if force.kind != "force":
+            raise InvalidParameter(
+                f"stroke {force.name!r} is a {force.kind}; the action answers with a force"
+            )
+        if force.oscillation_amplitude:
+            raise InvalidParameter(f"stroke {force.name!r} oscillates; give its force as a table")
+        table = {
+            "note": f"force of the action: {force.name}",
+            "time": list(force.time),
+            "value": list(force.value),
+            "interpolation": force.interpolation,
+        }
+        raw = self.raw
+        raw["action"] = {"mass": {"value": 0.0, "unit": "kg"}, "force": table}
+        return Actuator(raw, self.origin)
+
     def to_toml(self) -> str:
         """Text of a file that loads as this actuator."""
         import tomlkit
@@ -373,6 +418,17 @@ def _torque(t: Torque) -> Stroke:
         [x * value for x in t.value],
         interpolation=t.interpolation,
         name="torque of the file",
+    )
+
+
+def _action_force(t: ActionForce) -> Stroke:
+    time = conversion_factor(t.unit[0], "s")
+    value = conversion_factor(t.unit[1], "N")
+    return table_stroke(
+        [x * time for x in t.time],
+        [x * value for x in t.value],
+        interpolation=t.interpolation,
+        name="action.force",
     )
 
 
