@@ -2,8 +2,13 @@
 
 The diagnosing side gets default records of the small machine, may ask for further experiments
 within limits, and is scored after 0, 2 and 4 of them: designed ones (planned anew after each
-pair), ones that are drawn at random from the same limits, and repeats of the default strokes. Every
-second experiment is held out.
+pair), ones that are drawn at random from the same limits, and repeats of the default strokes (after
+4 only).
+
+Scored is the screen of the diagnosis: a fit of the model alone to all records, the scores of all
+effects there, and the log evidence of each alone. A name needs a belief of 90 % and a score that
+nothing reaches by chance in 99 of 100; a class of two 90 % together. With --diagnose the whole
+diagnosis is scored, every second experiment held out: that takes ten times as long.
 
     python bench/blind/experiments.py --cases 20 --seed 26 -o out/experiments
 
@@ -17,7 +22,7 @@ import json
 import math
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -38,8 +43,10 @@ from feltmb import gap
 from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter
 from feltmb.files import make_folder, read_json, write_file, write_text
+from feltmb.fit.solve import FitSettings
 from feltmb.gap.information import Knowledge, information
-from feltmb.gap.score import all_candidates
+from feltmb.gap.report import report_json
+from feltmb.gap.score import all_candidates, family_threshold, score_fit, screen_sets
 
 __all__ = ["ROUNDS", "Requests", "command", "draw", "outcome_of"]
 
@@ -50,6 +57,10 @@ POLICIES = ("designed", "random", "repeats")
 DEFAULT = {"piano": "fit", "staccato": "fit", "forte": "held_out"}
 #: Share of the cases in which nothing is withheld.
 NULLS = 0.2
+#: Belief that a name needs.
+NAME = 0.9
+#: Cases whose requests are integrated together.
+TOGETHER = 6
 #: Parts that can be measured by themselves: standard deviation as a share of their tolerance; cost.
 PARTS = {
     "key_mass": (0.1, 0.5),
@@ -198,27 +209,74 @@ def outcome_of(case: truth.Case, report: Mapping[str, Any]) -> str:
     return "silent" if quiet else "unknown"
 
 
-def evidence_of(case: truth.Case, report: Any) -> float:
-    """Log evidence of the best set with the true effect against the best without it."""
+def evidence_of(case: truth.Case, sets: Mapping[str, float]) -> float:
+    """Log evidence of the true effect against the best other one, or none."""
     true = case.parts[0].name
-    own = [s.evidence for s in report.which.sets if true in s.effects]
-    other = [s.evidence for s in report.which.sets if true not in s.effects]
-    return float(max(own) - max([0.0, *other])) if own else math.nan
+    other = [v for n, v in sets.items() if n != true]
+    return sets[true] - max([0.0, *other]) if true in sets else math.nan
+
+
+@dataclass
+class Seen:
+    """What a scoring said."""
+
+    row: dict[str, Any]
+    belief: gap.Belief
+    sets: Mapping[str, float]
+    """Log evidence of each effect against the model, the prior included."""
 
 
 class Player:
     """The diagnosing side: it sees records and parts, never a truth."""
 
-    def __init__(self, folder: Path):
+    def __init__(self, *, whole: bool):
         self.model, self.library = KeyHammer(), effects()
         self.allowed = limits()
-        self.cache = folder / ".plan"
+        self.whole = whole
+        self.every = all_candidates(self.library)
 
-    def diagnose(self, records: Sequence[Record], parts: Sequence[gap.Measured]) -> Any:
+    def see(self, records: Sequence[Record], parts: Sequence[gap.Measured]) -> Seen:
+        """The model with tests of parts against all records."""
+        model = gap.with_measured(self.model, parts)
+        return self._diagnosed(model, records) if self.whole else self._screened(model, records)
+
+    def _diagnosed(self, model: gap.Model, records: Sequence[Record]) -> Seen:
         options = gap.Options(bootstrap=0, restarts=0, width=2, max_effects=2, advice=False)
-        return gap.diagnose(
-            gap.with_measured(self.model, parts), self.library, records, options=options
-        )
+        report = gap.diagnose(model, self.library, records, options=options)
+        sets: dict[str, float] = {}
+        for s in report.which.sets:
+            for n in s.effects:
+                sets[n] = max(sets.get(n, -math.inf), s.evidence)
+        row = {
+            "verdict": str(report.verdict),
+            "named": list(report.named),
+            "one_of": list(report.one_of),
+        }
+        return Seen(row, gap.Belief.of_report(report_json(report)), sets)
+
+    def _screened(self, model: gap.Model, records: Sequence[Record]) -> Seen:
+        fit = gap.fit_model(model, records, settings=FitSettings(restarts=0))
+        scores = score_fit(fit, self.every)
+        found = {self.every[x.index[0]].name: x for x in screen_sets(scores, largest=1)[::-1]}
+        sets = {n: x.evidence for n, x in found.items()}
+        top = max([0.0, *sets.values()])
+        weights = {n: math.exp(v - top) for n, v in sets.items()}
+        total = sum(weights.values()) + math.exp(-top)
+        weights = {n: w / total for n, w in weights.items()}
+        order = sorted(weights, key=lambda n: -weights[n])
+        level = family_threshold(scores, 0.01, draws=4000)[0]
+        row: dict[str, Any] = {"verdict": "NO GAP", "named": [], "one_of": []}
+        if order and found[order[0]].statistic / scores.inflation > level:
+            row["verdict"] = "UNKNOWN"
+            if weights[order[0]] > NAME:
+                row |= {"verdict": "NAMED", "named": order[:1]}
+            elif sum(weights[n] for n in order[:2]) > NAME:
+                row |= {"verdict": "ONE OF", "one_of": order[:2]}
+        scale = {t.name: t.effect.scale for t in self.every}
+        sizes = {n: abs(found[n].magnitudes[0]) * scale[n] for n in order if weights[n] > 0.01}
+        belief = gap.Belief(weights=weights, none=math.exp(-top) / total, magnitudes=sizes)
+        row["misfit"] = fit.chi2 / fit.dof
+        return Seen(row, belief, sets)
 
     def plan(
         self, records: Sequence[Record], parts: Sequence[gap.Measured], belief: gap.Belief,
@@ -232,7 +290,6 @@ class Player:
         return gap.design(
             gap.with_measured(self.model, parts), self.library, records, limits=allowed,
             budget=budget, belief=belief, candidates=16, refinements=6, seed=seed,
-            folder=self.cache,
         )  # fmt: skip
 
     def expected(
@@ -243,9 +300,9 @@ class Player:
         The bench asks this for the calibration; the planning side does not know it.
         """
         true = case.parts[0]
-        every = all_candidates(self.library)
+        every = self.every
         model = gap.with_measured(self.model, parts)
-        known = [information(model, r, every, cache=Cache(self.cache)) for r in records]
+        known = [information(model, r, every) for r in records]
         knowledge = Knowledge.start(
             model, every, gap.Belief.even(every), [k for k in known if k is not None]
         )
@@ -255,89 +312,111 @@ class Player:
         return float((true.size / every[at].effect.scale) ** 2 * np.min(rest))
 
 
-def run_case(
-    player: Player, requests: Requests, case: truth.Case, first: list[Record], folder: Path,
-    policies: Sequence[str],
+@dataclass
+class Case:
+    """One case under way by one policy."""
+
+    truth: truth.Case
+    records: list[Record]
+    parts: list[gap.Measured]
+    belief: gap.Belief
+    asked: list[str]
+    rows: list[dict[str, Any]]
+    spent: float = 0.0
+    number: int = 0
+
+
+def run_cases(
+    player: Player, requests: Requests, cases: Sequence[truth.Case], folder: Path,
+    policies: Sequence[str], left: Callable[[], bool],
 ) -> None:  # fmt: skip
-    """All policies of one case; finished ones are kept."""
-    path = folder / "cases" / f"{case.number}.json"
-    found: dict[str, Any] = read_json(path) if path.exists() else {"number": case.number}
+    """Some cases by all policies; requests of all cases are integrated together."""
 
-    def keep() -> None:
-        make_folder(path.parent)
-        text = json.loads(json.dumps(found), parse_constant=lambda _: None)
-        write_text(path, as_json(text), force=True)
+    def path(case: truth.Case) -> Path:
+        return make_folder(folder / "cases") / f"{case.number}.json"
 
-    def score(records: Sequence[Record], parts: Sequence[gap.Measured]) -> tuple[Any, Any]:
+    def keep(case: truth.Case, **more: Any) -> None:
+        found = read_json(path(case)) if path(case).exists() else {"number": case.number}
+        text = json.loads(json.dumps({**found, **more}), parse_constant=lambda _: None)
+        write_text(path(case), as_json(text), force=True)
+
+    def score(own: Case) -> dict[str, Any]:
         clock = time.process_time()
         try:
-            report = player.diagnose(records, parts)
+            seen = player.see(own.records, own.parts)
         except Exception as error:  # a crash is a result too, and a bad one
-            return None, {"outcome": "failed", "error": f"{type(error).__name__}: {error}"}
-        row: dict[str, Any] = {
-            "verdict": str(report.verdict),
-            "named": list(report.named),
-            "one_of": list(report.one_of),
-            "cpu_seconds": time.process_time() - clock,
-        }
-        row["outcome"] = outcome_of(case, row)
-        if case.parts:
-            row["evidence"] = evidence_of(case, report)
-            row["expected"] = player.expected(case, records, parts)
-        return report, row
+            return {"outcome": "failed", "error": f"{type(error).__name__}: {error}"}
+        own.belief = seen.belief
+        row = {**seen.row, "outcome": outcome_of(own.truth, seen.row)}
+        row["cpu_seconds"] = time.process_time() - clock
+        if own.truth.parts:
+            row["evidence"] = evidence_of(own.truth, seen.sets)
+            row["expected"] = player.expected(own.truth, own.records, own.parts)
+        return row
 
-    start_report = None
-    if "start" not in found:
-        start_report, found["start"] = score(first, ())
-        keep()
+    first = defaults(cases)
     for policy in policies:
-        if policy in found:
-            continue
-        if start_report is None and policy == "designed":
-            start_report, _ = score(first, ())
-        rows, asked = [], []
-        records, parts = list(first), []
-        report, spent, number = start_report, 0.0, 0
-        clock = time.process_time()
-        for until in ROUNDS[1:]:
-            if policy == "designed" and report is not None:
-                belief = gap.Belief.of_report(gap.report.report_json(report))
-                plan = player.plan(records, parts, belief, until - spent, case.number)
-                chosen = list(plan.experiments)
-            else:
-                chosen = []
-            batch = []
-            while spent < until - 1e-9:
-                number += 1
-                if policy == "designed":
-                    if not chosen:
-                        break
-                    e = chosen.pop(0)
-                    spent += e.cost
-                    if e.part is not None:
-                        parts.append(requests.part(case, e.part, number))
-                        asked.append(e.name)
-                        continue
-                    force, name = e.record.inputs["finger"], e.name
-                elif policy == "random":
-                    seed = 1000 * case.number + number
-                    _, profile, r = gap.draw_experiment(player.model, player.allowed, seed=seed)
-                    force, name, spent = r.inputs["finger"], profile.family, spent + 1.0
-                else:
-                    stroke = list(DEFAULT)[(number - 1) % len(DEFAULT)]
-                    time_ = np.arange(round(truth.LENGTH / truth.FRAME)) * truth.FRAME
-                    own = {"strength": 1.0, "speed": 1.0, "shape": 0.05}
-                    force = truth.played(time_, "force", stroke, own)
-                    name, spent = stroke, spent + 1.0
-                asked.append(name)
-                batch.append((case, f"experiment_{number}", np.asarray(force), number))
-            records += requests.records(batch)
-            report, row = score(records, parts)
-            rows.append({"experiments": until, **row})
-        found[policy] = {
-            "rounds": rows, "asked": asked, "cpu_seconds": time.process_time() - clock
-        }  # fmt: skip
-        keep()
+        todo = [
+            Case(c, list(r), [], gap.Belief(weights={}), [], [])
+            for c, r in zip(cases, first, strict=True)
+            if not (path(c).exists() and policy in read_json(path(c)))
+        ]
+        for until in ROUNDS:
+            owners, batch = [], []
+            for own in todo if left() else []:
+                for name, force, number in ask(player, requests, policy, own, until):
+                    owners.append(own)
+                    batch.append((own.truth, name, force, number))
+            for own, record in zip(owners, requests.records(batch), strict=True):
+                own.records.append(record)
+            if policy == "repeats" and until not in (0, ROUNDS[-1]):
+                continue
+            for own in todo:
+                if left():
+                    own.rows.append({"experiments": until, **score(own)})
+        for own in todo:
+            if own.rows and own.rows[-1]["experiments"] == ROUNDS[-1]:
+                keep(own.truth, **{policy: {"rounds": own.rows, "asked": own.asked}})
+
+
+def ask(
+    player: Player, requests: Requests, policy: str, own: Case, until: float
+) -> list[tuple[str, Array, int]]:
+    """What is asked next: (name, force at the frames, number); tests of parts are made here."""
+    out: list[tuple[str, Array, int]] = []
+    chosen: list[Any] = []
+    if policy == "designed" and own.spent < until - 1e-9:
+        left = until - own.spent
+        plan = player.plan(own.records, own.parts, own.belief, left, own.truth.number)
+        chosen = list(plan.experiments)
+    while own.spent < until - 1e-9:
+        own.number += 1
+        if policy == "designed":
+            if not chosen:
+                break
+            e = chosen.pop(0)
+            name = e.name
+            own.spent += e.cost
+            if e.part is not None:
+                own.parts.append(requests.part(own.truth, e.part, own.number))
+                own.asked.append(name)
+                continue
+            force = e.record.inputs["finger"]
+        elif policy == "random":
+            seed = 1000 * own.truth.number + own.number
+            _, profile, r = gap.draw_experiment(player.model, player.allowed, seed=seed)
+            force, name = r.inputs["finger"], profile.family
+            own.spent += 1.0
+        else:
+            name = list(DEFAULT)[(own.number - 1) % len(DEFAULT)]
+            count = round(truth.LENGTH / truth.FRAME)
+            frames: Array = np.arange(count, dtype=np.float64) * truth.FRAME
+            plain = {"strength": 1.0, "speed": 1.0, "shape": 0.05}
+            force = truth.played(frames, "force", name, plain)
+            own.spent += 1.0
+        own.asked.append(name)
+        out.append((f"experiment_{own.number}", np.asarray(force), own.number))
+    return out
 
 
 def _seal(folder: Path, cases: int, seed: int) -> None:
@@ -372,11 +451,12 @@ def table(folder: Path, truths: Sequence[truth.Case]) -> str:
         "|---|---|---|" + "---|" * (len(words) + 3),
     ]
     for policy in POLICIES:
-        full = [d for d in done if policy in d and "start" in d]
-        for k, count in enumerate(ROUNDS):
+        for count in ROUNDS:
             rows = [
-                (case[d["number"]], d["start"] if k == 0 else d[policy]["rounds"][k - 1])
-                for d in full
+                (case[d["number"]], r)
+                for d in done
+                for r in d.get(policy, {}).get("rounds", ())
+                if r["experiments"] == count
             ]
             single = [r["outcome"] for c, r in rows if c.parts]
             null = [r["outcome"] for c, r in rows if not c.parts]
@@ -399,19 +479,16 @@ def calibration(folder: Path, truths: Sequence[truth.Case]) -> list[tuple[str, f
     out = []
     for path in sorted((folder / "cases").glob("*.json")):
         d = read_json(path)
-        if not case[d["number"]].parts or d["start"].get("evidence") is None:
+        if not case[d["number"]].parts:
             continue
         for policy in POLICIES:
-            for row in d.get(policy, {}).get("rounds", ()):
-                if row.get("evidence") is None or row.get("expected") is None:
-                    continue
-                out.append(
-                    (
-                        policy,
-                        row["expected"] - d["start"]["expected"],
-                        row["evidence"] - d["start"]["evidence"],
-                    )
-                )
+            rows = d.get(policy, {}).get("rounds", ())
+            good = [r for r in rows if None not in (r.get("evidence"), r.get("expected"))]
+            if not good or good[0]["experiments"] != 0:
+                continue
+            for row in good[1:]:
+                gains = [row[k] - good[0][k] for k in ("expected", "evidence")]
+                out.append((policy, *gains))
     return out
 
 
@@ -439,23 +516,26 @@ def _plot(points: Sequence[tuple[str, float, float]], path: Path) -> None:
 @click.option("--out", "-o", "output", type=click.Path(path_type=Path), required=True)
 @click.option("--until", type=float, default=math.inf, help="Stop after so many seconds [s].")
 @click.option("--policy", "policies", multiple=True, type=click.Choice(POLICIES))
+@click.option("--diagnose", "whole", is_flag=True, help="Score the whole diagnosis.")
 @click.option("--score-only", is_flag=True)
 def command(
-    cases: int, seed: int, output: Path, until: float, policies: tuple[str, ...], score_only: bool
-) -> None:
+    cases: int, seed: int, output: Path, until: float, policies: tuple[str, ...], whole: bool,
+    score_only: bool,
+) -> None:  # fmt: skip
     """Sealed cases of the small machine; experiments that are designed, random, or repeats."""
     _seal(output, cases, seed)
     truths = [draw(seed, n) for n in range(cases)]
     began = time.monotonic()
     if not score_only:
-        requests, player = Requests(limits()), Player(output)
-        for n in range(0, cases, 10):
-            some = truths[n : n + 10]
-            for case, first in zip(some, defaults(some), strict=True):
-                if time.monotonic() - began > until:
-                    break
-                run_case(player, requests, case, first, output, policies or POLICIES)
-                click.echo(f"case {case.number}: {time.monotonic() - began:.0f} s", err=True)
+        requests, player = Requests(limits()), Player(whole=whole)
+        for n in range(0, cases, TOGETHER):
+            run_cases(
+                player, requests, truths[n : n + TOGETHER], output, policies or POLICIES,
+                lambda: time.monotonic() - began < until,
+            )  # fmt: skip
+            click.echo(f"{n + TOGETHER} cases: {time.monotonic() - began:.0f} s", err=True)
+            if time.monotonic() - began > until:
+                break
     text = table(output, truths)
     points = calibration(output, truths)
     if points:

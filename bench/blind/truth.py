@@ -233,13 +233,14 @@ def played(t: Array, mode: str, stroke: str, own: Mapping[str, Any]) -> Array:
     def impact(start: float, until: float) -> Array:
         u = _ease(t, start, rise)
         # A finger sags a little while it follows the key.
-        u = u * (1.0 - own["shape"] * np.sin(np.pi * np.clip((t - start) / 0.05, 0.0, 1.0)) ** 2)
+        sag = float(own["shape"])
+        u = u * (1.0 - sag * np.sin(np.pi * np.clip((t - start) / 0.05, 0.0, 1.0)) ** 2)
         return u * (1.0 - _ease(t, until, 0.02)) if until > 0.0 else u
 
     u = impact(0.010, 0.010 + release if release > 0.0 else 0.0)
     if stroke == "repetition":
         u = u + impact(SECOND, 0.0)
-    return np.asarray(level * u)
+    return np.asarray(level * u, dtype=np.float64)
 
 
 def load_outside(module: ModuleType) -> dict[str, Any]:

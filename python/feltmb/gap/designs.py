@@ -208,7 +208,8 @@ def design(
     seed
         Of the draws.
     folder
-        Where what was worked out is kept for the next plan.
+        Where what was worked out is kept for the next plan, of mechanisms: functions of other
+        models cannot be told apart.
 
     Raises
     ------
@@ -417,12 +418,11 @@ class _Work:
         record = None if profile is None else self.record(input_name, profile, "planned")
         if profile is None or record is None:
             return None
-        before = _Counting(self.cache)
-        found = information(self.model, record, self.every, cache=before.cache)
-        self.made += before.missed()
+        found = information(self.model, record, self.every, cache=self.cache)
         if found is None:
             self.failed += 1
             return None
+        self.made += not found.kept
         unit = self.limits.inputs[input_name].unit
         return _Option(
             name=_words(profile, input_name, unit),
@@ -490,23 +490,6 @@ class _Work:
             if not moved:
                 step *= 0.5
         return best
-
-
-class _Counting:
-    """How often a cache did not have what was asked."""
-
-    def __init__(self, cache: Cache | None):
-        self.cache = cache
-        self._before = self._count()
-
-    def _count(self) -> int:
-        if self.cache is None or not self.cache.folder.is_dir():
-            return 0
-        return sum(1 for _ in self.cache.folder.glob("*.npz"))
-
-    def missed(self) -> int:
-        """Results that are new."""
-        return 1 if self.cache is None else self._count() - self._before
 
 
 def _mode_of(model: Model, name: str) -> tuple[Any, list[str]]:

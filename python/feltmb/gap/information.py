@@ -64,6 +64,8 @@ class Information:
     """Squared residual there."""
     samples: float = 0.0
     """Measured values behind it."""
+    kept: bool = False
+    """Whether it was worked out before, and kept."""
 
 
 @checked
@@ -139,48 +141,42 @@ def information(
 
     The outputs of the record count as measured.
     """
-    key = ""
-    if cache is not None:
-        key = Cache.key(
-            package_digest(),
-            model.name,
-            type(model).__name__,
-            [(p.name, p.value, p.lower, p.upper, p.sd > 0.0) for p in model.parameters],
-            [(t.name, t.shape, t.effect.scale, t.effect.bounds) for t in candidates],
-            record.name if record.role == "held_out" else "",
-            record.input_mode,
-            sorted(record.sensors.items()),
-            sorted(record.input_sigma.items()),
-            record.time,
-            *(record.inputs[n] for n in sorted(record.inputs)),
-            *(record.outputs[n] for n in sorted(record.outputs)),
-            _identity(model),
-        )
-        found = cache.get(key)
-        if found is not None:
-            return Information(
-                found["matrix"], found["right"], float(found["square"]), float(found["samples"])
-            )
+    identity = None if cache is None else _identity(model)
+    if cache is None or identity is None:
+        return _information(model, record, candidates)
+    key = Cache.key(
+        package_digest(),
+        identity,
+        [(p.name, p.value, p.lower, p.upper, p.sd > 0.0) for p in model.parameters],
+        [(t.name, t.shape, t.effect.scale, t.effect.bounds, t.effect.data) for t in candidates],
+        record.input_mode,
+        sorted(record.sensors.items()),
+        sorted(record.input_sigma.items()),
+        sorted(record.conditions.items()),
+        record.time,
+        *(record.inputs[n] for n in sorted(record.inputs)),
+        *(record.outputs[n] for n in sorted(record.outputs)),
+    )
+    found = cache.get(key)
+    if found is not None:
+        square, samples = float(found["square"]), float(found["samples"])
+        return Information(found["matrix"], found["right"], square, samples, kept=True)
     made = _information(model, record, candidates)
-    if cache is not None and made is not None:
-        cache.put(
-            key,
-            {
-                "matrix": made.matrix,
-                "right": made.right,
-                "square": np.array(made.square),
-                "samples": np.array(made.samples),
-            },
-        )
+    if made is not None:
+        arrays = {"matrix": made.matrix, "right": made.right}
+        numbers = {"square": np.array(made.square), "samples": np.array(made.samples)}
+        cache.put(key, {**arrays, **numbers})
     return made
 
 
-def _identity(model: Model) -> str:
-    """What else a model is made of, as far as it can be told: a mechanism is its tables."""
-    action = getattr(model.core, "action", None)
-    raw = getattr(action, "raw", None)
-    more = [getattr(model, n, None) for n in ("rtol", "until", "variation", "segment", "outputs")]
-    return repr((raw, more))
+def _identity(model: Model) -> str | None:
+    """All that a mechanism is made of: its tables and options. None: functions, not comparable."""
+    raw = getattr(getattr(model.core, "action", None), "raw", None)
+    if raw is None:
+        return None
+    names = ("tolerances", "rtol", "until", "variation", "segment")
+    options = {n: getattr(model, n, None) for n in names}
+    return repr((type(model).__name__, raw, options, model.outputs))
 
 
 def _information(

@@ -1,8 +1,11 @@
 """Designed experiments against closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from feltmb.adapters.resolve import resolve
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.gap import (
     Belief,
@@ -211,15 +214,30 @@ def test_profiles_keep_to_their_limits(name):
     assert made >= 20
 
 
-def test_what_was_worked_out_is_kept(tmp_path):
-    given = {"limits": limits(), "sensors": SENSORS, "budget": 2, "refinements": 0}
-    first = design(line(), [SQUARE], folder=tmp_path, **given)
-    again = design(line(), [SQUARE], folder=tmp_path, **given)
-    assert first.worked_out > 0
+def test_what_was_worked_out_of_a_mechanism_is_kept(tmp_path):
+    settings = {"effects": "coulomb_friction.butt,felt_hardening.06", "tolerances": "felt.0*"}
+    model, effects = resolve("steinway45", {**settings, "variation": "none"})
+    own = InputLimits(most=25.0, rate=2000.0, unit="N")
+    box = Limits(inputs={"force": own}, duration=0.15)
+    given = {"limits": box, "budget": 2, "refinements": 0, "candidates": 1, "folder": tmp_path}
+    given["families"] = ["pulse"]
+    first = design(model, effects, **given)
+    again = design(model, effects, **given)
+    assert first.worked_out == 1
     assert again.worked_out == 0
     assert again.after == first.after
-    other = design(line(sd=1.0), [SQUARE], folder=tmp_path, **given)
-    assert other.worked_out == 0  # a tolerance is added afterwards
+    other = design(model, [replace(effects[0], scale=2.0 * effects[0].scale)], **given)
+    assert other.worked_out == 1
+
+
+def test_functions_are_not_kept(tmp_path):
+    """A user changes a function, and nothing of the old one may come back."""
+    given = {"limits": limits(), "sensors": SENSORS, "budget": 1, "refinements": 0}
+    first = design(line(), [SQUARE], folder=tmp_path, **given)
+    wider = replace(SQUARE, regressor=lambda r, s: 2.0 * r.inputs["u"] ** 2)
+    other = design(line(), [wider], folder=tmp_path, **given)
+    assert other.worked_out == first.worked_out > 0
+    assert other.effects[0].smallest == pytest.approx(0.5 * first.effects[0].smallest)
 
 
 def test_records_are_counted():
