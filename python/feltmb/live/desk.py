@@ -91,7 +91,7 @@ class Desk:
     def again(self) -> None:
         """Compute all anew, because the mechanism changed."""
         for done in (self._done, self._full, self._extra):
-            done.clear()  # type: ignore[attr-defined]
+            done.clear()
         self._wake.set()
 
     def regulate(self, turned: Turned) -> None:
