@@ -70,6 +70,8 @@ class Desk:
         self._tell = tell
         self._wanted: dict[Slot, Asked] = {}
         self._done: dict[Slot, Asked] = {}
+        self._full: dict[Slot, Asked] = {}
+        self._extra: dict[tuple[Slot, str], Asked] = {}
         self._wake = asyncio.Event()
         self._last_picture = 0.0
         self._regulating: Turned | None = None
@@ -85,11 +87,11 @@ class Desk:
     def forget(self, slot: Slot) -> None:
         """Drop a slot."""
         self._wanted.pop(slot, None)
-        self._done.pop(slot, None)
 
     def again(self) -> None:
         """Compute all anew, because the mechanism changed."""
-        self._done.clear()
+        for done in (self._done, self._full, self._extra):
+            done.clear()
         self._wake.set()
 
     def regulate(self, turned: Turned) -> None:
@@ -112,7 +114,8 @@ class Desk:
                     continue
                 for slot in SLOTS:
                     await self._picture(slot, "full")
-                await self._extras()
+                for slot in SLOTS:
+                    await self._extras(slot)
             except Stopped:
                 self.counts["stopped"] += 1
                 self._wake.set()
@@ -154,10 +157,11 @@ class Desk:
 
     async def _picture(self, slot: Slot, quality: str) -> None:
         asked = self._wanted.get(slot)
-        if asked is None or (quality == "quick" and self._done.get(slot) is asked):
+        quick = quality == "quick"
+        done = self._done if quick else self._full
+        if asked is None or done.get(slot) is asked:
             return
         bench = self._bench()
-        quick = quality == "quick"
 
         def stop() -> bool:
             if self._wanted.get(slot) is asked:
@@ -179,25 +183,27 @@ class Desk:
             return picture
 
         self.counts["begun"] += 1
-        self._done[slot] = asked
+        if quick:
+            self._done[slot] = asked
         with self._faults_told(slot, asked):
             picture = await self._run(work, leave=not quick)
             self._last_picture = time.monotonic()
             self.counts["pictures"] += 1
+            done[slot] = asked
             values = bench.values(asked.turned.knobs, asked.turned.numbers)
             self._tell(
                 f"run {slot}",
                 {"on": "run", "slot": slot, "id": asked.id, "run": picture, "set": values},
             )
 
-    async def _extras(self) -> None:
-        asked = self._wanted.get("a")
+    async def _extras(self, slot: Slot) -> None:
+        asked = self._wanted.get(slot)
         if asked is None:
             return
         bench = self._bench()
 
         def check() -> None:
-            if self._wake.is_set() or self._wanted.get("a") is not asked:
+            if self._wake.is_set() or self._wanted.get(slot) is not asked:
                 raise Stopped
 
         kinds: dict[str, Callable[[Action], dict[str, Any]]] = {
@@ -206,6 +212,8 @@ class Desk:
             "speeds": lambda action: speed_curve(action, check),
         }
         for kind in asked.extras:
+            if self._extra.get((slot, kind)) is asked:
+                continue
             check()
             make = kinds[kind]
 
@@ -216,7 +224,8 @@ class Desk:
                 found = await self._run(work, leave=True)
             except FeltmbError as error:
                 found = {"fault": str(error)}
-            self._tell(kind, {"on": kind, "id": asked.id, **found})
+            self._extra[slot, kind] = asked
+            self._tell(f"{kind} {slot}", {"on": kind, "slot": slot, "id": asked.id, **found})
 
     async def _regulate(self, turned: Turned) -> None:
         bench = self._bench()

@@ -189,6 +189,7 @@ class Bench:
         taken: set[frozenset[str]] = {
             frozenset(c.path for c in knob.changes) for knob in self._screws()
         }
+        named = {e.name for e in self.library.tolerances}
         both = [(e, True) for e in self.library.tolerances]
         both += [(e, False) for e in self.library.effects]
         for entry, tolerance in both:
@@ -196,7 +197,7 @@ class Bench:
             group = _group(entry.name)
             if not moved or moved in taken or entry.condition is not None or "*" in moved:
                 continue
-            if not tolerance and group is None:
+            if not tolerance and (group is None or entry.name in named):
                 continue
             if not self._turns(entry):
                 continue

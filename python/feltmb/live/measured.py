@@ -7,7 +7,7 @@ import itertools
 import math
 import re
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -284,8 +284,15 @@ def told(report: Report, bench: Bench) -> dict[str, Any]:
         "statement": report.statement,
         "named": list(report.named),
         "calibrated": [
-            [name, value, name if name in bench.knobs else ""]
-            for name, value in report.model.parameters.items()
+            {
+                "effect": c.part or c.name,
+                "magnitude": plain(c.value - c.tabulated),
+                "unit": c.unit,
+                "share": plain(c.share),
+                "text": c.text,
+                "knob": knob_of(bench, c.name),
+            }
+            for c in report.calibrated
         ],
         "candidates": [
             {
@@ -301,7 +308,11 @@ def told(report: Report, bench: Bench) -> dict[str, Any]:
             }
             for r in ranked
         ],
-        "tint": tint_of(bench, {c.component: c.explained for c in report.where.components}),
+        "tint": tint_of(
+            bench,
+            [(c.component, c.explained) for c in report.where.components if c.significant]
+            + [(c.component, c.share) for c in report.calibrated],
+        ),
         "stopped": report.stopped,
     }
 
@@ -310,23 +321,21 @@ def knob_of(bench: Bench, effect: str) -> str:
     """The knob that does what an effect says; "" where none does."""
     if effect in bench.knobs:
         return effect
-    entry = (
-        next((e for e in bench.library.effects if e.name == effect), None)
-        if (bench.library)
-        else None
-    )
+    library = bench.library
+    entries = (*library.tolerances, *library.effects) if library else ()
+    entry = next((e for e in entries if e.name == effect), None)
     if entry is None or not entry.changes:
         return ""
     same = (k.name for k in bench.knobs.values() if k.changes == entry.changes)
     return next(same, "")
 
 
-def tint_of(bench: Bench, shares: Mapping[str, float]) -> list[float]:
+def tint_of(bench: Bench, shares: Sequence[tuple[str, float]]) -> list[float]:
     """Share of the gap by body, the ground first: the largest of the places that touch it."""
     config = bench.action.config
     bodies = ["ground", *config.bodies]
     out = dict.fromkeys(bodies, 0.0)
-    for place, share in shares.items():
+    for place, share in shares:
         if not math.isfinite(share):
             continue
         number = re.match(r"contact (\d+)", place)

@@ -100,7 +100,18 @@ def _unit(action: Action, poses: Mapping[str, Pose]) -> float:
     points += [to_ground(poses[p.body], np.array([p.point])) for p in action.config.points.values()]
     cloud = np.vstack(points)
     size = float(np.max(np.ptp(cloud, axis=0)))
+    # Bodies without a size of their own are not smaller than their mass is as wood.
+    size = max(size, 4.0 * max((_side(b.mass) for b in action.config.bodies.values()), default=0.0))
     return size / 500.0 if size > 0 else 1e-3
+
+
+#: Density of wood [kg/m^3]: how large a mass is drawn of which no size is known.
+_WOOD = 700.0
+
+
+def _side(mass: float) -> float:
+    """Edge of a cube of wood [m]."""
+    return float(np.cbrt(max(mass, 0.0) / _WOOD))
 
 
 def _used_surfaces(action: Action) -> dict[str, Surface]:
@@ -194,6 +205,10 @@ def body_groups(action: Action) -> dict[str, int]:
     return group
 
 
+#: Circles up to this radius, in units of the drawing, are drawn whole.
+ROUND = 27.0
+
+
 @dataclass(frozen=True)
 class _Piece:
     """Drawn piece of a surface, and where and how thick the body must reach it."""
@@ -231,7 +246,7 @@ def _surface_piece(name: str, s: Surface, touched: list[Array], center: Array, u
     if s.kind == "hybrid":
         assert s.arc is not None
         return _hybrid_piece(name, s, touched, u)
-    if s.kind == "circle" and radius <= 14.0 * u:
+    if s.kind == "circle" and radius <= ROUND * u:
         if radius <= 0.05 * u:
             dot = arc_points(p, 0.4 * u, 0.0, 2.0 * math.pi)[:-1]
             return _Piece([Shape(s.body, "mark", name, dot, True)], p, 0.5 * u, True)
@@ -324,6 +339,9 @@ def _body_shapes(action: Action, name: str, pieces: Mapping[str, _Piece], u: flo
     finger = []
     if config.finger is not None and config.finger.body == name:
         finger = [np.array(config.finger.point)]
+    block = _block(action, name, children, pieces, u)
+    if block is not None:
+        return [Shape(name, "wood", name, block, True)]
     massive = [n for n, _ in nodes] + [p.node for p in pieces.values() if not p.small] + finger
     massive.append(np.array(body.center_of_mass))
     bar = _bar(np.array(massive), pieces, u)
@@ -363,6 +381,28 @@ def _body_shapes(action: Action, name: str, pieces: Mapping[str, _Piece], u: flo
                 0, Shape(name, "wire", name, capsule(near, 0.7 * u, point, 0.7 * u), True)
             )
     return shapes
+
+
+def _block(
+    action: Action, name: str, children: Sequence[Array], pieces: Mapping[str, _Piece], u: float
+) -> Array | None:
+    """Block of a body of which nothing but a mass and a point is known, on its contact surface."""
+    body = action.config.bodies[name]
+    known = [*children, np.array(body.center_of_mass), *(p.node for p in pieces.values())]
+    if body.mass <= 0 or any(float(np.hypot(*n)) > 2.0 * u for n in known):
+        return None
+    if any(p.radius > 1.0 * u for p in pieces.values()):
+        return None
+    half = 0.5 * min(max(_side(body.mass), 10.0 * u), 60.0 * u)
+    away = np.zeros(2)
+    surfaces = action.config.surfaces
+    for contact in action.config.contacts.values():
+        own = [n for n in contact.surfaces if surfaces[n].body == name]
+        other = [surfaces[n].normal for n in contact.surfaces if surfaces[n].body != name]
+        if contact.enabled and own and other and other[0] is not None:
+            away = half * np.array(other[0]) / np.hypot(*other[0])
+            break
+    return round_box(away - half, away + half, 0.15 * half)
 
 
 def _bar(cloud: Array, pieces: Mapping[str, _Piece], u: float) -> Array | None:

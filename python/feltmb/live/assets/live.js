@@ -172,7 +172,7 @@ class Live {
   request(slot) {
     const turned = slot === "b" ? this.state.now.b : this.turned();
     return {do: "simulate", slot, id: ++this.id, turned, playing: this.state.now.playing,
-      shown: this.shown, extras: slot === "a" ? this.extras() : []};
+      shown: this.shown, extras: this.extras().filter(e => slot === "a" || e !== "targets")};
   }
 
   // Something changed: simulate anew, as soon as the picture under way is here.
@@ -612,7 +612,7 @@ class Live {
       this.tab = name;
       this.fillTab();
       this.wants();
-      this.ask();
+      this.ask(true);
     }, {role: "tab", "aria-selected": String(this.tab === name), "aria-pressed": String(this.tab === name)})));
     this.plots = null;
     const fill = {numbers: this.showNumbers, regulation: () => this.lights(this.last?.targets),
@@ -778,20 +778,22 @@ class Live {
     }));
   }
 
-  // The curve of what is turned, and under it that of when B was kept.
-  kept(kind, m) {
-    if (m && !m.fault && JSON.stringify(this.turned()) === JSON.stringify(this.state.now.b)) this.remember(kind + " b", m);
-    return this.state.now.b ? this.last?.[kind + " b"] : null;
+  // Keeps what came for a slot; gives A and, where there is one, B.
+  pair(kind, m) {
+    if (m) this.remember(m.slot === "b" ? kind + " b" : kind, m);
+    const b = this.last?.[kind + " b"];
+    return [this.last?.[kind], this.state.now.b && b && !b.fault ? b : null];
   }
 
   touched(m) {
-    if (m) this.remember("touch", m);
+    const [a, b] = this.pair("touch", m);
+    m = a;
     if (this.tab !== "touch") return;
     if (!m || m.fault) {
       this.tabBox.replaceChildren(element("p", {class: "hint"}, m ? m.fault : "a slow press and release …"));
       return;
     }
-    const b = this.kept("touch", m), series = [];
+    const series = [];
     for (const [who, found, color] of [["B", b, COLOR.b], ["A", m, COLOR.a]]) if (found)
       for (const [name, x, y] of found.curves) series.push({name: `${who}, ${name}`, data: [x, y], color, dash: name === "release" ? [6, 4] : []});
     const table = element("table", {class: "plain"}), where = element("div");
@@ -803,13 +805,14 @@ class Live {
   }
 
   speeded(m) {
-    if (m) this.remember("speeds", m);
+    const [a, b] = this.pair("speeds", m);
+    m = a;
     if (this.tab !== "speeds") return;
     if (!m || m.fault) {
       this.tabBox.replaceChildren(element("p", {class: "hint"}, m ? m.fault : "strikes from pp to ff …"));
       return;
     }
-    const b = this.kept("speeds", m), where = element("div");
+    const where = element("div");
     const series = [["B", b, COLOR.b], ["A", m, COLOR.a]].filter(s => s[1]).map(([name, found, color]) =>
       ({name: `${name}, pressed from ${found.rows[0]?.[2]} to ${found.rows.at(-1)?.[2]} N`, color, dots: true,
         data: [found.rows.map(r => r[0]), found.rows.map(r => r[1])]}));
@@ -966,16 +969,18 @@ class Live {
     if (!this.diagnosisBox) return;
     if (m.fault) { this.diagnosisBox.replaceChildren(element("p", {class: "hint"}, m.fault)); return; }
     const table = element("table", {class: "plain candidates"});
-    for (const c of m.candidates) {
-      const apply = c.knob ? button("Apply", () => {
-        this.change("apply", n => { n.knobs[c.knob] = (n.knobs[c.knob] || 0) + c.magnitude; });
-        this.fillTurn();
-        this.measure();
-      }) : "";
+    const apply = c => !c.knob || !Number.isFinite(c.magnitude) ? "" : button("Apply", () => {
+      this.change("apply " + c.knob, n => { n.knobs[c.knob] = (n.knobs[c.knob] || 0) + c.magnitude; });
+      this.fillTurn();
+    });
+    const row = (c, share, text) => {
+      const [factor, unit] = READER[c.unit] || [1, c.unit];
       table.insertRow().append(element("td", {}, c.named ? element("b", {}, c.effect) : c.effect),
-        element("td", {class: "n"}, `${round(c.magnitude, 3)} ${c.unit === "1" ? "" : c.unit}`),
-        element("td", {class: "n"}, `${round(100 * c.posterior, 3)} %`), element("td", {}, apply), element("td", {class: "hint"}, c.mechanism));
-    }
+        element("td", {class: "n"}, Number.isFinite(c.magnitude) ? `${round(factor * c.magnitude, 3)} ${unit}` : "–"),
+        element("td", {class: "n"}, share), element("td", {}, apply(c)), element("td", {class: "hint"}, text));
+    };
+    for (const c of m.calibrated) row(c, Number.isFinite(c.share) ? `${round(100 * c.share, 3)} % of the gap` : "", c.text);
+    for (const c of m.candidates) row(c, `${round(100 * c.posterior, 3)} % probable`, c.mechanism);
     if (this.viewer?.stage) { this.viewer.stage.tint = m.tint; this.viewer.render(); }
     this.diagnosisBox.replaceChildren(element("h3", {}, m.verdict), element("p", {}, m.statement), table,
       element("p", {class: "hint"}, "The parts are colored by their share of the gap. ",

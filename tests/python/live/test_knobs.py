@@ -1,0 +1,126 @@
+"""Knobs: what they move, in the units of the file, and that all of them can be turned."""
+
+import pytest
+
+import feltmb
+from feltmb.errors import InvalidParameter
+from feltmb.live.knobs import Bench
+from feltmb.live.measured import Shelf, knob_of, tint_of
+from feltmb.live.states import MOST_KNOTS, Asked, Playing
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return Bench(feltmb.load_action("steinway45"))
+
+
+def test_every_screw_of_the_targets_and_every_tolerance_is_a_knob(bench):
+    steps = [s.name for s in bench.targets.steps if s.screw]
+    assert [f"screw.{name}" in bench.knobs for name in steps] == [True] * len(steps)
+    moved = {frozenset(c.path for c in k.changes) for k in bench.knobs.values()}
+    for entry in bench.library.tolerances:
+        assert frozenset(c.path for c in entry.changes) in moved, entry.name
+
+
+def test_every_knob_turns_to_its_ends_and_back(bench):
+    for knob in bench.knobs.values():
+        assert knob.low <= 0.0 <= knob.high
+        assert bench.values({knob.name: 0.0}, {}) == {}
+        ends = [m for m in (knob.low, knob.high) if m]
+        for magnitude in ends:
+            values = bench.values({knob.name: magnitude}, {})
+            assert values
+            bench.action.with_values(values)
+
+
+def test_values_are_those_of_set_in_the_units_of_the_file(bench):
+    values = bench.values({"screw.let-off": 5e-4, "screw.check distance": 0.01}, {})
+    assert values["surfaces.Gp10.point.y"] == pytest.approx(77.5)
+    assert values["bodies.wire.angle"] == pytest.approx(75.5 + 0.572957795)
+    changed = bench.action.with_values(values)
+    point = bench.action.config.surfaces["Gp10"].point
+    assert changed.config.surfaces["Gp10"].point[1] == pytest.approx(point[1] + 5e-4)
+
+
+def test_a_direction_turns_both_coordinates(bench):
+    values = bench.values({"screw.damper starts": 1e-3}, {})
+    normal = bench.action.config.surfaces["Dp2"].normal
+    assert values["surfaces.Dp2.point.x"] == pytest.approx(6.4 + normal[0], abs=1e-3)
+    assert values["surfaces.Dp2.point.y"] == pytest.approx(-51.0 + normal[1], abs=1e-3)
+
+
+def test_two_knobs_of_one_number_combine(bench):
+    both = bench.values({"felt.06": 0.1, "felt_hardening.06": 0.1}, {})
+    one = bench.values({"felt_hardening.06": 0.1}, {})
+    path = "contacts.06.loading.a"
+    assert both[path] == pytest.approx(1.1 * one[path])
+
+
+def test_all_faults_at_once(bench):
+    with pytest.raises(InvalidParameter) as told:
+        bench.values({"screw.none": 1.0}, {"bodies.key.color": 1.0})
+    assert "screw.none" in str(told.value)
+    assert "bodies.key.color" in str(told.value)
+
+
+@pytest.mark.parametrize("name", ["pendulum", "hammer_string", "mass_spring"])
+def test_other_machines_have_knobs_and_say_what_is_missing(name, root):
+    bench = Bench(feltmb.load_action(root / "tests" / "data" / f"{name}.toml"))
+    assert any(k.startswith("mass.") for k in bench.knobs)
+    assert any("regulation targets" in note for note in bench.notes)
+
+
+def test_what_a_diagnosis_names_is_a_knob(bench):
+    assert knob_of(bench, "felt.06") == "felt.06"
+    assert knob_of(bench, "capstan_height") == "screw.lost motion"
+    assert knob_of(bench, "let_off_button") == "screw.let-off"
+    assert knob_of(bench, "input_delay") == ""
+
+
+def test_parts_are_colored_by_their_share(bench):
+    shares = [("contact 06, hammer - string", 0.8), ("whippen joint", 0.3), ("input", 1.0)]
+    tint = dict(zip(["ground", *bench.action.config.bodies], tint_of(bench, shares), strict=True))
+    assert tint["head"] == tint["ground"] == 0.8
+    assert tint["whippen"] == 0.3
+    assert tint["jack"] == 0.0
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"kind": "packaged", "name": "no such"},
+        {"kind": "press", "force": -1.0},
+        {"kind": "press", "force": float("inf")},
+        {"kind": "drawn", "time": [0.0] * (MOST_KNOTS + 1), "value": [0.0] * (MOST_KNOTS + 1)},
+        {"kind": "fly"},
+        {"kind": "press", "more": 1},
+    ],
+)
+def test_what_cannot_be_played_is_refused(given):
+    with pytest.raises(InvalidParameter):
+        Asked.read({"id": 1, "playing": given})
+
+
+def test_a_stroke_that_lasts_too_long_is_refused():
+    long = Playing(kind="repeat", rate=1.0, count=12)
+    with pytest.raises(InvalidParameter, match="at most"):
+        long.stroke()
+
+
+@pytest.mark.parametrize("kind", ["press", "strike", "slow", "repeat", "free"])
+def test_every_way_to_play_is_a_stroke(kind):
+    assert 0.0 < Playing(kind=kind).stroke().duration <= 3.0
+
+
+def test_the_shelf_keeps_a_few_files_under_names_of_its_own(tmp_path):
+    from feltmb.live.measured import MOST_FILES
+
+    shelf = Shelf(tmp_path)
+    for k in range(MOST_FILES + 3):
+        entry = shelf.add(f"../../r{k}.csv", b"time [s],u [V]\n0,1\n1,2\n")
+    assert entry["name"] == f"r{MOST_FILES + 2}.csv"
+    assert len(shelf.listing()) == MOST_FILES
+    assert all(tmp_path in path.parents for path in shelf.paths([]))
+    assert not (tmp_path.parent / "r0.csv").exists()
+    with pytest.raises(InvalidParameter, match="expected a file"):
+        shelf.add("page.html", b"")

@@ -1,0 +1,121 @@
+"""Draws the pictures of docs/howto/live.md: the live page in Chromium, by day and by night.
+
+python tools/make_live_pictures.py
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from docs_pages import small_png
+
+ROOT = Path(__file__).resolve().parents[1]
+
+FOLDER = ROOT / "docs" / "img" / "live"
+#: Name -> width, height, scheme, tab, how far down.
+VIEWS = {
+    "wide": (1400, 1000, "light", "regulation", 0),
+    "wide_dark": (1400, 1000, "dark", "numbers", 0),
+    "middle": (800, 1000, "light", "numbers", 0),
+    "middle_dark": (800, 1000, "dark", "numbers", 0),
+    "narrow": (390, 844, "light", "numbers", 400),
+    "narrow_dark": (390, 844, "dark", "numbers", 400),
+    "regulation": (1000, 420, "light", "regulation", -1),
+    "touch": (1000, 520, "light", "touch", -1),
+    "measured": (1000, 900, "light", "measured", -1),
+}
+TURN = (
+    "feltmbLive.change('t', n => { n.knobs['screw.let-off'] = -0.0008; }); feltmbLive.fillTurn(); 1"
+)
+
+
+def browser_of_the_tests() -> Any:
+    """The tests' Chromium, driven by its DevTools protocol."""
+    path = ROOT / "tests" / "python" / "viewer" / "conftest.py"
+    spec = importlib.util.spec_from_file_location("viewer_browser", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.Browser
+
+
+def until(page: Any, expression: str) -> None:
+    """Wait until an expression of the page is true."""
+    end = time.monotonic() + 120.0
+    while not page.run(expression):
+        if time.monotonic() > end:
+            raise TimeoutError(f"{expression}: {page.complaints()}")
+        time.sleep(0.1)
+
+
+def measured_file(folder: Path) -> Path:
+    """A stroke of an action whose capstan stands 0.3 mm too low, with the noise of a camera."""
+    import numpy as np
+
+    import feltmb
+
+    action = feltmb.load_action("steinway45").with_values({"surfaces.Kp2.point.y": 32.3})
+    run = feltmb.simulate(action, "piano", output_rate=2000.0)
+    noise = np.random.default_rng(3).normal(scale=2e-5, size=(len(run.time), 2))
+    rows = ["time [s],finger.force [N],key_front.y [mm],hammer_tip.x [mm]"]
+    for i, t in enumerate(run.time):
+        moved = [run[n][i] - run[n][0] for n in ("key_front.y", "hammer_tip.x")] + noise[i]
+        numbers = ",".join(f"{1e3 * v:.5g}" for v in moved)
+        rows.append(f"{t:.6g},{run['finger.force'][i]:.6g},{numbers}")
+    path = folder / "rig.csv"
+    path.write_text("\n".join(rows), encoding="utf-8")
+    return path
+
+
+def main() -> None:
+    """Draw all of them."""
+    from feltmb.live.server import Live
+
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    wanted = sys.argv[1:] or list(VIEWS)
+    with tempfile.TemporaryDirectory() as text, browser_of_the_tests()(1400, 1000) as page:
+        folder = Path(text)
+        live = Live("steinway45", [measured_file(folder)])
+        threading.Thread(target=live.run, daemon=True).start()
+        while not live.started:
+            time.sleep(0.05)
+        for name in wanted:
+            width, height, scheme, tab, down = VIEWS[name]
+            page.resize(width, height)
+            feature = {"name": "prefers-color-scheme", "value": scheme}
+            page.call("Emulation.setEmulatedMedia", features=[feature])
+            page.open("about:blank")
+            page.open(live.address)
+            until(page, "!!(window.feltmbLive && feltmbLive.viewer)")
+            if name != "measured":
+                page.run("feltmbLive.keep(); 1")
+                page.run(TURN)
+            page.run(f"feltmbLive.tab = '{tab}'; feltmbLive.fillTab(); feltmbLive.ask(); 1")
+            until(page, "feltmbLive.got.a.quality === 'full' && !feltmbLive.dirty")
+            kinds = {"regulation": "targets", "touch": "touch", "measured": "measured"}
+            if tab in kinds:
+                until(page, f"!!(feltmbLive.last && feltmbLive.last['{kinds[tab]}'])")
+            page.run("feltmbLive.viewer.seek(88); feltmbLive.say(''); 1")
+            if down < 0:
+                page.run("document.getElementById('more').scrollIntoView(); 1")
+            else:
+                page.run(f"window.scrollTo(0, {down}); 1")
+            time.sleep(0.5)
+            drawn = folder / f"{name}.png"
+            drawn.write_bytes(page.picture())
+            small_png(drawn, FOLDER / f"{name}.png", width=min(width, 1300), colors=256)
+            print(name, flush=True)
+        live.stop()
+
+
+if __name__ == "__main__":
+    main()
