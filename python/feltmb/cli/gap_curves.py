@@ -80,7 +80,7 @@ def remaining_picture(report: Report) -> Figure | None:
     shares = remaining_by_part(report)
     if not shares:
         return None
-    action: Action = report.fit.problem.model.core.action  # type: ignore[attr-defined]
+    action: Action = report.fit.problem.model.core.action
     labels = {b: action.config.bodies[b].label or b for b in shares if b in action.config.bodies}
     told = ", ".join(f"{labels.get(b, b)} {100.0 * s:.0f} %" for b, s in shares.items())
     return mechanism(action, title=f"remaining gap: {told}", shares=shares)
