@@ -91,10 +91,8 @@ def picture_html(figure: Figure) -> str:
     import base64
     import io
 
-    from feltmb.style import DPI
-
     made = io.BytesIO()
-    figure.savefig(made, format="png", dpi=DPI)
+    figure.savefig(made, format="png", dpi=110)
     data = base64.b64encode(made.getvalue()).decode()
     return (
         "<h3>Parts by their share of the remaining gap</h3>\n"
