@@ -19,7 +19,6 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from feltmb.gap.diagnose import prepare
 
 from blind import action_truth as truth
 from blind.action_calibration import packaged_scales, to_record
@@ -29,6 +28,7 @@ from feltmb.data import Array
 from feltmb.fit.problem import Point, Problem
 from feltmb.fit.solve import Fit, FitSettings, fit_problem
 from feltmb.gap.checks import check_records
+from feltmb.gap.diagnosis import prepare
 from feltmb.gap.refine import full_evidence
 
 __all__ = ["Result", "cases", "measure", "problem_of", "read", "starts", "table"]

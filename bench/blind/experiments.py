@@ -33,7 +33,6 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from feltmb.fit.cache import Cache
 
 from blind import truth, truth_machine, truth_sensors
 from blind.key_hammer import PARAMETERS, KeyHammer, effects

@@ -149,13 +149,13 @@ STORIES: dict[str, Story] = {
     ),
     "tilt": Story(
         seen=_tilted(0.035),
-        verdicts=("NAMED",),
+        verdicts=("DATA PROBLEM",),
         words=("camera_tilt|tilt",),
         size=("camera_tilt", -0.035),
     ),
     "scale": Story(
         seen=_scaled(1.06),
-        verdicts=("NAMED",),
+        verdicts=("DATA PROBLEM",),
         words=("camera_scale|scale",),
         size=("camera_scale", 0.06),
     ),
@@ -163,7 +163,7 @@ STORIES: dict[str, Story] = {
     "absolute": Story(absolute=True, verdicts=("NO GAP",), words=()),
     "late": Story(
         seen=_late(2e-3),
-        verdicts=("NAMED",),
+        verdicts=("DATA PROBLEM",),
         words=("input_delay|force sensor",),
         size=("input_delay", 2e-3),
     ),

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
+import numpy as np
+
 from feltmb.adapters.library import Signal
 from feltmb.data import Array, Record
 from feltmb.fit.shift import shifted
@@ -79,7 +81,8 @@ def observe_by(
                     if other < 0:
                         continue
                     turn = magnitudes[b] if axis == "x" else -magnitudes[b]
-                    out[b, span, i] += turn * y[b, span, other]
+                    turned = np.cos(turn) * y[b, span, i] + np.sin(turn) * y[b, span, other]
+                    out[b, span, i] = turned
         return out
 
     return observe

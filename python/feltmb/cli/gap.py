@@ -206,7 +206,7 @@ def run(
         viewers = record_viewers(report, records)
         remains = remaining_picture(report)
         if remains is not None:
-            say_written(save_figure(remains, output / "remains.png", force=force))
+            save_figure(remains, output / "remains.png", force=force)
             viewers = picture_html(remains) + viewers
         for path in write_report(report, output, force=force, viewers=viewers):
             say_written(path)

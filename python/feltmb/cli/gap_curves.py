@@ -80,7 +80,7 @@ def remaining_picture(report: Report) -> Figure | None:
     shares = remaining_by_part(report)
     if not shares:
         return None
-    action: Action = report.fit.problem.model.core.action  # type: ignore[attr-defined]
+    action: Action = report.fit.problem.model.core.action
     labels = {b: action.config.bodies[b].label or b for b in shares if b in action.config.bodies}
     told = ", ".join(f"{labels.get(b, b)} {100.0 * s:.0f} %" for b, s in shares.items())
     return mechanism(action, title=f"remaining gap: {told}", shares=shares)
@@ -91,10 +91,8 @@ def picture_html(figure: Figure) -> str:
     import base64
     import io
 
-    from feltmb.style import DPI
-
     made = io.BytesIO()
-    figure.savefig(made, format="png", dpi=DPI)
+    figure.savefig(made, format="png", dpi=110)
     data = base64.b64encode(made.getvalue()).decode()
     return (
         "<h3>Parts by their share of the remaining gap</h3>\n"

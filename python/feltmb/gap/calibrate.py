@@ -81,7 +81,7 @@ def calibrate(
             fit.problem,
             model=_with_priors_about(fit, generator),
             segmented_records=segmented_records,
-            cache=None,
+            store=None,
         )
         again = polish(problem, replace(fit.point, memo={}), fit.level, settings)
         singles = score_fit(again, included).singles()

@@ -22,7 +22,7 @@ from scipy.stats import qmc
 from feltmb.arguments import checked
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import FeltmbError, InvalidParameter
-from feltmb.fit.cache import Cache
+from feltmb.files import Store
 from feltmb.fit.calling import calling
 from feltmb.fit.model import VARIABILITY, Effect, Model
 from feltmb.gap.checks import with_sigma
@@ -229,8 +229,8 @@ def design(
     if not tested:
         raise InvalidParameter(f"plan: model {model.name} can simulate none of the effects")
     every = all_candidates(tested)
-    cache = None if folder is None else Cache(Path(folder))
-    work = _Work(model, limits, _sensors(model, limits, records, sensors), cache, seed, progress)
+    store = None if folder is None else Store(Path(folder))
+    work = _Work(model, limits, _sensors(model, limits, records, sensors), store, seed, progress)
     work.every = every
     with calling(f"model {model.name}: its simulation"):
         known = []
@@ -238,7 +238,7 @@ def design(
             work.tell("what the records tell", i, len(records))
             shown = {n: s for n, s in r.sensors.items() if n in model.outputs}
             noisy = with_sigma(r, _noise(r)) if shown else r
-            found = information(model, noisy, every, cache=cache)
+            found = information(model, noisy, every, store=store)
             if found is not None:
                 known.append(found)
         if belief is None and known:
@@ -343,12 +343,12 @@ class _Work:
         model: Model,
         limits: Limits,
         sensors: Mapping[str, Sensor],
-        cache: Cache | None,
+        store: Store | None,
         seed: int,
         progress: Tell | None,
     ):
         self.model, self.limits, self.sensors = model, limits, sensors
-        self.cache, self.seed, self.progress = cache, seed, progress
+        self.store, self.seed, self.progress = store, seed, progress
         self.every: Any = ()
         self.failed = self.made = 0
         self._known: dict[tuple[Any, ...], _Option | None] = {}
@@ -418,7 +418,7 @@ class _Work:
         record = None if profile is None else self.record(input_name, profile, "planned")
         if profile is None or record is None:
             return None
-        found = information(self.model, record, self.every, cache=self.cache)
+        found = information(self.model, record, self.every, store=self.store)
         if found is None:
             self.failed += 1
             return None

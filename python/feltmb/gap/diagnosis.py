@@ -202,7 +202,7 @@ def _investigate(
         point = replace(near, memo={})
         brief = replace(settings, restarts=0)
         fit = fit_problem(problem, brief, point=point, progress=progress, label=label)
-    if not (led or (fit is not None and fit.explains)):
+    if fit is None or not (led or fit.explains):
         way = settings if fit is None else replace(settings, restarts=0)
         other = fit_problem(problem, way, progress=progress, label=label)
         fit = other if fit is None or other.log_evidence > fit.log_evidence else fit

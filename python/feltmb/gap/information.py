@@ -28,8 +28,7 @@ from scipy import stats
 from feltmb.arguments import checked
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import FeltmbError, InvalidParameter
-from feltmb.files import package_digest
-from feltmb.fit.cache import Cache
+from feltmb.files import Store, digest_of, package_digest
 from feltmb.fit.model import Candidate, Model
 from feltmb.fit.problem import Problem, solve_scaled
 from feltmb.fit.segmented_records import segment_record
@@ -135,16 +134,16 @@ def information(
     record: Record,
     candidates: tuple[Candidate, ...],
     *,
-    cache: Cache | None = None,
+    store: Store | None = None,
 ) -> Information | None:
     """What a record tells, or would; None: it cannot be simulated.
 
     The outputs of the record count as measured.
     """
-    identity = None if cache is None else _identity(model)
-    if cache is None or identity is None:
+    identity = None if store is None else _identity(model)
+    if store is None or identity is None:
         return _information(model, record, candidates)
-    key = Cache.key(
+    key = digest_of(
         package_digest(),
         identity,
         [(p.name, p.value, p.lower, p.upper, p.sd > 0.0) for p in model.parameters],
@@ -157,15 +156,15 @@ def information(
         *(record.inputs[n] for n in sorted(record.inputs)),
         *(record.outputs[n] for n in sorted(record.outputs)),
     )
-    found = cache.get(key)
+    found = store.get(key)
     if found is not None:
-        square, samples = float(found["square"]), float(found["samples"])
-        return Information(found["matrix"], found["right"], square, samples, kept=True)
+        square, samples = float(found.data["square"]), float(found.data["samples"])
+        arrays = found.arrays
+        return Information(arrays["matrix"], arrays["right"], square, samples, kept=True)
     made = _information(model, record, candidates)
     if made is not None:
-        arrays = {"matrix": made.matrix, "right": made.right}
-        numbers = {"square": np.array(made.square), "samples": np.array(made.samples)}
-        cache.put(key, {**arrays, **numbers})
+        numbers = {"square": float(made.square), "samples": float(made.samples)}
+        store.put(key, numbers, {"matrix": made.matrix, "right": made.right})
     return made
 
 

@@ -84,7 +84,7 @@ def _until(problem: Problem, share: float) -> Problem:
     """The problem with a beginning of its records alone."""
     if share >= 1.0:
         return problem
-    records = tuple(s.until(share) for s in problem.segmented_records)
+    records = tuple(s.until(round(share * s.record.samples)) for s in problem.segmented_records)
     return replace(problem, segmented_records=records)
 
 

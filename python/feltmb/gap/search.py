@@ -236,6 +236,8 @@ class _Hunt:
         fits = [self.model_fit] + ([] if self.tight_fit is None else [self.tight_fit])
         self.explained = all(f.explains for f in fits)
         self.near = self._nearby()
+        # The model was fitted from there when the set was led.
+        may_restart = may_restart and self.near is None
         self._screen()
         if current().stopping():
             return None

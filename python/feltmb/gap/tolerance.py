@@ -42,7 +42,7 @@ def besides_tolerances(fit: Fit, effects: Sequence[Effect]) -> list[Effect]:
     The score of such an effect is what its parameter is off, which ``TOLERATED`` judges.
     """
     far = beyond_prior(fit)
-    return [e for e in effects if not e.beyond or e.beyond in far]
+    return [e for e in effects if not e.tolerance_parameter or e.tolerance_parameter in far]
 
 
 def prior_deviations_told(fit: Fit) -> str:

@@ -265,7 +265,8 @@ def test_a_turned_camera_turns_what_is_recorded_of_a_point_in_part():
     (tilt,) = effects
     shown = np.array([[[1.0, 0.25], [2.0, 0.5]]])
     turned = tilt.observe(None, shown, np.array([[0, 1]]), np.array([0.1]), None)
-    assert turned[0, :, 0] == pytest.approx([1.0 - 0.025, 2.0 - 0.05])
+    c, s = np.cos(0.1), np.sin(0.1)
+    assert turned[0, :, 0] == pytest.approx([c - 0.25 * s, 2.0 * c - 0.5 * s], rel=1e-12)
     assert all("whippen.x" not in r.outputs for r in planned_strokes(model))
     plain, _ = resolve("steinway45", {"channels": "whippen", "effects": "camera_scale"})
     assert plain.outputs == ("whippen.y",)
