@@ -22,7 +22,7 @@ __all__ = ["fmu_model"]
 
 def _fmpy() -> Any:
     try:
-        import fmpy  # type: ignore[import-not-found,unused-ignore]
+        import fmpy  # type: ignore[import-not-found,import-untyped,unused-ignore]
     except ImportError:
         raise InvalidParameter(
             "fmu_model: the package fmpy is not installed; pip install fmpy"

@@ -7,11 +7,11 @@ import feltmb
 
 ROOM = 2e-6  # of the work throughput, at rtol 1e-8
 #: Shank and wire ring on undamped after a strike. The BDF of order 5 takes a little of that in
-#: every period, (h omega)^5 in proportion, h as the sixth root of rtol: what is missing is a loss, grows
-#: with time and falls as rtol^(5/6), by 46 in two decades. Half a second of staccato loses 6.0e-6
-#: and 1.7e-7 of the work at rtol 1e-8 and 1e-10. With the string in the integrator to the end
-#: (method cvode) it is 1.5e-6 at 1e-8: the error test takes the mean square over all states, and
-#: with a string at rest among them it allows the wire half the error.
+#: every period, (h omega)^5 in proportion, h as the sixth root of rtol: what is missing is a loss,
+#: grows with time and falls as rtol^(5/6), by 46 in two decades. Half a second of staccato loses
+#: 6.0e-6 and 1.7e-7 of the work at rtol 1e-8 and 1e-10. With the string in the integrator to the
+#: end (method cvode) it is 1.5e-6 at 1e-8: the error test takes the mean square over all states,
+#: and with a string at rest among them it allows the wire half the error.
 ROOM_RINGING = 1e-5
 RIGID = {"shank.rigid": True, "wire.rigid": True}
 JOINTS = ("balance_slider", "key", "whippen", "jack", "butt", "damper")
