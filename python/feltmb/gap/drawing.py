@@ -77,7 +77,7 @@ def ledger_map(
     heights = [len(channels[r]) + 1.6 for r in records]
     figure = new_figure(WIDTH, 0.27 * sum(heights) + 0.2)
     panels = figure.subplots(len(records), 1, squeeze=False, height_ratios=heights)[:, 0]
-    tips = {}
+    tips: dict[str, str] = {}
     for record, ax in zip(records, panels, strict=True):
         own = [c for c in cells if c.record == record]
         _rows(ax, channels[record])
@@ -110,7 +110,7 @@ def bars(
     figure = new_figure(WIDTH, 0.27 * len(shown) + 0.5)
     ax = figure.subplots()
     _rows(ax, [r.effect for r in shown])
-    tips = {}
+    tips: dict[str, str] = {}
     for i, r in enumerate(shown):
         color = BLUE if r.named else (RED if r.effect in one_of else GRAY)
         note = ""
