@@ -110,7 +110,7 @@ def bars(
     figure = new_figure(WIDTH, 0.27 * len(shown) + 0.5)
     ax = figure.subplots()
     _rows(ax, [r.effect for r in shown])
-    tips = {}
+    tips: dict[str, str] = {}
     for i, r in enumerate(shown):
         color = BLUE if r.named else (RED if r.effect in one_of else GRAY)
         note = ""
