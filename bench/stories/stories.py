@@ -110,7 +110,7 @@ STORIES: dict[str, Story] = {
         words=("hammer head", "lighter"),
         size=("mass.head", -0.1),
     ),
-    # Heavier in mass alone, as one would set it; the tolerance scales inertia as well.
+    # Heavier in mass alone, as one would set it; mass.head scales inertia as well.
     "heavy": Story(
         settings={"bodies.head.mass": "9 g"},
         verdicts=(CALIBRATED,),
