@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The same set-up as run.sh, then formatting, lint, types, and every test in C++ and Python:
+# The same set-up as run.sh, then formatting, lint, types, every test in C++ and Python, and the site:
 #   bash tools/test.sh [--slow] [options of pytest]
 # --slow adds the tests marked slow. Each part runs even when another failed.
 set -euo pipefail
@@ -86,6 +86,10 @@ if part 'C++ build' build_cpp_tests; then
 else
   result 'C++ tests' 'not run: they were not built'
 fi
+
+# ---------------------------------------------------------------- site: pages, links, notebooks
+
+part 'site' bash tools/docs.sh || true
 
 # ---------------------------------------------------------------- summary, then Python
 

@@ -103,7 +103,8 @@ def reader_unit(unit: str) -> tuple[float, str]:
 def new_figure(width: float, height: float) -> Figure:
     """Figure of a size in inches with a canvas of its own."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+
+    from feltmb.figure import Figure
 
     figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)

@@ -12,7 +12,7 @@ import pytest
 HERE = Path(__file__).resolve()
 ROOT = HERE.parents[2]
 
-GROUND = "errors units arguments files display"
+GROUND = "errors units arguments files display figure"
 MODEL = f"{GROUND} _core params fiber contact mechanism"
 RUN = f"{MODEL} data run"
 
@@ -42,7 +42,8 @@ MAY_USE = {
         "arguments": "errors units",
         "files": "errors",
         "display": "",
-        "style": "errors",
+        "figure": "",
+        "style": "errors figure",
         "_core": "",
         "params": "errors units",
         "data": GROUND,

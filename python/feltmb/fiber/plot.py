@@ -31,7 +31,7 @@ FELT_EXAMPLES: dict[str, dict[str, float]] = {
 
 def new_figure(width: float = 7.0, height: float = 4.6) -> Any:
     """Figure of a size in inches."""
-    from matplotlib.figure import Figure
+    from feltmb.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")
 

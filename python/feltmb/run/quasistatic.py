@@ -4,7 +4,7 @@ Two ways. :func:`simulated_press` simulates a finger that goes down at a constan
 everything that the model has. :func:`slow_press` leaves inertia out: at each finger travel the
 forces balance, Q(q, dq/dt) = 0 with dq/dt from the path itself (implicit Euler), the finger force
 being the multiplier of the prescribed travel; nothing oscillates, and with Coulomb friction the
-path does not depend on the speed. ``docs/howto/regulate_an_action.md`` compares them.
+path does not depend on the speed. ``docs/validation/2026-11_regulation.md`` compares them.
 """
 
 from __future__ import annotations

@@ -42,6 +42,7 @@ def test_short_words_of_a_run_and_a_mechanism(run):
 
 def test_pictures_of_a_run_and_a_mechanism(run):
     assert len(run.plot().axes) > 1
+    assert run.plot("finger_force")._repr_png_().startswith(b"\x89PNG")
     assert run.plot("motion").axes[-1].get_xlabel() == "time [ms]"
     assert feltmb.load_action("steinway45").plot().axes
     with pytest.raises(
@@ -106,6 +107,7 @@ def test_a_study_is_an_array_and_a_picture():
     assert data["impact_speed"].attrs == {"units": "m/s"}
     assert data["string_contact_duration"].attrs == {"units": "s"}
     assert result.plot("tip") is result.figures["tip"]
+    assert result.plot()._repr_png_().startswith(b"\x89PNG")
     assert "<table>" in result._repr_html_()
     with pytest.raises(feltmb.InvalidParameter, match="no figure 'top', expected one of: tip"):
         result.plot("top")

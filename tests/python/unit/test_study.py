@@ -546,7 +546,7 @@ def test_study_of_the_documentation_runs():
 
 def test_documentation_counts_the_findings():
     docs = Path(__file__).parents[3] / "docs"
-    text = (docs / "howto" / "run_studies.md").read_text(encoding="utf-8")
+    text = (docs / "validation" / "2026-11_studies.md").read_text(encoding="utf-8")
     for name, (thesis, own) in OUTCOMES.items():
         row = re.search(rf"^\| `{name}` \|.*$", text, re.MULTILINE)
         assert row is not None, name

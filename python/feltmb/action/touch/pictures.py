@@ -19,7 +19,7 @@ PRESS, RELEASE, LIFTED, MUTED = "#0b5394", "#b45f06", "#38761d", "#777777"
 
 def static_figure(name: str, static: StaticTouch, slow: SimulatedPress) -> Any:
     """Force against travel: press and release, let-off and key bottom marked."""
-    from matplotlib.figure import Figure
+    from feltmb.figure import Figure
 
     s = static
     figure = Figure(figsize=(7.5, 5.0), layout="constrained")
@@ -89,8 +89,9 @@ def dynamic_figure(
 ) -> Any:
     """Impact speed, key-bottom time and travel time of the families of strikes."""
     import numpy as np
-    from matplotlib.figure import Figure
     from matplotlib.ticker import FuncFormatter
+
+    from feltmb.figure import Figure
 
     figure = Figure(figsize=(9.0, 7.0), layout="constrained")
     panels = figure.subplots(2, 2)
