@@ -353,12 +353,17 @@ def run_cases(
             row["expected"] = player.expected(own.truth, own.records, own.parts)
         return row
 
+    def done(case: truth.Case, policy: str) -> bool:
+        found = read_json(path(case)) if path(case).exists() else {}
+        rows = found.get(policy, {}).get("rounds", [])
+        return bool(rows) and rows[-1]["experiments"] == ROUNDS[-1]
+
     first = defaults(cases)
     for policy in policies:
         todo = [
             Case(c, list(r), [], gap.Belief(weights={}), [], [])
             for c, r in zip(cases, first, strict=True)
-            if not (path(c).exists() and policy in read_json(path(c)))
+            if not done(c, policy)
         ]
         for until in ROUNDS:
             owners, batch = [], []
@@ -373,9 +378,7 @@ def run_cases(
             for own in todo:
                 if left():
                     own.rows.append({"experiments": until, **score(own)})
-        for own in todo:
-            if own.rows and own.rows[-1]["experiments"] == ROUNDS[-1]:
-                keep(own.truth, **{policy: {"rounds": own.rows, "asked": own.asked}})
+                    keep(own.truth, **{policy: {"rounds": own.rows, "asked": own.asked}})
 
 
 def ask(

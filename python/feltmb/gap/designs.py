@@ -364,7 +364,7 @@ class _Work:
         """The run with what the model gives; None: it cannot be simulated."""
         rate = self.limits.sample_rate
         time = np.arange(max(16, math.floor(profile.end * rate + 1e-6) + 1)) / rate
-        mode, others = _mode_of(self.model, input_name)
+        mode, others = _mode_of(self.model, input_name, self.limits)
         inputs = {
             n: np.full(time.size, self.limits.inputs[n].start if n in self.limits.inputs else 0.0)
             for n in others
@@ -492,12 +492,15 @@ class _Work:
         return best
 
 
-def _mode_of(model: Model, name: str) -> tuple[Any, list[str]]:
-    """Input mode in which a model reads an input, and all inputs that it needs then."""
+def _mode_of(model: Model, name: str, limits: Limits) -> tuple[Any, list[str]]:
+    """Input mode in which a model reads an input, and all inputs that it needs then.
+
+    A model that does not say so has those of the limits.
+    """
     for mode, names in model.input_modes.items():
         if name in names:
             return mode, list(names)
-    return "force", list(getattr(model, "inputs", ())) or [name]
+    return "force", list(getattr(model, "inputs", ())) or list(limits.inputs)
 
 
 def _farthest(records: Sequence[Record], sensors: Mapping[str, Sensor], most: int) -> list[int]:

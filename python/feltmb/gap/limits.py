@@ -191,6 +191,10 @@ class _LimitsFile(Schema):
     parts: list[_Part] = Field(default_factory=list)
 
 
+#: Rates of an input whose unit is not told.
+_BARE = ("1/s", "1/s^2")
+
+
 def _per(unit: str, power: int) -> str:
     second = "s" if power == 1 else f"s^{power}"
     return f"1/{second}" if unit == "1" else f"{unit}/{second}"
@@ -224,7 +228,8 @@ def read_limits(path: str | Path, model: Model) -> Limits:
         try:
             return in_unit(value, unit)
         except (ValueError, InvalidParameter) as error:
-            faults.append(f"{where}: {error}")
+            hint = '; hint: the table says its unit, unit = "N"' if unit in ("1", *_BARE) else ""
+            faults.append(f"{where}: {error}{hint}")
             return math.nan
 
     inputs: dict[str, dict[str, Any]] = {}

@@ -1,0 +1,78 @@
+"""What experiments on the whole action are expected to tell: designed, random, repeats.
+
+No truth and no diagnosis: the linearized expectation that `feltmb gap plan` works with, of all
+default effects at half, once and twice the size that one would expect. It says what a plan promises
+over chance; what comes of it is for the interactive bench.
+
+    PYTHONPATH=bench python -m blind.action_plans
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from feltmb import gap
+from feltmb.adapters import finger_limits, mechanism_model, planned_strokes
+from feltmb.fit.cache import Cache
+from feltmb.gap.information import Information, Knowledge, information
+from feltmb.gap.planning import planned as expected_of
+from feltmb.gap.score import all_candidates
+from feltmb.mechanism import load_action
+
+__all__ = ["compare"]
+
+COUNTS = (1, 2, 4, 6)
+DRAWS = 12
+
+
+def compare(folder: Path | None = None) -> list[tuple[str, int, float, float]]:
+    """(policy, experiments, expected belief in the right name, the same of a class of two)."""
+    model, effects = mechanism_model(load_action("steinway45"))
+    limits = finger_limits(model)
+    assert limits is not None
+    planned = planned_strokes(model)
+    sensors = planned[0].sensors
+    every = all_candidates(effects)
+    start = Knowledge.start(model, every, gap.Belief.even(every))
+    cache = None if folder is None else Cache(folder)
+
+    def told(record: Any) -> Information:
+        found = information(model, record, every, cache=cache)
+        assert found is not None
+        return found
+
+    def value(some: list[Information]) -> tuple[float, float]:
+        known = start
+        for one in some:
+            known = known.plus(one)
+        weights = known.belief.over(every)
+        return known.names(), float(weights @ known.beliefs(2))
+
+    out = []
+    found = gap.design(
+        model, effects, limits=limits, sensors=sensors, budget=float(COUNTS[-1]), folder=folder
+    )
+    designed = [told(e.record) for e in found.experiments]
+    repeats = [told(expected_of(model, r, sensors)) for r in planned]
+    drawn = [
+        told(gap.draw_experiment(model, limits, sensors=sensors, seed=i)[2]) for i in range(DRAWS)
+    ]
+    generator = np.random.default_rng(0)
+    for count in COUNTS:
+        out.append(("designed", count, *value(designed[:count])))
+        sets = [generator.choice(DRAWS, size=count, replace=False) for _ in range(20)]
+        mean = np.mean([value([drawn[i] for i in s]) for s in sets], axis=0)
+        out.append(("random", count, float(mean[0]), float(mean[1])))
+        some = [repeats[i % len(repeats)] for i in range(count)]
+        out.append(("repeats", count, *value(some)))
+    return out
+
+
+if __name__ == "__main__":
+    import sys
+
+    for row in compare(Path(sys.argv[1]) if len(sys.argv) > 1 else None):
+        print("| {} | {} | {:.0%} | {:.0%} |".format(*row))
