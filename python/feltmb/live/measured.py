@@ -311,7 +311,7 @@ def told(report: Report, bench: Bench) -> dict[str, Any]:
         "tint": tint_of(
             bench,
             [(c.component, c.explained) for c in report.where.components if c.significant]
-            + [(c.component, c.share) for c in report.calibrated],
+            + [(knob_of(bench, c.name) or c.component, c.share) for c in report.calibrated],
         ),
         "stopped": report.stopped,
     }
@@ -331,19 +331,39 @@ def knob_of(bench: Bench, effect: str) -> str:
 
 
 def tint_of(bench: Bench, shares: Sequence[tuple[str, float]]) -> list[float]:
-    """Share of the gap by body, the ground first: the largest of the places that touch it."""
+    """Share of the gap by body, the ground first: the largest of the places that touch it.
+
+    A place is a knob, or what a report calls a component.
+    """
     config = bench.action.config
     bodies = ["ground", *config.bodies]
     out = dict.fromkeys(bodies, 0.0)
     for place, share in shares:
-        if not math.isfinite(share):
-            continue
-        number = re.match(r"contact (\d+)", place)
-        contact = config.contacts.get(number.group(1)) if number else None
-        if contact is not None:
-            touched = [config.surfaces[name].body for name in contact.surfaces]
-        else:
-            touched = [n for n, b in config.bodies.items() if place.startswith(b.label or n)]
-        for body in touched:
+        for body in _touched(bench, place) if math.isfinite(share) else ():
             out[body] = max(out[body], min(1.0, max(0.0, share)))
     return [round(out[body], 3) for body in bodies]
+
+
+def _touched(bench: Bench, place: str) -> list[str]:
+    """Bodies at a place."""
+    config = bench.action.config
+    number = re.match(r"contact (\d+)", place)
+    if number and number.group(1) in config.contacts:
+        return [config.surfaces[name].body for name in config.contacts[number.group(1)].surfaces]
+    knob = bench.knobs.get(place)
+    if knob is None:
+        return [n for n, b in config.bodies.items() if place.startswith(b.label or n)]
+    found = []
+    for table, name, *_ in (change.path.split(".") for change in knob.changes):
+        if table == "bodies":
+            found.append(name)
+        elif table == "surfaces":
+            found.append(config.surfaces[name].body)
+        elif table == "contacts":
+            found += [config.surfaces[n].body for n in config.contacts[name].surfaces]
+        elif table == "springs":
+            coordinate = config.springs[name].coordinate
+            found += [n for n, b in config.bodies.items() if b.coordinate == coordinate]
+        elif table == "straps":
+            found += [config.straps[name].body_a, config.straps[name].body_b]
+    return found

@@ -79,10 +79,13 @@ def test_what_a_diagnosis_names_is_a_knob(bench):
 
 def test_parts_are_colored_by_their_share(bench):
     shares = [("contact 06, hammer - string", 0.8), ("whippen joint", 0.3), ("input", 1.0)]
+    shares += [("screw.lost motion", 0.6), ("spring.jack_spring", 0.1)]
     tint = dict(zip(["ground", *bench.action.config.bodies], tint_of(bench, shares), strict=True))
     assert tint["head"] == tint["ground"] == 0.8
     assert tint["whippen"] == 0.3
-    assert tint["jack"] == 0.0
+    assert tint["key"] == 0.6
+    assert tint["jack"] == 0.1
+    assert tint["damper"] == 0.0
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 import tomllib
 
 import httpx
+import numpy as np
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
@@ -310,3 +311,36 @@ def test_memory_is_flat_while_dragging(live, client):
         print(f"{k} changes, {sizes[0]:.0f} to {sizes[-1]:.0f} MB")
         half = sizes[len(sizes) // 2 :]
         assert half[-1] - half[0] < 30.0
+
+
+@pytest.mark.slow
+def test_a_diagnosis_names_a_capstan_and_the_page_can_apply_it(live, client):
+    action = feltmb.load_action("steinway45").with_values({"surfaces.Kp2.point.y": 32.0})
+    channels = ["key_front.y", "whippen.y", "hammer_tip.x", "hammer_tip.y", "backcheck.x"]
+    rng = np.random.default_rng(1)
+    files = []
+    for name in ("forte", "piano", "staccato"):
+        run = feltmb.simulate(action, name, output_rate=2000.0)
+        moved = np.column_stack([1e3 * (run[c] - run[c][0]) for c in channels])
+        moved += rng.normal(scale=0.02, size=moved.shape)
+        table = np.column_stack([run.time, run["finger.force"], moved])
+        head = ",".join(["time [s]", "finger.force [N]", *(f"{c} [mm]" for c in channels)])
+        rows = "\n".join(",".join(f"{v:.7g}" for v in row) for row in table)
+        post = {"headers": own(live), "params": {"name": f"{name}.csv"}, "timeout": 60}
+        answer = httpx.post(live.address + "records", content=f"{head}\n{rows}".encode(), **post)
+        files.append(answer.json()["file"])
+    with client(live) as page:
+        page.send("diagnose", files=files, budget=300.0)
+        told = page.until(lambda m: m["on"] == "diagnosis", 3000.0)
+        assert "capstan" in told["statement"]
+        (found,) = (c for c in told["calibrated"] if "capstan" in c["effect"])
+        assert found["knob"] == "screw.lost motion"
+        assert found["magnitude"] == pytest.approx(-6e-4, rel=0.05)
+        bodies = ["ground", *action.config.bodies]
+        assert told["tint"][bodies.index("key")] > 0.5
+        rms = []
+        for number, knobs in enumerate([{}, {found["knob"]: found["magnitude"]}]):
+            page.send("measure", id=900 + number, files=files, turned={"knobs": knobs})
+            answer = page.until(lambda m, k=900 + number: m["on"] == "measured" and m["id"] == k)
+            rms.append(sum(row["rms"] for row in answer["rows"]))
+        assert rms[1] < 0.3 * rms[0]

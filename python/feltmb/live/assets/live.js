@@ -918,7 +918,9 @@ class Live {
         this.measure();
       }, {"aria-label": `remove ${f.name}`}), " "))),
       element("details", {}, element("summary", {}, "columns"), rows),
-      element("p", {}, button("Diagnose", () => this.diagnose()), " ", button("Stop", () => this.line.send({do: "stop"})),
+      element("p", {}, button("Diagnose", () => this.diagnose()), " for at most ", this.budget = element("input",
+        {type: "number", class: "minutes", min: "0.5", max: "120", step: "any", value: "5", "aria-label": "minutes of a diagnosis"}),
+        " minutes ", button("Stop", () => this.line.send({do: "stop"})),
         " ", this.diagnosing_ = element("span", {class: "hint", role: "status"})));
   }
 
@@ -955,7 +957,7 @@ class Live {
 
   diagnose() {
     this.line.send({do: "diagnose", id: this.id, turned: this.turned(), reading: this.reading || {},
-      files: this.hello.files.map(f => f.file)});
+      files: this.hello.files.map(f => f.file), budget: 60 * Number(this.budget.value || 5)});
   }
 
   diagnosing(m) {
