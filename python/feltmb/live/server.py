@@ -75,7 +75,7 @@ class Live:
         )
 
         # uvicorn would raise the signal anew after its end, which tears the lifespan apart.
-        self._server.capture_signals = lambda: _ends(self._server)
+        vars(self._server)["capture_signals"] = lambda: _ends(self._server)
 
     def run(self) -> None:
         """Serve until :meth:`stop`, or Ctrl-C."""
