@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import secrets
+import signal
 import socket
+import threading
 import webbrowser
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +74,9 @@ class Live:
             )
         )
 
+        # uvicorn would raise the signal anew after its end, which tears the lifespan apart.
+        vars(self._server)["capture_signals"] = lambda: _ends(self._server)
+
     def run(self) -> None:
         """Serve until :meth:`stop`, or Ctrl-C."""
         self._server.run(sockets=[self._socket])
@@ -83,6 +89,21 @@ class Live:
     def started(self) -> bool:
         """Whether it answers."""
         return bool(self._server.started)
+
+
+@contextlib.contextmanager
+def _ends(server: Any) -> Iterator[None]:
+    """Within, Ctrl-C and a request to end are a quiet end."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    kinds = (signal.SIGINT, signal.SIGTERM)
+    before = {kind: signal.signal(kind, server.handle_exit) for kind in kinds}
+    try:
+        yield
+    finally:
+        for kind, handler in before.items():
+            signal.signal(kind, handler)
 
 
 @checked

@@ -127,3 +127,14 @@ def test_the_shelf_keeps_a_few_files_under_names_of_its_own(tmp_path):
     assert not (tmp_path.parent / "r0.csv").exists()
     with pytest.raises(InvalidParameter, match="expected a file"):
         shelf.add("page.html", b"")
+
+
+def test_without_the_extra_the_message_says_what_to_install(monkeypatch):
+    import sys
+
+    from feltmb.errors import FeltmbError
+    from feltmb.live.server import Live
+
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
+    with pytest.raises(FeltmbError, match=r"uvicorn.*feltmb\[live\]"):
+        Live("steinway45")

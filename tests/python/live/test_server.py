@@ -9,6 +9,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 import feltmb
 from feltmb import Action
+from feltmb.action.touch import static_touch
 
 TURNED = {"knobs": {"screw.let-off": 4e-4, "felt.06": 0.2}, "numbers": {"string.tension": 640.0}}
 
@@ -224,7 +225,7 @@ def test_touch_and_speeds(live, client):
         touch = page.until(lambda m: m["on"] == "touch", 300.0)
         speeds = page.until(lambda m: m["on"] == "speeds", 300.0)
     weights = {row[0]: row[1] for row in touch["rows"]}
-    static = feltmb.static_touch(feltmb.load_action("steinway45"))
+    static = static_touch(feltmb.load_action("steinway45"))
     assert weights["down-weight"] == pytest.approx(static.down_weight / 9.80665e-3)
     hammer = [row[1] for row in speeds["rows"]]
     assert hammer == sorted(hammer)
