@@ -538,6 +538,36 @@ CALLS = {
         "progress": None,
     },
     "feltmb.view": lambda: {"runs": run(), "path": "v.html", "force": True, "options": {}},
+    "feltmb.Machine": lambda: {
+        "action": pendulum(),
+        "hold": "zero",
+        "rtol": 1e-6,
+        "method": "auto",
+        "max_order": None,
+        "max_step": None,
+        "max_wall": None,
+        "events": True,
+    },
+    "feltmb.Machine.advance": lambda: (
+        feltmb.Machine(pendulum()),
+        {
+            "dt": 1e-3,
+            "force": 1.0,
+            "motion": None,
+            "key_motion": None,
+            "torque": None,
+            "motor_motion": None,
+            "speed": None,
+        },
+    ),
+    "feltmb.Machine.read": lambda: (
+        feltmb.Machine(pendulum()),
+        {"channel": "arm.angle", "unit": "deg"},
+    ),
+    "feltmb.Machine.restore": lambda: (
+        feltmb.Machine(pendulum()),
+        {"state": feltmb.Machine(pendulum()).state()},
+    ),
     # felt
     "feltmb.felt.FeltEnvelope": lambda: {
         "compression": np.array([0.0, 1e-3, 2e-3]),

@@ -31,6 +31,7 @@ constexpr bool is_motion(InputKind kind) {
 
 /// "force", "motion", "key_motion", "torque" or "motor_motion"; throws InvalidParameter.
 InputKind input_kind(const std::string& name);
+const char* input_name(InputKind kind);
 
 /// What acts on the mechanism from outside at one instant.
 struct Drive {
