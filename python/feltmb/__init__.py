@@ -115,6 +115,7 @@ _MODULES = {
     "felt": "felt",
     "fiber": "fiber",
     "fit": "fit",
+    "fmu": "run.fmu",
     "gap": "gap",
     "graph": "graphics.graph",
     "parameters": "mechanism.parameters",

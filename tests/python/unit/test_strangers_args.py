@@ -25,6 +25,7 @@ MODULES = [
     "gap",
     "fiber.material",
     "action.regulate",
+    "run.fmu",
     "run.sensitivity",
     "run.study",
     "run.sweep",
@@ -568,6 +569,18 @@ CALLS = {
         feltmb.Machine(pendulum()),
         {"state": feltmb.Machine(pendulum()).state()},
     ),
+    "feltmb.run.fmu.export": lambda: {
+        "action": pendulum(),
+        "path": "unit.fmu",
+        "version": "3.0",
+        "drive": None,
+        "hold": None,
+        "parameters": ["bodies.*"],
+        "rtol": 1e-6,
+        "method": "auto",
+        "max_order": None,
+        "force": True,
+    },
     # felt
     "feltmb.felt.FeltEnvelope": lambda: {
         "compression": np.array([0.0, 1e-3, 2e-3]),
