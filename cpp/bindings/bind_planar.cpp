@@ -23,7 +23,9 @@ void bind_description(py::module_& m) {
       .value("line", SurfaceKind::kLine)
       .value("circle", SurfaceKind::kCircle)
       .value("concave", SurfaceKind::kConcave)
-      .value("hybrid", SurfaceKind::kHybrid);
+      .value("hybrid", SurfaceKind::kHybrid)
+      .value("segment", SurfaceKind::kSegment)
+      .value("concave_arc", SurfaceKind::kConcaveArc);
 
   py::enum_<ShapeSet>(m, "ShapeSet")
       .value("polynomial", ShapeSet::kPolynomial)
