@@ -1843,4 +1843,4 @@ def write_description(description: MechanismDescription) -> str:
     Text of a description, to the last bit.
     """
 
-__version__: str = "0.1.0"
+__version__: str = "0.2.0"
