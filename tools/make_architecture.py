@@ -34,6 +34,7 @@ FOLDERS = {
     "sensitivity": "derivatives of a stroke",
     "batch": "many strokes and segments in threads",
     "bindings": "feltmb._core: the only part that sees Python",
+    "fmu": "the C functions of co-simulation units (FMI), a binary of its own",
     "bench": "speed, apart from the tests",
 }
 

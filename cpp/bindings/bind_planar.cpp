@@ -4,6 +4,7 @@
 
 #include "bindings.hpp"
 #include "feltmb/core/error.hpp"
+#include "feltmb/planar/archive.hpp"
 #include "feltmb/planar/dynamics.hpp"
 #include "feltmb/planar/mechanism.hpp"
 #include "fields.hpp"
@@ -22,7 +23,9 @@ void bind_description(py::module_& m) {
       .value("line", SurfaceKind::kLine)
       .value("circle", SurfaceKind::kCircle)
       .value("concave", SurfaceKind::kConcave)
-      .value("hybrid", SurfaceKind::kHybrid);
+      .value("hybrid", SurfaceKind::kHybrid)
+      .value("segment", SurfaceKind::kSegment)
+      .value("concave_arc", SurfaceKind::kConcaveArc);
 
   py::enum_<ShapeSet>(m, "ShapeSet")
       .value("polynomial", ShapeSet::kPolynomial)
@@ -123,6 +126,26 @@ void bind_planar(py::module_& m) {
         return names;
       });
 
+  m.def("write_description", &write_description, py::arg("description"),
+        "Text of a description, to the last bit.");
+  m.def("read_description", &read_description, py::arg("text"));
+  m.def(
+      "description_numbers",
+      [](const MechanismDescription& d) {
+        MechanismDescription own = d;
+        py::list out;
+        for (const DescriptionNumber& n : numbers_of(own)) {
+          py::dict row;
+          row["path"] = n.path;
+          row["unit"] = n.unit;
+          row["meaning"] = n.meaning;
+          row["value"] = *n.value;
+          add_range(row, n.range);
+          out.append(row);
+        }
+        return out;
+      },
+      py::arg("description"), "Path, unit, meaning, value and limits of all real numbers.");
   m.def(
       "assemble",
       [](const MechanismDescription& d) { return std::const_pointer_cast<Mechanism>(assemble(d)); },

@@ -15,6 +15,7 @@ void bind_felt(pybind11::module_& m);
 void bind_modal(pybind11::module_& m);
 void bind_planar(pybind11::module_& m);
 void bind_model(pybind11::module_& m);
+void bind_stepper(pybind11::module_& m);
 void bind_sensitivity(pybind11::module_& m);
 void bind_batch(pybind11::module_& m);
 void bind_actuator(pybind11::module_& m);

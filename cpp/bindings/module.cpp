@@ -10,6 +10,7 @@ PYBIND11_MODULE(_core, m) {
   feltmb::python::bind_modal(m);
   feltmb::python::bind_planar(m);
   feltmb::python::bind_model(m);
+  feltmb::python::bind_stepper(m);
   feltmb::python::bind_sensitivity(m);
   feltmb::python::bind_batch(m);
   feltmb::python::bind_actuator(m);

@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     )
     from feltmb.graphics.viewer import view
     from feltmb.mechanism import Action, load_action, packaged_actions
+    from feltmb.run.machine import Machine, MachineState
     from feltmb.run.options import RunOptions
     from feltmb.run.results import Run, load_run
     from feltmb.run.sensitivity import Gradient, gradient
@@ -85,6 +86,8 @@ __all__ = [
     "Gradient",
     "IntegrationError",
     "InvalidParameter",
+    "Machine",
+    "MachineState",
     "ModelError",
     "Regulation",
     "Run",
@@ -130,6 +133,7 @@ _LAZY = {
     "mechanism": "Action load_action packaged_actions",
     "errors": "DataError FeltmbError FileExists IntegrationError InvalidParameter ModelError",
     "action.regulate": "Regulation load_targets regulate",
+    "run.machine": "Machine MachineState",
     "run.options": "RunOptions",
     "run.results": "Run load_run",
     "run.sensitivity": "Gradient gradient",
@@ -154,6 +158,7 @@ _MODULES = {
     "felt": "felt",
     "fiber": "fiber",
     "fit": "fit",
+    "fmu": "run.fmu",
     "gap": "gap",
     "graph": "graphics.graph",
     "parameters": "mechanism.parameters",

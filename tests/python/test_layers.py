@@ -32,6 +32,7 @@ MAY_USE = {
         "sensitivity": "core numeric fiber contact beam modal ode planar model",
         "batch": "core numeric fiber contact beam modal ode planar model sensitivity",
         "bindings": "core numeric fiber contact beam modal ode planar model sensitivity batch",
+        "fmu": "core numeric fiber contact beam modal ode planar model",
         "bench": "core numeric fiber contact beam modal ode planar model sensitivity batch",
     },
     # A mechanism and a stroke become a run. What works on records and models (fit, gap) has never
@@ -105,8 +106,8 @@ def cpp_part(path: Path) -> str:
     match path.parts:
         case ["cpp", "src", part, _, *_] | ["cpp", "include", "feltmb", part, _, *_]:
             return part
-        case ["cpp", "bindings", *_]:
-            return "bindings"
+        case ["cpp", "bindings" | "fmu" as part, *_]:
+            return part
         case ["bench", *_]:
             return "bench"
     return str(path)
@@ -213,7 +214,7 @@ def test_every_part_of_the_table_exists():
     names = {p.stem for p in package.iterdir()} | {"__init__"}
     assert set(MAY_USE["Python"]) <= names
     folders = {p.name for top in ("include/feltmb", "src") for p in (ROOT / "cpp" / top).iterdir()}
-    assert set(MAY_USE["C++"]) <= folders | {"bindings", "bench"}
+    assert set(MAY_USE["C++"]) <= folders | {"bindings", "fmu", "bench"}
 
 
 def imports_of_modules(package: Path) -> dict[str, set[str]]:

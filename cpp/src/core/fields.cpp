@@ -23,26 +23,23 @@ std::string Range::text() const {
   return "finite";
 }
 
-namespace {
-
-/// Of "A | B | C" the one of a site; a contact has that of a prismatic joint where there are two.
-std::string_view unit_at(std::string_view units, Site site) {
+std::string unit_at(const char* unit, Site site) {
   constexpr std::string_view between = " | ";
-  if (units.find(between) == units.npos) return units;
+  std::string_view units(unit);
+  if (units.find(between) == units.npos) return std::string(units);
   if (site == Site::kAny) return "1";
+  // A contact has the unit of a prismatic joint where there are two.
   for (int i = static_cast<int>(site) - static_cast<int>(Site::kRevolute); i > 0; --i) {
     const std::size_t end = units.find(between);
     if (end == units.npos) break;
     units.remove_prefix(end + between.size());
   }
-  return units.substr(0, units.find(between));
+  return std::string(units.substr(0, units.find(between)));
 }
-
-}  // namespace
 
 std::string number_fault(const char* name, double value, const char* unit, const Range& range,
                          Site site) {
-  const std::string shown(unit_at(unit, site));
+  const std::string shown = unit_at(unit, site);
   const bool plain = shown == "1";
   return format("%s = %.6g%s%s, must be %s", name, value, plain ? "" : " ",
                 plain ? "" : shown.c_str(), range.text().c_str());

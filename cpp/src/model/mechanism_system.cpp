@@ -116,29 +116,37 @@ void MechanismSystem::check_input(const Mechanism& m) const {
   }
 }
 
-void MechanismSystem::set_prescribed_reference(double t, std::span<const double> y) {
-  if (!is_prescribed(input_.kind)) return;
+std::pair<double, double> MechanismSystem::driven_place(double t, std::span<const double> y) {
   locate(t, y);
   const Mechanism& m = mechanism();
-  double place = 0.0;
-  double speed = 0.0;
-  double slow = 1e-3;  // m/s at the key
   if (is_of_motor(input_.kind)) {
-    place = y[at(m.motor_coordinate)];
-    speed = y[at(n_ + m.motor_coordinate)];
-    slow *= m.coordinate_scale[at(m.motor_coordinate)] / kFeltTravel;
-  } else {
-    place = dot(m.finger_direction, dynamics_.position(m.finger_point));
-    speed = dot(m.finger_direction, dynamics_.velocity(m.finger_point));
+    return {y[at(m.motor_coordinate)], y[at(n_ + m.motor_coordinate)]};
   }
+  if (m.finger_contact < 0) return {0.0, 0.0};
+  return {dot(m.finger_direction, dynamics_.position(m.finger_point)),
+          dot(m.finger_direction, dynamics_.velocity(m.finger_point))};
+}
+
+void MechanismSystem::set_input(const Input& input) {
+  input_ = input;
+  check_input(mechanism());
+  fresh_ = false;
+  rhs_time_ = std::numeric_limits<double>::quiet_NaN();
+}
+
+void MechanismSystem::set_prescribed_reference(double t, std::span<const double> y) {
+  if (!is_prescribed(input_.kind)) return;
+  const auto [place, speed] = driven_place(t, y);
+  const bool motor = is_of_motor(input_.kind);
+  double slow = 1e-3;  // m/s at the key
+  if (motor) slow *= mechanism().coordinate_scale[at(mechanism().motor_coordinate)] / kFeltTravel;
   const double on_profile = input_.origin + t;
   prescribed_reference_ = place - input_.profile.value(on_profile);
-  fresh_ = false;
   if (std::fabs(input_.profile.rate(on_profile) - speed) > slow) {
     throw InvalidParameter(
         format("prescribed motion: starts with %.4g %s, the mechanism with %.4g; let both agree, "
                "such as by a record that begins at rest",
-               input_.profile.rate(on_profile), is_of_motor(input_.kind) ? "rad/s" : "m/s", speed));
+               input_.profile.rate(on_profile), motor ? "rad/s" : "m/s", speed));
   }
 }
 
@@ -679,7 +687,9 @@ bool MechanismSystem::surely_open(double t, int contact) const {
   return dynamics_.contacts()[at(contact)].compression + reach < -margin_;
 }
 
-void MechanismSystem::allow_free_strings() { free_ = std::make_unique<FreeStrings>(mechanism()); }
+void MechanismSystem::allow_free_strings() {
+  if (!free_) free_ = std::make_unique<FreeStrings>(mechanism());
+}
 
 void MechanismSystem::part_strings(double t, std::span<const double> y) {
   const MechanicalState p = parts(y);

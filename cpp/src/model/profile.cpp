@@ -62,6 +62,15 @@ Profile::Profile(std::vector<double> time, std::vector<double> value, Interpolat
   knots_ = time_;
 }
 
+Profile Profile::cubic(const std::array<double, 4>& c, double duration) {
+  const double end = 2.0 * duration;
+  const double last = c[0] + end * (c[1] + end * (c[2] + end * c[3]));
+  Profile out({0.0, end}, {c[0], last}, Interpolation::kMonotone);
+  out.slope_ = {c[1], c[1] + end * (2.0 * c[2] + end * 3.0 * c[3])};
+  out.knots_.clear();
+  return out;
+}
+
 /// Slopes of the spline from continuity of curvature at the inner knots (Thomas algorithm).
 void Profile::fit_spline() {
   const std::size_t n = time_.size();

@@ -11,6 +11,7 @@
 #include "feltmb/model/channels.hpp"
 #include "feltmb/model/equilibrium.hpp"
 #include "feltmb/model/linear_machine.hpp"
+#include "feltmb/model/stepper.hpp"
 #include "feltmb/numeric/bracketing.hpp"
 #include "feltmb/ode/events.hpp"
 
@@ -203,41 +204,12 @@ class Run {
         string_heat_(mechanism->strings.size(), 0.0),
         begin_(Clock::now()) {
     system_.set_tolerance(options.rtol);
-    y_.assign(system_.size(), 0.0);
-    if (start.y.empty()) {
-      const Equilibrium rest = find_equilibrium(mechanism);
-      const auto laws = y_.begin() + 2 * mechanism->size();
-      std::copy(rest.q.begin(), rest.q.end(), y_.begin());
-      std::copy(rest.law.begin(), rest.law.end(), laws);
-      std::copy(rest.eta.begin(), rest.eta.end(), laws + mechanism->total_law_states);
-      largest() = rest.largest_compression;
-    } else {
-      start.check(*mechanism, system_.size());
-      y_ = start.y;
-      if (!start.largest_compression.empty()) largest() = start.largest_compression;
-    }
     for (std::size_t i = 0; i < mechanism->contacts.size(); ++i) {
       const ContactLaw& law = mechanism->contacts[i].law;
       if (!law.has_memory()) continue;
       remembering_.push_back(i);
       if (law.recovery_time() > 0.0) recovering_ = true;
     }
-    felt_rate_.assign(remembering_.size(), 0.0);  // at rest
-    recovered_.assign(mechanism->contacts.size(), 0.0);
-    set_finger_reference();
-    system_.set_prescribed_reference(0.0, y_);
-    scratch_.resize(y_.size());
-    const auto add_stops = [&](const std::vector<double>& times, bool restart) {
-      for (const double on_profile : times) {
-        const double t = on_profile - input.origin;
-        if (t > 0.0 && t < options.duration) stops_.push_back({t, restart});
-      }
-    };
-    add_stops(input.profile.breakpoints(), true);
-    add_stops(input.profile.knots(), false);
-    std::stable_sort(stops_.begin(), stops_.end(),
-                     [](const Stop& a, const Stop& b) { return a.time < b.time; });
-    stops_.push_back({options.duration, false});
     for (const int number : options.peak_contacts) {
       const int index = mechanism->contact_index(number);
       if (index < 0) {
@@ -245,6 +217,7 @@ class Run {
       }
       watches_.emplace_back(index, index);
     }
+    set_start(input, start);
     result_.lowest = Lowest::of(*mechanism, options.lowest_points);
     for (const FlexibleBeam& beam : mechanism->beams) {
       result_.deflections.push_back({beam.name, beam.length, 0.0, 0.0});
@@ -252,27 +225,58 @@ class Run {
     prepare_outputs();
   }
 
+  /// For `again`. Both integrators are made now, by what the mechanism is at the start: one that is
+  /// made at the first strike depends on it. Motions count from this start.
+  void prepare_steps() {
+    options_.finger_reference = system_.finger_reference();
+    if (modal_) {
+      system_.allow_free_strings();
+      system_.part_strings(0.0, y_);
+      apart_ = make_integrator(false);
+      system_.join_strings(0.0, y_);
+    }
+    whole_ = make_integrator(true);
+  }
+
+  /// Another run of the same mechanism and options, without outputs; nothing of the last one stays
+  /// but the counts.
+  RunResult again(const Input& input, const SimulationState& start, double duration) {
+    options_.duration = duration;
+    result_ = {};
+    for (auto* each : {whole_.get(), apart_.get()}) {
+      if (each != nullptr) each->forget();
+    }
+    join_strings();
+    std::fill(string_heat_.begin(), string_heat_.end(), 0.0);
+    leaving_ = false;
+    stops_.clear();
+    broken_.clear();
+    rows_ = next_sample_ = progress_step_ = 0;
+    last_sample_ = -1.0;
+    next_report_ = 0.05;
+    progress_time_ = 0.0;
+    begin_ = Clock::now();
+    set_start(input, start);
+    return run();
+  }
+
+  MechanismSystem& system() { return system_; }
+  void set_progress(const Progress& progress) { progress_ = progress; }
+
+  /// Lets the strings be part of the state again.
+  void join_strings() {
+    if (system_.strings_apart()) system_.join_strings(0.0, y_);
+  }
+
   RunResult run() {
     result_.method = modal_ ? Method::kModal : Method::kCvode;
     if (modal_) system_.allow_free_strings();
-    IntegratorOptions o;
-    o.quadrature_atol.assign(system_.n_quadratures(), options_.rtol * kLedgerTolerance);
-    o.max_step = options_.max_step;
-    const auto make = [&](bool with_strings) {
-      // The integrator weighs the mean square of all errors. Strings at rest have none: without
-      // them the same tolerance would ask for more of the rest.
-      const double fewer =
-          std::sqrt(static_cast<double>(whole_size_) / static_cast<double>(system_.size()));
-      const bool wide = !with_strings && options_.rtol >= 1e-7;
-      o.rtol = options_.rtol * std::min(2.0, fewer) * (wide ? kTestWidth : 1.0);
-      o.atol = system_.absolute_tolerances(o.rtol);
-      choose_order(o, with_strings);
-      return std::make_unique<Integrator>(system_, o);
-    };
     locator_.start(0.0, y_);
     system_.rhs(0.0, y_, scratch_);
     if (modal_ && system_.strings_clear(0.0, kClear)) system_.part_strings(0.0, y_);
-    (system_.strings_apart() ? apart_ : whole_) = make(!system_.strings_apart());
+    if (current() == nullptr) {
+      (system_.strings_apart() ? apart_ : whole_) = make_integrator(!system_.strings_apart());
+    }
     Integrator* integrator = current();
     integrator->start(0.0, state_of(y_), true);
     sample(0.0, y_, nullptr);
@@ -325,7 +329,7 @@ class Run {
       if (reversal.contact >= 0) {
         // has been started anew
       } else if (struck) {
-        integrator = meet_strings(*integrator, strike, make);
+        integrator = meet_strings(*integrator, strike);
       } else if (status == StepStatus::kStop) {
         const bool restart = stops_[next_stop].restart;
         ++next_stop;
@@ -338,7 +342,7 @@ class Run {
           ++result_.restarts;
         }
       } else if (leaving_) {
-        integrator = leave_strings(*integrator, make);
+        integrator = leave_strings(*integrator);
       }
       if (going && !may_go_on(now, steps)) going = false;
     }
@@ -347,6 +351,40 @@ class Run {
   }
 
  private:
+  /// Input, state, memory and times to stop at of a run that begins.
+  void set_start(const Input& input, const SimulationState& start) {
+    y_.assign(whole_size_, 0.0);
+    if (start.y.empty()) {
+      const Equilibrium rest = find_equilibrium(mechanism_);
+      const auto laws = y_.begin() + 2 * mechanism_->size();
+      std::copy(rest.q.begin(), rest.q.end(), y_.begin());
+      std::copy(rest.law.begin(), rest.law.end(), laws);
+      std::copy(rest.eta.begin(), rest.eta.end(), laws + mechanism_->total_law_states);
+      largest() = rest.largest_compression;
+    } else {
+      start.check(*mechanism_, whole_size_);
+      y_ = start.y;
+      if (!start.largest_compression.empty()) largest() = start.largest_compression;
+    }
+    system_.set_input(input);
+    felt_rate_.assign(remembering_.size(), 0.0);  // at rest
+    recovered_.assign(mechanism_->contacts.size(), 0.0);
+    set_finger_reference();
+    system_.set_prescribed_reference(0.0, y_);
+    scratch_.resize(y_.size());
+    const auto add_stops = [&](const std::vector<double>& times, bool restart) {
+      for (const double on_profile : times) {
+        const double t = on_profile - input.origin;
+        if (t > 0.0 && t < options_.duration) stops_.push_back({t, restart});
+      }
+    };
+    add_stops(input.profile.breakpoints(), true);
+    add_stops(input.profile.knots(), false);
+    std::stable_sort(stops_.begin(), stops_.end(),
+                     [](const Stop& a, const Stop& b) { return a.time < b.time; });
+    stops_.push_back({options_.duration, false});
+  }
+
   struct Stop {
     double time;
     bool restart;
@@ -386,6 +424,21 @@ class Run {
     o.stable_step = stable_step(m, modes);
   }
 
+  std::unique_ptr<Integrator> make_integrator(bool with_strings) {
+    IntegratorOptions o;
+    o.quadrature_atol.assign(system_.n_quadratures(), options_.rtol * kLedgerTolerance);
+    o.max_step = options_.max_step;
+    // The integrator weighs the mean square of all errors. Strings at rest have none: without
+    // them the same tolerance would ask for more of the rest.
+    const double fewer =
+        std::sqrt(static_cast<double>(whole_size_) / static_cast<double>(system_.size()));
+    const bool wide = !with_strings && options_.rtol >= 1e-7;
+    o.rtol = options_.rtol * std::min(2.0, fewer) * (wide ? kTestWidth : 1.0);
+    o.atol = system_.absolute_tolerances(o.rtol);
+    choose_order(o, with_strings);
+    return std::make_unique<Integrator>(system_, o);
+  }
+
   /// Absolute tolerance of each quadrature over rtol [J].
   static constexpr double kLedgerTolerance = 1e-3;
 
@@ -414,21 +467,19 @@ class Run {
     return find_root_bracketed(approach, begin, before, end, after, 1e-12);
   }
 
-  template <class Make>
-  Integrator* meet_strings(const Integrator& integrator, double t, Make&& make) {
+  Integrator* meet_strings(const Integrator& integrator, double t) {
     integrator.interpolate(t, y_);
     system_.join_strings(t, y_);
     for (std::size_t s = 0; s < string_heat_.size(); ++s) string_heat_[s] += system_.string_heat(s);
-    if (!whole_) whole_ = make(true);
+    if (!whole_) whole_ = make_integrator(true);
     ++result_.strikes;
     return hand_over(integrator, *whole_, t);
   }
 
-  template <class Make>
-  Integrator* leave_strings(const Integrator& integrator, Make&& make) {
+  Integrator* leave_strings(const Integrator& integrator) {
     std::copy(integrator.state().begin(), integrator.state().end(), y_.begin());
     system_.part_strings(integrator.time(), y_);
-    if (!apart_) apart_ = make(false);
+    if (!apart_) apart_ = make_integrator(false);
     return hand_over(integrator, *apart_, integrator.time());
   }
 
@@ -918,7 +969,184 @@ class Run {
   std::vector<long> contact_counts_;
 };
 
+/// Options of a stepper as those of its runs.
+SimulationOptions for_steps(const StepperOptions& o) {
+  SimulationOptions out;
+  out.rtol = o.rtol;
+  out.method = o.method;
+  out.max_order = o.max_order;
+  out.max_step = o.max_step;
+  out.max_wall = o.max_wall;
+  out.events = o.events;
+  out.finger_reference = o.finger_reference;
+  out.ledger = out.outputs = out.states = out.diagnose = false;
+  check(out);
+  return out;
+}
+
+/// Input that goes on from a drive; for what is read at its start.
+Profile going_on(const StepDrive& drive) {
+  if (drive.acceleration != 0.0) {
+    return Profile::cubic({drive.value, drive.rate, 0.5 * drive.acceleration, 0.0}, 1.0);
+  }
+  if (drive.rate != 0.0) {
+    return Profile({0.0, 1.0}, {drive.value, drive.value + drive.rate},
+                   Profile::Interpolation::kLinear);
+  }
+  return Profile({0.0}, {drive.value}, Profile::Interpolation::kLinear);
+}
+
 }  // namespace
+
+struct Stepper::Impl {
+  Impl(const std::shared_ptr<const Mechanism>& mechanism, InputKind input,
+       const StepperOptions& options, const std::vector<Monitor>& monitors, StepState rest)
+      : kind(input),
+        state(std::move(rest)),
+        run(mechanism, Input{going_on({}), input}, for_steps(options), state.machine, monitors,
+            Progress{}),
+        channels(*mechanism) {
+    run.prepare_steps();
+    const auto [place, speed] = run.system().driven_place(0.0, state.machine.y);
+    reference = place;
+    state.drive = {};
+  }
+
+  /// Place and speed of what a motion moves, counted from the rest.
+  std::pair<double, double> driven() {
+    run.join_strings();
+    auto [place, speed] = run.system().driven_place(0.0, state.machine.y);
+    const double origin = is_prescribed(kind) ? reference : run.system().finger_reference();
+    return {place - origin, speed};
+  }
+
+  Profile over_step(double duration, const StepInput& input, Hold hold) {
+    if (is_prescribed(kind)) {
+      const auto [place, speed] = driven();
+      const double mean = (input.value - place) / duration;
+      // The rate at the end of a motion sampled with this step, in second order.
+      const double end =
+          std::isnan(input.rate) ? mean + 0.5 * (mean - state.drive.mean) : input.rate;
+      return Profile::cubic({place, speed, (3.0 * mean - 2.0 * speed - end) / duration,
+                             (speed + end - 2.0 * mean) / (duration * duration)},
+                            duration);
+    }
+    if (hold == Hold::kZero) {
+      return Profile({0.0}, {input.value}, Profile::Interpolation::kLinear);
+    }
+    // Goes on beyond the step: its end is no corner of this input.
+    return Profile({0.0, 2.0 * duration},
+                   {state.drive.value, 2.0 * input.value - state.drive.value},
+                   Profile::Interpolation::kLinear);
+  }
+
+  InputKind kind;
+  StepState state;
+  Run run;
+  Channels channels;
+  double reference = 0.0;  ///< place from which a prescribed motion counts
+  long state_steps = 0;    ///< of the integrators so far
+  bool observed = false;
+  std::vector<double> outputs;
+};
+
+Stepper::Stepper(const std::shared_ptr<const Mechanism>& mechanism, InputKind kind,
+                 const StepperOptions& options, const std::vector<Monitor>& monitors) {
+  StepState rest;
+  const Equilibrium e = find_equilibrium(mechanism);
+  const auto put = [&](const auto& values) {
+    rest.machine.y.insert(rest.machine.y.end(), values.begin(), values.end());
+  };
+  put(e.q);
+  rest.machine.y.resize(2 * e.q.size(), 0.0);
+  put(e.law);
+  put(e.eta);
+  rest.machine.y.resize(rest.machine.y.size() + e.eta.size(), 0.0);
+  rest.machine.largest_compression = e.largest_compression;
+  rest.drive.kind = kind;
+  impl_ = std::make_unique<Impl>(mechanism, kind, options, monitors, std::move(rest));
+  impl_->state.drive.kind = kind;
+  rest_ = impl_->state;
+}
+
+Stepper::~Stepper() = default;
+
+const StepState& Stepper::state() const { return impl_->state; }
+
+void Stepper::set_state(const StepState& state) {
+  Impl& d = *impl_;
+  state.machine.check(d.run.system().mechanism(), rest_.machine.y.size());
+  for (const double number : {state.machine.time, state.drive.value, state.drive.rate,
+                              state.drive.acceleration, state.drive.mean}) {
+    if (!std::isfinite(number)) {
+      throw InvalidParameter(format("state: time or input is %.6g, expected finite", number));
+    }
+  }
+  d.state = state;
+  d.observed = false;
+  if (state.drive.kind == d.kind) return;
+  d.state.drive = {};
+  d.state.drive.kind = d.kind;
+  if (!is_motion(d.kind)) return;
+  const auto [place, speed] = d.driven();
+  d.state.drive.value = place;
+  d.state.drive.rate = d.state.drive.mean = speed;
+}
+
+StepResult Stepper::advance(double duration, const StepInput& input, Hold hold,
+                            const Progress& progress) {
+  Impl& d = *impl_;
+  if (!(std::isfinite(duration) && duration > 0.0)) {
+    throw InvalidParameter(format("advance: duration = %.6g s, must be > 0", duration));
+  }
+  if (!std::isfinite(input.value) || std::isinf(input.rate)) {
+    throw InvalidParameter(
+        format("advance: input %.6g with rate %.6g, must be finite", input.value, input.rate));
+  }
+  const Profile profile = d.over_step(duration, input, hold);
+  const double mean = (profile.value(duration) - profile.value(0.0)) / duration;
+  d.run.set_progress(progress);
+  RunResult done = d.run.again({profile, d.kind}, d.state.machine, duration);
+  StepResult out;
+  out.status = done.status;
+  out.message = std::move(done.message);
+  out.failed_state = std::move(done.failed_state);
+  out.failed_contact = std::move(done.failed_contact);
+  out.steps = done.counts.steps - d.state_steps;
+  d.state_steps = done.counts.steps;
+  if (done.status != RunStatus::kDone) return out;
+  const double begin = d.state.machine.time;
+  out.events = std::move(done.events);
+  for (SimulationEvent& event : out.events) event.time += begin;
+  d.state.machine = std::move(done.end);
+  d.state.machine.time = begin + duration;
+  d.state.drive = {d.kind, profile.value(duration), profile.rate(duration),
+                   is_prescribed(d.kind) ? profile.acceleration(duration) : 0.0, mean};
+  d.observed = false;
+  return out;
+}
+
+std::span<const double> Stepper::outputs() {
+  Impl& d = *impl_;
+  if (d.observed) return d.outputs;
+  d.run.join_strings();
+  MechanismSystem& system = d.run.system();
+  system.dynamics().largest_compression() = d.state.machine.largest_compression;
+  Profile profile = going_on(d.state.drive);
+  if (is_prescribed(d.kind)) {
+    // The reaction is that of a motion which holds here: errors of a step are not to be corrected.
+    const auto [place, speed] = d.driven();
+    profile = going_on({d.kind, place, speed, d.state.drive.acceleration, 0.0});
+  }
+  system.set_input({profile, d.kind});
+  system.set_prescribed_reference(0.0, d.state.machine.y);
+  d.outputs.resize(d.channels.size());
+  d.channels.observe(system, 0.0, d.state.machine.y, d.outputs);
+  d.observed = true;
+  return d.outputs;
+}
+
+const Channels& Stepper::channels() const { return impl_->channels; }
 
 void RunResult::name_outputs(const Channels& channels) {
   for (const Channel& channel : channels.rows()) {

@@ -2,6 +2,7 @@
 
 #include <cvodes/cvodes.h>
 #include <cvodes/cvodes_ls.h>
+#include <sundials/sundials_config.h>
 #include <sundials/sundials_linearsolver.h>
 #include <sundials/sundials_matrix.h>
 
@@ -146,7 +147,7 @@ Impl& self(void* data) {
 // CVODE's C callbacks need the private Impl, hence one struct of static functions.
 struct IntegratorCallbacks {
   template <class Impl>
-  static int rhs(realtype t, N_Vector y, N_Vector rate, void* data) {
+  static int rhs(sunrealtype t, N_Vector y, N_Vector rate, void* data) {
     auto& impl = self<Impl>(data);
     int flag = impl.guard([&] { impl.system.rhs(t, impl.span(y), impl.span(rate)); });
     if (flag == 0) {
@@ -158,14 +159,14 @@ struct IntegratorCallbacks {
   }
 
   template <class Impl>
-  static int quadratures(realtype t, N_Vector y, N_Vector rate, void* data) {
+  static int quadratures(sunrealtype t, N_Vector y, N_Vector rate, void* data) {
     auto& impl = self<Impl>(data);
     return impl.guard([&] { impl.system.quadratures(t, impl.span(y), impl.span(rate)); });
   }
 
   template <class Impl>
-  static int linear_system(realtype t, N_Vector y, N_Vector, SUNMatrix, booleantype jok,
-                           booleantype* jcur, realtype gamma, void* data, N_Vector, N_Vector,
+  static int linear_system(sunrealtype t, N_Vector y, N_Vector, SUNMatrix, sunbooleantype jok,
+                           sunbooleantype* jcur, sunrealtype gamma, void* data, N_Vector, N_Vector,
                            N_Vector) {
     auto& impl = self<Impl>(data);
     bool regular = true;
@@ -191,7 +192,7 @@ struct IntegratorCallbacks {
   }
 
   template <class Impl>
-  static int solve(SUNLinearSolver s, SUNMatrix, N_Vector x, N_Vector b, realtype) {
+  static int solve(SUNLinearSolver s, SUNMatrix, N_Vector x, N_Vector b, sunrealtype) {
     auto& impl = self<Impl>(s->content);
     return impl.guard([&] {
       const auto from = impl.span(b);
@@ -202,9 +203,16 @@ struct IntegratorCallbacks {
   }
 
   template <class Impl>
+#if SUNDIALS_VERSION_MAJOR >= 7
+  static void error(int, const char*, const char*, const char* text, SUNErrCode, void* data,
+                    SUNContext) {
+    self<Impl>(data).captured = text;
+  }
+#else
   static void error(int, const char*, const char*, char* text, void* data) {
     self<Impl>(data).captured = text;
   }
+#endif
 
   static SUNLinearSolver_Type solver_type(SUNLinearSolver) { return SUNLINEARSOLVER_DIRECT; }
   static SUNMatrix_ID matrix_id(SUNMatrix) { return SUNMATRIX_CUSTOM; }
@@ -243,7 +251,12 @@ Integrator::Integrator(OdeSystem& system, const IntegratorOptions& options)
     throw InvalidParameter(format("quadrature_atol: got %zu values, expected %zu",
                                   options.quadrature_atol.size(), system.n_quadratures()));
   }
-  if (SUNContext_Create(nullptr, &d.context) != 0) throw Error("integrator: no SUNDIALS context");
+#if SUNDIALS_VERSION_MAJOR >= 7
+  const bool made = SUNContext_Create(SUN_COMM_NULL, &d.context) == 0;
+#else
+  const bool made = SUNContext_Create(nullptr, &d.context) == 0;
+#endif
+  if (!made) throw Error("integrator: no SUNDIALS context");
   const auto n = static_cast<sunindextype>(system.size());
   d.y = detail::make_vector(n, d.context);
   if (d.y == nullptr) throw Error("integrator: out of memory");
@@ -286,7 +299,12 @@ void Integrator::start(double t, std::span<const double> y, bool reset_quadratur
   if (!d.started) {
     d.cvode = CVodeCreate(CV_BDF, d.context);
     if (d.cvode == nullptr) throw Error("integrator: CVodeCreate failed");
+#if SUNDIALS_VERSION_MAJOR >= 7
+    SUNContext_ClearErrHandlers(d.context);
+    SUNContext_PushErrHandler(d.context, IntegratorCallbacks::error<Impl>, &d);
+#else
     CVodeSetErrHandlerFn(d.cvode, IntegratorCallbacks::error<Impl>, &d);
+#endif
     d.check(CVodeInit(d.cvode, IntegratorCallbacks::rhs<Impl>, t, d.y), "CVodeInit");
     d.check(CVodeSVtolerances(d.cvode, d.options.rtol, d.atol), "CVodeSVtolerances");
     d.check(CVodeSetUserData(d.cvode, &d), "CVodeSetUserData");
@@ -362,6 +380,11 @@ void Integrator::choose_order() {
   d.taken = 0;
   d.long_steps = !d.long_steps;
   CVodeSetMaxStep(d.cvode, d.longest_step());
+}
+
+void Integrator::forget() {
+  impl_->newton->forget();
+  impl_->stalled = 0;
 }
 
 void Integrator::set_quadratures(std::span<const double> z) {

@@ -32,7 +32,7 @@ struct NewtonSolver::Calls {
   }
   static SUNNonlinearSolver_Type type(SUNNonlinearSolver) { return SUNNONLINEARSOLVER_ROOTFIND; }
   static int solve(SUNNonlinearSolver s, N_Vector, N_Vector correction, N_Vector weights,
-                   double tolerance, booleantype renew, void* memory) {
+                   double tolerance, sunbooleantype renew, void* memory) {
     return self(s).solve(correction, weights, tolerance, renew != SUNFALSE, memory);
   }
   static int set_residual(SUNNonlinearSolver s, SUNNonlinSolSysFn f) {
@@ -77,6 +77,14 @@ NewtonSolver::~NewtonSolver() {
   N_VDestroy(change_);
 }
 
+void NewtonSolver::forget() {
+  rate_ = 1.0;
+  gamma_ = worst_ = trouble_ = 0.0;
+  fresh_ = false;
+  whole_ = true;
+  whole_above_ = std::numeric_limits<double>::infinity();
+}
+
 void NewtonSolver::made(double gamma, bool renewed, bool whole) {
   gamma_ = gamma;
   if (!renewed) return;
@@ -95,7 +103,7 @@ int NewtonSolver::solve(N_Vector correction, N_Vector weights, double tolerance,
   for (;;) {
     int flag = residual_(correction, change_, memory);
     if (flag == 0 && renew) {
-      booleantype renewed = SUNFALSE;
+      sunbooleantype renewed = SUNFALSE;
       flag = setup_(bad ? SUNTRUE : SUNFALSE, &renewed, memory);
       if (fresh_) rate_ = std::min(rate_, kFreshRate);
     }

@@ -27,6 +27,9 @@ class NewtonSolver {
   /// converge there.
   bool needs_whole(double gamma) const { return gamma >= whole_above_; }
 
+  /// Forgets rates of convergence and what they led to.
+  void forget();
+
   /// Told by the callback that makes the matrix.
   void made(double gamma, bool renewed, bool whole);
 

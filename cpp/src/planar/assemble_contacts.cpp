@@ -20,6 +20,17 @@ void Assembler::add_surfaces() {
       fault(where + format(": radius = %.6g m, must be >= 0", s.radius));
     } else if (s.kind == SurfaceKind::kConcave && s.radius <= 0.0) {
       fault(where + format(": radius = %.6g m of a concave circle, must be > 0", s.radius));
+    } else if (s.kind == SurfaceKind::kConcaveArc && s.radius <= 0.0) {
+      fault(where + format(": radius = %.6g m of a concave arc, must be > 0", s.radius));
+    }
+    if (s.kind == SurfaceKind::kSegment && !(finite(s.end) && norm(s.end - s.point) > 1e-9)) {
+      fault(where + ": end must be a point other than point");
+    }
+    constexpr double turn = 6.283185307;
+    if (s.kind == SurfaceKind::kConcaveArc &&
+        !(s.arc[1] > s.arc[0] && s.arc[1] - s.arc[0] < turn)) {
+      fault(where + format(": arc from %.6g to %.6g rad, must grow by less than a turn", s.arc[0],
+                           s.arc[1]));
     }
     if (s.kind == SurfaceKind::kHybrid &&
         !(s.arc[1] > s.arc[0] && s.arc[1] - s.arc[0] < 3.1415926535)) {
@@ -40,6 +51,10 @@ const char* Assembler::kind_name(SurfaceKind kind) {
       return "concave circle";
     case SurfaceKind::kHybrid:
       return "hybrid";
+    case SurfaceKind::kSegment:
+      return "segment";
+    case SurfaceKind::kConcaveArc:
+      return "concave arc";
   }
   return "?";
 }
@@ -89,7 +104,8 @@ void Assembler::add_contacts() {
             kind_name(sb->kind) + " (" + sb->name + "); one of the pair must be a circle");
       continue;
     }
-    if (sa->kind == SurfaceKind::kConcave && sa->radius <= sb->radius) {
+    const bool concave = sa->kind == SurfaceKind::kConcave || sa->kind == SurfaceKind::kConcaveArc;
+    if (concave && sa->radius <= sb->radius) {
       fault(where + format(": circle of radius %.6g m does not fit into the concave one of "
                            "%.6g m",
                            sb->radius, sa->radius));
@@ -132,6 +148,26 @@ void Assembler::set_geometry(Contact& contact, const SurfaceDescription& sa,
         const double angle = sa.arc[static_cast<std::size_t>(i)];
         const Vec2 outward{std::cos(angle), std::sin(angle)};
         contact.arc_normal[i] = turn * outward;
+        contact.arc_tangent[i] = turn * (i == 0 ? -perp(outward) : perp(outward));
+      }
+      break;
+    }
+    case SurfaceKind::kSegment: {
+      contact.kind = PairKind::kSegmentCircle;
+      const Vec2 way = (1.0 / norm(sa.end - sa.point)) * (sa.end - sa.point);
+      contact.normal_a = turn * perp(way);
+      contact.arc_tangent[0] = turn * -way;
+      contact.arc_tangent[1] = turn * way;
+      contact.end[1] = turn * (sa.end - sa.point);
+      break;
+    }
+    case SurfaceKind::kConcaveArc: {
+      contact.kind = PairKind::kConcaveArcCircle;
+      contact.more_than_half = sa.arc[1] - sa.arc[0] > 3.141592653589793;
+      for (int i = 0; i < 2; ++i) {
+        const double angle = sa.arc[static_cast<std::size_t>(i)];
+        const Vec2 outward{std::cos(angle), std::sin(angle)};
+        contact.end[i] = turn * (sa.radius * outward);
         contact.arc_tangent[i] = turn * (i == 0 ? -perp(outward) : perp(outward));
       }
       break;

@@ -201,7 +201,6 @@ void Dynamics::differentiate_contact(std::size_t i) {
   const Vec2 velocity_a = a.velocity + a.omega * perp(s.point - a.origin);
   const Vec2 velocity_b = b.velocity + b.omega * perp(s.point - b.origin);
   const Vec2 center_velocity = b.velocity + b.omega * perp(s.center - b.origin);
-  const Vec2 base = a.origin + a.rotation * contact.a.local;
   const bool with_string = contact.string_contact >= 0;
 
   for (const int j : contact.coordinates) {
@@ -217,10 +216,9 @@ void Dynamics::differentiate_contact(std::size_t i) {
 
     Vec2 dn{};
     if (s.turning_normal) {
-      const Vec2 base_column = in_a ? column(motion_a, base) : Vec2{};
+      const Vec2 base_column = in_a ? column(motion_a, s.base) : Vec2{};
       const Vec2 shift = center_column - base_column;
-      const double sign = contact.kind == PairKind::kConcaveCircle ? -1.0 : 1.0;
-      dn = (sign * s.curvature) * (shift - dot(n, shift) * n);
+      dn = s.curvature * (shift - dot(n, shift) * n);
     } else if (in_a) {
       dn = rho(motion_a) * tangent;
     }

@@ -107,6 +107,7 @@ void Dynamics::locate_contact(std::size_t i, const MechanicalState& at_state, co
   }
   state.center = center;
   state.turning_normal = false;
+  state.part = 0;
   state.curvature = 0.0;
   double compression = 0.0;
 
@@ -117,10 +118,23 @@ void Dynamics::locate_contact(std::size_t i, const MechanicalState& at_state, co
   const auto on_circle = [&](double sign) {
     const double distance = norm(d);
     state.turning_normal = true;
-    state.curvature = distance > 1e-12 ? 1.0 / distance : 0.0;
+    state.part = 1;
+    state.base = base;
+    state.curvature = distance > 1e-12 ? sign / distance : 0.0;
     state.normal = distance > 1e-12 ? (sign / distance) * d : Vec2{1.0, 0.0};
     compression = sign > 0.0 ? contact.radius_a + contact.radius_b - distance
                              : distance + contact.radius_b - contact.radius_a;
+  };
+  const auto on_end = [&](int end, double radius_a) {
+    const Vec2 arm = a.rotation * contact.end[end];
+    const Vec2 from_end = d - arm;
+    const double distance = norm(from_end);
+    state.turning_normal = true;
+    state.part = 2 + end;
+    state.base = base + arm;
+    state.curvature = distance > 1e-12 ? 1.0 / distance : 0.0;
+    state.normal = distance > 1e-12 ? (1.0 / distance) * from_end : Vec2{1.0, 0.0};
+    compression = radius_a + contact.radius_b - distance;
   };
 
   switch (contact.kind) {
@@ -133,6 +147,33 @@ void Dynamics::locate_contact(std::size_t i, const MechanicalState& at_state, co
     case PairKind::kConcaveCircle:
       on_circle(-1.0);
       break;
+    case PairKind::kSegmentCircle: {
+      const Vec2 local = a.rotation.inverse(d);
+      if (dot(local, contact.arc_tangent[0]) > 0.0) {
+        on_end(0, contact.radius_a);
+      } else if (dot(local - contact.end[1], contact.arc_tangent[1]) > 0.0) {
+        on_end(1, contact.radius_a);
+      } else {
+        // A bar has two faces, a line that ends has one.
+        const bool behind = contact.radius_a > 0.0 && dot(local, contact.normal_a) < 0.0;
+        on_line(behind ? -contact.normal_a : contact.normal_a, contact.radius_a);
+      }
+      break;
+    }
+    case PairKind::kConcaveArcCircle: {
+      const Vec2 local = a.rotation.inverse(d);
+      // Within the arc is what lies before both ends, of an arc beyond a half turn before one.
+      const bool past_first = dot(local, contact.arc_tangent[0]) > 0.0;
+      const bool past_second = dot(local, contact.arc_tangent[1]) > 0.0;
+      const bool beyond =
+          contact.more_than_half ? past_first && past_second : past_first || past_second;
+      if (beyond) {
+        on_end(norm(local - contact.end[1]) < norm(local - contact.end[0]) ? 1 : 0, 0.0);
+      } else {
+        on_circle(-1.0);
+      }
+      break;
+    }
     case PairKind::kHybridCircle: {
       const Vec2 local = a.rotation.inverse(d);
       const bool first = dot(local, contact.arc_tangent[0]) > 0.0;

@@ -2,16 +2,28 @@
 
 namespace feltmb {
 
+namespace {
+
+constexpr std::pair<const char*, InputKind> kInputs[] = {
+    {"force", InputKind::kForce},
+    {"motion", InputKind::kMotion},
+    {"key_motion", InputKind::kKeyMotion},
+    {"torque", InputKind::kTorque},
+    {"motor_motion", InputKind::kMotorMotion},
+};
+
+}  // namespace
+
+const char* input_name(InputKind kind) {
+  for (const auto& [name, own] : kInputs) {
+    if (own == kind) return name;
+  }
+  return "?";
+}
+
 InputKind input_kind(const std::string& name) {
-  constexpr std::pair<const char*, InputKind> kinds[] = {
-      {"force", InputKind::kForce},
-      {"motion", InputKind::kMotion},
-      {"key_motion", InputKind::kKeyMotion},
-      {"torque", InputKind::kTorque},
-      {"motor_motion", InputKind::kMotorMotion},
-  };
   std::string known;
-  for (const auto& [own, kind] : kinds) {
+  for (const auto& [own, kind] : kInputs) {
     if (name == own) return kind;
     known += (known.empty() ? "" : ", ") + std::string(own);
   }

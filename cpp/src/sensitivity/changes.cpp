@@ -23,6 +23,7 @@ bool same_motion(const Motion& a, const Motion& b) {
 bool same_geometry(const Contact& a, const Contact& b) {
   return a.kind == b.kind && same(a.a, b.a) && a.normal_a == b.normal_a &&
          a.radius_a == b.radius_a && std::equal(a.arc_normal, a.arc_normal + 2, b.arc_normal) &&
+         std::equal(a.end, a.end + 2, b.end) &&
          std::equal(a.arc_tangent, a.arc_tangent + 2, b.arc_tangent) && same(a.b, b.b) &&
          a.radius_b == b.radius_b && a.enabled == b.enabled;
 }

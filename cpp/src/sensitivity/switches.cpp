@@ -106,7 +106,7 @@ class Finder {
     if (!active_[c]) return;
     const int piece = mechanism_.contacts[c].law.piece(s.compression, s.rate, dynamics.memory(c));
     // On the arc of a hybrid surface the normal turns, on its lines it does not.
-    out.piece[c] = 2 * piece + (piece != 0 && s.turning_normal ? 1 : 0);
+    out.piece[c] = 4 * piece + (piece != 0 ? s.part : 0);
   }
 
   void look_at_state(double t, std::span<const double> y, Look& out) {

@@ -55,6 +55,7 @@ __all__: list[str] = [
     "ShapeSet",
     "SimulationOptions",
     "SphereOnLayer",
+    "Stepper",
     "StopFlag",
     "StrapDescription",
     "StringDescription",
@@ -67,6 +68,7 @@ __all__: list[str] = [
     "assemble",
     "body_poses",
     "contact_laws",
+    "description_numbers",
     "evaluate",
     "fiber",
     "find_equilibrium",
@@ -78,12 +80,14 @@ __all__: list[str] = [
     "observables",
     "point_position",
     "pressure_envelope",
+    "read_description",
     "rhs",
     "sensitivities",
     "simulate",
     "simulate_many",
     "state_names",
     "tolerance_for",
+    "write_description",
 ]
 
 class Friction:
@@ -545,13 +549,19 @@ class SurfaceKind:
       concave
 
       hybrid
+
+      segment
+
+      concave_arc
     """
 
     __members__: typing.ClassVar[dict[str, SurfaceKind]]
     circle: typing.ClassVar[SurfaceKind]
     concave: typing.ClassVar[SurfaceKind]
+    concave_arc: typing.ClassVar[SurfaceKind]
     hybrid: typing.ClassVar[SurfaceKind]
     line: typing.ClassVar[SurfaceKind]
+    segment: typing.ClassVar[SurfaceKind]
     @typing.overload
     def __eq__(self, other: SurfaceKind) -> bool: ...
     @typing.overload
@@ -741,6 +751,15 @@ class SurfaceDescription:
         self,
         arg1: typing.Annotated[
             collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], "FixedSize(2)"
+        ],
+    ) -> None: ...
+    @property
+    def end(self) -> tuple[float, float]: ...
+    @end.setter
+    def end(
+        self,
+        arg1: tuple[
+            typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex
         ],
     ) -> None: ...
     @property
@@ -1353,6 +1372,37 @@ class RunResult:
     @property
     def wall(self) -> float: ...
 
+class Stepper:
+    state: tuple
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        kind: str,
+        *,
+        rtol: typing.SupportsFloat | typing.SupportsIndex,
+        method: str,
+        max_order: typing.SupportsInt | typing.SupportsIndex,
+        max_step: typing.SupportsFloat | typing.SupportsIndex,
+        max_wall: typing.SupportsFloat | typing.SupportsIndex,
+        events: bool,
+        finger_reference: typing.SupportsFloat | typing.SupportsIndex,
+        monitors: collections.abc.Sequence[Monitor],
+    ) -> None: ...
+    def advance(
+        self,
+        duration: typing.SupportsFloat | typing.SupportsIndex,
+        value: typing.SupportsFloat | typing.SupportsIndex,
+        rate: typing.SupportsFloat | typing.SupportsIndex,
+        linear: bool,
+    ) -> tuple[str, str, str, str, list, int]: ...
+    def outputs(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def channels(self) -> list: ...
+    @property
+    def rest(self) -> tuple: ...
+    @property
+    def time(self) -> float: ...
+
 class Perturbed:
     def __init__(
         self,
@@ -1664,6 +1714,11 @@ def contact_laws() -> list:
     All contact laws: name, about, table and fields, each with name, kind, unit, meaning, limits, default and whether it stands in the contact itself.
     """
 
+def description_numbers(description: MechanismDescription) -> list:
+    """
+    Path, unit, meaning, value and limits of all real numbers.
+    """
+
 def evaluate(
     mechanism: Mechanism,
     q: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, 1]"],
@@ -1737,6 +1792,7 @@ def pressure_envelope(material: FeltMaterial) -> Envelope:
     Pressure [Pa] against strain [-] as a table; kept.
     """
 
+def read_description(text: str) -> MechanismDescription: ...
 def rhs(
     mechanism: Mechanism,
     y: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
@@ -1782,5 +1838,9 @@ def state_names(mechanism: Mechanism) -> list[str]:
 def tolerance_for(
     error: typing.SupportsFloat | typing.SupportsIndex, mechanism: Mechanism, method: str
 ) -> float: ...
+def write_description(description: MechanismDescription) -> str:
+    """
+    Text of a description, to the last bit.
+    """
 
-__version__: str = "0.1.0"
+__version__: str = "0.2.0"

@@ -25,6 +25,7 @@ COMMANDS = {
     "gap": ("gap", "The gap to measurements: where, which cause, how far it shrinks."),
     "fit": ("fit", "Fit a model to measured records: parameters, intervals."),
     "show": ("show", "Bodies, contacts, springs of a mechanism, with units and sources."),
+    "fmu": ("fmu", "A mechanism as a unit for co-simulation (FMI 3.0 or 2.0)."),
     "plot": ("plot", "Plots of saved runs."),
     "view": ("view", "Saved runs in a browser: motion, forces, curves, string."),
     "live": ("live", "Turn a mechanism in a browser and see it move, at once."),

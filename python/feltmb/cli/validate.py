@@ -40,12 +40,14 @@ def _is_stroke(path: Path, tables: Mapping[str, object]) -> bool:
 def command(files: tuple[Path, ...], no_rest_pose: bool, as_json: bool) -> None:
     """Check mechanisms (TOML), strokes (TOML or CSV) or saved runs (NetCDF).
 
-    All faults of a file are listed at once; for a mechanism the rest pose is found too.
+    All faults of a file are listed at once; for a mechanism the rest pose is found too, and what an
+    infinite line carries there beyond its body is warned of.
     """
     from feltmb.cli.common import complain
     from feltmb.errors import FeltmbError, InvalidParameter
     from feltmb.files import is_file, read_toml, why_missing
     from feltmb.mechanism import load_action
+    from feltmb.run.reach import unreached_lines
     from feltmb.run.results import load_run
     from feltmb.run.stroke import load_stroke
 
@@ -53,6 +55,7 @@ def command(files: tuple[Path, ...], no_rest_pose: bool, as_json: bool) -> None:
     bad = 0
     found: list[dict[str, object]] = []
     for path in files:
+        warnings: list[str] = []
         try:
             if not is_file(path):
                 raise InvalidParameter(f"{path}: {why_missing(path)}")
@@ -71,9 +74,14 @@ def command(files: tuple[Path, ...], no_rest_pose: bool, as_json: bool) -> None:
                 if not no_rest_pose:
                     iterations = action.rest_iterations
                     text += f", comes to rest ({iterations} iterations)"
+                    warnings = unreached_lines(action)
             found.append({"file": str(path), "ok": True, "text": text})
+            if warnings:
+                found[-1]["warnings"] = warnings
             if not as_json:
                 screen.print(f"{path}: ok: {text}")
+                for warning in warnings:
+                    complain(f"warning: {path}: {warning}")
         except FeltmbError as error:
             found.append({"file": str(path), "ok": False, "text": str(error)})
             if not as_json:

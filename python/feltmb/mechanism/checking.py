@@ -264,7 +264,9 @@ def _pair_radii(config: MechanismFile, contact: Contact) -> tuple[float | None, 
     """Relative radius of a pair of surfaces and, on a string, that of the string [m]."""
     pair = [config.surfaces[name] for name in contact.surfaces if name in config.surfaces]
     curvature = sum(
-        0.0 if s.kind == "line" else (-1.0 if s.kind == "concave" else 1.0) / (s.radius or math.inf)
+        0.0
+        if s.kind in ("line", "segment")
+        else (-1.0 if s.kind in ("concave", "concave_arc") else 1.0) / (s.radius or math.inf)
         for s in pair
     )
     string = config.string
@@ -321,6 +323,17 @@ def missing_law_faults(node: Mapping[str, Any], where: str) -> list[str]:
     return [f"{where}.{key}: is missing; law {law!r} needs it" for key in needed if key not in node]
 
 
+#: What each kind of surface needs beside its point.
+_GEOMETRY = {
+    "line": ("normal",),
+    "circle": ("radius",),
+    "concave": ("radius",),
+    "hybrid": ("radius", "arc"),
+    "segment": ("end",),
+    "concave_arc": ("radius", "arc"),
+}
+
+
 def _law_faults(raw: Mapping[str, Any]) -> list[str]:
     faults = []
     for name, node in _table(raw, "contacts").items():
@@ -330,11 +343,11 @@ def _law_faults(raw: Mapping[str, Any]) -> list[str]:
         if not isinstance(node, Mapping):
             continue
         kind = node.get("kind")
-        geometry = {"line": ["normal"], "hybrid": ["radius", "arc"]}.get(str(kind), ["radius"])
-        if kind in ("line", "circle", "concave", "hybrid"):
-            for key in geometry:
-                if key not in node:
-                    faults.append(f"surfaces.{name}.{key}: is missing; kind {kind!r} needs it")
+        faults += [
+            f"surfaces.{name}.{key}: is missing; kind {kind!r} needs it"
+            for key in _GEOMETRY.get(str(kind), ())
+            if key not in node
+        ]
     for name, node in _table(raw, "bodies").items():
         if not isinstance(node, Mapping):
             continue

@@ -109,8 +109,9 @@ class Surface(Schema):
     """A contact surface fixed to a body."""
 
     body: str
-    kind: Literal["line", "circle", "concave", "hybrid"]
+    kind: Literal["line", "circle", "concave", "hybrid", "segment", "concave_arc"]
     point: Annotated[tuple[float, float], SIVector("m")]
+    end: Annotated[tuple[float, float], SIVector("m")] | None = None
     normal: Annotated[tuple[float, float], SIVector("1")] | None = None
     radius: Annotated[float, SI("m"), Field(ge=0)] | None = None
     arc: Annotated[tuple[float, float], SIVector("rad")] | None = None

@@ -218,29 +218,33 @@ def prepare(
         action.mechanism,
         stroke.input,
         list(y),
-        _monitors(action, y),
+        start_monitors(action, y),
         list(memory),
     )
 
 
 def check_input(action: Action, stroke: Stroke) -> None:
     """What drives the mechanism must be there."""
-    if not any(stroke.value):
-        return
-    if stroke.kind in MOTORS:
+    if any(stroke.value):
+        refuse_kind(action, stroke.kind, f"stroke {stroke.name!r} is a {stroke.kind}")
+
+
+def refuse_kind(action: Action, kind: str, what: str) -> None:
+    """Refuse an input whose finger or motor the mechanism does not have."""
+    if kind in MOTORS:
         if action.config.motor is None:
             raise InvalidParameter(
-                f"stroke {stroke.name!r} is a {stroke.kind}, but mechanism {action.name!r} "
-                "describes no motor; compose it with an actuator (--actuator)"
+                f"{what}, but mechanism {action.name!r} describes no motor; compose it with an "
+                "actuator (--actuator)"
             )
     elif action.config.finger is None:
         raise InvalidParameter(
-            f"stroke {stroke.name!r} presses, but mechanism {action.name!r} describes no finger"
+            f"{what} of a finger, but mechanism {action.name!r} describes no finger"
         )
     elif action.config.motor is not None and action.config.motor.contact is not None:
         raise InvalidParameter(
-            f"stroke {stroke.name!r} is a {stroke.kind} of a finger, but a motor presses mechanism "
-            f"{action.name!r}; give its torque or motor angle"
+            f"{what} of a finger, but a motor presses mechanism {action.name!r}; give its torque "
+            "or motor angle"
         )
 
 
@@ -281,9 +285,12 @@ def _reals(run: Run, name: str) -> Array:
     return array.astype(float)
 
 
-def _monitors(action: Action, y: Array) -> list[Any]:
+def start_monitors(action: Action, y: Array | None = None) -> list[Any]:
+    """Events of tracking points, by their travel from a state; default: from rest."""
     monitors = []
     n = len(action.coordinates)
+    if y is None:
+        y = action.rest_pose
     for name, rule in action.config.events.items():
         if rule.point is None or rule.travel is None:
             continue

@@ -108,6 +108,7 @@ class Envelope {
   double unloading_energy(double e, double e_m) const;
 
  private:
+  friend struct EnvelopeTables;  ///< planar/archive.cpp
   Envelope() = default;
   void tabulate_loading(const std::function<double(double)>& loading, double reach, bool smooth);
   std::vector<double> close(std::vector<double> rho) const;

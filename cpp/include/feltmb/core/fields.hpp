@@ -23,6 +23,9 @@ struct Range {
 /// Where a number acts that has another unit at each.
 enum class Site { kAny, kRevolute, kPrismatic, kContact };
 
+/// Of a unit that is another at each site, "N m | N | 1", that of one; "1" where none is told.
+std::string unit_at(const char* unit, Site site);
+
 /// "name = value unit, must be range"; of several units that of the site.
 std::string number_fault(const char* name, double value, const char* unit, const Range& range,
                          Site site = Site::kAny);

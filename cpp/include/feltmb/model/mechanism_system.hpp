@@ -5,6 +5,7 @@
 #include <limits>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "feltmb/modal/kernels.hpp"
@@ -132,6 +133,13 @@ class MechanismSystem : public OdeSystem {
   /// Lets a prescribed motion count from the state of the start. Throws InvalidParameter if the
   /// profile starts with another speed than the state.
   void set_prescribed_reference(double t, std::span<const double> y);
+
+  /// Place along its direction and speed of the point under the finger, or of the motor's
+  /// coordinate for a kind of motor.
+  std::pair<double, double> driven_place(double t, std::span<const double> y);
+
+  /// Another input of the same kind.
+  void set_input(const Input& input);
 
   /// See SimulationOptions::finger_reference.
   void set_finger_reference(double place) {

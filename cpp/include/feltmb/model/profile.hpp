@@ -1,6 +1,7 @@
 /// Finger force or finger motion against time.
 #pragma once
 
+#include <array>
 #include <vector>
 
 namespace feltmb {
@@ -24,6 +25,10 @@ class Profile {
   /// Throws InvalidParameter naming the first knot at fault.
   Profile(std::vector<double> time, std::vector<double> value, Interpolation interpolation,
           double oscillation_amplitude = 0.0, double oscillation_frequency = 0.0);
+
+  /// c[0] + c[1] t + c[2] t^2 + c[3] t^3 from 0 to twice `duration` > 0 [s]: up to there it has no
+  /// corner.
+  static Profile cubic(const std::array<double, 4>& c, double duration);
 
   double value(double t) const;
   double rate(double t) const;          ///< d value / dt [1/s]

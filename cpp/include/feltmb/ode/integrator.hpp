@@ -53,6 +53,9 @@ class Integrator {
   /// Starts, or starts anew after a discontinuity, at (t, y); quadratures go on unless `reset`.
   void start(double t, std::span<const double> y, bool reset_quadratures);
 
+  /// What was learned of the system so far is forgotten: the next start is as the first.
+  void forget();
+
   /// Values of the quadratures from which the next start goes on.
   void set_quadratures(std::span<const double> z);
 

@@ -97,6 +97,11 @@ enum class SurfaceKind {
   kCircle,   ///< full circle about `point`, material inside
   kConcave,  ///< full circle about `point`, material outside: holds the other circle inside
   kHybrid,   ///< arc about `point` from arc[0] to arc[1] with its two tangent half-lines
+  /// From `point` to `end`, material on the right of the way; with `radius` a bar of that thickness
+  /// about it. Beyond an end that end is touched, from all sides.
+  kSegment,
+  /// The concave circle from arc[0] to arc[1] only. Beyond an end that end is touched.
+  kConcaveArc,
 };
 
 /// A contact surface fixed to a body.
@@ -106,9 +111,10 @@ struct SurfaceDescription {
   SurfaceKind kind = SurfaceKind::kCircle;
   Vec2 point;             ///< point of the line or center of the circle [m]
   Vec2 normal{0.0, 1.0};  ///< line only, unit length
-  double radius = 0.0;    ///< circles and hybrid [m], >= 0 (0: a point)
-  /// Hybrid: angles of the arc's ends, counterclockwise [rad].
+  double radius = 0.0;    ///< circles, hybrid, segment [m], >= 0 (0: a point)
+  /// Hybrid and concave arc: angles of the arc's ends, counterclockwise [rad].
   std::array<double, 2> arc{0.0, 0.0};
+  Vec2 end{};  ///< segment only [m]
 
   static constexpr auto fields() {
     using S = SurfaceDescription;
@@ -118,8 +124,10 @@ struct SurfaceDescription {
         entry("kind", &S::kind, "of the surface"),
         entry("point", &S::point, "of the line, or center [m]"),
         entry("normal", &S::normal, "of a line"),
-        number("radius", &S::radius, "m", at_least(0.0), "of circle or arc; 0: a point"),
+        number("radius", &S::radius, "m", at_least(0.0),
+               "of circle or arc, half the thickness of a segment; 0: a point"),
         entry("arc", &S::arc, "angles of its ends [rad]"),
+        entry("end", &S::end, "of a segment [m]"),
     };
   }
 };

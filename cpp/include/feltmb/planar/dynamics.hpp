@@ -31,6 +31,7 @@ constexpr bool is_motion(InputKind kind) {
 
 /// "force", "motion", "key_motion", "torque" or "motor_motion"; throws InvalidParameter.
 InputKind input_kind(const std::string& name);
+const char* input_name(InputKind kind);
 
 /// What acts on the mechanism from outside at one instant.
 struct Drive {
@@ -79,6 +80,8 @@ struct ContactState {
   Vec2 point;                    ///< middle of the overlap [m]
   Vec2 relative_velocity;        ///< of b against a at the point
   Vec2 center;                   ///< center of the circle of b
+  Vec2 base;                     ///< about which the normal turns
+  int part = 0;                  ///< of the surface: line 0, circle 1, first end 2, second end 3
   bool turning_normal = false;   ///< normal follows the line between two centers
   double curvature = 0.0;        ///< 1 / distance of the centers, for circle pairs [1/m]
   StringPoint string;            ///< string at the point of contact, as it yields to the contact

@@ -102,7 +102,14 @@ struct FlexibleBeam {
 
 /// Flat side of a contact pair: every pair of surfaces reduces to a circle on link b against one
 /// of these on link a.
-enum class PairKind { kLineCircle, kCircleCircle, kConcaveCircle, kHybridCircle };
+enum class PairKind {
+  kLineCircle,
+  kCircleCircle,
+  kConcaveCircle,
+  kHybridCircle,
+  kSegmentCircle,
+  kConcaveArcCircle,
+};
 
 struct Contact {
   int number = 0;
@@ -112,9 +119,12 @@ struct Contact {
   LinkPoint a;    ///< point of the line or center of the circle on link a
   Vec2 normal_a;  ///< line: local normal out of the material
   double radius_a = 0.0;
-  Vec2 arc_normal[2];   ///< hybrid: local normals of the two half-lines
-  Vec2 arc_tangent[2];  ///< hybrid: local directions in which they leave the arc
-  LinkPoint b;          ///< center of the circle on link b
+  Vec2 arc_normal[2];  ///< hybrid: local normals of the two half-lines
+  Vec2
+      arc_tangent[2];  ///< hybrid, segment, concave arc: local directions that leave it at its ends
+  Vec2 end[2];         ///< segment, concave arc: its ends, from `a`, local
+  bool more_than_half = false;  ///< concave arc: spans more than pi
+  LinkPoint b;                  ///< center of the circle on link b
   double radius_b = 0.0;
   bool swapped = false;  ///< the description named the circle first
   ContactLaw law;

@@ -242,6 +242,10 @@ def _surface_piece(name: str, s: Surface, touched: list[Array], center: Array, u
         ]
         return _Piece(shapes, node, 0.5 * depth, False)
     radius = float(s.radius or 0.0)
+    if s.kind == "segment":
+        return _segment_piece(name, s, depth)
+    if s.kind == "concave_arc":
+        return _concave_arc_piece(name, s, depth)
     angles = [math.atan2(t[1] - p[1], t[0] - p[0]) for t in touched]
     if s.kind == "hybrid":
         assert s.arc is not None
@@ -275,6 +279,45 @@ def _surface_piece(name: str, s: Surface, touched: list[Array], center: Array, u
         Shape(s.body, "surface", name, arc, False),
     ]
     return _Piece(shapes, node, 2.6 * u, False)
+
+
+def _segment_piece(name: str, s: Surface, depth: float) -> _Piece:
+    """A segment, or a bar with round ends, and the material behind it."""
+    assert s.end is not None
+    ends = np.array([s.point, s.end])
+    way = (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))
+    normal = np.array([-way[1], way[0]])
+    radius = float(s.radius or 0.0)
+    if radius == 0.0:
+        surface = ends
+        block = np.vstack([ends, ends[::-1] - normal * depth])
+    else:
+        angle = math.atan2(normal[1], normal[0])
+        first = arc_points(ends[0], radius, angle, angle + math.pi)
+        last = arc_points(ends[1], radius, angle - math.pi, angle)
+        block = np.vstack([first, last])
+        surface = np.vstack([block, block[:1]])
+    shapes = [
+        Shape(s.body, "pad", name, block, True),
+        Shape(s.body, "surface", name, surface, False),
+    ]
+    return _Piece(shapes, ends.mean(axis=0) - 0.5 * depth * normal, 0.5 * depth, False)
+
+
+def _concave_arc_piece(name: str, s: Surface, depth: float) -> _Piece:
+    """An arc and the material around it."""
+    assert s.arc is not None
+    p, radius = np.array(s.point), float(s.radius or 0.0)
+    low, high = s.arc
+    arc = arc_points(p, radius, low, high)
+    band = np.vstack([arc, arc_points(p, radius + depth, high, low)])
+    middle = 0.5 * (low + high)
+    node = p + (radius + 0.5 * depth) * np.array([math.cos(middle), math.sin(middle)])
+    shapes = [
+        Shape(s.body, "pad", name, band, True),
+        Shape(s.body, "surface", name, arc, False),
+    ]
+    return _Piece(shapes, node, 0.5 * depth, False)
 
 
 def _hybrid_piece(name: str, s: Surface, touched: list[Array], u: float) -> _Piece:

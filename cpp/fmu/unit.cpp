@@ -1,0 +1,130 @@
+#include "unit.hpp"
+
+#include <cmath>
+#include <fstream>
+#include <sstream>
+
+#include "feltmb/core/error.hpp"
+
+namespace feltmb::fmu {
+
+Unit::Unit(const std::string& resources, const std::string& token) {
+  const std::string path = resources + "/machine.txt";
+  std::ifstream file(path, std::ios::binary);
+  if (!file) throw Error("cannot read " + path);
+  // unit TOKEN KIND HOLD METHOD ORDER RTOL, then the description
+  std::string head, own, kind, hold, method, rtol;
+  file >> head >> own >> kind >> hold >> method >> options_.max_order >> rtol;
+  if (!file || head != "feltmb-unit") throw Error(path + " is no machine of feltmb");
+  if (own != token) throw Error(path + " belongs to another model description");
+  kind_ = input_kind(kind);
+  hold_ = hold == "linear" ? Hold::kLinear : Hold::kZero;
+  options_.method = method_from_name(method);
+  options_.rtol = std::strtod(rtol.c_str(), nullptr);
+  options_.events = false;
+  file.get();
+  std::ostringstream rest;
+  rest << file.rdbuf();
+  original_ = read_description(rest.str());
+  description_ = original_;
+  numbers_ = numbers_of(description_);
+}
+
+Stepper& Unit::stepper() {
+  if (!stepper_) {
+    for (const DescriptionNumber& number : numbers_) {
+      if (number.range.holds(*number.value)) continue;
+      throw InvalidParameter(
+          number_fault(number.path.c_str(), *number.value, number.unit.c_str(), number.range));
+    }
+    stepper_ = std::make_unique<Stepper>(assemble(description_), kind_, options_);
+  }
+  return *stepper_;
+}
+
+double Unit::time() const { return start_ + (stepper_ ? stepper_->state().machine.time : 0.0); }
+
+double Unit::get(std::uint32_t reference) {
+  if (reference == kTime) return time();
+  if (reference == kInput) return input_;
+  if (reference == kTolerance) return options_.rtol;
+  if (reference >= kParameters && reference - kParameters < numbers_.size()) {
+    return *numbers_[reference - kParameters].value;
+  }
+  if (reference >= kOutputs && reference - kOutputs < stepper().channels().size()) {
+    return stepper().outputs()[reference - kOutputs];
+  }
+  throw InvalidParameter(format("there is no variable with reference %u", reference));
+}
+
+void Unit::set(std::uint32_t reference, double value) {
+  if (reference == kInput) {
+    input_ = value;
+  } else if (reference == kTolerance) {
+    options_.rtol = value;
+    stepper_.reset();
+  } else if (reference >= kParameters && reference - kParameters < numbers_.size()) {
+    if (stepper_ && stepper_->state().machine.time > 0.0) {
+      throw InvalidParameter(numbers_[reference - kParameters].path +
+                             " is fixed: it can be set before the first step only");
+    }
+    *numbers_[reference - kParameters].value = value;
+    stepper_.reset();
+  } else {
+    throw InvalidParameter(format("there is no variable to set with reference %u", reference));
+  }
+}
+
+void Unit::reset() {
+  stepper_.reset();
+  // In place: the numbers point into it.
+  std::vector<DescriptionNumber> first = numbers_of(original_);
+  for (std::size_t i = 0; i < first.size(); ++i) *numbers_[i].value = *first[i].value;
+  start_ = input_ = 0.0;
+}
+
+void Unit::step(double at, double duration) {
+  Stepper& own = stepper();
+  if (std::fabs(at - time()) > 1e-9 * std::fmax(1.0, std::fabs(at))) {
+    throw InvalidParameter(format("step from %.9g s, but the unit is at %.9g s", at, time()));
+  }
+  const StepResult done = own.advance(duration, {input_}, hold_);
+  if (done.status != RunStatus::kDone) throw Error(done.message);
+}
+
+std::vector<double> Unit::save() {
+  const StepState& s = stepper().state();
+  std::vector<double> out{start_,        input_,       options_.rtol,        s.machine.time,
+                          s.drive.value, s.drive.rate, s.drive.acceleration, s.drive.mean};
+  for (const DescriptionNumber& number : numbers_) out.push_back(*number.value);
+  out.insert(out.end(), s.machine.y.begin(), s.machine.y.end());
+  out.insert(out.end(), s.machine.largest_compression.begin(), s.machine.largest_compression.end());
+  return out;
+}
+
+void Unit::restore(const std::vector<double>& saved) {
+  if (saved.size() != save().size()) throw InvalidParameter("the state is of another unit");
+  std::size_t i = 0;
+  const auto next = [&] { return saved[i++]; };
+  start_ = next();
+  input_ = next();
+  bool other = options_.rtol != saved[i];
+  options_.rtol = next();
+  StepState s;
+  s.machine.time = next();
+  s.drive = {kind_, 0.0, 0.0, 0.0, 0.0};
+  s.drive.value = next();
+  s.drive.rate = next();
+  s.drive.acceleration = next();
+  s.drive.mean = next();
+  for (const DescriptionNumber& number : numbers_) {
+    other = other || *number.value != saved[i];
+    *number.value = next();
+  }
+  if (other) stepper_.reset();
+  for (std::size_t n = stepper().rest().machine.y.size(); n > 0; --n) s.machine.y.push_back(next());
+  while (i < saved.size()) s.machine.largest_compression.push_back(next());
+  stepper().set_state(s);
+}
+
+}  // namespace feltmb::fmu

@@ -1,0 +1,56 @@
+/// A mechanism as a co-simulation unit, without a version of the interface: fmi2.cpp and fmi3.cpp
+/// are its C functions.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "feltmb/model/stepper.hpp"
+#include "feltmb/planar/archive.hpp"
+
+namespace feltmb::fmu {
+
+/// References of variables; feltmb/run/fmu.py writes the same into the model description.
+enum Reference : std::uint32_t {
+  kTime = 0,
+  kInput = 1,      ///< in the unit of the kind
+  kTolerance = 2,  ///< relative, of the integrator
+  kOutputs = 1000,
+  kParameters = 100000,
+};
+
+class Unit {
+ public:
+  /// `token` must be that of the resources. Throws Error.
+  Unit(const std::string& resources, const std::string& token);
+
+  void set_start(double time) { start_ = time; }
+
+  double get(std::uint32_t reference);
+  void set(std::uint32_t reference, double value);
+
+  void initialize() { stepper(); }
+  void reset();
+  void step(double time, double duration);
+  double time() const;
+
+  /// All that may change, as numbers.
+  std::vector<double> save();
+  void restore(const std::vector<double>& saved);
+
+ private:
+  Stepper& stepper();
+
+  InputKind kind_ = InputKind::kForce;
+  Hold hold_ = Hold::kZero;
+  StepperOptions options_;
+  MechanismDescription original_, description_;
+  std::vector<DescriptionNumber> numbers_;  ///< of description_
+  double start_ = 0.0;
+  double input_ = 0.0;
+  std::unique_ptr<Stepper> stepper_;  ///< once it is asked for; a parameter makes it anew
+};
+
+}  // namespace feltmb::fmu

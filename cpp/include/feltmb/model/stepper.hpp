@@ -1,0 +1,96 @@
+/// A mechanism in time by steps of the caller's, each with an input of its own: for controllers,
+/// haptic devices, co-simulation. Shares its code with `simulate` (simulation.cpp).
+#pragma once
+
+#include <limits>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "feltmb/model/simulation.hpp"
+
+namespace feltmb {
+
+struct StepperOptions {
+  double rtol = 1e-6;  ///< as those of SimulationOptions, and the following
+  Method method = Method::kAuto;
+  int max_order = 0;
+  double max_step = 0.0;
+  double max_wall = 0.0;  ///< of one step [s]
+  bool events = true;
+  double finger_reference = std::numeric_limits<double>::quiet_NaN();  ///< NaN: the rest pose
+};
+
+/// Course of a force, of a torque or of a finger over a step.
+enum class Hold {
+  kZero,    ///< constant at the value
+  kLinear,  ///< straight from the value at the end of the last step
+};
+
+/// Input of a step, in the unit of the kind.
+struct StepInput {
+  double value = 0.0;
+  /// Of a prescribed motion, whose value and rate hold at the end of the step: a cubic leads there.
+  /// NaN: that of a motion which is sampled with equal steps.
+  double rate = std::numeric_limits<double>::quiet_NaN();
+};
+
+/// Input at the end of a step.
+struct StepDrive {
+  InputKind kind = InputKind::kForce;
+  double value = 0.0;  ///< motions count from the rest pose
+  double rate = 0.0;
+  double acceleration = 0.0;
+  double mean = 0.0;  ///< rate over the step
+};
+
+/// All that the steps to come depend on, but for mechanism, options and kind of input. The clock is
+/// for the caller: no step depends on it.
+struct StepState {
+  SimulationState machine;
+  StepDrive drive;
+};
+
+struct StepResult {
+  RunStatus status = RunStatus::kDone;  ///< else the state is that before the step
+  std::string message;
+  std::string failed_state;
+  std::string failed_contact;
+  std::vector<SimulationEvent> events;  ///< on the clock of the state
+  long steps = 0;                       ///< of the integrator
+};
+
+/// Each step begins without history of the integrator: the input may jump, and a step follows from
+/// the state alone, to the last bit. A mutable workspace, one a thread.
+class Stepper {
+ public:
+  /// Begins at rest. Throws InvalidParameter where `simulate` does.
+  Stepper(const std::shared_ptr<const Mechanism>& mechanism, InputKind kind,
+          const StepperOptions& options, const std::vector<Monitor>& monitors = {});
+  ~Stepper();
+  Stepper(const Stepper&) = delete;
+  Stepper& operator=(const Stepper&) = delete;
+
+  const StepState& rest() const { return rest_; }
+  const StepState& state() const;
+
+  /// A state of this mechanism, of another kind of input too: then a force is zero, a finger just
+  /// touches. Throws InvalidParameter.
+  void set_state(const StepState& state);
+
+  /// Throws InvalidParameter for bad arguments; a solver failure is a status.
+  StepResult advance(double duration, const StepInput& input, Hold hold = Hold::kZero,
+                     const Progress& progress = {});
+
+  /// Values of channels() at the state, with the input at the end of the last step.
+  std::span<const double> outputs();
+  const Channels& channels() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+  StepState rest_;
+};
+
+}  // namespace feltmb

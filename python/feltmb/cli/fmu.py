@@ -1,0 +1,84 @@
+"""``feltmb fmu``: a mechanism as a co-simulation unit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from feltmb.cli.common import (
+    Number,
+    force_option,
+    load_with_settings,
+    say_written,
+    set_option,
+)
+from feltmb.cli.completing import actions
+
+
+@click.command("fmu")
+@click.argument("action", shell_complete=actions)
+@set_option
+@click.option(
+    "-o",
+    "--out",
+    required=True,
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="The unit (.fmu).",
+)
+@click.option(
+    "--fmi",
+    type=click.Choice(["3.0", "2.0"]),
+    default="3.0",
+    show_default=True,
+    help="Version of the interface.",
+)
+@click.option(
+    "--input",
+    "drive",
+    type=click.Choice(["force", "motion", "key_motion", "torque", "motor_motion"]),
+    help="Kind of the input; default: force, or torque of a mechanism with a motor.",
+)
+@click.option(
+    "--hold",
+    type=click.Choice(["zero", "linear"]),
+    help="Course of the input over a step; default: linear for a motion, else zero.",
+)
+@click.option(
+    "--parameter",
+    "parameters",
+    multiple=True,
+    metavar="PATTERN",
+    help="Numbers that become parameters, such as 'contacts.06.*'; default: all. Repeatable.",
+)
+@click.option(
+    "--rtol", type=Number(1e-13, 1e-2), default=1e-6, show_default=True, help="Relative tolerance."
+)
+@force_option
+def command(
+    action: str,
+    settings: tuple[str, ...],
+    out: Path,
+    fmi: str,
+    drive: str | None,
+    hold: str | None,
+    parameters: tuple[str, ...],
+    rtol: float,
+    force: bool,
+) -> None:
+    """Write ACTION as a unit for co-simulation (FMI), with a binary that needs no Python."""
+    from feltmb.run.fmu import export
+
+    mechanism = load_with_settings(action, settings)
+    written = export(
+        mechanism,
+        out,
+        version=fmi,  # type: ignore[arg-type]
+        drive=drive,  # type: ignore[arg-type]
+        hold=hold,  # type: ignore[arg-type]
+        parameters=parameters or "*",
+        rtol=rtol,
+        force=force,
+    )
+    say_written(written)

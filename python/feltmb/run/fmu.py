@@ -1,0 +1,357 @@
+"""Co-simulation units: a mechanism as an FMU that runs without Python (FMI 3.0 and 2.0)."""
+
+from __future__ import annotations
+
+import fnmatch
+import hashlib
+import platform
+import re
+import sys
+import zipfile
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+from xml.sax.saxutils import quoteattr
+
+from feltmb import _core
+from feltmb.arguments import checked
+from feltmb.errors import InvalidParameter
+from feltmb.files import check_suffix, write_file
+from feltmb.mechanism import Action, describe, load_action
+from feltmb.run.simulate import refuse_kind
+from feltmb.run.stroke.strokes import MOTORS, PRESCRIBED, UNITS, Kind
+
+__all__ = ["export"]
+
+#: References of variables, as cpp/fmu/unit.hpp has them.
+_TIME, _INPUT, _TOLERANCE, _OUTPUTS, _PARAMETERS = 0, 1, 2, 1000, 100_000
+
+#: Exponents of kg, m, s, rad by symbol.
+_BASE = {
+    "kg": (1, 0, 0, 0),
+    "m": (0, 1, 0, 0),
+    "s": (0, 0, 1, 0),
+    "rad": (0, 0, 0, 1),
+    "N": (1, 1, -2, 0),
+    "J": (1, 2, -2, 0),
+    "Pa": (1, -1, -2, 0),
+}
+_FACTOR = re.compile(r"([A-Za-z]+)(?:\^(\d+))?$")
+
+#: What an input is, for the description of its variable.
+_ABOUT = {
+    "force": "force of the finger on the key, positive pressing",
+    "motion": "motion of a finger that meets the key through its pad; 0 just touches it at rest",
+    "key_motion": "motion of the point under the finger, from its rest",
+    "torque": "torque of the motor",
+    "motor_motion": "motion of the motor's hub, from its rest",
+}
+
+
+@dataclass(frozen=True)
+class _Variable:
+    name: str
+    reference: int
+    causality: str
+    variability: str
+    unit: str
+    text: str
+    start: float | None = None
+    low: float | None = None
+    high: float | None = None
+
+
+@checked
+def export(
+    action: Action | str | Path,
+    path: str | Path,
+    *,
+    version: Literal["3.0", "2.0"] = "3.0",
+    drive: Kind | None = None,
+    hold: Literal["zero", "linear"] | None = None,
+    parameters: str | Iterable[str] = "*",
+    rtol: float = 1e-6,
+    method: str = "auto",
+    max_order: int | None = None,
+    force: bool = False,
+) -> Path:
+    """Write a mechanism as a co-simulation unit for this platform.
+
+    The unit holds the mechanism and a binary of its own; it needs no Python. All channels are
+    outputs, the input is one of the five kinds, and the numbers of the mechanism are parameters, of
+    which the rest pose follows. Its steps are those of :class:`feltmb.Machine`.
+
+    Parameters
+    ----------
+    action
+        Object, or name for :func:`load_action`.
+    path
+        The unit, ``.fmu``.
+    version
+        Of the interface.
+    drive
+        Kind of the input; default: ``"force"``, or ``"torque"`` of a mechanism with a motor.
+    hold
+        Course of a force, a torque or a finger's motion over a step: ``"zero"`` is the value of the
+        input, ``"linear"`` a straight line to it from that of the last step, which lags by a step.
+        Default: linear for a motion, else zero. Motions that are prescribed reach the value at the
+        end of the step.
+    parameters
+        Names of the numbers that become parameters, ``*`` for any part; default: all.
+    rtol, method, max_order
+        As in :class:`RunOptions`; ``rtol`` is a parameter of the unit, too.
+    force
+        Replace an existing file.
+
+    Returns
+    -------
+    Path
+        The file written.
+
+    Raises
+    ------
+    InvalidParameter
+        An argument is out of range, a pattern matches no parameter, the mechanism has no finger or
+        motor for the input, or a law of it is a compiled function.
+    FileExists
+        The file exists and ``force`` is not given.
+    """
+    path = Path(path)
+    check_suffix(path, ".fmu")
+    if not isinstance(action, Action):
+        action = load_action(action)
+    if drive is None:
+        drive = "force" if action.config.motor is None else "torque"
+    if drive not in UNITS:
+        raise InvalidParameter(f"drive {drive!r} is none of {', '.join(UNITS)}")
+    refuse_kind(action, drive, f"the input of the unit is a {drive}")
+    if hold is None:
+        hold = "linear" if drive == "motion" else "zero"
+    binary, folder = _binary(version)
+
+    description = describe(action.config)
+    stepper = _core.Stepper(
+        action.mechanism,
+        drive,
+        rtol=rtol,
+        method=method,
+        max_order=max_order or 0,
+        max_step=0.0,
+        max_wall=0.0,
+        events=False,
+        finger_reference=float("nan"),
+        monitors=[],
+    )
+    variables = [_Variable("time", _TIME, "independent", "continuous", "s", "time")]
+    about = _ABOUT[drive]
+    if drive in MOTORS:
+        about += f", coordinate {action.config.motor.coordinate}"  # type: ignore[union-attr]
+    how = "at the end of the step" if drive in PRESCRIBED else f"hold: {hold}"
+    variables.append(
+        _Variable(drive, _INPUT, "input", "continuous", UNITS[drive], f"{about}; {how}", 0.0)
+    )
+    variables.append(
+        _Variable("rtol", _TOLERANCE, "parameter", "fixed", "1", "relative tolerance", rtol)
+    )
+    variables += [
+        _Variable(name, _OUTPUTS + i, "output", "continuous", unit, text)
+        for i, (name, unit, text) in enumerate(stepper.channels)
+    ]
+    variables += _parameters(action, description, parameters)
+    body = _core.write_description(description)
+    order = max_order or 0
+    token = hashlib.sha256(f"{drive} {hold} {method} {order} {rtol!r} {body}".encode()).hexdigest()
+    machine = f"feltmb-unit {token} {drive} {hold} {method} {order} {rtol!r}\n{body}"
+    identifier = re.sub(r"\W", "_", action.name, flags=re.ASCII) or "mechanism"
+    if identifier[0].isdigit():
+        identifier = f"m_{identifier}"
+    write_xml = _xml3 if version == "3.0" else _xml2
+    xml = write_xml(action.name, identifier, token, variables)
+
+    def write(target: Path) -> None:
+        with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, data in (
+                ("modelDescription.xml", xml.encode()),
+                (f"binaries/{folder}/{identifier}.so", binary.read_bytes()),
+                ("resources/machine.txt", machine.encode()),
+            ):
+                # The same mechanism gives the same bytes.
+                info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+                info.compress_type = zipfile.ZIP_DEFLATED
+                info.external_attr = (0o755 if name.endswith(".so") else 0o644) << 16
+                archive.writestr(info, data)
+
+    return write_file(path, write, force=force)
+
+
+def _binary(version: str) -> tuple[Path, str]:
+    """The binary of units and the folder of a unit in which this platform looks for it."""
+    machine = platform.machine()
+    if not sys.platform.startswith("linux") or machine not in ("x86_64", "aarch64"):
+        raise InvalidParameter(
+            f"units are written for Linux on x86-64 or aarch64 only; this is {sys.platform} on "
+            f"{machine}"
+        )
+    if version == "2.0" and machine != "x86_64":
+        raise InvalidParameter(f"FMI 2.0 knows no platform of {machine}; write FMI 3.0")
+    path = Path(_core.__file__).parent / "_core_fmu.so"
+    if not path.is_file():
+        raise InvalidParameter(
+            f"{path.name} is not installed beside the extension of feltmb; install the package anew"
+        )
+    return path, f"{machine}-linux" if version == "3.0" else "linux64"
+
+
+def _parameters(
+    action: Action, description: _core.MechanismDescription, wanted: str | Iterable[str]
+) -> list[_Variable]:
+    """The numbers of a mechanism whose names match one of the patterns."""
+    patterns = [wanted] if isinstance(wanted, str) else list(wanted)
+    used = [False] * len(patterns)
+    found = []
+    for i, row in enumerate(_core.description_numbers(description)):
+        matches = [fnmatch.fnmatchcase(row["path"], pattern) for pattern in patterns]
+        used = [a or b for a, b in zip(used, matches, strict=True)]
+        if not any(matches):
+            continue
+        # A limit that is not permitted itself cannot be told.
+        low = None if row["low_open"] else row["low"]
+        high = None if row["high_open"] else row["high"]
+        found.append(
+            _Variable(
+                row["path"],
+                _PARAMETERS + i,
+                "parameter",
+                "fixed",
+                row["unit"] or "1",
+                row["meaning"],
+                row["value"],
+                low,
+                high,
+            )
+        )
+    for pattern, hit in zip(patterns, used, strict=True):
+        if not hit:
+            raise InvalidParameter(f"parameters: {pattern!r} matches no number of {action.name!r}")
+    return found
+
+
+# ---------------------------------------------------------------- model descriptions
+
+
+def _attributes(values: Mapping[str, object]) -> str:
+    return "".join(f" {k}={quoteattr(str(v))}" for k, v in values.items() if v is not None)
+
+
+def _exponents(unit: str) -> dict[str, int] | None:
+    """Exponents of the base units; None where one depends on a parameter."""
+    total = [0, 0, 0, 0]
+    for place, part in enumerate(unit.split("/")):
+        for factor in part.split():
+            match = _FACTOR.match(factor)
+            if factor == "1":
+                continue
+            if match is None or match[1] not in _BASE:
+                return None
+            power = int(match[2] or 1) * (-1 if place else 1)
+            total = [t + power * b for t, b in zip(total, _BASE[match[1]], strict=True)]
+    return {n: e for n, e in zip(("kg", "m", "s", "rad"), total, strict=True) if e}
+
+
+def _units(variables: list[_Variable]) -> list[str]:
+    lines = ["  <UnitDefinitions>"]
+    for unit in sorted({v.unit for v in variables} - {"1"}):
+        base = _exponents(unit)
+        name = _attributes({"name": unit})
+        if base is None:
+            lines.append(f"    <Unit{name}/>")
+        else:
+            lines.append(f"    <Unit{name}><BaseUnit{_attributes(base)}/></Unit>")
+    return [*lines, "  </UnitDefinitions>"]
+
+
+def _real(v: _Variable) -> dict[str, Any]:
+    return {
+        "unit": None if v.unit == "1" else v.unit,
+        "min": None if v.low is None else repr(v.low),
+        "max": None if v.high is None else repr(v.high),
+        "start": None if v.start is None else repr(v.start),
+    }
+
+
+_EXPERIMENT = '  <DefaultExperiment startTime="0.0" stopTime="0.4" stepSize="0.0001"/>'
+
+
+def _xml3(name: str, identifier: str, token: str, variables: list[_Variable]) -> str:
+    head = {
+        "fmiVersion": "3.0",
+        "modelName": name,
+        "instantiationToken": token,
+        "generationTool": f"feltmb {_core.__version__}",
+        "variableNamingConvention": "flat",
+    }
+    kind = {
+        "modelIdentifier": identifier,
+        "canHandleVariableCommunicationStepSize": "true",
+        "canGetAndSetFMUState": "true",
+        "canSerializeFMUState": "true",
+    }
+    lines = ['<?xml version="1.0" encoding="UTF-8"?>', f"<fmiModelDescription{_attributes(head)}>"]
+    lines += [f"  <CoSimulation{_attributes(kind)}/>", *_units(variables), _EXPERIMENT]
+    lines.append("  <ModelVariables>")
+    for v in variables:
+        own = {
+            "name": v.name,
+            "valueReference": v.reference,
+            "description": v.text or None,
+            "causality": v.causality,
+            "variability": v.variability,
+            "initial": "calculated" if v.causality == "output" else None,
+        }
+        lines.append(f"    <Float64{_attributes(own | _real(v))}/>")
+    lines += ["  </ModelVariables>", "  <ModelStructure>"]
+    outputs = [v.reference for v in variables if v.causality == "output"]
+    for tag in ("Output", "InitialUnknown"):
+        lines += [f'    <{tag} valueReference="{reference}"/>' for reference in outputs]
+    lines += ["  </ModelStructure>", "</fmiModelDescription>", ""]
+    return "\n".join(lines)
+
+
+def _xml2(name: str, identifier: str, token: str, variables: list[_Variable]) -> str:
+    head = {
+        "fmiVersion": "2.0",
+        "modelName": name,
+        "guid": token,
+        "generationTool": f"feltmb {_core.__version__}",
+        "variableNamingConvention": "flat",
+    }
+    kind = {
+        "modelIdentifier": identifier,
+        "canHandleVariableCommunicationStepSize": "true",
+        "canGetAndSetFMUstate": "true",
+        "canSerializeFMUstate": "true",
+    }
+    lines = ['<?xml version="1.0" encoding="UTF-8"?>', f"<fmiModelDescription{_attributes(head)}>"]
+    lines += [f"  <CoSimulation{_attributes(kind)}/>", *_units(variables), _EXPERIMENT]
+    lines.append("  <ModelVariables>")
+    for v in variables:
+        own = {
+            "name": v.name,
+            "valueReference": v.reference,
+            "description": v.text or None,
+            "causality": v.causality,
+            "variability": v.variability,
+            "initial": "calculated" if v.causality == "output" else None,
+        }
+        lines.append(
+            f"    <ScalarVariable{_attributes(own)}><Real{_attributes(_real(v))}/></ScalarVariable>"
+        )
+    lines += ["  </ModelVariables>", "  <ModelStructure>"]
+    outputs = [i for i, v in enumerate(variables, 1) if v.causality == "output"]
+    for tag in ("Outputs", "InitialUnknowns"):
+        lines.append(f"    <{tag}>")
+        lines += [f'      <Unknown index="{index}"/>' for index in outputs]
+        lines.append(f"    </{tag}>")
+    lines += ["  </ModelStructure>", "</fmiModelDescription>", ""]
+    return "\n".join(lines)

@@ -1,0 +1,318 @@
+"""Co-simulation units: valid, with the numbers of simulate, without Python."""
+
+import ctypes
+import os
+import re
+import subprocess
+import xml.etree.ElementTree as ET
+import zipfile
+
+import numpy as np
+import pytest
+
+import feltmb
+from feltmb import _core, fit, fmu, gap
+from feltmb.cli import main
+
+STEP = 1e-3
+OUTPUTS = ("key.angle", "hammer.angle", "finger.displacement", "finger.force", "string.strike")
+
+
+@pytest.fixture(scope="module")
+def action(rigid):
+    """Rigid members: these tests are not about the members."""
+    return rigid
+
+
+@pytest.fixture(scope="module")
+def unit(action, tmp_path_factory):
+    return fmu.export(action, tmp_path_factory.mktemp("units") / "action.fmu")
+
+
+@pytest.fixture(scope="module")
+def small(pendulum, tmp_path_factory):
+    return fmu.export(pendulum, tmp_path_factory.mktemp("units") / "pendulum.fmu")
+
+
+def description(path):
+    with zipfile.ZipFile(path) as archive:
+        return ET.fromstring(archive.read("modelDescription.xml"))
+
+
+# ---------------------------------------------------------------- what a unit holds
+
+
+def test_a_unit_names_its_variables_with_units_and_start_values(unit, action):
+    tree = description(unit)
+    assert tree.get("fmiVersion") == "3.0"
+    variables = {v.get("name"): v for v in tree.iter("Float64")}
+    force = variables["force"]
+    assert (force.get("causality"), force.get("unit"), force.get("start")) == ("input", "N", "0.0")
+    machine = feltmb.Machine(action)
+    outputs = [n for n, v in variables.items() if v.get("causality") == "output"]
+    assert tuple(outputs) == machine.names
+    assert variables["key.angle"].get("unit") == "rad"
+    mass = variables["bodies.key.mass"]
+    assert (mass.get("causality"), mass.get("variability")) == ("parameter", "fixed")
+    assert float(mass.get("start")) == action.config.bodies["key"].mass
+    assert mass.get("min") == "0.0"
+    defined = {u.get("name"): u for u in tree.iter("Unit")}
+    assert {v.get("unit") for v in variables.values() if v.get("unit")} == set(defined)
+    torque = defined["N m s/rad"].find("BaseUnit")
+    assert torque.attrib == {"kg": "1", "m": "2", "s": "-1", "rad": "-1"}
+
+
+def test_parameters_have_the_paths_of_the_file(unit, action):
+    """Where the core has a number as the file has it, both call it the same."""
+    from feltmb.mechanism.parameters import all_parameters
+
+    here = {
+        v.get("name"): float(v.get("start"))
+        for v in description(unit).iter("Float64")
+        if v.get("causality") == "parameter"
+    }
+    rods = [f"bodies.{name}." for name, b in action.config.bodies.items() if b.kind == "beam"]
+    shared = {p.path: p.value for p in all_parameters(action) if p.path in here}
+    for path in [p for p in shared if p.startswith(tuple(rods))]:
+        del shared[path]  # mass and inertia of a rod follow from its density
+    assert len(shared) > 200
+    for path, value in shared.items():
+        assert here[path] == pytest.approx(value, rel=1e-12), path
+    for path in ("contacts.06.loading.a", "string.tension", "springs", "gravity.y"):
+        assert any(name.startswith(path) for name in here), path
+
+
+def test_the_same_mechanism_gives_the_same_bytes(pendulum, small, tmp_path):
+    again = fmu.export(pendulum, tmp_path / "again.fmu")
+    assert again.read_bytes() == small.read_bytes()
+
+
+def test_a_description_survives_its_text(action, pendulum):
+    from feltmb.mechanism import describe
+
+    damped = feltmb.load_action("steinway45_damped")
+    for each in (action, pendulum, damped, feltmb.load_action("steinway45")):
+        text = _core.write_description(describe(each.config))
+        assert _core.write_description(_core.read_description(text)) == text
+        for bad in (text[:-40], text.replace("bodies", "bodes", 1), text + "x "):
+            with pytest.raises(feltmb.InvalidParameter, match="description of a mechanism, letter"):
+                _core.read_description(bad)
+
+
+def test_the_binary_needs_no_python(unit, tmp_path):
+    """It is loaded by a process that has none of feltmb, and asks for the C library alone."""
+    with zipfile.ZipFile(unit) as archive:
+        [name] = [n for n in archive.namelist() if n.endswith(".so")]
+        archive.extract(name, tmp_path)
+    binary = tmp_path / name
+    assert binary.parent.name.endswith("-linux")
+    shown = subprocess.run(
+        ["readelf", "-d", str(binary)], capture_output=True, text=True, check=False
+    )
+    if shown.returncode == 0:
+        needed = re.findall(r"NEEDED.*\[(.*?)\]", shown.stdout)
+        assert all(re.match(r"lib[cm]\.so|ld-linux|libgcc_s", n) for n in needed), needed
+    library = ctypes.CDLL(str(binary), mode=os.RTLD_LOCAL)
+    library.fmi3GetVersion.restype = library.fmi2GetVersion.restype = ctypes.c_char_p
+    assert library.fmi3GetVersion() == b"3.0"
+    assert library.fmi2GetVersion() == b"2.0"
+
+
+# ---------------------------------------------------------------- FMPy
+
+
+@pytest.fixture(scope="module")
+def fmpy():
+    return pytest.importorskip("fmpy")
+
+
+def validate(path):
+    from fmpy.validation import validate_fmu
+
+    return validate_fmu(str(path))
+
+
+def held(action, force, steps, outputs=OUTPUTS):
+    machine = feltmb.Machine(action)
+    rows = [[machine.read(n) for n in outputs]]
+    for _ in range(steps):
+        machine.advance(STEP, force=force)
+        rows.append([machine.read(n) for n in outputs])
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("version", ["3.0", "2.0"])
+def test_fmpy_finds_nothing_wrong_and_gets_the_numbers_of_simulate(version, fmpy, action, tmp_path):
+    path = fmu.export(action, tmp_path / "action.fmu", version=version)
+    assert validate(path) == []
+    seen = fmpy.simulate_fmu(
+        str(path),
+        stop_time=0.1,
+        output_interval=STEP,
+        start_values={"force": 8.0},
+        output=list(OUTPUTS),
+    )
+    mine = held(action, 8.0, 100)
+    stroke = feltmb.table_stroke([0.0, 1.0], [8.0, 8.0], interpolation="linear", duration=0.1)
+    run = feltmb.simulate(action, stroke, output_rate=1 / STEP, rtol=1e-8)
+    assert len(seen) == 101
+    for i, name in enumerate(OUTPUTS):
+        # Times that FMPy adds up differ by rounding: so do the last bits of a step's length.
+        assert np.allclose(seen[name], mine[:, i], rtol=1e-4, atol=2e-5 * np.ptp(mine[:, i])), name
+        scale = np.ptp(run[name]) or 1.0
+        assert np.max(np.abs(seen[name] - run[name])[1:]) < 5e-4 * scale, name
+
+
+def test_an_input_by_time(fmpy, action, tmp_path):
+    """Linear hold: the ramp of the table, a step later."""
+    path = fmu.export(action, tmp_path / "action.fmu", hold="linear", rtol=1e-8)
+    stroke = feltmb.ramp_stroke(10.0, 0.01, 0.03, duration=0.09)
+    table = np.zeros(91, dtype=[("time", float), ("force", float)])
+    table["time"] = np.arange(91) * STEP
+    table["force"] = stroke.at(table["time"])
+    seen = fmpy.simulate_fmu(
+        str(path), stop_time=0.09, output_interval=STEP, input=table, output=list(OUTPUTS)
+    )
+    run = feltmb.simulate(action, stroke.shifted(STEP), output_rate=1 / STEP, rtol=1e-8)
+    for name in OUTPUTS[:3]:
+        assert np.max(np.abs(seen[name] - run[name][:91])) < 2e-4 * np.ptp(run[name]), name
+
+
+def test_parameters_change_the_mechanism(fmpy, pendulum, small):
+    heavier = pendulum.with_values({"arm.mass": {"value": 40.0, "unit": "g"}})
+    seen = fmpy.simulate_fmu(
+        str(small),
+        stop_time=0.05,
+        output_interval=STEP,
+        start_values={"force": -0.5, "bodies.arm.mass": 0.04},
+        output=["arm.angle"],
+    )
+    there = held(heavier, -0.5, 50, ("arm.angle",))[:, 0]
+    here = held(pendulum, -0.5, 50, ("arm.angle",))[:, 0]
+    assert np.allclose(seen["arm.angle"], there, rtol=1e-6, atol=1e-9)
+    assert np.max(np.abs(seen["arm.angle"] - here)) > 1e-3
+
+
+@pytest.fixture
+def loaded(fmpy, small, tmp_path):
+    """The unit of the pendulum, ready for steps."""
+    from fmpy.fmi3 import FMU3Slave
+
+    folder = fmpy.extract(str(small), str(tmp_path / "unit"))
+    model = fmpy.read_model_description(folder)
+    unit = FMU3Slave(
+        guid=model.guid,
+        unzipDirectory=folder,
+        modelIdentifier=model.coSimulation.modelIdentifier,
+        instanceName="one",
+    )
+    unit.instantiate()
+    unit.enterInitializationMode()
+    unit.exitInitializationMode()
+    references = {v.name: v.valueReference for v in model.modelVariables}
+    yield unit, references
+    unit.terminate()
+    unit.freeInstance()
+
+
+def test_a_state_is_kept_and_restored(loaded):
+    unit, references = loaded
+    angle, force = [references["arm.angle"]], [references["force"]]
+
+    def go(start, steps, value):
+        unit.setFloat64(force, [value])
+        for k in range(steps):
+            unit.doStep(currentCommunicationPoint=start + k * STEP, communicationStepSize=STEP)
+        return unit.getFloat64(angle)[0]
+
+    go(0.0, 20, -0.5)
+    state = unit.getFMUState()
+    saved = bytes(unit.serializeFMUState(state))
+    end = go(0.02, 30, -1.0)
+    unit.setFMUState(state)
+    assert unit.getFloat64([references["time"]])[0] == pytest.approx(0.02)
+    assert go(0.02, 30, -1.0) == end
+    unit.setFMUState(unit.deserializeFMUState(saved))
+    assert go(0.02, 30, -1.0) == end
+    unit.freeFMUState(state)
+
+
+def test_faults_are_told(loaded):
+    from fmpy.fmi1 import FMICallException
+
+    unit, references = loaded
+    with pytest.raises(FMICallException):
+        unit.doStep(currentCommunicationPoint=1.0, communicationStepSize=STEP)
+    with pytest.raises(FMICallException):
+        unit.getFloat64([99999])
+    unit.doStep(currentCommunicationPoint=0.0, communicationStepSize=STEP)
+    with pytest.raises(FMICallException):
+        unit.setFloat64([references["bodies.arm.mass"]], [1.0])
+
+
+@pytest.mark.usefixtures("fmpy")
+def test_a_unit_is_a_model_of_a_diagnosis(pendulum, tmp_path):
+    """The mass of the arm is found from a record, by the unit alone."""
+    path = fmu.export(pendulum, tmp_path / "p.fmu", parameters=["bodies.arm.*"])
+    model = fit.fmu_model(
+        path,
+        parameters=[fit.Parameter(name="bodies.arm.mass", value=0.02, sd=0.01, unit="kg")],
+        inputs={"force": "N"},
+        outputs={"arm.angle": "rad"},
+        workers=1,
+    )
+    time = np.arange(60) * STEP
+    record = gap.Record(
+        name="one",
+        time=time,
+        inputs={"force": np.full(60, -0.4)},
+        outputs={"arm.angle": np.zeros(60)},
+        sensors={"arm.angle": gap.Sensor(name="arm.angle", sigma=1e-5, unit="rad")},
+    )
+    jobs = fit.Jobs(
+        theta=np.array([[0.02], [0.025]]), segments=np.array([[0, 59]] * 2), starts=np.zeros((2, 0))
+    )
+    out = model.simulate(record, jobs).outputs[:, :, 0]
+    heavier = pendulum.with_values({"arm.mass": {"value": 25.0, "unit": "g"}})
+    for row, each in zip(out, (pendulum, heavier), strict=True):
+        assert np.allclose(row, held(each, -0.4, 59, ("arm.angle",))[:, 0], atol=1e-6)
+
+
+# ---------------------------------------------------------------- command and bad input
+
+
+def test_the_command(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as end:
+        main(["fmu", "steinway45", "-o", "action.fmu", "--parameter", "contacts.06.*"])
+    assert end.value.code == 0
+    names = [
+        v.get("name")
+        for v in description(tmp_path / "action.fmu").iter("Float64")
+        if v.get("causality") == "parameter"
+    ]
+    assert names[0] == "rtol"
+    assert all(n.startswith("contacts.06.") for n in names[1:])
+    assert len(names) > 5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"path": "a.zip"}, "cannot write .zip, expected .fmu"),
+        ({"drive": "torque"}, "the input of the unit is a torque, but mechanism .* no motor"),
+        ({"parameters": "contacts.99.*"}, r"parameters: 'contacts.99.\*' matches no number"),
+        ({"rtol": 1.0}, r"rtol = 1, must be in"),
+        ({"version": "1.0"}, "version"),
+    ],
+)
+def test_bad_exports(action, tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(feltmb.InvalidParameter, match=message):
+        fmu.export(**{"action": action, "path": "a.fmu", **arguments})
+    assert not any(tmp_path.iterdir())
+
+
+def test_an_existing_file_stays(small, pendulum):
+    with pytest.raises(feltmb.FileExists):
+        fmu.export(pendulum, small)
