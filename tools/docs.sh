@@ -15,6 +15,7 @@ if ! fresh docs "$wanted"; then
   step 'packages of the site' pip install "${packages[@]}" || die 'The packages of the site could not be installed.'
   stamp docs "$wanted"
 fi
-FELTMB_DOCS_NOTEBOOKS=$notebooks "$vpy" -m sphinx --builder html --fail-on-warning --keep-going --quiet \
+# Read anew, since the code that notebooks run may have changed.
+FELTMB_DOCS_NOTEBOOKS=$notebooks "$vpy" -m sphinx --builder html --fail-on-warning --fresh-env --quiet \
   --doctree-dir build/docs-doctrees docs build/docs
 say "wrote $(short "$root/build/docs/index.html")"
