@@ -255,7 +255,8 @@ def test_gradient_with_a_damper_on_the_string_against_differences(rigid):
     action = rigid.with_values({"string.other_surfaces": ["Gp9"], "contacts.09.enabled": False})
     options = {"duration": 0.096, "output_rate": 1000.0}
     names = ["contact10.force", "contact06.force", "string.bridge_force", "damper.angle"]
-    exact = gradient(action, "forte", list(PATHS), names, rtol=1e-9, tolerance=1e-4, **options)
+    # Moving the damper's line moves the hammer's force by 3e-5 N a mm only, of 25 N.
+    exact = gradient(action, "forte", list(PATHS), names, rtol=1e-10, tolerance=1e-5, **options)
     struck = exact.time > 0.0925
     assert np.any(np.all(exact.values[struck][:, :2] > 0.0, axis=1))
     start = {"contacts.10.loading.a": 280.0, "string.tension": 654.0, "damper.mass": 0.01318,
