@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import re
 from collections.abc import Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING
@@ -43,6 +44,9 @@ def _svg(figure: Figure, name: str, tips: Mapping[str, str] | None = None) -> st
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
         figure.savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()
+    # Within a page no addresses: they are of name spaces, which HTML knows, and of a license.
+    addresses = r"<metadata>.*?</metadata>|\s+xmlns(?::\w+)?=\"[^\"]*\""
+    text = re.sub(addresses, "", text, flags=re.DOTALL)
     text = text[text.index("<svg") :]
     for key, tip in (tips or {}).items():
         text = text.replace(f'<g id="{key}">', f'<g id="{key}"><title>{escape(tip)}</title>', 1)
