@@ -359,7 +359,9 @@ class _Hunt:
         least = self._least(base, at)
         # What a set that explains the records lacks is asked from its own fit.
         whole = set(self._best().names) if base is self.near else None
-        for s in screen_sets(at, largest=max(1, min(3, self.most - len(base.included)))):
+        # Linear scores there hold for what is as small as that set.
+        most = self.most - len(base.included) if whole is None else len(whole)
+        for s in screen_sets(at, largest=max(1, min(3, most))):
             if s.evidence < least:
                 break
             new = tuple(at.candidates[i] for i in s.index)
