@@ -109,7 +109,8 @@ def search(
         hunt = _Hunt(model, better, effects, settings, most, width, progress)
         for fit in led:
             if fit.included:
-                hunt._keep(fit)
+                # As near to its end as the sets that it is compared with.
+                hunt._keep(refit_at(fit.problem, fit.point, fit.level, hunt.quick))
         if better is not None and reseeds and better.log_evidence > model.log_evidence + 1.0:
             # The descent of the gaps had left the valley in which they close.
             notes = (*model.notes, CLOSED)
