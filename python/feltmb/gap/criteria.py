@@ -282,7 +282,7 @@ NEAR_SHAPE = _number(
 )  # fmt: skip
 NEAR_BEST = _number(
     "NEAR_BEST", 50.0, "log evidence",
-    "below the best set, from which a single effect is not fitted again in refined steps",
+    "below the best set, from which another set is no rival of it",
     _JUDGED, "gap/test_search.py",
 )  # fmt: skip
 SWAP_CORRELATION = _number(

@@ -17,7 +17,7 @@ from feltmb.files import Store
 from feltmb.fit.model import Effect, Model
 from feltmb.fit.problem import Point, Problem
 from feltmb.fit.segmented_records import SegmentedRecord, segment_record
-from feltmb.fit.solve import Fit, FitSettings, finish, fit_problem
+from feltmb.fit.solve import Fit, FitSettings, finish, fit_problem, polish
 from feltmb.fit.watch import FIT, PROOF, REPORT, SEARCH, Tell, Watch, current, watching
 from feltmb.gap.acceptance import Accepted, accept, posterior, shapley
 from feltmb.gap.assemble import closest_set, how_far_rows, ranked, with_effects
@@ -231,14 +231,16 @@ def _alone(
 ) -> Fit | None:
     """The fit of the model alone; None: it was not led.
 
-    It tries no other starts where a set of effects explains the records and it, from there, does
-    not.
+    It tries no other starts where it explains the records, or where a set of effects does and it,
+    from there, does not.
     """
     if not led:
         return None
     (alone,) = [f for f in led if not f.included]
     if led[0].included and plausible(led[0]) and alone.cost > worth_of(led[0]):
         return alone
+    if plausible(alone):
+        return polish(problem, replace(alone.point, memo={}), 1.0, settings)
     return fit_problem(
         problem, settings, point=replace(alone.point, memo={}), progress=progress, label=label
     )

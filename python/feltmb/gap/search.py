@@ -111,7 +111,8 @@ def search(
         hunt = _Hunt(model, better, effects, settings, most, width, progress)
         for fit in led:
             if fit.included:
-                hunt._keep(fit)
+                # As near to its end as the sets that it is compared with.
+                hunt._keep(refit_at(fit.problem, fit.point, fit.level, hunt.quick))
         if better is not None and reseeds and better.log_evidence > model.log_evidence + 1.0:
             # The descent of the gaps had left the valley in which they close.
             notes = (*model.notes, CLOSED)
@@ -363,7 +364,9 @@ class _Hunt:
         least = self._least(base, at)
         # What a set that explains the records lacks is asked from its own fit.
         whole = set(self._best().names) if base is self.near else None
-        for s in screen_sets(at, largest=max(1, min(3, self.most - len(base.included)))):
+        # Linear scores there hold for what is as small as that set.
+        most = self.most - len(base.included) if whole is None else len(whole)
+        for s in screen_sets(at, largest=max(1, min(3, most))):
             if s.evidence < least:
                 break
             new = tuple(at.candidates[i] for i in s.index)

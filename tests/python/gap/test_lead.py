@@ -1,5 +1,7 @@
 """Sets of effects led along the records, where the model is far off at its tabulated numbers."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.solve import FitSettings, fit_problem
 from feltmb.gap import Parameter, Record, Sensor, SimulatorModel, library
 from feltmb.gap.checks import check_records
-from feltmb.gap.diagnosis import prepare
+from feltmb.gap.diagnosis import _alone, prepare
 from feltmb.gap.lead import lead
 from feltmb.gap.refine import plausible, worth_of
 from feltmb.gap.search import search
@@ -77,6 +79,19 @@ def test_a_model_that_can_explain_all_is_led_alone():
     near, _ = parts(frequency=5.0)
     near = near.with_candidates(())
     assert lead(near, effects, FitSettings())  # far off by its other parameters still
+
+
+def test_a_model_that_explains_is_not_started_again(monkeypatch):
+    problem, effects = parts()
+    led = lead(problem, effects, FitSettings())
+
+    def never(*_, **__):
+        raise AssertionError("fitted from its priors")
+
+    monkeypatch.setattr(sys.modules["feltmb.gap.diagnose"], "fit_problem", never)
+    fit = _alone(led, problem, FitSettings(), None, "")
+    assert plausible(fit)
+    assert fit.cost <= led[0].cost
 
 
 def test_a_search_goes_on_from_where_records_are_explained(bent):
