@@ -10,7 +10,7 @@ import numpy as np
 from feltmb.data import Array
 from feltmb.fit.model import Candidate
 from feltmb.fit.problem import Point, Problem
-from feltmb.fit.solve import Fit, FitSettings, at_level, chained, polish
+from feltmb.fit.solve import Fit, FitSettings, at_level, chained, fit_problem, polish
 from feltmb.gap.criteria import BEYOND_PRIORS, DOUBT, LOOSE, NEAR_BEST
 from feltmb.gap.score import prior_of
 
@@ -86,9 +86,25 @@ def worth_of(best: Fit | None) -> float:
 def refit(
     base: Fit, included: tuple[Candidate, ...], magnitudes: Array, settings: FitSettings
 ) -> Fit:
-    """Nonlinear fit with included effects, warm-started; tightened while that helps."""
+    """Nonlinear fit with included effects, warm-started; tightened while that helps.
+
+    Records in one go are fitted again from the priors, with new effects as large as one would
+    expect to meet, where the warm start comes to less than half of what its linear model promised:
+    the model without the effect stands in another valley.
+    """
     problem = base.problem.with_candidates(included)
-    return refit_at(problem, _reachable(problem, base, included, magnitudes), base.level, settings)
+    start, promised = _reachable(problem, base, included, magnitudes)
+    fit = refit_at(problem, start, base.level, settings)
+    if fit.gap_sd.size or base.cost - fit.cost > 0.5 * promised - 1.0:
+        return fit
+    known = {t.name for t in base.included}
+    expected = [
+        m if t.name in known else float(np.clip(np.copysign(t.effect.scale, m), *t.effect.bounds))
+        for t, m in zip(included, magnitudes, strict=True)
+    ]
+    way = replace(settings, restarts=0)
+    again = fit_problem(problem, way, point=problem.start(np.array(expected)))
+    return again if again.cost < fit.cost else fit
 
 
 def refit_at(
@@ -118,22 +134,26 @@ def refit_at(
 
 def _reachable(
     problem: Problem, base: Fit, included: tuple[Candidate, ...], magnitudes: Array
-) -> Point:
-    """The warm start; its new magnitudes are cut back where one linear step promised too much."""
+) -> tuple[Point, float]:
+    """The warm start, and what a linear model promises from there of the sum of squares.
+
+    Its new magnitudes are cut back where one linear step promised too much.
+    """
     old = {t.name: s for t, s in zip(base.included, base.point.magnitudes, strict=True)}
     kept = np.array([old.get(t.name, 0.0) for t in included])
     plain = base.problem.carry(base.point, included, kept)
     gap_sd = base.level * problem.scale(plain)
     linears = problem.linear(plain)
     best, least = plain, problem.cost_at(plain, gap_sd, linears)[0]
+    promised = problem.step(plain, problem.normal(plain, linears, gap_sd), 0.0, linears)[1]
     for share in (1.0, 0.3, 0.1):
         point = replace(plain, magnitudes=kept + share * (magnitudes - kept), memo={})
         cost = problem.cost(point, gap_sd, linears)[0]
         if cost < 4.0 * least:
-            return point
+            return point, promised
         if cost < least:
             best, least = point, cost
-    return best
+    return best, promised
 
 
 def from_priors(fit: Fit, settings: FitSettings) -> Fit:
