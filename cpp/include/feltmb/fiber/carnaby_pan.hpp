@@ -10,9 +10,9 @@
 /// and the pressures are (eqs 3.67, 3.68, total form)
 ///   P = sigma + r_sc n C_s (loading),  sigma - r_sc n C_s (unloading),  sigma = (1 - r_sc) n C.
 /// Orientation: Omega of feltmb/fiber/orientation.hpp. Binomial free length (eq. 3.15).
-/// Sources: thesis 3.3, eqs 3.58-3.77 with repairs (docs/explanation/felt.md); G. A. Carnaby and N. Pan [14].
-/// Valid for v_f >= v_f0 and quasi-static, uniaxial compression; elastic fibers. Cannot show: the
-/// transition at a reversal (the two branches are envelopes).
+/// Sources: thesis 3.3, eqs 3.58-3.77 with repairs (docs/explanation/felt.md); G. A. Carnaby and N.
+/// Pan [14]. Valid for v_f >= v_f0 and quasi-static, uniaxial compression; elastic fibers. Cannot
+/// show: the transition at a reversal (the two branches are envelopes).
 #pragma once
 
 #include <span>

@@ -32,10 +32,11 @@ Method method_from_name(const std::string& name);
 const char* method_name(Method method);
 
 /// Relative tolerance at which a method keeps the largest error of a contact force below `error`
-/// times its peak, in (0, 0.1], after a strike of 50 ms on a string (docs/validation/2026-11_performance.md, "Error
-/// asked for"). The tolerance itself is that of a step. What the integrator leaves over adds up
-/// with the periods of a string without damping: there the BDF is held to order two and its error
-/// falls with the root of the tolerance only. Throws InvalidParameter.
+/// times its peak, in (0, 0.1], after a strike of 50 ms on a string
+/// (docs/validation/2026-11_performance.md, "Error asked for"). The tolerance itself is that of a
+/// step. What the integrator leaves over adds up with the periods of a string without damping:
+/// there the BDF is held to order two and its error falls with the root of the tolerance only.
+/// Throws InvalidParameter.
 double tolerance_for(double error, const Mechanism& mechanism, Method method);
 
 struct SimulationOptions {
