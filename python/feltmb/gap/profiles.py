@@ -201,7 +201,7 @@ def _two_levels(u: Sequence[float], own: InputLimits, limits: Limits) -> Profile
     path.wait(stay)
     path.go(second, path.least(second) + 0.02 * u[3] * left)
     numbers = {"level": first, "hold": stay, "then": second}
-    return path.profile("half press, then press", numbers)
+    return path.profile("half press and press", numbers)
 
 
 def _chirp(u: Sequence[float], own: InputLimits, limits: Limits) -> Profile | None:
@@ -250,7 +250,7 @@ FAMILIES: dict[str, Family] = {
             _repeat,
         ),
         Family(
-            "half press, then press",
+            "half press and press",
             "one level, wait, another",
             ("level", "then", "hold", "rise"),
             _two_levels,

@@ -73,7 +73,7 @@ def test_best_profile_is_the_t_optimal_design():
     reached = np.exp(2.0 * one.after) - 1.0  # 1/2 log(1 + G), one effect
     assert reached == pytest.approx(best, rel=0.01)
     assert reached <= best * (1.0 + 2e-3)  # nothing is better than the best: 2001 samples
-    assert one.profile.family == "half press, then press"
+    assert one.profile.family == "half press and press"
     levels = sorted([one.profile.numbers["level"], one.profile.numbers["then"]])
     assert levels == pytest.approx([x, 1.0], abs=0.02)
 
@@ -331,3 +331,7 @@ def test_bad_requests_are_refused():
         design(line(), [SQUARE], limits=limits(), sensors={"z": Sensor(name="z")})
     with pytest.raises(InvalidParameter, match="can simulate none"):
         design(line(), [Effect(name="x", component="c")], **given)
+
+
+def test_names_of_families_can_stand_in_a_list_with_commas():
+    assert not any("," in name for name in FAMILIES)
