@@ -16,7 +16,7 @@ import numpy as np
 
 from feltmb import gap
 from feltmb.adapters import finger_limits, mechanism_model, planned_strokes
-from feltmb.fit.cache import Cache
+from feltmb.files import Store
 from feltmb.gap.information import Information, Knowledge, information
 from feltmb.gap.planning import planned as expected_of
 from feltmb.gap.score import all_candidates
@@ -37,10 +37,10 @@ def compare(folder: Path | None = None) -> list[tuple[str, int, float, float]]:
     sensors = planned[0].sensors
     every = all_candidates(effects)
     start = Knowledge.start(model, every, gap.Belief.even(every))
-    cache = None if folder is None else Cache(folder)
+    cache = None if folder is None else Store(folder)
 
     def told(record: Any) -> Information:
-        found = information(model, record, every, cache=cache)
+        found = information(model, record, every, store=cache)
         assert found is not None
         return found
 

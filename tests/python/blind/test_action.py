@@ -178,7 +178,7 @@ def test_an_effect_whose_warm_start_falls_short_is_fitted_from_the_priors():
     from feltmb.fit.problem import Problem
     from feltmb.fit.solve import FitSettings, fit_problem
     from feltmb.gap.checks import check_records
-    from feltmb.gap.diagnose import prepare
+    from feltmb.gap.diagnosis import prepare
     from feltmb.gap.refine import refit
     from feltmb.gap.score import all_candidates, score_fit
 
