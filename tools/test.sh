@@ -1,14 +1,16 @@
 #!/usr/bin/env bash
 # The same set-up as run.sh, then formatting, lint, types, every test in C++ and Python, and the site:
 #   bash tools/test.sh [--slow] [options of pytest]
-# --slow adds the tests marked slow. Each part runs even when another failed.
+# --slow adds the tests marked slow and runs the notebooks of the site. Each part runs even when another failed.
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/setup.sh"
 
 pytest_options=()
+site_options=(--fast)
 for argument in "$@"; do
   if [ "$argument" = --slow ]; then
     pytest_options+=(-m 'slow or not slow')
+    site_options=()
   else
     pytest_options+=("$argument")
   fi
@@ -89,7 +91,7 @@ fi
 
 # ---------------------------------------------------------------- site: pages, links, notebooks
 
-part 'site' bash tools/docs.sh || true
+part 'site' bash tools/docs.sh "${site_options[@]}" || true
 
 # ---------------------------------------------------------------- summary, then Python
 
