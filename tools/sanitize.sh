@@ -23,10 +23,10 @@ export TSAN_OPTIONS=halt_on_error=1
 "$build/tests/cpp/feltmb_tests"
 [ "$kind" = address ] || exit 0
 # Python keeps memory to its end: no leaks are looked for there.
-module=$(find "$build" -name '_core*.so' | head -n 1)
+module=$(find "$build" -name '_core.*.so' | head -n 1)
 package=$build/package
 rm -rf "$package" && mkdir -p "$package" && cp -r "$root/python/feltmb" "$package/"
-rm -f "$package"/feltmb/_core*.so && cp "$module" "$package/feltmb/"
+rm -f "$package"/feltmb/_core.*.so && cp "$module" "$package/feltmb/"
 preload=$(${CXX:-g++} -print-file-name=libasan.so):$(${CXX:-g++} -print-file-name=libstdc++.so)
 cd "$root"
 ASAN_OPTIONS=detect_leaks=0 LD_PRELOAD=$preload PYTHONPATH=$package python -m pytest -q -p no:cacheprovider \
