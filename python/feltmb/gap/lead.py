@@ -53,7 +53,8 @@ def lead(
     known = all(np.isfinite(model.parameters[i].sd) for i in problem.free)
     if model.states() or not known:
         return []
-    if problem.cost_at(start, NO_GAPS, problem.linear(start))[0] < NEAR * problem.samples:
+    tabulated = problem.cost_at(start, NO_GAPS, problem.linear(start))[0]
+    if tabulated < NEAR * problem.samples:
         return []
     total = sum(e.weight for e in effects)
     begins: dict[Key, tuple[Problem, Point]] = {(): (problem, start)}
@@ -76,6 +77,8 @@ def lead(
         bare = best.problem.carry(best.point, (), np.zeros(0))
         limited = replace(settings, worth=worth_of(best))
         fits = [polish(problem, replace(p, memo={}), 1.0, limited) for p in (bare, alone)]
+        if min(f.cost for f in fits) > tabulated:  # both valleys are worse than no fit at all
+            fits.append(polish(problem, replace(start, memo={}), 1.0, limited))
         out.append(max(fits, key=lambda f: f.log_evidence))
     return sorted(out, key=lambda f: -full_evidence(f, total))
 
