@@ -17,7 +17,7 @@ Strokes
     ramp_stroke, pulse_stroke, table_stroke, motion_stroke, torque_stroke, sequence, load_stroke,
     read_stroke_csv, packaged_strokes, Stroke
 Simulation
-    simulate, RunOptions, Run, load_run, view, plot, animate
+    simulate, RunOptions, Run, load_run, view, plot, animate; step by step: Machine, MachineState
 Many simulations
     sweep, study, packaged_studies, StudyResult, batch
 Derivatives

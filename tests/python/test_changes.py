@@ -129,7 +129,7 @@ def overlaid(tmp_path, page, *parts):
         if item.name != "__pycache__" and item.name not in parts:
             (package / item.name).symlink_to(item)
     copy_of(tmp_path, *(f"python/feltmb/{part}" for part in parts))
-    extension = next(Path(_core.__file__).parent.glob("_core*.so"))
+    extension = next(Path(_core.__file__).parent.glob("_core.*.so"))
     if not (package / extension.name).exists():
         (package / extension.name).symlink_to(extension)
     return apply(page, tmp_path)
@@ -195,7 +195,7 @@ def test_a_mechanism_is_one_file(tmp_path):
     assert panels["felt stop"] == ["contact01.force"]
     assert panels["tip"] == ["tip.vy"]
     labels = [ax.get_ylabel() for ax in plot.overview(run).axes]
-    assert "felt stop, N" in labels
+    assert "felt stop [N]" in labels
     assert "tip\nspeed [m/s]" in labels
 
 

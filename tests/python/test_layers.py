@@ -82,7 +82,7 @@ PACKAGE_HOST = re.compile(
 #: Words that were replaced by the standard terms of the field (docs/reference/notation.md,
 #: glossary), and must not come back. A word is added when its last use is gone.
 REPLACED_WORD = re.compile(
-    r"(?<![\w-])(?:nominals?|\w*Nominal\w*|foresee[ns]?|foreseeing|foresight"
+    r"(?<![\w-])(?:nominals?|(?!fmi)\w*Nominal\w*|foresee[ns]?|foreseeing|foresight"
     r"|foretells?|foretelling|foretold|[Ss]hots?|[Nn]ats|[Uu]nknown rests?|UNKNOWN RESTS?|[Ll]ouder"
     r"|[Aa]mended|_?Subjects?|gap_subjects|load_subject|make_shot|observe_lanes|[Ff]iner|cautions|[Cc]ooled)(?![\w-])"
 )

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from click.core import ParameterSource
 
 from feltmb.cli.common import (
     FRACTION,
@@ -138,6 +139,19 @@ def command(
     the action. To let it press a real action: feltmb stroke ACTION --actuator NAME.
     """
     if context.invoked_subcommand is not None:
+        given = [
+            option.opts[0]
+            for option in context.command.params
+            if option.name is not None
+            and context.get_parameter_source(option.name) is ParameterSource.COMMANDLINE
+        ]
+        if given:
+            from feltmb.errors import InvalidParameter
+
+            raise InvalidParameter(
+                f"{', '.join(given)}: actuator {context.invoked_subcommand} does not read what "
+                "stands before its name; see its --help"
+            )
         return
     from feltmb.action.actuator import simulate_actuator
     from feltmb.action.actuator.plot import plot_run

@@ -9,9 +9,11 @@ import click
 from feltmb.cli.common import (
     Number,
     force_option,
+    list_option,
     load_with_settings,
     say_written,
     set_option,
+    tables_as_json,
 )
 from feltmb.cli.completing import actions
 
@@ -45,17 +47,17 @@ from feltmb.cli.completing import actions
     type=click.Choice(["zero", "linear"]),
     help="Course of the input over a step; default: linear for a motion, else zero.",
 )
-@click.option(
+@list_option(
     "--parameter",
     "parameters",
-    multiple=True,
     metavar="PATTERN",
-    help="Numbers that become parameters, such as 'contacts.06.*'; default: all. Repeatable.",
+    help="Numbers that become parameters, such as 'contacts.06.*'; default: all.",
 )
 @click.option(
     "--rtol", type=Number(1e-13, 1e-2), default=1e-6, show_default=True, help="Relative tolerance."
 )
 @force_option
+@tables_as_json
 def command(
     action: str,
     settings: tuple[str, ...],

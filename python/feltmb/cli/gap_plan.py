@@ -258,9 +258,15 @@ def sensors_of(
     """Sensors of what will be measured: of the records, of planned runs where these say nothing."""
     from dataclasses import replace
 
-    if limits.sensors or not adapter.planned:
-        return None
     wanted = adapter.outputs_of(channels) if channels else None
+    if wanted is None and (limits.sensors or not adapter.planned):
+        return None
+    if limits.sensors or not adapter.planned:
+        raise InvalidParameter(
+            "--channels: the limits name what is measured in [sensors]; got both"
+            if limits.sensors
+            else "--channels: name what is measured in [sensors] of the limits"
+        )
     known = dict(adapter.planned[0].sensors)
     if records:
         seen = {n: s for r in records for n, s in r.sensors.items()}

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from feltmb.cli.common import say
+from feltmb.cli.common import json_option, print_json, say
 from feltmb.cli.completing import actions
 
 
@@ -21,7 +21,10 @@ from feltmb.cli.completing import actions
     show_default=True,
     help="Port of this machine; 0: a free one.",
 )
-def command(mechanism: str, records: tuple[Path, ...], no_browser: bool, port: int) -> None:
+@json_option
+def command(
+    mechanism: str, records: tuple[Path, ...], no_browser: bool, port: int, as_json: bool
+) -> None:
     """Turn and play MECHANISM on a page of this machine, hold RECORDS against it.
 
     MECHANISM is a packaged one or a TOML file; the page follows the file while you edit it. The
@@ -29,4 +32,10 @@ def command(mechanism: str, records: tuple[Path, ...], no_browser: bool, port: i
     """
     from feltmb.live import serve
 
-    serve(mechanism, records, browser=not no_browser, port=port, say=lambda text: say(text))
+    def told(address: str) -> None:
+        if as_json:
+            print_json({"address": address})
+        else:
+            say(address)
+
+    serve(mechanism, records, browser=not no_browser, port=port, say=told)

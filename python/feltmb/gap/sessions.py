@@ -21,7 +21,7 @@ from typing import Any, Literal
 from feltmb.arguments import checked
 from feltmb.data import Record, Sensor
 from feltmb.errors import DataError, FeltmbError, InvalidParameter
-from feltmb.files import is_file, make_folder, read_json, write_text
+from feltmb.files import digest_of, is_file, make_folder, read_json, write_text
 from feltmb.fit.model import Effect, Model
 from feltmb.gap.designs import Design, design
 from feltmb.gap.diagnosis import Options, diagnose
@@ -127,7 +127,7 @@ def session(
     limits.check(model)
     if not 0.0 < budget <= 1000.0:
         raise InvalidParameter(f"budget = {budget!r} experiments, expected in (0, 1000]")
-    _same_session(place, model, records, seed)
+    _same_session(place, model, effects, limits, records, seed)
     known, parts = list(records), list(measured)
     steps: list[SessionStep] = []
     report: Mapping[str, Any] | None = None
@@ -226,9 +226,27 @@ def _at_an_end(report: Mapping[str, Any] | None, plan: Design, left: float) -> t
     )
 
 
-def _same_session(place: Path, model: Model, records: Sequence[Record], seed: int) -> None:
+def _same_session(
+    place: Path,
+    model: Model,
+    effects: Sequence[Effect],
+    limits: Limits,
+    records: Sequence[Record],
+    seed: int,
+) -> None:
     """Refuse a folder of another session."""
-    own = {"model": model.name, "records": [r.name for r in records], "seed": seed}
+    digest = digest_of(
+        [(p.name, p.value, p.lower, p.upper, p.sd) for p in model.parameters],
+        [(e.name, e.scale, e.bounds) for e in effects],
+        repr(limits),
+        *(value for r in records for name, value in sorted({**r.inputs, **r.outputs}.items())),
+    )
+    own = {
+        "model": model.name,
+        "records": [r.name for r in records],
+        "seed": seed,
+        "digest of parameters, effects, limits and records": digest,
+    }
     path = place / "session.json"
     if not is_file(path):
         write_text(path, json.dumps(own, indent=1) + "\n")

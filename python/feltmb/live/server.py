@@ -52,6 +52,7 @@ class Live:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             self._socket.bind((HOST, port))
+            self._socket.listen()  # the address can be opened as soon as it is told
         except OSError as error:
             self.studio.close()
             self._socket.close()

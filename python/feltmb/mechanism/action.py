@@ -141,6 +141,9 @@ class Action:
             del tables["string"]["count"]  # likewise
         if tables["string"] and not tables["string"]["other_surfaces"]:
             del tables["string"]["other_surfaces"]
+        for surface in tables["surfaces"].values():
+            if surface["end"] is None:
+                del surface["end"]  # as before there were surfaces with ends
         for key, contact in self.config.contacts.items():
             for table in _LATER_LAWS:
                 if getattr(contact, table) == type(contact).model_fields[table].default:

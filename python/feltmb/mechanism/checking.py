@@ -332,6 +332,8 @@ _GEOMETRY = {
     "segment": ("end",),
     "concave_arc": ("radius", "arc"),
 }
+#: All of them, and those that a kind may have besides.
+_ALL_GEOMETRY, _MAY_HAVE = ("normal", "radius", "arc", "end"), {"segment": ("radius",)}
 
 
 def _law_faults(raw: Mapping[str, Any]) -> list[str]:
@@ -348,6 +350,15 @@ def _law_faults(raw: Mapping[str, Any]) -> list[str]:
             for key in _GEOMETRY.get(str(kind), ())
             if key not in node
         ]
+        allowed = (*_GEOMETRY.get(str(kind), _ALL_GEOMETRY), *_MAY_HAVE.get(str(kind), ()))
+        for key in _ALL_GEOMETRY:
+            if node.get(key) is not None and key not in allowed:
+                others = ", ".join(
+                    repr(k) for k in _GEOMETRY if key in (*_GEOMETRY[k], *_MAY_HAVE.get(k, ()))
+                )
+                faults.append(
+                    f"surfaces.{name}.{key}: kind {kind!r} has no {key}; these have: {others}"
+                )
     for name, node in _table(raw, "bodies").items():
         if not isinstance(node, Mapping):
             continue

@@ -141,7 +141,7 @@ class Run:
         ----------
         kind
             A function of ``feltmb.graphics.plot`` that takes one run: ``overview``, ``motion``,
-            ``hammer_speed``, ``contact_forces``, ``finger_force``, ``string``, ``energy`` or
+            ``striker_speed``, ``contact_forces``, ``finger_force``, ``string``, ``energy`` or
             ``loops``.
 
         Returns
@@ -150,7 +150,7 @@ class Run:
             Figure of matplotlib.
         """
         kinds = (
-            "overview", "motion", "hammer_speed", "contact_forces", "finger_force", "string",
+            "overview", "motion", "striker_speed", "contact_forces", "finger_force", "string",
             "energy", "loops",
         )  # fmt: skip
         if kind not in kinds:

@@ -123,5 +123,5 @@ def test_texts_of_a_table_are_escaped():
 def test_functions_that_draw_a_run_exist():
     from feltmb.graphics import plot
 
-    for kind in ("overview", "motion", "hammer_speed", "contact_forces", "finger_force", "string"):
+    for kind in ("overview", "motion", "striker_speed", "contact_forces", "finger_force", "string"):
         assert isinstance(getattr(plot, kind), types.FunctionType)

@@ -202,7 +202,7 @@ def test_impact_speed_is_that_of_the_contact_wherever_it_is_printed(action):
     assert speed == pytest.approx(first["approach06"], rel=1e-12)
     nose = float(np.interp(run.summary["impact_time"], run.time, -run["hammer_tip.vx"]))
     assert f"{speed:.2f}" != f"{nose:.2f}"  # else the test shows nothing
-    for figure in (plot.hammer_speed(run), plot.overview(run)):
+    for figure in (plot.striker_speed(run), plot.overview(run)):
         for text in words_of(figure):
             if "impact speed" in text:
                 assert f"{speed:.3g} m/s" in text

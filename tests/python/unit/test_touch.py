@@ -176,7 +176,7 @@ def test_without_butt_spring_the_key_is_lighter(action, measured):
 
 def test_gram_force_and_newton(measured):
     assert measured["down_weight"] == pytest.approx(measured.static.down_weight / 9.80665e-3)
-    with pytest.raises(InvalidParameter, match="keys are down_weight"):
+    with pytest.raises(InvalidParameter, match="near are up_weight, down_weight"):
         measured["weight"]
 
 
