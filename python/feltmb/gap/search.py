@@ -488,7 +488,7 @@ class _Hunt:
             self._tell("refine from within: " + " + ".join(c.names))
             size = dict(zip((t.name for t in inner.included), inner.point.magnitudes, strict=True))
             problem, included = c.fit.problem, c.fit.included
-            start = problem.carry(
+            start = inner.problem.carry(
                 inner.point, included, np.array([size.get(t.name, 0.0) for t in included])
             )
             fit = polish(problem, replace(start, memo={}), c.fit.level, self.quick)

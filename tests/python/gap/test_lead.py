@@ -88,7 +88,7 @@ def test_a_model_that_explains_is_not_started_again(monkeypatch):
     def never(*_, **__):
         raise AssertionError("fitted from its priors")
 
-    monkeypatch.setattr(sys.modules["feltmb.gap.diagnose"], "fit_problem", never)
+    monkeypatch.setattr(sys.modules["feltmb.gap.diagnosis"], "fit_problem", never)
     fit = _alone(led, problem, FitSettings(), None, "")
     assert plausible(fit)
     assert fit.cost <= led[0].cost
