@@ -115,7 +115,17 @@ _REPR.maxstring = _REPR.maxother = _REPR.maxlong = 80
 
 
 def no_such(what: str, name: object, known: Iterable[str]) -> InvalidParameter:
-    """Error of a name that is none of those known, with what is near it."""
+    """Error of a name that is none of those known, with what is near it.
+
+    Parameters
+    ----------
+    what
+        Kind of thing that was asked for, such as ``"channel"``.
+    name
+        Name that was asked for.
+    known
+        Names that there are.
+    """
     import difflib
 
     near = difflib.get_close_matches(name, list(known), n=3) if isinstance(name, str) else []

@@ -719,6 +719,17 @@ def draw_experiment(
 
     The measure for a plan: what does not think draws like this.
 
+    Parameters
+    ----------
+    model
+        Model that is to be measured.
+    limits
+        What may be done: inputs, duration, rates.
+    sensors
+        What will be measured, by output; those of the limits go before. Default: all outputs.
+    seed
+        Of the draws; the same seed draws the same experiment.
+
     Raises
     ------
     InvalidParameter

@@ -140,7 +140,22 @@ def with_measured(model: Model, measured: Sequence[Measured]) -> Model:
 
 @checked
 def measured_toml(measured: Sequence[Measured], path: str | Path, *, force: bool = False) -> Path:
-    """Write tests of parts so that :func:`read_measured` returns them."""
+    """Write tests of parts so that :func:`read_measured` returns them.
+
+    Parameters
+    ----------
+    measured
+        Tests of parts.
+    path
+        File to be written.
+    force
+        Replace a file that exists.
+
+    Returns
+    -------
+    pathlib.Path
+        The file.
+    """
     import tomlkit
 
     tables = {
