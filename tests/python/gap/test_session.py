@@ -185,6 +185,8 @@ def test_faults_are_told(tmp_path):
         session(
             models.NOMINAL, models.EFFECTS, silent, read, tmp_path / "a", budget=1, seed=4, **QUICK
         )
+    with pytest.raises(InvalidParameter, match="holds another session"):
+        session(models.NOMINAL, models.EFFECTS[:1], silent, read, tmp_path / "a", budget=1, **QUICK)
 
 
 MODEL = f"""

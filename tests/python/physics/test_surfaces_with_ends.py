@@ -250,6 +250,10 @@ def test_a_ball_falls_past_the_end_of_a_segment(tmp_path):
             'kind = "concave_arc"\npoint = [0.0, 0.0]\nradius = 0.003\narc = [0.0, 1.0]',
             "does not fit into the concave",
         ),
+        (
+            'kind = "line"\npoint = [0.0, 0.0]\nnormal = [0.0, 1.0]\nend = [1.0, 0.0]',
+            r"surfaces\.host\.end: kind 'line' has no end; these have: 'segment'",
+        ),
     ],
 )
 def test_faults(tmp_path, surface, message):
