@@ -196,6 +196,8 @@ def run_page(page: Path, folder: Path, *, slow: bool = True, write: bool = False
     changes: list[tuple[int, int, list[str]]] = []
     ran = 0
     before = {name: os.environ.get(name) for name in ("COLUMNS", "PATH", "FELTMB_ROOT")}
+    path = list(sys.path)
+    sys.path_importer_cache.pop(".", None)  # knows the folder of the page before
     os.environ["COLUMNS"] = "80"
     os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     os.environ["FELTMB_ROOT"] = str(ROOT)
@@ -246,6 +248,7 @@ def run_page(page: Path, folder: Path, *, slow: bool = True, write: bool = False
                     elif fault := compare(block.text, printed, tolerance):
                         raise Mismatch(f"{where}: {fault}")
     finally:
+        sys.path[:] = path
         for name, value in before.items():
             if value is None:
                 os.environ.pop(name, None)
