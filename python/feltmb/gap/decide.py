@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from feltmb.fit.solve import Fit
+from feltmb.fit.solve import SAME, Fit
 from feltmb.gap.acceptance import Accepted, Posterior
 from feltmb.gap.checks import DataChecks
 from feltmb.gap.criteria import (
@@ -235,7 +235,10 @@ def _name(facts: Facts) -> Decision:
     data = {t.name for t in best.fit.included if t.effect.kind in ("sensor", "input")}
     sets = [set(best.names), *(set(r.names) for r in accepted.rivals)]
     sure = tuple(n for n in best.names if all(n in s for s in sets))
-    unsure = sorted(set().union(*sets) - set(sure), key=lambda n: (n not in best.names, n))
+    # Where rivals do as well as the best set, rounding must not say which one is told first.
+    as_good = [set(r.names) for r in accepted.rivals if r.evidence > best.evidence - SAME]
+    first = set(best.names).union(*as_good)
+    unsure = sorted(set().union(*sets) - set(sure), key=lambda n: (n not in first, n))
     sums = zip(facts.search.sets, facts.belief.sets, strict=True)
     if sure:
         confidence = sum(w for c, w in sums if all(n in c.names for n in sure))

@@ -14,8 +14,9 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.segmented_records import Noise, segment_record
 from feltmb.fit.solve import FitSettings, finish, fit_problem
 from feltmb.gap import refine
+from feltmb.gap.refine import CandidateSet
 from feltmb.gap.score import score_fit
-from feltmb.gap.search import NESTED, _alike, search
+from feltmb.gap.search import NESTED, _alike, _Hunt, search
 
 
 def searched(folder, number, *names):
@@ -116,6 +117,35 @@ def test_a_set_that_cannot_do_as_well_as_one_that_it_holds_is_taken_out_and_told
     ((name, why),) = found.failed
     assert name == "cubic"
     assert "the model alone, which it holds" in why
+
+
+def test_a_set_with_memory_is_fitted_again_from_one_without(tmp_path, monkeypatch):
+    bench = Bench(tmp_path / "b")
+    bench.seal(1, 1)
+    bench.machine.make_records(bench.folder, None, [0])
+    (record, *_) = bench.machine.read_records(bench.folder / "records" / "0.npz")
+    model, library = KeyHammer(), effects()
+    noise = {c: Noise(5e-5, 7.5e-4) for c in model.outputs}
+    problem = Problem(model, (segment_record(model, record, noise, None),))
+    plain = next(e for e in library if not e.hidden and e.kind not in ("sensor", "input"))
+    memory = next(e for e in library if e.hidden)
+    one, two = (Candidate(e, e.shapes[0]) for e in (plain, memory))
+
+    def ended(problem, point, level, *_):
+        return finish(problem, point, level, level * problem.scale(point))
+
+    monkeypatch.setattr("feltmb.gap.search.polish", ended)
+    alone = ended(problem, problem.start(), 1.0)
+    hunt = _Hunt(alone, None, [plain, memory], FitSettings(), 2, 2, None)
+    with_both = problem.with_candidates((one, two))
+    size = np.array([0.0, 3e3 * memory.scale])
+    pair = CandidateSet(ended(with_both, with_both.start(magnitudes=size), 1.0), 0.0)
+    assert pair.fit.cost > alone.cost + NESTED
+    hunt.done[pair.key] = pair
+    hunt._nest()
+    (again,) = hunt.done.values()
+    assert again.fit.cost < alone.cost + NESTED
+    assert not hunt.failed
 
 
 def test_an_effect_with_a_like_trace_is_found_with_its_size():
