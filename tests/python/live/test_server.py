@@ -87,18 +87,10 @@ def test_a_page_that_lost_its_connection_goes_on(live, client):
         assert page.run(2, "quick", turned=TURNED)["run"]["summary"] == before
 
 
-def newest(live):
-    """The page of the last client; those before it may still be closing."""
-    end = time.monotonic() + 20.0
-    while len(live.studio.pages) > 1 and time.monotonic() < end:
-        time.sleep(0.01)
-    (mine,) = live.studio.pages
-    return mine
-
-
 def test_a_thousand_changes_at_once_make_few_simulations(live, client):
+    before = set(live.studio.pages)  # may still be closing
     with client(live) as page:
-        mine = newest(live)
+        (mine,) = live.studio.pages - before
         for k in range(1000):
             page.send("simulate", id=k, turned={"knobs": {"screw.let-off": 1e-6 * k}})
         last = page.until(lambda m: m["on"] == "run" and m["id"] == 999)
@@ -114,8 +106,9 @@ def test_a_newer_change_stops_an_older_simulation(live, client, monkeypatch):
 
     monkeypatch.setattr(desk, "PATIENCE", 1e9)
     long = {"kind": "repeat", "rate": 4.0, "count": 10}
+    before = set(live.studio.pages)  # may still be closing
     with client(live) as page:
-        mine = newest(live)
+        (mine,) = live.studio.pages - before
         page.run(1, "quick")
         page.send("simulate", id=2, playing=long)
         while mine.desk.counts["begun"] < 2 or mine.desk._done["a"].id != 2:
@@ -303,7 +296,6 @@ def test_measured_files_are_held_against_it(live, client):
 @pytest.mark.slow
 def test_memory_is_flat_while_dragging(live, client):
     import resource
-    import time
 
     def resident():
         with open("/proc/self/statm") as file:  # noqa: PTH123
