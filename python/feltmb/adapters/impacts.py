@@ -175,7 +175,7 @@ class ImpactModel(Model):
             list(pool.map(work, range(jobs.count)))
         return Simulated(outputs=outputs, ends=np.zeros((jobs.count, 0)))
 
-    def sensitivities(
+    def sensitivities(  # noqa: D102
         self,
         record: Record,
         theta: Array,
@@ -189,31 +189,7 @@ class ImpactModel(Model):
         candidates: tuple[Candidate, ...] = (),
         memory: Memory | None = None,
     ) -> Sensitivity:
-        """Differences, kept while the point moves little.
-
-        Parameters
-        ----------
-        record
-            Record whose inputs drive the model.
-        theta
-            Values of the parameters [SI].
-        segments
-            Begin and end of each segment [s].
-        starts
-            Start state of each segment.
-        included
-            Effects that are included.
-        magnitudes
-            Magnitude of each included effect.
-        by_theta
-            Indices of the parameters by which derivatives are asked for.
-        by_starts
-            Whether derivatives by the start states are asked for.
-        candidates
-            Candidates whose derivative at magnitude zero is asked for.
-        memory
-            Memory of the model at the start of each segment.
-        """
+        # Differences, kept while the point moves little.
         del memory  # from rest
         theta = np.asarray(theta, dtype=float)
         given = (

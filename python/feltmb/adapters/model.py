@@ -398,7 +398,7 @@ class MechanismModel(DifferentiableMechanism):
         run = self._integrate(record, self.drives.of(record), task, ())
         return None if run is None else run[1]
 
-    def sensitivities(
+    def sensitivities(  # noqa: D102
         self,
         record: Record,
         theta: Array,
@@ -412,31 +412,7 @@ class MechanismModel(DifferentiableMechanism):
         candidates: tuple[Candidate, ...] = (),
         memory: Memory | None = None,
     ) -> Sensitivity:
-        """Exact derivatives; see :mod:`feltmb.adapters.derivatives`.
-
-        Parameters
-        ----------
-        record
-            Record whose inputs drive the model.
-        theta
-            Values of the parameters [SI].
-        segments
-            Begin and end of each segment [s].
-        starts
-            Start state of each segment.
-        included
-            Effects that are included.
-        magnitudes
-            Magnitude of each included effect.
-        by_theta
-            Indices of the parameters by which derivatives are asked for.
-        by_starts
-            Whether derivatives by the start states are asked for.
-        candidates
-            Candidates whose derivative at magnitude zero is asked for.
-        memory
-            Memory of the model at the start of each segment.
-        """
+        # Exact derivatives; see feltmb.adapters.derivatives.
         theta, starts = np.asarray(theta, dtype=float), np.asarray(starts, dtype=float)
         given = (
             np.zeros(len(included)) if magnitudes is None else np.asarray(magnitudes, dtype=float)

@@ -277,7 +277,7 @@ class StrokeModel(MechanismModel):
 
         return self._runs.get((record.name, inputs, key), make)
 
-    def sensitivities(
+    def sensitivities(  # noqa: D102
         self,
         record: Record,
         theta: Array,
@@ -291,7 +291,7 @@ class StrokeModel(MechanismModel):
         candidates: tuple[Candidate, ...] = (),
         memory: Memory | None = None,
     ) -> Sensitivity:
-        """Exact derivatives of all columns, in one pass."""
+        # Exact derivatives of all columns, in one pass.
         del memory  # from rest
         del starts, by_starts
         theta = np.asarray(theta, dtype=float)

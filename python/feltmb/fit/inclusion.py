@@ -217,7 +217,7 @@ class Including(Model):
         out._base = self._base.asking(ask)
         return out
 
-    def sensitivities(
+    def sensitivities(  # noqa: D102
         self,
         record: Record,
         theta: Array,
@@ -231,31 +231,7 @@ class Including(Model):
         candidates: tuple[Candidate, ...] = (),
         memory: Memory | None = None,
     ) -> Sensitivity:
-        """Those of the model; the derivatives by the included magnitudes move to the parameters.
-
-        Parameters
-        ----------
-        record
-            Record whose inputs drive the model.
-        theta
-            Values of the parameters [SI].
-        segments
-            Begin and end of each segment [s].
-        starts
-            Start state of each segment.
-        included
-            Effects that are included.
-        magnitudes
-            Magnitude of each included effect.
-        by_theta
-            Indices of the parameters by which derivatives are asked for.
-        by_starts
-            Whether derivatives by the start states are asked for.
-        candidates
-            Candidates whose derivative at magnitude zero is asked for.
-        memory
-            Memory of the model at the start of each segment.
-        """
+        # Those of the model; the derivatives by the included magnitudes move to the parameters.
         given = np.zeros(len(included)) if magnitudes is None else magnitudes
         check_segments(self, record, segments, starts, included, given, theta)
         count, own = len(self._base.parameters), len(self._own)

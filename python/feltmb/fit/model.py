@@ -262,17 +262,17 @@ class Jobs:
         Parameters
         ----------
         theta
-            Values of the parameters [SI].
+            Values of the parameters [their units], (p,).
         segments
-            Begin and end of each segment [s].
+            First and last sample of each segment, (W, 2).
         starts
-            Start state of each segment.
+            States at the first samples, (W, nx).
         included
-            Effects that are included.
+            Candidates that are part of the model.
         magnitudes
-            Magnitude of each included effect.
+            Their magnitudes [their units], (k,).
         memory
-            Memory of the model at the start of each segment.
+            What the machine remembers at the starts beside its states.
         """
         count = len(segments)
         return cls(
@@ -526,11 +526,11 @@ class Model(ABC):
         path
             File that is written.
         theta
-            Values of the parameters [SI].
+            Values of the parameters [their units], (p,).
         included
-            Effects that are included.
+            Candidates that are part of the model.
         magnitudes
-            Magnitude of each included effect.
+            Their magnitudes [their units], (k,).
         provenance
             Texts about the origin that are written into the file.
         force
@@ -591,23 +591,30 @@ class Model(ABC):
     ) -> Sensitivity:
         """Outputs and derivatives of segments.
 
+        Subclasses that know their derivatives override it; the default takes differences.
+
         Parameters
         ----------
+        record
+            Record whose inputs drive the model.
         theta
-            (p,)
-        segments, starts
-            (W, 2) and (W, nx), states in the order of ``states(included)``.
-        included, magnitudes
-            Candidates that are part of the model, and their magnitudes (k,); derivatives by all of
-            them.
+            Values of the parameters [their units], (p,).
+        segments
+            First and last sample of each segment, (W, 2).
+        starts
+            States at the first samples, (W, nx), in the order of ``states(included)``.
+        included
+            Candidates that are part of the model; derivatives are taken by all of them.
+        magnitudes
+            Their magnitudes [their units], (k,); default: zero.
         by_theta
-            Parameters wanted; default: all.
+            Positions of the parameters by which derivatives are wanted; default: all.
         by_starts
             Whether the derivatives by the start states are wanted.
         candidates
-            Further included effects, all at magnitude zero, whose derivatives at zero are wanted
-            too (one-sided if they have a sign). Their hidden states start at their prior mean at
-            the first segment and run through the segments in turn.
+            Further candidates, all at magnitude zero, whose derivatives at zero are wanted
+            (one-sided if they have a sign). Their hidden states start at their prior mean at the
+            first segment and run through the segments in turn.
         memory
             What the machine remembers at the starts beside its states; see :class:`Jobs`.
         """

@@ -323,7 +323,7 @@ class SimulatorModel(Model):
             values[candidate.effect.data] += float(magnitude)
         return values
 
-    def sensitivities(
+    def sensitivities(  # noqa: D102
         self,
         record: Record,
         theta: Array,
@@ -337,31 +337,7 @@ class SimulatorModel(Model):
         candidates: tuple[Candidate, ...] = (),
         memory: Memory | None = None,
     ) -> Sensitivity:
-        """Differences with the steps that suit the noise of the function.
-
-        Parameters
-        ----------
-        record
-            Record whose inputs drive the model.
-        theta
-            Values of the parameters [SI].
-        segments
-            Begin and end of each segment [s].
-        starts
-            Start state of each segment.
-        included
-            Effects that are included.
-        magnitudes
-            Magnitude of each included effect.
-        by_theta
-            Indices of the parameters by which derivatives are asked for.
-        by_starts
-            Whether derivatives by the start states are asked for.
-        candidates
-            Candidates whose derivative at magnitude zero is asked for.
-        memory
-            Memory of the model at the start of each segment.
-        """
+        # Differences with the steps that suit the noise of the function.
         del memory  # a function has none
         del by_starts
         given = np.zeros(len(included)) if magnitudes is None else magnitudes
