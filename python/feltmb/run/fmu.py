@@ -166,8 +166,7 @@ def export(
     identifier = re.sub(r"\W", "_", action.name, flags=re.ASCII) or "mechanism"
     if identifier[0].isdigit():
         identifier = f"m_{identifier}"
-    write_xml = _xml3 if version == "3.0" else _xml2
-    xml = write_xml(action.name, identifier, token, variables)
+    xml = _description(version, action.name, identifier, token, variables)
 
     def write(target: Path) -> None:
         with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -283,75 +282,53 @@ def _real(v: _Variable) -> dict[str, Any]:
 _EXPERIMENT = '  <DefaultExperiment startTime="0.0" stopTime="0.4" stepSize="0.0001"/>'
 
 
-def _xml3(name: str, identifier: str, token: str, variables: list[_Variable]) -> str:
+def _description(
+    version: str, name: str, identifier: str, token: str, variables: list[_Variable]
+) -> str:
+    """The model description of FMI 2.0 or 3.0: they differ in names and in the structure."""
+    third = version == "3.0"
+    state = "FMUState" if third else "FMUstate"
     head = {
-        "fmiVersion": "3.0",
+        "fmiVersion": version,
         "modelName": name,
-        "instantiationToken": token,
+        "instantiationToken" if third else "guid": token,
         "generationTool": f"feltmb {_core.__version__}",
         "variableNamingConvention": "flat",
     }
     kind = {
         "modelIdentifier": identifier,
         "canHandleVariableCommunicationStepSize": "true",
-        "canGetAndSetFMUState": "true",
-        "canSerializeFMUState": "true",
+        f"canGetAndSet{state}": "true",
+        f"canSerialize{state}": "true",
     }
     lines = ['<?xml version="1.0" encoding="UTF-8"?>', f"<fmiModelDescription{_attributes(head)}>"]
     lines += [f"  <CoSimulation{_attributes(kind)}/>", *_units(variables), _EXPERIMENT]
     lines.append("  <ModelVariables>")
     for v in variables:
-        own = {
-            "name": v.name,
-            "valueReference": v.reference,
-            "description": v.text or None,
-            "causality": v.causality,
-            "variability": v.variability,
-            "initial": "calculated" if v.causality == "output" else None,
-        }
-        lines.append(f"    <Float64{_attributes(own | _real(v))}/>")
-    lines += ["  </ModelVariables>", "  <ModelStructure>"]
-    outputs = [v.reference for v in variables if v.causality == "output"]
-    for tag in ("Output", "InitialUnknown"):
-        lines += [f'    <{tag} valueReference="{reference}"/>' for reference in outputs]
-    lines += ["  </ModelStructure>", "</fmiModelDescription>", ""]
-    return "\n".join(lines)
-
-
-def _xml2(name: str, identifier: str, token: str, variables: list[_Variable]) -> str:
-    head = {
-        "fmiVersion": "2.0",
-        "modelName": name,
-        "guid": token,
-        "generationTool": f"feltmb {_core.__version__}",
-        "variableNamingConvention": "flat",
-    }
-    kind = {
-        "modelIdentifier": identifier,
-        "canHandleVariableCommunicationStepSize": "true",
-        "canGetAndSetFMUstate": "true",
-        "canSerializeFMUstate": "true",
-    }
-    lines = ['<?xml version="1.0" encoding="UTF-8"?>', f"<fmiModelDescription{_attributes(head)}>"]
-    lines += [f"  <CoSimulation{_attributes(kind)}/>", *_units(variables), _EXPERIMENT]
-    lines.append("  <ModelVariables>")
-    for v in variables:
-        own = {
-            "name": v.name,
-            "valueReference": v.reference,
-            "description": v.text or None,
-            "causality": v.causality,
-            "variability": v.variability,
-            "initial": "calculated" if v.causality == "output" else None,
-        }
+        own = _attributes(
+            {
+                "name": v.name,
+                "valueReference": v.reference,
+                "description": v.text or None,
+                "causality": v.causality,
+                "variability": v.variability,
+                "initial": "calculated" if v.causality == "output" else None,
+            }
+        )
+        real = _attributes(_real(v))
         lines.append(
-            f"    <ScalarVariable{_attributes(own)}><Real{_attributes(_real(v))}/></ScalarVariable>"
+            f"    <Float64{own}{real}/>"
+            if third
+            else f"    <ScalarVariable{own}><Real{real}/></ScalarVariable>"
         )
     lines += ["  </ModelVariables>", "  <ModelStructure>"]
-    outputs = [i for i, v in enumerate(variables, 1) if v.causality == "output"]
-    for tag in ("Outputs", "InitialUnknowns"):
-        lines.append(f"    <{tag}>")
-        lines += [f'      <Unknown index="{index}"/>' for index in outputs]
-        lines.append(f"    </{tag}>")
+    # FMI 3.0 names an output by its reference, FMI 2.0 by its place, from 1.
+    outputs = [(i, v.reference) for i, v in enumerate(variables, 1) if v.causality == "output"]
+    for tag in ("Output", "InitialUnknown"):
+        if third:
+            lines += [f'    <{tag} valueReference="{reference}"/>' for _, reference in outputs]
+        else:
+            unknowns = [f'      <Unknown index="{place}"/>' for place, _ in outputs]
+            lines += [f"    <{tag}s>", *unknowns, f"    </{tag}s>"]
     lines += ["  </ModelStructure>", "</fmiModelDescription>", ""]
     return "\n".join(lines)

@@ -120,16 +120,20 @@ class Damper(Schema):
     coefficient: Annotated[float, SI("N m s/rad"), Field(ge=0)] = 0.0
 
 
-class ActionForce(Schema):
-    """Force of the action against the tip, against time: as measured between tip and key."""
+class Series(Schema):
+    """A quantity against time."""
 
     note: str = ""
     time: list[float]
     value: list[float]
-    unit: Annotated[list[str], Field(min_length=2, max_length=2)] = Field(
-        default_factory=lambda: ["s", "N"]
-    )
+    unit: Annotated[list[str], Field(min_length=2, max_length=2)]
     interpolation: Literal["linear", "monotone", "spline"] = "linear"
+
+
+class ActionForce(Series):
+    """Force of the action against the tip, against time: as measured between tip and key."""
+
+    unit: Annotated[list[str], Field(min_length=2, max_length=2)] = ["s", "N"]
 
 
 class Reaction(Schema):
@@ -140,16 +144,10 @@ class Reaction(Schema):
     force: ActionForce | None = None
 
 
-class Torque(Schema):
+class Torque(Series):
     """Torque of the motor against time."""
 
-    note: str = ""
-    time: list[float]
-    value: list[float]
-    unit: Annotated[list[str], Field(min_length=2, max_length=2)] = Field(
-        default_factory=lambda: ["s", "N m"]
-    )
-    interpolation: Literal["linear", "monotone", "spline"] = "linear"
+    unit: Annotated[list[str], Field(min_length=2, max_length=2)] = ["s", "N m"]
 
 
 class Mount(Schema):
