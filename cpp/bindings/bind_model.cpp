@@ -126,20 +126,7 @@ void bind_model(py::module_& m) {
       py::arg("mechanism"), py::arg("finger_force") = 0.0);
 
   py::class_<RunResult>(m, "RunResult")
-      .def_property_readonly("status",
-                             [](const RunResult& r) {
-                               switch (r.status) {
-                                 case RunStatus::kDone:
-                                   return "done";
-                                 case RunStatus::kFailed:
-                                   return "failed";
-                                 case RunStatus::kWallTime:
-                                   return "wall_time";
-                                 case RunStatus::kInterrupted:
-                                   return "interrupted";
-                               }
-                               return "?";
-                             })
+      .def_property_readonly("status", [](const RunResult& r) { return status_name(r.status); })
       .def_readonly("message", &RunResult::message)
       .def_property_readonly("method", [](const RunResult& r) { return method_name(r.method); })
       .def_readonly("strikes", &RunResult::strikes)

@@ -34,20 +34,6 @@ struct SharedStepper {
   std::atomic_flag busy = ATOMIC_FLAG_INIT;
 };
 
-const char* status_name(RunStatus status) {
-  switch (status) {
-    case RunStatus::kDone:
-      return "done";
-    case RunStatus::kFailed:
-      return "failed";
-    case RunStatus::kWallTime:
-      return "wall_time";
-    case RunStatus::kInterrupted:
-      return "interrupted";
-  }
-  return "?";
-}
-
 /// Looks for Ctrl-C.
 bool no_signal(double) {
   const WithInterpreter acquire;

@@ -132,6 +132,20 @@ Method method_from_name(const std::string& name) {
   throw InvalidParameter("method = \"" + name + "\", must be \"auto\", \"cvode\" or \"modal\"");
 }
 
+const char* status_name(RunStatus status) {
+  switch (status) {
+    case RunStatus::kDone:
+      return "done";
+    case RunStatus::kFailed:
+      return "failed";
+    case RunStatus::kWallTime:
+      return "wall_time";
+    case RunStatus::kInterrupted:
+      return "interrupted";
+  }
+  return "?";
+}
+
 const char* method_name(Method method) {
   return method == Method::kAuto ? "auto" : method == Method::kCvode ? "cvode" : "modal";
 }

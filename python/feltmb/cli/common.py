@@ -545,6 +545,19 @@ def json_option(function: F) -> F:
     )
 
 
+def folder_option(text: str, *, required: bool = False) -> Callable[[F], F]:
+    """Option ``--out DIRECTORY`` as the argument ``output``; ``text`` is its help."""
+    return click.option(
+        "--out",
+        "-o",
+        "output",
+        metavar="DIRECTORY",
+        type=FolderName(),
+        required=required,
+        help=text,
+    )
+
+
 budget_option = click.option(
     "--budget",
     type=positive("s"),

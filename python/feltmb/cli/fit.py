@@ -7,10 +7,10 @@ from pathlib import Path
 import click
 
 from feltmb.cli.common import (
-    FolderName,
     ProgressLine,
     budget_option,
     console,
+    folder_option,
     force_option,
     interruptible,
     json_option,
@@ -37,7 +37,7 @@ __all__ = ["command"]
     show_default=True,
     help="Further starting points at most.",
 )
-@click.option("--out", "-o", "output", type=FolderName(), help="Folder of fit.json.")
+@folder_option("Folder of fit.json.")
 @budget_option
 @model_set_option
 @json_option

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import click
 
 from feltmb.cli.common import (
-    FolderName,
     Number,
     ProgressLine,
     budget_option,
+    folder_option,
     force_option,
     interruptible,
     json_option,
@@ -62,14 +62,7 @@ command.add_command(session_command)
     help="Record (or its file) that proves what the others suggest. Default: the "
     "records whose TOML says so, else some are chosen.",
 )
-@click.option(
-    "--out",
-    "-o",
-    "output",
-    metavar="DIRECTORY",
-    type=FolderName(),
-    help="Folder of report.html, report.json.",
-)
+@folder_option("Folder of report.html, report.json.")
 @list_option(
     "--include",
     "included",

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import click
 
 from feltmb.cli.common import (
-    FolderName,
     console,
+    folder_option,
     is_terminal,
     json_option,
     list_option,
@@ -72,13 +72,8 @@ class _Told:
     metavar="NAME",
     help="Record that proves what the others suggest.",
 )
-@click.option(
-    "--out",
-    "-o",
-    "output",
-    metavar="DIRECTORY",
-    type=FolderName(),
-    help="Folder of the cases, a file each, and of blind.json. A run that was cut off goes on.",
+@folder_option(
+    "Folder of the cases, a file each, and of blind.json. A run that was cut off goes on."
 )
 @model_set_option
 @json_option

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from feltmb.cli.common import (
-    FolderName,
     Number,
     console,
+    folder_option,
     force_option,
     is_terminal,
     json_option,
@@ -134,14 +134,9 @@ class Telling:
     metavar="NAME",
     help="Key actuator (wood, aluminum or a file) for which torques are written too.",
 )
-@click.option(
-    "--out",
-    "-o",
-    "output",
-    metavar="DIRECTORY",
-    type=FolderName(),
-    help="Folder of the strokes (CSV, TOML), their pictures and plan.json. The next plan into it "
-    "is quicker.",
+@folder_option(
+    "Folder of the strokes (CSV, TOML), their pictures and plan.json. The next plan into it "
+    "is quicker."
 )
 @model_set_option
 @json_option

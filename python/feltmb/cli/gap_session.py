@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import click
 
 from feltmb.cli.common import (
-    FolderName,
     Number,
     ProgressLine,
+    folder_option,
     json_option,
     model_set_option,
     positive,
@@ -47,14 +47,8 @@ LAST_WORDS = 400
     required=True,
     help="What plays a request: called as COMMAND REQUEST RECORD.",
 )
-@click.option(
-    "--out",
-    "-o",
-    "output",
-    metavar="DIRECTORY",
-    type=FolderName(),
-    required=True,
-    help="Folder of the session, a folder a step. One that was cut off goes on.",
+@folder_option(
+    "Folder of the session, a folder a step. One that was cut off goes on.", required=True
 )
 @click.option(
     "--budget",

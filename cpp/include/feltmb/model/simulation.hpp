@@ -124,6 +124,9 @@ struct Deflection {
 
 enum class RunStatus { kDone, kFailed, kWallTime, kInterrupted };
 
+/// "done", "failed", "wall_time" or "interrupted".
+const char* status_name(RunStatus status);
+
 struct RunResult {
   RunStatus status = RunStatus::kDone;
   std::string message;       ///< why the run stopped early; empty when done

@@ -133,7 +133,9 @@ class Series(Schema):
 class ActionForce(Series):
     """Force of the action against the tip, against time: as measured between tip and key."""
 
-    unit: Annotated[list[str], Field(min_length=2, max_length=2)] = ["s", "N"]
+    unit: Annotated[list[str], Field(min_length=2, max_length=2)] = Field(
+        default_factory=lambda: ["s", "N"]
+    )
 
 
 class Reaction(Schema):
@@ -147,7 +149,9 @@ class Reaction(Schema):
 class Torque(Series):
     """Torque of the motor against time."""
 
-    unit: Annotated[list[str], Field(min_length=2, max_length=2)] = ["s", "N m"]
+    unit: Annotated[list[str], Field(min_length=2, max_length=2)] = Field(
+        default_factory=lambda: ["s", "N m"]
+    )
 
 
 class Mount(Schema):
