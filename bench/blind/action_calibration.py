@@ -23,6 +23,7 @@ import numpy as np
 
 from blind import action_truth as truth
 from feltmb.data import Array, Record, Sensor
+from feltmb.fit import SensitivityRequest
 from feltmb.fit.segmented_records import Noise, SegmentedRecord, segment_record
 
 __all__ = ["calibrate", "packaged_scales", "to_record"]
@@ -90,7 +91,9 @@ def calibrate(progress: Callable[[str, int, int], None] | None = None) -> dict[s
     for r in records:
         segmented = whole_segmented(whole, r)
         theta = np.zeros(len(whole.parameters))
-        s = whole.sensitivities(r, theta, segmented.segments, np.zeros((1, 0)), by_starts=False)
+        s = whole.sensitivities(
+            SensitivityRequest(r, theta, segmented.segments, np.zeros((1, 0)), by_starts=False)
+        )
         unit = s.d_theta * np.array([p.sd for p in whole.parameters])
         segmented_records.append(segmented)
         roots.append(segmented.whiten(unit).reshape(-1, unit.shape[3]))

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from blind import truth, truth_machine, truth_sensors
 from blind.key_hammer import SAMPLE_TIME, KeyHammer
 from feltmb.data import Record
-from feltmb.fit import Jobs
+from feltmb.fit import Jobs, SensitivityRequest
 
 __all__ = ["WINDOW", "calibrate", "packaged_scales"]
 
@@ -58,7 +58,9 @@ class _Whitener:
         self.theta_part: list[list[Array]] = []
         total = np.diag(prior**-2.0)
         for record, start in zip(records, starts, strict=True):
-            s = self.model.sensitivities(record, self.theta, self.segments, start)
+            s = self.model.sensitivities(
+                SensitivityRequest(record, self.theta, self.segments, start)
+            )
             inverses, parts = [], []
             for w in range(len(self.segments)):
                 n = self.segments[w, 1] - self.segments[w, 0]

@@ -19,11 +19,11 @@ from feltmb.fit import (
     Candidate,
     Effect,
     Jobs,
-    Memory,
     Model,
     Parameter,
     Port,
     Sensitivity,
+    SensitivityRequest,
     Simulated,
     State,
 )
@@ -384,26 +384,11 @@ class KeyHammer(Model):
     def _network(self, record: Record) -> Network:
         return self._networks[record.input_mode]
 
-    def sensitivities(
-        self,
-        record: Record,
-        theta: Array,
-        segments: NDArray[np.intp],
-        starts: Array,
-        included: tuple[Candidate, ...] = (),
-        magnitudes: Array | None = None,
-        *,
-        by_theta: Sequence[int] | None = None,
-        by_starts: bool = True,
-        candidates: tuple[Candidate, ...] = (),
-        memory: Memory | None = None,
-    ) -> Sensitivity:
+    def sensitivities(self, request: SensitivityRequest) -> Sensitivity:
         """Exact derivatives of the discrete scheme, in one pass; see the base class."""
-        del memory  # its states are all it has
-        magnitudes = (
-            np.zeros(len(included)) if magnitudes is None else np.asarray(magnitudes, dtype=float)
-        )
-        wanted_theta = list(range(len(self.parameters)) if by_theta is None else by_theta)
+        record, theta, segments = request.record, request.theta, request.segments
+        included, candidates = request.included, request.candidates
+        by_starts, wanted_theta = request.by_starts, request.parameters_of(self)
         of_included = self._known(included)
         of_candidates = self._known(candidates)
         wanted = [*wanted_theta, *(p for _, p in of_included), *(p for _, p in of_candidates)]
@@ -415,8 +400,8 @@ class KeyHammer(Model):
         states = [*places] if by_starts else []
         states += [m for own in memories for m in own if m not in states]
         full = np.zeros((len(segments), len(self._states)))
-        full[:, places] = starts
-        rows = self._rows(record, theta[None, :], included, magnitudes[None, :])
+        full[:, places] = request.starts
+        rows = self._rows(record, theta[None, :], included, request.magnitudes[None, :])
         y, ends, dy, d_ends, _ = self._network(record).simulate(
             rows,
             [record.inputs["finger"]],

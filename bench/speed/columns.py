@@ -19,7 +19,7 @@ import feltmb
 from feltmb.adapters import load_library, mechanism_model
 from feltmb.adapters.forward import can_differentiate
 from feltmb.data import Record
-from feltmb.fit import Candidate
+from feltmb.fit import Candidate, SensitivityRequest
 
 COLUMNS = (10, 50, 200)
 #: Time after the strike that counts [s].
@@ -56,7 +56,9 @@ def main() -> None:
         def columns(by_theta: range = by_theta, more: tuple[Candidate, ...] = more) -> None:
             model.forget()
             model.sensitivities(
-                record, theta, whole, np.zeros((1, 0)), by_theta=by_theta, candidates=more
+                SensitivityRequest(
+                    record, theta, whole, np.zeros((1, 0)), by_theta=by_theta, candidates=more
+                )
             )
 
         ratios, times = [], []

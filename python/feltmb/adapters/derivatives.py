@@ -6,68 +6,33 @@ difference: a candidate by itself, an included one with all else by :mod:`feltmb
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from feltmb.adapters.differentiable import DifferentiableMechanism
 from feltmb.adapters.forward import can_differentiate, forward_sensitivities
-from feltmb.data import Array, Record
-from feltmb.fit import Candidate, Jobs, Memory, Sensitivity
+from feltmb.data import Array
+from feltmb.fit import Jobs, Sensitivity, SensitivityRequest
 
 __all__ = ["sensitivities"]
 
 
 def sensitivities(
-    model: DifferentiableMechanism,
-    record: Record,
-    theta: Array,
-    segments: NDArray[np.intp],
-    starts: Array,
-    included: tuple[Candidate, ...],
-    magnitudes: Array,
-    *,
-    by_theta: Sequence[int],
-    by_starts: bool,
-    candidates: tuple[Candidate, ...],
-    memory: Memory | None = None,
+    model: DifferentiableMechanism, request: SensitivityRequest
 ) -> Sensitivity | None:
     """See :meth:`feltmb.fit.Model.sensitivities`; None where no pass can tell."""
-    if not all(can_differentiate(t) or s for t, s in zip(included, magnitudes, strict=True)):
+    sizes = zip(request.included, request.magnitudes, strict=True)
+    if not all(can_differentiate(t) or s for t, s in sizes):
         return None
+    candidates = request.candidates
     smooth = tuple(t for t in candidates if can_differentiate(t))
     rough = tuple(t for t in candidates if not can_differentiate(t))
-    found = forward_sensitivities(
-        model,
-        record,
-        theta,
-        segments,
-        starts,
-        included,
-        magnitudes,
-        by_theta=by_theta,
-        by_starts=by_starts,
-        candidates=smooth,
-        memory=memory,
-    )
-    if found is None:
-        return None
-    if not rough:
+    found = forward_sensitivities(model, replace(request, candidates=smooth))
+    if found is None or not rough:
         return found
     d_rough, d_rough_ends = _candidates(
-        model,
-        record,
-        theta,
-        segments,
-        starts,
-        included,
-        magnitudes,
-        rough,
-        found.outputs,
-        found.ends,
-        memory,
+        model, replace(request, candidates=rough), found.outputs, found.ends
     )
     order = [*smooth, *rough]
     back = [order.index(t) for t in candidates]
@@ -81,19 +46,16 @@ def sensitivities(
 
 
 def _candidates(
-    model: DifferentiableMechanism,
-    record: Record,
-    theta: Array,
-    segments: NDArray[np.intp],
-    starts: Array,
-    included: tuple[Candidate, ...],
-    magnitudes: Array,
-    candidates: tuple[Candidate, ...],
-    outputs: Array,
-    ends: Array,
-    memory: Memory | None = None,
+    model: DifferentiableMechanism, request: SensitivityRequest, outputs: Array, ends: Array
 ) -> tuple[Array, Array]:
     """Derivatives of candidates at zero; hidden states run on from segment to segment."""
+    record, theta, segments, starts = (
+        request.record,
+        request.theta,
+        request.segments,
+        request.starts,
+    )
+    candidates, memory = request.candidates, request.memory
     d_outputs = np.zeros((*outputs.shape, len(candidates)))
     d_ends = np.zeros((*ends.shape, len(candidates)))
     count, nx = len(segments), starts.shape[1]
@@ -103,8 +65,8 @@ def _candidates(
         step = candidate.effect.step * candidate.effect.scale
         if candidate.effect.bounds[1] < step:
             step = -step
-        all_candidates = (*included, candidate)
-        row = np.append(magnitudes, step)
+        all_candidates = (*request.included, candidate)
+        row = np.append(request.magnitudes, step)
         if model.single:
             jobs = Jobs(
                 theta=np.tile(theta, (count, 1)),

@@ -21,9 +21,9 @@ from feltmb.adapters.drives import follow
 from feltmb.adapters.library import Entry
 from feltmb.adapters.remembered import Remembered, start_state
 from feltmb.adapters.variants import Variant
-from feltmb.data import Array, Record
+from feltmb.data import Array
 from feltmb.errors import FeltmbError
-from feltmb.fit import Candidate, Memory, Sensitivity
+from feltmb.fit import Candidate, Sensitivity, SensitivityRequest
 from feltmb.fit.watch import simulated
 
 __all__ = ["can_differentiate", "forward_sensitivities"]
@@ -58,30 +58,21 @@ def can_differentiate(candidate: Candidate) -> bool:
 
 
 def forward_sensitivities(
-    model: DifferentiableMechanism,
-    record: Record,
-    theta: Array,
-    segments: NDArray[np.intp],
-    starts: Array,
-    included: tuple[Candidate, ...],
-    magnitudes: Array,
-    *,
-    by_theta: Sequence[int],
-    by_starts: bool,
-    candidates: tuple[Candidate, ...],
-    memory: Memory | None = None,
+    model: DifferentiableMechanism, request: SensitivityRequest
 ) -> Sensitivity | None:
     """See :meth:`feltmb.fit.Model.sensitivities`; None if a segment or a shift failed.
 
     All included effects and candidates must satisfy :func:`can_differentiate`, or be included
     effects whose states the model has already (their magnitudes are then differentiated as well).
     """
+    record, segments, starts = request.record, request.segments, request.starts
+    by_theta, by_starts = request.parameters_of(model), request.by_starts
     try:
-        base = model.version(record, theta, included, magnitudes)
-        columns = _columns(model, record, base, theta, included, magnitudes, by_theta, candidates)
+        base = model.version(record, request.theta, request.included, request.magnitudes)
+        columns = _columns(model, request, base)
     except FeltmbError:
         return None
-    states = () if model.single else model.states(included)
+    states = () if model.single else model.states(request.included)
     names, scales = [s.name for s in states], [s.scale for s in states]
     place = np.array([base.place[name] for name in names], dtype=int)
     drive = model.drives.of(record)
@@ -107,7 +98,7 @@ def forward_sensitivities(
         return full, compressions
 
     prepared = []
-    held_at = memory or (None,) * len(segments)
+    held_at = request.memory or (None,) * len(segments)
     for (first, last), start, held in zip(segments, starts, held_at, strict=True):
         begin, end = float(clock[first]), float(clock[last])
         if model.single:
@@ -162,22 +153,16 @@ def forward_sensitivities(
         base,
         place,
         model.single and not drive.motion,
-        (len(by_theta), len(included), len(candidates)),
+        (len(by_theta), len(request.included), len(request.candidates)),
         by_starts=by_starts,
     )
 
 
 def _columns(
-    model: DifferentiableMechanism,
-    record: Record,
-    base: Variant,
-    theta: Array,
-    included: tuple[Candidate, ...],
-    magnitudes: Array,
-    by_theta: Sequence[int],
-    candidates: tuple[Candidate, ...],
+    model: DifferentiableMechanism, request: SensitivityRequest, base: Variant
 ) -> list[_Column]:
     """One-sided: curvature is below 1e-5 of a derivative, and one version a column is enough."""
+    theta, included, magnitudes = request.theta, request.included, request.magnitudes
 
     def column(
         name: str,
@@ -187,20 +172,20 @@ def _columns(
         shift: float,
         scale: float,
     ) -> _Column:
-        version = model.version(record, moved, more, sizes)
+        version = model.version(request.record, moved, more, sizes)
         return _Column(name, ((version, shift, 1.0 / shift), (base, 0.0, -1.0 / shift)), scale)
 
     def side(value: float, h: float, upper: float) -> float:
         return h if value + h <= upper else -h
 
     out = []
-    for i in by_theta:
+    for i in request.parameters_of(model):
         p = model.parameters[i]
         shift = side(theta[i], SHIFT * p.size, p.upper)
         moved = theta.copy()
         moved[i] += shift
         out.append(column(p.name, moved, included, magnitudes, shift, p.size))
-    for k, candidate in enumerate((*included, *candidates)):
+    for k, candidate in enumerate((*included, *request.candidates)):
         known = k < len(included)
         more = included if known else (*included, candidate)
         sizes = magnitudes.copy() if known else np.append(magnitudes, 0.0)

@@ -15,13 +15,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from feltmb import _core
 from feltmb.adapters.effects import effect_of
 from feltmb.adapters.library import Entry, load_library
-from feltmb.adapters.reuse import Question, Reuse
+from feltmb.adapters.reuse import Reuse
 from feltmb.adapters.variants import Variant, Workshop, changed_config
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import DataError, FeltmbError, InvalidParameter
@@ -30,10 +29,10 @@ from feltmb.fit import (
     Candidate,
     Effect,
     Jobs,
-    Memory,
     Model,
     Parameter,
     Sensitivity,
+    SensitivityRequest,
     Simulated,
     State,
 )
@@ -175,45 +174,9 @@ class ImpactModel(Model):
             list(pool.map(work, range(jobs.count)))
         return Simulated(outputs=outputs, ends=np.zeros((jobs.count, 0)))
 
-    def sensitivities(  # noqa: D102
-        self,
-        record: Record,
-        theta: Array,
-        segments: NDArray[np.intp],
-        starts: Array,
-        included: tuple[Candidate, ...] = (),
-        magnitudes: Array | None = None,
-        *,
-        by_theta: Sequence[int] | None = None,
-        by_starts: bool = True,
-        candidates: tuple[Candidate, ...] = (),
-        memory: Memory | None = None,
-    ) -> Sensitivity:
+    def sensitivities(self, request: SensitivityRequest) -> Sensitivity:  # noqa: D102
         # Differences, kept while the point moves little.
-        del memory  # from rest
-        theta = np.asarray(theta, dtype=float)
-        given = (
-            np.zeros(len(included)) if magnitudes is None else np.asarray(magnitudes, dtype=float)
-        )
-        wanted = tuple(range(len(self.parameters)) if by_theta is None else by_theta)
-
-        def compute() -> Sensitivity:
-            return super(ImpactModel, self).sensitivities(
-                record,
-                theta,
-                segments,
-                starts,
-                included,
-                given,
-                by_theta=wanted,
-                by_starts=by_starts,
-                candidates=candidates,
-            )
-
-        question = Question(
-            record, segments, theta, starts, included, given, wanted, by_starts, candidates
-        )
-        return self.reuse.ask(self, question, compute)
+        return self.reuse.ask(self, request, super().sensitivities)
 
     def numbers(
         self,

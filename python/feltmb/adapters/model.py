@@ -41,10 +41,10 @@ from feltmb.fit import (
     Candidate,
     Effect,
     Jobs,
-    Memory,
     Parameter,
     Ready,
     Sensitivity,
+    SensitivityRequest,
     Simulated,
     State,
 )
@@ -398,53 +398,10 @@ class MechanismModel(DifferentiableMechanism):
         run = self._integrate(record, self.drives.of(record), task, ())
         return None if run is None else run[1]
 
-    def sensitivities(  # noqa: D102
-        self,
-        record: Record,
-        theta: Array,
-        segments: NDArray[np.intp],
-        starts: Array,
-        included: tuple[Candidate, ...] = (),
-        magnitudes: Array | None = None,
-        *,
-        by_theta: Sequence[int] | None = None,
-        by_starts: bool = True,
-        candidates: tuple[Candidate, ...] = (),
-        memory: Memory | None = None,
-    ) -> Sensitivity:
+    def sensitivities(self, request: SensitivityRequest) -> Sensitivity:  # noqa: D102
         # Exact derivatives; see feltmb.adapters.derivatives.
-        theta, starts = np.asarray(theta, dtype=float), np.asarray(starts, dtype=float)
-        given = (
-            np.zeros(len(included)) if magnitudes is None else np.asarray(magnitudes, dtype=float)
-        )
-        wanted = tuple(range(len(self.parameters)) if by_theta is None else by_theta)
-        found = sensitivities(
-            self,
-            record,
-            theta,
-            segments,
-            starts,
-            included,
-            given,
-            by_theta=wanted,
-            by_starts=by_starts,
-            candidates=candidates,
-            memory=memory,
-        )
-        if found is not None:
-            return found
-        return super().sensitivities(
-            record,
-            theta,
-            segments,
-            starts,
-            included,
-            given,
-            by_theta=wanted,
-            by_starts=by_starts,
-            candidates=candidates,
-            memory=memory,
-        )
+        found = sensitivities(self, request)
+        return super().sensitivities(request) if found is None else found
 
     def guess(self, record: Record, segments: NDArray[np.intp]) -> Array:
         """Start states on the model's own way through the record."""

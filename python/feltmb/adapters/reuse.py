@@ -11,13 +11,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from feltmb.data import Array, Record
-from feltmb.fit import Candidate, Jobs, Model, Sensitivity
+from feltmb.data import Array
+from feltmb.fit import Model, Sensitivity, SensitivityRequest
 from feltmb.fit.latest import Latest
 
-__all__ = ["Kept", "Question", "Reuse"]
+__all__ = ["Kept", "Reuse"]
 
 
 @dataclass(frozen=True)
@@ -30,35 +29,21 @@ class Kept:
     value: Sensitivity
 
 
-@dataclass(frozen=True)
-class Question:
-    """What derivatives are asked for, and where."""
-
-    record: Record
-    segments: NDArray[np.intp]
-    theta: Array
-    starts: Array
-    included: tuple[Candidate, ...]
-    magnitudes: Array
-    by_theta: tuple[int, ...]
-    by_starts: bool
-    candidates: tuple[Candidate, ...]
-
-    def key(self) -> tuple[object, ...]:
-        """What must be the same for kept derivatives to be an answer."""
-        return (
-            self.record.name,
-            hash(tuple(v.tobytes() for v in self.record.inputs.values())),
-            self.segments.tobytes(),
-            tuple((t.name, t.shape) for t in self.included),
-            self.by_theta,
-            self.by_starts,
-            tuple((t.name, t.shape) for t in self.candidates),
-        )
+def _key(request: SensitivityRequest) -> tuple[object, ...]:
+    """What must be the same for kept derivatives to be an answer."""
+    return (
+        request.record.name,
+        hash(tuple(v.tobytes() for v in request.record.inputs.values())),
+        request.segments.tobytes(),
+        tuple((t.name, t.shape) for t in request.included),
+        None if request.by_theta is None else tuple(request.by_theta),
+        request.by_starts,
+        tuple((t.name, t.shape) for t in request.candidates),
+    )
 
 
 class Reuse:
-    """Store of derivatives by question.
+    """Store of derivatives by what is asked for.
 
     Parameters
     ----------
@@ -91,27 +76,24 @@ class Reuse:
     def ask(
         self,
         model: Model,
-        question: Question,
-        compute: Callable[[], Sensitivity],
+        request: SensitivityRequest,
+        compute: Callable[[SensitivityRequest], Sensitivity],
     ) -> Sensitivity:
         """Derivatives at or near a point, values at it."""
-        q = question
-        theta, magnitudes, starts = q.theta, q.magnitudes, q.starts
-        key = q.key()
+        theta, magnitudes, starts = request.theta, request.magnitudes, request.starts
+        key = _key(request)
         units = (
             np.array([p.size for p in model.parameters]),
-            np.array([t.effect.scale for t in q.included]),
-            np.array([s.scale for s in model.states(q.included)]),
+            np.array([t.effect.scale for t in request.included]),
+            np.array([s.scale for s in model.states(request.included)]),
         )
         kept = self._kept.find(key)
         if kept is not None and self._near(kept, theta, magnitudes, starts, units):
             self.hits += 1
-            run = model.simulate(
-                q.record, Jobs.at_point(theta, q.segments, starts, q.included, magnitudes)
-            )
+            run = model.simulate(request.record, request.jobs())
             return replace(kept.value, outputs=run.outputs, ends=run.ends)
         self.misses += 1
-        value = compute()
+        value = compute(request)
         self._kept.keep(key, Kept(theta.copy(), magnitudes.copy(), starts.copy(), value))
         return value
 

@@ -37,10 +37,10 @@ from feltmb.fit import (
     VARIABILITY,
     Candidate,
     Jobs,
-    Memory,
     Parameter,
     Ready,
     Sensitivity,
+    SensitivityRequest,
     Simulated,
 )
 from feltmb.fit.latest import Latest
@@ -277,28 +277,11 @@ class StrokeModel(MechanismModel):
 
         return self._runs.get((record.name, inputs, key), make)
 
-    def sensitivities(  # noqa: D102
-        self,
-        record: Record,
-        theta: Array,
-        segments: NDArray[np.intp],
-        starts: Array,
-        included: tuple[Candidate, ...] = (),
-        magnitudes: Array | None = None,
-        *,
-        by_theta: Sequence[int] | None = None,
-        by_starts: bool = True,
-        candidates: tuple[Candidate, ...] = (),
-        memory: Memory | None = None,
-    ) -> Sensitivity:
+    def sensitivities(self, request: SensitivityRequest) -> Sensitivity:  # noqa: D102
         # Exact derivatives of all columns, in one pass.
-        del memory  # from rest
-        del starts, by_starts
-        theta = np.asarray(theta, dtype=float)
-        magnitudes = (
-            np.zeros(len(included)) if magnitudes is None else np.asarray(magnitudes, dtype=float)
-        )
-        wanted = tuple(range(len(self.parameters)) if by_theta is None else by_theta)
+        record, theta, segments = request.record, request.theta, request.segments
+        included, magnitudes = request.included, request.magnitudes
+        candidates, wanted = request.candidates, request.parameters_of(self)
         own = theta[: self.mechanical]
         w, length = len(segments), int(np.max(segments[:, 1] - segments[:, 0])) + 1
         ny = len(self.outputs)
@@ -427,15 +410,17 @@ class StrokeModel(MechanismModel):
         self.passes += 1
         s = forward_sensitivities(
             self,
-            record,
-            theta,
-            np.array([[0, record.samples - 1]], dtype=np.intp),
-            np.zeros((1, 0)),
-            included,
-            magnitudes,
-            by_theta=wanted,
-            by_starts=False,
-            candidates=candidates,
+            SensitivityRequest(
+                record,
+                theta,
+                np.array([[0, record.samples - 1]], dtype=np.intp),
+                np.zeros((1, 0)),
+                included,
+                magnitudes,
+                by_theta=wanted,
+                by_starts=False,
+                candidates=candidates,
+            ),
         )
         if s is None:
             return {name: np.full_like(base, np.nan) for name in names}

@@ -16,6 +16,7 @@ from feltmb.fit.model import (
     Port,
     Ready,
     Sensitivity,
+    SensitivityRequest,
     Simulated,
     State,
 )
@@ -45,6 +46,7 @@ __all__ = [
     "Rate",
     "Ready",
     "Sensitivity",
+    "SensitivityRequest",
     "Simulated",
     "SimulatorModel",
     "State",

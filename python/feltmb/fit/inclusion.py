@@ -18,14 +18,13 @@ from feltmb.fit.model import (
     Effect,
     Integers,
     Jobs,
-    Memory,
     Model,
     Parameter,
     Ready,
     Sensitivity,
+    SensitivityRequest,
     Simulated,
     State,
-    check_segments,
 )
 
 __all__ = ["Including", "including"]
@@ -217,37 +216,20 @@ class Including(Model):
         out._base = self._base.asking(ask)
         return out
 
-    def sensitivities(  # noqa: D102
-        self,
-        record: Record,
-        theta: Array,
-        segments: Integers,
-        starts: Array,
-        included: tuple[Candidate, ...] = (),
-        magnitudes: Array | None = None,
-        *,
-        by_theta: Sequence[int] | None = None,
-        by_starts: bool = True,
-        candidates: tuple[Candidate, ...] = (),
-        memory: Memory | None = None,
-    ) -> Sensitivity:
+    def sensitivities(self, request: SensitivityRequest) -> Sensitivity:  # noqa: D102
         # Those of the model; the derivatives by the included magnitudes move to the parameters.
-        given = np.zeros(len(included)) if magnitudes is None else magnitudes
-        check_segments(self, record, segments, starts, included, given, theta)
+        request.check(self)
         count, own = len(self._base.parameters), len(self._own)
-        wanted = list(range(count + own)) if by_theta is None else list(by_theta)
+        wanted = request.parameters_of(self)
         base = [i for i in wanted if i < count]
         s = self._base.sensitivities(
-            record,
-            theta[:count],
-            segments,
-            starts,
-            (*self._own, *included),
-            np.concatenate([theta[count:], given]),
-            by_theta=base,
-            by_starts=by_starts,
-            candidates=candidates,
-            **({} if memory is None else {"memory": memory}),
+            replace(
+                request,
+                theta=request.theta[:count],
+                included=(*self._own, *request.included),
+                magnitudes=np.concatenate([request.theta[count:], request.magnitudes]),
+                by_theta=base,
+            )
         )
         order = [base.index(i) if i < count else len(base) + i - count for i in wanted]
         by_outputs = np.concatenate([s.d_theta, s.d_magnitudes[..., :own]], axis=-1)

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from feltmb.data import Array
-from feltmb.fit.model import Candidate, Jobs, Memory, Model, Sensitivity
+from feltmb.fit.model import Candidate, Jobs, Memory, Model, Sensitivity, SensitivityRequest
 from feltmb.fit.observe import machine_candidates, observe_all, observe_jobs, observed_sensitivities
 from feltmb.fit.segmented_records import SegmentedRecord
 
@@ -160,16 +160,18 @@ def linearize(
     also = [i for i in noisy if i not in free] if place.starts.shape[1] else []
     with np.errstate(invalid="ignore", over="ignore"):  # segments that failed are no numbers
         s = ask(
-            segmented.record,
-            theta,
-            segmented.segments,
-            place.starts,
-            included,
-            magnitudes,
-            by_theta=[*free, *also],
-            by_starts=place.starts.shape[1] > 0,
-            candidates=candidates,
-            **({} if place.memory is None else {"memory": place.memory}),
+            SensitivityRequest(
+                segmented.record,
+                theta,
+                segmented.segments,
+                place.starts,
+                included,
+                magnitudes,
+                by_theta=[*free, *also],
+                by_starts=place.starts.shape[1] > 0,
+                candidates=candidates,
+                memory=place.memory,
+            )
         )
     if known is not None:
         by_input, ends_by_input = np.zeros((*s.outputs.shape, 0)), known.ends_by_input

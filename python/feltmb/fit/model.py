@@ -11,7 +11,7 @@ import copy
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
@@ -35,6 +35,7 @@ __all__ = [
     "Port",
     "Ready",
     "Sensitivity",
+    "SensitivityRequest",
     "Simulated",
     "State",
 ]
@@ -361,6 +362,64 @@ class Simulated:
 
 
 @checked
+@dataclass(frozen=True, eq=False)
+class SensitivityRequest:
+    """Segments of a record, where they are simulated and by what they are differentiated."""
+
+    record: Record
+    """Its inputs drive the model."""
+    theta: Array
+    """Parameters [their units], (p,)."""
+    segments: Integers
+    """First and last sample of each segment, (W, 2)."""
+    starts: Array
+    """States at the first samples, (W, nx), in the order of ``model.states(included)``."""
+    included: tuple[Candidate, ...] = ()
+    """Candidates that are part of the model; derivatives are taken by all of them."""
+    magnitudes: Array = field(default_factory=lambda: np.zeros(0))
+    """Their magnitudes [their units], (k,)."""
+    _: KW_ONLY
+    by_theta: Sequence[int] | None = None
+    """Positions of the parameters by which derivatives are wanted; None: all."""
+    by_starts: bool = True
+    """Whether the derivatives by the start states are wanted."""
+    candidates: tuple[Candidate, ...] = ()
+    """Further candidates, all at magnitude zero, whose derivatives at zero are wanted (one-sided if
+    they have a sign). Their hidden states start at their prior mean at the first segment and run
+    through the segments in turn."""
+    memory: Memory | None = None
+    """What the machine remembers at the starts beside its states; see :class:`Jobs`."""
+
+    def parameters_of(self, model: Model) -> tuple[int, ...]:
+        """Positions of the parameters by which derivatives are wanted."""
+        return tuple(range(len(model.parameters)) if self.by_theta is None else self.by_theta)
+
+    def jobs(self) -> Jobs:
+        """The segments as jobs."""
+        return Jobs.at_point(
+            self.theta, self.segments, self.starts, self.included, self.magnitudes, self.memory
+        )
+
+    def check(self, model: Model) -> None:
+        """Refuse what is not of the record or not of the model."""
+        check_segments(
+            model,
+            self.record,
+            self.segments,
+            self.starts,
+            self.included,
+            self.magnitudes,
+            self.theta,
+        )
+        known = range(len(model.parameters))
+        if not set(self.parameters_of(model)) <= set(known):
+            raise InvalidParameter(
+                f"model {model.name}: by_theta = {list(self.by_theta or ())}, expected positions "
+                f"of its {len(known)} parameters"
+            )
+
+
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sensitivity:
     """Outputs and end states of W segments with their derivatives.
@@ -575,69 +634,13 @@ class Model(ABC):
         del record, outputs
         return []
 
-    def sensitivities(
-        self,
-        record: Record,
-        theta: Array,
-        segments: Integers,
-        starts: Array,
-        included: tuple[Candidate, ...] = (),
-        magnitudes: Array | None = None,
-        *,
-        by_theta: Sequence[int] | None = None,
-        by_starts: bool = True,
-        candidates: tuple[Candidate, ...] = (),
-        memory: Memory | None = None,
-    ) -> Sensitivity:
+    def sensitivities(self, request: SensitivityRequest) -> Sensitivity:
         """Outputs and derivatives of segments.
 
         Subclasses that know their derivatives override it; the default takes differences.
-
-        Parameters
-        ----------
-        record
-            Record whose inputs drive the model.
-        theta
-            Values of the parameters [their units], (p,).
-        segments
-            First and last sample of each segment, (W, 2).
-        starts
-            States at the first samples, (W, nx), in the order of ``states(included)``.
-        included
-            Candidates that are part of the model; derivatives are taken by all of them.
-        magnitudes
-            Their magnitudes [their units], (k,); default: zero.
-        by_theta
-            Positions of the parameters by which derivatives are wanted; default: all.
-        by_starts
-            Whether the derivatives by the start states are wanted.
-        candidates
-            Further candidates, all at magnitude zero, whose derivatives at zero are wanted
-            (one-sided if they have a sign). Their hidden states start at their prior mean at the
-            first segment and run through the segments in turn.
-        memory
-            What the machine remembers at the starts beside its states; see :class:`Jobs`.
         """
-        magnitudes = np.zeros(len(included)) if magnitudes is None else magnitudes
-        check_segments(self, record, segments, starts, included, magnitudes, theta)
-        if by_theta is not None and not set(by_theta) <= set(range(len(self.parameters))):
-            raise InvalidParameter(
-                f"model {self.name}: by_theta = {list(by_theta)}, expected positions of its "
-                f"{len(self.parameters)} parameters"
-            )
-        return difference_sensitivities(
-            self,
-            record,
-            theta,
-            segments,
-            starts,
-            included,
-            magnitudes,
-            by_theta=range(len(self.parameters)) if by_theta is None else by_theta,
-            by_starts=by_starts,
-            candidates=candidates,
-            memory=memory,
-        )
+        request.check(self)
+        return difference_sensitivities(self, request)
 
 
 # ---------------------------------------------------------------- derivatives by differences
@@ -647,21 +650,16 @@ TOGETHER = 8
 
 
 def run_through(
-    model: Model,
-    record: Record,
-    theta: Array,
-    segments: NDArray[np.intp],
-    starts: Array,
-    included: tuple[Candidate, ...],
-    magnitudes: Array,
-    visible: int,
+    model: Model, request: SensitivityRequest, more: tuple[Candidate, ...], magnitudes: Array
 ) -> tuple[Array, Array]:
     """Simulate segments in turn, several versions at once, hidden states passed on.
 
-    ``starts`` (W, visible); ``magnitudes`` (V, k) one row a version. The visible states of a
-    segment come from ``starts``, its hidden ones from the end of the segment before. Outputs (V, W,
-    L, ny), ends (V, W, visible).
+    ``more``: candidates beside the included ones; ``magnitudes`` (V, k): those of all, one row a
+    version. The visible states of a segment come from the request, its hidden ones from the end of
+    the segment before. Outputs (V, W, L, ny), ends (V, W, visible).
     """
+    segments, starts, visible = request.segments, request.starts, request.starts.shape[1]
+    included = (*request.included, *more)
     versions = magnitudes.shape[0]
     states = model.states(included)
     hidden = np.tile([s.start for s in states[visible:]], (versions, 1))
@@ -670,40 +668,29 @@ def run_through(
     ends = np.full((versions, len(segments), visible), np.nan)
     for w, segment in enumerate(segments):
         jobs = Jobs(
-            theta=np.tile(theta, (versions, 1)),
+            theta=np.tile(request.theta, (versions, 1)),
             segments=np.tile(segment, (versions, 1)),
             starts=np.hstack([np.tile(starts[w], (versions, 1)), hidden]),
             included=included,
             magnitudes=magnitudes,
         )
-        run = model.simulate(record, jobs)
+        run = model.simulate(request.record, jobs)
         outputs[:, w, : run.outputs.shape[1]] = run.outputs
         ends[:, w] = run.ends[:, :visible]
         hidden = run.ends[:, visible:]
     return outputs, ends
 
 
-def difference_sensitivities(
-    model: Model,
-    record: Record,
-    theta: Array,
-    segments: NDArray[np.intp],
-    starts: Array,
-    included: tuple[Candidate, ...],
-    magnitudes: Array,
-    *,
-    by_theta: Sequence[int],
-    by_starts: bool,
-    candidates: tuple[Candidate, ...],
-    memory: Memory | None = None,
-) -> Sensitivity:
+def difference_sensitivities(model: Model, request: SensitivityRequest) -> Sensitivity:
     """Central differences by parameters, magnitudes and start states.
 
     One-sided ones of second order where a bound or the sign of an effect forbids the other side.
     """
+    segments, included, candidates = request.segments, request.included, request.candidates
     count = len(segments)
-    theta = np.asarray(theta, dtype=np.float64)
-    magnitudes = np.asarray(magnitudes, dtype=np.float64)
+    theta = np.asarray(request.theta, dtype=np.float64)
+    magnitudes = np.asarray(request.magnitudes, dtype=np.float64)
+    by_theta = request.parameters_of(model)
     states = model.states(included)
     nx, ny = len(states), len(model.outputs)
 
@@ -738,7 +725,7 @@ def difference_sensitivities(
         low, high = candidate.effect.bounds
         step = candidate.effect.step * candidate.effect.scale
         add("magnitudes", i, step, low, high, magnitudes[i])
-    if by_starts:
+    if request.by_starts:
         for i, state in enumerate(states):
             add("start", i, 0.1 * model.difference_step * state.scale, -np.inf, np.inf, 0.0)
 
@@ -746,14 +733,15 @@ def difference_sensitivities(
     jobs = Jobs(
         theta=np.repeat(np.array(rows_theta), count, axis=0),
         segments=np.tile(segments, (versions, 1)),
-        starts=np.tile(starts, (versions, 1)) + np.repeat(np.array(rows_start), count, axis=0),
+        starts=np.tile(request.starts, (versions, 1))
+        + np.repeat(np.array(rows_start), count, axis=0),
         included=included,
         magnitudes=np.repeat(
             np.array(rows_magnitudes).reshape(versions, len(included)), count, axis=0
         ),
-        memory=None if memory is None else versions * memory,
+        memory=None if request.memory is None else versions * request.memory,
     )
-    run = model.simulate(record, jobs)
+    run = model.simulate(request.record, jobs)
     longest = run.outputs.shape[1]
     outputs = run.outputs.reshape(versions, count, longest, ny)
     ends = run.ends.reshape(versions, count, nx)
@@ -776,13 +764,7 @@ def difference_sensitivities(
             some = group[at : at + TOGETHER]
             d_candidates[..., some], d_candidates_ends[..., some] = _candidates(
                 model,
-                record,
-                theta,
-                segments,
-                starts,
-                included,
-                magnitudes,
-                tuple(candidates[c] for c in some),
+                replace(request, candidates=tuple(candidates[c] for c in some)),
                 outputs[0],
                 ends[0],
                 hidden=hidden,
@@ -803,20 +785,10 @@ def difference_sensitivities(
 
 
 def _candidates(
-    model: Model,
-    record: Record,
-    theta: Array,
-    segments: NDArray[np.intp],
-    starts: Array,
-    included: tuple[Candidate, ...],
-    magnitudes: Array,
-    some: tuple[Candidate, ...],
-    outputs: Array,
-    ends: Array,
-    *,
-    hidden: bool,
+    model: Model, request: SensitivityRequest, outputs: Array, ends: Array, *, hidden: bool
 ) -> tuple[Array, Array]:
-    """Derivatives of some candidates at magnitude zero: two jobs a segment for each of them."""
+    """Derivatives by the candidates at magnitude zero: two jobs a segment for each of them."""
+    some, magnitudes, starts = request.candidates, request.magnitudes, request.starts
     rows, weights = [], []
     for c, candidate in enumerate(some):
         low, high = candidate.effect.bounds
@@ -831,22 +803,21 @@ def _candidates(
             row[c] = value
             rows.append(np.concatenate([magnitudes, row]))
         weights.append(weight)
-    all_candidates = (*included, *some)
-    count, nx, ny = len(segments), starts.shape[1], outputs.shape[2]
+    count, nx, ny = len(request.segments), starts.shape[1], outputs.shape[2]
     versions = len(rows)
     if hidden:
         table = np.array([np.concatenate([magnitudes, np.zeros(len(some))]), *rows])
-        y, x = run_through(model, record, theta, segments, starts, all_candidates, table, nx)
+        y, x = run_through(model, request, some, table)
         y, x, base_y, base_x = y[1:], x[1:], y[0], x[0]
     else:
         jobs = Jobs(
-            theta=np.tile(theta, (versions * count, 1)),
-            segments=np.tile(segments, (versions, 1)),
+            theta=np.tile(request.theta, (versions * count, 1)),
+            segments=np.tile(request.segments, (versions, 1)),
             starts=np.tile(starts, (versions, 1)),
-            included=all_candidates,
+            included=(*request.included, *some),
             magnitudes=np.repeat(np.array(rows), count, axis=0),
         )
-        run = model.simulate(record, jobs)
+        run = model.simulate(request.record, jobs)
         y = run.outputs.reshape(versions, count, -1, ny)
         x = run.ends.reshape(versions, count, nx)
         base_y, base_x = outputs, ends

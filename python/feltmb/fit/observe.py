@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import InvalidParameter
 from feltmb.fit.calling import calling
-from feltmb.fit.model import Batch, Candidate, Jobs, Memory, Model, Sensitivity, Simulated
+from feltmb.fit.model import (
+    Batch,
+    Candidate,
+    Jobs,
+    Memory,
+    Model,
+    Sensitivity,
+    SensitivityRequest,
+    Simulated,
+)
 from feltmb.fit.shift import shifted
 
 __all__ = ["machine_candidates", "observe_all", "observe_jobs", "observed_sensitivities"]
@@ -208,25 +217,14 @@ def _low_pass(
     return out
 
 
-def observed_sensitivities(
-    model: Model,
-    record: Record,
-    theta: Array,
-    segments: NDArray[np.intp],
-    starts: Array,
-    included: tuple[Candidate, ...],
-    magnitudes: Array,
-    *,
-    by_theta: Sequence[int],
-    by_starts: bool,
-    candidates: tuple[Candidate, ...],
-    memory: Memory | None = None,
-) -> Sensitivity:
+def observed_sensitivities(model: Model, request: SensitivityRequest) -> Sensitivity:
     """Derivatives of what the sensors show.
 
     The model differentiates its machine; its columns go through the map of the sensors and
     sensor effects, which is cheap. Only input effects need simulations of their own.
     """
+    record, segments, starts = request.record, request.segments, request.starts
+    included, magnitudes, candidates = request.included, request.magnitudes, request.candidates
     count = len(segments)
     inner = [k for k, t in enumerate(included) if t in machine_candidates(included)]
     machine = machine_candidates(candidates)
@@ -235,18 +233,15 @@ def observed_sensitivities(
         if candidate.effect.excite is not None and magnitudes[k] != 0.0:
             changed = _changed(candidate, changed, float(magnitudes[k]))
     s = model.sensitivities(
-        changed,
-        theta,
-        segments,
-        starts,
-        tuple(included[k] for k in inner),
-        magnitudes[inner],
-        by_theta=by_theta,
-        by_starts=by_starts,
-        candidates=machine,
-        **({} if memory is None else {"memory": memory}),
+        replace(
+            request,
+            record=changed,
+            included=tuple(included[k] for k in inner),
+            magnitudes=magnitudes[inner],
+            candidates=machine,
+        )
     )
-    jobs = Jobs(theta=np.tile(theta, (count, 1)), segments=segments, starts=starts, memory=memory)
+    jobs = replace(request, included=(), magnitudes=np.zeros(0)).jobs()
     observing = [
         (t, float(magnitudes[k])) for k, t in enumerate(included) if t.effect.observe is not None
     ]

@@ -23,14 +23,13 @@ from feltmb.fit.model import (
     Effect,
     Integers,
     Jobs,
-    Memory,
     Model,
     Parameter,
     Ready,
     Sensitivity,
+    SensitivityRequest,
     Simulated,
     State,
-    check_segments,
 )
 from feltmb.fit.noise_of_function import Step, choose_step, noise_of_function
 from feltmb.fit.runner import Run, Runner
@@ -323,28 +322,13 @@ class SimulatorModel(Model):
             values[candidate.effect.data] += float(magnitude)
         return values
 
-    def sensitivities(  # noqa: D102
-        self,
-        record: Record,
-        theta: Array,
-        segments: Integers,
-        starts: Array,
-        included: tuple[Candidate, ...] = (),
-        magnitudes: Array | None = None,
-        *,
-        by_theta: Sequence[int] | None = None,
-        by_starts: bool = True,
-        candidates: tuple[Candidate, ...] = (),
-        memory: Memory | None = None,
-    ) -> Sensitivity:
+    def sensitivities(self, request: SensitivityRequest) -> Sensitivity:  # noqa: D102
         # Differences with the steps that suit the noise of the function.
-        del memory  # a function has none
-        del by_starts
-        given = np.zeros(len(included)) if magnitudes is None else magnitudes
-        check_segments(self, record, segments, starts, included, given, theta)
-        wanted = range(len(self.parameters)) if by_theta is None else by_theta
+        request.check(self)
+        wanted, theta, segments = request.parameters_of(self), request.theta, request.segments
+        included, candidates = request.included, request.candidates
         everything = (*included, *candidates)
-        at = np.concatenate([theta, given, np.zeros(len(candidates))])
+        at = np.concatenate([theta, request.magnitudes, np.zeros(len(candidates))])
         columns = [
             (i, self.parameters[i].name, self.parameters[i].size, *_limits(self.parameters[i]))
             for i in wanted
@@ -371,7 +355,7 @@ class SimulatorModel(Model):
             included=everything,
             magnitudes=np.repeat(table[:, len(theta) :], count, axis=0),
         )
-        run = self.simulate(record, jobs)
+        run = self.simulate(request.record, jobs)
         seen = run.outputs.reshape(len(rows), count, -1, len(self.outputs))
         found = np.zeros((*seen.shape[1:], len(columns)))
         for c, entry in enumerate(entries):

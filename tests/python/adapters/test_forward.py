@@ -8,7 +8,7 @@ from feltmb import _core
 from feltmb.adapters import load_library, mechanism_model
 from feltmb.adapters.forward import can_differentiate, forward_sensitivities
 from feltmb.data import Record
-from feltmb.fit import Candidate, Jobs
+from feltmb.fit import Candidate, Jobs, SensitivityRequest
 
 END = 0.11  # s, shortly after the impact
 #: One of each kind: what it changes is found in another way.
@@ -47,9 +47,11 @@ def columns_of(monkeypatch, mechanism, stroke, effects, whole):
     with monkeypatch.context() as patch:
         patch.setattr(_core, "sensitivities", call)
         s = forward_sensitivities(
-            model, record, np.zeros(len(model.parameters)), segments,
-            model.guess(record, segments), (), np.zeros(0),
-            by_theta=range(len(model.parameters)), by_starts=False, candidates=candidates,
+            model,
+            SensitivityRequest(
+                record, np.zeros(len(model.parameters)), segments, model.guess(record, segments),
+                by_starts=False, candidates=candidates,
+            ),
         )  # fmt: skip
     scales = np.array([p.size for p in model.parameters] + [c.effect.scale for c in candidates])
     names = [p.name for p in model.parameters] + [c.name for c in candidates]
@@ -134,8 +136,10 @@ def agreement(monkeypatch, stroke, effects, tolerances, tolerance=2e-6, rtol=1e-
         and c.effect.data.condition is None
     )  # fmt: skip
     s = model.sensitivities(
-        record, np.zeros(len(model.parameters)), np.array([[0, time.size - 1]], dtype=np.intp),
-        np.zeros((1, 0)), candidates=candidates,
+        SensitivityRequest(
+            record, np.zeros(len(model.parameters)), np.array([[0, time.size - 1]], dtype=np.intp),
+            np.zeros((1, 0)), candidates=candidates,
+        )
     )  # fmt: skip
     wanted = [(p.name, (), i, p.size, s.d_theta[0, ..., i]) for i, p in enumerate(model.parameters)]
     wanted += [

@@ -11,7 +11,7 @@ from feltmb.adapters.shifter import Shifter
 from feltmb.adapters.variants import changed_config
 from feltmb.data import Record, Sensor
 from feltmb.errors import InvalidParameter
-from feltmb.fit import Candidate, Jobs
+from feltmb.fit import Candidate, Jobs, SensitivityRequest
 from feltmb.fit.observe import observe_jobs
 
 LENGTH = 0.085  # up to shortly before the impact
@@ -98,17 +98,21 @@ def test_one_pass_a_point_and_only_what_is_missing_later(adapter):
     none = np.zeros((1, 0))
     model.forget()
     before = model.passes
-    s = model.sensitivities(record, theta, whole(record), none)
+    s = model.sensitivities(SensitivityRequest(record, theta, whole(record), none))
     assert model.passes == before + 1
-    again = model.sensitivities(record, theta, whole(record), none, candidates=candidates)
+    again = model.sensitivities(
+        SensitivityRequest(record, theta, whole(record), none, candidates=candidates)
+    )
     assert model.passes == before + 2  # the candidates
     assert np.array_equal(again.d_theta, s.d_theta)
-    model.sensitivities(record, theta, whole(record), none, candidates=candidates)
+    model.sensitivities(
+        SensitivityRequest(record, theta, whole(record), none, candidates=candidates)
+    )
     assert model.passes == before + 2
-    model.sensitivities(record, theta + 1e-9, whole(record), none)
+    model.sensitivities(SensitivityRequest(record, theta + 1e-9, whole(record), none))
     assert model.passes == before + 3
     model.forget()
-    model.sensitivities(record, theta, whole(record), none)
+    model.sensitivities(SensitivityRequest(record, theta, whole(record), none))
     assert model.passes == before + 4
 
 
@@ -121,8 +125,10 @@ def test_an_effect_that_is_a_tolerance_has_its_column(adapter):
     assert model.alias(entry) is not None
     effect = effect_of(entry, model.outputs, model.library.channels, states=False)
     s = model.sensitivities(
-        record, np.zeros(len(model.parameters)), whole(record), np.zeros((1, 0)),
-        candidates=(Candidate(effect),),
+        SensitivityRequest(
+            record, np.zeros(len(model.parameters)), whole(record), np.zeros((1, 0)),
+            candidates=(Candidate(effect),),
+        )
     )  # fmt: skip
     place = [p.name for p in model.parameters].index("capstan_height")
     ours, theirs = s.d_candidates[0, ..., 0], s.d_theta[0, ..., place]
@@ -160,7 +166,7 @@ def test_the_variability_is_linear_and_belongs_to_its_record(adapter):
                with_variability.parameters[-extra:])  # fmt: skip
     none = np.zeros((1, 0))
     theta = np.zeros(len(with_variability.parameters))
-    s = with_variability.sensitivities(record, theta, whole(record), none)
+    s = with_variability.sensitivities(SensitivityRequest(record, theta, whole(record), none))
     moved = theta.copy()
     moved[-extra:] = np.linspace(-1.0, 2.0, extra)
     y = with_variability.simulate(

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from feltmb.errors import InvalidParameter
+from feltmb.fit import SensitivityRequest
 from feltmb.fit.filter import reduce_chain
 from feltmb.fit.linearize import Linear
 from feltmb.fit.problem import Problem
@@ -140,7 +141,9 @@ def test_sensitivities_are_derivatives():
     starts = models.NOMINAL.guess(one, segments)
     included, candidates = (Candidate(models.CUBIC),), (Candidate(models.DRY),)
     s = models.NOMINAL.sensitivities(
-        one, models.TRUTH, segments, starts, included, np.array([500.0]), candidates=candidates
+        SensitivityRequest(
+            one, models.TRUTH, segments, starts, included, np.array([500.0]), candidates=candidates
+        )
     )
 
     def run(theta, x, cubic, dry):

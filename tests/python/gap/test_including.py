@@ -10,6 +10,7 @@ from blind.key_hammer import KeyHammer, effects
 from feltmb.cli import main
 from feltmb.data import Record, read_records
 from feltmb.errors import InvalidParameter
+from feltmb.fit import SensitivityRequest
 from feltmb.gap import Candidate, Jobs, Options, Verdict, diagnose, including, library
 
 HERE = Path(__file__).parent
@@ -56,16 +57,25 @@ def test_it_is_the_model_with_the_candidate():
 
     # With another candidate: columns go where they belong, in the order asked for.
     both = model.sensitivities(
-        record, theta, segments, starts, (Candidate(CREEP), Candidate(DRAG)), np.array([3e-5, 1e-3])
+        SensitivityRequest(
+            record,
+            theta,
+            segments,
+            starts,
+            (Candidate(CREEP), Candidate(DRAG)),
+            np.array([3e-5, 1e-3]),
+        )
     )
     mine = included.sensitivities(
-        record,
-        np.append(theta, 3e-5),
-        segments,
-        starts,
-        (Candidate(DRAG),),
-        np.array([1e-3]),
-        by_theta=[len(theta), 2],
+        SensitivityRequest(
+            record,
+            np.append(theta, 3e-5),
+            segments,
+            starts,
+            (Candidate(DRAG),),
+            np.array([1e-3]),
+            by_theta=[len(theta), 2],
+        )
     )
     np.testing.assert_array_equal(mine.d_theta[..., 0], both.d_magnitudes[..., 0])
     np.testing.assert_array_equal(mine.d_theta[..., 1], both.d_theta[..., 2])

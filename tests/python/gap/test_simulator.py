@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from feltmb.errors import InvalidParameter
+from feltmb.fit import SensitivityRequest
 from feltmb.fit.noise_of_function import choose_step, noise_of_function
 from feltmb.gap import (
     Candidate,
@@ -76,7 +77,9 @@ def records(drift):
 def columns(m, r, *candidates):
     segments = np.array([[0, 150], [150, 399]])
     return m.sensitivities(
-        r, np.array([2.0, 0.4]), segments, np.zeros((2, 0)), candidates=candidates
+        SensitivityRequest(
+            r, np.array([2.0, 0.4]), segments, np.zeros((2, 0)), candidates=candidates
+        )
     )
 
 

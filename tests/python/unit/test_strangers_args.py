@@ -140,6 +140,17 @@ ODE = {
     "segment": None,
     "chaotic": False,
 }
+REQUEST = {
+    "theta": np.array([1.0, 100.0]),
+    "segments": np.array([[0, 199]]),
+    "starts": np.zeros((1, 2)),
+    "included": (),
+    "magnitudes": np.zeros(0),
+    "by_theta": (0, 1),
+    "by_starts": True,
+    "candidates": (),
+    "memory": None,
+}
 LINEAR = {
     "output": "y",
     "columns": {"slope": lambda record: record.inputs["f"]},
@@ -964,6 +975,15 @@ CALLS = {
     "feltmb.fit.Sensitivity": lambda: {
         name: np.zeros((1, 2)) for name in inspect.signature(gap.Sensitivity).parameters
     },
+    "feltmb.fit.SensitivityRequest": lambda: REQUEST | {"record": record()},
+    "feltmb.fit.SensitivityRequest.check": lambda: (
+        gap.SensitivityRequest(**REQUEST, record=record()),
+        {"model": oscillator()},
+    ),
+    "feltmb.fit.SensitivityRequest.parameters_of": lambda: (
+        gap.SensitivityRequest(**REQUEST, record=record()),
+        {"model": oscillator()},
+    ),
     "feltmb.fit.Simulated": lambda: {"outputs": np.zeros((1, 2, 1)), "ends": np.zeros((1, 2))},
     "feltmb.fit.State": lambda: {
         "name": "q",
