@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from feltmb import _core
 from feltmb.adapters.effects import effect_of
@@ -39,7 +39,7 @@ from feltmb.fit import (
 from feltmb.mechanism import Action, load_action
 from feltmb.run.simulate import simulate
 from feltmb.run.stroke import Stroke, load_stroke
-from feltmb.units.quantity import SI, Schema, fault_lines, fault_text, parse_scalar
+from feltmb.units.quantity import SI, Schema, fault_text, parse_scalar, validated
 
 __all__ = ["ImpactModel", "impact_record", "load_impacts"]
 
@@ -355,10 +355,7 @@ def load_impacts(path: str | Path) -> tuple[ImpactModel, tuple[Effect, ...], tup
         Faults of the file, all at once.
     """
     path = Path(path)
-    try:
-        file = _ImpactFile.model_validate(read_toml(path))
-    except ValidationError as error:
-        raise InvalidParameter(fault_text(path.name, fault_lines(error, _ImpactFile))) from None
+    file = validated(_ImpactFile, read_toml(path), path.name)
     action = load_action(named_file(path.parent, file.action, f"{path.name}: action"))
     if file.values:
         action = action.with_values(file.values)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from feltmb import params
 from feltmb.adapters import felt
@@ -22,7 +22,14 @@ from feltmb.adapters.insertions import Insertion
 from feltmb.errors import InvalidParameter
 from feltmb.files import MOST_EXTENDS, beside, is_file, read_toml
 from feltmb.mechanism import Action, MechanismFile
-from feltmb.units.quantity import SI, Schema, SIVector, fault_lines, fault_text, parse_scalar
+from feltmb.units.quantity import (
+    SI,
+    Schema,
+    SIVector,
+    fault_text,
+    parse_scalar,
+    validated,
+)
 
 __all__ = ["Condition", "Entry", "Library", "Signal", "Until", "load_library"]
 
@@ -322,11 +329,7 @@ def _resolve(name_or_path: str | Path, user: Path | None = None) -> Path:
 
 
 def _read(path: Path, seen: tuple[Path, ...] = ()) -> LibraryFile:
-    raw = read_toml(path)
-    try:
-        own = LibraryFile.model_validate(raw)
-    except ValidationError as error:
-        raise InvalidParameter(fault_text(path.name, fault_lines(error, LibraryFile))) from None
+    own = validated(LibraryFile, read_toml(path), path.name)
     if own.extends is None:
         return own
     if len(seen) >= MOST_EXTENDS:

@@ -434,7 +434,7 @@ class MechanismModel(DifferentiableMechanism):
         if path.suffix != ".toml":
             raise InvalidParameter(f"{path}: expected the name of a TOML file, such as found.toml")
 
-    def write(
+    def write(  # noqa: D102
         self,
         path: Path,
         theta: Array,
@@ -444,23 +444,7 @@ class MechanismModel(DifferentiableMechanism):
         provenance: str = "",
         force: bool = False,
     ) -> Path:
-        """Write the mechanism with these numbers as TOML; see :mod:`feltmb.adapters.writing`.
-
-        Parameters
-        ----------
-        path
-            File that is written.
-        theta
-            Values of the parameters [SI].
-        included
-            Effects that are included.
-        magnitudes
-            Magnitude of each included effect.
-        provenance
-            Texts about the origin that are written into the file.
-        force
-            False: an existing file is not overwritten.
-        """
+        # The mechanism with these numbers as TOML.
         self.check_writing(path)
         return write_mechanism(
             path,

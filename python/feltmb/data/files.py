@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from feltmb.data.columns import read_columns
 from feltmb.data.mapping import (
@@ -31,7 +30,7 @@ from feltmb.data.smoothing import start_of
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import is_file, read_toml, why_missing
 from feltmb.units import PIXEL, conversion_factor, split_quantity
-from feltmb.units.quantity import fault_lines, fault_text, shortened
+from feltmb.units.quantity import fault_text, shortened, validated
 
 __all__ = ["read_each", "read_record", "read_records", "read_sheet", "write_record"]
 
@@ -136,11 +135,7 @@ def read_sheet(path: Path) -> Sheet | None:
     beside = path.with_suffix(".toml")
     if not is_file(beside):
         return None
-    raw = read_toml(beside)
-    try:
-        sheet = Sheet.model_validate(raw)
-    except ValidationError as error:
-        raise DataError(fault_text(str(beside), fault_lines(error, Sheet))) from None
+    sheet = validated(Sheet, read_toml(beside), str(beside), DataError)
     if not sheet.outputs:
         raise DataError(f"{beside}: there is no table [outputs.NAME]: nothing to compare")
     return sheet

@@ -7,14 +7,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from feltmb.data.records import InputMode
 from feltmb.data.series import Columns, plain_name
 from feltmb.data.sheet import InputSpec, OutputSpec, ReadOptions, Sheet
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.units import PIXEL, conversion_factor, spelled_unit
-from feltmb.units.quantity import fault_lines, fault_text, shortened
+from feltmb.units.quantity import fault_text, shortened, validated
 
 __all__ = ["Signals", "clock_column", "run_column", "sheet_for", "unit_of_column"]
 
@@ -223,10 +221,7 @@ def _changed(
     if faults:
         raise DataError(fault_text(str(path), faults))
     changed = {**options.top(), "inputs": inputs, "outputs": outputs}
-    try:
-        return Sheet.model_validate({**dict(sheet), **changed})
-    except ValidationError as error:
-        raise DataError(fault_text(str(path), fault_lines(error, Sheet))) from None
+    return validated(Sheet, {**dict(sheet), **changed}, str(path), DataError)
 
 
 def _update(

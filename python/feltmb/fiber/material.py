@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from feltmb import _core as _all
 from feltmb import params
@@ -19,7 +19,7 @@ from feltmb._core import fiber as _core
 from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.files import read_toml
-from feltmb.units.quantity import SI, Schema, fault_lines, fault_text, is_quantity
+from feltmb.units.quantity import SI, Schema, is_quantity, validated
 
 __all__ = [
     "Branch",
@@ -340,11 +340,7 @@ def load_material(name_or_path: str | Path) -> FeltMaterial:
                 f".toml{hint}"
             )
         path = params.folder("felts") / f"{name_or_path}.toml"
-    raw = read_toml(path)
-    try:
-        material = FeltMaterial.model_validate(raw)
-    except ValidationError as error:
-        raise InvalidParameter(fault_text(path.name, fault_lines(error, FeltMaterial))) from None
+    material = validated(FeltMaterial, read_toml(path), path.name)
     if material.fiber.friction == 0.0 and material.loading is not None:
         raise InvalidParameter(
             f"{path.name}: fiber.friction: got 0, must be > 0 (without friction between the "

@@ -136,7 +136,7 @@ class Including(Model):
         """As the model can."""
         self._base.check_writing(path)
 
-    def write(
+    def write(  # noqa: D102
         self,
         path: Path,
         theta: Array,
@@ -146,23 +146,7 @@ class Including(Model):
         provenance: str = "",
         force: bool = False,
     ) -> Path:
-        """As the model writes, with what was made part of it among its effects.
-
-        Parameters
-        ----------
-        path
-            File that is written.
-        theta
-            Values of the parameters [SI].
-        included
-            Effects that are included.
-        magnitudes
-            Magnitude of each included effect.
-        provenance
-            Texts about the origin that are written into the file.
-        force
-            False: an existing file is not overwritten.
-        """
+        # As the model writes, with what was made part of it among its effects.
         count = len(self._base.parameters)
         return self._base.write(
             path,

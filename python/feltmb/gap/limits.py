@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from feltmb.arguments import checked
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import read_toml
 from feltmb.fit.model import Model
-from feltmb.units.quantity import SI, Schema, fault_lines, fault_text, parse_scalar
+from feltmb.units.quantity import SI, Schema, fault_text, parse_scalar, validated
 
 __all__ = ["InputLimits", "Limits", "PartTest", "read_limits"]
 
@@ -215,11 +215,7 @@ def read_limits(path: str | Path, model: Model) -> Limits:
         It names what the model does not have.
     """
     path = Path(path)
-    raw = read_toml(path)
-    try:
-        file = _LimitsFile.model_validate(raw)
-    except ValidationError as error:
-        raise DataError(fault_text(path.name, fault_lines(error, _LimitsFile))) from None
+    file = validated(_LimitsFile, read_toml(path), path.name, DataError)
     faults: list[str] = []
 
     def number(where: str, value: float | str | None, unit: str, missing: float = 0.0) -> float:

@@ -17,14 +17,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
-from pydantic import ValidationError
-
 from feltmb.arguments import checked
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import read_toml, write_text
 from feltmb.fit.model import Model
 from feltmb.gap.limits import in_unit
-from feltmb.units.quantity import Schema, fault_lines, fault_text
+from feltmb.units.quantity import Schema, fault_text, validated
 
 __all__ = ["Measured", "measured_toml", "read_measured", "with_measured"]
 
@@ -76,11 +74,7 @@ def read_measured(path: str | Path, model: Model) -> tuple[Measured, ...]:
         All faults of the file at once.
     """
     path = Path(path)
-    raw = read_toml(path)
-    try:
-        file = _MeasuredFile.model_validate(raw)
-    except ValidationError as error:
-        raise DataError(fault_text(path.name, fault_lines(error, _MeasuredFile))) from None
+    file = validated(_MeasuredFile, read_toml(path), path.name, DataError)
     units = {p.name: p.unit for p in model.parameters}
     out, faults = [], []
     for name, entry in file.measured.items():

@@ -12,7 +12,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import NoneType, UnionType
-from typing import TYPE_CHECKING, Annotated, Any, Union, cast, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, Union, cast, get_args, get_origin
 
 from pydantic import (
     BaseModel,
@@ -23,7 +23,7 @@ from pydantic import (
     field_validator,
 )
 
-from feltmb.errors import InvalidParameter, printable, shown
+from feltmb.errors import FeltmbError, InvalidParameter, printable, shown
 from feltmb.units.names import conversion_factor
 
 if TYPE_CHECKING:
@@ -46,7 +46,10 @@ __all__ = [
     "shortened",
     "split_heading",
     "unit_of",
+    "validated",
 ]
+
+S = TypeVar("S", bound=BaseModel)
 
 META_KEYS = frozenset({"value", "unit", "source", "status", "note", "printed", "sd"})
 STATUS = ("measured", "published", "digitised", "assumed", "fitted", "computed", "regulated")
@@ -339,6 +342,16 @@ def fault_text(origin: str, faults: Sequence[str], most: int = MOST_FAULTS) -> s
     if len(faults) > most:
         shown.append(f"... and {len(faults) - most} more")
     return f"{origin}: {count}\n" + "\n".join(f"  {f}" for f in shown)
+
+
+def validated(
+    model: type[S], raw: object, origin: str, error: type[FeltmbError] = InvalidParameter
+) -> S:
+    """Tables as the schema has them; one error that lists all faults otherwise."""
+    try:
+        return model.model_validate(raw)
+    except ValidationError as fault:
+        raise error(fault_text(origin, fault_lines(fault, model))) from None
 
 
 def fault_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:

@@ -9,14 +9,20 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from feltmb import params
 from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.files import is_file, read_toml
 from feltmb.mechanism import Action
-from feltmb.units.quantity import SI, Schema, fault_lines, fault_text, parse_scalar, shortened
+from feltmb.units.quantity import (
+    SI,
+    Schema,
+    parse_scalar,
+    shortened,
+    validated,
+)
 
 #: measure -> (SI unit, unit for people, its factor, what is measured)
 MEASURES: dict[str, tuple[str, str, float, str]] = {
@@ -254,10 +260,7 @@ def load_targets(name_or_path: str | Path) -> Targets:
         Listing all faults at once.
     """
     path = _path_of(str(name_or_path), Path())
-    try:
-        return Targets.model_validate(_tables(path, ()))
-    except ValidationError as error:
-        raise InvalidParameter(fault_text(path.name, fault_lines(error, Targets))) from None
+    return validated(Targets, _tables(path, ()), path.name)
 
 
 def _path_of(text: str, folder: Path) -> Path:
