@@ -115,6 +115,12 @@ command.add_command(session_command)
     type=click.Path(path_type=Path, dir_okay=False),
     help="Write the mechanism with calibrated values and named effects (TOML).",
 )
+@click.option(
+    "--profile",
+    is_flag=True,
+    help="Hold the magnitude of each named effect at six values beside its fit and fit all else "
+    "again: a 95 % interval that does not rest on a linear model.",
+)
 @measured_option
 @budget_option
 @model_set_option
@@ -134,6 +140,7 @@ def run(
     reading: ReadOptions,
     good_enough: tuple[str, ...],
     written: Path | None,
+    profile: bool,
     measured: Path | None,
     budget: float | None,
     settings: tuple[str, ...],
@@ -175,6 +182,7 @@ def run(
         seed=seed,
         resume=resume,
         good_enough=floors(good_enough),
+        profile=profile,
     )
     line = ProgressLine()
     with interruptible() as stop:

@@ -114,6 +114,8 @@ def _missing(report: Report) -> None:
             f"{r.posterior:.0%}",
         )
     out.print(table)
+    for p in report.profiles:
+        say(f"- {p.text}")
     for n in report.refused:
         say(f"Refused by held-out records: {n.name} ({n.why})")
     if report.not_tested:

@@ -59,6 +59,8 @@ class Problem:
     """Unit of the continuity defects, by state [its unit]."""
     frozen: bool = False
     """Whether parameters and magnitudes are held (held-out records)."""
+    held: tuple[int, ...] = ()
+    """Positions of magnitudes that are held where they are."""
     input_knots: int = 6
     store: Store | None = None
     """Where finished optimizations are kept, if anywhere."""
@@ -298,6 +300,8 @@ class Problem:
         limits += [t.effect.bounds for t in self.included]
         at = np.concatenate([point.theta[self.free], point.magnitudes])
         low, high = np.array(limits, dtype=np.float64).reshape(-1, 2).T
+        fixed = [len(self.free) + k for k in self.held]
+        low[fixed] = high[fixed] = at[fixed]
         return low - at, high - at
 
     @property

@@ -43,10 +43,11 @@ from feltmb.gap.discrepancy import (
     with_noise,
 )
 from feltmb.gap.experiments import advise
-from feltmb.gap.findings import Advice, NotTested, Verdict, Where
+from feltmb.gap.findings import Advice, NotTested, Profile, Verdict, Where
 from feltmb.gap.lead import lead
 from feltmb.gap.misfit import form_of, misfit
 from feltmb.gap.overlay import wrong_units
+from feltmb.gap.profile import profile_of
 from feltmb.gap.proof import HeldOut, Outcome, residuals_by_segment
 from feltmb.gap.refine import (
     CandidateSet,
@@ -109,6 +110,9 @@ class Options:
     good_enough: Mapping[str, float] = field(default_factory=dict)
     """Practical floor by output or by unit (``{"m": 2e-4}``) [SI]: added to the noise of these
     channels, and a fit whose rest is below both together leaves no gap."""
+    profile: bool = False
+    """Whether the magnitude of each named effect is held at six values beside its fit, with all
+    else fitted again: its 95 % interval without the linear model of the fit."""
     advice: bool = True
     """Whether experiments are predicted that would separate what is still confused."""
 
@@ -586,6 +590,12 @@ def _diagnosed(
         found.model_fit, found.tight_fit, settings
     )
     plain_fit = tabulated.fit
+    profiles: tuple[Profile, ...] = ()
+    if options.profile and accepted.best is not None and not watch.over():
+        profiles = tuple(
+            profile_of(accepted.best.fit, name, settings, progress) for name in decision.named
+        )
+        lap("profile")
     return Report(
         verdict=decision.verdict,
         statement=decision.statement,
@@ -606,6 +616,7 @@ def _diagnosed(
         refused=tuple(NotTested(name=n, why=w) for n, w in accepted.rejected),
         fit=fit,
         checks=checks,
+        profiles=profiles,
         seconds=seconds,
         stopped=f"{watch.stopped_in} ({watch.why})" if watch.why else "",
     )

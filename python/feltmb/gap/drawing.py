@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from feltmb.gap.digits import digits
-from feltmb.gap.findings import ComponentRow, HowFar, LedgerCell, Ranked
+from feltmb.gap.findings import ComponentRow, HowFar, LedgerCell, Profile, Ranked
 from feltmb.style import (
     BLUE,
     GRAY,
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["bars", "force_traces", "ledger_map", "waterfall"]
+__all__ = ["bars", "force_traces", "ledger_map", "profile_curve", "waterfall"]
 
 WIDTH = 9.0  # inches
 #: Letters of a name, and drawn records of a force.
@@ -172,3 +172,19 @@ def force_traces(row: ComponentRow) -> str:
         ax.fill_between(time, force - 2.0 * sd, force + 2.0 * sd, color=BLUE, alpha=0.18, lw=0)
         ax.plot(time, force, color=BLUE, lw=1.0)
     return _svg(figure, f"unknown force at {row.port}")
+
+
+def profile_curve(profile: Profile) -> str:
+    """Rise of the sum of squares beside the fitted magnitude, and what the linear model says."""
+    figure = new_figure(0.6 * WIDTH, 2.6)
+    ax = figure.subplots()
+    unit = profile.unit
+    style_axes(ax, plain_text(f"{profile.effect} [{unit}]"), "rise of the sum of squares [1]")
+    values = np.asarray(profile.values)
+    at = np.linspace(values[0], values[-1], 101)
+    label = "by the linear model of the fit"
+    ax.plot(at, ((at - profile.magnitude) / profile.sd) ** 2, color=GRAY, lw=1.0, label=label)
+    ax.plot(values, profile.rises, "o-", color=BLUE, ms=3.5, lw=1.2, label="all else fitted again")
+    ax.axhline(1.96**2, color=RED, lw=0.8, ls="--", label="95 %")
+    ax.legend(frameon=False, fontsize=NORMAL, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return _svg(figure, f"profile of {profile.effect}")

@@ -310,6 +310,38 @@ class Which:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Profile:
+    """How the least sum of squares rises beside the fitted magnitude of an effect."""
+
+    effect: str
+    unit: str
+    magnitude: float
+    """Fitted [unit]."""
+    sd: float
+    """Posterior standard deviation by the linear model of the fit [unit]."""
+    values: tuple[float, ...]
+    """Magnitudes at which all else was fitted again, the fitted one among them [unit]."""
+    rises: tuple[float, ...]
+    """Rise of the sum of squares there [1]; below 0: the fit had not come to its minimum."""
+    low: float
+    """95 % interval, where the rise is 3.84 [unit]; infinite: not reached within 3 ``sd``."""
+    high: float
+
+    @property
+    def text(self) -> str:
+        """The interval in a sentence."""
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        ends = [
+            f"{e:.4g}" if math.isfinite(e) else "not within 3 sd" for e in (self.low, self.high)
+        ]
+        return (
+            f"{self.effect}: {self.magnitude:.4g}{unit}, 95 % interval by profile {ends[0]} to "
+            f"{ends[1]}{unit} (by standard deviations {self.magnitude - 1.96 * self.sd:.4g} to "
+            f"{self.magnitude + 1.96 * self.sd:.4g}{unit})"
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
 class GapRow:
     """A gap on held-out data by one metric."""
 
@@ -485,6 +517,8 @@ class Findings:
     """The fit of the model (:class:`feltmb.fit.Fit`)."""
     checks: Any
     """What the data checks found (:class:`feltmb.gap.DataChecks`)."""
+    profiles: tuple[Profile, ...] = ()
+    """Of the magnitudes of named effects, where asked for (``Options(profile=True)``)."""
     seconds: Mapping[str, float] = field(default_factory=dict)
     """Time per stage; left out of the files, whose bytes depend on the input alone."""
     stopped: str = ""

@@ -11,7 +11,7 @@ import numpy as np
 from feltmb._core import __version__
 from feltmb.fit.solve import Fit
 from feltmb.gap.digits import digits
-from feltmb.gap.drawing import bars, force_traces, ledger_map, waterfall
+from feltmb.gap.drawing import bars, force_traces, ledger_map, profile_curve, waterfall
 from feltmb.gap.findings import Findings, Verdict
 
 __all__ = ["page", "together"]
@@ -91,6 +91,7 @@ def page(report: Findings, viewers: str = "") -> str:
         "components": where.components,
         "traces": [(c, Markup(force_traces(c))) for c in where.components if c.trace],
         "bars": Markup(bars(report.which.effects, report.one_of, [n.name for n in report.refused])),
+        "profiles": [(p.text, Markup(profile_curve(p))) for p in report.profiles],
         "waterfall": Markup(waterfall(report.how_far)),
         "intervals": report.fit.intervals(),
         "together": together(report.fit),

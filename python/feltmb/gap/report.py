@@ -102,6 +102,7 @@ def report_json(report: Findings) -> dict[str, Any]:
         "one_of": list(report.one_of),
         "closest": plain(report.closest),
         "which": plain(report.which),
+        "profiles": plain(report.profiles),
         "how_far": plain(report.how_far),
         "where": plain(report.where),
         "next": plain(report.next),

@@ -1,0 +1,97 @@
+"""Profile of the magnitude of a named effect: how fast the fit gets worse beside the best value."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from feltmb.data import Array
+from feltmb.fit.solve import Fit, FitSettings, polish
+from feltmb.gap.findings import Profile
+
+__all__ = ["profile_of"]
+
+#: Magnitudes at which all else is fitted again, in posterior standard deviations from the fit.
+PLACES = (-3.0, -2.0, -1.0, 1.0, 2.0, 3.0)
+#: Root of the rise of the sum of squares at the ends of a 95 % interval of one number.
+ENDS = 1.96
+
+
+def profile_of(
+    fit: Fit,
+    effect: str,
+    settings: FitSettings,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> Profile:
+    """Hold the magnitude of an included effect at some values and fit all else again.
+
+    With S(m) the least sum of squares (priors included) where the magnitude is m, the profile is
+    S(m) - S(fit); m is in the 95 % interval where it is below 1.96^2 (Wilks 1938). A parabola is
+    what the linear model of the fit promises: where the profile departs from it, so does the true
+    interval from the one by standard deviations.
+
+    Parameters
+    ----------
+    fit
+        A fit in which the effect is included.
+    effect
+        Its name.
+    settings
+        How hard fits try.
+    progress
+        ``progress(text, done, count)`` is told each of the fits.
+    """
+    k = [t.name for t in fit.included].index(effect)
+    candidate, at = fit.included[k], float(fit.point.magnitudes[k])
+    row = len(fit.problem.free) + k
+    sd = float(np.sqrt(max(fit.covariance[row, row], 0.0)))
+    wanted = np.clip(at + sd * np.array(PLACES), *candidate.effect.bounds)
+    values = [float(v) for v in np.unique(wanted) if np.isfinite(v) and v != at]
+    problem = replace(fit.problem, held=(k,), store=None)
+    found = [(at, 0.0)]
+    # Outwards, each from the fit beside it.
+    for side in (sorted(v for v in values if v > at), sorted(v for v in values if v < at)[::-1]):
+        point = fit.point
+        for value in side:
+            if progress is not None:
+                progress(f"profile of {effect}", len(found) - 1, len(values))
+            moved = point.magnitudes.copy()
+            moved[k] = value
+            again = polish(problem, replace(point, magnitudes=moved, memo={}), fit.level, settings)
+            found.append((value, float(again.cost - fit.cost)))
+            point = again.point
+    found.sort()
+    sizes, rises = (np.array(c) for c in zip(*found, strict=True))
+    low, high = _ends(sizes, rises, at, candidate.effect.bounds)
+    return Profile(
+        effect=effect,
+        unit=candidate.effect.unit,
+        magnitude=at,
+        sd=sd,
+        values=tuple(float(v) for v in sizes),
+        rises=tuple(float(r) for r in rises),
+        low=low,
+        high=high,
+    )
+
+
+def _ends(
+    sizes: Array, rises: Array, at: float, bounds: tuple[float, float]
+) -> tuple[float, float]:
+    """Where the signed root of the rise, a line for a parabola, comes to the ends."""
+    roots = np.sign(sizes - at) * np.sqrt(np.maximum(rises, 0.0))
+    ends = []
+    for sign, limit in ((-1.0, bounds[0]), (1.0, bounds[1])):
+        beyond = sign * (sizes - at) >= 0.0
+        own = np.argsort(sign * sizes[beyond])
+        r, v = sign * roots[beyond][own], sizes[beyond][own]
+        over = np.flatnonzero(r >= ENDS)
+        if not over.size:  # not reached: up to a limit that may not be passed, or unknown
+            ends.append(float(limit) if v[-1] == limit else sign * np.inf)
+            continue
+        i = over[0]
+        share = (ENDS - r[i - 1]) / (r[i] - r[i - 1])
+        ends.append(float(v[i - 1] + share * (v[i] - v[i - 1])))
+    return ends[0], ends[1]
