@@ -34,9 +34,13 @@ from feltmb.gap.report import Report, write_report
 
 __all__ = ["Session", "SessionStep", "session"]
 
-Outcome = Literal["named", "inseparable", "nothing more to learn", "out of budget"]
+Outcome = Literal[
+    "named", "inseparable", "nothing is missing", "nothing more to learn", "out of budget"
+]
 #: Expected gain of belief by all that could be done, below which nothing is worth a try.
 LEAST_PROGRESS = 0.02
+#: Verdicts that end a session without a cause: the model explains the records.
+_COMPLETE = (Verdict.NO_GAP.value, Verdict.CALIBRATED.value)
 #: Keys of a step that must be there to resume.
 _KEYS = ("number", "kind", "name", "cost", "verdict", "named", "one_of", "statement", "expected")
 
@@ -217,6 +221,14 @@ def _at_an_end(report: Mapping[str, Any] | None, plan: Design, left: float) -> t
             f"No experiment within the limits separates {', '.join(open_)} from what is like it: "
             f"the belief in the right name would go from {plan.before:.0%} to "
             f"{plan.reachable:.0%} with all that was tried.",
+        )
+    found = {} if report is None else report
+    if found.get("verdict") in _COMPLETE:
+        return (
+            "nothing is missing",
+            f"{found['statement']} Of what the library holds, {plan.before:.0%} would be named if "
+            f"it were there, {plan.reachable:.0%} with all experiments that were tried "
+            f"({left:g} are left).",
         )
     return (
         "nothing more to learn",

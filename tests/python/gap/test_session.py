@@ -138,11 +138,21 @@ def test_a_budget_ends_it(tmp_path):
     assert found.steps[-1].named == ()
 
 
-@pytest.mark.slow
-def test_twins_are_inseparable(tmp_path):
-    twin = replace(models.DRY, name="dry too")
+def test_a_machine_that_is_its_model_ends_with_nothing_missing(tmp_path):
     found = session(
-        models.NOMINAL, [models.DRY, twin], Machine(), read, tmp_path, budget=4, **QUICK
+        models.NOMINAL, [models.DRY], Machine(dry=0.0), read, tmp_path, budget=6, **QUICK
+    )
+    assert found.outcome == "nothing is missing"
+    assert found.steps[-1].verdict in ("NO GAP", "NO STRUCTURAL GAP, CALIBRATED")
+    assert len(found.steps) < 6
+    assert "would be named if it were there" in found.statement
+
+
+@pytest.mark.slow
+def test_equal_effects_are_inseparable(tmp_path):
+    same = replace(models.DRY, name="dry too")
+    found = session(
+        models.NOMINAL, [models.DRY, same], Machine(), read, tmp_path, budget=4, **QUICK
     )
     assert found.outcome == "inseparable"
     assert set(found.steps[-1].one_of) == {"dry friction", "dry too"}
