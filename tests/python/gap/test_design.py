@@ -359,6 +359,27 @@ def test_measured_parts_replace_the_tolerance(tmp_path):
         read_measured(path, line())
 
 
+@pytest.mark.parametrize("sd", [1e-300, 1e-160, 1e-3, 1e160, 1e300])
+def test_tests_of_any_precision_count_together(sd):
+    """Their squares are out of range: it gave Python's OverflowError and ZeroDivisionError."""
+    tests = [Measured(parameter="slope", value=v, sd=sd) for v in (1.0, 1.2)]
+    model = with_measured(line(), tests)
+    assert model.parameters[0].value == pytest.approx(1.1)
+    assert model.parameters[0].sd == pytest.approx(sd / np.sqrt(2.0))
+    # One that is far better decides.
+    model = with_measured(line(), [tests[0], replace(tests[1], sd=1e-9 * sd)])
+    assert model.parameters[0].value == pytest.approx(1.2)
+
+
+def test_all_faults_of_measured_parts_are_told(tmp_path):
+    path = tmp_path / "measured.toml"
+    path.write_text('[measured.slope]\nvalue = "1 kg"\nsd = "x"\n[measured.mass]\nvalue=1\nsd=1\n')
+    with pytest.raises(DataError, match="3 faults") as failure:
+        read_measured(path, line())
+    for text in ("measured.slope.value: ", "measured.slope.sd: ", "measured.mass: no parameter"):
+        assert text in str(failure.value)
+
+
 def test_bad_requests_are_refused():
     given = {"limits": limits(), "sensors": SENSORS}
     with pytest.raises(InvalidParameter, match="budget"):
