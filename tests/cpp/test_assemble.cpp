@@ -123,6 +123,8 @@ TEST_CASE("each fault has a message that says where, what was got and what is ex
   d.bodies.back().joint = JointKind::kPrismatic;
   d.bodies.back().axis = {0.0, 0.5};
   check_fault(d, "axis has length 0.5, must be 1");
+  d.bodies.back().axis = {std::nan(""), 1.0};
+  check_fault(d, "axis has length nan, must be 1");
 
   d = good();
   d.surfaces[0].body = "leever";
@@ -131,6 +133,15 @@ TEST_CASE("each fault has a message that says where, what was got and what is ex
   d = good();
   d.surfaces[1].normal = {0.0, 0.9};
   check_fault(d, "normal has length 0.9, must be 1");
+  d.surfaces[1].normal = {0.0, std::nan("")};
+  check_fault(d, "normal has length nan, must be 1");
+
+  d = good();
+  d.surfaces[1].kind = SurfaceKind::kSegment;
+  d.surfaces[1].end = d.surfaces[1].point;
+  check_fault(d, "is 0 m long from point to end, must be finite and > 1e-9 m");
+  d.surfaces[1].end.y = 1e200;
+  check_fault(d, "is inf m long");
 
   d = good();
   d.surfaces[0].radius = -1.0;

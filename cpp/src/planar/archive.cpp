@@ -7,6 +7,8 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <string>
+#include <string_view>
 #include <type_traits>
 #include <utility>
 #include <variant>
@@ -357,8 +359,34 @@ class Numbers {
   }
   template <Fielded S>
   void add(const std::string& path, S& object) {
-    each_field(object, [&](const auto& field, auto& value) { add_field(path, field, value); });
+    each_field(object, [&](const auto& field, auto& value) {
+      if (acts(object, field.name)) add_field(path, field, value);
+    });
   }
+
+  /// Whether an entry of a row does anything, by what the row is: one that does not is no number of
+  /// this mechanism.
+  template <class T>
+  static bool acts(const T&, std::string_view) {
+    return true;
+  }
+  static bool acts(const SurfaceDescription& surface, std::string_view entry) {
+    using K = SurfaceKind;
+    if (entry == "normal") return surface.kind == K::kLine;
+    if (entry == "radius") return surface.kind != K::kLine;
+    if (entry == "arc") return surface.kind == K::kHybrid || surface.kind == K::kConcaveArc;
+    if (entry == "end") return surface.kind == K::kSegment;
+    return true;
+  }
+  static bool acts(const BodyDescription& body, std::string_view entry) {
+    if (entry == "axis") return body.joint == JointKind::kPrismatic;
+    if (entry == "friction") return body.joint != JointKind::kWeld;
+    // A beam has its mass from its density.
+    if (entry == "mass" || entry == "center_of_mass" || entry == "inertia") return !body.beam;
+    return true;
+  }
+  static bool acts(const ContactDescription& contact, std::string_view) { return contact.enabled; }
+
   template <class F, class T>
   void add_field(const std::string& path, const F& field, T& value) {
     const std::string own = path + "." + field.name;

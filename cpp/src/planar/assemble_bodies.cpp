@@ -80,7 +80,7 @@ void Assembler::add_bodies() {
     if (!finite(b.position) || !finite(b.center_of_mass)) {
       fault(where + ": position or center of mass is not a finite number");
     }
-    if (b.joint == JointKind::kPrismatic && std::abs(norm(b.axis) - 1.0) > 1e-6) {
+    if (b.joint == JointKind::kPrismatic && !(std::abs(norm(b.axis) - 1.0) <= 1e-6)) {
       fault(where + format(": axis has length %.6g, must be 1", norm(b.axis)));
     }
     check(b.friction, where + ": friction ",

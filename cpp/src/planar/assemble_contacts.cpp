@@ -13,7 +13,7 @@ void Assembler::add_surfaces() {
     find_body(s.body, where);
     if (!finite(s.point)) fault(where + ": point is not a finite number");
     if (s.kind == SurfaceKind::kLine) {
-      if (std::abs(norm(s.normal) - 1.0) > 2e-4) {
+      if (!(std::abs(norm(s.normal) - 1.0) <= 2e-4)) {
         fault(where + format(": normal has length %.6g, must be 1 (within 2e-4)", norm(s.normal)));
       }
     } else if (!(std::isfinite(s.radius) && s.radius >= 0.0)) {
@@ -23,8 +23,12 @@ void Assembler::add_surfaces() {
     } else if (s.kind == SurfaceKind::kConcaveArc && s.radius <= 0.0) {
       fault(where + format(": radius = %.6g m of a concave arc, must be > 0", s.radius));
     }
-    if (s.kind == SurfaceKind::kSegment && !(finite(s.end) && norm(s.end - s.point) > 1e-9)) {
-      fault(where + ": end must be a point other than point");
+    if (s.kind == SurfaceKind::kSegment) {
+      const double length = norm(s.end - s.point);  // infinite beyond 1e154 m
+      if (!(std::isfinite(length) && length > 1e-9)) {
+        fault(where +
+              format(": is %.6g m long from point to end, must be finite and > 1e-9 m", length));
+      }
     }
     constexpr double turn = 6.283185307;
     if (s.kind == SurfaceKind::kConcaveArc &&
@@ -189,7 +193,7 @@ void Assembler::set_coordinates(std::vector<int>& out, int link_a, int link_b) c
 void Assembler::add_finger() {
   const auto& f = *d_.finger;
   const auto* p = find_body(f.body, "finger");
-  if (std::abs(norm(f.direction) - 1.0) > 1e-6) {
+  if (!(std::abs(norm(f.direction) - 1.0) <= 1e-6)) {
     fault(format("finger: direction has length %.6g, must be 1", norm(f.direction)));
   }
   if (p == nullptr) return;

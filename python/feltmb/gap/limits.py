@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import Field
+from pydantic import Field, ValidationError
 
 from feltmb.arguments import checked
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.files import read_toml
 from feltmb.fit.model import Model
-from feltmb.units.quantity import SI, Schema, fault_text, parse_scalar, validated
+from feltmb.units.quantity import SI, Schema, fault_text, parse_scalar
 
 __all__ = ["InputLimits", "Limits", "PartTest", "read_limits"]
+
+T = TypeVar("T")
 
 
 @checked
@@ -136,27 +138,32 @@ class Limits:
         InvalidParameter
             Inputs, outputs or parameters that it does not have, all at once.
         """
-        known = [p.name for p in model.parameters]
-        faults = [
-            f"part {t.parameter}: no parameter of {model.name}; there are {', '.join(known)}"
-            for t in self.parts
-            if t.parameter not in known
-        ]
-        faults += [
-            f"sensor {s}: no output of {model.name}; there are {', '.join(model.outputs)}"
-            for s in self.sensors
-            if s not in model.outputs
-        ]
-        inputs = list(getattr(model, "inputs", ()))
-        inputs += [i for names in model.input_modes.values() for i in names]
-        if inputs:
-            faults += [
-                f"input {i}: no input of {model.name}; there are {', '.join(inputs)}"
-                for i in self.inputs
-                if i not in inputs
-            ]
+        faults = _strangers(model, self.inputs, self.sensors, [t.parameter for t in self.parts])
         if faults:
-            raise InvalidParameter("limits: " + "; ".join(faults))
+            raise InvalidParameter("limits: " + "; ".join(faults.values()))
+
+
+def _strangers(
+    model: Model, inputs: Iterable[str], sensors: Iterable[str], parts: Iterable[str]
+) -> dict[tuple[str, str], str]:
+    """What the model does not have, by table and name."""
+    known = [p.name for p in model.parameters]
+    faults = {
+        ("parts", t): f"part {t}: no parameter of {model.name}; there are {', '.join(known)}"
+        for t in parts
+        if t not in known
+    }
+    for s in sensors:
+        if s not in model.outputs:
+            there = ", ".join(model.outputs)
+            faults["sensors", s] = f"sensor {s}: no output of {model.name}; there are {there}"
+    own = list(getattr(model, "inputs", ()))
+    own += [i for names in model.input_modes.values() for i in names]
+    for i in inputs:
+        if own and i not in own:
+            there = ", ".join(own)
+            faults["inputs", i] = f"input {i}: no input of {model.name}; there are {there}"
+    return faults
 
 
 class _Input(Schema):
@@ -191,6 +198,22 @@ class _LimitsFile(Schema):
     parts: list[_Part] = Field(default_factory=list)
 
 
+#: Stands for inputs that have faults of their own, while the rest is checked.
+_ANY = {"": InputLimits(most=1.0)}
+
+
+def _names_in(raw: Mapping[str, Any]) -> tuple[list[str], list[str], list[str]]:
+    """Inputs, sensors and parameters of parts that a file names, whatever else is wrong with it."""
+    tables = [t if isinstance(t, dict) else {} for t in (raw.get("inputs"), raw.get("sensors"))]
+    rows = raw.get("parts")
+    parts = [
+        row["parameter"]
+        for row in (rows if isinstance(rows, list) else [])
+        if isinstance(row, dict) and isinstance(row.get("parameter"), str)
+    ]
+    return list(tables[0]), list(tables[1]), parts
+
+
 #: Rates of an input whose unit is not told.
 _BARE = ("1/s", "1/s^2")
 
@@ -210,13 +233,18 @@ def read_limits(path: str | Path, model: Model) -> Limits:
     Raises
     ------
     DataError
-        All faults of the file at once.
-    InvalidParameter
-        It names what the model does not have.
+        All faults of the file at once, first the names that the model does not have. The numbers of
+        such an entry are not looked at: their unit is not known.
     """
     path = Path(path)
-    file = validated(_LimitsFile, read_toml(path), path.name, DataError)
-    faults: list[str] = []
+    raw = read_toml(path)
+    strange = _strangers(model, *_names_in(raw))
+    faults = list(strange.values())
+    try:
+        file = _LimitsFile.model_validate(raw)
+    except ValidationError as error:
+        faults += fault_lines(error, _LimitsFile)
+        raise DataError(fault_text(path.name, faults)) from None
 
     def number(where: str, value: float | str | None, unit: str, missing: float = 0.0) -> float:
         if value is None:
@@ -228,46 +256,63 @@ def read_limits(path: str | Path, model: Model) -> Limits:
             faults.append(f"{where}: {error}{hint}")
             return math.nan
 
-    inputs: dict[str, dict[str, Any]] = {}
+    def made(where: str, kind: Callable[..., T], **values: Any) -> T | None:
+        if any(isinstance(v, float) and math.isnan(v) for v in values.values()):
+            return None  # told already
+        try:
+            return kind(**values)
+        except InvalidParameter as error:
+            faults.append(f"{where}{error}")
+            return None
+
+    inputs: dict[str, InputLimits | None] = {}
     for name, i in file.inputs.items():
+        if ("inputs", name) in strange:
+            continue
         unit = i.unit or model.units.get(name, "1")
-        inputs[name] = {
-            "least": number(f"inputs.{name}.least", i.least, unit),
-            "most": number(f"inputs.{name}.most", i.most, unit),
-            "rate": number(f"inputs.{name}.rate", i.rate, _per(unit, 1), math.inf),
-            "acceleration": number(
-                f"inputs.{name}.acceleration", i.acceleration, _per(unit, 2), math.inf
-            ),
-            "sigma": number(f"inputs.{name}.sigma", i.sigma, unit),
-            "unit": unit,
-        }
+        where = f"inputs.{name}"
+        inputs[name] = made(
+            f"{where}: ",
+            InputLimits,
+            least=number(f"{where}.least", i.least, unit),
+            most=number(f"{where}.most", i.most, unit),
+            rate=number(f"{where}.rate", i.rate, _per(unit, 1), math.inf),
+            acceleration=number(f"{where}.acceleration", i.acceleration, _per(unit, 2), math.inf),
+            sigma=number(f"{where}.sigma", i.sigma, unit),
+            unit=unit,
+        )
     own = {p.name: p.unit for p in model.parameters}
     parts = [
-        (p, number(f"parts[{k}].sd", p.sd, own.get(p.parameter, "1")))
+        made(
+            f"parts[{k}]: ",
+            PartTest,
+            parameter=p.parameter,
+            sd=number(f"parts[{k}].sd", p.sd, own[p.parameter]),
+            cost=p.cost,
+            how=p.how,
+        )
         for k, p in enumerate(file.parts)
+        if ("parts", p.parameter) not in strange
     ]
     sensors = {
         name: number(f"sensors.{name}.sigma", s.sigma, model.units.get(name, "1"))
         for name, s in file.sensors.items()
+        if ("sensors", name) not in strange
     }
-    if faults:
+    found = made(
+        "",
+        Limits,
+        inputs={name: i for name, i in inputs.items() if i is not None} or _ANY,
+        duration=file.duration,
+        sample_rate=file.sample_rate,
+        rest=file.rest,
+        lead=file.lead,
+        parts=tuple(p for p in parts if p is not None),
+        sensors={name: sigma for name, sigma in sensors.items() if not math.isnan(sigma)},
+    )
+    if faults or found is None:
         raise DataError(fault_text(path.name, faults))
-    try:
-        limits = Limits(
-            inputs={name: InputLimits(**values) for name, values in inputs.items()},
-            duration=file.duration,
-            sample_rate=file.sample_rate,
-            rest=file.rest,
-            lead=file.lead,
-            parts=tuple(
-                PartTest(parameter=p.parameter, sd=sd, cost=p.cost, how=p.how) for p, sd in parts
-            ),
-            sensors=sensors,
-        )
-        limits.check(model)
-    except InvalidParameter as error:
-        raise InvalidParameter(f"{path.name}: {error}") from None
-    return limits
+    return found
 
 
 def in_unit(value: float | str, unit: str) -> float:

@@ -83,10 +83,17 @@ def read_measured(path: str | Path, model: Model) -> tuple[Measured, ...]:
                 f"measured.{name}: no parameter of {model.name}; there are {', '.join(units)}"
             )
             continue
+        numbers = {}
+        for key, given in (("value", entry.value), ("sd", entry.sd)):
+            try:
+                numbers[key] = in_unit(given, units[name])
+            except (ValueError, InvalidParameter) as error:
+                faults.append(f"measured.{name}.{key}: {error}")
+        if len(numbers) < 2:
+            continue
         try:
-            value, sd = in_unit(entry.value, units[name]), in_unit(entry.sd, units[name])
-            out.append(Measured(parameter=name, value=value, sd=sd, how=entry.how))
-        except (ValueError, InvalidParameter) as error:
+            out.append(Measured(parameter=name, how=entry.how, **numbers))
+        except InvalidParameter as error:
             faults.append(f"measured.{name}: {error}")
     if faults:
         raise DataError(fault_text(path.name, faults))
@@ -106,23 +113,24 @@ def with_measured(model: Model, measured: Sequence[Measured]) -> Model:
     """
     parameters = {p.name: p for p in model.parameters}
     faults: list[str] = []
-    told: dict[str, tuple[float, float]] = {}
+    told: dict[str, list[Measured]] = {}
     for m in measured:
         if m.parameter not in parameters:
             faults.append(
                 f"{m.parameter}: no parameter of {model.name}; there are {', '.join(parameters)}"
             )
             continue
-        weight, pull = told.get(m.parameter, (0.0, 0.0))
-        told[m.parameter] = weight + m.sd**-2, pull + m.value * m.sd**-2
-    for name, (weight, pull) in told.items():
-        p, value = parameters[name], pull / weight
+        told.setdefault(m.parameter, []).append(m)
+    for name, tests in told.items():
+        p, best = parameters[name], min(m.sd for m in tests)
+        weights = [(best / m.sd) ** 2 for m in tests]  # at most 1: no square is out of range
+        value = sum(w * m.value for w, m in zip(weights, tests, strict=True)) / sum(weights)
         if not p.lower <= value <= p.upper:
             faults.append(
                 f"{name}: got {value:g} {p.unit}, expected a value in [{p.lower:g}, {p.upper:g}]"
             )
             continue
-        parameters[name] = replace(p, value=value, sd=weight**-0.5)
+        parameters[name] = replace(p, value=value, sd=best / math.sqrt(sum(weights)))
     if faults:
         raise InvalidParameter("measured: " + "; ".join(faults))
     if not told:

@@ -158,7 +158,7 @@ def export(
         _Variable(name, _OUTPUTS + i, "output", "continuous", unit, text)
         for i, (name, unit, text) in enumerate(stepper.channels)
     ]
-    variables += _parameters(action, description, parameters)
+    variables += _parameters(action, description, parameters, drive)
     body = _core.write_description(description)
     order = max_order or 0
     token = hashlib.sha256(f"{drive} {hold} {method} {order} {rtol!r} {body}".encode()).hexdigest()
@@ -203,13 +203,18 @@ def _binary(version: str) -> tuple[Path, str]:
 
 
 def _parameters(
-    action: Action, description: _core.MechanismDescription, wanted: str | Iterable[str]
+    action: Action,
+    description: _core.MechanismDescription,
+    wanted: str | Iterable[str],
+    drive: Kind,
 ) -> list[_Variable]:
-    """The numbers of a mechanism whose names match one of the patterns."""
+    """The numbers of a mechanism that act under an input and match one of the patterns."""
     patterns = [wanted] if isinstance(wanted, str) else list(wanted)
     used = [False] * len(patterns)
     found = []
     for i, row in enumerate(_core.description_numbers(description)):
+        if row["path"].startswith("finger.pad.") and drive != "motion":
+            continue
         matches = [fnmatch.fnmatchcase(row["path"], pattern) for pattern in patterns]
         used = [a or b for a, b in zip(used, matches, strict=True)]
         if not any(matches):

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from feltmb import _core
 from feltmb.arguments import checked
-from feltmb.errors import IntegrationError, InvalidParameter
+from feltmb.errors import IntegrationError, InvalidParameter, shown
 from feltmb.mechanism import Action, load_action
 from feltmb.run.events import Change
 from feltmb.run.options import check_options
@@ -41,6 +41,8 @@ class MachineState:
         Kind of the last input.
     drive : tuple of float
         Its value, rate, acceleration and mean rate over the last step, SI.
+    mechanism : str
+        ``Action.hash`` of the mechanism that was in this state; empty: not known, not compared.
     """
 
     time: float
@@ -48,6 +50,7 @@ class MachineState:
     memory: npt.NDArray[np.float64]
     kind: Kind
     drive: tuple[float, float, float, float] = field(default=(0.0, 0.0, 0.0, 0.0))
+    mechanism: str = ""
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, MachineState):
@@ -56,11 +59,26 @@ class MachineState:
             self.time == other.time
             and self.kind == other.kind
             and self.drive == other.drive
+            and self.mechanism == other.mechanism
             and np.array_equal(self.y, other.y)
             and np.array_equal(self.memory, other.memory)
         )
 
     __hash__ = None  # type: ignore[assignment]
+
+
+def _numbers(name: str, given: Any, count: int) -> list[float]:
+    """A field of a state as ``count`` real numbers; that they make sense is the core's to say."""
+    try:
+        found = np.asarray(given)
+    except ValueError:  # rows of several lengths
+        found = np.asarray("")
+    if found.dtype.kind not in "fiu" or found.shape != (count,):
+        raise InvalidParameter(
+            f"state: {name}: got {shown(given)}, expected {count} real "
+            f"number{'s' if count > 1 else ''} of this mechanism"
+        )
+    return [float(value) for value in found]
 
 
 @checked
@@ -178,20 +196,40 @@ class Machine:
     def state(self) -> MachineState:
         """All that the steps to come depend on."""
         time, y, memory, kind, *drive = self._stepper.state
-        return MachineState(time, y, np.asarray(memory), kind, tuple(drive))
+        return MachineState(time, y, np.asarray(memory), kind, tuple(drive), self.action.hash)
 
-    def restore(self, state: MachineState) -> None:
-        """Go back, or over, to a state of this machine or of one with the same parts.
+    def restore(self, state: MachineState, *, same_parts: bool = False) -> None:
+        """Go back, or over, to a state of this mechanism.
+
+        Parameters
+        ----------
+        same_parts
+            Take the state of a mechanism with the same parts and other numbers too. Forces begin
+            with a jump then, as its places and speeds are those of the other.
 
         Raises
         ------
         InvalidParameter
-            The state is of a mechanism with other parts, or is damaged.
+            The state is of another mechanism, or is damaged.
         """
-        if state.kind not in UNITS:
+        if not isinstance(state.kind, str) or state.kind not in UNITS:
             raise InvalidParameter(f"state: kind {state.kind!r} is none of {', '.join(UNITS)}")
+        if state.mechanism not in ("", self.action.hash) and not same_parts:
+            raise InvalidParameter(
+                f"state: is of a mechanism with other numbers or parts than {self.action.name!r} "
+                f"(hash {str(state.mechanism)[:12]}, expected {self.action.hash[:12]}); if only "
+                "numbers differ: restore(state, same_parts=True)"
+            )
+        _, y, memory, _, *drive = self._stepper.state
+        values = (
+            *_numbers("time", [state.time], 1),
+            _numbers("y", state.y, len(y)),
+            _numbers("memory", state.memory, len(memory)),
+            state.kind,
+            *_numbers("drive", state.drive, len(drive)),
+        )
         stepper = self._of(state.kind)
-        stepper.state = (state.time, state.y, list(state.memory), state.kind, *state.drive)
+        stepper.state = values
         self._kind, self._stepper = state.kind, stepper
 
     def advance(

@@ -306,6 +306,44 @@ def test_faults_of_limits_are_told(tmp_path, old, new, told):
         read_limits(path, line())
 
 
+def test_names_of_limits_are_checked_first_and_all_faults_told_at_once(tmp_path):
+    """The unit of an entry whose name is wrong is not known: of it the name is told alone."""
+    path = tmp_path / "limits.toml"
+    path.write_text(
+        """
+schema = 1
+duration = "1 us"
+[inputs.v]
+most = "20 N"
+[inputs.u]
+unit = "N"
+most = "20 mm"
+[[parts]]
+parameter = "slop"
+sd = "2 kg"
+[[parts]]
+parameter = "slope"
+sd = 0
+[sensors.z]
+sigma = "1 N"
+[sensors.y]
+sigma = 0
+"""
+    )
+    with pytest.raises(DataError, match="6 faults") as failure:
+        read_limits(path, line())
+    lines = str(failure.value).splitlines()[1:]
+    for k, text in enumerate(("part slop: no", "sensor z: no", "input v: no", "inputs.u.most: ")):
+        assert lines[k].strip().startswith(text), lines
+    assert "parts[1]: test of slope: sd = 0" in lines[4]
+    assert "sensor y: sigma = 0" in "".join(lines)
+    assert "parts[0]" not in str(failure.value)
+    # A key that is wrong, too.
+    path.write_text(LIMITS.replace("most =", "moste =").replace("[inputs.u]", "[inputs.v]"))
+    with pytest.raises(DataError, match=r"(?s)input v: no input.*moste"):
+        read_limits(path, line())
+
+
 def test_measured_parts_replace_the_tolerance(tmp_path):
     one = Measured(parameter="slope", value=1.1, sd=0.02, how="weighing")
     path = measured_toml([one], tmp_path / "measured.toml")
@@ -319,6 +357,27 @@ def test_measured_parts_replace_the_tolerance(tmp_path):
     path.write_text("[measured.mass]\nvalue = 1.0\nsd = 0.1\n")
     with pytest.raises(DataError, match=r"measured\.mass: no parameter"):
         read_measured(path, line())
+
+
+@pytest.mark.parametrize("sd", [1e-300, 1e-160, 1e-3, 1e160, 1e300])
+def test_tests_of_any_precision_count_together(sd):
+    """Their squares are out of range: it gave Python's OverflowError and ZeroDivisionError."""
+    tests = [Measured(parameter="slope", value=v, sd=sd) for v in (1.0, 1.2)]
+    model = with_measured(line(), tests)
+    assert model.parameters[0].value == pytest.approx(1.1)
+    assert model.parameters[0].sd == pytest.approx(sd / np.sqrt(2.0))
+    # One that is far better decides.
+    model = with_measured(line(), [tests[0], replace(tests[1], sd=1e-9 * sd)])
+    assert model.parameters[0].value == pytest.approx(1.2)
+
+
+def test_all_faults_of_measured_parts_are_told(tmp_path):
+    path = tmp_path / "measured.toml"
+    path.write_text('[measured.slope]\nvalue = "1 kg"\nsd = "x"\n[measured.mass]\nvalue=1\nsd=1\n')
+    with pytest.raises(DataError, match="3 faults") as failure:
+        read_measured(path, line())
+    for text in ("measured.slope.value: ", "measured.slope.sd: ", "measured.mass: no parameter"):
+        assert text in str(failure.value)
 
 
 def test_bad_requests_are_refused():

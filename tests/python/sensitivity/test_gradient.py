@@ -449,3 +449,30 @@ def test_key_that_follows_a_prescribed_motion():
         for name, wanted in values.items():
             error = np.abs(g.of(name, path) - wanted).max()
             assert error < 5e-3 * np.abs(wanted).max(), (path, name)
+
+
+def test_tolerance_is_relative_to_the_motion_of_a_column(rigid):
+    """The line of a damper takes the damper with it: the compression between them hardly changes.
+
+    The tolerance bounds its error against that motion (1 m a m), not against the small difference,
+    which needs a tighter one (docs/howto/find_sensitivities.md, "Limits").
+    """
+    action = rigid.with_values({"string.other_surfaces": ["Gp9"], "contacts.09.enabled": False})
+    path, outputs = "surfaces.Gp9.point.y", ["contact10.compression", "damper.angle"]
+
+    def columns(tolerance):
+        return gradient(
+            action, "forte", path, outputs, duration=0.098, rtol=1e-9, tolerance=tolerance
+        ).array[:, :, 0]
+
+    exact = columns(1e-6)
+    largest = np.abs(exact).max(axis=0)
+    assert largest[0] < 1e-3  # m a m
+    shares = {}
+    for tolerance in (3e-3, 1e-4, 1e-5):
+        error = np.abs(columns(tolerance) - exact).max(axis=0)
+        assert error[0] < 0.1 * tolerance
+        assert error[1] < 2.0 * tolerance * largest[1]
+        shares[tolerance] = error[0] / largest[0]
+    assert shares[1e-4] > 50.0 * 1e-4
+    assert shares[1e-5] < 5e-3

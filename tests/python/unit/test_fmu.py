@@ -82,6 +82,40 @@ def test_parameters_have_the_paths_of_the_file(unit, action):
         assert any(name.startswith(path) for name in here), path
 
 
+def names_of(path):
+    return {v.get("name") for v in description(path).iter("Float64")}
+
+
+def test_parameters_are_the_numbers_that_act(action, tmp_path):
+    """A line has no radius, a circle no normal, a hinge no axis, an open contact no law."""
+    kinds = {"line": ("normal",), "circle": ("radius",), "concave": ("radius",),
+             "hybrid": ("radius", "arc")}  # fmt: skip
+    off = action.with_values({"contacts.06.enabled": False})
+    path = fmu.export(off, tmp_path / "off.fmu", parameters="*")
+    names = names_of(path)
+    seen = set()
+    for name, surface in off.config.surfaces.items():
+        own = {n.split(".")[2] for n in names if n.startswith(f"surfaces.{name}.")}
+        assert own == {"point", *kinds[surface.kind]}, name
+        seen.add(surface.kind)
+    assert {"line", "circle", "hybrid"} <= seen
+    assert "bodies.key.mass" in names
+    assert "bodies.jack.axis.x" not in names  # it turns
+    assert "bodies.jack.angle" in names
+    assert not any(n.startswith("contacts.06.") for n in names)
+    assert any(n.startswith("contacts.05.") for n in names)
+    assert not any(n.startswith("finger.pad.") for n in names)
+    moved = fmu.export(off, tmp_path / "moved.fmu", drive="motion")
+    assert any(n.startswith("finger.pad.") for n in names_of(moved))
+
+
+def test_a_rod_has_its_mass_from_its_density(tmp_path):
+    names = names_of(fmu.export("steinway45", tmp_path / "rods.fmu", parameters="bodies.*"))
+    assert "bodies.shank.beam.linear_density" in names
+    assert not {"bodies.shank.mass", "bodies.shank.inertia", "bodies.shank.friction.b1"} & names
+    assert "bodies.key.friction.b1" in names
+
+
 def test_the_same_mechanism_gives_the_same_bytes(pendulum, small, tmp_path):
     again = fmu.export(pendulum, tmp_path / "again.fmu")
     assert again.read_bytes() == small.read_bytes()

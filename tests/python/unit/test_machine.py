@@ -275,8 +275,56 @@ def test_bad_steps(action, arguments, message):
 
 def test_a_state_of_another_mechanism(action, pendulum):
     state = feltmb.Machine(pendulum).state()
-    with pytest.raises(feltmb.InvalidParameter, match=r"start state: got .* values, expected"):
+    with pytest.raises(feltmb.InvalidParameter, match="other numbers or parts than"):
         feltmb.Machine(action).restore(state)
+    with pytest.raises(feltmb.InvalidParameter, match=r"state: y: got .* expected \d+ real"):
+        feltmb.Machine(action).restore(state, same_parts=True)
+
+
+def test_a_state_of_the_same_parts_with_other_numbers(action):
+    """It is refused, unless the caller knows: the same lengths say nothing of the numbers."""
+    heavy = action.with_values({"bodies.key.mass": "0.5 kg"})
+    machine = feltmb.Machine(action)
+    along(machine, 30, force=forte)
+    state, other = machine.state(), feltmb.Machine(heavy)
+    rest = other.state()
+    with pytest.raises(feltmb.InvalidParameter, match=r"other numbers or parts.*same_parts=True"):
+        other.restore(state)
+    assert other.state() == rest
+    other.restore(state, same_parts=True)
+    assert np.array_equal(other.state().y, state.y)
+    assert other.state() != state  # of another mechanism
+    # A state written by hand has no mark.
+    machine.restore(dataclasses.replace(state, mechanism=""))
+    assert machine.state() == state
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "expected"),
+    [
+        ("y", None, r"y: got None, expected \d+ real numbers"),
+        ("y", "abc", "y: got 'abc'"),
+        ("y", [[0.0], [0.0, 1.0]], "y: got "),
+        ("memory", None, "memory: got None"),
+        ("memory", [], "memory: got "),  # would forget what the felt remembers
+        ("time", "a", "time: got .'a'., expected 1 real number of"),
+        ("kind", [], "kind .. is none of"),
+        ("drive", (), r"drive: got \(\), expected 4 real numbers"),
+        ("drive", None, "drive: got None"),
+        ("drive", "abcd", "drive: got 'abcd'"),
+    ],
+)
+def test_odd_states(action, name, value, expected):
+    machine = feltmb.Machine(action)
+    machine.advance(STEP, force=1.0)
+    state = machine.state()
+    with pytest.raises(feltmb.InvalidParameter, match=f"state: {expected}"):
+        machine.restore(dataclasses.replace(state, **{name: value}))
+    with pytest.raises(feltmb.InvalidParameter, match="state: y: got"):
+        machine.restore(dataclasses.replace(state, y=state.y.astype(complex)))
+    with pytest.raises(feltmb.InvalidParameter, match="state: y: got"):
+        machine.restore(dataclasses.replace(state, y=state.y[:, None]))
+    assert machine.state() == state
 
 
 def test_a_step_that_fails_leaves_the_machine_where_it_was(action):

@@ -56,7 +56,10 @@ def gradient(
         Of the stroke. Where the motion is sensitive its derivatives are more so: one decade below
         the default of ``simulate``.
     tolerance
-        Local relative error of each column, 1e-10 to 0.1.
+        Local error of each column against the largest part of the motion that its parameter
+        causes, above 0, at most 0.1. An output that is a small difference of such motions (the
+        force between two parts that a parameter moves together) has a larger relative error:
+        compare with a tenth of the tolerance.
     output_rate
         Samples a second; events and peaks do not depend on it.
 
