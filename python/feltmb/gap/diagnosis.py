@@ -19,7 +19,7 @@ from feltmb.fit.problem import Point, Problem
 from feltmb.fit.segmented_records import SegmentedRecord, segment_record
 from feltmb.fit.solve import Fit, FitSettings, finish, fit_problem, polish
 from feltmb.fit.watch import FIT, PROOF, REPORT, SEARCH, Tell, Watch, current, watching
-from feltmb.gap.acceptance import Accepted, accept, posterior, shapley
+from feltmb.gap.acceptance import Accepted, accept, posterior, refutes, shapley
 from feltmb.gap.assemble import closest_set, how_far_rows, ranked, with_effects
 from feltmb.gap.calibrate import calibrate
 from feltmb.gap.checks import DataChecks, check_against, check_records, with_sigma
@@ -71,7 +71,12 @@ from feltmb.gap.tabulated import (
     moved_together,
     tabulated_outcome,
 )
-from feltmb.gap.tolerance import besides_tolerances, prior_deviations_told, within_tolerance
+from feltmb.gap.tolerance import (
+    besides_tolerances,
+    prior_deviations_told,
+    released,
+    within_tolerance,
+)
 from feltmb.gap.where import event_ledger, first_act, ledger, split_gap
 
 __all__ = ["Options", "diagnose", "fit_model", "prepare"]
@@ -422,7 +427,6 @@ def _diagnosed(
                 sensed,
             )
             model = found.model_fit.problem.model
-    fit = found.model_fit
     for name, why in found.failed:
         not_tested.append(NotTested(name=name, why=why))
     blind = [
@@ -440,7 +444,35 @@ def _diagnosed(
     lap("which")
     skipped = left_out(found, usable) if found.skipped else ()
     not_tested += skipped
-    watch.enter(PROOF, "where the gap lies")
+    watch.enter(PROOF)
+    scale = found.model_fit.problem.state_scale
+    held = HeldOut(held_segmented_records, np.zeros(0) if scale is None else scale, sensed)
+
+    def proven(search: Search) -> Accepted:
+        return accept(
+            search,
+            held,
+            settings,
+            posterior(search).inflation,
+            segmented_level=options.segmented_level,
+            least_share=options.least_share,
+            discrepancy=rest_noise is not None,
+            seed=options.seed,
+            progress=progress,
+        )
+
+    accepted = proven(found)
+    if accepted.best is None and rest_noise is None and not watch.stopping():
+        free = released(found, settings, estimated=checks.estimated)
+        again = None if free is None else proven(free)
+        if free is not None and again is not None and not refutes(accepted, again, held):
+            found = first = free
+            accepted = again
+            checks = replace(checks, warnings=(*checks.warnings, free.model_fit.notes[-1]))
+    fit = found.model_fit
+    belief = posterior(found)
+    lap("how far")
+    watch.say("where the gap lies")
     # With the noise of the sensors: an unexplained residual that is taken for noise hides where it
     # lies.
     tight = None if model.chaotic else first.tight_fit
@@ -453,20 +485,6 @@ def _diagnosed(
     )
     lap("where")
 
-    belief = posterior(found)
-    scale = fit.problem.state_scale
-    held = HeldOut(held_segmented_records, np.zeros(0) if scale is None else scale, sensed)
-    accepted = accept(
-        found,
-        held,
-        settings,
-        belief.inflation,
-        segmented_level=options.segmented_level,
-        least_share=options.least_share,
-        discrepancy=rest_noise is not None,
-        seed=options.seed,
-        progress=progress,
-    )
     which_gap = _primary(model, accepted, sensed)
     shares: dict[str, float] = {}
     if not watch.over():

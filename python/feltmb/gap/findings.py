@@ -115,6 +115,10 @@ class Calibrated:
     computed, or there is no gap above the noise."""
     sure: bool
     """Whether it moved further than noise alone moves one of all parameters (``alpha``)."""
+    alone: float = math.nan
+    """What the records alone say, where its tolerance holds it back [unit]; else NaN."""
+    alone_sd: float = math.nan
+    """Standard deviation of that [unit]."""
     text: str = ""
     """How far it moved, in a sentence."""
 

@@ -11,27 +11,41 @@ import numpy as np
 
 from feltmb.fit.model import VARIABILITY, Effect, Model, Parameter
 from feltmb.fit.solve import Fit, FitSettings, polish
-from feltmb.gap.criteria import TOLERATED
+from feltmb.gap.criteria import RIVAL, TOLERATED
+from feltmb.gap.misfit import misfit
+from feltmb.gap.refine import full_evidence, taken_over, tighten
+from feltmb.gap.score import score_fit
 from feltmb.gap.search import Search
 
-__all__ = ["besides_tolerances", "beyond_prior", "prior_deviations_told", "within_tolerance"]
+__all__ = [
+    "besides_tolerances",
+    "beyond_prior",
+    "prior_deviations_told",
+    "released",
+    "within_tolerance",
+]
 
 #: Note of a model whose parameters were held within their tolerance.
 HELD = "parameters held within their tolerance"
+#: Note of a model with parameters whose tolerance the records refute.
+RELEASED = "the records refute the tolerance of {}: fitted as if nothing were known of it"
 
 
 def beyond_prior(fit: Fit) -> dict[str, float]:
-    """Parameters that had to go beyond their tolerance, and by how many standard deviations.
+    """Parameters that had to go beyond their tolerance, and by how many of it.
 
-    Those of run-to-run variability are no numbers of the machine and are left out.
+    If a tolerance s is right, what a fit moves its parameter is a normal number of the variance
+    s^2 - sd^2, where sd is what the fit leaves open. (The value itself says too little: a prior
+    that is as sharp as the records holds its parameter back half of the way.) Parameters of
+    run-to-run variability are no numbers of the machine and are left out.
     """
     out = {}
-    for i in fit.problem.free:
+    for i, found in zip(fit.problem.free, fit.intervals(), strict=False):
         p = fit.problem.model.parameters[i]
         if not 0.0 < p.sd < math.inf or p.component == VARIABILITY:
             continue
-        far = (float(fit.point.theta[i]) - p.value) / p.sd
-        if abs(far) > TOLERATED:
+        far = (found.value - p.value) / p.sd
+        if abs(far) > max(1.0, TOLERATED * math.sqrt(max(found.contraction, 0.0))):
             out[p.name] = far
     return out
 
@@ -82,6 +96,60 @@ def within_tolerance(found: Search, settings: FitSettings) -> Search:
     if not np.isfinite(fit.cost):
         return found
     return replace(found, held=replace(fit, levels=before.levels, notes=(*before.notes, HELD)))
+
+
+def released(found: Search, settings: FitSettings, *, estimated: bool) -> Search | None:
+    """The search, with the model fitted without tolerances that the records refute.
+
+    A prior that is wrong must not hold the number back that is told: 20 % of tolerance and records
+    that see a friction to 22 % would make 90 % of 200 %. None: no parameter is beyond its
+    tolerance, something else may explain the records as well, or the model does not even then.
+    """
+    far = beyond_prior(found.model_fit)
+    best = found.best
+    start = found.model_fit if best is None else best.fit
+    freed = set(far) if best is None else {t.effect.tolerance_parameter for t in start.included}
+    if not freed or not freed <= far.keys():
+        return None
+    model = copy.copy(start.problem.model)
+    known = model.parameters
+    model.parameters = tuple(
+        replace(p, sd=math.inf, scale=p.size) if p.name in freed else p for p in known
+    )
+    problem = replace(found.model_fit.problem, model=model)
+    fit = polish(problem, replace(taken_over(start), memo={}), found.model_fit.level, settings)
+    tight = tighten(fit, settings)
+    if misfit(fit, tight, estimated=estimated).left:
+        return None
+    own = full_evidence(fit, 1.0)
+    if best is not None:
+        level = best.evidence
+    else:  # as if each departure were the magnitude of an effect
+        far = {
+            p.name: abs(x - p.value) / p.sd
+            for p, x in zip(known, fit.point.theta, strict=True)
+            if p.name in freed
+        }
+        level = own - sum(0.5 + math.log(max(1.0, x)) for x in far.values())
+    others = [
+        c
+        for c in found.sets
+        if not any(t.effect.tolerance_parameter in freed for t in c.fit.included)
+    ]
+    if any(c.evidence > level - RIVAL for c in others):
+        return None
+    left = tuple(t for t in found.scores.candidates if t.effect.tolerance_parameter not in freed)
+    notes = (*found.model_fit.notes, RELEASED.format(", ".join(sorted(freed))))
+    return replace(
+        found,
+        model_fit=replace(fit, levels=found.model_fit.levels, notes=notes),
+        scores=score_fit(fit, left),
+        tight_fit=tight,
+        tight=None if tight is None else score_fit(tight, left),
+        sets=tuple(replace(c, evidence=c.evidence - level + own) for c in others),
+        model_evidence=own,
+        held=None,
+    )
 
 
 def _held(model: Model, names: Collection[str]) -> Model:
