@@ -190,7 +190,7 @@ def test_without_such_an_effect_the_strain_is_told():
 
 
 def friction(size, *, quiet=False):
-    """y = size * u + noise; the records see it as well as its tolerance of 0.2 does, r2 does not."""
+    """Records that see a friction about as well as its tolerance of 0.2 does; r2 does not."""
     u = np.linspace(-1.0, 1.0, 80)
     records = []
     for k in range(3):
