@@ -392,7 +392,7 @@ def _improves(paired: Paired, inflation: float) -> bool:
 
 def refutes(old: Accepted, new: Accepted, held: HeldOut) -> bool:
     """Whether held-out records speak against the model of a later search, ten to one."""
-    return compare(old.before, new.before, held.segmented_records, 1.0).gain < -LEAST_GAIN
+    return compare(old.after, new.before, held.segmented_records, 1.0).gain < -LEAST_GAIN
 
 
 def shapley(

@@ -73,6 +73,8 @@ from feltmb.gap.tabulated import (
 )
 from feltmb.gap.tolerance import (
     besides_tolerances,
+    beyond_prior,
+    more_of_tolerances,
     prior_deviations_told,
     released,
     within_tolerance,
@@ -357,6 +359,17 @@ def _diagnosed(
     if checks.problems:
         raise DataError("records: " + "; ".join(checks.problems))
     checks = _floored(checks, options.good_enough, model)
+    exposed = getattr(model, "effects", ())
+    offered = [e.name for e in exposed if isinstance(e, Effect)]
+    if offered and not effects:
+        checks = replace(
+            checks,
+            warnings=(
+                *checks.warnings,
+                f"no effect was given, but the model exposes {', '.join(offered)}: pass "
+                "effects=model.effects to have them tested",
+            ),
+        )
     segmented_records = prepare(model, fit_records, checks, options.segment)
     held_segmented_records = prepare(model, held_records, checks, options.segment)
     lap("data checks")
@@ -462,7 +475,8 @@ def _diagnosed(
         )
 
     accepted = proven(found)
-    if accepted.best is None and rest_noise is None and not watch.stopping():
+    more = more_of_tolerances(accepted.best, beyond_prior(found.model_fit))
+    if not more and rest_noise is None and not watch.stopping():
         free = released(found, settings, estimated=checks.estimated)
         again = None if free is None else proven(free)
         if free is not None and again is not None and not refutes(accepted, again, held):
@@ -639,8 +653,9 @@ def _check_units(model: Model, tabulated: Outcome, metric: str) -> None:
     wrong = wrong_units(model, runs)
     if wrong:
         raise DataError(
-            f"DATA PROBLEM: the unit of {wrong}. Say the true unit: --unit CHANNEL=UNIT, or unit "
-            "in the TOML beside the file; feltmb gap check shows model and record"
+            f"DATA PROBLEM: the unit of {wrong}. Say the true unit: --unit CHANNEL=UNIT, unit in "
+            "the TOML beside the file, in Python units of ReadOptions; feltmb gap check shows "
+            "model and record"
         )
 
 

@@ -13,13 +13,14 @@ from feltmb.fit.model import VARIABILITY, Effect, Model, Parameter
 from feltmb.fit.solve import Fit, FitSettings, polish
 from feltmb.gap.criteria import RIVAL, TOLERATED
 from feltmb.gap.misfit import misfit
-from feltmb.gap.refine import full_evidence, taken_over, tighten
+from feltmb.gap.refine import CandidateSet, full_evidence, taken_over, tighten
 from feltmb.gap.score import score_fit
 from feltmb.gap.search import Search
 
 __all__ = [
     "besides_tolerances",
     "beyond_prior",
+    "more_of_tolerances",
     "prior_deviations_told",
     "released",
     "within_tolerance",
@@ -102,14 +103,17 @@ def released(found: Search, settings: FitSettings, *, estimated: bool) -> Search
     """The search, with the model fitted without tolerances that the records refute.
 
     A prior that is wrong must not hold the number back that is told: 20 % of tolerance and records
-    that see a friction to 22 % would make 90 % of 200 %. None: no parameter is beyond its
-    tolerance, something else may explain the records as well, or the model does not even then.
+    that see a friction to 22 % would make 90 % of 200 %. Nor must an effect that is not there mend
+    what such a prior spoils. None: no parameter is beyond its tolerance, the model does not explain
+    the records even then, or other effects do as well.
     """
     far = beyond_prior(found.model_fit)
-    best = found.best
-    start = found.model_fit if best is None else best.fit
-    freed = set(far) if best is None else {t.effect.tolerance_parameter for t in start.included}
-    if not freed or not freed <= far.keys():
+    start, freed = found.model_fit, set(far)
+    if more_of_tolerances(found.best, far):
+        assert found.best is not None
+        start = found.best.fit
+        freed = {t.effect.tolerance_parameter for t in start.included}
+    if not freed:
         return None
     model = copy.copy(start.problem.model)
     known = model.parameters
@@ -121,23 +125,15 @@ def released(found: Search, settings: FitSettings, *, estimated: bool) -> Search
     tight = tighten(fit, settings)
     if misfit(fit, tight, estimated=estimated).left:
         return None
-    own = full_evidence(fit, 1.0)
-    if best is not None:
-        level = best.evidence
-    else:  # as if each departure were the magnitude of an effect
-        far = {
-            p.name: abs(x - p.value) / p.sd
-            for p, x in zip(known, fit.point.theta, strict=True)
-            if p.name in freed
-        }
-        level = own - sum(0.5 + math.log(max(1.0, x)) for x in far.values())
-    others = [
-        c
-        for c in found.sets
-        if not any(t.effect.tolerance_parameter in freed for t in c.fit.included)
-    ]
-    if any(c.evidence > level - RIVAL for c in others):
-        return None
+    own = level = full_evidence(fit, 1.0)
+    for p, x in zip(known, fit.point.theta, strict=True):
+        if p.name in freed:  # as if the departure were the magnitude of an effect
+            level -= 0.5 + math.log(max(1.0, abs(x - p.value) / p.sd)) + math.log(len(known))
+    others = [c for c in found.sets if not _moves(c.fit, freed)]
+    # What is more of these parameters is no rival of them, what helps beside is.
+    for c in found.sets:
+        if c.fit is not start and c.evidence > level - (0.0 if _moves(c.fit, freed) else RIVAL):
+            return None
     left = tuple(t for t in found.scores.candidates if t.effect.tolerance_parameter not in freed)
     notes = (*found.model_fit.notes, RELEASED.format(", ".join(sorted(freed))))
     return replace(
@@ -150,6 +146,15 @@ def released(found: Search, settings: FitSettings, *, estimated: bool) -> Search
         model_evidence=own,
         held=None,
     )
+
+
+def more_of_tolerances(best: CandidateSet | None, far: Collection[str]) -> bool:
+    """Whether a set holds nothing but more of parameters that are beyond their tolerance."""
+    return best is not None and all(t.effect.tolerance_parameter in far for t in best.fit.included)
+
+
+def _moves(fit: Fit, names: Collection[str]) -> bool:
+    return any(t.effect.tolerance_parameter in names for t in fit.included)
 
 
 def _held(model: Model, names: Collection[str]) -> Model:
