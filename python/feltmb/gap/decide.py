@@ -17,6 +17,7 @@ from feltmb.gap.criteria import (
     REFUTED,
     REST_EXCESS,
     SURE,
+    TOLERATED,
     TRUST_DATA,
     TRUST_NAMED,
     TRUST_ONE_OF,
@@ -148,7 +149,7 @@ def decide(facts: Facts) -> Decision:
         refused = _refusals(accepted)
         if refused and (facts.closest is None or not facts.closest.why):
             text += f" Held-out records refused {refused}."
-        out = _silent(facts, Verdict.UNKNOWN, text + _place(facts))
+        out = _silent(facts, Verdict.UNKNOWN, text + _place(facts) + _another(facts))
         return replace(out, closest=facts.closest)
     return _name(facts)
 
@@ -176,7 +177,7 @@ def _calibrated(facts: Facts) -> Decision:
         "No single parameter, but all of them together: each within its tolerance, they close the "
         "gap that the tabulated numbers leave."
     )
-    text += f" Nothing is missing: what is left is {what}."
+    text += f" Nothing is missing: what is left is {what}.{_another(facts)}"
     return _silent(facts, Verdict.CALIBRATED, text + but)
 
 
@@ -194,6 +195,22 @@ def _moved(facts: Facts) -> str:
     if more:
         text += f" {more} more parameter{'s' if more > 1 else ''} moved, by less of the gap."
     return text
+
+
+def _another(facts: Facts) -> str:
+    """That it may be another machine, where several numbers are beyond their tolerances."""
+    far = [
+        r
+        for r in facts.calibrated
+        if r.prior_deviations is not None and abs(r.prior_deviations) > TOLERATED
+    ]
+    if len(far) < 2:
+        return ""
+    return (
+        f" But {len(far)} numbers lie beyond their tolerances: the model as a whole is not the "
+        "machine that was measured. It may be another one, or in another state (regulation, "
+        "parts); or these numbers pay for what the model lacks."
+    )
 
 
 def _closest(closest: Closest | None) -> str:
@@ -282,6 +299,7 @@ def _name(facts: Facts) -> Decision:
         rest = rest if left else " What is left with it is noise."
     if left and (told := prior_deviations_told(best.fit)):
         rest += f" Besides, {told}: what is left may have been paid with them."
+    rest += _another(facts)
     trust = TRUST[verdict]
     belief = facts.belief.trusted(trust)
     return Decision(verdict, text + rest, sure, tuple(unsure), trust * confidence, belief)

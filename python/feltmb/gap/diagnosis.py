@@ -76,8 +76,10 @@ from feltmb.gap.tolerance import (
     beyond_prior,
     more_of_tolerances,
     prior_deviations_told,
+    refuted_tolerances,
     released,
     within_tolerance,
+    without_several,
 )
 from feltmb.gap.where import event_ledger, first_act, ledger, split_gap
 
@@ -213,6 +215,8 @@ def _investigate(
         way = settings if fit is None else replace(settings, restarts=0)
         other = fit_problem(problem, way, progress=progress, label=label)
         fit = other if fit is None or other.log_evidence > fit.log_evidence else fit
+    if not watch.stopping():
+        fit = without_several(fit, settings)
     watch.fitted(fit.chi2 / fit.dof)
     watch.enter(SEARCH)
     found = search(
@@ -482,8 +486,8 @@ def _diagnosed(
         if free is not None and again is not None and not refutes(accepted, again, held):
             found = first = free
             accepted = again
-            checks = replace(checks, warnings=(*checks.warnings, free.model_fit.notes[-1]))
     fit = found.model_fit
+    checks = replace(checks, warnings=(*checks.warnings, *refuted_tolerances(fit)))
     belief = posterior(found)
     lap("how far")
     watch.say("where the gap lies")

@@ -64,7 +64,10 @@ def lead(
         if progress is not None:
             progress("along the records", i, len(shares))
         stage = _Stage(_until(problem, share), begins, effects, settings)
-        stage.widen(most)
+        # A model that explains it all ends the way, whatever its parameters: what they lack is
+        # asked at its fit, where scores are right.
+        if share < 1.0 or not (() in stage.found and stage.found[()].fit.explains):
+            stage.widen(most)
         if () in stage.found:
             alone = stage.found[()].fit.point
         if current().stopping():

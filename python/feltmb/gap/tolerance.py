@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from feltmb.fit.model import VARIABILITY, Effect, Model, Parameter
+from feltmb.fit.problem import Point
 from feltmb.fit.solve import Fit, FitSettings, polish
 from feltmb.gap.criteria import RIVAL, TOLERATED
 from feltmb.gap.misfit import misfit
@@ -22,8 +23,10 @@ __all__ = [
     "beyond_prior",
     "more_of_tolerances",
     "prior_deviations_told",
+    "refuted_tolerances",
     "released",
     "within_tolerance",
+    "without_several",
 ]
 
 #: Note of a model whose parameters were held within their tolerance.
@@ -115,17 +118,12 @@ def released(found: Search, settings: FitSettings, *, estimated: bool) -> Search
         freed = {t.effect.tolerance_parameter for t in start.included}
     if not freed:
         return None
-    model = copy.copy(start.problem.model)
-    known = model.parameters
-    model.parameters = tuple(
-        replace(p, sd=math.inf, scale=p.size) if p.name in freed else p for p in known
-    )
-    problem = replace(found.model_fit.problem, model=model)
-    fit = polish(problem, replace(taken_over(start), memo={}), found.model_fit.level, settings)
+    fit = without_tolerances(found.model_fit, freed, taken_over(start), settings)
     tight = tighten(fit, settings)
     if misfit(fit, tight, estimated=estimated).left:
         return None
     own = level = full_evidence(fit, 1.0)
+    known = found.model_fit.problem.model.parameters
     for p, x in zip(known, fit.point.theta, strict=True):
         if p.name in freed:  # as if the departure were the magnitude of an effect
             level -= 0.5 + math.log(max(1.0, abs(x - p.value) / p.sd)) + math.log(len(known))
@@ -135,10 +133,9 @@ def released(found: Search, settings: FitSettings, *, estimated: bool) -> Search
         if c.fit is not start and c.evidence > level - (0.0 if _moves(c.fit, freed) else RIVAL):
             return None
     left = tuple(t for t in found.scores.candidates if t.effect.tolerance_parameter not in freed)
-    notes = (*found.model_fit.notes, RELEASED.format(", ".join(sorted(freed))))
     return replace(
         found,
-        model_fit=replace(fit, levels=found.model_fit.levels, notes=notes),
+        model_fit=fit,
         scores=score_fit(fit, left),
         tight_fit=tight,
         tight=None if tight is None else score_fit(tight, left),
@@ -146,6 +143,38 @@ def released(found: Search, settings: FitSettings, *, estimated: bool) -> Search
         model_evidence=own,
         held=None,
     )
+
+
+def without_several(fit: Fit, settings: FitSettings) -> Fit:
+    """The fit of the model, without tolerances where several are refuted at once.
+
+    Then it is another machine, or another state of it. What the model lacks besides is asked from
+    there: a set of effects that mends several wrong numbers at once is not to be found.
+    """
+    far = beyond_prior(fit)
+    if len(far) < 2 or not fit.explains:
+        return fit
+    freed = without_tolerances(fit, far, fit.point, settings)
+    return freed if freed.explains else fit
+
+
+def without_tolerances(
+    fit: Fit, names: Collection[str], start: Point, settings: FitSettings
+) -> Fit:
+    """A fit of the model as if nothing were known of some parameters."""
+    model = copy.copy(fit.problem.model)
+    model.parameters = tuple(
+        replace(p, sd=math.inf, scale=p.size) if p.name in names else p for p in model.parameters
+    )
+    problem = replace(fit.problem, model=model)
+    new = polish(problem, replace(start, memo={}), fit.level, settings)
+    note = RELEASED.format(", ".join(sorted(names)))
+    return replace(new, levels=fit.levels, notes=(*fit.notes, note))
+
+
+def refuted_tolerances(fit: Fit) -> list[str]:
+    """What is said of tolerances that were left out of a fit."""
+    return [n for n in fit.notes if n.startswith(RELEASED.partition("{")[0])]
 
 
 def more_of_tolerances(best: CandidateSet | None, far: Collection[str]) -> bool:

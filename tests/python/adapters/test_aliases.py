@@ -247,6 +247,31 @@ def test_another_cause_that_does_as_well_keeps_the_tolerance():
     assert report.verdict is not Verdict.CALIBRATED
 
 
+def test_several_tolerances_refuted_at_once_are_another_machine():
+    """No effect is named for what several numbers do together; what to do is told."""
+    _, records = line(0.0, 0.1)
+    u = records[0].inputs["u"]
+    two = [
+        replace(r, inputs={"u": u, "w": u**2}, outputs={"y": r.outputs["y"] + 2.0 * u - 1.0 * u**2})
+        for r in records
+    ]
+    model = LinearModel(
+        output="y",
+        columns={"slope": lambda r: r.inputs["u"], "bend": lambda r: r.inputs["w"]},
+        parameters=[
+            Parameter(name="slope", value=1.0, sd=0.1),
+            Parameter(name="bend", value=0.0, sd=0.1),
+        ],
+    )
+    twin = Effect(name="twin", component="other", regressor=lambda r, _: np.abs(r.inputs["u"]))
+    report = diagnose(model, [steeper("slope"), twin], two, hold_out=["r2"])
+    assert report.verdict is Verdict.CALIBRATED
+    assert {r.name: round(r.value, 1) for r in report.calibrated} == {"slope": 2.0, "bend": -1.0}
+    assert "the model as a whole is not the machine" in report.statement
+    assert report.next[0].text.startswith("Make sure that the model is of the machine")
+    assert any("refute the tolerance of bend, slope" in w for w in report.checks.warnings)
+
+
 def test_what_is_pressed_against_its_limit_takes_up_nothing():
     _, records = line(2.0, 0.1)
     limited = LinearModel(
