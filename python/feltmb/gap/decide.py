@@ -17,7 +17,6 @@ from feltmb.gap.criteria import (
     REFUTED,
     REST_EXCESS,
     SURE,
-    TOLERATED,
     TRUST_DATA,
     TRUST_NAMED,
     TRUST_ONE_OF,
@@ -149,7 +148,7 @@ def decide(facts: Facts) -> Decision:
         refused = _refusals(accepted)
         if refused and (facts.closest is None or not facts.closest.why):
             text += f" Held-out records refused {refused}."
-        out = _silent(facts, Verdict.UNKNOWN, text + _place(facts) + _another(facts))
+        out = _silent(facts, Verdict.UNKNOWN, _another(facts) + text + _place(facts))
         return replace(out, closest=facts.closest)
     return _name(facts)
 
@@ -177,7 +176,7 @@ def _calibrated(facts: Facts) -> Decision:
         "No single parameter, but all of them together: each within its tolerance, they close the "
         "gap that the tabulated numbers leave."
     )
-    text += f" Nothing is missing: what is left is {what}.{_another(facts)}"
+    text = f"{_another(facts)}{text} Nothing is missing: what is left is {what}."
     return _silent(facts, Verdict.CALIBRATED, text + but)
 
 
@@ -189,7 +188,7 @@ def _moved(facts: Facts) -> str:
     moved = sure or list(facts.calibrated)
     if not moved:
         return ""
-    large = [r for r in moved if r.share >= LARGE_MOVE][:3] or moved[:1]
+    large = [r for r in moved if r.share >= LARGE_MOVE or r.beyond][:4] or moved[:1]
     text = "; ".join(r.text + r.notes for r in large) + "."
     more = len(moved) - len(large)
     if more:
@@ -199,17 +198,13 @@ def _moved(facts: Facts) -> str:
 
 def _another(facts: Facts) -> str:
     """That it may be another machine, where several numbers are beyond their tolerances."""
-    far = [
-        r
-        for r in facts.calibrated
-        if r.prior_deviations is not None and abs(r.prior_deviations) > TOLERATED
-    ]
+    far = [r for r in facts.calibrated if r.beyond]
     if len(far) < 2:
         return ""
     return (
-        f" But {len(far)} numbers lie beyond their tolerances: the model as a whole is not the "
-        "machine that was measured. It may be another one, or in another state (regulation, "
-        "parts); or these numbers pay for what the model lacks."
+        f"The model as a whole is not the machine that was measured: {len(far)} numbers lie beyond "
+        "their tolerances. It is another machine, or in another state (parts, regulation), or "
+        "these numbers pay for what the model lacks. "
     )
 
 
@@ -299,7 +294,7 @@ def _name(facts: Facts) -> Decision:
         rest = rest if left else " What is left with it is noise."
     if left and (told := prior_deviations_told(best.fit)):
         rest += f" Besides, {told}: what is left may have been paid with them."
-    rest += _another(facts)
+    text = _another(facts) + text
     trust = TRUST[verdict]
     belief = facts.belief.trusted(trust)
     return Decision(verdict, text + rest, sure, tuple(unsure), trust * confidence, belief)

@@ -20,6 +20,7 @@ from feltmb.fit.watch import current
 from feltmb.gap.criteria import NEAR_BEST
 from feltmb.gap.refine import CandidateSet, full_evidence, plausible, taken_over, worth_of
 from feltmb.gap.score import all_candidates, score_fit, screen_sets
+from feltmb.gap.tolerance import by_few_numbers
 
 __all__ = ["lead"]
 
@@ -64,10 +65,7 @@ def lead(
         if progress is not None:
             progress("along the records", i, len(shares))
         stage = _Stage(_until(problem, share), begins, effects, settings)
-        # A model that explains it all ends the way, whatever its parameters: what they lack is
-        # asked at its fit, where scores are right.
-        if share < 1.0 or not (() in stage.found and stage.found[()].fit.explains):
-            stage.widen(most)
+        stage.widen(most)
         if () in stage.found:
             alone = stage.found[()].fit.point
         if current().stopping():
@@ -135,6 +133,8 @@ class _Stage:
         while True:
             (best,) = self.best(1)
             if plausible(best.fit) or len(best.names) >= most or current().stopping():
+                return
+            if by_few_numbers(best.fit, most):  # what they stand for is asked at the whole fit
                 return
             # Where what came before was explained, not where the fit to this went astray.
             problem, point = self.begins[best.key]

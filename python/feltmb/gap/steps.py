@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from feltmb.fit.solve import Interval
-from feltmb.gap.criteria import FAR_FROM_PRIOR, TOLERATED
+from feltmb.gap.criteria import FAR_FROM_PRIOR
 from feltmb.gap.findings import (
     Advice,
     AsItIs,
@@ -35,11 +35,7 @@ def next_steps(
         for row in as_it_is
         if row.worse_than_constant
     ]
-    far = [
-        row.part
-        for row in calibrated
-        if row.prior_deviations is not None and abs(row.prior_deviations) > TOLERATED
-    ]
+    far = [row.part for row in calibrated if row.beyond]
     if len(far) > 1:
         texts.append(
             "Make sure that the model is of the machine that was measured, with its parts and its "

@@ -21,6 +21,7 @@ from feltmb.gap.search import Search
 __all__ = [
     "besides_tolerances",
     "beyond_prior",
+    "by_few_numbers",
     "more_of_tolerances",
     "prior_deviations_told",
     "refuted_tolerances",
@@ -143,6 +144,21 @@ def released(found: Search, settings: FitSettings, *, estimated: bool) -> Search
         model_evidence=own,
         held=None,
     )
+
+
+def by_few_numbers(fit: Fit, most: int) -> bool:
+    """Whether a fit explains the records, but for some parameters beyond their tolerances.
+
+    The others are where their priors allow them to be, as a whole: a fit that takes all of them
+    away from there imitates what the model lacks.
+    """
+    few = beyond_prior(fit)
+    if not fit.explains or not 0 < len(few) <= most:
+        return False
+    far = fit.prior_deviation
+    rest = far.size - len(few)
+    left = float(np.sum(far**2)) - sum(z**2 for z in few.values())
+    return left < rest + 4.0 * math.sqrt(2.0 * rest)
 
 
 def without_several(fit: Fit, settings: FitSettings) -> Fit:

@@ -267,7 +267,7 @@ def test_several_tolerances_refuted_at_once_are_another_machine():
     report = diagnose(model, [steeper("slope"), twin], two, hold_out=["r2"])
     assert report.verdict is Verdict.CALIBRATED
     assert {r.name: round(r.value, 1) for r in report.calibrated} == {"slope": 2.0, "bend": -1.0}
-    assert "the model as a whole is not the machine" in report.statement
+    assert report.statement.startswith("The model as a whole is not the machine")
     assert report.next[0].text.startswith("Make sure that the model is of the machine")
     assert any("refute the tolerance of bend, slope" in w for w in report.checks.warnings)
 
