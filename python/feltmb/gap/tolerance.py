@@ -168,7 +168,8 @@ def without_several(fit: Fit, settings: FitSettings) -> Fit:
     there: a set of effects that mends several wrong numbers at once is not to be found.
     """
     far = beyond_prior(fit)
-    if len(far) < 2 or not fit.explains:
+    torn = fit.gap_sd.size > 0 and fit.level > settings.levels[-1]  # its gaps explain, not it
+    if len(far) < 2 or torn or not fit.explains:
         return fit
     freed = without_tolerances(fit, far, fit.point, settings)
     return freed if freed.explains else fit
