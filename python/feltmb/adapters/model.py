@@ -264,7 +264,8 @@ class MechanismModel(DifferentiableMechanism):
                 notes.append(
                     f"{record.name}: samples after {record.time[kept - 1]:.4g} s are not used, "
                     f"{self.until.after_turn:g} s after {self.until.output} turned: what follows "
-                    "is chaotic and is excluded (--set until=end uses them)"
+                    "is chaotic and is excluded (--set until=end, in Python until=math.inf, uses "
+                    "them)"
                 )
                 record = record.cut(0, kept)
             cut.append(record)

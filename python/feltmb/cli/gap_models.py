@@ -39,7 +39,7 @@ class Adapter:
             inputs=tuple(getattr(self.model, "inputs", ())),
             outputs=self.model.outputs,
             modes=self.model.input_modes,
-            units=self.model.units if self.model.input_modes else {},
+            units=self.model.units,
             names=self.model.input_names,
         )
 

@@ -146,10 +146,11 @@ def _read_file(path: Path, signals: Signals, options: ReadOptions) -> tuple[Reco
         raise DataError(f"{path}: {why_missing(path)}")
     given = read_sheet(path)
     columns = read_columns(path)
-    return _build(path, sheet_for(path, columns, signals, options, given), columns)
+    sheet = sheet_for(path, columns, signals, options, given)
+    return _build(path, sheet, columns, guessed=given is None)
 
 
-def _build(path: Path, sheet: Sheet, columns: Columns) -> tuple[Record, ...]:
+def _build(path: Path, sheet: Sheet, columns: Columns, *, guessed: bool) -> tuple[Record, ...]:
     """Records of a file, one a run."""
     faults: list[str] = []
     read_in = {n: _series(n, s, sheet, columns, faults) for n, s in sheet.inputs.items()}
@@ -173,6 +174,12 @@ def _build(path: Path, sheet: Sheet, columns: Columns) -> tuple[Record, ...]:
             )
         except DataError as error:
             faults.append(str(error))
+    specs = {**sheet.inputs, **sheet.outputs} if guessed else {}
+    bare = [n for n, s in specs.items() if _bare(n, s, columns)]
+    assumed = (
+        f"{', '.join(bare)}: no unit in the header; the numbers are taken as they stand, in SI "
+        "units (--unit NAME=UNIT, in Python units of ReadOptions)",
+    )
     parts = [] if faults else _runs(sheet, columns, time, faults)
     if faults:
         raise DataError(fault_text(str(path), faults))
@@ -214,7 +221,7 @@ def _build(path: Path, sheet: Sheet, columns: Columns) -> tuple[Record, ...]:
                         start=start,
                         repeats=sheet.repeats or (base if len(parts) > 1 else ""),
                         source=sheet.source or columns.source,
-                        notes=tuple(columns.notes),
+                        notes=(*columns.notes, *(assumed if bare else ())),
                     ),
                 )
             )
@@ -259,7 +266,7 @@ def _series(
     elif unit == PIXEL:
         faults.append(
             f'column {shown} is in pixels: how large is one? (scale = "0.21 mm" in the TOML, or '
-            "--scale 0.21mm)"
+            "--scale 0.21mm, in Python scales of ReadOptions)"
         )
         return empty
     factor, si = _to_si(unit, spec.si)
@@ -276,6 +283,12 @@ def _series(
     if trust is not None:
         values = np.where(columns.values[trust] >= sheet.likelihood, values, np.nan)
     return values, si
+
+
+def _bare(name: str, spec: ColumnSpec, columns: Columns) -> bool:
+    """Whether nothing says the unit of a signal."""
+    key = columns.find(spec.column or name)
+    return not (spec.si or spec.scale != "" or unit_of_column(columns, key, spec.unit))
 
 
 def _scale(scale: float | str) -> tuple[float, str] | None:
@@ -311,7 +324,7 @@ def _clock(sheet: Sheet, columns: Columns, faults: list[str]) -> Array:
     if frames and not sheet.time_unit:
         faults.append(
             f"the clock {shortened(name)} counts frames: how many are a second? (frame_rate in "
-            "the TOML, or --frame-rate HZ)"
+            "the TOML, --frame-rate HZ, in Python frame_rate of ReadOptions)"
         )
         return np.zeros(0)
     unit = unit_of_column(columns, name, sheet.time_unit) or "s"

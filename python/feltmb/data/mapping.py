@@ -114,7 +114,7 @@ def _of_model(path: Path, columns: Columns, signals: Signals, options: ReadOptio
         wanted = " or ".join(" and ".join(names) for names in signals.modes.values())
         faults.append(
             f"no column {wanted} for the input; there are {columns} (--column NAME=COLUMN says "
-            "which it is)"
+            "which it is, in Python columns of ReadOptions)"
         )
     if not seen:
         faults.append(f"none of the outputs {', '.join(signals.outputs)}; there are {columns}")
@@ -128,7 +128,7 @@ def _of_model(path: Path, columns: Columns, signals: Signals, options: ReadOptio
         if unit != "1" and place[name] and not told:
             faults.append(
                 f"column {place[name]} has no unit in the header, expected such as [{unit}] "
-                f"(--unit {name}={unit} says it)"
+                f"(--unit {name}={unit} says it, in Python units of ReadOptions)"
             )
     if faults:
         raise DataError(fault_text(str(path), faults))

@@ -266,7 +266,8 @@ def check_writable(path: Path, *, force: bool) -> None:
                 raise FileExists(f"{path}: is a device, expected the name of a file")
             if not force:
                 raise FileExists(
-                    f"{path}: exists already; give another name, or --force to replace it"
+                    f"{path}: exists already; give another name, or --force (in Python "
+                    "force=True) to replace it"
                 )
         folder = next(f for f in path.absolute().parents if f.exists())
         if folder != path.absolute().parent and folder.is_dir():

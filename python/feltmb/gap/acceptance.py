@@ -29,7 +29,7 @@ from feltmb.gap.proof import HeldOut, Outcome, Paired, compare, evaluate
 from feltmb.gap.refine import CandidateSet, full_evidence, refit, tighten
 from feltmb.gap.search import Search
 
-__all__ = ["Accepted", "Posterior", "accept", "posterior", "shapley"]
+__all__ = ["Accepted", "Posterior", "accept", "posterior", "refutes", "shapley"]
 
 Progress = Callable[[str, int, int], None]
 
@@ -388,6 +388,11 @@ def _improves(paired: Paired, inflation: float) -> bool:
     return paired.gain > LEAST_GAIN and paired.p < (
         PAIRED_P if inflation < INFLATED else PAIRED_P_INFLATED
     )
+
+
+def refutes(old: Accepted, new: Accepted, held: HeldOut) -> bool:
+    """Whether held-out records speak against the model of a later search, ten to one."""
+    return compare(old.after, new.before, held.segmented_records, 1.0).gain < -LEAST_GAIN
 
 
 def shapley(

@@ -30,6 +30,9 @@ from feltmb.units import conversion_factor
 
 __all__ = ["ChannelCheck", "DataChecks", "check_records"]
 
+#: Samples from which equal numbers are a copy; readings of a few digits may repeat.
+LEAST_COPY = 8
+
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelCheck:
@@ -103,6 +106,7 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
         raise DataError(f"records: the name {', '.join(doubled)} is used twice")
     problems: list[str] = []
     warnings: list[str] = []
+    problems += _copies(records)
     repeats = _repeatability(records, warnings)
     channels = []
     estimated = False
@@ -146,6 +150,29 @@ def check_records(records: Sequence[Record], outputs: Sequence[str] | None = Non
         repeatability=flat,
         estimated=estimated,
     )
+
+
+def _copies(records: Sequence[Record]) -> list[str]:
+    """Records whose outputs are those of another one to the last digit."""
+    problems = []
+    for i, record in enumerate(records):
+        for earlier in records[:i]:
+            if _same_numbers(earlier, record):
+                problems.append(
+                    f"{record.name}: holds the same numbers as {earlier.name}; a copy is no "
+                    "second measurement and proves nothing: leave one of them out"
+                )
+                break
+    return problems
+
+
+def _same_numbers(one: Record, other: Record) -> bool:
+    """Whether outputs that move, of some length, are the same."""
+    if one.outputs.keys() != other.outputs.keys() or one.samples < LEAST_COPY:
+        return False
+    pairs = [(y, other.outputs[n]) for n, y in one.outputs.items()]
+    moves = any(np.unique(y[np.isfinite(y)]).size > 2 for y, _ in pairs)
+    return moves and all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
 
 
 def check_against(model: Model, records: Sequence[Record]) -> DataChecks:

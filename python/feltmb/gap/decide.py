@@ -148,7 +148,7 @@ def decide(facts: Facts) -> Decision:
         refused = _refusals(accepted)
         if refused and (facts.closest is None or not facts.closest.why):
             text += f" Held-out records refused {refused}."
-        out = _silent(facts, Verdict.UNKNOWN, text + _place(facts))
+        out = _silent(facts, Verdict.UNKNOWN, _another(facts) + text + _place(facts))
         return replace(out, closest=facts.closest)
     return _name(facts)
 
@@ -176,7 +176,7 @@ def _calibrated(facts: Facts) -> Decision:
         "No single parameter, but all of them together: each within its tolerance, they close the "
         "gap that the tabulated numbers leave."
     )
-    text += f" Nothing is missing: what is left is {what}."
+    text = f"{_another(facts)}{text} Nothing is missing: what is left is {what}."
     return _silent(facts, Verdict.CALIBRATED, text + but)
 
 
@@ -188,12 +188,24 @@ def _moved(facts: Facts) -> str:
     moved = sure or list(facts.calibrated)
     if not moved:
         return ""
-    large = [r for r in moved if r.share >= LARGE_MOVE][:3] or moved[:1]
+    large = [r for r in moved if r.share >= LARGE_MOVE or r.beyond][:4] or moved[:1]
     text = "; ".join(r.text + r.notes for r in large) + "."
     more = len(moved) - len(large)
     if more:
         text += f" {more} more parameter{'s' if more > 1 else ''} moved, by less of the gap."
     return text
+
+
+def _another(facts: Facts) -> str:
+    """That it may be another machine, where several numbers are beyond their tolerances."""
+    far = [r for r in facts.calibrated if r.beyond]
+    if len(far) < 2:
+        return ""
+    return (
+        f"The model as a whole is not the machine that was measured: {len(far)} numbers lie beyond "
+        "their tolerances. It is another machine, or in another state (parts, regulation), or "
+        "these numbers pay for what the model lacks. "
+    )
 
 
 def _closest(closest: Closest | None) -> str:
@@ -282,6 +294,7 @@ def _name(facts: Facts) -> Decision:
         rest = rest if left else " What is left with it is noise."
     if left and (told := prior_deviations_told(best.fit)):
         rest += f" Besides, {told}: what is left may have been paid with them."
+    text = _another(facts) + text
     trust = TRUST[verdict]
     belief = facts.belief.trusted(trust)
     return Decision(verdict, text + rest, sure, tuple(unsure), trust * confidence, belief)

@@ -19,7 +19,7 @@ from feltmb.fit.problem import Point, Problem
 from feltmb.fit.segmented_records import SegmentedRecord, segment_record
 from feltmb.fit.solve import Fit, FitSettings, finish, fit_problem, polish
 from feltmb.fit.watch import FIT, PROOF, REPORT, SEARCH, Tell, Watch, current, watching
-from feltmb.gap.acceptance import Accepted, accept, posterior, shapley
+from feltmb.gap.acceptance import Accepted, accept, posterior, refutes, shapley
 from feltmb.gap.assemble import closest_set, how_far_rows, ranked, with_effects
 from feltmb.gap.calibrate import calibrate
 from feltmb.gap.checks import DataChecks, check_against, check_records, with_sigma
@@ -72,7 +72,16 @@ from feltmb.gap.tabulated import (
     moved_together,
     tabulated_outcome,
 )
-from feltmb.gap.tolerance import besides_tolerances, prior_deviations_told, within_tolerance
+from feltmb.gap.tolerance import (
+    besides_tolerances,
+    beyond_prior,
+    more_of_tolerances,
+    prior_deviations_told,
+    refuted_tolerances,
+    released,
+    within_tolerance,
+    without_several,
+)
 from feltmb.gap.where import event_ledger, first_act, ledger, split_gap
 
 __all__ = ["Options", "diagnose", "fit_model", "prepare"]
@@ -210,6 +219,8 @@ def _investigate(
         way = settings if fit is None else replace(settings, restarts=0)
         other = fit_problem(problem, way, progress=progress, label=label)
         fit = other if fit is None or other.log_evidence > fit.log_evidence else fit
+    if not watch.stopping():
+        fit = without_several(fit, settings)
     watch.fitted(fit.chi2 / fit.dof)
     watch.enter(SEARCH)
     found = search(
@@ -356,6 +367,17 @@ def _diagnosed(
     if checks.problems:
         raise DataError("records: " + "; ".join(checks.problems))
     checks = _floored(checks, options.good_enough, model)
+    exposed = getattr(model, "effects", ())
+    offered = [e.name for e in exposed if isinstance(e, Effect)]
+    if offered and not effects:
+        checks = replace(
+            checks,
+            warnings=(
+                *checks.warnings,
+                f"no effect was given, but the model exposes {', '.join(offered)}: pass "
+                "effects=model.effects to have them tested",
+            ),
+        )
     segmented_records = prepare(model, fit_records, checks, options.segment)
     held_segmented_records = prepare(model, held_records, checks, options.segment)
     lap("data checks")
@@ -426,7 +448,6 @@ def _diagnosed(
                 sensed,
             )
             model = found.model_fit.problem.model
-    fit = found.model_fit
     for name, why in found.failed:
         not_tested.append(NotTested(name=name, why=why))
     blind = [
@@ -444,7 +465,36 @@ def _diagnosed(
     lap("which")
     skipped = left_out(found, usable) if found.skipped else ()
     not_tested += skipped
-    watch.enter(PROOF, "where the gap lies")
+    watch.enter(PROOF)
+    scale = found.model_fit.problem.state_scale
+    held = HeldOut(held_segmented_records, np.zeros(0) if scale is None else scale, sensed)
+
+    def proven(search: Search) -> Accepted:
+        return accept(
+            search,
+            held,
+            settings,
+            posterior(search).inflation,
+            segmented_level=options.segmented_level,
+            least_share=options.least_share,
+            discrepancy=rest_noise is not None,
+            seed=options.seed,
+            progress=progress,
+        )
+
+    accepted = proven(found)
+    more = more_of_tolerances(accepted.best, beyond_prior(found.model_fit))
+    if not more and rest_noise is None and not watch.stopping():
+        free = released(found, settings, estimated=checks.estimated)
+        again = None if free is None else proven(free)
+        if free is not None and again is not None and not refutes(accepted, again, held):
+            found = first = free
+            accepted = again
+    fit = found.model_fit
+    checks = replace(checks, warnings=(*checks.warnings, *refuted_tolerances(fit)))
+    belief = posterior(found)
+    lap("how far")
+    watch.say("where the gap lies")
     # With the noise of the sensors: an unexplained residual that is taken for noise hides where it
     # lies.
     tight = None if model.chaotic else first.tight_fit
@@ -457,20 +507,6 @@ def _diagnosed(
     )
     lap("where")
 
-    belief = posterior(found)
-    scale = fit.problem.state_scale
-    held = HeldOut(held_segmented_records, np.zeros(0) if scale is None else scale, sensed)
-    accepted = accept(
-        found,
-        held,
-        settings,
-        belief.inflation,
-        segmented_level=options.segmented_level,
-        least_share=options.least_share,
-        discrepancy=rest_noise is not None,
-        seed=options.seed,
-        progress=progress,
-    )
     which_gap = _primary(model, accepted, sensed)
     shares: dict[str, float] = {}
     if not watch.over():
@@ -632,8 +668,9 @@ def _check_units(model: Model, tabulated: Outcome, metric: str) -> None:
     wrong = wrong_units(model, runs)
     if wrong:
         raise DataError(
-            f"DATA PROBLEM: the unit of {wrong}. Say the true unit: --unit CHANNEL=UNIT, or unit "
-            "in the TOML beside the file; feltmb gap check shows model and record"
+            f"DATA PROBLEM: the unit of {wrong}. Say the true unit: --unit CHANNEL=UNIT, unit in "
+            "the TOML beside the file, in Python units of ReadOptions; feltmb gap check shows "
+            "model and record"
         )
 
 

@@ -16,6 +16,7 @@ from feltmb.data import Array, Record
 from feltmb.errors import InvalidParameter, no_such
 from feltmb.fit import Candidate, Jobs, Model
 from feltmb.fit.observe import observe_jobs
+from feltmb.gap.criteria import TOLERATED
 
 __all__ = [
     "Advice",
@@ -115,8 +116,17 @@ class Calibrated:
     computed, or there is no gap above the noise."""
     sure: bool
     """Whether it moved further than noise alone moves one of all parameters (``alpha``)."""
+    alone: float = math.nan
+    """What the records alone say, where its tolerance holds it back [unit]; else NaN."""
+    alone_sd: float = math.nan
+    """Standard deviation of that [unit]."""
     text: str = ""
     """How far it moved, in a sentence."""
+
+    @property
+    def beyond(self) -> bool:
+        """Whether its value lies beyond its tolerance, as far as a tolerance goes."""
+        return self.prior_deviations is not None and abs(self.prior_deviations) > TOLERATED
 
     @property
     def notes(self) -> str:

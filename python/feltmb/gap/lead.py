@@ -18,8 +18,9 @@ from feltmb.fit.problem import Point, Problem
 from feltmb.fit.solve import Fit, FitSettings, finish, polish
 from feltmb.fit.watch import current
 from feltmb.gap.criteria import NEAR_BEST
-from feltmb.gap.refine import CandidateSet, full_evidence, plausible, worth_of
+from feltmb.gap.refine import CandidateSet, full_evidence, plausible, taken_over, worth_of
 from feltmb.gap.score import all_candidates, score_fit, screen_sets
+from feltmb.gap.tolerance import by_few_numbers
 
 __all__ = ["lead"]
 
@@ -75,29 +76,13 @@ def lead(
         # The model from where the best set is, and from where it was left.
         best = stage.best(1)[0].fit
         limited = replace(settings, worth=worth_of(best))
-        fits = [polish(problem, replace(p, memo={}), 1.0, limited) for p in (_bare(best), alone)]
+        fits = [
+            polish(problem, replace(p, memo={}), 1.0, limited) for p in (taken_over(best), alone)
+        ]
         if min(f.cost for f in fits) > tabulated:  # both valleys are worse than no fit at all
             fits.append(polish(problem, replace(start, memo={}), 1.0, limited))
         out.append(max(fits, key=lambda f: f.log_evidence))
     return sorted(out, key=lambda f: -full_evidence(f, total))
-
-
-def _bare(fit: Fit) -> Point:
-    """The model from where a set is.
-
-    A parameter takes over, to first order, what the set has of the effect that is more of it.
-    """
-    problem, matrix = fit.problem, fit.normal.matrix
-    point = problem.carry(fit.point, (), np.zeros(0))
-    theta = point.theta.copy()
-    for k, (candidate, size) in enumerate(zip(fit.included, fit.point.magnitudes, strict=True)):
-        for c, i in enumerate(problem.free):
-            p = problem.model.parameters[i]
-            seen = matrix[c, c] - p.sd**-2.0
-            if p.name == candidate.effect.tolerance_parameter and seen > 0.0:
-                moved = theta[i] + size * matrix[c, len(problem.free) + k] / seen
-                theta[i] = np.clip(moved, p.lower, p.upper)
-    return replace(point, theta=theta)
 
 
 def _until(problem: Problem, share: float) -> Problem:
@@ -148,6 +133,8 @@ class _Stage:
         while True:
             (best,) = self.best(1)
             if plausible(best.fit) or len(best.names) >= most or current().stopping():
+                return
+            if by_few_numbers(best.fit, most):  # what they stand for is asked at the whole fit
                 return
             # Where what came before was explained, not where the fit to this went astray.
             problem, point = self.begins[best.key]

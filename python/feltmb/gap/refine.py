@@ -22,6 +22,7 @@ __all__ = [
     "plausible",
     "refit",
     "refit_at",
+    "taken_over",
     "tighten",
     "worth_of",
 ]
@@ -175,6 +176,24 @@ def from_priors(fit: Fit, settings: FitSettings) -> Fit:
     theta[known] = problem.start().theta[known]
     again = refit_at(problem, replace(fit.point, theta=theta, memo={}), LOOSE, settings)
     return again if again.log_evidence > fit.log_evidence else fit
+
+
+def taken_over(fit: Fit) -> Point:
+    """The model from where a set is.
+
+    A parameter takes over, to first order, what the set has of the effect that is more of it.
+    """
+    problem, matrix = fit.problem, fit.normal.matrix
+    point = problem.carry(fit.point, (), np.zeros(0))
+    theta = point.theta.copy()
+    for k, (candidate, size) in enumerate(zip(fit.included, fit.point.magnitudes, strict=True)):
+        for c, i in enumerate(problem.free):
+            p = problem.model.parameters[i]
+            seen = matrix[c, c] - p.sd**-2.0
+            if p.name == candidate.effect.tolerance_parameter and seen > 0.0:
+                moved = theta[i] + size * matrix[c, len(problem.free) + k] / seen
+                theta[i] = np.clip(moved, p.lower, p.upper)
+    return replace(point, theta=theta)
 
 
 def tighten(fit: Fit, settings: FitSettings) -> Fit | None:

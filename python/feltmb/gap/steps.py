@@ -35,6 +35,13 @@ def next_steps(
         for row in as_it_is
         if row.worse_than_constant
     ]
+    far = [row.part for row in calibrated if row.beyond]
+    if len(far) > 1:
+        texts.append(
+            "Make sure that the model is of the machine that was measured, with its parts and its "
+            f"regulation of that day; look at {', '.join(f[0].lower() + f[1:] for f in far[:4])} "
+            "first."
+        )
     texts += [
         f"{i.name} sits at its limit {i.value:.4g}: widen the limit, or look for what pushes it "
         "there."

@@ -15,7 +15,7 @@ from feltmb.fit.problem import Problem
 from feltmb.fit.resolution import BETWEEN
 from feltmb.fit.segmented_records import SegmentedRecord
 from feltmb.fit.solve import Fit, FitSettings, Interval, chained, estimate_states, polish
-from feltmb.gap.criteria import MOVED
+from feltmb.gap.criteria import FAR_FROM_PRIOR, MOVED
 from feltmb.gap.digits import digits
 from feltmb.gap.findings import AsItIs, Calibrated
 from feltmb.gap.proof import Outcome, one_run, residuals_by_segment
@@ -156,11 +156,13 @@ def calibrated_rows(
     ----------
     before, after
         The model with tabulated and with fitted numbers, on the records whose gap is shared out:
-        all of them, since the held-out ones may hardly show a part.
+        all of them, since the held-out ones may hardly show a part. The first says what the
+        tolerances are.
     alpha
         Family-wise rate at which noise alone would have moved one of the parameters.
     """
-    rows = [row[1:] for row in of_the_machine(fit)]
+    told = before[0].fit.problem.model.parameters
+    rows = [(i, told[i], interval) for _, i, _, interval in of_the_machine(fit)]
     bar = float(stats.norm.isf(0.5 * alpha / max(len(rows), 1)))
     moved = [r for r in rows if abs(_deviations(r[2])) > MOVED]
     moved.sort(key=lambda r: -abs(_deviations(r[2])))
@@ -179,6 +181,7 @@ def _deviations(interval: Interval) -> float:
 
 
 def _row(p: Parameter, interval: Interval, share: float, *, sure: bool) -> Calibrated:
+    alone, alone_sd = _alone(p, interval)
     row = Calibrated(
         name=p.name,
         component=p.component,
@@ -194,33 +197,51 @@ def _row(p: Parameter, interval: Interval, share: float, *, sure: bool) -> Calib
         at_limit=interval.at_limit,
         share=share,
         sure=sure,
+        alone=alone,
+        alone_sd=alone_sd,
     )
     return replace(row, text=_text(p, row))
+
+
+def _alone(p: Parameter, interval: Interval) -> tuple[float, float]:
+    """What the records alone say of a parameter that its tolerance holds back; else NaN."""
+    seen = interval.contraction
+    if not (0.0 < interval.prior_sd < math.inf and seen > 0.0):
+        return math.nan, math.nan
+    moved = interval.value - interval.prior
+    alone = float(np.clip(interval.prior + moved / seen, p.lower, p.upper))
+    strained = abs(moved) > FAR_FROM_PRIOR * interval.prior_sd * math.sqrt(seen)
+    if not strained or interval.low <= alone <= interval.high:
+        return math.nan, math.nan
+    return alone, interval.sd / math.sqrt(seen)
 
 
 def _text(p: Parameter, row: Calibrated) -> str:
     """What happened to a parameter, as a person says it."""
     subject = p.label or f"Parameter {p.name}" + (f" ({p.component})" if p.component else "")
-    unit = "" if p.unit == "1" else f" {p.unit}"
     if row.prior_deviations is None:
-        shown = digits(row.value, row.sd, 3)
+        unit = "" if p.unit == "1" else f" {p.unit}"
+        places = digits(row.value, row.sd, 3)
         return (
-            f"{subject} is {row.value:.{shown}g} ± {1.96 * row.sd:.2g}{unit}, "
+            f"{subject} is {row.value:.{places}g} ± {1.96 * row.sd:.2g}{unit}, "
             "of which nothing was known before"
         )
     change, wide = row.value - row.tabulated, 1.96 * row.sd
     word = p.words[change > 0.0]
+    by, shown = 1.0, p.unit if p.unit != "1" else ""
     if p.relative or row.tabulated != 0.0:
-        by = 100.0 / (1.0 if p.relative else abs(row.tabulated))
-        amount = _amount(change * by, wide * by, "%")
+        by, shown = 100.0 / (1.0 if p.relative else abs(row.tabulated)), "%"
     elif p.unit == "m":
-        amount = _amount(change * 1e3, wide * 1e3, "mm")
+        by, shown = 1e3, "mm"
     elif p.unit == "rad":
-        amount = _amount(math.degrees(change), math.degrees(wide), "deg")
-    else:
-        amount = _amount(change, wide, unit.strip())
-    text = f"{subject} is {amount} {word} than tabulated"
-    return f"{text} (at its limit)" if row.at_limit else text
+        by, shown = math.degrees(1.0), "deg"
+    text = f"{subject} is {_amount(change * by, wide * by, shown)} {word} than tabulated"
+    if row.at_limit:
+        return f"{text} (at its limit)"
+    if not math.isnan(row.alone):
+        alone = _amount((row.alone - row.tabulated) * by, 1.96 * row.alone_sd * by, shown)
+        text += f" (its tolerance holds it back; the records alone say {alone})"
+    return text
 
 
 def _amount(change: float, wide: float, unit: str) -> str:

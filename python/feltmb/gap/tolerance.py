@@ -10,28 +10,47 @@ from dataclasses import replace
 import numpy as np
 
 from feltmb.fit.model import VARIABILITY, Effect, Model, Parameter
+from feltmb.fit.problem import Point
 from feltmb.fit.solve import Fit, FitSettings, polish
-from feltmb.gap.criteria import TOLERATED
+from feltmb.gap.criteria import RIVAL, TOLERATED
+from feltmb.gap.misfit import misfit
+from feltmb.gap.refine import CandidateSet, full_evidence, taken_over, tighten
+from feltmb.gap.score import score_fit
 from feltmb.gap.search import Search
 
-__all__ = ["besides_tolerances", "beyond_prior", "prior_deviations_told", "within_tolerance"]
+__all__ = [
+    "besides_tolerances",
+    "beyond_prior",
+    "by_few_numbers",
+    "more_of_tolerances",
+    "prior_deviations_told",
+    "refuted_tolerances",
+    "released",
+    "within_tolerance",
+    "without_several",
+]
 
 #: Note of a model whose parameters were held within their tolerance.
 HELD = "parameters held within their tolerance"
+#: Note of a model with parameters whose tolerance the records refute.
+RELEASED = "the records refute the tolerance of {}: fitted as if nothing were known of it"
 
 
 def beyond_prior(fit: Fit) -> dict[str, float]:
-    """Parameters that had to go beyond their tolerance, and by how many standard deviations.
+    """Parameters that had to go beyond their tolerance, and by how many of it.
 
-    Those of run-to-run variability are no numbers of the machine and are left out.
+    If a tolerance s is right, what a fit moves its parameter is a normal number of the variance
+    s^2 - sd^2, where sd is what the fit leaves open. (The value itself says too little: a prior
+    that is as sharp as the records holds its parameter back half of the way.) Parameters of
+    run-to-run variability are no numbers of the machine and are left out.
     """
     out = {}
-    for i in fit.problem.free:
+    for i, found in zip(fit.problem.free, fit.intervals(), strict=False):
         p = fit.problem.model.parameters[i]
         if not 0.0 < p.sd < math.inf or p.component == VARIABILITY:
             continue
-        far = (float(fit.point.theta[i]) - p.value) / p.sd
-        if abs(far) > TOLERATED:
+        far = (found.value - p.value) / p.sd
+        if abs(far) > max(1.0, TOLERATED * math.sqrt(max(found.contraction, 0.0))):
             out[p.name] = far
     return out
 
@@ -82,6 +101,106 @@ def within_tolerance(found: Search, settings: FitSettings) -> Search:
     if not np.isfinite(fit.cost):
         return found
     return replace(found, held=replace(fit, levels=before.levels, notes=(*before.notes, HELD)))
+
+
+def released(found: Search, settings: FitSettings, *, estimated: bool) -> Search | None:
+    """The search, with the model fitted without tolerances that the records refute.
+
+    A prior that is wrong must not hold the number back that is told: 20 % of tolerance and records
+    that see a friction to 22 % would make 90 % of 200 %. Nor must an effect that is not there mend
+    what such a prior spoils. None: no parameter is beyond its tolerance, the model does not explain
+    the records even then, or other effects do as well.
+    """
+    far = beyond_prior(found.model_fit)
+    start, freed = found.model_fit, set(far)
+    if more_of_tolerances(found.best, far):
+        assert found.best is not None
+        start = found.best.fit
+        freed = {t.effect.tolerance_parameter for t in start.included}
+    if not freed:
+        return None
+    fit = without_tolerances(found.model_fit, freed, taken_over(start), settings)
+    tight = tighten(fit, settings)
+    if misfit(fit, tight, estimated=estimated).left:
+        return None
+    own = level = full_evidence(fit, 1.0)
+    known = found.model_fit.problem.model.parameters
+    for p, x in zip(known, fit.point.theta, strict=True):
+        if p.name in freed:  # as if the departure were the magnitude of an effect
+            level -= 0.5 + math.log(max(1.0, abs(x - p.value) / p.sd)) + math.log(len(known))
+    others = [c for c in found.sets if not _moves(c.fit, freed)]
+    # What is more of these parameters is no rival of them, what helps beside is.
+    for c in found.sets:
+        if c.fit is not start and c.evidence > level - (0.0 if _moves(c.fit, freed) else RIVAL):
+            return None
+    left = tuple(t for t in found.scores.candidates if t.effect.tolerance_parameter not in freed)
+    return replace(
+        found,
+        model_fit=fit,
+        scores=score_fit(fit, left),
+        tight_fit=tight,
+        tight=None if tight is None else score_fit(tight, left),
+        sets=tuple(replace(c, evidence=c.evidence - level + own) for c in others),
+        model_evidence=own,
+        held=None,
+    )
+
+
+def by_few_numbers(fit: Fit, most: int) -> bool:
+    """Whether a fit explains the records, but for some parameters beyond their tolerances.
+
+    The others are where their priors allow them to be, as a whole: a fit that takes all of them
+    away from there imitates what the model lacks.
+    """
+    few = beyond_prior(fit)
+    if not fit.explains or not 0 < len(few) <= most:
+        return False
+    far = fit.prior_deviation
+    rest = far.size - len(few)
+    left = float(np.sum(far**2)) - sum(z**2 for z in few.values())
+    return left < rest + 4.0 * math.sqrt(2.0 * rest)
+
+
+def without_several(fit: Fit, settings: FitSettings) -> Fit:
+    """The fit of the model, without tolerances where several are refuted at once.
+
+    Then it is another machine, or another state of it. What the model lacks besides is asked from
+    there: a set of effects that mends several wrong numbers at once is not to be found.
+    """
+    far = beyond_prior(fit)
+    torn = fit.gap_sd.size > 0 and fit.level > settings.levels[-1]  # its gaps explain, not it
+    if len(far) < 2 or torn or not fit.explains:
+        return fit
+    freed = without_tolerances(fit, far, fit.point, settings)
+    return freed if freed.explains else fit
+
+
+def without_tolerances(
+    fit: Fit, names: Collection[str], start: Point, settings: FitSettings
+) -> Fit:
+    """A fit of the model as if nothing were known of some parameters."""
+    model = copy.copy(fit.problem.model)
+    model.parameters = tuple(
+        replace(p, sd=math.inf, scale=p.size) if p.name in names else p for p in model.parameters
+    )
+    problem = replace(fit.problem, model=model)
+    new = polish(problem, replace(start, memo={}), fit.level, settings)
+    note = RELEASED.format(", ".join(sorted(names)))
+    return replace(new, levels=fit.levels, notes=(*fit.notes, note))
+
+
+def refuted_tolerances(fit: Fit) -> list[str]:
+    """What is said of tolerances that were left out of a fit."""
+    return [n for n in fit.notes if n.startswith(RELEASED.partition("{")[0])]
+
+
+def more_of_tolerances(best: CandidateSet | None, far: Collection[str]) -> bool:
+    """Whether a set holds nothing but more of parameters that are beyond their tolerance."""
+    return best is not None and all(t.effect.tolerance_parameter in far for t in best.fit.included)
+
+
+def _moves(fit: Fit, names: Collection[str]) -> bool:
+    return any(t.effect.tolerance_parameter in names for t in fit.included)
 
 
 def _held(model: Model, names: Collection[str]) -> Model:

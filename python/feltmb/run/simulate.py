@@ -235,7 +235,7 @@ def refuse_kind(action: Action, kind: str, what: str) -> None:
         if action.config.motor is None:
             raise InvalidParameter(
                 f"{what}, but mechanism {action.name!r} describes no motor; compose it with an "
-                "actuator (--actuator)"
+                "actuator (--actuator, in Python feltmb.actuator.compose)"
             )
     elif action.config.finger is None:
         raise InvalidParameter(

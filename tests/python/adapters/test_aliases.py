@@ -183,10 +183,93 @@ def test_without_such_an_effect_the_strain_is_told():
     model, records = line(2.0, 0.1)
     report = diagnose(model, [], records, hold_out=["r2"])
     assert report.verdict is Verdict.CALIBRATED
-    assert "slope by 9.9" in report.statement
-    assert any("slope by 9.9" in w for w in report.checks.warnings)
+    assert "10.0 times its tolerance" in report.statement
+    assert any("refute the tolerance of slope" in w for w in report.checks.warnings)
     model, records = line(1.0 + 0.9 * TOLERATED * 0.1, 0.1)
     assert diagnose(model, [], records, hold_out=["r2"]).statement.endswith(").")
+
+
+def friction(size, *, quiet=False):
+    """Records that see a friction about as well as its tolerance of 0.2 does; r2 does not."""
+    u = np.linspace(-1.0, 1.0, 80)
+    records = []
+    for k in range(3):
+        noise = 2.0 * np.random.default_rng(k).standard_normal(80)
+        drive = u * (0.05 if k == 2 and quiet else 1.0)
+        noise -= drive * (noise @ drive) / (drive @ drive)  # what they say is the truth
+        records.append(
+            Record(
+                name=f"r{k}",
+                time=np.arange(80) * 0.01,
+                inputs={"u": drive},
+                outputs={"y": size * drive + noise},
+                sensors={"y": Sensor(name="y", sigma=2.0)},
+            )
+        )
+    model = LinearModel(
+        output="y",
+        columns={"friction": lambda r: r.inputs["u"]},
+        parameters=[Parameter(name="friction", value=0.0, sd=0.2)],
+    )
+    return model, records
+
+
+@pytest.mark.parametrize("with_effect", [True, False])
+def test_a_tolerance_that_records_refute_holds_no_number_back(with_effect):
+    """Held-out records that hardly feel it cannot confirm it; they were asked to."""
+    model, records = friction(2.0, quiet=True)
+    effects = [steeper("friction")] if with_effect else []
+    segmented_records = prepare(model, records, check_against(model, records), None)
+    fit = fit_problem(Problem(model, segmented_records[:2]))
+    assert abs(fit.point.theta[0]) < 1.6  # the tolerance pulls
+    report = diagnose(model, effects, records, hold_out=["r2"])
+    assert report.verdict is Verdict.CALIBRATED
+    (row,) = report.calibrated
+    assert row.value == pytest.approx(2.0, abs=1e-3)
+    assert row.prior_deviations == pytest.approx(10.0, abs=0.1)
+    assert report.fitted.parameters["friction"] == row.value
+
+
+def test_between_two_and_four_the_records_alone_are_told_beside():
+    model, records = friction(1.2, quiet=True)
+    (row,) = diagnose(model, [], records, hold_out=["r2"]).calibrated
+    assert row.high < 1.2
+    assert row.alone == pytest.approx(1.2, abs=1e-3)
+    assert row.alone_sd == pytest.approx(0.27, abs=0.01)
+    assert "the records alone say" in row.text
+
+
+def test_another_cause_that_does_as_well_keeps_the_tolerance():
+    """Then it is not known that it is this number which is off."""
+    model, records = friction(2.0, quiet=True)
+    twin = Effect(name="twin", component="other", regressor=lambda r, _: r.inputs["u"])
+    report = diagnose(model, [steeper("friction"), twin], records, hold_out=["r2"])
+    assert report.verdict is not Verdict.CALIBRATED
+
+
+def test_several_tolerances_refuted_at_once_are_another_machine():
+    """No effect is named for what several numbers do together; what to do is told."""
+    _, records = line(0.0, 0.1)
+    u = records[0].inputs["u"]
+    two = [
+        replace(r, inputs={"u": u, "w": u**2}, outputs={"y": r.outputs["y"] + 2.0 * u - 1.0 * u**2})
+        for r in records
+    ]
+    model = LinearModel(
+        output="y",
+        columns={"slope": lambda r: r.inputs["u"], "bend": lambda r: r.inputs["w"]},
+        parameters=[
+            Parameter(name="slope", value=1.0, sd=0.1),
+            Parameter(name="bend", value=0.0, sd=0.1),
+        ],
+    )
+    twin = Effect(name="twin", component="other", regressor=lambda r, _: np.abs(r.inputs["u"]))
+    report = diagnose(model, [steeper("slope"), twin], two, hold_out=["r2"])
+    assert report.verdict is Verdict.CALIBRATED
+    assert {r.name: round(r.value, 1) for r in report.calibrated} == {"slope": 2.0, "bend": -1.0}
+    assert report.statement.startswith("The model as a whole is not the machine")
+    assert report.next[0].text.startswith("Make sure that the model is of the machine")
+    assert any("refute the tolerance of bend, slope" in w for w in report.checks.warnings)
 
 
 def test_what_is_pressed_against_its_limit_takes_up_nothing():

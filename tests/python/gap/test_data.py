@@ -1,15 +1,25 @@
 """Measured files: what is read, and what is said of files that cannot be used."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import feltmb
-from feltmb.data import Record, Sensor, StartPrior, read_record, read_records, write_record
+from feltmb.cli.gap_models import Adapter
+from feltmb.data import (
+    ReadOptions,
+    Record,
+    Sensor,
+    StartPrior,
+    read_record,
+    read_records,
+    write_record,
+)
 from feltmb.errors import DataError
-from feltmb.gap import check_records
+from feltmb.gap import SimulatorModel, check_records
 
 sys.path.insert(0, str(Path(__file__).parent))
 import models
@@ -353,3 +363,56 @@ def test_without_a_sheet_the_header_says_the_units(tmp_path):
     (tmp_path / "a.csv").write_text("t,force [N],a\n0,1,2\n1,2,3\n2,3,4\n")
     with pytest.raises(DataError, match=r"column a has no unit in the header, .* \[m\]"):
         read_record(tmp_path / "a.csv", outputs=("a",), modes=MODES, units={"a": "m", "force": "N"})
+
+
+def moving(name, seed):
+    y = np.random.default_rng(seed).standard_normal(60)
+    return Record(
+        name=name,
+        time=np.arange(60) * 0.01,
+        inputs={"u": np.zeros(60)},
+        outputs={"y": y},
+        sensors={"y": Sensor(name="y", sigma=1.0)},
+    )
+
+
+def test_a_copy_of_a_record_is_refused():
+    """It would prove what it was fitted to."""
+    checks = check_records([moving("a", 1), moving("b", 2), moving("c", 1)])
+    (problem,) = checks.problems
+    assert problem.startswith("c: holds the same numbers as a")
+    assert check_records([moving("a", 1), moving("b", 2)]).problems == ()
+
+
+def test_what_never_moves_or_is_short_is_no_copy():
+    still = [replace(moving(n, 1), outputs={"y": np.zeros(60)}) for n in "ab"]
+    assert check_records(still).problems == ()
+    few = [moving(n, 1).cut(0, 5) for n in "ab"]
+    assert (
+        check_records([replace(r, name=n) for r, n in zip(few, "ab", strict=True)]).problems == ()
+    )
+
+
+def test_a_column_without_a_unit_is_told(tmp_path):
+    (tmp_path / "a.csv").write_text("t [s],y,u [N]\n0,1,2\n1,2,3\n2,3,4\n")
+    record = read_record(tmp_path / "a.csv", inputs=["u"], outputs=["y"])
+    (note,) = record.notes
+    assert note.startswith("y: no unit")
+    told = ReadOptions(units={"y": "mm"})
+    assert read_record(tmp_path / "a.csv", inputs=["u"], outputs=["y"], options=told).notes == ()
+
+
+def test_a_unit_that_the_model_knows_is_asked_for_whatever_the_model_is(tmp_path):
+    """A model in Python took such columns in SI without a word, a mechanism refused them."""
+    (tmp_path / "a.csv").write_text("t [s],y,u [N]\n0,1,2\n1,2,3\n2,3,4\n")
+    model = SimulatorModel(
+        lambda time, inputs, parameters: {"y": inputs["u"]},
+        parameters=[],
+        inputs=["u"],
+        outputs={"y": "m"},
+    )
+    adapter = Adapter(model, ())
+    with pytest.raises(DataError, match=r"column y has no unit.*--unit y=m"):
+        adapter.read([tmp_path / "a.csv"])
+    (record,) = adapter.read([tmp_path / "a.csv"], ReadOptions(units={"y": "mm"}))
+    assert record.outputs["y"][0] == pytest.approx(1e-3)

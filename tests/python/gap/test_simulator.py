@@ -354,3 +354,13 @@ def test_a_fit_finds_a_frequency_that_is_half_a_period_off_at_the_end():
     assert fit.explains
     assert fit.intervals()[0].value == pytest.approx(28.0, abs=0.05)
     assert m.simulations < 200
+
+
+def test_exposed_numbers_that_were_not_passed_are_told():
+    one = model()
+    report = diagnose(one, [], [record("a"), record("b", level=2.0, seed=1, role="held_out")])
+    assert any("exposes drift: pass effects=model.effects" in w for w in report.checks.warnings)
+    with_effects = diagnose(
+        one, one.effects, [record("a"), record("b", level=2.0, seed=1, role="held_out")]
+    )
+    assert not any("exposes" in w for w in with_effects.checks.warnings)
