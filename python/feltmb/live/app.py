@@ -9,7 +9,7 @@ import json
 import os
 import tempfile
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from importlib import resources
@@ -31,7 +31,7 @@ from feltmb.live.knobs import Bench
 from feltmb.live.measured import Measured, Shelf
 from feltmb.live.pictures import default_shown, outputs_of
 from feltmb.live.states import Asked, Playing, Turned
-from feltmb.mechanism import load_action
+from feltmb.mechanism import files_of, load_action
 from feltmb.params import names
 from feltmb.run.simulate import simulate
 
@@ -68,26 +68,19 @@ class Studio:
             self.shelf.add(path.name, path.read_bytes())
         path = Path(mechanism)
         self._file = path if path.is_file() else None
-        self._seen = self._stamp()
-
-    def _stamp(self) -> tuple[int, int] | None:
-        if self._file is None:
-            return None
-        try:
-            found = self._file.stat()
-        except OSError:
-            return None
-        return found.st_mtime_ns, found.st_size
+        self._seen = stamps(files_of(self._file)) if self._file is not None else {}
 
     async def follow(self) -> None:
-        """Read the file of the mechanism anew whenever it changes on disk."""
+        """Read the file of the mechanism anew whenever it, or a file that it names, changes."""
         while self._file is not None:
             await asyncio.sleep(LOOK)
-            stamp = self._stamp()
-            if stamp is None or stamp == self._seen:
+            now = stamps(self._seen)
+            if now == self._seen or now[self._file] is None:
                 continue
-            self._seen = stamp
             loop = asyncio.get_running_loop()
+            # Files are noted before they are read: a change meanwhile is then seen next time.
+            named = await loop.run_in_executor(self.pool, files_of, self._file)
+            self._seen = stamps(named) | {path: now[path] for path in now if path in named}
             try:
                 action = await loop.run_in_executor(self.pool, load_action, str(self._file))
                 self.bench, self.faults = await loop.run_in_executor(self.pool, Bench, action), []
@@ -101,6 +94,19 @@ class Studio:
         """Free threads and files."""
         self.pool.shutdown(wait=False, cancel_futures=True)
         self._folder.cleanup()
+
+
+def stamps(paths: Iterable[Path]) -> dict[Path, tuple[int, int] | None]:
+    """Time and size of files, None for what is missing: another file has another one."""
+    out: dict[Path, tuple[int, int] | None] = {}
+    for path in paths:
+        try:
+            found = path.stat()
+        except OSError:
+            out[path] = None
+        else:
+            out[path] = found.st_mtime_ns, found.st_size
+    return out
 
 
 class Page:
@@ -132,6 +138,7 @@ class Page:
                 if (fault := task.exception()) is not None:
                     raise fault
         finally:
+            self.desk.close()
             self.measured.close()
             for task in tasks:
                 task.cancel()

@@ -1,5 +1,7 @@
 """The live server: who may use it, numbers equal to those of feltmb stroke, nothing piled up."""
 
+import asyncio
+import socket
 import time
 import tomllib
 
@@ -11,6 +13,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 import feltmb
 from feltmb import Action
 from feltmb.action.touch import static_touch
+from feltmb.live.desk import Desk
 
 TURNED = {"knobs": {"screw.let-off": 4e-4, "felt.06": 0.2}, "numbers": {"string.tension": 640.0}}
 
@@ -116,6 +119,39 @@ def test_a_newer_change_stops_an_older_simulation(live, client, monkeypatch):
         page.send("simulate", id=3)
         assert page.until(lambda m: m["on"] == "run")["id"] == 3
         assert mine.desk.counts["stopped"] >= 1
+
+
+@pytest.mark.parametrize("steps", range(6))
+def test_the_work_of_a_page_ends_even_when_something_is_asked_with_its_end(steps):
+    async def page():
+        desk = Desk(lambda: None, None, lambda *_: None)
+        work = asyncio.create_task(desk.work())
+        desk.regulate(None)  # awake, with nothing to do
+        for _ in range(3):
+            await asyncio.sleep(0.005)
+        desk._wake.set()
+        for _ in range(steps):
+            await asyncio.sleep(0)
+        work.cancel()
+        return await asyncio.wait([work], timeout=5.0)
+
+    _, left = asyncio.run(page())
+    assert not left
+
+
+def test_pages_that_go_in_the_middle_of_things_do_not_linger(live, client):
+    for k in range(20):
+        page = client(live)
+        page.__enter__()
+        for i in range(k % 4):
+            page.send("simulate", id=i + 1, turned={"knobs": {"felt.06": 0.01 * i}})
+        if k % 2:
+            page.socket.socket.shutdown(socket.SHUT_RDWR)
+        page.__exit__(None, None, None)
+    until = time.monotonic() + 30.0
+    while live.studio.pages and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not live.studio.pages
 
 
 @pytest.mark.parametrize(
@@ -253,6 +289,31 @@ def test_the_file_is_followed_with_all_its_faults(serve, client, tmp_path):
         assert ["bodies.head.mass", 0.012, "kg"] in [n[:3] for n in hello["numbers"]]
         heavier = page.run(3, "quick")["run"]["summary"]
         assert heavier["impact_speed"] < first["impact_speed"]
+
+
+def test_files_that_the_file_names_are_followed(serve, client, tmp_path):
+    text = feltmb.load_action("steinway45").to_toml()
+    base, top = tmp_path / "base.toml", tmp_path / "top.toml"
+    base.write_text(text, encoding="utf-8")
+    top.write_text('schema = 1\nname = "top"\nextends = "base.toml"\n', encoding="utf-8")
+    with serve(str(top)) as live, client(live) as page:
+        first = page.run(1, "quick")["run"]["summary"]["impact_speed"]
+        base.write_text(text.replace("value = 0.0078", "value = 0.012", 1), encoding="utf-8")
+        page.until(lambda m: m["on"] == "hello" and not m["faults"])
+        heavier = page.run(2, "quick")["run"]["summary"]["impact_speed"]
+        assert heavier < first
+        # A base that went away is a fault of the file; it is found when it comes back.
+        base.rename(tmp_path / "away.toml")
+        gone = page.until(lambda m: m["on"] == "hello" and m["faults"])["faults"]
+        assert any("base.toml" in line for line in gone)
+        base.write_text(text, encoding="utf-8")
+        page.until(lambda m: m["on"] == "hello" and not m["faults"])
+        assert page.run(3, "quick")["run"]["summary"]["impact_speed"] == first
+        # A file that is named only now, and missing, is waited for.
+        top.write_text('schema = 1\nname = "top"\nextends = "other.toml"\n', encoding="utf-8")
+        page.until(lambda m: m["on"] == "hello" and m["faults"])
+        (tmp_path / "other.toml").write_text(text, encoding="utf-8")
+        page.until(lambda m: m["on"] == "hello" and not m["faults"])
 
 
 def test_measured_files_are_held_against_it(live, client):
