@@ -4,6 +4,7 @@ import asyncio
 import socket
 import time
 import tomllib
+from dataclasses import replace
 
 import httpx
 import numpy as np
@@ -14,6 +15,9 @@ import feltmb
 from feltmb import Action
 from feltmb.action.touch import static_touch
 from feltmb.live.desk import Desk
+from feltmb.live.proposals import STROKES
+from feltmb.live.states import Playing
+from feltmb.run.sound import sampled, wav
 
 TURNED = {"knobs": {"screw.let-off": 4e-4, "felt.06": 0.2}, "numbers": {"string.tension": 640.0}}
 
@@ -81,6 +85,16 @@ def test_two_pages_turn_their_own(live, client):
             for page in (one, other)
         ]
     assert sets == pytest.approx([77.5, 76.5])
+
+
+def test_a_plan_can_be_given_up_and_a_second_is_refused_meanwhile(live, client):
+    with client(live) as page:
+        page.send("plan")
+        page.until(lambda m: m["on"] == "planning")
+        page.send("plan")
+        assert "under way" in page.until(lambda m: m["on"] == "refused")["text"]
+        page.send("stop")
+        assert page.until(lambda m: m["on"] == "plan")["stopped"]
 
 
 def test_a_page_that_lost_its_connection_goes_on(live, client):
@@ -165,13 +179,14 @@ def test_pages_that_go_in_the_middle_of_things_do_not_linger(live, client):
         ('{"do": "simulate", "id": 1, "playing": {"kind": "drawn"}}', "knots"),
         ('{"do": "simulate", "id": 1, "shown": 3}', "list"),
         ('{"do": "diagnose"}', "drop a measured file"),
+        ('{"do": "plan", "files": ["r99"]}', "not here any more"),
         ("[" * 100_000, ""),
     ],
 )
 def test_bad_messages_are_refused_and_the_page_lives(live, client, message, said):
     with client(live) as page:
         page.socket.send(message)
-        answer = page.until(lambda m: m["on"] in ("refused", "diagnosis"))
+        answer = page.until(lambda m: m["on"] in ("refused", "diagnosis", "plan"))
         assert said in answer.get("text", "") + answer.get("fault", "")
         assert page.run(5, "quick")["id"] == 5
 
@@ -222,6 +237,35 @@ def test_the_sound_is_that_of_feltmb_wav(live, tmp_path):
     values = live.studio.bench.values(TURNED["knobs"], TURNED["numbers"])
     run = feltmb.simulate(feltmb.load_action("steinway45").with_values(values), "piano")
     assert answer.content == run.write_wav(tmp_path / "a.wav").read_bytes()
+
+
+def test_the_sound_of_a_difference_is_that_of_two_runs(live, tmp_path):
+    playing = {"kind": "packaged", "name": "piano"}
+    asked = {"id": 0, "turned": TURNED, "minus": {}, "playing": playing}
+    post = {"headers": own(live), "timeout": 60}
+    answer = httpx.post(live.address + "sound", json=asked, **post)
+    values = live.studio.bench.values(TURNED["knobs"], TURNED["numbers"])
+    action = feltmb.load_action("steinway45")
+    runs = [feltmb.simulate(a, "piano") for a in (action.with_values(values), action)]
+    a, b = (sampled(run.time, run.bridge_force()) for run in runs)
+    assert answer.content == wav(a - b)
+    level = float(answer.headers["x-level"])
+    assert level == pytest.approx(10 * np.log10(np.sum((a - b) ** 2) / np.sum(a**2)), abs=0.01)
+    # What is heard of each is the file of feltmb wav.
+    assert wav(b) == runs[1].write_wav(tmp_path / "b.wav").read_bytes()
+    same = httpx.post(live.address + "sound", json={**asked, "minus": TURNED}, **post)
+    assert "x-level" not in same.headers
+    assert set(same.content[44:]) == {0}
+
+
+def test_a_stroke_of_the_page_is_saved_for_the_command_line(live, tmp_path):
+    playing = {"kind": "repeat", "force": 8.0, "rate": 5.0, "count": 2}
+    asked = {"id": 0, "playing": playing}
+    answer = httpx.post(live.address + "stroke", headers=own(live), json=asked)
+    path = tmp_path / "stroke.toml"
+    path.write_bytes(answer.content)
+    saved, played = feltmb.load_stroke(path), Playing(**playing).stroke()
+    assert replace(saved, source="") == played
 
 
 def test_the_saved_file_is_what_was_turned(live):
@@ -408,3 +452,22 @@ def test_a_diagnosis_names_a_capstan_and_the_page_can_apply_it(live, client):
             answer = page.until(lambda m, k=900 + number: m["on"] == "measured" and m["id"] == k)
             rms.append(sum(row["rms"] for row in answer["rows"]))
         assert rms[1] < 0.3 * rms[0]
+
+
+@pytest.mark.slow
+def test_a_plan_proposes_strokes_that_the_page_plays(live, client):
+    with client(live) as page:
+        page.send("plan")
+        told = page.until(lambda m: m["on"] == "plan", 600.0)
+        assert told["source"] == "before any measurement"
+        assert 1 <= len(told["rows"]) <= STROKES
+        chances = [told["before"], *(row["after"] for row in told["rows"])]
+        assert chances == sorted(chances)
+        assert chances[-1] == told["after"] > 10 * told["before"]
+        assert all(row["reasons"] for row in told["rows"])
+        playing = told["rows"][0]["playing"]
+        got = page.run(1, playing=playing)["run"]
+    # The stroke is the one that the plan counted with, and the one that feltmb stroke plays.
+    stroke = Playing(**playing).stroke()
+    run = feltmb.simulate("steinway45", stroke)
+    assert got["summary"] == pytest.approx(run.summary, rel=1e-12)
