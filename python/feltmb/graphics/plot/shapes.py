@@ -472,10 +472,14 @@ def _bar(cloud: Array, pieces: Mapping[str, _Piece], u: float) -> Array | None:
 def view_box(action: Action, drawn: Scene, qs: Sequence[npt.ArrayLike]) -> tuple[Array, Array]:
     """Corners [m] of what the bodies cover in the poses, with a margin."""
     low, high = np.full(2, math.inf), np.full(2, -math.inf)
+    outlines: dict[str, list[Array]] = {}
+    for shape in drawn.shapes:
+        outlines.setdefault(shape.body, []).append(shape.points)
+    bodies = {body: np.vstack(parts) for body, parts in outlines.items()}
     for q in qs:
         poses = body_poses(action, q)
-        for shape in drawn.shapes:
-            points = to_ground(poses[shape.body], shape.points)
+        for body, outline in bodies.items():
+            points = to_ground(poses[body], outline)
             low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
     line = string_line(action)
     if line is not None:

@@ -205,6 +205,11 @@ class Live {
   }
 
   pictured(m) {
+    // The server computes the next picture while this one is drawn.
+    if (m.slot === "a" && m.run.quality === "quick" && this.flying && m.id >= this.flying.id) {
+      this.flying = null;
+      this.pump();
+    }
     const first = !this.viewer, kind = JSON.stringify(this.state.now.playing);
     this.got[m.slot] = {...m.run, set: m.set, name: m.slot === "a" ? "A, turned" : "B, kept"};
     if (m.slot === "b" && !this.state.now.b) this.got.b = null;
@@ -214,7 +219,6 @@ class Live {
     const since = m.slot === "a" && m.run.quality === "quick" ? this.sent.get(m.id) : undefined;
     if (since !== undefined) {
       for (const id of this.sent.keys()) if (id <= m.id) this.sent.delete(id);
-      if (this.flying && m.id >= this.flying.id) this.flying = null;
       requestAnimationFrame(() => {
         this.times.push(performance.now() - since);
         if (this.times.length > 500) this.times.shift();
