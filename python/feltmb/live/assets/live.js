@@ -783,10 +783,10 @@ class Live {
   }
 
   legend(series) {
-    return element("p", {class: "hint"}, ...series.map(s => {
-      const swatch = element("i", {class: "light"});
-      swatch.style.background = s.color;
-      return element("span", {}, swatch, s.name + "  ");
+    return element("p", {class: "hint legend"}, ...series.map(s => {
+      const swatch = element("i", {class: "stroke"});
+      swatch.style.borderTop = `2.5px ${(s.dash || []).length ? "dashed" : "solid"} ${s.color}`;
+      return element("span", {}, swatch, s.name);
     }));
   }
 
@@ -959,7 +959,8 @@ class Live {
     for (const r of m.rows) table.insertRow().append(element("td", {}, r.record), element("td", {}, r.channel),
       element("td", {class: "n"}, `${round(r.rms, 4)} ${r.unit}`), element("td", {class: "hint"}, r.noise ? `${round(r.noise, 3)} times the noise` : ""));
     const boxes = m.records.map(record => {
-      const time = times(record.time), box = element("div", {}, element("b", {}, record.name));
+      const time = times(record.time), box = element("div", {}, element("b", {}, record.name), this.legend(
+        [{name: "measured", color: PAINT.ink}, {name: "model, turned", color: COLOR.a}]));
       for (const channel of record.channels) {
         const [measured, model] = columns(channel.values), where = element("div");
         const series = [{name: "measured", color: PAINT.ink, data: [time, measured]}, {name: "model, turned", color: COLOR.a, data: [time, model]}];
