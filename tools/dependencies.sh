@@ -5,6 +5,7 @@
 # SUNDIALS_SOURCE and EIGEN_SOURCE: folders with sources that are there already. SUNDIALS_VERSION,
 # EIGEN_VERSION: others than these.
 set -euo pipefail
+shopt -s inherit_errexit
 
 prefix=${1:?give the folder to install into}
 sundials=${SUNDIALS_VERSION:-7.1.1}
@@ -17,7 +18,11 @@ fetch() { # NAME REPOSITORY TAG GIVEN: the folder of its source
     printf '%s' "$4"
     return
   fi
-  git -c advice.detachedHead=false clone --quiet --depth 1 --branch "$3" "$2" "$work/$1" >&2
+  if ! git -c advice.detachedHead=false clone --quiet --depth 1 --branch "$3" "$2" "$work/$1" >&2; then
+    printf '%s: could not be fetched from %s; give a folder with its source in %s_SOURCE\n' \
+      "$1 $3" "$2" "${1^^}" >&2
+    return 1
+  fi
   printf '%s' "$work/$1"
 }
 

@@ -99,11 +99,12 @@ def main() -> None:
             if name != "measured":
                 page.run("feltmbLive.keep(); 1")
                 page.run(TURN)
-            page.run(f"feltmbLive.tab = '{tab}'; feltmbLive.fillTab(); feltmbLive.ask(); 1")
+            page.run(f"feltmbLive.tab = '{tab}'; feltmbLive.fillTab(); feltmbLive.ask(true); 1")
             until(page, "feltmbLive.got.a.quality === 'full' && !feltmbLive.dirty")
             kinds = {"regulation": "targets", "touch": "touch", "measured": "measured"}
             if tab in kinds:
-                until(page, f"!!(feltmbLive.last && feltmbLive.last['{kinds[tab]}'])")
+                for kind in [kinds[tab], *(["touch b"] if tab == "touch" else [])]:
+                    until(page, f"!!(feltmbLive.last && feltmbLive.last['{kind}'])")
             page.run("feltmbLive.viewer.seek(88); feltmbLive.say(''); 1")
             if down < 0:
                 page.run("document.getElementById('more').scrollIntoView(); 1")

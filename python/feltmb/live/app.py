@@ -6,16 +6,20 @@ import asyncio
 import contextlib
 import hmac
 import json
+import math
 import os
 import tempfile
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+import tomlkit
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
@@ -31,9 +35,11 @@ from feltmb.live.knobs import Bench
 from feltmb.live.measured import Measured, Shelf
 from feltmb.live.pictures import default_shown, outputs_of
 from feltmb.live.states import Asked, Playing, Turned
-from feltmb.mechanism import load_action
+from feltmb.mechanism import files_of, load_action
 from feltmb.params import names
 from feltmb.run.simulate import simulate
+from feltmb.run.sound import difference, sampled, wav
+from feltmb.run.stroke import Stroke
 
 __all__ = ["MOST_BODY", "MOST_MESSAGE", "MOST_UPLOAD", "Studio", "make_app"]
 
@@ -68,26 +74,19 @@ class Studio:
             self.shelf.add(path.name, path.read_bytes())
         path = Path(mechanism)
         self._file = path if path.is_file() else None
-        self._seen = self._stamp()
-
-    def _stamp(self) -> tuple[int, int] | None:
-        if self._file is None:
-            return None
-        try:
-            found = self._file.stat()
-        except OSError:
-            return None
-        return found.st_mtime_ns, found.st_size
+        self._seen = stamps(files_of(self._file)) if self._file is not None else {}
 
     async def follow(self) -> None:
-        """Read the file of the mechanism anew whenever it changes on disk."""
+        """Read the file of the mechanism anew whenever it, or a file that it names, changes."""
         while self._file is not None:
             await asyncio.sleep(LOOK)
-            stamp = self._stamp()
-            if stamp is None or stamp == self._seen:
+            now = stamps(self._seen)
+            if now == self._seen or now[self._file] is None:
                 continue
-            self._seen = stamp
             loop = asyncio.get_running_loop()
+            # Files are noted before they are read: a change meanwhile is then seen next time.
+            named = await loop.run_in_executor(self.pool, files_of, self._file)
+            self._seen = stamps(named) | {path: now[path] for path in now if path in named}
             try:
                 action = await loop.run_in_executor(self.pool, load_action, str(self._file))
                 self.bench, self.faults = await loop.run_in_executor(self.pool, Bench, action), []
@@ -101,6 +100,19 @@ class Studio:
         """Free threads and files."""
         self.pool.shutdown(wait=False, cancel_futures=True)
         self._folder.cleanup()
+
+
+def stamps(paths: Iterable[Path]) -> dict[Path, tuple[int, int] | None]:
+    """Time and size of files, None for what is missing: another file has another one."""
+    out: dict[Path, tuple[int, int] | None] = {}
+    for path in paths:
+        try:
+            found = path.stat()
+        except OSError:
+            out[path] = None
+        else:
+            out[path] = found.st_mtime_ns, found.st_size
+    return out
 
 
 class Page:
@@ -132,6 +144,7 @@ class Page:
                 if (fault := task.exception()) is not None:
                     raise fault
         finally:
+            self.desk.close()
             self.measured.close()
             for task in tasks:
                 task.cancel()
@@ -188,6 +201,8 @@ class Page:
             self.measured.ask(given)
         elif what == "diagnose":
             self.measured.diagnose(given)
+        elif what == "plan":
+            self.measured.plan(given)
         elif what == "stop":
             self.measured.stop()
         else:
@@ -375,7 +390,15 @@ def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> ASGIApp:
 
     async def sound(request: Request) -> Response:
         given = await asked(request)
-        return answer(await in_thread(lambda: sound_of(studio.bench, given)), kind="audio/wav")
+        data, level = await in_thread(lambda: sound_of(studio.bench, given))
+        out = answer(data, kind="audio/wav")
+        if level is not None:
+            out.headers["X-Level"] = f"{level:.2f}"
+        return out
+
+    async def stroke(request: Request) -> Response:
+        given = await asked(request)
+        return answer(stroke_toml(given.playing.stroke()))
 
     async def toml(request: Request) -> Response:
         given = await asked(request)
@@ -415,6 +438,7 @@ def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> ASGIApp:
         Route(f"/{token}/assets/{{name}}", asset),
         Route(f"/{token}/sound", told(sound), methods=["POST"]),
         Route(f"/{token}/toml", told(toml), methods=["POST"]),
+        Route(f"/{token}/stroke", told(stroke), methods=["POST"]),
         Route(f"/{token}/records", told(upload), methods=["POST"]),
         Route(f"/{token}/records/{{file}}", told(remove), methods=["DELETE"]),
         WebSocketRoute(f"/{token}/socket", socket),
@@ -422,11 +446,44 @@ def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> ASGIApp:
     return Guard(Starlette(routes=routes, lifespan=lifespan), token, hosts)
 
 
-def sound_of(bench: Bench, asked: Asked) -> bytes:
-    """The WAV of ``feltmb wav`` of the run of ``feltmb stroke``."""
-    run = simulate(asked.turned.action(bench), asked.playing.stroke())
-    with tempfile.TemporaryDirectory(prefix="feltmb-live") as folder:
-        return run.write_wav(Path(folder) / "string.wav").read_bytes()
+def sound_of(bench: Bench, asked: Asked) -> tuple[bytes, float | None]:
+    """The WAV of ``feltmb wav`` of the run of ``feltmb stroke``; less that of ``minus``.
+
+    The second number is the level of a difference over that of the first sound [dB]; None of a
+    sound alone, or where nothing is different.
+    """
+    stroke = asked.playing.stroke()
+
+    def heard(turned: Turned) -> npt.NDArray[np.float64]:
+        run = simulate(turned.action(bench), stroke)
+        return sampled(run.time, run.bridge_force())
+
+    own = heard(asked.turned)
+    if asked.minus is None:
+        return wav(own), None
+    rest = difference(own, heard(asked.minus))
+    power, left = float(np.sum(own**2)), float(np.sum(rest**2))
+    return wav(rest), 10.0 * math.log10(left / power) if left > 0.0 and power > 0.0 else None
+
+
+def stroke_toml(stroke: Stroke) -> str:
+    """Stroke file as ``feltmb stroke`` reads it."""
+    knots = {
+        "unit": ["s", stroke.unit],
+        "time": list(stroke.time),
+        "value": list(stroke.value),
+        "interpolation": stroke.interpolation,
+    }
+    return tomlkit.dumps(
+        {
+            "schema": 1,
+            "name": _one_line(stroke.name),
+            "source": f"played in feltmb live {__version__}",
+            "kind": stroke.kind,
+            "duration": stroke.duration,
+            "knots": knots,
+        }
+    )
 
 
 def toml_of(bench: Bench, turned: Turned) -> str:

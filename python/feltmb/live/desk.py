@@ -75,6 +75,7 @@ class Desk:
         self._wake = asyncio.Event()
         self._last_picture = 0.0
         self._regulating: Turned | None = None
+        self._closed = False
         self._left: asyncio.Future[Any] | None = None
         self.counts = {"asked": 0, "begun": 0, "stopped": 0, "pictures": 0}
 
@@ -87,6 +88,12 @@ class Desk:
     def forget(self, slot: Slot) -> None:
         """Drop a slot."""
         self._wanted.pop(slot, None)
+
+    def close(self) -> None:
+        """The page is gone: what is under way for it stops."""
+        self._closed = True
+        self._wanted.clear()
+        self._wake.set()
 
     def again(self) -> None:
         """Compute all anew, because the mechanism changed."""
@@ -122,8 +129,11 @@ class Desk:
 
     async def _disturbed(self, seconds: float) -> bool:
         """Wait; whether something new came meanwhile."""
+        # Not wait_for: in Python 3.11 it loses a cancellation that comes with what it waits for,
+        # and the page would then never end.
         with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(self._wake.wait(), seconds)
+            async with asyncio.timeout(seconds):
+                await self._wake.wait()
         return self._wake.is_set()
 
     async def _run(self, work: Callable[[], Any], *, leave: bool = False) -> Any:
@@ -232,6 +242,8 @@ class Desk:
         loop = asyncio.get_running_loop()
 
         def say(text: str) -> None:
+            if self._closed:
+                raise Stopped
             loop.call_soon_threadsafe(self._tell, "progress", {"on": "progress", "text": text})
 
         def work() -> dict[str, Any]:

@@ -7,7 +7,7 @@ import itertools
 import math
 import re
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,10 +23,11 @@ from feltmb.data.files import read_each
 from feltmb.data.mapping import Signals
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.fit import Progress
-from feltmb.gap import check, diagnose
+from feltmb.gap import Belief, check, diagnose
 from feltmb.gap.report import Report, plain
 from feltmb.graphics.viewer.packing import pack_columns, pack_times
 from feltmb.live.knobs import Bench
+from feltmb.live.proposals import Abandoned, propose
 from feltmb.live.states import Turned
 from feltmb.style import reader_unit
 
@@ -108,6 +109,11 @@ class Shelf:
         if (found := self._files.pop(key, None)) is not None:
             found[1].unlink(missing_ok=True)
 
+    @property
+    def empty(self) -> bool:
+        """Whether it holds no file."""
+        return not self._files
+
     def listing(self) -> list[dict[str, Any]]:
         """Files with their columns."""
         out = []
@@ -149,6 +155,7 @@ class Measured:
         self._wake = asyncio.Event()
         self._stop = False
         self._running: asyncio.Task[None] | None = None
+        self._believed: tuple[Any, Belief] | None = None
 
     def ask(self, given: Mapping[str, Any]) -> None:
         """Hold files against the mechanism as it is turned; replaces the request before."""
@@ -156,14 +163,21 @@ class Measured:
         self._wake.set()
 
     def diagnose(self, given: Mapping[str, Any]) -> None:
-        """Begin a diagnosis; one at a time."""
+        """Begin a diagnosis; it or a plan, one at a time."""
+        self._begin(self._diagnose, _read(given))
+
+    def plan(self, given: Mapping[str, Any]) -> None:
+        """Begin a plan: which stroke to measure next."""
+        self._begin(self._plan, _read(given))
+
+    def _begin(self, work: Callable[[_Asked], Coroutine[Any, Any, None]], asked: _Asked) -> None:
         if self._running is not None and not self._running.done():
-            raise InvalidParameter("a diagnosis is under way; stop it first")
+            raise InvalidParameter("a diagnosis or a plan is under way; stop it first")
         self._stop = False
-        self._running = asyncio.create_task(self._diagnose(_read(given)))
+        self._running = asyncio.create_task(work(asked))
 
     def stop(self) -> None:
-        """End the diagnosis with what is known so far."""
+        """End the diagnosis with what is known so far; give up the plan."""
         self._stop = True
 
     def close(self) -> None:
@@ -258,6 +272,8 @@ class Measured:
                 budget=asked.budget,
                 stop=lambda: self._stop,
             )
+            belief = Belief.of_report({"which": plain(report.which)})
+            self._believed = (_state(asked, bench), belief)
             return told(report, bench)
 
         try:
@@ -267,6 +283,33 @@ class Measured:
             found = {"fault": self._named(str(error))}
         self._tell("diagnosis", {"on": "diagnosis", **found})
 
+    async def _plan(self, asked: _Asked) -> None:
+        loop = asyncio.get_running_loop()
+        bench = self._bench()
+
+        def progress(stage: str, done: int, total: int) -> None:
+            if self._stop:
+                raise Abandoned("given up")
+            message = {"on": "planning", "stage": stage, "done": done, "total": total}
+            loop.call_soon_threadsafe(self._tell, "planning", message)
+
+        def work() -> dict[str, Any]:
+            model, effects = mechanism_model(asked.turned.action(bench))
+            records = self._records(asked, model) if asked.files or not self._shelf.empty else ()
+            belief, source = None, "before any measurement" if not records else "the records"
+            if self._believed is not None and self._believed[0] == _state(asked, bench):
+                belief, source = self._believed[1], "the diagnosis"
+            found = propose(model, effects, records, belief=belief, progress=progress)
+            return {**found, "source": source}
+
+        try:
+            found = await asyncio.to_thread(work)
+        except Abandoned:
+            found = {"rows": [], "stopped": True}
+        except FeltmbError as error:
+            found = {"fault": self._named(str(error))}
+        self._tell("plan", {"on": "plan", **found})
+
 
 def _read(given: Mapping[str, Any]) -> _Asked:
     try:
@@ -274,6 +317,11 @@ def _read(given: Mapping[str, Any]) -> _Asked:
     except ValidationError as error:
         lines = [f"{'.'.join(map(str, e['loc']))[:80]}: {e['msg'][:200]}" for e in error.errors()]
         raise InvalidParameter("\n".join(lines[:8])) from None
+
+
+def _state(asked: _Asked, bench: Bench) -> Any:
+    """What a diagnosis holds for: records as they were read, and what was turned."""
+    return (asked.files, asked.reading, asked.turned, bench.action.hash)
 
 
 def told(report: Report, bench: Bench) -> dict[str, Any]:

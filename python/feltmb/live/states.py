@@ -59,8 +59,10 @@ class Turned(_Table):
 class Playing(_Table):
     """What is played."""
 
-    kind: Literal["packaged", "press", "strike", "drawn", "slow", "repeat", "free"] = "packaged"
-    name: str = "forte"
+    kind: Literal["packaged", "press", "strike", "drawn", "planned", "slow", "repeat", "free"] = (
+        "packaged"
+    )
+    name: Annotated[str, Field(max_length=200)] = "forte"
     force: Annotated[float, Field(gt=0, le=200, allow_inf_nan=False)] = 5.0
     """Of ``press`` and ``repeat`` [N]."""
     speed: Annotated[float, Field(ge=0.005, le=5, allow_inf_nan=False)] = 0.2
@@ -71,7 +73,7 @@ class Playing(_Table):
     """Strikes a second of ``repeat``."""
     count: Annotated[int, Field(ge=1, le=12)] = 3
     duration: Annotated[float, Field(ge=0.01, le=LONGEST)] = 0.5
-    """Of ``free``, where nothing presses [s]."""
+    """Of ``free``, where nothing presses, and of ``planned`` [s]."""
     drawn: Literal["force", "motion"] = "force"
     time: Annotated[list[Finite], Field(max_length=MOST_KNOTS)] = []
     value: Annotated[list[Finite], Field(max_length=MOST_KNOTS)] = []
@@ -81,8 +83,9 @@ class Playing(_Table):
         if self.kind == "packaged" and self.name not in names("strokes"):
             known = ", ".join(names("strokes"))
             raise ValueError(f"stroke {shortened(repr(self.name))} is unknown; known are {known}")
-        if self.kind == "drawn" and (len(self.time) != len(self.value) or len(self.time) < 2):
-            raise ValueError("a drawn stroke needs 2 or more knots, a value for each time")
+        knots = self.kind in ("drawn", "planned")
+        if knots and (len(self.time) != len(self.value) or len(self.time) < 2):
+            raise ValueError(f"a {self.kind} stroke needs 2 or more knots, a value for each time")
         return self
 
     def stroke(self) -> Stroke:
@@ -110,6 +113,8 @@ class Playing(_Table):
             )
         if self.kind == "press":
             return ramp_stroke(self.force, START, 0.02, duration=0.3, name=f"{self.force:g} N")
+        if self.kind == "planned":  # as the files of feltmb gap plan
+            return table_stroke(self.time, self.value, duration=self.duration, name=self.name)
         if self.kind == "drawn":
             end = max(self.time) + 0.15
             if self.drawn == "force":
@@ -142,6 +147,8 @@ class Asked(_Table):
 
     id: Annotated[int, Field(ge=0, le=2**53)]
     turned: Turned = Turned()
+    minus: Turned | None = None
+    """Whose sound is taken from that of ``turned``."""
     playing: Playing = Playing()
     shown: Annotated[list[str], Field(max_length=MOST_SHOWN)] = []
     """Outputs whose curves are wanted."""

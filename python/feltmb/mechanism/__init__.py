@@ -9,7 +9,7 @@ or a file, :class:`Action` holds it, ``Action.with_values`` changes numbers by t
 
 from feltmb.mechanism.action import Action, load_action
 from feltmb.mechanism.checking import missing_law_faults, spread_laws
-from feltmb.mechanism.reading import load_raw, packaged_actions, without_paths
+from feltmb.mechanism.reading import files_of, load_raw, packaged_actions, without_paths
 from feltmb.mechanism.schema import (
     LAWS,
     Body,
@@ -47,6 +47,7 @@ __all__ = [
     "core_law",
     "describe",
     "expand_path",
+    "files_of",
     "load_action",
     "load_raw",
     "missing_law_faults",

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from feltmb import params
-from feltmb.errors import InvalidParameter
+from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.fiber.material import load_material
 from feltmb.files import MOST_EXTENDS, beside, is_file, named_file, read_toml, why_missing
 from feltmb.mechanism.values import apply_values
@@ -15,7 +16,7 @@ from feltmb.units.quantity import (
     shortened,
 )
 
-__all__ = ["load_raw", "packaged_actions", "resolve"]
+__all__ = ["files_of", "load_raw", "packaged_actions", "resolve"]
 
 
 def packaged_actions() -> list[str]:
@@ -40,11 +41,30 @@ def resolve(name_or_path: str | Path) -> Path:
     )
 
 
+def files_of(path: Path) -> tuple[Path, ...]:
+    """Files that a mechanism file is made of: itself, those that it extends, their felts.
+
+    As far as its faults let them be known; a file that is named and missing is among them.
+    """
+    opened: list[Path] = []
+    with contextlib.suppress(FeltmbError):
+        load_raw(path, resolve, opened=opened)
+    return tuple(dict.fromkeys(opened))
+
+
 def load_raw(
-    path: Path, resolve: Callable[[str], Path], seen: tuple[Path, ...] = ()
+    path: Path,
+    resolve: Callable[[str], Path],
+    seen: tuple[Path, ...] = (),
+    opened: list[Path] | None = None,
 ) -> dict[str, Any]:
-    """Tables of a file, on top of those that it extends; ``resolve`` finds a base by its name."""
-    raw = _felts_in_place(read_toml(path), path.parent, str(path))
+    """Tables of a file, on top of those that it extends; ``resolve`` finds a base by its name.
+
+    ``opened`` gets the files, each before it is read.
+    """
+    if opened is not None:
+        opened.append(path)
+    raw = _felts_in_place(read_toml(path), path.parent, str(path), opened)
     if "extends" not in raw:
         return raw
     unknown = sorted(set(raw) - {"schema", "name", "about", "source", "extends", "values"})
@@ -66,7 +86,7 @@ def load_raw(
     base_path = named if isinstance(named, Path) else resolve(named)
     if base_path.resolve() in [p.resolve() for p in (*seen, path)]:
         raise InvalidParameter(f"{path}: extends {base!r}, which leads back to itself")
-    merged = load_raw(base_path, resolve, (*seen, path))
+    merged = load_raw(base_path, resolve, (*seen, path), opened)
     for key in ("name", "about", "source"):
         if key in raw:
             merged[key] = raw[key]
@@ -87,7 +107,9 @@ def without_paths(raw: dict[str, Any], origin: str) -> dict[str, Any]:
     return _felts_in_place(raw, None, origin)
 
 
-def _felts_in_place(raw: dict[str, Any], folder: Path | None, origin: str) -> dict[str, Any]:
+def _felts_in_place(
+    raw: dict[str, Any], folder: Path | None, origin: str, opened: list[Path] | None = None
+) -> dict[str, Any]:
     """Felts that a file names by a path beside it become tables: the mechanism is then whole."""
 
     def whole(node: Any) -> Any:
@@ -98,7 +120,10 @@ def _felts_in_place(raw: dict[str, Any], folder: Path | None, origin: str) -> di
         if isinstance(felt, str) and felt.endswith(".toml"):
             if folder is None:
                 raise InvalidParameter(f"{origin}: felt {felt[:200]!r}: a saved run names no file")
-            out["felt"] = load_material(beside(folder, felt, f"{origin}: felt")).model_dump(
+            path = beside(folder, felt, f"{origin}: felt")
+            if opened is not None:
+                opened.append(path)
+            out["felt"] = load_material(path).model_dump(
                 mode="json", by_alias=True, exclude_none=True
             )
         return out

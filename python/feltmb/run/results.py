@@ -255,6 +255,12 @@ class Run:
         out: Array = self.eta @ self.string_shapes(position).T
         return out[:, 0] if np.ndim(position) == 0 else out
 
+    def bridge_force(self) -> Array:
+        """Force of the string on the bridge end [N], at the times of the run (n_times,)."""
+        import numpy as np
+
+        return np.asarray(self._string().bridge_force(np.ascontiguousarray(self.eta)))
+
     @checked
     def string_shapes(self, position: npt.ArrayLike) -> Array:
         """Mode shapes of the string [kg^-1/2] at distances [m] from its end y = 0.
@@ -319,38 +325,17 @@ class Run:
         The samples of the run are interpolated linearly: partials above half its output rate are
         lost; simulate with ``output_rate`` of at least ``rate`` for the full band.
         """
-        import wave
-
-        import numpy as np
+        from feltmb.run.sound import sampled, wav
 
         check_suffix(Path(path), ".wav")
-
         if position is None:
-            signal = self._string().bridge_force(np.ascontiguousarray(self.eta))
+            signal = self.bridge_force()
         else:
             signal = self.string_displacement(float(position))
-        if not (0 < rate < 2**31 and 0 < slowness < float("inf")):
-            raise InvalidParameter(
-                f"wav: slowness {slowness:g} and rate {rate} must be finite numbers > 0"
-            )
-        length = float(self.time[-1] - self.time[0]) * slowness * rate
-        if length > 1e9:
-            raise InvalidParameter(
-                f"wav: slowness {slowness:g} at rate {rate} gives {length:.3g} samples, "
-                "must be at most 1e9"
-            )
-        count = max(2, int(length))
-        grid = np.linspace(self.time[0], self.time[-1], count)
-        sound = np.interp(grid, self.time, signal)
-        top = float(np.max(np.abs(sound)))
-        scaled = np.round(sound / top * 32000).astype("<i2") if top > 0 else np.zeros(count, "<i2")
+        data = wav(sampled(self.time, signal, rate, slowness), rate)
 
         def write(target: Path) -> None:
-            with wave.open(str(target), "wb") as out:
-                out.setnchannels(1)
-                out.setsampwidth(2)
-                out.setframerate(rate)
-                out.writeframes(scaled.tobytes())
+            target.write_bytes(data)
 
         return write_file(Path(path), write, force=force)
 

@@ -232,6 +232,51 @@ def test_a_dropped_csv_is_held_against_it(opened, live):
         live.studio.shelf.remove(entry["file"])
 
 
+def test_a_proposed_stroke_is_played_by_a_click(opened):
+    playing = {
+        "kind": "planned", "name": "pulse: 9 N", "drawn": "force", "duration": 0.2,
+        "time": [0.0, 0.02, 0.05, 0.09, 0.12, 0.2], "value": [0.0, 0.0, 9.0, 9.0, 0.0, 0.0],
+    }  # fmt: skip
+    rows = [
+        {"name": f"{k}: <b>9 N</b>", "reasons": ["separates a from b"], "before": 0.01,
+         "after": 0.5, "playing": {**playing, "name": f"pulse {k}"}}
+        for k in range(2)
+    ]  # fmt: skip
+    plan = {"on": "plan", "rows": rows, "source": "the records", "notes": ["a note"]}
+    opened.run("feltmbLive.tab = 'measured'; feltmbLive.fillTab(); 1")
+    opened.run(f"feltmbLive.hear({json.dumps(plan)}); 1")
+    text = opened.run("document.querySelector('.proposals').textContent")
+    assert "separates a from b" in text
+    assert "<b>9 N</b>" in text
+    opened.run("document.querySelectorAll('.proposals button')[1].click(); 1")
+    until(opened, "feltmbLive.played && feltmbLive.played.includes('pulse 1')")
+    until(opened, READY)
+    assert opened.run("document.querySelector('.play select').value") == "planned"
+    forces = opened.run("[...feltmbLive.viewer.runs[0].curves.get('finger.force').values]")
+    assert max(forces) == pytest.approx(9.0, rel=1e-3)
+    opened.run("feltmbLive.undo(); 1")
+    assert opened.run("feltmbLive.state.now.playing.kind") == "packaged"
+    assert opened.complaints() == []
+
+
+def test_the_difference_can_be_heard_where_there_is_a_b(opened):
+    pressed = "[...document.querySelectorAll('#top button')].find(b => b.textContent === {!r})"
+    heard = pressed.format("Hear A − B")
+    assert opened.run(heard + ".disabled")
+    opened.run(pressed.format("Keep as B") + ".click()")
+    opened.run("feltmbLive.change('t', n => { n.knobs['felt.06'] = 0.3; }); 1")
+    settled(opened)
+    until(opened, READY)
+    # A browser plays sound only where a hand asked for it.
+    x, y, w, h = opened.run(
+        f"(() => {{ const b = {heard}.getBoundingClientRect();"
+        "return [b.x, b.y, b.width, b.height]; })()"
+    )
+    for kind in ("mousePressed", "mouseReleased"):
+        opened.mouse(kind, x + 0.5 * w, y + 0.5 * h)
+    until(opened, "!!feltmbLive.sound && / dB (below|above) A/.test(feltmbLive.status.textContent)")
+
+
 def test_names_in_files_are_text(browser, serve, tmp_path):
     evil = "<img src=x onerror=\"document.title='owned'\"></script><script>alert(1)//"
     raw = feltmb.load_action("steinway45").raw

@@ -260,3 +260,15 @@ def test_values_from_tables_have_a_source(action):
             "mass", "inertia", "center_of_mass", "point", "stiffness", "radius", "length",
         ):  # fmt: skip
             assert source, path
+
+
+def test_files_of_a_mechanism_are_all_that_it_names(tmp_path):
+    from feltmb.mechanism import files_of
+
+    top, base, felt = (tmp_path / n for n in ("top.toml", "base.toml", "felt.toml"))
+    top.write_text('schema = 1\nname = "top"\nextends = "base.toml"\n', encoding="utf-8")
+    assert files_of(top) == (top, base)  # missing yet
+    base.write_text('[contacts.01]\nlaw = { felt = "felt.toml" }\n', encoding="utf-8")
+    assert files_of(top) == (top, base, felt)
+    base.write_text('schema = 1\nextends = "steinway45"\n', encoding="utf-8")
+    assert [p.name for p in files_of(top)] == ["top.toml", "base.toml", "steinway45.toml"]

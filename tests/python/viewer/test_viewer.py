@@ -4,6 +4,7 @@ import base64
 import dataclasses
 import hashlib
 import html.parser
+import itertools
 import json
 import re
 
@@ -20,7 +21,7 @@ from feltmb.graphics.plot.poses import body_poses, to_ground
 from feltmb.graphics.plot.readings import run_action
 from feltmb.graphics.viewer import Curves, assets, fragment, page, read_curves, view
 from feltmb.graphics.viewer.packing import MISSING, pack_columns, pack_times
-from feltmb.graphics.viewer.thinning import extremes, knots
+from feltmb.graphics.viewer.thinning import extremes, knots, thin_outline
 
 EVIL = "</script><script>alert('1')</script>&<b>\u2028"
 
@@ -421,3 +422,23 @@ def test_the_command_writes_the_page_and_keeps_what_is_there(root, tmp_path):
         view(feltmb.load_run(files[0]), path)
     assert call(*files) == 2
     assert path.read_text() == "mine"
+
+
+def test_what_a_thinned_outline_leaves_out_lies_near_what_remains():
+    rng = np.random.default_rng(2)
+    angle = np.linspace(0.0, 2.0 * np.pi, 200)
+    outlines = [np.cumsum(rng.normal(size=(n, 2)), axis=0) for n in (1, 2, 3, 40, 150)]
+    outlines += [np.column_stack([np.cos(angle), np.sin(angle)])]
+    for outline in outlines:
+        for tolerance in (1e-3, 0.3, 3.0):
+            kept = thin_outline(outline, tolerance)
+            index = [int(np.flatnonzero((outline == p).all(axis=1))[0]) for p in kept]
+            index[-1] = len(outline) - 1
+            assert index[0] == 0
+            for a, b in itertools.pairwise(index):
+                d = outline[b] - outline[a]
+                off = outline[a : b + 1] - outline[a]
+                share = np.clip(off @ d / max(float(d @ d), 1e-30), 0.0, 1.0)
+                assert np.hypot(*(off - share[:, None] * d).T).max() <= tolerance
+    assert len(thin_outline(outlines[-1], 1e-3)) < 80
+    assert len(thin_outline(np.column_stack([angle, 2.0 * angle]), 1e-9)) == 2

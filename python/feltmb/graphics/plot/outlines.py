@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -37,6 +38,18 @@ def wrap_angle(angle: float, about: float) -> float:
 
 def capsule(a: Array, ra: float, b: Array, rb: float) -> Array:
     """Outline of the convex hull of two discs."""
+    return _capsule(float(a[0]), float(a[1]), float(ra), float(b[0]), float(b[1]), float(rb))
+
+
+@lru_cache(maxsize=1024)
+def _capsule(ax: float, ay: float, ra: float, bx: float, by: float, rb: float) -> Array:
+    """Most of a mechanism are those of the one before; nobody may change them."""
+    out = _hull(np.array([ax, ay]), ra, np.array([bx, by]), rb)
+    out.flags.writeable = False
+    return out
+
+
+def _hull(a: Array, ra: float, b: Array, rb: float) -> Array:
     d = b - a
     length = float(np.hypot(*d))
     if length <= abs(ra - rb) + 1e-12:

@@ -102,7 +102,13 @@ def _unit(action: Action, poses: Mapping[str, Pose]) -> float:
     size = float(np.max(np.ptp(cloud, axis=0)))
     # Bodies without a size of their own are not smaller than their mass is as wood.
     size = max(size, 4.0 * max((_side(b.mass) for b in action.config.bodies.values()), default=0.0))
-    return size / 500.0 if size > 0 else 1e-3
+    # To three digits: what hardly changes is drawn the same, and is not drawn anew.
+    return float(f"{size / 500.0:.3g}") if size > 0 else 1e-3
+
+
+def _whole(low: float, high: float, step: float) -> tuple[float, float]:
+    """Range of whole steps around a range; so pieces end where they did before small changes."""
+    return math.floor(low / step) * step, math.ceil(high / step) * step
 
 
 #: Density of wood [kg/m^3]: how large a mass is drawn of which no size is known.
@@ -232,7 +238,8 @@ def _surface_piece(name: str, s: Surface, touched: list[Array], center: Array, u
         if len(touched) and min(abs(x) for x in places[1:]) > 60.0 * u:
             places = places[1:]
         pad = 6.5 * u
-        a, b = p + along * (min(places) - pad), p + along * (max(places) + pad)
+        near, far = _whole(min(places), max(places), u)
+        a, b = p + along * (near - pad), p + along * (far + pad)
         line = np.array([a, b])
         block = np.array([a, b, b - normal * depth, a - normal * depth])
         node = 0.5 * (a + b) - 0.5 * depth * normal
@@ -266,7 +273,8 @@ def _surface_piece(name: str, s: Surface, touched: list[Array], center: Array, u
     about = angles[0] if angles else math.atan2(center[1] - p[1], center[0] - p[0])
     angles = [wrap_angle(a, about) for a in angles] or [about]
     pad = 9.0 * u / radius
-    low, high = min(angles) - pad, max(angles) + pad
+    low, high = _whole(min(angles), max(angles), u / radius)
+    low, high = low - pad, high + pad
     if high - low >= 2.0 * math.pi:
         low, high = 0.0, 2.0 * math.pi
     arc = arc_points(p, radius, low, high)
@@ -329,8 +337,10 @@ def _hybrid_piece(name: str, s: Surface, touched: list[Array], u: float) -> _Pie
     after = np.array([-math.sin(high), math.cos(high)])
     first = p + radius * np.array([math.cos(low), math.sin(low)])
     last = p + radius * np.array([math.cos(high), math.sin(high)])
-    reach_before = max([6.0 * u] + [float(before @ (t - first)) + 2.0 * u for t in touched])
-    reach_after = max([8.0 * u] + [float(after @ (t - last)) + 2.0 * u for t in touched])
+    most_before = max([4.0 * u] + [float(before @ (t - first)) for t in touched])
+    most_after = max([6.0 * u] + [float(after @ (t - last)) for t in touched])
+    reach_before = _whole(0.0, most_before, u)[1] + 2.0 * u
+    reach_after = _whole(0.0, most_after, u)[1] + 2.0 * u
     curve = np.vstack(
         [
             first + before * reach_before,
@@ -472,10 +482,14 @@ def _bar(cloud: Array, pieces: Mapping[str, _Piece], u: float) -> Array | None:
 def view_box(action: Action, drawn: Scene, qs: Sequence[npt.ArrayLike]) -> tuple[Array, Array]:
     """Corners [m] of what the bodies cover in the poses, with a margin."""
     low, high = np.full(2, math.inf), np.full(2, -math.inf)
+    outlines: dict[str, list[Array]] = {}
+    for shape in drawn.shapes:
+        outlines.setdefault(shape.body, []).append(shape.points)
+    bodies = {body: np.vstack(parts) for body, parts in outlines.items()}
     for q in qs:
         poses = body_poses(action, q)
-        for shape in drawn.shapes:
-            points = to_ground(poses[shape.body], shape.points)
+        for body, outline in bodies.items():
+            points = to_ground(poses[body], outline)
             low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
     line = string_line(action)
     if line is not None:

@@ -85,20 +85,24 @@ def thin_outline(points: Array, tolerance: float) -> Array:
 def _corners(raw: bytes, tolerance: float) -> npt.NDArray[np.bool_]:
     """Which points remain; most outlines of a mechanism are those of the one before."""
     points = np.frombuffer(raw).reshape(-1, 2)
-    keep = np.zeros(len(points), dtype=bool)
-    keep[[0, -1]] = True
-    parts = [(0, len(points) - 1)]
-    while parts:
-        first, last = parts.pop()
-        if last - first < 2:
-            continue
-        d = points[last] - points[first]
-        off = points[first + 1 : last] - points[first]
-        share = np.clip(off @ d / max(float(d @ d), 1e-30), 0.0, 1.0)
-        away = np.hypot(*(off - share[:, None] * d).T)
-        worst = int(np.argmax(away))
-        if away[worst] > tolerance:
-            middle = first + 1 + worst
-            keep[middle] = True
-            parts += [(first, middle), (middle, last)]
+    n = len(points)
+    kept = np.unique([0, n - 1])
+    while len(kept) < n:
+        # All stretches at once, as in knots; here distances in the plane count.
+        stretch = np.repeat(np.arange(len(kept) - 1), np.diff(kept))
+        ends = points[kept]
+        d = np.diff(ends, axis=0)
+        off, along = points[:-1] - ends[stretch], d[stretch]
+        square = np.maximum(np.einsum("ij,ij->i", d, d), 1e-30)
+        share = np.clip(np.einsum("ij,ij->i", off, along) / square[stretch], 0.0, 1.0)
+        rest = off - share[:, None] * along
+        away = np.hypot(rest[:, 0], rest[:, 1])
+        worst = np.maximum.reduceat(away, kept[:-1])
+        there = np.flatnonzero((away > tolerance) & (away == worst[stretch]))
+        if len(there) == 0:
+            break
+        _, first = np.unique(stretch[there], return_index=True)
+        kept = np.sort(np.append(kept, there[first]))
+    keep = np.zeros(n, dtype=bool)
+    keep[kept] = True
     return keep

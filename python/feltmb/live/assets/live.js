@@ -138,7 +138,7 @@ class Live {
   hear(m) {
     const take = {hello: this.greeted, run: this.pictured, fault: this.refused, targets: this.lights,
       touch: this.touched, speeds: this.speeded, regulated: this.regulated, progress: this.progressed,
-      measured: this.held, diagnosing: this.diagnosing, diagnosis: this.diagnosed,
+      measured: this.held, diagnosing: this.diagnosing, diagnosis: this.diagnosed, planning: this.planning, plan: this.planned,
       refused: m => this.say(m.text, true)}[m.on];
     if (take) take.call(this, m);
   }
@@ -205,6 +205,11 @@ class Live {
   }
 
   pictured(m) {
+    // The server computes the next picture while this one is drawn.
+    if (m.slot === "a" && m.run.quality === "quick" && this.flying && m.id >= this.flying.id) {
+      this.flying = null;
+      this.pump();
+    }
     const first = !this.viewer, kind = JSON.stringify(this.state.now.playing);
     this.got[m.slot] = {...m.run, set: m.set, name: m.slot === "a" ? "A, turned" : "B, kept"};
     if (m.slot === "b" && !this.state.now.b) this.got.b = null;
@@ -214,7 +219,6 @@ class Live {
     const since = m.slot === "a" && m.run.quality === "quick" ? this.sent.get(m.id) : undefined;
     if (since !== undefined) {
       for (const id of this.sent.keys()) if (id <= m.id) this.sent.delete(id);
-      if (this.flying && m.id >= this.flying.id) this.flying = null;
       requestAnimationFrame(() => {
         this.times.push(performance.now() - since);
         if (this.times.length > 500) this.times.shift();
@@ -255,6 +259,7 @@ class Live {
       element("span", {class: "group"}, this.keepButton, this.swapButton, this.dropButton),
       element("span", {class: "group"}, button("Hear", () => this.hearIt("a")),
         this.hearB = button("Hear B", () => this.hearIt("b")),
+        this.hearRest = button("Hear A − B", () => this.hearIt("a", true), {title: "what B changed, at full scale"}),
         button("Save TOML", () => this.save())),
       this.status);
     this.playBar = element("div", {class: "play"});
@@ -311,7 +316,8 @@ class Live {
     const s = this.state;
     this.undoButton.disabled = !s.back.length;
     this.redoButton.disabled = !s.ahead.length;
-    this.swapButton.disabled = this.dropButton.disabled = this.hearB.disabled = !s.now.b;
+    this.swapButton.disabled = this.dropButton.disabled = this.hearB.disabled =
+      this.hearRest.disabled = !s.now.b;
   }
 
   change(what, edit, b = false) {
@@ -477,6 +483,7 @@ class Live {
     const kinds = !this.hello.strokes.length ? [["free", "by itself"]] : [...this.hello.strokes.map(s => ["packaged " + s, s.replace(/_/g, " ")]),
       ["press", "pressed, a force"], ["strike", "struck, a speed"], ["slow", "slow press and release"],
       ["repeat", "repetition"], ["drawn", "drawn by hand"]];
+    if (p.kind === "planned") kinds.push(["planned", p.name]);
     const set = (what, edit) => this.change("play " + what, n => edit(n.playing), true);
     const kind = choice("what is played", kinds, () => {
       const [k, name] = kind.value.split(" ");
@@ -578,26 +585,30 @@ class Live {
     this.say(`MIDI: ${this.midi.inputs.size} inputs`);
   }
 
-  async post(path, slot = "a") {
+  async post(path, slot = "a", more = {}) {
     const turned = slot === "b" ? this.state.now.b : this.turned();
     const answer = await fetch(path, {method: "POST",
-      body: JSON.stringify({id: 0, turned, playing: this.state.now.playing})});
+      body: JSON.stringify({id: 0, turned, playing: this.state.now.playing, ...more})});
     if (!answer.ok) { this.say(await answer.text(), true); return null; }
-    return answer.blob();
+    return answer;
   }
 
-  async hearIt(slot) {
-    const wav = await this.post("sound", slot);
-    if (!wav) return;
+  // Each sound is played at full scale; how loud a difference is, is said.
+  async hearIt(slot, rest = false) {
+    const answer = await this.post("sound", slot, rest ? {minus: this.state.now.b} : {});
+    if (!answer) return;
+    const level = Number(answer.headers.get("X-Level") ?? NaN), wav = await answer.blob();
+    if (rest) this.say(Number.isFinite(level) ? `A − B is ${round(Math.abs(level), 3)} dB ` +
+      `${level < 0 ? "below" : "above"} A` : "A and B sound the same");
     if (this.sound) URL.revokeObjectURL(this.sound.src);
     this.sound = new Audio(URL.createObjectURL(wav));
     this.sound.play().catch(e => this.say(String(e), true));
   }
 
-  async save() {
-    const toml = await this.post("toml");
-    if (!toml) return;
-    const link = element("a", {href: URL.createObjectURL(toml), download: `${this.hello.name}_turned.toml`});
+  async save(path = "toml", name = `${this.hello.name}_turned.toml`) {
+    const answer = await this.post(path);
+    if (!answer) return;
+    const link = element("a", {href: URL.createObjectURL(await answer.blob()), download: name});
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 1000);
   }
@@ -689,10 +700,11 @@ class Live {
   commandTab() {
     const set = Object.entries(this.got.a.set), p = this.state.now.playing;
     const quoted = t => /^[\w./-]+$/.test(t) ? t : `'${t.replace(/'/g, "'\\''")}'`;
-    const text = `feltmb stroke ${quoted(this.hello.mechanism)} ${p.kind === "packaged" ? p.name : "STROKE"}` +
+    const text = `feltmb stroke ${quoted(this.hello.mechanism)} ${p.kind === "packaged" ? p.name : "stroke.toml"}` +
       set.map(([path, value]) => ` \\\n  --set ${path}=${value}`).join("");
     this.tabBox.replaceChildren(element("p", {class: "hint"}, "The same on the command line" +
-      (p.kind === "packaged" ? ":" : "; STROKE is your own file:")), element("pre", {class: "command"}, text));
+      (p.kind === "packaged" ? ":" : ", with the file of Save stroke:")), element("pre", {class: "command"}, text),
+      ...p.kind === "packaged" ? [] : [button("Save stroke", () => this.save("stroke", "stroke.toml"))]);
   }
 
   // -------------------------------------------------------------- regulation
@@ -771,10 +783,10 @@ class Live {
   }
 
   legend(series) {
-    return element("p", {class: "hint"}, ...series.map(s => {
-      const swatch = element("i", {class: "light"});
-      swatch.style.background = s.color;
-      return element("span", {}, swatch, s.name + "  ");
+    return element("p", {class: "hint legend"}, ...series.map(s => {
+      const swatch = element("i", {class: "stroke"});
+      swatch.style.borderTop = `2.5px ${(s.dash || []).length ? "dashed" : "solid"} ${s.color}`;
+      return element("span", {}, swatch, s.name);
     }));
   }
 
@@ -868,8 +880,14 @@ class Live {
     this.fileBox = element("div");
     this.overlayBox = element("div");
     this.diagnosisBox = element("div");
-    this.tabBox.replaceChildren(drop, this.fileBox, this.overlayBox, this.diagnosisBox);
+    this.planBox = element("div");
+    this.planStatus = element("span", {class: "hint", role: "status"});
+    this.tabBox.replaceChildren(drop, this.fileBox, this.overlayBox, this.diagnosisBox,
+      element("h3", {}, "What to measure next"),
+      element("p", {}, button("Propose strokes", () => this.plan()), " ", button("Stop", () => this.line.send({do: "stop"})),
+        " ", this.planStatus), this.planBox);
     this.fillFiles();
+    if (this.last?.plan) this.planned(this.last.plan);
     if (this.last?.measured) this.held(this.last.measured);
     if (this.last?.diagnosis) this.diagnosed(this.last.diagnosis);
   }
@@ -941,7 +959,8 @@ class Live {
     for (const r of m.rows) table.insertRow().append(element("td", {}, r.record), element("td", {}, r.channel),
       element("td", {class: "n"}, `${round(r.rms, 4)} ${r.unit}`), element("td", {class: "hint"}, r.noise ? `${round(r.noise, 3)} times the noise` : ""));
     const boxes = m.records.map(record => {
-      const time = times(record.time), box = element("div", {}, element("b", {}, record.name));
+      const time = times(record.time), box = element("div", {}, element("b", {}, record.name), this.legend(
+        [{name: "measured", color: PAINT.ink}, {name: "model, turned", color: COLOR.a}]));
       for (const channel of record.channels) {
         const [measured, model] = columns(channel.values), where = element("div");
         const series = [{name: "measured", color: PAINT.ink, data: [time, measured]}, {name: "model, turned", color: COLOR.a, data: [time, model]}];
@@ -958,6 +977,36 @@ class Live {
   diagnose() {
     this.line.send({do: "diagnose", id: this.id, turned: this.turned(), reading: this.reading || {},
       files: this.hello.files.map(f => f.file), budget: 60 * Number(this.budget.value || 5)});
+  }
+
+  // Strokes that would tell most of what is not known yet; a click plays one.
+  plan() {
+    this.line.send({do: "plan", id: this.id, turned: this.turned(), reading: this.reading || {},
+      files: (this.hello.files || []).map(f => f.file)});
+  }
+
+  planning(m) {
+    if (this.planStatus) this.planStatus.textContent = `${m.stage}, ${m.done} of ${m.total} done`;
+  }
+
+  planned(m) {
+    this.remember("plan", m);
+    if (!this.planBox) return;
+    this.planStatus.textContent = m.stopped ? "stopped" : "";
+    if (m.stopped) return;
+    if (m.fault) { this.planBox.replaceChildren(element("p", {class: "hint"}, m.fault)); return; }
+    const share = x => `${round(100 * x, 3)} %`;
+    const rows = m.rows.map(r => element("li", {}, element("b", {}, r.name), " ",
+      button("Play", () => {
+        this.change("play planned", n => { n.playing = {...copyOf(FIRST), ...r.playing}; }, true);
+        this.fillPlay();
+        if (this.viewer) this.viewer.root.scrollIntoView({block: "nearest"});
+      }, {"aria-label": `play ${r.name}`}),
+      element("ul", {}, ...[`belief in the right name ${share(r.before)} → ${share(r.after)}`, ...r.reasons]
+        .map(text => element("li", {}, text)))));
+    this.planBox.replaceChildren(element("p", {class: "hint"}, rows.length ? `Planned from: ${m.source}.` :
+      "No stroke tells anything more."), element("ol", {class: "proposals"}, ...rows),
+      ...m.notes.map(n => element("p", {class: "hint"}, n)));
   }
 
   diagnosing(m) {

@@ -265,6 +265,7 @@ class Viewer {
   fillLegend(panel) {
     panel.legend.replaceChildren();
     panel.readings = [];
+    panel.box.classList.toggle("fv-many", panel.outputs.length > 1);
     panel.outputs.forEach((name, o) => {
       const item = element("span", {class: "fv-item"});
       if (panel.outputs.length > 1) {

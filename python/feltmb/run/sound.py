@@ -1,0 +1,63 @@
+"""The string as sound: what is heard of a run, and WAV files of it."""
+
+from __future__ import annotations
+
+import io
+import wave
+
+import numpy as np
+import numpy.typing as npt
+
+from feltmb.errors import InvalidParameter
+
+Array = npt.NDArray[np.float64]
+
+__all__ = ["RATE", "difference", "sampled", "wav"]
+
+#: Samples a second, unless another rate is asked for [Hz].
+RATE = 44100
+#: Largest sample of a file, of 32767.
+FULL_SCALE = 32000
+
+
+def sampled(time: Array, signal: Array, rate: int = RATE, slowness: float = 1.0) -> Array:
+    """Signal over times [s] at ``rate`` samples a second [Hz], between times linear.
+
+    Raises
+    ------
+    InvalidParameter
+        Rate or slowness out of range.
+    """
+    if not (0 < rate < 2**31 and 0 < slowness < float("inf")):
+        raise InvalidParameter(
+            f"wav: slowness {slowness:g} and rate {rate} must be finite numbers > 0"
+        )
+    length = float(time[-1] - time[0]) * slowness * rate
+    if length > 1e9:
+        raise InvalidParameter(
+            f"wav: slowness {slowness:g} at rate {rate} gives {length:.3g} samples, "
+            "must be at most 1e9"
+        )
+    grid = np.linspace(time[0], time[-1], max(2, int(length)))
+    return np.asarray(np.interp(grid, time, signal))
+
+
+def difference(first: Array, second: Array) -> Array:
+    """First less second; what is shorter is silent to the end of the other."""
+    out = np.zeros(max(len(first), len(second)))
+    out[: len(first)] += first
+    out[: len(second)] -= second
+    return out
+
+
+def wav(sound: Array, rate: int = RATE) -> bytes:
+    """16 bit mono WAV file, full scale at the largest value."""
+    top = float(np.max(np.abs(sound)))
+    scaled = np.round(sound / top * FULL_SCALE) if top > 0 else np.zeros(len(sound))
+    file = io.BytesIO()
+    with wave.open(file, "wb") as out:
+        out.setnchannels(1)
+        out.setsampwidth(2)
+        out.setframerate(rate)
+        out.writeframes(scaled.astype("<i2").tobytes())
+    return file.getvalue()
