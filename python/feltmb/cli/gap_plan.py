@@ -320,7 +320,7 @@ def print_design(found: Design) -> None:
         + (f" ({value(found.reachable)} with all that was tried)." if names else ".")
     )
     table = new_table(
-        "what will show", "effect", "belief", "from", "right", "or its twin", "taken for", "chance",
+        "what will show", "effect", "belief", "from", "right", "or most similar", "taken for", "chance",
         right=(1, 2, 3, 4, 6), whole=(0,),
     )  # fmt: skip
     for v in found.effects[:MOST_EFFECTS]:

@@ -341,8 +341,8 @@ CLOSES = _number(
 )  # fmt: skip
 CLOSES_ALL = _number(
     "CLOSES_ALL", 0.99, "share of the remaining held-out gap",
-    "from which an effect is no small print in any case: the error of another effect's form is not "
-    "mended to a hundredth by one that is not there",
+    "from which an effect is always significant: an effect that does not exist cannot compensate "
+    "the error of form of another effect to 1 %",
     _JUDGED, "gap/test_rules.py",
 )  # fmt: skip
 DEEP_GAP = _number(

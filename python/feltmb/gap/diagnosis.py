@@ -99,7 +99,7 @@ class Options:
     seed: int = 0
     least_share: float = 0.03
     """Share of the largest held-out gain of a set below which an effect is small print: a law that
-    is off by a sixth of its force leaves a thirtieth of its gain to what mends its form."""
+    is off by a sixth of its force leaves a thirtieth of its gain to an effect that compensates its form."""
     segmented_level: float = 0.01
     """Gap between segments of the segmented metric, as a share of the spread of the states."""
     fit: FitSettings | None = None

@@ -76,7 +76,7 @@ def lead(
         best = stage.best(1)[0].fit
         limited = replace(settings, worth=worth_of(best))
         fits = [polish(problem, replace(p, memo={}), 1.0, limited) for p in (_bare(best), alone)]
-        if min(f.cost for f in fits) > tabulated:  # both valleys are worse than no fit at all
+        if min(f.cost for f in fits) > tabulated:  # both local minima are worse than no fit
             fits.append(polish(problem, replace(start, memo={}), 1.0, limited))
         out.append(max(fits, key=lambda f: f.log_evidence))
     return sorted(out, key=lambda f: -full_evidence(f, total))

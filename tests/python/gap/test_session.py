@@ -140,9 +140,9 @@ def test_a_budget_ends_it(tmp_path):
 
 @pytest.mark.slow
 def test_twins_are_inseparable(tmp_path):
-    twin = replace(models.DRY, name="dry too")
+    alike = replace(models.DRY, name="dry too")
     found = session(
-        models.NOMINAL, [models.DRY, twin], Machine(), read, tmp_path, budget=4, **QUICK
+        models.NOMINAL, [models.DRY, alike], Machine(), read, tmp_path, budget=4, **QUICK
     )
     assert found.outcome == "inseparable"
     assert set(found.steps[-1].one_of) == {"dry friction", "dry too"}
