@@ -642,7 +642,7 @@ def _descend(
 
 
 def _stuck(fit: Fit) -> list[Array]:
-    """Segments whose misfit is far above that of the others: its state may be in a wrong local minimum."""
+    """Segments of very large misfit: their state may be in a wrong local minimum."""
     zs = []
     for segmented, chain in zip(fit.problem.segmented_records, fit.normal.chains, strict=True):
         n = np.maximum(segmented.samples.sum(axis=1), 1.0)

@@ -558,7 +558,7 @@ def _short(known: CandidateSet | None, best: CandidateSet, k: int) -> bool:
     """Whether the best set without its candidate k is still to be fitted from there.
 
     So it is where its known fit falls short of what the best one predicts to first order: half the
-    square of the magnitude over its deviation is lost. Such a fit is stuck in another local minimum.
+    square of the magnitude over its deviation is lost. Such a fit is in another local minimum.
     """
     if known is None:
         return True

@@ -181,7 +181,7 @@ def test_test_of_a_part_is_bought_where_it_tells_more():
     part = PartTest(parameter="slope", sd=0.001, cost=1.0, how="weighing")
     without = design(model, [slope], limits=limits(), sensors=SENSORS, budget=2, refinements=0)
     assert without.parts[0].parameter == "slope"
-    assert "slope known to 10.0% shows slope too from" in without.parts[0].text
+    assert "slope known to 10.0%: slope too is detectable from" in without.parts[0].text
     found = design(
         model, [slope], limits=limits(parts=(part,)), sensors=SENSORS, budget=2, refinements=0
     )
