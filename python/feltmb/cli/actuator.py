@@ -35,14 +35,14 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 ROWS = {
-    "first_contact_time": ("the stop is first met", "s"),
-    "first_contact_speed": ("with the speed", "m/s"),
+    "first_contact_time": ("first contact with the stop", "s"),
+    "first_contact_speed": ("speed at this contact", "m/s"),
     "peak_stop_force": ("largest stop force", "N"),
     "peak_finger_force": ("largest finger force", "N"),
-    "bounces": ("the stop is left and met again", "times"),
+    "bounces": ("bounces at the stop", "times"),
     "deflection": ("largest tip deflection", "m"),
-    "mean_finger_force": ("finger force held, last quarter", "N"),
-    "ringing": ("its rms ringing", "N"),
+    "mean_finger_force": ("mean finger force, last quarter", "N"),
+    "ringing": ("rms of its oscillation", "N"),
 }
 
 
@@ -87,7 +87,8 @@ _set = list_option(
 @click.option(
     "--action-force",
     metavar="FILE",
-    help="Measured force of the action on the tip by time, CSV or TOML, in place of its mass.",
+    help="Measured force of the action on the tip over time, CSV or TOML. It replaces the mass of "
+    "the action.",
 )
 @click.option(
     "--duration", type=positive("s"), default=0.2, show_default=True, help="Simulated time [s]."
@@ -204,6 +205,12 @@ def _show(actuator: Actuator, run: ActuatorRun) -> None:
     table = new_table(f"actuator {actuator.name}, damper {kind}", "", "value", "unit", right=(1,))
     for i, f in enumerate(_frequencies(actuator)):
         table.add_row(f"natural frequency {i + 1}", f"{f:.5g}", "Hz")
+    reaction = actuator.config.action
+    if reaction.mass or reaction.force is None:
+        table.add_row("mass of the action", f"{reaction.mass:.4g}", "kg")
+    if reaction.force is not None:
+        role = "added to the mass" if reaction.mass else "replaces the mass"
+        table.add_row("force of the action", "record", role)
     for key, (text, unit) in ROWS.items():
         if key not in run.summary:
             continue
