@@ -219,7 +219,7 @@ def _show(actuator: Actuator, run: ActuatorRun) -> None:
         table.add_row(text, number, shown)
     for key in ("work_motor", "given_to_action", "dissipated_stop", "dissipated_damper"):
         table.add_row(key.replace("_", " "), *pretty(run.energy[key], "J"))
-    table.add_row("energy not accounted for", f"{run.energy['residual_relative']:.1e}", "of work")
+    table.add_row("energy balance error", f"{run.energy['residual_relative']:.1e}", "of work")
     table.caption = (
         f"{run.stats['steps']} steps, {run.stats['forces']} forces, "
         f"{1e3 * run.stats['wall']:.3g} ms"

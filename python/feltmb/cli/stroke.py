@@ -110,7 +110,7 @@ if TYPE_CHECKING:
     type=Number(0, min_open=True),
     default=0.1,
     show_default=True,
-    help="A run has failed where more than this share of the energy turned over is missing.",
+    help="A run fails if the energy balance error exceeds this fraction of the exchanged energy.",
 )
 @click.option(
     "--start",
@@ -418,9 +418,9 @@ def summary_table(run: Run, title: str) -> Any:
     if run.energy:
         table.add_row("work put in", *pretty(run.energy["work_in"], "J"))
         table.add_row(
-            "energy not accounted for",
+            "energy balance error",
             f"{run.energy['residual_relative']:.1e}",
-            "of the energy turned over",
+            "of the exchanged energy",
         )
         for name in run.energy["created_by"]:
             table.add_row(
