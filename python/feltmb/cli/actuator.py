@@ -87,8 +87,7 @@ _set = list_option(
 @click.option(
     "--action-force",
     metavar="FILE",
-    help="Measured force of the action on the tip over time, CSV or TOML. It replaces the mass of "
-    "the action.",
+    help="Measured force of the action on the tip over time, CSV or TOML; it replaces the mass.",
 )
 @click.option(
     "--duration", type=positive("s"), default=0.2, show_default=True, help="Simulated time [s]."
@@ -98,7 +97,7 @@ _set = list_option(
     type=positive("Hz"),
     default=10000.0,
     show_default=True,
-    help="Samples a second [Hz].",
+    help="Samples per second [Hz].",
 )
 @click.option(
     "--tolerance",
@@ -269,22 +268,30 @@ def study_command(out: Path | None, force: bool, as_json: bool) -> None:
 @click.argument("target")
 @_arm
 @click.option(
-    "--damper", metavar="KIND[=C]", default="one-sided", show_default=True, help="Where to start."
+    "--damper",
+    metavar="KIND[=C]",
+    default="one-sided",
+    show_default=True,
+    help="Damper at the start of the fit.",
 )
 @_set
 @click.option(
     "--action",
     shell_complete=actions,
     metavar="NAME",
-    help="Press this action instead of the actuator's stop.",
+    help="Press this action instead of the stop of the actuator.",
 )
-@click.option("--torque", metavar="FILE", help="Torque to start from; default: the actuator's.")
+@click.option(
+    "--torque",
+    metavar="FILE",
+    help="Torque at the start of the fit; default: that of the actuator.",
+)
 @list_option(
     "--fit",
     metavar="NAME",
     default=("stiffness", "damping", "torque"),
     show_default=True,
-    help="What may change.",
+    help="Parameters that are fitted.",
 )
 @click.option(
     "--knots",
@@ -294,7 +301,11 @@ def study_command(out: Path | None, force: bool, as_json: bool) -> None:
     help="Knots of the torque.",
 )
 @click.option(
-    "--steps", type=click.IntRange(1), default=60, show_default=True, help="Steps at most."
+    "--steps",
+    type=click.IntRange(1),
+    default=60,
+    show_default=True,
+    help="Largest number of steps.",
 )
 @click.option(
     "--out",

@@ -37,7 +37,7 @@ __all__ = ["command"]
 LAST_WORDS = 400
 
 
-@click.command("session", short_help="Plan, let a command measure, diagnose, until named.")
+@click.command("session", short_help="Plan, measure and diagnose until the cause is named.")
 @click.argument("model", shell_complete=actions)
 @click.argument("data", nargs=-1, type=click.Path(path_type=Path))
 @click.option(

@@ -58,8 +58,8 @@ def _of_input(stroke: Stroke, result: Any) -> list[str]:
         largest = float(np.max(np.abs(stroke.smoothed(noise).profile.acceleration(stroke.time))))
         if jitter > 0.2 * largest:
             out.append(
-                f"the noise of the record, about {noise:.2g} {stroke.unit}, causes accelerations of "
-                f"{jitter:.2g} {stroke.unit}/s^2 between samples, and the motion itself has "
+                f"the noise of the record, about {noise:.2g} {stroke.unit}, causes accelerations "
+                f"of {jitter:.2g} {stroke.unit}/s^2 between samples, and the motion itself has "
                 f"{largest:.2g}: the reaction is mostly noise; smooth the record (--noise, "
                 "Stroke.smoothed)"
             )
@@ -69,8 +69,9 @@ def _of_input(stroke: Stroke, result: Any) -> list[str]:
         lowest = int(np.argmin(force))
         if force[lowest] < -0.02 * max(1.0, float(np.max(force))):
             out.append(
-                f"the prescribed key motion requires a finger that pulls with {-force[lowest]:.3g} N at "
-                f"{result.time[lowest]:.4f} s: a real finger would leave the key"
+                f"the prescribed key motion requires a finger that pulls with "
+                f"{-force[lowest]:.3g} N at {result.time[lowest]:.4f} s: a real finger would "
+                "leave the key"
             )
     return out
 
